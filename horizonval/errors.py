@@ -1,0 +1,40 @@
+"""Errors a user can act on, and the line that tells how.
+
+Every mistake a user can make ends in a :class:`UserError`; the command line prints it as one line and exits with
+status 2. Anything else that escapes is a defect of this package.
+"""
+
+from __future__ import annotations
+
+
+class UserError(Exception):
+    """A mistake in what the user gave us: what is wrong, where, what was expected, how to mend it.
+
+    Parameters
+    ----------
+    what : str
+        What is wrong, with the value that was found.
+    where : str, optional
+        File and key (``"camera.toml: camera.width"``).
+    expected : str, optional
+        What would have been right.
+    fix : str, optional
+        What to do now.
+    """
+
+    def __init__(self, what: str, *, where: str = "", expected: str = "", fix: str = "") -> None:
+        self.what, self.where, self.expected, self.fix = what, where, expected, fix
+        super().__init__(self.line())
+
+    def line(self) -> str:
+        """Return the message as one line."""
+        text = f"{self.where}: {self.what}" if self.where else self.what
+        if self.expected:
+            text += f"; expected {self.expected}"
+        if self.fix:
+            text += f"; {self.fix}"
+        return " ".join(text.split())
+
+
+class DamagedFileError(UserError):
+    """A stored file is not what its writer wrote (truncated, altered, foreign, or without its header)."""

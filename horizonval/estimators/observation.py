@@ -1,0 +1,121 @@
+"""What an estimator is given, and what it gives back.
+
+An estimator is a function of an :class:`Observation` that returns a :class:`Fit` or a :class:`NoFit`. It never sees
+the renderer or the truth, with one exception by definition: the ideal sensor module, whose input *is* the pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.geometry.camera import Camera
+from horizonval.outcome import Outcome
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OraclePose:
+    """Pose for sensors that are ideal by definition: where the Earth is, exactly.
+
+    ``r_itrs`` [m] position of the camera, ``q_cam_from_itrs`` scalar-last quaternion, ``radius_m`` Earth radius.
+    """
+
+    r_itrs: FloatArray
+    q_cam_from_itrs: FloatArray
+    radius_m: float
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One image and what a flight computer would know beside it.
+
+    Attributes
+    ----------
+    image : ndarray, shape (H, W)
+        Digital numbers (or any grey level that grows, or falls, with radiance), float64.
+    camera : Camera
+        Calibrated intrinsics.
+    q_cam_from_body : ndarray, shape (4,)
+        Mounting, scalar last. Identity when camera and body axes coincide.
+    full_scale : float or None
+        Digital number at which the converter saturates, if known.
+    altitude_m : float or None
+        Prior altitude, if the user has one. Altitude-free methods ignore it.
+    earth_radius_m : float
+        Radius of the spherical Earth that the method assumes.
+    oracle : OraclePose or None
+        Only for estimators with ``needs = "pose"``.
+    """
+
+    image: FloatArray
+    camera: Camera
+    q_cam_from_body: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
+    full_scale: float | None = None
+    altitude_m: float | None = None
+    earth_radius_m: float = 6371008.8
+    oracle: OraclePose | None = None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A claimed attitude, with the uncertainty it claims.
+
+    Attributes
+    ----------
+    nadir_cam : ndarray, shape (3,)
+        Unit vector in camera axes towards the Earth's centre (or along the geodetic vertical, see ``Estimator.estimates``).
+    covariance_nadir_cam : ndarray, shape (3, 3)
+        Covariance [rad^2] of ``nadir_cam``; singular along ``nadir_cam`` itself.
+    roll_rad, pitch_rad : float
+        Body attitude against lvlh: ``nadir_body = (-sin pitch, cos pitch sin roll, cos pitch cos roll)``.
+    angular_radius_rad : float or None
+        Fitted angular radius rho of the Earth.
+    altitude_m, sigma_altitude_m : float or None
+    points : ndarray, shape (n, 2)
+        Limb points used, (column, row) pixels.
+    residuals_rad : ndarray, shape (n,)
+        Angular distance of each point from the fitted limb.
+    steps : ndarray, shape (k, m)
+        Iterates of an iterative method (empty for closed forms), for convergence plots.
+    """
+
+    nadir_cam: FloatArray
+    covariance_nadir_cam: FloatArray
+    roll_rad: float
+    pitch_rad: float
+    angular_radius_rad: float | None = None
+    altitude_m: float | None = None
+    sigma_altitude_m: float | None = None
+    points: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    residuals_rad: FloatArray = field(default_factory=lambda: np.empty(0))
+    steps: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+
+    @property
+    def status(self) -> Outcome:
+        return Outcome.VALID
+
+
+@dataclass(frozen=True)
+class NoFit:
+    """A refusal that says why. ``status`` is never ``valid``."""
+
+    status: Outcome
+    reason: str
+    points: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """A named method. ``run`` must not raise for any image."""
+
+    name: str
+    title: str
+    run: Callable[[Observation], Fit | NoFit]
+    estimates: Literal["geocentric", "geodetic"] = "geocentric"
+    needs: Literal["image", "pose"] = "image"

@@ -1,0 +1,159 @@
+"""A frame: radiance per band, truth maps and the exact truth.
+
+``render`` makes frames; ``sensor`` turns them into detector images; ``archive`` stores both; ``scoring`` reads the
+truth. The truth is plain data that survives a trip through JSON bit by bit, so that an EXR file alone can be
+re-scored.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, fields
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FRAME_SCHEMA = 1
+
+
+class Hit(IntEnum):
+    """What the ray through a pixel's centre meets first."""
+
+    SPACE = 0
+    SURFACE = 1
+    ATMOSPHERE = 2
+    SUN = 3
+
+
+MAP_UNITS = {
+    "distance": "m",
+    "tangent_height": "m",
+    "solar_zenith": "deg",
+    "hit": "0 space, 1 surface, 2 atmosphere, 3 sun",
+}
+"""Truth maps every frame carries.
+
+``distance``: to the surface, +inf where the ray misses it. ``tangent_height``: lowest geodetic height along the ray;
+for rays that hit the surface, minus the depth of the chord below it. ``solar_zenith``: at the surface point, or at the
+tangent point. ``hit``: :class:`Hit`.
+"""
+
+
+@dataclass(frozen=True)
+class FrameTruth:
+    """Exact truth of one frame: float64, closed form, made without the renderer.
+
+    Vectors are tuples of Python floats so that equality and JSON are exact. ``*_cam`` in camera axes, ``*_itrs`` in
+    Earth-fixed axes, quaternions scalar last and mapping components from the second frame to the first.
+
+    Attributes
+    ----------
+    scene : dict
+        The resolved scene specification (plain data).
+    camera : dict
+        The resolved camera specification (plain data); enough to observe and estimate again.
+    scene_id : str
+        Hex digest identifying the resolved scene and camera.
+    epoch_utc : str
+        ISO 8601.
+    ellipsoid_a_m, ellipsoid_b_m : float
+        Equatorial and polar radius (equal for a sphere).
+    r_itrs : tuple of 3 floats
+        Camera position [m].
+    altitude_m : float
+        Geodetic height of the camera.
+    sun_itrs, sun_cam : tuple of 3 floats
+        Unit vector towards the Sun's centre.
+    sun_angular_radius_rad : float
+    sun_visible_fraction : float
+        Share of the Sun's disc seen past the Earth from the camera: 1 lit, 0 umbra.
+    nadir_geocentric_cam, nadir_geodetic_cam : tuple of 3 floats
+        Unit vectors.
+    yaw_rad, pitch_rad, roll_rad : float
+        Body attitude against lvlh (zyx).
+    angular_radius_rad : float
+        Asin(R / distance) for a sphere; for the ellipsoid the mean over the horizon of its angle to the geocentric
+        nadir.
+    """
+
+    scene: dict[str, Any]
+    camera: dict[str, Any]
+    scene_id: str
+    epoch_utc: str
+    ellipsoid_a_m: float
+    ellipsoid_b_m: float
+    r_itrs: tuple[float, float, float]
+    altitude_m: float
+    q_cam_from_itrs: tuple[float, float, float, float]
+    q_cam_from_body: tuple[float, float, float, float]
+    q_body_from_lvlh: tuple[float, float, float, float]
+    yaw_rad: float
+    pitch_rad: float
+    roll_rad: float
+    sun_itrs: tuple[float, float, float]
+    sun_cam: tuple[float, float, float]
+    sun_angular_radius_rad: float
+    sun_visible_fraction: float
+    nadir_geocentric_cam: tuple[float, float, float]
+    nadir_geodetic_cam: tuple[float, float, float]
+    angular_radius_rad: float
+    schema: int = FRAME_SCHEMA
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data (JSON keeps every bit: ``repr`` of a float64 round-trips)."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> FrameTruth:
+        """Rebuild from :meth:`to_dict`; raises ``KeyError`` naming a missing key, ``TypeError`` for a foreign one."""
+        names = {f.name for f in fields(cls)}
+        for name in names:
+            if name not in data:
+                raise KeyError(name)
+        if unknown := sorted(set(data) - names):
+            raise TypeError(f"unknown keys {unknown}")
+        return cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in data.items()})
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What the renderer makes.
+
+    Attributes
+    ----------
+    radiance : dict of ndarray, shape (H, W), float32
+        Per band, W m-2 sr-1, weighted with the band's response (peak 1).
+    maps : dict of ndarray, shape (H, W), float32
+        See :data:`MAP_UNITS`.
+    truth : FrameTruth
+    render : dict
+        How it was made (version, subsamples, nodes, back-end): provenance, not identity.
+    """
+
+    radiance: dict[str, NDArray[np.float32]]
+    maps: dict[str, NDArray[np.float32]]
+    truth: FrameTruth
+    render: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class DetectorImage:
+    """What a detector makes of one band of a frame.
+
+    Attributes
+    ----------
+    dn : ndarray, shape (H, W), uint16
+    band : str
+    truth : FrameTruth
+    full_scale : int
+        Largest digital number of the converter.
+    observation : dict
+        Seed and detector settings: with the frame, enough to make the same bytes again.
+    """
+
+    dn: NDArray[np.uint16]
+    band: str
+    truth: FrameTruth
+    full_scale: int
+    observation: dict[str, Any] = field(default_factory=dict)

@@ -1,0 +1,161 @@
+"""Camera files: geometry, optics, bands and detector of one camera."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from horizonval.geometry.camera import Camera
+from horizonval.spec.base import Model
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class CameraGeometry(Model):
+    """Intrinsics. Either ``fov_deg`` (horizontal, between the outer edges of the first and last column) or ``fx``."""
+
+    name: str = ""
+    source: str = ""
+    width: Annotated[int, Field(ge=1, le=16384)]
+    height: Annotated[int, Field(ge=1, le=16384)]
+    fov_deg: Annotated[float, Field(gt=0, lt=180)] | None = None
+    fx: Positive | None = None
+    fy: Positive | None = None
+    cx: Finite | None = None
+    cy: Finite | None = None
+    distortion: Annotated[list[Finite], Field(max_length=5)] = []
+    projection: Literal["pinhole", "equal_angle"] = "pinhole"
+
+    @model_validator(mode="after")
+    def _one_scale(self) -> CameraGeometry:
+        if (self.fov_deg is None) == (self.fx is None):
+            raise ValueError("give exactly one of fov_deg and fx")
+        if self.projection == "equal_angle" and any(self.distortion):
+            raise ValueError("distortion applies to projection = \"pinhole\" only")
+        return self
+
+    def camera(self) -> Camera:
+        """Return the intrinsics with every default filled in."""
+        if self.fx is not None:
+            fx = self.fx
+        else:
+            assert self.fov_deg is not None
+            half = math.radians(self.fov_deg) / 2
+            fx = self.width / 2 / (math.tan(half) if self.projection == "pinhole" else half)
+        k = [*self.distortion, 0.0, 0.0, 0.0, 0.0, 0.0][:5]
+        return Camera(
+            width=self.width,
+            height=self.height,
+            fx=fx,
+            fy=self.fy if self.fy is not None else fx,
+            cx=self.cx if self.cx is not None else (self.width - 1) / 2,
+            cy=self.cy if self.cy is not None else (self.height - 1) / 2,
+            distortion=(k[0], k[1], k[2], k[3], k[4]),
+            projection=self.projection,
+        )
+
+
+class PlatformPrior(Model):
+    """What a user knows of the platform; a prior, never the truth."""
+
+    altitude_km: Positive | None = None
+
+
+class Optics(Model):
+    """The lens. ``psf_sigma_px`` is the Gaussian point spread, pixel integration not included."""
+
+    f_number: Positive = 2.8
+    transmission: Annotated[float, Field(gt=0, le=1)] = 1.0
+    psf_sigma_px: NonNegative = 0.0
+
+
+class Band(Model):
+    """Spectral response, relative, as a top hat (``lo_um``, ``hi_um``) or a table.
+
+    ``kind = "solar"``: scattered sunlight; the table is a quantum efficiency (electrons per photon).
+    ``kind = "thermal"``: emission; the table is a response per unit power.
+    ``nodes``: spectral nodes of the solar quadrature.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+    kind: Literal["solar", "thermal"]
+    lo_um: Positive | None = None
+    hi_um: Positive | None = None
+    wavelength_um: list[Positive] = []
+    response: list[Fraction] = []
+    nodes: Annotated[int, Field(ge=1, le=64)] = 4
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Band:
+        table = bool(self.wavelength_um or self.response)
+        hat = self.lo_um is not None or self.hi_um is not None
+        if table == hat:
+            raise ValueError("give either lo_um and hi_um, or wavelength_um and response")
+        if hat and (self.lo_um is None or self.hi_um is None or self.hi_um <= self.lo_um):
+            raise ValueError("lo_um must be below hi_um")
+        if table:
+            if len(self.wavelength_um) != len(self.response) or len(self.response) < 2:
+                raise ValueError("wavelength_um and response must have the same length, at least 2")
+            if any(b <= a for a, b in zip(self.wavelength_um, self.wavelength_um[1:], strict=False)):
+                raise ValueError("wavelength_um must rise")
+            if max(self.response) <= 0:
+                raise ValueError("response must be above 0 somewhere")
+        return self
+
+
+class Cmos(Model):
+    """Visible CMOS or CCD. Peak of the quantum efficiency curve is ``quantum_efficiency``."""
+
+    kind: Literal["cmos"] = "cmos"
+    pixel_pitch_um: Positive
+    exposure_s: Positive
+    quantum_efficiency: Annotated[float, Field(gt=0, le=1)]
+    full_well_e: Positive
+    read_noise_e: NonNegative
+    dark_current_e_per_s: NonNegative = 0.0
+    bits: Annotated[int, Field(ge=1, le=16)]
+    black_level_dn: NonNegative = 0.0
+    gain_e_per_dn: Positive | None = None
+
+
+class Microbolometer(Model):
+    """Uncooled infrared array.
+
+    ``netd_k`` is the noise-equivalent temperature difference of a 300 K scene at f/1, and grows with f-number squared.
+    The converter spans the radiances of black bodies between ``scene_min_k`` and ``scene_max_k``.
+    """
+
+    kind: Literal["microbolometer"] = "microbolometer"
+    pixel_pitch_um: Positive
+    netd_k: Positive
+    bits: Annotated[int, Field(ge=1, le=16)]
+    scene_min_k: NonNegative = 0.0
+    scene_max_k: Positive = 400.0
+
+    @model_validator(mode="after")
+    def _range(self) -> Microbolometer:
+        if self.scene_max_k <= self.scene_min_k:
+            raise ValueError(f"scene_max_k = {self.scene_max_k} must be above scene_min_k = {self.scene_min_k}")
+        return self
+
+
+class CameraSpec(Model):
+    """One camera file. ``estimate`` needs only ``[camera]``; rendering also ``[[band]]``; observing ``[detector]``."""
+
+    camera: CameraGeometry
+    platform: PlatformPrior = PlatformPrior()
+    optics: Optics = Optics()
+    band: list[Band] = []
+    detector: Annotated[Cmos | Microbolometer, Field(discriminator="kind")] | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> CameraSpec:
+        names = [b.name for b in self.band]
+        if len(set(names)) != len(names):
+            raise ValueError(f"band names must differ, got {names}")
+        return self
