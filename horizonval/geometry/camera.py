@@ -16,8 +16,11 @@ row to the elevation out of the scan plane ``asin(Y)``, with ``fx``, ``fy`` in p
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
+
+from horizonval.spec.camera import CameraGeometry
 
 Projection = Literal["pinhole", "equal_angle"]
 
@@ -34,3 +37,28 @@ class Camera:
     cy: float
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
     projection: Projection = "pinhole"
+
+
+def camera_from_spec(spec: CameraGeometry) -> Camera:
+    """Return the intrinsics of a camera file with every default filled in.
+
+    ``fov_deg`` spans the outer edges of the first and last column; the principal point defaults to the image centre
+    ``((W - 1) / 2, (H - 1) / 2)`` and ``fy`` to ``fx``.
+    """
+    if spec.fx is not None:
+        fx = spec.fx
+    else:
+        assert spec.fov_deg is not None
+        half = math.radians(spec.fov_deg) / 2
+        fx = spec.width / 2 / (math.tan(half) if spec.projection == "pinhole" else half)
+    k = [*spec.distortion, 0.0, 0.0, 0.0, 0.0, 0.0][:5]
+    return Camera(
+        width=spec.width,
+        height=spec.height,
+        fx=fx,
+        fy=spec.fy if spec.fy is not None else fx,
+        cx=spec.cx if spec.cx is not None else (spec.width - 1) / 2,
+        cy=spec.cy if spec.cy is not None else (spec.height - 1) / 2,
+        distortion=(k[0], k[1], k[2], k[3], k[4]),
+        projection=spec.projection,
+    )

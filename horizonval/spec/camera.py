@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from horizonval.geometry.camera import Camera
 from horizonval.spec.base import Model
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -36,28 +34,8 @@ class CameraGeometry(Model):
         if (self.fov_deg is None) == (self.fx is None):
             raise ValueError("give exactly one of fov_deg and fx")
         if self.projection == "equal_angle" and any(self.distortion):
-            raise ValueError("distortion applies to projection = \"pinhole\" only")
+            raise ValueError('distortion applies to projection = "pinhole" only')
         return self
-
-    def camera(self) -> Camera:
-        """Return the intrinsics with every default filled in."""
-        if self.fx is not None:
-            fx = self.fx
-        else:
-            assert self.fov_deg is not None
-            half = math.radians(self.fov_deg) / 2
-            fx = self.width / 2 / (math.tan(half) if self.projection == "pinhole" else half)
-        k = [*self.distortion, 0.0, 0.0, 0.0, 0.0, 0.0][:5]
-        return Camera(
-            width=self.width,
-            height=self.height,
-            fx=fx,
-            fy=self.fy if self.fy is not None else fx,
-            cx=self.cx if self.cx is not None else (self.width - 1) / 2,
-            cy=self.cy if self.cy is not None else (self.height - 1) / 2,
-            distortion=(k[0], k[1], k[2], k[3], k[4]),
-            projection=self.projection,
-        )
 
 
 class PlatformPrior(Model):
@@ -140,7 +118,9 @@ class Microbolometer(Model):
     @model_validator(mode="after")
     def _range(self) -> Microbolometer:
         if self.scene_max_k <= self.scene_min_k:
-            raise ValueError(f"scene_max_k = {self.scene_max_k} must be above scene_min_k = {self.scene_min_k}")
+            raise ValueError(
+                f"scene_max_k = {self.scene_max_k} must be above scene_min_k = {self.scene_min_k}"
+            )
         return self
 
 

@@ -64,7 +64,7 @@ class Earth(Model):
     @model_validator(mode="after")
     def _radius_is_for_spheres(self) -> Earth:
         if self.shape == "wgs84" and "radius_km" in self.model_fields_set:
-            raise ValueError("radius_km applies to shape = \"sphere\" only")
+            raise ValueError('radius_km applies to shape = "sphere" only')
         return self
 
 
@@ -113,5 +113,3 @@ class SceneSpec(Model):
     surface: Surface = Surface()
     sun: SunOverride | None = None
     render: RenderSettings = RenderSettings()
-
-
