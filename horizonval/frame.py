@@ -113,7 +113,8 @@ class FrameTruth:
                 raise KeyError(name)
         if unknown := sorted(set(data) - names):
             raise TypeError(f"unknown keys {unknown}")
-        return cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in data.items()})
+        values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in data.items()}
+        return cls(**values)
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,7 @@ class Surface(Model):
 
 
 class SunOverride(Model):
-    """Place the Sun by hand, as seen from the point below the satellite; without this table the epoch decides."""
+    """Place the Sun by hand, seen from the point below the satellite; without this table the epoch decides."""
 
     zenith_deg: Annotated[float, Field(ge=0, le=180)]
     azimuth_deg: Angle = 0.0

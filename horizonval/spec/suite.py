@@ -21,7 +21,7 @@ class SuiteHead(Model):
 class SuiteSpec(Model):
     """One suite file.
 
-    ``[defaults]`` is a partial scene; every ``[[frame]]`` is a partial scene laid over it, and must carry a unique
+    ``[defaults]`` is a partial scene; every ``[[frame]]`` is a partial scene laid over it, with a unique
     ``scene.name``.
     """
 
