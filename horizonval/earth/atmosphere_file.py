@@ -1,0 +1,325 @@
+"""Atmosphere files: the planet of the ``radiance`` command as one JSON object, read strictly.
+
+::
+
+    {"note": "anything",                              optional
+     "planet_radius_km": 6371.0, "top_km": 100.0,
+     "altitude_km": [0.0, ...], "temperature_K": [...],
+     "bands": [{"name": "550nm", "wavelength_nm": 550.0, "scattering_per_m": [...], "absorption_per_m": [...],
+                "phase": "rayleigh" | "isotropic" | {"henyey_greenstein": g}}],
+     "surface": {"albedo": 0.3, "temperature_K": 288.15, "emissivity": 1.0}}
+
+Coefficients and temperature are linear in altitude between nodes. The first node is the ground. Above ``top_km`` there
+is vacuum. ``top_km`` may lie above the last node: there is vacuum between the two as well (a coefficient that is not
+zero at the last node ends there in a step).
+"""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from horizonval.earth import ozone, planck, rayleigh
+from horizonval.earth.column import FloatArray, OpticalModel, SpectralNode
+from horizonval.earth.profiles import profile
+from horizonval.errors import UserError
+
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+_Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+
+MAX_TEMPERATURE_STEP_K = 0.1
+"""Largest change of temperature between nodes of a thermal column; leaves 3e-7 of radiance at 15 um, 7e-5 at 1 um."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class HenyeyGreenstein(_Strict):
+    """Phase function by its asymmetry."""
+
+    henyey_greenstein: Annotated[float, Field(gt=-1, lt=1, allow_inf_nan=False)]
+
+
+class AtmosphereBand(_Strict):
+    """Coefficients at one wavelength."""
+
+    name: Annotated[str, Field(min_length=1)]
+    wavelength_nm: _Positive
+    scattering_per_m: list[_NonNegative]
+    absorption_per_m: list[_NonNegative]
+    phase: Literal["rayleigh", "isotropic"] | HenyeyGreenstein
+
+
+class AtmosphereSurface(_Strict):
+    """Lambert ground."""
+
+    albedo: _Fraction
+    temperature_K: _Positive  # noqa: N815 - the file's key
+    emissivity: _Fraction
+
+
+class AtmosphereFile(_Strict):
+    """One atmosphere file; see the module text."""
+
+    note: str = ""
+    planet_radius_km: _Positive
+    top_km: _Positive
+    altitude_km: Annotated[list[_NonNegative], Field(min_length=2)]
+    temperature_K: list[_Positive]  # noqa: N815 - the file's key
+    bands: Annotated[list[AtmosphereBand], Field(min_length=1)]
+    surface: AtmosphereSurface
+
+    @model_validator(mode="after")
+    def _consistent(self) -> AtmosphereFile:
+        z = self.altitude_km
+        if z[0] != 0:
+            raise ValueError(f"altitude_km[0]: is {z[0]:g}; expected 0, the ground")
+        for i, (below, above) in enumerate(pairwise(z)):
+            if above <= below:
+                raise ValueError(f"altitude_km[{i + 1}]: {above:g} follows {below:g}; expected rising altitudes")
+        if self.top_km < z[-1]:
+            raise ValueError(f"top_km: {self.top_km:g} lies below the last altitude; expected {z[-1]:g} or more")
+        if len(self.temperature_K) != len(z):
+            raise ValueError(_length("temperature_K", len(self.temperature_K), len(z)))
+        for i, band in enumerate(self.bands):
+            for key in ("scattering_per_m", "absorption_per_m"):
+                if (n := len(getattr(band, key))) != len(z):
+                    raise ValueError(_length(f"bands[{i}].{key}", n, len(z)))
+        names = [band.name for band in self.bands]
+        for i, name in enumerate(names):
+            if name in names[:i]:
+                raise ValueError(f"bands[{i}].name: {name!r} is used twice; expected a name of its own")
+        return self
+
+    @property
+    def planet_radius_m(self) -> float:
+        """Radius of the planet [m]."""
+        return self.planet_radius_km * 1e3
+
+
+def _length(key: str, found: int, expected: int) -> str:
+    return f"{key}: has {found} values; expected {expected}, one per altitude_km"
+
+
+def _path(loc: tuple[int | str, ...]) -> str:
+    """Return a pydantic location as the user wrote it: ``bands[0].scattering_per_m[3]``."""
+    text = ""
+    for part in loc:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        elif part not in ("HenyeyGreenstein", "literal['rayleigh','isotropic']"):
+            text += f".{part}" if text else part
+    return text
+
+
+def _user_error(error: ValidationError, file: str) -> UserError:
+    problems = error.errors(include_url=False)
+    first = problems[0]
+    more = f"{len(problems) - 1} more problem(s) in this file" if len(problems) > 1 else ""
+    if first["type"] == "value_error":
+        key, _, text = str(first["ctx"]["error"]).partition(": ")
+        what, _, expected = text.partition("; expected ")
+        return UserError(what, where=f"{file}: {key}", expected=expected, fix=more)
+    key = _path(first["loc"])
+    if ".phase" in key:
+        expected = '"rayleigh", "isotropic" or {"henyey_greenstein": g} with -1 < g < 1'
+        return UserError(
+            f"not a phase function: {json.dumps(first['input'])}"[:120],
+            where=f"{file}: {key.split('.phase')[0]}.phase",
+            expected=expected,
+        )
+    kind = first["type"]
+    if kind == "missing":
+        return UserError("missing", where=f"{file}: {key}", expected="this key", fix=more)
+    if kind == "extra_forbidden":
+        return UserError("unknown key", where=f"{file}: {key}", expected="no other keys than the format's", fix=more)
+    found = json.dumps(first["input"])
+    found = found if len(found) <= 40 else found[:40] + "..."
+    rule = first["msg"].removeprefix("Input should be ").removeprefix("a valid ")
+    return UserError(f"is {found}", where=f"{file}: {key}", expected=rule, fix=more)
+
+
+def parse_atmosphere(data: object, file: str) -> AtmosphereFile:
+    """Return the checked content of an atmosphere file that was read already.
+
+    Raises
+    ------
+    UserError
+        Naming ``file``, the first offending key and what was expected there.
+    """
+    try:
+        return AtmosphereFile.model_validate(data)
+    except ValidationError as error:
+        raise _user_error(error, file) from None
+
+
+def read_atmosphere(path: Path | str) -> AtmosphereFile:
+    """Read and check an atmosphere file.
+
+    Raises
+    ------
+    UserError
+        File missing, not JSON, or not what the format asks for.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a text file"
+        raise UserError(f"cannot be read ({reason})", where=str(path), expected="an atmosphere file (JSON)") from None
+    try:
+        data = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise UserError(
+            f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}", where=str(path)
+        ) from None
+    except RecursionError:
+        raise UserError("not an atmosphere file: nested too deeply", where=str(path)) from None
+    return parse_atmosphere(data, str(path))
+
+
+def altitudes_m(file: AtmosphereFile, *, thermal: bool) -> FloatArray:
+    """Return the grid on which the file's columns are exact: its own nodes, for thermal columns with more between.
+
+    Coefficients and temperature are linear between the file's nodes, but Planck's function of the temperature is not:
+    intervals are split evenly until the temperature changes by at most 0.1 K from node to node.
+    """
+    z = np.array(file.altitude_km) * 1e3
+    if not thermal:
+        return z
+    steps = np.abs(np.diff(file.temperature_K)) / MAX_TEMPERATURE_STEP_K
+    # Rounding: a step of 0.1 K plus one bit needs no second node.
+    parts = np.maximum(1, np.ceil(steps - 1e-9)).astype(int)
+    pieces = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(z[:-1], z[1:], parts, strict=True)]
+    return np.concatenate([*pieces, z[-1:]])
+
+
+def column(file: AtmosphereFile, values: list[float], altitude_m: FloatArray) -> FloatArray:
+    """Return one of the file's columns on other altitudes, linear between the file's nodes."""
+    return np.interp(altitude_m, np.array(file.altitude_km) * 1e3, np.array(values, dtype=np.float64))
+
+
+def phase(band: AtmosphereBand) -> Literal["rayleigh", "isotropic"] | float:
+    """Return the phase function as :class:`SpectralNode` wants it."""
+    return band.phase.henyey_greenstein if isinstance(band.phase, HenyeyGreenstein) else band.phase
+
+
+def file_model(file: AtmosphereFile, *, thermal: bool) -> OpticalModel:
+    """Return the optical properties of an atmosphere file, one node of weight 1 per band.
+
+    Parameters
+    ----------
+    file : AtmosphereFile
+    thermal : bool
+        False: scattered sunlight of irradiance 1, answers in 1/sr; the Sun is a point, so its disc has no radiance.
+        True: emission at the band's wavelength, answers in W m-2 sr-1 um-1. Scattering is then left out of the
+        extinction too: at thermal wavelengths molecular scattering is below 1e-6 of absorption, and taking light out
+        without putting it back would be the worse error for larger particles.
+    """
+    z = altitudes_m(file, thermal=thermal)
+    temperature = column(file, file.temperature_K, z)
+    zero = np.zeros_like(z)
+    nodes = []
+    for band in file.bands:
+        absorption = column(file, band.absorption_per_m, z)
+        scattering = zero if thermal else column(file, band.scattering_per_m, z)
+        wavelength_um = band.wavelength_nm * 1e-3
+        nodes.append(
+            SpectralNode(
+                name=band.name,
+                band=band.name,
+                weight=1.0,
+                wavelength_um=wavelength_um,
+                extinction_per_m=absorption + scattering,
+                scattering_per_m=scattering,
+                phase=phase(band),
+                solar_irradiance=0.0 if thermal else 1.0,
+                source=planck.radiance_per_um(wavelength_um, temperature) if thermal else zero,
+                surface_source=float(planck.radiance_per_um(wavelength_um, file.surface.temperature_K))
+                if thermal
+                else 0.0,
+                sun_radiance=0.0,
+            )
+        )
+    return OpticalModel(
+        altitude_m=z,
+        top_m=float(z[-1]),
+        nodes=tuple(nodes),
+        albedo=file.surface.albedo,
+        emissivity=file.surface.emissivity,
+    )
+
+
+def atmosphere_from_profile(
+    name: str,
+    wavelengths_nm: list[float],
+    *,
+    use_ozone: bool = True,
+    step_km: float = 0.5,
+    top_km: float = 100.0,
+    planet_radius_km: float = 6371.0,
+    albedo: float = 0.3,
+) -> dict[str, Any]:
+    """Return an atmosphere file's content for a named profile: Rayleigh scattering, and ozone absorption to 820 nm.
+
+    Parameters
+    ----------
+    name : str
+        See :func:`horizonval.earth.profiles.names`.
+    wavelengths_nm : list of float
+        One band each, named ``"550nm"``.
+    use_ozone : bool
+    step_km : float
+        Distance of the nodes; with 0.5 km the linear columns are up to 6e-4 above the profile between nodes.
+
+    Raises
+    ------
+    UserError
+        Unknown profile; ozone wanted below 280 nm.
+    """
+    n = round(top_km / step_km)
+    z = np.linspace(0.0, top_km, n + 1)
+    state = profile(name).at(z * 1e3)
+    bands = []
+    for wavelength_nm in wavelengths_nm:
+        um = wavelength_nm * 1e-3
+        scattering = state.number_density_air * rayleigh.cross_section_m2(um)
+        absorption = np.zeros_like(z)
+        if use_ozone and um <= ozone.MAX_UM:
+            absorption = state.number_density_o3 * ozone.cross_section_m2(um, state.temperature_k)
+        bands.append(
+            {
+                "name": f"{wavelength_nm:g}nm",
+                "wavelength_nm": float(wavelength_nm),
+                "scattering_per_m": scattering.tolist(),
+                "absorption_per_m": absorption.tolist(),
+                "phase": "rayleigh",
+            }
+        )
+    return {
+        "note": f"Profile {name}: Rayleigh scattering{' and ozone' if use_ozone else ''}; linear between nodes.",
+        "planet_radius_km": planet_radius_km,
+        "top_km": top_km,
+        "altitude_km": z.tolist(),
+        "temperature_K": state.temperature_k.tolist(),
+        "bands": bands,
+        "surface": {"albedo": albedo, "temperature_K": float(state.temperature_k[0]), "emissivity": 1.0},
+    }
+
+
+def write_atmosphere(data: dict[str, Any], path: Path | str) -> None:
+    """Check an atmosphere file's content and write it, floats so that they read back bit by bit.
+
+    Raises
+    ------
+    UserError
+        Content the reader would refuse; nothing is written then.
+    """
+    parse_atmosphere(data, str(path))
+    Path(path).write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8")
