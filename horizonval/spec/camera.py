@@ -118,9 +118,7 @@ class Microbolometer(Model):
     @model_validator(mode="after")
     def _range(self) -> Microbolometer:
         if self.scene_max_k <= self.scene_min_k:
-            raise ValueError(
-                f"scene_max_k = {self.scene_max_k} must be above scene_min_k = {self.scene_min_k}"
-            )
+            raise ValueError(f"scene_max_k = {self.scene_max_k} must be above scene_min_k = {self.scene_min_k}")
         return self
 
 

@@ -1,0 +1,174 @@
+"""Validation errors in plain words: file, dotted key, what was found, what was expected.
+
+A model's JSON schema already says what every key may hold, so one description of a schema node serves every kind of
+error; nothing here knows a particular model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from horizonval.errors import UserError
+from horizonval.suggest import nearest
+
+Schema = Mapping[str, Any]
+
+
+def explain(error: ValidationError, model: type[BaseModel], file: str, *, inside: str = "") -> UserError:
+    """Return the first problem of a validation as a user's error; further ones are only counted.
+
+    Parameters
+    ----------
+    error : ValidationError
+    model : type
+        The model that was validated against.
+    file : str
+        The file, for the message.
+    inside : str
+        What stands before the dotted key, where the data are part of a larger file.
+    """
+    problems = error.errors(include_url=False)
+    # An unknown key is nearly always the cause of a missing one (``widht``), so it is told first.
+    problem = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
+    root = model.model_json_schema()
+    node, key = _walk(root, problem["loc"])
+    kind, value = problem["type"], problem["input"]
+    if kind == "extra_forbidden":
+        parent, _ = _walk(root, problem["loc"][:-1])
+        known = list(parent.get("properties", {}))
+        what, expected = "unknown key", "one of " + ", ".join(nearest(str(problem["loc"][-1]), known))
+    elif kind == "missing":
+        what, expected = "missing", describe(root, node)
+    elif kind == "value_error":
+        what, expected = str(problem.get("ctx", {}).get("error", problem["msg"])), ""
+    elif kind in ("union_tag_invalid", "union_tag_not_found"):
+        tag = str(problem["ctx"]["discriminator"]).strip("'")
+        key += f".{tag}"
+        what = f"found {show(problem['ctx']['tag'])}" if "tag" in problem["ctx"] else "missing"
+        expected = _either(show(t) for t in node.get("discriminator", {}).get("mapping", {}))
+    elif kind == "finite_number":
+        what, expected = f"found {show(value)}", "a finite number"
+    else:
+        what, expected = f"found {show(value)}", describe(root, node) or problem["msg"]
+    if len(problems) > 1:
+        more = len(problems) - 1
+        expected += f" (and {more} more problem{'s' if more > 1 else ''} in this file)"
+    return UserError(what, where=": ".join(part for part in (file, inside, key) if part), expected=expected)
+
+
+def describe(root: Schema, node: Schema) -> str:
+    """Return what a schema node accepts, in words; empty where the schema says nothing useful."""
+    node = _resolve(root, node)
+    if "const" in node:
+        return show(node["const"])
+    if "enum" in node:
+        return _either(show(v) for v in node["enum"])
+    match node.get("type"):
+        case "integer":
+            return "a whole number" + _limits(node)
+        case "number":
+            return "a number" + _limits(node)
+        case "boolean":
+            return "true or false"
+        case "string" if node.get("format") == "date-time":
+            return "a date and time such as 2026-03-20T12:00:00Z"
+        case "string" if "pattern" in node:
+            return f"text made of the characters {node['pattern'].strip('^$').rstrip('+')}"
+        case "string":
+            return "text in quotes"
+        case "array":
+            return "a list" + _item(root, node) + _length(node)
+        case "object":
+            keys = list(node.get("properties", {}))
+            return "a table" + (f" with the keys {', '.join(keys)}" if keys else "")
+        case _:
+            return ""
+
+
+def show(value: object) -> str:
+    """Return a value as it would stand in the file, shortened."""
+    match value:
+        case bool():
+            return "true" if value else "false"
+        case str():
+            text = f'"{value}"'
+        case Mapping():
+            return "a table"
+        case list() | tuple():
+            text = "[" + ", ".join(show(v) for v in value) + "]"
+        case None:
+            return "nothing"
+        case _:
+            text = str(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _walk(root: Schema, loc: Sequence[int | str]) -> tuple[Schema, str]:
+    """Follow an error's location; return the schema node there and the dotted key as the file spells it.
+
+    Pydantic puts a union's tag into the location (``detector.cmos.bits``); it is no key of the file and is dropped.
+    List items count from 1, as a reader of the file does.
+    """
+    node: Schema = _resolve(root, root)
+    key = ""
+    for part in loc:
+        mapping = node.get("discriminator", {}).get("mapping", {})
+        if isinstance(part, int):
+            node, key = _resolve(root, node.get("items", {})), f"{key}[{part + 1}]"
+        elif part in mapping:
+            node = _resolve(root, {"$ref": mapping[part]})
+        else:
+            properties = node.get("properties", {})
+            node = _resolve(root, properties.get(part, {}))
+            key = f"{key}.{part}" if key else str(part)
+    return node, key
+
+
+def _resolve(root: Schema, node: Schema) -> Schema:
+    """Follow references, and see through ``anything or null``."""
+    while True:
+        if "$ref" in node:
+            node = root["$defs"][node["$ref"].rsplit("/", 1)[-1]]
+            continue
+        options = [o for o in node.get("anyOf", []) if o.get("type") != "null"]
+        if len(options) != 1:
+            return node
+        node = options[0]
+
+
+def _limits(node: Schema) -> str:
+    lo, hi = node.get("minimum"), node.get("maximum")
+    above, below = node.get("exclusiveMinimum"), node.get("exclusiveMaximum")
+    if lo is not None and hi is not None:
+        return f" from {lo:g} to {hi:g}"
+    words = []
+    if above is not None:
+        words.append(f"above {above:g}")
+    if lo is not None:
+        words.append(f"of at least {lo:g}")
+    if below is not None:
+        words.append(f"below {below:g}")
+    if hi is not None:
+        words.append(f"of at most {hi:g}")
+    return (" " + " and ".join(words)) if words else ""
+
+
+def _item(root: Schema, node: Schema) -> str:
+    inner = describe(root, node.get("items", {}))
+    return f" whose entries are each {inner}" if inner else ""
+
+
+def _length(node: Schema) -> str:
+    words = []
+    if "minItems" in node:
+        words.append(f"at least {node['minItems']} long")
+    if "maxItems" in node:
+        words.append(f"at most {node['maxItems']} long")
+    return (", " + " and ".join(words)) if words else ""
+
+
+def _either(words: Any) -> str:
+    return " or ".join(words)

@@ -1,0 +1,68 @@
+"""Where specification files are: a path, or the name of a file that is shipped with the package."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal
+
+from horizonval.errors import UserError
+from horizonval.suggest import nearest
+
+Kind = Literal["scene", "camera", "suite", "atmosphere"]
+
+_FOLDER: dict[Kind, str] = {"scene": "", "camera": "cameras", "suite": "suites", "atmosphere": "atmospheres"}
+_SUFFIX: dict[Kind, str] = {"scene": ".toml", "camera": ".toml", "suite": ".toml", "atmosphere": ".json"}
+
+
+def shipped_root() -> Path:
+    """Return the folder of the shipped files: inside an installed package, or beside it in a checkout."""
+    package = Path(str(files("horizonval")))
+    inside = package / "scenes"
+    return inside if inside.is_dir() else package.parent / "scenes"
+
+
+def shipped_names(kind: Kind) -> list[str]:
+    """Return the names of the shipped files of one kind, sorted."""
+    return sorted(p.stem for p in (shipped_root() / _FOLDER[kind]).glob("*" + _SUFFIX[kind]) if p.is_file())
+
+
+def shipped_path(kind: Kind, name: str) -> Path:
+    """Return the path of a shipped file; it need not exist."""
+    return shipped_root() / _FOLDER[kind] / (name + _SUFFIX[kind])
+
+
+def find(kind: Kind, path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> Path:
+    """Return the path of a specification file.
+
+    Parameters
+    ----------
+    kind : str
+    path_or_name : str or Path
+        A path, or a shipped name. A path wins over a name.
+    beside : Path, optional
+        Folder that relative paths start from; the working folder by default.
+    where : str, optional
+        File and key that mention it, for the error.
+
+    Raises
+    ------
+    UserError
+        With every shipped name, nearest first, when there is no such file.
+    """
+    given = Path(path_or_name).expanduser()
+    candidate = given if beside is None else beside / given
+    if candidate.is_file():
+        return candidate
+    name = str(path_or_name)
+    if name in shipped_names(kind):
+        return shipped_path(kind, name)
+    if candidate.is_dir():
+        raise UserError(f"{candidate} is a folder", where=where, expected=f"a {kind} file")
+    stem = name.removesuffix(_SUFFIX[kind]).replace("\\", "/").rsplit("/", 1)[-1]
+    known = nearest(stem, shipped_names(kind))
+    raise UserError(
+        f"no {kind} named {name!r}, nor a file {candidate}",
+        where=where,
+        expected=f"a path or one of {', '.join(known)}" if known else "the path of a file",
+    )
