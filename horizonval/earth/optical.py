@@ -2,19 +2,21 @@
 
 Solar bands become monochromatic nodes: Gauss's rule for the measure ``R(lambda) (lambda / lambda_ref) E_sun(lambda)``,
 so that Fraunhofer lines and jagged responses are integrated exactly and only the smooth transfer function is sampled
-(exact for polynomials of degree 2 n - 1 in wavelength). Every node of a band carries the band's mean irradiance, and
-the weights add up to the band's effective width [um].
+(exact for polynomials of degree 2 n - 1 in wavelength). Ozone's cross section has peaks of its own; the nodes take it
+smoothed as :func:`horizonval.earth.quadrature.smoothed` says. Every node of a band carries the band's mean irradiance,
+and the weights add up to the band's effective width [um]. Single scattered limb radiance with 4 nodes is then within
+0.1 % for 100 to 200 nm wide bands, and 1 % for 400 to 900 nm (0.1 % with 8 nodes).
 
 Thermal bands become the g points of :mod:`horizonval.earth.thermal_absorption`, weight 1, W m-2 sr-1.
 
 Left out: aerosol and cloud; absorption of sunlight by O2, H2O and NO2 (the O2 A band at 760 nm takes 2 to 3 % of
-700 to 800 nm at the ground) and by ozone beyond 820 nm (2 to 3 % of a limb path at 20 km at 850 nm); sunlight
+700 to 800 nm at the ground) and by ozone beyond 820 nm (4 % of the limb at 20 km at 820 nm, 2 % at 850); sunlight
 reflected in thermal bands (0.03 of 30 W m-2 sr-1 in 8 to 14 um).
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +24,7 @@ import numpy as np
 from horizonval.earth import atmosphere_file, bands, ozone, planck, rayleigh, sunlight, thermal_absorption
 from horizonval.earth.column import FloatArray, OpticalModel, SpectralNode
 from horizonval.earth.profiles import Profile, names, profile
-from horizonval.earth.quadrature import gauss_rule
+from horizonval.earth.quadrature import gauss_rule, smoothed
 from horizonval.errors import UserError
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.scene import Atmosphere, SceneSpec
@@ -114,15 +116,33 @@ def _check_sunlight(band: Band, where: str) -> None:
         )
 
 
-def _solar_rule(band: Band, n: int, sun_distance_au: float, where: str) -> tuple[FloatArray, FloatArray, float]:
-    """Return node wavelengths [um], weights [um] and mean irradiance [W m-2 um-1] of a solar band."""
+@dataclass(frozen=True)
+class _SolarRule:
+    """Gauss's rule of a solar band: nodes, their weights, and the measure it was made for."""
+
+    wavelength_um: FloatArray
+    weight_um: FloatArray
+    mean_irradiance: float
+    fine_um: FloatArray
+    fine_energy: FloatArray
+
+    def ozone(self) -> tuple[FloatArray, FloatArray]:
+        """Return ozone's cross sections at 220 and 280 K that the nodes shall use, shape (n,); 0 beyond the table."""
+        known = self.fine_um <= ozone.MAX_UM
+        samples = np.zeros((2, len(self.fine_um)))
+        samples[:, known] = ozone.cold_and_warm_m2(self.fine_um[known])
+        cold, warm = (smoothed(self.fine_um, self.fine_energy, s, self.wavelength_um) for s in samples)
+        return cold, warm
+
+
+def _solar_rule(band: Band, n: int, sun_distance_au: float, where: str) -> _SolarRule:
     _check_sunlight(band, where)
     wavelength, weight = bands.sampled(band, sunlight.table_um(), order=4)
     weight = weight * wavelength / bands.reference_wavelength_um(band)
     irradiance = sunlight.irradiance(wavelength, sun_distance_au)
     nodes, energy = gauss_rule(wavelength, weight * irradiance, n)
     mean = float(energy.sum() / weight.sum())
-    return nodes, energy / mean, mean
+    return _SolarRule(nodes, energy / mean, mean, wavelength, weight * irradiance)
 
 
 def _solar_node(
@@ -160,20 +180,19 @@ def _solar_nodes(
             where=where,
             expected=f"{ozone.MIN_UM:g} um or more, where ozone absorption is known",
         )
-    wavelengths, weights, irradiance = _solar_rule(band, band.nodes, sun_distance_au, where)
+    rule = _solar_rule(band, band.nodes, sun_distance_au, where)
+    cold, warm = rule.ozone() if atmosphere.ozone else (np.zeros(band.nodes), np.zeros(band.nodes))
     nodes = []
-    for i, (wavelength, weight) in enumerate(zip(wavelengths, weights, strict=True)):
+    for i, wavelength in enumerate(rule.wavelength_um):
         scattering = state.number_density_air * rayleigh.cross_section_m2(wavelength)
-        absorption = np.zeros_like(scattering)
-        if atmosphere.ozone and wavelength <= ozone.MAX_UM:
-            absorption = state.number_density_o3 * ozone.cross_section_m2(wavelength, state.temperature_k)
+        absorption = state.number_density_o3 * ozone.at_temperature_m2(cold[i], warm[i], state.temperature_k)
         nodes.append(
             _solar_node(
                 band,
                 i,
                 float(wavelength),
-                float(weight),
-                irradiance,
+                float(rule.weight_um[i]),
+                rule.mean_irradiance,
                 sun_distance_au,
                 scattering + absorption,
                 scattering,
@@ -250,9 +269,18 @@ def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> Optic
     for i, band in enumerate(camera.band):
         where = f"{scene.camera.file}: band[{i}]"
         if band.kind == "solar":
-            (wavelength,), (weight,), irradiance = _solar_rule(band, 1, sun_distance_au, where)
+            rule = _solar_rule(band, 1, sun_distance_au, where)
             nodes.append(
-                _solar_node(band, 0, float(wavelength), float(weight), irradiance, sun_distance_au, zero, zero)
+                _solar_node(
+                    band,
+                    0,
+                    float(rule.wavelength_um[0]),
+                    float(rule.weight_um[0]),
+                    rule.mean_irradiance,
+                    sun_distance_au,
+                    zero,
+                    zero,
+                )
             )
         else:
             cold = np.full_like(z, ground_k)
@@ -290,13 +318,13 @@ def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, bas
             nodes.append(_grey_thermal_node(band, temperature, ground_k, absorption, sun_distance_au, where))
             continue
         scattering = atmosphere_file.column(file, entry.scattering_per_m, z)
-        _, (weight,), irradiance = _solar_rule(band, 1, sun_distance_au, where)
+        rule = _solar_rule(band, 1, sun_distance_au, where)
         node = _solar_node(
             band,
             0,
             entry.wavelength_nm * 1e-3,
-            float(weight),
-            irradiance,
+            float(rule.weight_um[0]),
+            rule.mean_irradiance,
             sun_distance_au,
             scattering + absorption,
             scattering,

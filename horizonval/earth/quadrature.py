@@ -28,6 +28,26 @@ def composite_gauss(edges: FloatArray, order: int) -> tuple[FloatArray, FloatArr
     return middle + half * x, half * w
 
 
+def smoothed(points: FloatArray, weights: FloatArray, values: FloatArray, nodes: FloatArray) -> FloatArray:
+    """Return values at the nodes of Gauss's rule that stand for a jagged function of which f depends smoothly.
+
+    The value of the least squares polynomial of degree n - 1 through ``values``, not the function itself: sums over the
+    rule then have the right integrals of ``values`` times any polynomial of that degree, where the bare values at n
+    points would hit or miss the peaks by chance. Never below zero.
+
+    Parameters
+    ----------
+    points, weights, values : ndarray, shape (m,)
+        The rule's measure and the function sampled on it, both >= 0.
+    nodes : ndarray, shape (n,)
+    """
+    middle, half = (points.max() + points.min()) / 2, (points.max() - points.min()) / 2
+    root, degree = np.sqrt(weights), len(nodes) - 1
+    basis = np.polynomial.legendre.legvander((points - middle) / half, degree)
+    coefficients = np.linalg.lstsq(basis * root[:, None], values * root, rcond=None)[0]
+    return np.maximum(np.polynomial.legendre.legval((nodes - middle) / half, coefficients), 0.0)
+
+
 def gauss_rule(points: FloatArray, weights: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
     """Return Gauss's n-point rule for a measure given as many weighted points.
 
