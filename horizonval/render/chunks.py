@@ -1,0 +1,145 @@
+"""From an optical model to the tables the march reads, a few spectral nodes at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.render.march import CHUNK, Chunk, march
+from horizonval.render.planet import Planet
+from horizonval.render.tables import TAU_FLOOR, AltitudeGrid, SunTable
+
+SKY_POLAR_NODES = 24
+
+
+@dataclass(frozen=True)
+class TableSize:
+    """Resolution of the Sun's optical-depth table and of the quadrature that fills it."""
+
+    n_height: int
+    n_mu: int
+    path_nodes: int
+
+
+IMAGE_TABLE = TableSize(n_height=192, n_mu=384, path_nodes=256)
+RAY_TABLE = TableSize(n_height=512, n_mu=2048, path_nodes=512)
+"""For the ``radiance`` command, where accuracy counts more than the table's minute."""
+
+
+def opaque(value: float) -> Any:
+    """Return a size-1 array whose value is data, not a constant of the compiled kernel."""
+    return dr.opaque(mi.Float64, float(value), 1)
+
+
+def mean_radius(planet: Planet) -> float:
+    """Return the radius [m] of the sphere that stands in for the ellipsoid in the Sun's optical-depth table.
+
+    The table sees local height and solar zenith, so only the curvature is approximate: optical depths near the
+    horizon go with the square root of the radius, 0.17 % between equator and pole.
+    """
+    return (2.0 * planet.a_m + planet.b_m) / 3.0
+
+
+def make_chunks(model: OpticalModel, planet: Planet, size: TableSize) -> Iterator[tuple[list[SpectralNode], Chunk]]:
+    """Yield ``(nodes, chunk)`` until every spectral node of the model has been served."""
+    grid = AltitudeGrid.of(model.altitude_m)
+    for kind in ("solar", "thermal"):
+        nodes = [n for n in model.nodes if _kind(n) == kind]
+        for first in range(0, len(nodes), CHUNK):
+            group = nodes[first : first + CHUNK]
+            yield group, _make_chunk(kind, group, model, planet, grid, size)
+
+
+def _kind(node: SpectralNode) -> Literal["solar", "thermal"]:
+    return "solar" if node.solar_irradiance > 0.0 else "thermal"
+
+
+def _make_chunk(
+    kind: Literal["solar", "thermal"],
+    nodes: Sequence[SpectralNode],
+    model: OpticalModel,
+    planet: Planet,
+    grid: AltitudeGrid,
+    size: TableSize,
+) -> Chunk:
+    width = 1 if len(nodes) == 1 else CHUNK
+    pad = [0.0] * (width - len(nodes))
+    extinction = _interleave([n.extinction_per_m for n in nodes], width)
+    if kind == "thermal":
+        emission = _interleave([n.source for n in nodes], width)
+        black = Chunk(kind, width, grid, extinction, emission, None, [], [opaque(0.0)] * width, [])
+        ground = [model.emissivity * n.surface_source for n in nodes]
+        if model.emissivity < 1.0:
+            sky = _downwelling(planet, model.top_m, black, size.path_nodes)
+            ground = [g + (1.0 - model.emissivity) / math.pi * s for g, s in zip(ground, sky, strict=False)]
+        return Chunk(kind, width, grid, extinction, emission, None, [], [opaque(g) for g in [*ground, *pad]], [])
+    emission = _interleave([n.scattering_per_m for n in nodes], width)
+    return Chunk(
+        kind,
+        width,
+        grid,
+        extinction,
+        emission,
+        _fill_sun_table(planet, model.top_m, grid, extinction, width, size),
+        [opaque(e) for e in [*(n.solar_irradiance for n in nodes), *pad]],
+        [opaque(model.albedo / math.pi)] * width,
+        [_phase_mix(n) for n in nodes] + [(opaque(1.0), opaque(0.0), opaque(0.0))] * len(pad),
+    )
+
+
+def _interleave(columns: Sequence[NDArray[np.float64]], width: int) -> Any:
+    table = np.zeros((len(columns[0]), width))
+    for k, column in enumerate(columns):
+        table[:, k] = column
+    return mi.Float64(np.ascontiguousarray(table).ravel())
+
+
+def _phase_mix(node: SpectralNode) -> tuple[Any, Any, Any]:
+    if node.phase == "rayleigh":
+        return opaque(0.75), opaque(0.75), opaque(0.0)
+    if node.phase == "isotropic":
+        return opaque(1.0), opaque(0.0), opaque(0.0)
+    return opaque(0.0), opaque(0.0), opaque(float(node.phase))
+
+
+def _fill_sun_table(
+    planet: Planet, top_m: float, grid: AltitudeGrid, extinction: Any, width: int, size: TableSize
+) -> SunTable:
+    radius = mean_radius(planet)
+    h, mu = SunTable.nodes(size.n_height, size.n_mu, radius, top_m)
+    height = mi.Float64(np.repeat(h, size.n_mu))
+    cosine = mi.Float64(mu.ravel())
+    zero = mi.Float64(0.0)
+    depth = Chunk("depth", width, grid, extinction, None, None, [], [], [])
+    o = (zero, zero, height + radius)
+    d = (dr.sqrt(dr.maximum(1.0 - cosine * cosine, 0.0)), zero, cosine)
+    sphere = Planet(radius, radius)
+    tau, _ = march(sphere, top_m, depth, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), size.path_nodes, 0.15)
+    values = dr.zeros(mi.Float64, size.n_height * size.n_mu * width)
+    row = dr.arange(mi.UInt32, size.n_height * size.n_mu)
+    for k in range(width):
+        dr.scatter(values, dr.log(tau[k] + TAU_FLOOR), row * width + k)
+    dr.eval(values)
+    return SunTable(values, size.n_height, size.n_mu, radius, top_m)
+
+
+def _downwelling(planet: Planet, top_m: float, chunk: Chunk, nodes: int) -> list[float]:
+    """Return the thermal irradiance [pi sr times radiance] on the ground, Gauss quadrature over the sky."""
+    x, w = np.polynomial.legendre.leggauss(SKY_POLAR_NODES)
+    mu, w = 0.5 * (x + 1.0), 0.5 * w
+    radius = mean_radius(planet)
+    zero = mi.Float64(0.0)
+    cosine = mi.Float64(mu)
+    o = (zero, zero, mi.Float64(radius))
+    d = (mi.Float64(np.sqrt(1.0 - mu**2)), zero, cosine)
+    sphere = Planet(radius, radius)
+    sky, _ = march(sphere, top_m, chunk, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), nodes, 0.15)
+    return [float(2.0 * math.pi * np.sum(w * mu * np.broadcast_to(np.array(s), mu.shape))) for s in sky]

@@ -1,0 +1,288 @@
+r"""The march: radiance along rays through a spherical-shell atmosphere over an ellipsoid, without Monte Carlo noise.
+
+For every spectral node, with extinction k, optical depth :math:`\tau(t) = \int_0^t k\,dt'` from the observer and source
+function S::
+
+    L = int S exp(-tau) dtau  +  L_ground exp(-tau_ground)
+
+    sunlight:  S = (k_scattering / k) E0 P(Theta) T_sun        single scattering; T_sun = 0 in the umbra
+    emission:  S = B(T)                                        LTE
+
+**Where the nodes go.** A ray is cut at its lowest point into a descending and an ascending piece. With ``y`` from -1
+(entry) over 0 (lowest point) to 1 (exit) the distance from the lowest point is ``l (c |y| + (1 - c) |y|^3)``: dense
+where the air is dense. The interval of ``y`` is shared out among the pieces between the umbra's edges, so that no step
+straddles a shadow edge.
+
+**One step** holds two Gauss points. Extinction and source are linear through them: the optical depth at the points and
+over the step follow exactly; thin steps (optical depth below 0.5) sum ``k S exp(-tau)`` with Gauss weights, thick ones
+integrate a source linear in optical depth against ``exp(-tau)`` exactly, so that an isothermal black body comes out as
+one however thick the step.
+
+Neglected: multiple scattering, refraction, polarisation, a Sun that is not a point (for illumination). Deterministic:
+no random numbers, no atomics; every ray is summed in its own lane in a fixed order.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import drjit as dr
+import mitsuba as mi
+
+from horizonval.render.planet import Planet, Vec, along, dot
+from horizonval.render.tables import AltitudeGrid, SunTable, interpolate
+
+GAUSS_LOW = 0.5 - math.sqrt(3.0) / 6.0
+THICK_STEP = 0.5
+CHUNK = 4
+"""Spectral nodes per kernel launch; they share all geometry."""
+
+Kind = Literal["solar", "thermal", "depth"]
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Tables of up to :data:`CHUNK` spectral nodes, interleaved in memory. Everything is evaluated (no literals).
+
+    Attributes
+    ----------
+    kind : "solar", "thermal" or "depth"
+        "depth" wants the transmittance only.
+    width : int
+        Nodes, padded ones included.
+    extinction, emission : Float64, shape (n_altitude * width,)
+        ``emission``: scattering coefficient of solar nodes, source function of thermal ones.
+    sun_table : SunTable or None
+    irradiance, ground : lists of Float64, size 1
+        Solar irradiance; for the ground its albedo / pi (solar) or emitted and reflected radiance (thermal).
+    phase_mix : list of (Float64, Float64, Float64), size 1 each
+        Phase function ``P = (c0 + c1 cos^2 + c2 (1 - g^2) (1 + g^2 - 2 g cos)^(-3/2)) / (4 pi)`` as (c0, c1, g) with
+        ``c2 = 1 - c0 - c1 / 3``.
+    """
+
+    kind: Kind
+    width: int
+    grid: AltitudeGrid
+    extinction: Any
+    emission: Any
+    sun_table: SunTable | None
+    irradiance: list[Any]
+    ground: list[Any]
+    phase_mix: list[tuple[Any, Any, Any]]
+
+
+@dataclass(frozen=True)
+class Path:
+    """The stretch of a ray inside the atmosphere and in front of the ground, ready to be marched.
+
+    ``t_low`` is the lowest point; ``y0``, ``y1`` bound the ray parameter; ``length_*`` are the pieces' lengths [m].
+    """
+
+    t_low: Any
+    length_before: Any
+    length_after: Any
+    y0: Any
+    y1: Any
+
+
+def find_path(planet: Planet, top_m: float, o: Vec, d: Vec, to_ground: Any) -> Path:
+    """Return the marched stretch of rays with unit directions; zero length for rays above the atmosphere.
+
+    ``to_ground``: march up to the ground (the ray must hit it) instead of past the lowest point.
+    """
+    mid, half, meets = planet.chord(o, d, top_m)
+    ground_mid, ground_half, _ = planet.chord(o, d)
+    t_in = dr.maximum(mid - half, 0.0)
+    t_out = dr.select(to_ground, ground_mid - ground_half, mid + half)
+    t_out = dr.select(meets, dr.maximum(t_out, t_in), t_in)
+    # at the ground the path may end before the lowest point of the line
+    t_low = dr.clip(dr.select(to_ground, t_out, mid), t_in, t_out)
+    before, after = t_low - t_in, t_out - t_low
+    return Path(t_low, before, after, dr.select(before > 0.0, mi.Float64(-1.0), 0.0), dr.select(after > 0.0, mi.Float64(1.0), 0.0))
+
+
+def _warp(path: Path, y: Any, c: float) -> Any:
+    reach = dr.abs(y)
+    reach = reach * dr.fma(reach * reach, 1.0 - c, c)
+    return path.t_low + dr.select(y < 0.0, -path.length_before, path.length_after) * reach
+
+
+def _unwarp(path: Path, t: Any, c: float) -> Any:
+    """Return ``y`` of a ray parameter: the real root of ``c y + (1 - c) y^3 = x``, by the hyperbolic solution."""
+    s = t - path.t_low
+    length = dr.select(s < 0.0, path.length_before, path.length_after)
+    x = dr.minimum(dr.abs(s) / dr.maximum(length, 1e-3), 1.0)
+    p = c / (1.0 - c)
+    q = x / (1.0 - c)
+    scale = 2.0 * math.sqrt(p / 3.0)
+    arg = 3.0 * q / (p * scale)
+    y = scale * dr.sinh(dr.log(arg + dr.sqrt(arg * arg + 1.0)) / 3.0)
+    return dr.select(s < 0.0, -dr.minimum(y, 1.0), dr.minimum(y, 1.0))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """How the steps are shared out: step index boundaries ``n1 <= n2`` at the parameters ``y1 <= y2``."""
+
+    n1: Any
+    n2: Any
+    y1: Any
+    y2: Any
+
+
+def _share_steps(planet: Planet, path: Path, o: Vec, d: Vec, sun: Vec, count: int, c: float) -> Steps:
+    t1, t2, crosses = planet.shadow_crossings(o, d, sun)
+    # a crossing counts only on the side away from the Sun: look a metre into the cylinder
+    real1 = crosses & planet.in_umbra(along(o, d, t1 + 1.0), sun)
+    real2 = crosses & planet.in_umbra(along(o, d, t2 - 1.0), sun)
+    y1 = dr.select(real1, dr.clip(_unwarp(path, t1, c), path.y0, path.y1), path.y0)
+    y2 = dr.select(real2, dr.clip(_unwarp(path, t2, c), path.y0, path.y1), path.y1)
+    span = dr.maximum(path.y1 - path.y0, 1e-9)
+    tiny = 1e-6 * span
+    y1 = dr.select(y1 - path.y0 < tiny, path.y0, y1)
+    y2 = dr.select(path.y1 - y2 < tiny, path.y1, dr.maximum(y2, y1))
+    n1 = dr.round(count * (y1 - path.y0) / span)
+    n2 = dr.round(count * (y2 - path.y0) / span)
+    n1 = dr.clip(n1, dr.select(y1 > path.y0, mi.Float64(1.0), 0.0), count - 2.0)
+    n2 = dr.clip(n2, n1 + dr.select(y2 > y1, mi.Float64(1.0), 0.0), count - dr.select(y2 < path.y1, mi.Float64(1.0), 0.0))
+    return Steps(n1, n2, y1, y2)
+
+
+def _step_boundary(path: Path, steps: Steps, i: Any, count: int) -> Any:
+    """Return ``y`` at step boundary ``i``: linear between the shared-out boundaries."""
+    first = path.y0 + (steps.y1 - path.y0) * (i / dr.maximum(steps.n1, 1.0))
+    middle = steps.y1 + (steps.y2 - steps.y1) * ((i - steps.n1) / dr.maximum(steps.n2 - steps.n1, 1.0))
+    last = steps.y2 + (path.y1 - steps.y2) * ((i - steps.n2) / dr.maximum(count - steps.n2, 1.0))
+    return dr.select(i < steps.n1, first, dr.select(i < steps.n2, middle, last))
+
+
+def _phase(chunk: Chunk, cosine: Any) -> list[Any]:
+    out = []
+    for c0, c1, g in chunk.phase_mix:
+        c2 = 1.0 - c0 - c1 / 3.0
+        g2 = g * g
+        base = 1.0 + g2 - 2.0 * g * cosine
+        out.append((c0 + c1 * cosine * cosine + c2 * (1.0 - g2) / (base * dr.sqrt(base))) * (0.25 / math.pi))
+    return out
+
+
+def march(
+    planet: Planet,
+    top_m: float,
+    chunk: Chunk,
+    o: Vec,
+    d: Vec,
+    sun: Vec,
+    to_ground: Any,
+    nodes: int,
+    concentration: float,
+) -> tuple[list[Any], list[Any]]:
+    """Return radiance and transmittance of every spectral node of a chunk along rays.
+
+    Parameters
+    ----------
+    o, d : Vec
+        Origins [m, planet-centred] and unit directions.
+    sun : Vec
+        Unit vector towards the Sun.
+    to_ground : Bool
+        Add the ground and stop there; the rays must hit it.
+    nodes : int
+        Evaluations along each ray (two per step).
+    concentration : float
+        The ``c`` of the module text: smaller is denser near the lowest point.
+
+    Returns
+    -------
+    radiance, transmittance : lists of Float64
+        Transmittance from the observer to the end of the path.
+    """
+    width = chunk.width
+    count = max(nodes // 2, 3)
+    path = find_path(planet, top_m, o, d, to_ground)
+    solar = chunk.kind == "solar"
+    if solar:
+        steps = _share_steps(planet, path, o, d, sun, count, concentration)
+        weight = [e * p for e, p in zip(chunk.irradiance, _phase(chunk, dot(d, sun)), strict=True)]
+    else:
+        steps = Steps(mi.Float64(0.0), mi.Float64(count), path.y0, path.y1)
+        weight = []
+
+    def evaluate(t: Any) -> tuple[list[Any], list[Any]]:
+        """Return extinction [1/m] and emission per metre at ``t``."""
+        p = along(o, d, t)
+        height, normal = planet.height_and_normal(p)
+        i, w, inside = chunk.grid.locate(height)
+        k = [dr.select(inside, v, 0.0) for v in interpolate(chunk.extinction, i, w, width)]
+        if chunk.kind == "depth":
+            return k, k
+        e = interpolate(chunk.emission, i, w, width)
+        if not solar:
+            return k, [a * b for a, b in zip(k, e, strict=True)]
+        assert chunk.sun_table is not None
+        lit = inside & ~planet.in_umbra(p, sun)
+        t_sun = chunk.sun_table.transmittance(height, dot(normal, sun), width)
+        return k, [dr.select(lit, s * v * f, 0.0) for s, v, f in zip(e, t_sun, weight, strict=True)]
+
+    zero = dr.zeros(mi.Float64, dr.width(path.t_low))
+    start = _warp(path, path.y0 + zero, concentration)
+
+    def body(i: Any, t0: Any, tau: list[Any], radiance: list[Any]) -> tuple[Any, Any, list[Any], list[Any]]:
+        y = _step_boundary(path, steps, mi.Float64(i) + 1.0, count)
+        t1 = _warp(path, y, concentration)
+        h = t1 - t0
+        k_a, j_a = evaluate(t0 + GAUSS_LOW * h)
+        k_b, j_b = evaluate(t0 + (1.0 - GAUSS_LOW) * h)
+        tau, radiance = list(tau), list(radiance)
+        for n in range(width):
+            step = 0.5 * h * (k_a[n] + k_b[n])
+            if chunk.kind != "depth":
+                gain = _gain(h, k_a[n], k_b[n], j_a[n], j_b[n], step)
+                radiance[n] = radiance[n] + dr.exp(-tau[n]) * gain
+            tau[n] = tau[n] + step
+        return i + 1, t1, tau, radiance
+
+    _, _, tau, radiance = dr.while_loop(
+        (mi.UInt32(0), start, [zero + 0.0] * width, [zero + 0.0] * width),
+        lambda i, *_: i < count,
+        body,
+        labels=("i", "t", "tau", "radiance"),
+        label="limb march",
+    )
+    transmittance = [dr.exp(-v) for v in tau]
+    if chunk.kind == "depth":
+        return tau, transmittance
+    ground = _ground_radiance(planet, chunk, o, d, sun, path)
+    return [
+        r + dr.select(to_ground, g * t, 0.0) for r, g, t in zip(radiance, ground, transmittance, strict=True)
+    ], transmittance
+
+
+def _gain(h: Any, k_a: Any, k_b: Any, j_a: Any, j_b: Any, step: Any) -> Any:
+    """Return what one step adds, seen from its beginning."""
+    slope = (k_b - k_a) / (1.0 - 2.0 * GAUSS_LOW)  # of k over the step, per unit of h
+    k_0 = k_a - slope * GAUSS_LOW
+    tau_a = dr.maximum(h * GAUSS_LOW * (k_0 + 0.5 * GAUSS_LOW * slope), 0.0)
+    tau_b = h * (1.0 - GAUSS_LOW) * (k_0 + 0.5 * (1.0 - GAUSS_LOW) * slope)
+    thin = 0.5 * h * (j_a * dr.exp(-tau_a) + j_b * dr.exp(-tau_b))
+    # thick: S linear in tau through the two points, integrated against exp(-tau)
+    s_a, s_b = j_a / dr.maximum(k_a, 1e-300), j_b / dr.maximum(k_b, 1e-300)
+    escaped = dr.exp(-step)
+    e0 = 1.0 - escaped
+    e1 = e0 - step * escaped
+    thick = s_a * e0 + (s_b - s_a) * (e1 - tau_a * e0) / dr.maximum(tau_b - tau_a, 1e-30)
+    return dr.select(step < THICK_STEP, thin, dr.maximum(thick, 0.0))
+
+
+def _ground_radiance(planet: Planet, chunk: Chunk, o: Vec, d: Vec, sun: Vec, path: Path) -> list[Any]:
+    if chunk.kind == "thermal":
+        return chunk.ground
+    assert chunk.sun_table is not None
+    _, normal = planet.height_and_normal(along(o, d, path.t_low + path.length_after))
+    mu = dot(normal, sun)
+    t_sun = chunk.sun_table.transmittance(mi.Float64(0.0), mu, chunk.width)
+    return [
+        a * e * dr.maximum(mu, 0.0) * t for a, e, t in zip(chunk.ground, chunk.irradiance, t_sun, strict=True)
+    ]

@@ -1,0 +1,44 @@
+"""Maps beside the radiance: what the ray through each pixel's centre meets, where, and under which Sun.
+
+They describe the picture for a reader; the truth that scores an estimator is analytic and never comes from here.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.frame import Hit
+from horizonval.render.image import View
+from horizonval.render.planet import along, dot
+
+
+def truth_maps(view: View) -> dict[str, NDArray[np.float32]]:
+    """Return the maps of :data:`horizonval.frame.MAP_UNITS`, each of shape (H, W), float32.
+
+    The tangent height of a ray that hits the surface is minus the depth of its chord below it, measured at the point
+    of the line nearest to the stretched sphere's centre; within 1e-3 of the depth for the Earth's flattening.
+    """
+    pixel = dr.arange(mi.UInt32, view.width * view.height)
+    d = view.rays.direction(mi.Float64(pixel % view.width), mi.Float64(pixel // view.width))
+    mid, half, meets = view.planet.chord(view.origin, d)
+    ahead = mid > 0.0
+    hits = meets & ahead
+    distance = dr.select(hits, mid - half, dr.inf)
+    lowest = along(view.origin, d, dr.maximum(mid, 0.0))
+    tangent_height, normal = view.planet.height_and_normal(lowest)
+    _, ground_normal = view.planet.height_and_normal(along(view.origin, d, dr.select(hits, distance, 0.0)))
+    cosine = dr.select(hits, dot(ground_normal, view.sun), dot(normal, view.sun))
+    zenith = dr.rad2deg(dr.acos(dr.clip(cosine, -1.0, 1.0)))
+    chord = [a - b for a, b in zip(d, view.sun, strict=True)]
+    on_sun = dr.sqrt(chord[0] ** 2 + chord[1] ** 2 + chord[2] ** 2) < view.sun_radius
+    hit = dr.select(
+        hits,
+        mi.Float64(float(Hit.SURFACE)),
+        dr.select(on_sun, mi.Float64(float(Hit.SUN)), dr.select(tangent_height < view.top_m, mi.Float64(float(Hit.ATMOSPHERE)), 0.0)),
+    )
+    shape = (view.height, view.width)
+    maps = {"distance": distance, "tangent_height": tangent_height, "solar_zenith": zenith, "hit": hit}
+    return {name: np.array(value, dtype=np.float32).reshape(shape) for name, value in maps.items()}
