@@ -1,0 +1,188 @@
+"""The horizon of a sphere is a cone of sight lines, and a cone is a plane through unit vectors.
+
+Every line of sight ``u`` to the limb makes the angle rho with the nadir ``n``::
+
+    u . n = cos rho
+
+so the tips of the sight lines lie in a plane with normal ``n`` at distance ``cos rho`` from the eye. The unknowns
+``n / cos rho`` enter linearly (``u . m = 1``); the plane is fitted here by orthogonal regression, which is the same
+problem with ``|n| = 1`` kept: it stays finite at rho = 90 deg, where ``m`` does not, and it does not shrink the
+radius of a short noisy arc as ordinary least squares does (Deng et al., Aerospace 10, 371, 2023). Its residual
+``u . n - cos rho`` is ``sin rho`` times the angle between the point and the fitted limb, for every point alike.
+
+No starting value, no image-plane ellipse or hyperbola, no special case for wide fields.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Cone:
+    """A circular cone of sight lines.
+
+    Attributes
+    ----------
+    axis_cam : ndarray, shape (3,)
+        Unit vector, inside the cone (``cos_rho >= 0``).
+    cos_rho : float
+        Cosine of the half-angle.
+    """
+
+    axis_cam: FloatArray
+    cos_rho: float
+
+    @property
+    def rho_rad(self) -> float:
+        """Half-angle [rad]. The arc cosine loses digits below a degree; see :func:`fit_cone` for small cones."""
+        return float(np.arccos(np.clip(self.cos_rho, -1.0, 1.0)))
+
+
+def fit_cone(los_cam: FloatArray) -> Cone:
+    """Fit the cone through lines of sight by orthogonal regression.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+        Unit vectors, n >= 3.
+
+    Returns
+    -------
+    Cone
+        Its axis is the side towards which the arc bends, ``cos_rho >= 0``.
+
+    Raises
+    ------
+    ValueError
+        With fewer than three points.
+    """
+    if len(los_cam) < 3:
+        raise ValueError(f"a cone needs three lines of sight, not {len(los_cam)}")
+    middle = los_cam.mean(axis=0)
+    # Singular vectors of the differences, not of a covariance: a cone of 0.25 deg would lose half of the digits.
+    _, _, rows = np.linalg.svd(los_cam - middle, full_matrices=False)
+    axis = rows[-1]
+    cos_rho = float(axis @ middle)
+    if cos_rho < 0:
+        axis, cos_rho = -axis, -cos_rho
+    return Cone(axis_cam=axis, cos_rho=cos_rho)
+
+
+def cones_through(first: FloatArray, second: FloatArray, third: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return axes (n, 3) and cosines (n,) of the cones through n triples of unit vectors, each of shape (n, 3).
+
+    Degenerate triples (two equal vectors) give an axis of zeros.
+    """
+    normal = np.cross(second - first, third - first)
+    length = np.linalg.norm(normal, axis=1)
+    axis = normal / np.where(length > 0, length, 1.0)[:, None]
+    cosine = np.einsum("ij,ij->i", axis, first)
+    sign = np.where(cosine < 0, -1.0, 1.0)
+    return axis * sign[:, None], cosine * sign
+
+
+def off_axis_angle(los_cam: FloatArray, axis_cam: FloatArray) -> FloatArray:
+    """Return the angle [rad] of each line of sight to the axis, accurate at every size (arc tangent, not cosine)."""
+    across = np.linalg.norm(np.cross(los_cam, axis_cam), axis=-1)
+    return np.asarray(np.arctan2(across, los_cam @ axis_cam))
+
+
+def tangent_basis(axis: FloatArray) -> FloatArray:
+    """Return two unit vectors, shape (3, 2), that make a right-handed triad (e1, e2, axis)."""
+    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    e1 = np.cross(helper, axis)
+    e1 /= np.linalg.norm(e1)
+    return np.column_stack([e1, np.cross(axis, e1)])
+
+
+def arc_order(los_cam: FloatArray, axis: FloatArray) -> NDArray[np.int64]:
+    """Return the order of lines of sight along the limb (by azimuth about the axis)."""
+    across = los_cam @ tangent_basis(axis)
+    return np.argsort(np.arctan2(across[:, 1], across[:, 0]), kind="stable").astype(np.int64)
+
+
+@dataclass(frozen=True)
+class ConeUncertainty:
+    """How well points determine a cone.
+
+    Attributes
+    ----------
+    basis : ndarray, shape (3, 2)
+        Tangent directions at the axis.
+    covariance : ndarray, shape (3, 3)
+        [rad^2] of (axis along basis 1, axis along basis 2, half-angle).
+    correlation_length : float
+        Number of neighbouring points that carry the information of one (1: independent noise).
+    """
+
+    basis: FloatArray
+    covariance: FloatArray
+    correlation_length: float
+
+    @property
+    def covariance_axis(self) -> FloatArray:
+        """Covariance of the axis vector, shape (3, 3), singular along the axis."""
+        return np.asarray(self.basis @ self.covariance[:2, :2] @ self.basis.T)
+
+    @property
+    def sigma_axis_rad(self) -> float:
+        """Standard deviation of the axis in its worst direction."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
+
+    @property
+    def sigma_rho_rad(self) -> float:
+        """Standard deviation of the half-angle."""
+        return float(np.sqrt(self.covariance[2, 2]))
+
+
+def cone_uncertainty(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeUncertainty:
+    """Return the covariance of a fitted cone from its own residuals.
+
+    With ``t`` the unit direction from the axis towards a point, the residual angle ``r = angle(u, n) - rho`` changes by
+    ``-t . dn - drho``; hence ``C = s^2 (J^T J)^-1`` with ``s^2`` the residual variance for ``n - 3`` degrees of
+    freedom. Real limb residuals are correlated along the arc (clouds, oblateness): ``s^2`` is multiplied by the sum of
+    the measured autocorrelation up to the first lag at which it is no longer significant.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+        n >= 4 points, in any order.
+    axis : ndarray, shape (3,)
+    rho_rad : float
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine a cone.
+    """
+    basis = tangent_basis(axis)
+    across = los_cam @ basis
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    jacobian = np.column_stack([-across, -np.ones(len(across))])
+    residual = off_axis_angle(los_cam, axis) - rho_rad
+    length = _correlation_length(residual[arc_order(los_cam, axis)])
+    # Information of n / length points decides both the variance's degrees of freedom and its size.
+    variance = float(residual @ residual) / max(len(residual) - 3.0 * length, 1.0)
+    covariance = variance * length * np.linalg.inv(jacobian.T @ jacobian)
+    return ConeUncertainty(basis=basis, covariance=0.5 * (covariance + covariance.T), correlation_length=length)
+
+
+def _correlation_length(residual: FloatArray) -> float:
+    """Return 1 + 2 sum of the autocorrelation up to its first insignificant lag, at most a quarter of the points."""
+    n = len(residual)
+    centred = residual - residual.mean()
+    power = float(centred @ centred)
+    if power == 0.0 or n < 8:
+        return 1.0
+    spectrum = np.fft.rfft(centred, 2 * n)
+    correlation = np.fft.irfft(np.abs(spectrum) ** 2, 2 * n)[:n] / power
+    last = n // 4
+    small = np.flatnonzero(correlation[1:last] < 2.0 / np.sqrt(n))
+    stop = int(small[0]) + 1 if small.size else last
+    return float(np.clip(1.0 + 2.0 * correlation[1:stop].sum(), 1.0, n / 4.0))
