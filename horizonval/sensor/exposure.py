@@ -1,0 +1,41 @@
+"""Photons to electrons: the counting process in a pixel's photodiode.
+
+The band's response of a solar band is a quantum efficiency, and its band radiance weighs photons by their wavelength
+over ``lambda_ref`` (:mod:`horizonval.earth.bands`), so that the mean count follows exactly::
+
+    electrons = P t QE_peak lambda_ref / (h c)
+
+Photoelectrons and dark electrons are Poisson distributed, each from its own stream. The silicon is taken as linear up
+to the full well; neglected are differences between pixels (fixed pattern, which flight cameras calibrate), memory of
+the last exposure, and charge that spills over into neighbours.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import constants
+
+FloatArray = NDArray[np.float64]
+
+
+def photoelectrons(
+    power_w: FloatArray, exposure_s: float, quantum_efficiency: float, reference_wavelength_m: float
+) -> FloatArray:
+    """Return the expected number of photoelectrons, shape (H, W)."""
+    return power_w * (exposure_s * quantum_efficiency * reference_wavelength_m / (constants.h * constants.c))
+
+
+def dark_electrons(dark_current_e_per_s: float, exposure_s: float) -> float:
+    """Return the expected number of dark electrons, at the temperature the dark current is given for."""
+    return dark_current_e_per_s * exposure_s
+
+
+def count(expected: FloatArray, full_well_e: float, rng: np.random.Generator) -> FloatArray:
+    """Return Poisson counts, shape of ``expected``.
+
+    Expected counts above 100 full wells (the Sun) are drawn as 100 full wells. That changes nothing: the pixel
+    saturates either way, a count below one full well being 99 of ten (for a full well of one electron) or more
+    standard deviations away. It keeps the generator inside the range of its integers.
+    """
+    return rng.poisson(np.minimum(expected, 100 * full_well_e + 1000)).astype(np.float64)

@@ -1,0 +1,56 @@
+"""Uncooled infrared arrays: absorbed power to a signal in units of scene radiance.
+
+A microbolometer warms up with the power it absorbs and reads the power's *difference* to that of a closed shutter. With
+the shutter's own reading subtracted, what is left is proportional to the band radiance L of the scene::
+
+    signal = L cos^4(theta)                                           [W m-2 sr-1, as seen on the axis]
+
+Its noise is that of the resistor and the readout, hence independent of the scene. It is given as the temperature
+difference NETD of a 300 K scene, seen through an ideal f/1 lens, that equals it. A slower or darker lens brings less
+power per radiance to the detector::
+
+    sigma_L = NETD * dL/dT(300 K) * N^2 / tau
+
+The converter's ends are the band radiances of black bodies at ``scene_min_k`` and ``scene_max_k``.
+
+Neglected: photon noise, two orders below; the slow drift of offsets between shutter closings and the pattern that is
+left after flat-fielding; the lens's own glow, subtracted with the shutter's reading; the thermal time constant of some
+10 ms, which smears a horizon at 0.1 deg/s by 0.001 deg.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.earth import bands, planck
+from horizonval.spec.camera import Band
+
+FloatArray = NDArray[np.float64]
+
+NETD_SCENE_K = 300.0
+_STEP_K = 0.05
+
+
+def blackbody_radiance(band: Band, temperature_k: float) -> float:
+    """Return the response-weighted radiance [W m-2 sr-1] of a black body; 0 at 0 K."""
+    if temperature_k == 0:
+        return 0.0
+    wavelength_um, weight_um = bands.sampled(band)
+    return float(np.sum(weight_um * planck.radiance_per_um(wavelength_um, temperature_k)))
+
+
+def radiance_per_kelvin(band: Band, temperature_k: float = NETD_SCENE_K) -> float:
+    """Return dL/dT [W m-2 sr-1 K-1]; the central difference is good to 1e-7."""
+    upper, lower = (blackbody_radiance(band, temperature_k + step) for step in (_STEP_K, -_STEP_K))
+    return (upper - lower) / (2 * _STEP_K)
+
+
+def noise_radiance(band: Band, netd_k: float, f_number: float, transmission: float) -> float:
+    """Return the standard deviation of the signal [W m-2 sr-1]."""
+    return netd_k * radiance_per_kelvin(band) * f_number**2 / transmission
+
+
+def add_noise(signal: FloatArray, sigma: float, rng: np.random.Generator) -> FloatArray:
+    """Return the signal with white noise, shape and unit of ``signal``."""
+    return signal + sigma * rng.standard_normal(signal.shape)

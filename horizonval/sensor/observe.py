@@ -1,0 +1,189 @@
+"""A frame as a detector sees it: radiance to digital numbers.
+
+The order of the stages is that of the light and the charge::
+
+    cmos             power on the pixel -> point spread -> photoelectrons, dark electrons (Poisson) -> full well
+                     -> read noise -> converter
+    microbolometer   relative illumination -> point spread -> noise -> converter
+
+Every random stage draws from its own stream (:mod:`horizonval.sensor.streams`); the same frame, camera, band and seed
+give the same bytes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.earth import bands
+from horizonval.errors import UserError
+from horizonval.frame import DetectorImage, Frame
+from horizonval.geometry.camera import Camera, camera_from_spec, check_invertible
+from horizonval.sensor import converter, exposure, microbolometer, optics, point_spread, readout
+from horizonval.sensor.streams import stream
+from horizonval.spec.camera import Band, CameraSpec, Cmos, Microbolometer
+
+FloatArray = NDArray[np.float64]
+
+
+def observe(
+    frame: Frame, camera: CameraSpec, band: str | None = None, seed: int = 0, *, noise: bool = True
+) -> DetectorImage:
+    """Return what the camera's detector makes of one band of a frame.
+
+    Parameters
+    ----------
+    frame : Frame
+    camera : CameraSpec
+        Must see what the frame's own camera saw; lens speed, blur, response table and detector may differ.
+    band : str, optional
+        The camera's first band by default.
+    seed : int
+        Replicate: another seed is another, independent draw of all noise.
+    noise : bool
+        False gives the expected signal, still saturated and quantised: what is left of an estimator's error on such
+        images is bias.
+
+    Raises
+    ------
+    UserError
+        The camera has no detector or no such band, the two do not fit each other, the frame lacks the band or was
+        made for another image geometry, or its radiance is negative or not finite.
+    """
+    spec = _band(camera, band)
+    radiance = _radiance(frame, camera, spec.name)
+    geometry = camera_from_spec(camera.camera)
+    check_invertible(geometry)
+
+    def rng(stage: str) -> np.random.Generator | None:
+        return stream(frame.truth.scene_id, camera.camera.name, spec.name, stage, seed) if noise else None
+
+    if isinstance(camera.detector, Cmos):
+        _require_kind(spec, "solar", camera.detector.kind)
+        _require_black_below_white(camera.detector)
+        dn, settings = _cmos(radiance, geometry, camera, camera.detector, spec, rng("photon"), rng("dark"), rng("read"))
+    elif isinstance(camera.detector, Microbolometer):
+        _require_kind(spec, "thermal", camera.detector.kind)
+        dn, settings = _microbolometer(radiance, geometry, camera, camera.detector, spec, rng("thermal"))
+    else:
+        raise UserError("the camera has no detector", where="detector", expected="a [detector] table")
+    return DetectorImage(
+        dn=dn,
+        band=spec.name,
+        truth=frame.truth,
+        full_scale=converter.full_scale(camera.detector.bits),
+        observation={"seed": seed, "noise": noise, "camera": camera.model_dump(mode="json"), **settings},
+    )
+
+
+def _cmos(
+    radiance: FloatArray,
+    geometry: Camera,
+    camera: CameraSpec,
+    detector: Cmos,
+    band: Band,
+    photon_rng: np.random.Generator | None,
+    dark_rng: np.random.Generator | None,
+    read_rng: np.random.Generator | None,
+) -> tuple[NDArray[np.uint16], dict[str, Any]]:
+    lens, bits, black = camera.optics, detector.bits, detector.black_level_dn
+    etendue = optics.etendue(geometry, detector.pixel_pitch_um * 1e-6, lens.f_number)
+    power = point_spread.blur(optics.pixel_power_w(radiance, etendue, lens.transmission), lens.psf_sigma_px)
+    electrons = exposure.photoelectrons(
+        power, detector.exposure_s, detector.quantum_efficiency, bands.reference_wavelength_um(band) * 1e-6
+    )
+    dark = np.full_like(electrons, exposure.dark_electrons(detector.dark_current_e_per_s, detector.exposure_s))
+    if photon_rng is not None and dark_rng is not None:
+        electrons = exposure.count(electrons, detector.full_well_e, photon_rng)
+        dark = exposure.count(dark, detector.full_well_e, dark_rng)
+    charge = readout.saturate(electrons + dark, detector.full_well_e)
+    if read_rng is not None:
+        charge = readout.add_read_noise(charge, detector.read_noise_e, read_rng)
+    gain = detector.gain_e_per_dn or converter.default_gain(detector.full_well_e, bits, black)
+    return converter.digitise(charge, gain, black, bits), {"gain_e_per_dn": gain}
+
+
+def _microbolometer(
+    radiance: FloatArray,
+    geometry: Camera,
+    camera: CameraSpec,
+    detector: Microbolometer,
+    band: Band,
+    rng: np.random.Generator | None,
+) -> tuple[NDArray[np.uint16], dict[str, Any]]:
+    lens = camera.optics
+    signal = point_spread.blur(radiance * optics.relative_illumination(geometry), lens.psf_sigma_px)
+    sigma = microbolometer.noise_radiance(band, detector.netd_k, lens.f_number, lens.transmission)
+    if rng is not None:
+        signal = microbolometer.add_noise(signal, sigma, rng)
+    low = microbolometer.blackbody_radiance(band, detector.scene_min_k)
+    high = microbolometer.blackbody_radiance(band, detector.scene_max_k)
+    step = (high - low) / converter.full_scale(detector.bits)
+    settings = {"radiance_at_zero": low, "radiance_per_dn": step, "sigma_radiance": sigma}
+    return converter.digitise(signal - low, step, 0.0, detector.bits), settings
+
+
+def _band(camera: CameraSpec, name: str | None) -> Band:
+    if not camera.band:
+        raise UserError("the camera has no band", where="band", expected="at least one [[band]] table")
+    if name is None:
+        return camera.band[0]
+    for band in camera.band:
+        if band.name == name:
+            return band
+    raise UserError(
+        f"no band {name!r}", where="band.name", expected=" or ".join(repr(band.name) for band in camera.band)
+    )
+
+
+def _radiance(frame: Frame, camera: CameraSpec, band: str) -> FloatArray:
+    """Return the band's radiance in float64, after checking that it is one and that the camera fits the frame."""
+    if band not in frame.radiance:
+        raise UserError(
+            f"the frame has no radiance for band {band!r}",
+            where="band.name",
+            expected=" or ".join(repr(name) for name in frame.radiance),
+            fix="render the scene again with this camera",
+        )
+    made_for = camera_from_spec(CameraSpec.model_validate(frame.truth.camera).camera)
+    wanted = camera_from_spec(camera.camera)
+    for key in ("width", "height", "fx", "fy", "cx", "cy", "distortion", "projection"):
+        if getattr(wanted, key) != getattr(made_for, key):
+            raise UserError(
+                f"the camera's {key} is {getattr(wanted, key)}, the frame was made for {getattr(made_for, key)}",
+                where=f"camera.{key}",
+                fix="render the scene again with this camera",
+            )
+    radiance = np.asarray(frame.radiance[band], dtype=np.float64)
+    if radiance.shape != (wanted.height, wanted.width):
+        raise UserError(f"the frame's pixels have shape {radiance.shape}", expected=f"{wanted.height, wanted.width}")
+    bad = ~(np.isfinite(radiance) & (radiance >= 0))
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        raise UserError(
+            f"radiance of band {band!r} is {radiance[row, column]} at column {column}, row {row}",
+            where="frame",
+            expected="finite values, none below 0",
+        )
+    return radiance
+
+
+def _require_kind(band: Band, kind: str, detector: str) -> None:
+    if band.kind != kind:
+        raise UserError(
+            f"a {detector} cannot see band {band.name!r} of kind {band.kind!r}",
+            where="detector.kind",
+            expected=f"a band of kind {kind!r}",
+        )
+
+
+def _require_black_below_white(detector: Cmos) -> None:
+    white = converter.full_scale(detector.bits)
+    if detector.black_level_dn >= white:
+        raise UserError(
+            f"black_level_dn = {detector.black_level_dn}",
+            where="detector.black_level_dn",
+            expected=f"below {white}, the largest number of {detector.bits} bits",
+        )
