@@ -34,7 +34,7 @@ _NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 
 MAX_TEMPERATURE_STEP_K = 0.1
-"""Largest change of temperature between nodes of a thermal column; leaves 3e-7 of radiance at 15 um, 7e-5 at 1 um."""
+"""Largest change of temperature between nodes of a thermal column; leaves 5e-7 of radiance at 15 um, 1e-4 at 1 um."""
 
 
 class _Strict(BaseModel):

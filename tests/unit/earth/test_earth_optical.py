@@ -1,0 +1,218 @@
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from horizonval.earth import atmosphere_file, bands, planck, sunlight
+from horizonval.earth.optical import OpticalModel, optical_model
+from horizonval.errors import UserError
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.scene import SceneSpec
+
+VIS = {"name": "vis", "kind": "solar", "lo_um": 0.45, "hi_um": 0.65, "nodes": 4}
+TIR = {"name": "tir", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}
+QE = {
+    "name": "qe",
+    "kind": "solar",
+    "wavelength_um": [0.4, 0.5, 0.55, 0.7, 0.75],
+    "response": [0.0, 0.5, 0.55, 0.2, 0.1],
+    "nodes": 5,
+}
+
+
+def scene(**tables: Any) -> SceneSpec:
+    return SceneSpec.model_validate({"camera": {"file": "cam.toml"}, "platform": {"altitude_km": 500}, **tables})
+
+
+def camera(*band: dict[str, Any]) -> CameraSpec:
+    return CameraSpec.model_validate({"camera": {"width": 4, "height": 4, "fov_deg": 20}, "band": list(band)})
+
+
+def band_sum(model: OpticalModel, band: str, values: list[float]) -> float:
+    return sum(n.weight * v for n, v in zip(model.nodes, values, strict=True) if n.band == band)
+
+
+def test_grid_and_shapes() -> None:
+    model = optical_model(scene(), camera(VIS, TIR))
+    assert model.altitude_m[0] == 0
+    assert model.altitude_m[-1] == model.top_m == 100e3
+    np.testing.assert_allclose(np.diff(model.altitude_m), 100.0)
+    assert [n.band for n in model.nodes] == ["vis"] * 4 + ["tir"] * 48
+    assert len({n.name for n in model.nodes}) == 52
+    for n in model.nodes:
+        assert n.extinction_per_m.shape == n.scattering_per_m.shape == n.source.shape == model.altitude_m.shape
+        assert (n.extinction_per_m >= n.scattering_per_m).all()
+        assert (n.scattering_per_m >= 0).all()
+
+
+def test_linear_interpolation_of_the_density() -> None:
+    # Exponential of 6.5 km scale height between 100 m nodes: (0.1 / 6.5)^2 / 8 = 3e-5.
+    fine = optical_model(scene(atmosphere={"ozone": False}), camera(VIS)).nodes[0].extinction_per_m
+    middle = (fine[:-2:2] + fine[2::2]) / 2
+    assert np.median(np.abs(middle / fine[1:-1:2] - 1)) < 3.5e-5 * 4
+
+
+def test_solar_nodes_carry_the_band() -> None:
+    model = optical_model(scene(), camera(VIS))
+    assert sum(n.weight for n in model.nodes) == pytest.approx(0.2, rel=1e-12)
+    assert {n.solar_irradiance for n in model.nodes} == {model.nodes[0].solar_irradiance}
+    # Photon weighting changes the mean over a band of 20 % half width by a few per cent of the spectrum's slope.
+    mean = sunlight.band_irradiance(0.45, 0.65) / 0.2
+    assert model.nodes[0].solar_irradiance == pytest.approx(mean, rel=0.01)
+    assert all(n.phase == "rayleigh" and n.surface_source == 0 and not n.source.any() for n in model.nodes)
+
+
+def test_electrons_are_counted_exactly() -> None:
+    """Band radiance times lambda_ref / (h c) is the number of photons that the response turns into electrons."""
+    model = optical_model(scene(), camera(QE))
+    band = camera(QE).band[0]
+    electrons = band_sum(model, "qe", [n.solar_irradiance for n in model.nodes]) * bands.reference_wavelength_um(band)
+    knots = np.unique(np.concatenate([np.linspace(0.4, 0.75, 35_001), sunlight.table_um()]))
+    knots = knots[(knots >= 0.4) & (knots <= 0.75)]
+    direct = np.trapezoid(bands.response(band, knots) * knots * sunlight.irradiance(knots), knots)
+    # Trapezoids of 10 nm / 1000 on parabolas: 1e-8.
+    assert electrons == pytest.approx(direct, rel=1e-7)
+
+
+@pytest.mark.parametrize(("nodes", "tolerance"), [(4, 1e-3), (8, 3e-4)])
+def test_few_nodes_stand_for_the_band(nodes: int, tolerance: float) -> None:
+    """A slant path through Rayleigh and the Chappuis band, optical depth 1 to 4."""
+
+    def transmitted(n: int) -> float:
+        model = optical_model(scene(), camera({**VIS, "nodes": n}))
+        depth = [np.trapezoid(node.extinction_per_m, model.altitude_m) for node in model.nodes]
+        scattered = [np.trapezoid(node.scattering_per_m, model.altitude_m) for node in model.nodes]
+        values = [s / d * (1 - np.exp(-20 * d)) for s, d in zip(scattered, depth, strict=True)]
+        return band_sum(model, "vis", values)
+
+    assert transmitted(nodes) == pytest.approx(transmitted(64), rel=tolerance)
+
+
+def test_sun_distance() -> None:
+    near, far = optical_model(scene(), camera(VIS, TIR), 0.98), optical_model(scene(), camera(VIS, TIR), 1.02)
+    ratio = near.nodes[0].solar_irradiance / far.nodes[0].solar_irradiance
+    assert ratio == pytest.approx((1.02 / 0.98) ** 2, rel=1e-12)
+    for a, b in zip(near.nodes, far.nodes, strict=True):
+        assert a.sun_radiance == pytest.approx(b.sun_radiance, rel=1e-12)
+
+
+def test_ozone_is_an_option() -> None:
+    with_ozone = optical_model(scene(), camera(VIS))
+    without = optical_model(scene(atmosphere={"ozone": False}), camera(VIS))
+    for a, b in zip(with_ozone.nodes, without.nodes, strict=True):
+        np.testing.assert_array_equal(b.extinction_per_m, b.scattering_per_m)
+        np.testing.assert_array_equal(a.scattering_per_m, b.scattering_per_m)
+    vertical = [np.trapezoid(n.extinction_per_m - n.scattering_per_m, with_ozone.altitude_m) for n in with_ozone.nodes]
+    # 345 Dobson units at 5.0e-21 cm2, the Chappuis band's peak, give 0.046; a third of it averages over 450 to 650 nm.
+    assert 0.03 < max(vertical) < 0.05
+    assert 0.0 <= min(vertical) < 0.01
+
+
+def test_band_across_the_end_of_the_ozone_table() -> None:
+    model = optical_model(scene(), camera({**VIS, "lo_um": 0.7, "hi_um": 1.0}))
+    for n in model.nodes:
+        assert (n.extinction_per_m >= n.scattering_per_m).all()
+    vertical = [np.trapezoid(n.extinction_per_m - n.scattering_per_m, model.altitude_m) for n in model.nodes]
+    # 0.006 to 0.008 from 720 to 700 nm, 0.002 at 820 nm; the smoothing leaves a trace beyond.
+    assert 0.005 < vertical[0] < 0.007
+    assert vertical[-1] < 0.0005
+
+
+def test_thermal_nodes_emit_like_their_levels() -> None:
+    model = optical_model(scene(), camera(TIR))
+    total = sum(n.source for n in model.nodes)
+    # Sum of the nodes: Planck of the band at the level's temperature (288.2 K at the ground, 216.7 K at 15 km).
+    assert total[0] == pytest.approx(float(planck.band_radiance(14.0, 16.3, 288.2)), rel=2e-3)
+    assert total[150] == pytest.approx(float(planck.band_radiance(14.0, 16.3, 216.7)), rel=2e-3)
+    assert sum(n.surface_source for n in model.nodes) == pytest.approx(total[0], rel=1e-6)
+    # The Sun's disc at 15 um: brightness temperature 4400 to 5000 K.
+    sun = sum(n.sun_radiance for n in model.nodes)
+    assert planck.band_radiance(14.0, 16.3, 4000.0) < sun < planck.band_radiance(14.0, 16.3, 5800.0)
+    assert all(n.weight == 1 and n.solar_irradiance == 0 and not n.scattering_per_m.any() for n in model.nodes)
+
+
+def test_us76_borrows_the_absorption_of_us_standard() -> None:
+    borrowed = optical_model(scene(atmosphere={"profile": "us76"}), camera(TIR))
+    own = optical_model(scene(), camera(TIR))
+    np.testing.assert_array_equal(borrowed.nodes[5].extinction_per_m, own.nodes[5].extinction_per_m)
+    assert borrowed.nodes[5].surface_source < own.nodes[5].surface_source  # 288.15 and 288.2 K
+    assert not np.array_equal(borrowed.nodes[5].source, own.nodes[5].source)
+
+
+def test_ground_temperature_is_taken_from_the_scene() -> None:
+    model = optical_model(scene(surface={"temperature_k": 310.0, "emissivity": 0.95, "albedo": 0.1}), camera(TIR))
+    expected = float(planck.band_radiance(14.0, 16.3, 310.0))
+    assert sum(n.surface_source for n in model.nodes) == pytest.approx(expected, rel=2e-3)
+    assert (model.emissivity, model.albedo) == (0.95, 0.1)
+
+
+def test_no_atmosphere() -> None:
+    model = optical_model(scene(atmosphere={"profile": "none"}), camera(VIS, TIR))
+    assert [n.band for n in model.nodes] == ["vis", "tir"]
+    assert not any(n.extinction_per_m.any() for n in model.nodes)
+    full = optical_model(scene(atmosphere={"profile": "us76"}), camera(VIS, TIR))
+    # A white ground seen through nothing has the same band radiance, however many nodes carry it.
+    for key in ("solar_irradiance", "sun_radiance"):
+        bare = band_sum(model, "vis", [getattr(n, key) for n in model.nodes])
+        assert bare == pytest.approx(band_sum(full, "vis", [getattr(n, key) for n in full.nodes]), rel=1e-12)
+    for key in ("surface_source", "sun_radiance"):
+        bare = band_sum(model, "tir", [getattr(n, key) for n in model.nodes])
+        assert bare == pytest.approx(band_sum(full, "tir", [getattr(n, key) for n in full.nodes]), rel=2e-3)
+
+
+def file_content() -> dict[str, Any]:
+    data = atmosphere_file.atmosphere_from_profile("us76", [550.0, 15_000.0], use_ozone=False)
+    data["bands"][0]["name"], data["bands"][1]["name"] = "vis", "tir"
+    data["bands"][0]["phase"] = {"henyey_greenstein": 0.5}
+    data["bands"][1]["absorption_per_m"] = (1e-4 * np.exp(-np.array(data["altitude_km"]) / 7)).tolist()
+    return data
+
+
+def test_atmosphere_file_beside_the_scene(tmp_path: Path) -> None:
+    data = file_content()
+    (tmp_path / "air.json").write_text(json.dumps(data))
+    model = optical_model(scene(atmosphere={"file": "air.json"}), camera(TIR, VIS), base_dir=tmp_path)
+    thermal, solar = model.nodes
+    assert solar.phase == 0.5
+    assert solar.wavelength_um == pytest.approx(0.55)
+    assert solar.weight == pytest.approx(0.2)
+    z_km = np.array(data["altitude_km"])
+    expected = np.interp(model.altitude_m / 1e3, z_km, data["bands"][0]["scattering_per_m"])
+    np.testing.assert_allclose(solar.scattering_per_m, expected, rtol=1e-12)
+    temperature = np.interp(model.altitude_m / 1e3, z_km, data["temperature_K"])
+    assert np.abs(np.diff(temperature)).max() <= 0.1 + 1e-9
+    np.testing.assert_allclose(thermal.source, planck.band_radiance(14.0, 16.3, temperature), rtol=1e-9)
+    assert thermal.surface_source == pytest.approx(float(planck.band_radiance(14.0, 16.3, 288.15)))
+
+
+def test_file_without_the_cameras_band(tmp_path: Path) -> None:
+    (tmp_path / "air.json").write_text(json.dumps(file_content()))
+    with pytest.raises(UserError, match=r"air\.json: bands: no band 'red'.*the file has tir, vis"):
+        optical_model(scene(atmosphere={"file": "air.json"}), camera({**VIS, "name": "red"}), base_dir=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("tables", "band", "message"),
+    [
+        ({}, {**VIS, "lo_um": 0.27}, r"cam.toml: band\[0\]: .*0.28 um or more"),
+        ({"atmosphere": {"ozone": False}}, {**VIS, "lo_um": 0.2}, r"cam.toml: band\[0\]: .*within 0.25 to 20 um"),
+        ({"atmosphere": {"profile": "none"}}, {**TIR, "hi_um": 30.0}, r"cam.toml: band\[0\]: .*within 0.25 to 20 um"),
+        ({}, {**TIR, "hi_um": 30.0}, r"cam.toml: band\[0\]: .*7.195 to 20 um"),
+        (
+            {"atmosphere": {"profile": "tropics"}},
+            VIS,
+            "unknown atmosphere profile 'tropics'; expected one of tropical,",
+        ),
+        ({"atmosphere": {"profile": "non"}}, VIS, "expected one of none,"),
+    ],
+)
+def test_refusals(tables: dict[str, Any], band: dict[str, Any], message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        optical_model(scene(**tables), camera(band))
+
+
+def test_camera_without_bands() -> None:
+    with pytest.raises(UserError, match=r"cam.toml: band: the camera has no bands"):
+        optical_model(scene(), camera())

@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from horizonval.earth.quadrature import composite_gauss, gauss_rule, smoothed
+
+
+def test_composite_rule_is_exact_on_every_interval() -> None:
+    x, w = composite_gauss(np.array([0.0, 0.1, 1.0, 3.0]), 3)
+    assert x.shape == w.shape == (3, 3)
+    assert np.sum(w * x**5) == pytest.approx(3.0**6 / 6, rel=1e-14)
+
+
+def test_flat_measure_gives_gauss_legendre() -> None:
+    x, w = composite_gauss(np.linspace(-1, 1, 40), 8)
+    nodes, weights = gauss_rule(x.ravel(), w.ravel(), 7)
+    expected_nodes, expected_weights = np.polynomial.legendre.leggauss(7)
+    np.testing.assert_allclose(nodes, expected_nodes, atol=1e-13)
+    np.testing.assert_allclose(weights, expected_weights, atol=1e-13)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 64])
+def test_jagged_measure_is_integrated_exactly(n: int) -> None:
+    rng = np.random.default_rng(3)
+    x = np.linspace(0.4, 0.9, 1500)
+    w = rng.uniform(0, 1, x.size) * (x > 0.45)
+    nodes, weights = gauss_rule(x, w, n)
+    assert nodes.min() > 0.45
+    assert (weights > 0).all()
+    for degree in {0, 1, n, 2 * n - 1}:
+        assert weights @ nodes**degree == pytest.approx(w @ x**degree, rel=1e-12)
+
+
+def test_smoothed_keeps_the_integrals_of_a_jagged_function() -> None:
+    rng = np.random.default_rng(4)
+    x = np.linspace(0.4, 0.9, 1500)
+    w, values = rng.uniform(0, 1, x.size), 5 + rng.uniform(-1, 1, x.size)
+    nodes, weights = gauss_rule(x, w, 4)
+    stand_in = smoothed(x, w, values, nodes)
+    for degree in range(4):
+        assert weights @ (stand_in * nodes**degree) == pytest.approx(np.sum(w * values * x**degree), rel=1e-11)
+
+
+def test_smoothed_is_never_negative() -> None:
+    x = np.linspace(0.0, 1.0, 500)
+    nodes, _ = gauss_rule(x, np.ones_like(x), 3)
+    values = np.where(x > 0.8, 1.0, 0.0)
+    line = np.polynomial.Polynomial.fit(x, values, 2)
+    assert line(nodes).min() < 0
+    assert smoothed(x, np.ones_like(x), values, nodes).min() == 0
