@@ -57,11 +57,11 @@ class Store:
         self.root = Path(root)
 
     def add_frame(self, frame: Frame) -> str:
-        """Store ``frame`` and return its address; what is already there stays untouched."""
+        """Store ``frame`` and return its address; an intact entry stays untouched, a damaged one is mended."""
         return self._add(lambda path: exr.write_frame(path, frame))
 
     def add_image(self, image: DetectorImage) -> str:
-        """Store ``image`` and return its address; what is already there stays untouched."""
+        """Store ``image`` and return its address; as :meth:`add_frame`."""
         return self._add(lambda path: exr.write_image(path, image))
 
     def _add(self, write: Callable[[Path], None]) -> str:
@@ -74,7 +74,7 @@ class Store:
             write(temporary)
             address = _sha256(temporary)
             place = self.path(address)
-            if not place.exists():
+            if not place.is_file() or _sha256(place) != address:
                 place.parent.mkdir(exist_ok=True)
                 temporary.replace(place)
         finally:

@@ -47,6 +47,13 @@ def test_adding_twice_touches_nothing(store, make_frame):
     assert len([p for p in store.root.rglob("*") if p.is_file()]) == 1
 
 
+def test_adding_again_mends_a_damaged_entry(store, make_frame):
+    address = store.add_frame(make_frame())
+    store.path(address).write_bytes(b"ruined")
+    assert store.add_frame(make_frame()) == address
+    assert store.verify() == []
+
+
 def test_entries_come_from_the_headers(store, make_frame, make_image):
     addresses = {store.add_frame(make_frame({"a": 1.0, "b": 2.0})): "frame", store.add_image(make_image()): "image"}
     broken = store.add_frame(make_frame(3.0))

@@ -1,0 +1,197 @@
+"""The whole chain: order, determinism, what each stage contributes, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from horizonval.errors import UserError
+from horizonval.sensor.observe import observe
+from horizonval.spec.camera import CameraSpec
+
+THERMAL: dict[str, Any] = {
+    "camera": {"name": "ir", "width": 64, "height": 48, "fov_deg": 1.0},
+    "optics": {"f_number": 1.1},
+    "band": [{"name": "lwir", "kind": "thermal", "lo_um": 8.0, "hi_um": 14.0}],
+    "detector": {"kind": "microbolometer", "pixel_pitch_um": 12.0, "netd_k": 0.05, "bits": 14},
+}
+
+
+def camera_with(tables: dict[str, Any], **changes: Any) -> CameraSpec:
+    """Return the camera with ``detector__key`` or ``optics__key`` set."""
+    tables = {k: dict(v) if isinstance(v, dict) else v for k, v in tables.items()}
+    for path, value in changes.items():
+        table, key = path.split("__")
+        tables[table][key] = value
+    return CameraSpec.model_validate(tables)
+
+
+@pytest.fixture
+def seen(make_frame, camera_tables):
+    """Observe a frame with the sample camera, parts of it changed; return digital numbers as floats."""
+    frame = make_frame()
+
+    def run(*, radiance: Any = None, seed: int = 0, noise: bool = True, **changes: Any) -> np.ndarray:
+        source = frame if radiance is None else make_frame(radiance)
+        return observe(source, camera_with(camera_tables, **changes), seed=seed, noise=noise).dn.astype(float)
+
+    return run
+
+
+def test_equal_input_gives_equal_bytes(make_frame, camera_tables):
+    first, second = (observe(make_frame(), camera_with(camera_tables), seed=4) for _ in range(2))
+    assert first.dn.tobytes() == second.dn.tobytes()
+    assert first.observation == second.observation
+    assert (first.band, first.full_scale, first.dn.dtype, first.dn.shape) == ("vis", 1023, np.uint16, (30, 40))
+    assert first.truth == make_frame().truth
+
+
+def test_the_observation_is_enough_to_make_it_again(make_frame, camera_tables):
+    image = observe(make_frame(), camera_with(camera_tables, detector__exposure_s=1e-4), seed=9)
+    note = image.observation
+    again = observe(make_frame(), CameraSpec.model_validate(note["camera"]), image.band, note["seed"])
+    np.testing.assert_array_equal(again.dn, image.dn)
+
+
+@pytest.mark.parametrize("camera", [None, THERMAL])
+def test_seeds_and_scenes_have_independent_noise(make_frame, camera_tables, camera):
+    spec = CameraSpec.model_validate(camera or camera_tables)
+    flat = make_frame(50.0 if camera else 10.0, camera)
+    other = replace(flat, truth=replace(flat.truth, scene_id="d" * 64))
+    images = [observe(flat, spec, seed=s) for s in range(5)] + [observe(other, spec)]
+    clean = observe(flat, spec, noise=False).dn.astype(float)
+    noise = np.array([(image.dn - clean).ravel() for image in images])
+    correlation = np.corrcoef(noise) - np.eye(len(noise))
+    assert np.abs(correlation).max() < 5 / np.sqrt(clean.size)
+
+
+def test_without_noise_the_image_is_the_expected_signal(seen):
+    clean = seen(noise=False)
+    many = np.mean([seen(seed=s) for s in range(200)], axis=0)
+    # Shot noise of at most 11 000 e- and read noise: 7.8 dn in one image, 0.55 dn in the mean of 200; and the clean
+    # image is rounded.
+    assert np.abs(many - clean).max() < 0.5 + 5 * 0.55
+    assert abs((many - clean).mean()) < 0.1
+
+
+def test_signal_is_proportional_to_exposure_and_inverse_to_f_number_squared(seen):
+    base = seen(radiance=10.0, noise=False, detector__bits=16) - 32
+    longer = seen(radiance=10.0, noise=False, detector__bits=16, detector__exposure_s=4e-4) - 32
+    slower = seen(radiance=10.0, noise=False, detector__bits=16, optics__f_number=8.0) - 32
+    darker = seen(radiance=10.0, noise=False, detector__bits=16, optics__transmission=0.4) - 32
+    # At least 6600 dn, each rounded to half a dn.
+    np.testing.assert_allclose(longer, 2 * base, atol=2)
+    np.testing.assert_allclose(slower, base / 4, atol=2)
+    np.testing.assert_allclose(darker, base / 2, atol=2)
+
+
+def test_blur_moves_light_to_neighbours(seen):
+    point = np.full((30, 40), 1.0)
+    point[15, 20] = 20.0
+    sharp = seen(radiance=point, noise=False, optics__psf_sigma_px=0.0)
+    soft = seen(radiance=point, noise=False)
+    assert soft[15, 20] < 0.7 * sharp[15, 20]
+    assert soft[15, 21] > sharp[15, 21] + 50
+    assert soft.sum() == pytest.approx(sharp.sum(), abs=60)  # rounding of some 30 changed pixels
+
+
+def test_blur_comes_before_the_noise(seen):
+    """Blurred noise would be correlated from pixel to pixel."""
+    noise = seen(radiance=10.0, optics__psf_sigma_px=1.5) - seen(radiance=10.0, noise=False, optics__psf_sigma_px=1.5)
+    neighbours = np.corrcoef(noise[:, 1:].ravel(), noise[:, :-1].ravel())[0, 1]
+    assert abs(neighbours) < 5 / np.sqrt(noise.size)
+
+
+def test_dark_current_adds_its_mean_and_its_shot_noise(seen):
+    settings = {"radiance": 0.0, "detector__read_noise_e": 0.0, "detector__gain_e_per_dn": 1.0, "detector__bits": 16}
+    off = seen(**settings, detector__dark_current_e_per_s=0.0)
+    on = seen(**settings, detector__dark_current_e_per_s=1e6)
+    assert (off == 32).all()
+    assert on.mean() - 32 == pytest.approx(200, rel=0.01)  # 1200 pixels: standard error 0.2 %
+    assert on.var() == pytest.approx(200, rel=0.2)  # standard error 4 %
+
+
+def test_read_noise_alone(seen):
+    settings = {"radiance": 0.0, "detector__dark_current_e_per_s": 0.0, "detector__gain_e_per_dn": 1.0}
+    settings |= {"detector__black_level_dn": 200.0}
+    assert (seen(**settings, detector__read_noise_e=0.0) == 200).all()
+    assert seen(**settings, detector__read_noise_e=13.0).std() == pytest.approx(13, rel=0.1)
+
+
+def test_a_stage_does_not_shift_another_stages_noise(seen):
+    """Read noise off: photon noise stays the same electron by electron."""
+    settings = {"radiance": 10.0, "detector__gain_e_per_dn": 1.0, "detector__bits": 16}
+    whole = seen(**settings)
+    no_dark = seen(**settings, detector__dark_current_e_per_s=0.0)
+    no_read = seen(**settings, detector__read_noise_e=0.0)
+    dark = whole - no_dark
+    assert set(np.unique(dark)) <= {0, 1, 2}  # 0.025 electrons on average
+    assert (whole - no_read).std() == pytest.approx(13, rel=0.1)
+
+
+def test_full_well_and_converter_saturate(seen):
+    bright = seen(radiance=1e7)
+    assert (bright >= 1023 - 6).all()  # The read noise of 13 e- is one dn and acts after the full well.
+    assert (seen(radiance=1e7, noise=False) == 1023).all()
+    assert (seen(radiance=1e7, noise=False, detector__full_well_e=6750.0, detector__gain_e_per_dn=13.6) == 528).all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1e-6])
+def test_impossible_radiance_is_refused(make_frame, camera_tables, value):
+    frame = make_frame()
+    frame.radiance["vis"][3, 5] = value
+    with pytest.raises(UserError, match=r"radiance of band 'vis' is .* at column 5, row 3"):
+        observe(frame, camera_with(camera_tables))
+
+
+def test_cameras_that_do_not_fit_are_refused(make_frame, camera_tables):
+    frame = make_frame()
+    for key, value, expected in [
+        ("detector", None, "detector: the camera has no detector"),
+        ("band", [], "band: the camera has no band"),
+        ("camera", {**camera_tables["camera"], "fov_deg": 50.0}, "camera.fx: the camera's fx is"),
+        ("camera", {**camera_tables["camera"], "width": 41}, "camera.width"),
+        ("detector", THERMAL["detector"], "detector.kind: a microbolometer cannot see band 'vis'"),
+        ("detector", {**camera_tables["detector"], "black_level_dn": 1023}, "detector.black_level_dn"),
+        ("band", [{**camera_tables["band"][0], "name": "red"}], "the frame has no radiance for band 'red'"),
+        ("band", [{**camera_tables["band"][0], "kind": "thermal"}], "detector.kind: a cmos cannot see band 'vis'"),
+    ]:
+        with pytest.raises(UserError) as caught:
+            observe(frame, CameraSpec.model_validate(camera_tables | {key: value}))
+        assert expected in str(caught.value)
+    with pytest.raises(UserError, match=r"band\.name: no band 'nir'; expected 'vis'"):
+        observe(frame, camera_with(camera_tables), "nir")
+
+
+def test_bands_are_chosen_by_name(make_frame, camera_tables):
+    two = [camera_tables["band"][0], {**camera_tables["band"][0], "name": "red", "lo_um": 0.6}]
+    spec = CameraSpec.model_validate(camera_tables | {"band": two})
+    frame = make_frame({"vis": 5.0, "red": 10.0})
+    assert observe(frame, spec).band == "vis"
+    red = observe(frame, spec, "red", noise=False)
+    assert red.band == "red"
+    # Twice the energy, in photons of 0.675 instead of 0.6 um.
+    ratio = (red.dn[15, 20] - 32) / (observe(frame, spec, "vis", noise=False).dn[15, 20] - 32)
+    assert ratio == pytest.approx(2 * 0.675 / 0.6, rel=0.01)  # quantisation at 190 dn
+
+
+def test_netd_and_range_of_a_microbolometer(make_frame):
+    spec = CameraSpec.model_validate(THERMAL)
+    for radiance, expected in [(0.0, 0), (1e6, 2**14 - 1)]:
+        image = observe(make_frame(radiance, THERMAL), spec, noise=False)
+        assert (image.dn == expected).all()
+        assert image.full_scale == 2**14 - 1
+    note = observe(make_frame(1.0, THERMAL), spec).observation
+    assert note["radiance_at_zero"] == 0
+    assert note["sigma_radiance"] > 2 * note["radiance_per_dn"]
+
+
+def test_a_microbolometer_sees_the_cosine_fourth_law(make_frame):
+    wide = THERMAL | {"camera": {"name": "ir", "width": 64, "height": 48, "fov_deg": 90.0}}
+    dn = observe(make_frame(50.0, wide), CameraSpec.model_validate(wide), noise=False).dn.astype(float)
+    offset = np.mgrid[:48, :64] - np.array([23.5, 31.5])[:, None, None]
+    cosine = 32 / np.sqrt(32**2 + (offset**2).sum(axis=0))
+    np.testing.assert_allclose(dn / dn.max(), (cosine / cosine.max()) ** 4, atol=3e-4)  # half a dn of 4600, twice
