@@ -9,9 +9,9 @@ and the weights add up to the band's effective width [um]. Single scattered limb
 
 Thermal bands become the g points of :mod:`horizonval.earth.thermal_absorption`, weight 1, W m-2 sr-1.
 
-Left out: aerosol and cloud; absorption of sunlight by O2, H2O and NO2 (the O2 A band at 760 nm takes 2 to 3 % of
+Left out: aerosol and cloud; absorption of sunlight by O2, H2O and NO2 (the O2 A band at 760 nm takes a few per cent of
 700 to 800 nm at the ground) and by ozone beyond 820 nm (4 % of the limb at 20 km at 820 nm, 2 % at 850); sunlight
-reflected in thermal bands (0.03 of 30 W m-2 sr-1 in 8 to 14 um).
+reflected in thermal bands (0.02 of 30 W m-2 sr-1 in 8 to 14 um off a ground of emissivity 0.95).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def optical_model(
     are at most 3e-5 too high for a scale height of 7 km. An atmosphere file keeps its own nodes.
 
     ``us76`` has no absorption table of its own: its thermal bands take the absorption of ``us_standard`` with the
-    temperatures of US76. The two profiles differ by less than 2 K below 47 km.
+    temperatures of US76. The two profiles differ by at most 0.8 K up to 47 km and 2.3 K up to 100 km.
 
     Parameters
     ----------

@@ -45,8 +45,8 @@ def cold_and_warm_m2(wavelength_um: ArrayLike) -> tuple[FloatArray, FloatArray]:
 def at_temperature_m2(cold: ArrayLike, warm: ArrayLike, temperature_k: ArrayLike) -> FloatArray:
     """Return the cross section at a temperature from those at 220 and 280 K; everything broadcasts.
 
-    Held at 220 K below and at 280 K above: a straight line would reach zero near 340 nm in a cold mesosphere, and
-    there is next to no ozone outside this range of temperatures.
+    Held at 220 K below and at 280 K above: a straight line would fall below zero at 358 nm in the cold (from
+    206 K), and there is next to no ozone outside this range of temperatures.
     """
     low = np.asarray(cold, dtype=np.float64)
     share = np.clip((np.asarray(temperature_k, dtype=np.float64) - _COLD_K) / (_WARM_K - _COLD_K), 0, 1)

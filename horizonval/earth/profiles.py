@@ -180,7 +180,7 @@ def us76(altitude_m: ArrayLike) -> Us76:
     """Return the US Standard Atmosphere 1976 at geometric altitudes between 0 and 86 km.
 
     The molecular weight is held at its value at the ground: the standard itself lets it fall above 80 km, by 0.04 % at
-    86 km, where the optical depth to space is below 1e-6 of the whole.
+    86 km, where all but 4e-6 of the atmosphere lies below.
 
     Raises
     ------

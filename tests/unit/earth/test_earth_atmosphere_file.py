@@ -180,3 +180,14 @@ def test_nothing_is_written_that_could_not_be_read(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"top_km"):
         af.write_atmosphere(changed("top_km", 1.0), tmp_path / "air.json")
     assert not (tmp_path / "air.json").exists()
+
+
+def test_shipped_example_is_what_its_note_says() -> None:
+    shipped = json.loads((Path(__file__).parents[3] / "scenes" / "atmospheres" / "us76.json").read_text())
+    made = af.atmosphere_from_profile("us76", [450.0, 550.0, 850.0])
+    assert shipped["note"] == made["note"]
+    for a, b in zip(shipped["bands"], made["bands"], strict=True):
+        assert a["name"] == b["name"]
+        np.testing.assert_allclose(a["scattering_per_m"], b["scattering_per_m"], rtol=1e-10)
+        np.testing.assert_allclose(a["absorption_per_m"], b["absorption_per_m"], rtol=1e-10)
+    np.testing.assert_allclose(shipped["temperature_K"], made["temperature_K"], rtol=1e-12)
