@@ -1,0 +1,41 @@
+"""Names a user can give: cameras, suites, estimators, atmospheres."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from horizonval.spec.files import shipped_names
+
+
+def _cameras() -> list[str]:
+    return shipped_names("camera")
+
+
+def _suites() -> list[str]:
+    return shipped_names("suite")
+
+
+def _estimators() -> list[str]:
+    from horizonval.estimators import registry
+
+    return registry.names()
+
+
+def _atmospheres() -> list[str]:
+    from horizonval.earth import profiles
+
+    return [*profiles.names(), "none"]
+
+
+def _scenes() -> list[str]:
+    return shipped_names("scene")
+
+
+LISTS: dict[str, Callable[[], list[str]]] = {
+    "cameras": _cameras,
+    "suites": _suites,
+    "estimators": _estimators,
+    "atmospheres": _atmospheres,
+    "scenes": _scenes,
+}
+"""What ``horizonval list`` knows, each as a function that returns the names."""

@@ -1,0 +1,343 @@
+"""The command line: parse, call, print. No physics.
+
+Heavy packages are imported inside the commands that need them, so that ``--help``, ``list`` and ``estimate`` start
+without the renderer.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from horizonval.errors import UserError
+
+app = typer.Typer(
+    name="horizonval",
+    help="Physically based rendering validation of Earth horizon sensors.",
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+archive_app = typer.Typer(help="Look into the archive of a run.", rich_markup_mode=None)
+app.add_typer(archive_app, name="archive")
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
+
+
+def main() -> None:
+    """Run the command line; a user's mistake is one line on standard error and exit status 2."""
+    # One thread for linear algebra, before numpy loads: the last bit of a result must not depend on the machine.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    sys.exit(_run(sys.argv[1:]))
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        status = app(arguments or ["--help"], prog_name="horizonval", standalone_mode=False)
+        sys.stdout.flush()
+    except UserError as e:
+        return _fail(e.line())
+    except BrokenPipeError:
+        # The reader has gone (``| head``); nothing is wrong, and nothing more may be written.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return 0
+    except OSError as e:
+        return _fail(": ".join(str(part) for part in (e.filename, e.strerror or e) if part))
+    except Exception as e:
+        # The parser's own errors (unknown option, missing argument) have this method; anything else is a defect.
+        if hasattr(e, "format_message"):
+            return _fail(" ".join(e.format_message().split()) + " (see --help)")
+        raise
+    if status == 130:
+        print("horizonval: interrupted", file=sys.stderr)
+    return int(status or 0)
+
+
+def _fail(line: str) -> int:
+    print(f"horizonval: error: {line}", file=sys.stderr)
+    return 2
+
+
+def _print_json(data: object) -> None:
+    print(json.dumps(data, indent=1, allow_nan=False))
+
+
+@app.callback(invoke_without_command=True)
+def _root(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    if version:
+        from horizonval import __version__
+
+        print(f"horizonval {__version__}")
+        raise typer.Exit
+
+
+@app.command()
+def run(
+    suite: Annotated[str, typer.Argument(help="A suite file, or the name of a shipped suite.")] = "quick",
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the run; made if need be.")] = ...,  # type: ignore[assignment]
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; by default as many as processors.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Main job: render, observe, estimate, score, report.
+
+    The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if a frame failed.
+    """
+    from horizonval.campaign.progress import Terminal
+    from horizonval.campaign.run import run_suite
+    from horizonval.spec.load import load_suite
+
+    loaded = load_suite(suite)
+    try:
+        with Terminal(f"suite {loaded.name}") as progress:
+            result = run_suite(loaded, out, workers, progress)
+    except KeyboardInterrupt:
+        print("horizonval: interrupted; finished frames are kept, the same command goes on from here", file=sys.stderr)
+        raise SystemExit(130) from None
+    if as_json:
+        _print_json(result.summary)
+    else:
+        _print_summary(result.summary)
+        print(f"report: {result.report}")
+    for name, reason in result.failed.items():
+        print(f"horizonval: frame {name} failed: {reason}", file=sys.stderr)
+    return 1 if result.failed else 0
+
+
+@app.command()
+def render(
+    scene: Annotated[str, typer.Argument(help="A scene file, or the name of a shipped scene.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The frame, an EXR file.")],
+) -> None:
+    """Render one frame: radiance, truth maps, header."""
+    from horizonval.spec.load import load_scene
+
+    spec, camera = load_scene(scene)
+    _check_target(out)
+    from horizonval.archive.exr import write_frame
+    from horizonval.render.frame import render_frame
+
+    start = time.perf_counter()
+    frame = render_frame(spec, camera)
+    write_frame(out, frame)
+    size = f"{camera.camera.width} x {camera.camera.height}"
+    print(f"{out}: {size}, bands {', '.join(frame.radiance)}, {time.perf_counter() - start:.1f} s")
+
+
+@app.command()
+def observe(
+    frame: Annotated[Path, typer.Argument(help="A frame, as `render` or a run's archive has them.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The detector image, an EXR file.")],
+    seed: Annotated[int, typer.Option(min=0, help="Replicate: another seed is another draw of all noise.")] = 0,
+    band: Annotated[str | None, typer.Option(help="Spectral band; the camera's first by default.")] = None,
+) -> None:
+    """Detector image of a stored frame, without rendering again."""
+    from horizonval.archive.exr import read_frame, write_image
+    from horizonval.sensor.observe import observe as observe_frame
+    from horizonval.spec.camera import CameraSpec
+
+    stored = read_frame(frame)
+    _check_target(out, frame)
+    image = observe_frame(stored, CameraSpec.model_validate(stored.truth.camera), band=band, seed=seed)
+    write_image(out, image)
+    print(f"{out}: band {image.band}, {image.dn.shape[1]} x {image.dn.shape[0]}, full scale {image.full_scale}")
+
+
+@app.command()
+def estimate(
+    image: Annotated[Path, typer.Argument(help="EXR, PNG, TIFF or JPEG, 8 or 16 bit.")],
+    estimator: Annotated[str, typer.Option(help="Its name; see `horizonval list estimators`.")],
+    camera: Annotated[str | None, typer.Option(help="Camera file or shipped name; our own EXR carry theirs.")] = None,
+    as_json: Json = False,
+) -> None:
+    """One estimator on any image, also a real photograph.
+
+    A refusal (any status other than `valid`) is a result like any other: exit status 0.
+    """
+    from horizonval.campaign.estimate import estimate_file
+    from horizonval.spec.load import load_camera
+
+    spec = load_camera(camera) if camera is not None else None
+    report = estimate_file(image, estimator, spec, camera or "")
+    if as_json:
+        _print_json(report)
+        return
+    for key, value in report.items():
+        if value is not None:
+            print(f"{key:20} {_text(value)}")
+
+
+@app.command()
+def radiance(
+    rays: Annotated[Path, typer.Argument(help="CSV: obs_x_km .. obs_z_km, dir_x .. dir_z, sun_x .. sun_z.")],
+    atmosphere: Annotated[str, typer.Option(help="Atmosphere file (JSON), or the name of a shipped one.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="CSV: the input and one column per band.")],
+    orders: Annotated[str, typer.Option(help="Orders of scattering: single.")] = "single",
+    thermal: Annotated[bool, typer.Option("--thermal", help="Emission instead of scattered sunlight.")] = False,
+) -> None:
+    """Radiance along given rays in a given atmosphere: the integrator alone.
+
+    1/sr for unit solar irradiance; with --thermal W m-2 sr-1 um-1 at each band's wavelength.
+    """
+    if orders != "single":
+        known = "multiple scattering is not available in this version" if orders == "all" else ""
+        raise UserError(f"found {orders!r}", where="--orders", expected="single", fix=known)
+    from horizonval.campaign.rays import check_above_ground, read_rays, write_radiance
+    from horizonval.earth.atmosphere_file import file_model, read_atmosphere
+    from horizonval.spec.files import find
+
+    table = read_rays(rays)
+    file = read_atmosphere(find("atmosphere", atmosphere))
+    check_above_ground(table, file.planet_radius_m, rays)
+    _check_target(out)
+    values: dict[str, Any] = {band.name: [] for band in file.bands}
+    if table.rows:
+        from horizonval.render.backend import activate
+
+        activate()
+        from horizonval.render.radiance import radiance_along_rays
+
+        model = file_model(file, thermal=thermal)
+        values = radiance_along_rays(model, file.planet_radius_m, table.observer_m, table.direction, table.sun)
+    write_radiance(out, table, values)
+    print(f"{out}: {len(table.rows)} rays, bands {', '.join(values)}")
+
+
+@app.command()
+def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]) -> None:
+    """Make the report of a run again."""
+    from horizonval.report import build_report
+
+    if not run_folder.is_dir():
+        raise UserError("no such folder", where=str(run_folder), expected="the folder of a run")
+    print(f"report: {build_report(run_folder)}")
+
+
+@archive_app.command("ls")
+def archive_ls(
+    folder: Annotated[Path, typer.Argument(help="An archive, or the folder of a run.")], as_json: Json = False
+) -> None:
+    """List the frames and images of an archive."""
+    from dataclasses import asdict
+
+    entries = list(_store(folder).entries())
+    if as_json:
+        _print_json([asdict(entry) for entry in entries])
+        return
+    for e in entries:
+        print(
+            f"{e.address[:16]}  {e.kind:8} {e.size_bytes / 1e6:7.2f} MB  {e.camera:24} {','.join(e.bands):12} {e.scene}"
+        )
+
+
+@archive_app.command("verify")
+def archive_verify(
+    folder: Annotated[Path, typer.Argument(help="An archive, or the folder of a run.")], as_json: Json = False
+) -> int:
+    """Read everything and compare with its checksums; exit status 1 if anything is wrong."""
+    store = _store(folder)
+    findings = store.verify()
+    count = sum(1 for _ in store.entries())
+    if as_json:
+        problems = [{"path": str(f.path), "problem": f.problem, "message": f.message} for f in findings]
+        _print_json({"entries": count, "problems": problems})
+    else:
+        for finding in findings:
+            print(f"{finding.problem}: {finding.message}")
+        print(f"{count} entries, {len(findings)} problem{'' if len(findings) == 1 else 's'}")
+    return 1 if findings else 0
+
+
+@app.command()
+def doctor(as_json: Json = False) -> int:
+    """Say what works on this machine, and how to mend what does not. Exit status 1 if rendering is impossible."""
+    from horizonval.campaign.doctor import examine
+
+    found = examine()
+    if as_json:
+        _print_json(found)
+    else:
+        for label, text in found["facts"]:
+            print(f"{label:24} {text}")
+        for problem, fix in found["problems"]:
+            print(f"problem: {problem}\n    to mend it: {fix}")
+        print("ready" if found["can_render"] else "rendering is impossible here")
+    return 0 if found["can_render"] else 1
+
+
+@app.command("list")
+def list_names(
+    what: Annotated[str, typer.Argument(help="cameras, suites, scenes, estimators or atmospheres.")],
+    as_json: Json = False,
+) -> None:
+    """List the names that other commands take."""
+    from horizonval.campaign.listing import LISTS
+    from horizonval.suggest import nearest
+
+    if what not in LISTS:
+        raise UserError(
+            f"nothing is called {what!r}", where="list", expected=f"one of {', '.join(nearest(what, LISTS))}"
+        )
+    names = LISTS[what]()
+    if as_json:
+        _print_json(names)
+    else:
+        for name in names:
+            print(name)
+
+
+def _check_target(out: Path, source: Path | None = None) -> None:
+    """Refuse a file that cannot be written before the work is done, not after."""
+    if not out.parent.is_dir():
+        raise UserError("no such folder", where=str(out.parent), fix="create it first")
+    if out.is_dir():
+        raise UserError("is a folder", where=str(out), expected="the path of a file")
+    if source is not None and out.exists() and out.samefile(source):
+        raise UserError("input and output are the same file", where=str(out))
+
+
+def _store(folder: Path) -> Any:
+    from horizonval.archive.store import Store
+
+    inside = folder / "archive"
+    root = inside if inside.is_dir() else folder
+    if not root.is_dir():
+        raise UserError("no such folder", where=str(folder), expected="an archive, or the folder of a run")
+    return Store(root)
+
+
+def _print_summary(summary: dict[str, Any]) -> None:
+    head = ("estimator", "camera", "frames", "available", "nadir rms", "median", "p95", "false valid")
+    rows = [head]
+    for g in summary["groups"]:
+        error, available, false = g["nadir_error_arcsec"], g["availability"], g["false_valid"]
+        rows.append(
+            (
+                g["estimator"],
+                g["camera"],
+                str(g["n"]),
+                f"{available['n']}/{available['of']}",
+                *(_arcsec(error[key]) for key in ("rms", "median", "p95")),
+                f"{false['n']}/{false['of']}",
+            )
+        )
+    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
+    for row in rows:
+        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+def _arcsec(value: float | None) -> str:
+    return "-" if value is None else f'{value:.1f}"'
+
+
+def _text(value: object) -> str:
+    if isinstance(value, list):
+        return " ".join(_text(v) for v in value)
+    return f"{value:.6f}" if isinstance(value, float) else str(value)
