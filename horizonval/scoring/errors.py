@@ -1,0 +1,223 @@
+"""Errors of one estimate against the truth of its frame.
+
+The nadir error is the angle between the claimed and the true nadir in camera axes,
+
+    delta = atan2(|n_true x n|, n_true . n),
+
+which keeps full accuracy for small angles. The tangent-plane error ``e`` (two components, length ``delta``) and the
+claimed covariance projected on the same plane, ``P = B^T C B``, give the normalised error squared
+``e^T P^-1 e`` (Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2): 2 on average for an honest covariance.
+
+An estimator that claims the geodetic vertical is compared with the geodetic nadir, and its roll and pitch with the
+angles of that nadir in body axes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.estimators.observation import Estimator, Fit, NoFit
+from horizonval.frame import FrameTruth
+from horizonval.geometry import frames
+from horizonval.outcome import Outcome
+from horizonval.scoring import limits
+
+FloatArray = NDArray[np.float64]
+
+ARCSEC = math.radians(1 / 3600)
+METHOD_RADIUS_M = 6371008.8
+
+
+@dataclass(frozen=True)
+class Score:
+    """What an estimator reported for a frame and how far it is from the truth. ``None`` where nothing applies.
+
+    Attributes
+    ----------
+    status, reason : str
+        As reported; ``reason`` is empty for a fit.
+    nadir_error_arcsec : float or None
+        Angle between the claimed and the true nadir.
+    roll_error_arcsec, pitch_error_arcsec : float or None
+        Claimed minus true, body axes, wrapped to +-180 deg. Roll is empty near pitch +-90 deg.
+    altitude_error_km : float or None
+        Claimed altitude minus (distance to the Earth's centre - radius that the method assumes): the method's own
+        quantity, ``R / sin(rho) - R`` on a sphere.
+    altitude_error_geodetic_km : float or None
+        Claimed altitude minus the geodetic height. Differs from the former by up to 14 km on the ellipsoid.
+    angular_radius_error_arcsec : float or None
+        Claimed minus true (mean over the horizon for an ellipsoid).
+    sigma_nadir_arcsec : float or None
+        Claimed root-mean-square nadir error, the square root of the trace of the projected covariance.
+    nees_nadir : float or None
+        Normalised error squared of the nadir, 2 degrees of freedom; ``None`` where the claimed covariance is singular.
+    n_points : int
+        Limb points used.
+    false_valid : bool
+        Claims valid, but is wrong; see :mod:`horizonval.scoring.limits`.
+    """
+
+    status: str
+    reason: str
+    nadir_error_arcsec: float | None
+    roll_error_arcsec: float | None
+    pitch_error_arcsec: float | None
+    altitude_error_km: float | None
+    altitude_error_geodetic_km: float | None
+    angular_radius_error_arcsec: float | None
+    sigma_nadir_arcsec: float | None
+    nees_nadir: float | None
+    n_points: int
+    false_valid: bool
+
+
+def score(
+    truth: FrameTruth, estimator: Estimator, result: Fit | NoFit, *, earth_radius_m: float = METHOD_RADIUS_M
+) -> Score:
+    """Compare one result with the truth of its frame.
+
+    Parameters
+    ----------
+    truth : FrameTruth
+    estimator : Estimator
+        Only ``estimates`` is used: which nadir is claimed.
+    result : Fit or NoFit
+    earth_radius_m : float, optional
+        Radius that the method was given (``Observation.earth_radius_m``), for ``altitude_error_km``.
+
+    Returns
+    -------
+    Score
+        Finite numbers or ``None`` only. A fit that is not finite counts as a false claim without errors.
+    """
+    if isinstance(result, NoFit):
+        return _refused(result)
+    nadir_true = _unit(truth.nadir_geodetic_cam if estimator.estimates == "geodetic" else truth.nadir_geocentric_cam)
+    nadir = np.asarray(result.nadir_cam, dtype=np.float64)
+    norm = float(np.linalg.norm(nadir))
+    if not math.isfinite(norm) or norm == 0.0:
+        return Score(
+            Outcome.VALID, "", None, None, None, None, None, None, None, None, len(result.points), false_valid=True
+        )
+    nadir = nadir / norm
+    error = angle_between(nadir_true, nadir)
+    sigma, nees = _consistency(nadir, nadir_true, np.asarray(result.covariance_nadir_cam, dtype=np.float64))
+    roll_error, pitch_error = _attitude_errors(truth, nadir_true, result)
+    altitude_error = altitude_error_geodetic = None
+    if result.altitude_m is not None:
+        distance = math.hypot(*truth.r_itrs)
+        altitude_error = (result.altitude_m - (distance - earth_radius_m)) / 1e3
+        altitude_error_geodetic = (result.altitude_m - truth.altitude_m) / 1e3
+    radius_error = None
+    if result.angular_radius_rad is not None:
+        radius_error = (result.angular_radius_rad - truth.angular_radius_rad) / ARCSEC
+    return Score(
+        status=str(Outcome.VALID),
+        reason="",
+        nadir_error_arcsec=error / ARCSEC,
+        roll_error_arcsec=roll_error,
+        pitch_error_arcsec=pitch_error,
+        altitude_error_km=_finite(altitude_error),
+        altitude_error_geodetic_km=_finite(altitude_error_geodetic),
+        angular_radius_error_arcsec=_finite(radius_error),
+        sigma_nadir_arcsec=_finite(sigma / ARCSEC),
+        nees_nadir=nees,
+        n_points=len(result.points),
+        false_valid=is_false(error, nees),
+    )
+
+
+def is_false(nadir_error_rad: float, nees_nadir: float | None) -> bool:
+    """Whether a claimed nadir with this error is a false claim (:mod:`horizonval.scoring.limits`)."""
+    if nadir_error_rad > limits.NADIR_ERROR_LIMIT_RAD:
+        return True
+    beyond = nees_nadir is not None and nees_nadir > limits.SIGMA_LIMIT**2
+    return beyond and nadir_error_rad > limits.SIGMA_TEST_FLOOR_RAD
+
+
+def angle_between(a: FloatArray, b: FloatArray) -> float:
+    """Angle [rad] between two vectors, accurate at 0 and at pi."""
+    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(np.dot(a, b)))
+
+
+def sigma_nadir_rad(nadir_cam: FloatArray, covariance_nadir_cam: FloatArray) -> float:
+    """Claimed root-mean-square nadir error [rad]: square root of the trace of the covariance across ``nadir_cam``."""
+    basis = _tangent_basis(_unit(nadir_cam))
+    return math.sqrt(max(float(np.trace(basis.T @ covariance_nadir_cam @ basis)), 0.0))
+
+
+def _refused(result: NoFit) -> Score:
+    return Score(
+        status=str(result.status),
+        reason=result.reason,
+        nadir_error_arcsec=None,
+        roll_error_arcsec=None,
+        pitch_error_arcsec=None,
+        altitude_error_km=None,
+        altitude_error_geodetic_km=None,
+        angular_radius_error_arcsec=None,
+        sigma_nadir_arcsec=None,
+        nees_nadir=None,
+        n_points=len(result.points),
+        false_valid=False,
+    )
+
+
+def _attitude_errors(truth: FrameTruth, nadir_true_cam: FloatArray, fit: Fit) -> tuple[float | None, float | None]:
+    if not (math.isfinite(fit.roll_rad) and math.isfinite(fit.pitch_rad)):
+        return None, None
+    # A truth with pitch beyond 90 deg has the same nadir as one within, and only the nadir can be observed: both truth
+    # and claim are reduced to the roll and pitch of their nadir before they are compared.
+    nadir_true_body = frames.rotate(frames.inverse(truth.q_cam_from_body), nadir_true_cam)
+    nadir_body = frames.nadir_of_roll_pitch(fit.roll_rad, fit.pitch_rad)
+    roll_true, pitch_true = (float(angle) for angle in frames.roll_pitch_of_nadir(nadir_true_body))
+    roll, pitch = (float(angle) for angle in frames.roll_pitch_of_nadir(nadir_body))
+    pitch_error = _wrapped(pitch - pitch_true) / ARCSEC
+    if min(math.cos(pitch_true), math.cos(pitch)) < limits.ROLL_DEFINED_MIN_COS_PITCH:
+        return None, pitch_error
+    return _wrapped(roll - roll_true) / ARCSEC, pitch_error
+
+
+def _consistency(nadir: FloatArray, nadir_true: FloatArray, covariance: FloatArray) -> tuple[float, float | None]:
+    """Claimed rms nadir error [rad] and normalised error squared (``None`` if the covariance cannot be inverted)."""
+    if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
+        return math.nan, None
+    basis = _tangent_basis(nadir)
+    projected = basis.T @ covariance @ basis
+    projected = (projected + projected.T) / 2
+    sigma = math.sqrt(max(float(np.trace(projected)), 0.0))
+    values = np.linalg.eigvalsh(projected)
+    # Conditioning beyond float64 means a direction claimed to be known perfectly: an ideal sensor, not a statistic.
+    if values[0] <= 1e-15 * values[1]:
+        return sigma, None
+    across = basis.T @ nadir_true
+    length = float(np.linalg.norm(across))
+    error = across * (angle_between(nadir_true, nadir) / length) if length > 0 else across
+    return sigma, _finite(float(error @ np.linalg.solve(projected, error)))
+
+
+def _tangent_basis(n: FloatArray) -> FloatArray:
+    """Two unit vectors across ``n``, as columns, shape (3, 2)."""
+    helper = np.zeros(3)
+    helper[int(np.argmin(np.abs(n)))] = 1.0
+    first = np.cross(n, helper)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(n, first)], axis=1)
+
+
+def _unit(v: tuple[float, float, float] | FloatArray) -> FloatArray:
+    array = np.asarray(v, dtype=np.float64)
+    unit: FloatArray = array / np.linalg.norm(array)
+    return unit
+
+
+def _wrapped(angle: float) -> float:
+    return math.remainder(angle, math.tau)
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

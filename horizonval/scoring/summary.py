@@ -1,0 +1,135 @@
+"""Statistics of a run: what each estimator delivers with each camera.
+
+Four questions are kept apart. *Availability*: of the frames that should give an attitude, how many did. *Accuracy*: the
+errors of all claimed attitudes. *Integrity*: how many claims were false, with the exact (Clopper-Pearson 1934) 95 %
+interval, because none seen in n frames still allows 3/n. *Consistency*: the mean normalised error squared, 2 for an
+honest covariance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from horizonval.outcome import Outcome
+
+SUMMARY_SCHEMA = 1
+NEES_EXPECTED = 2.0
+
+Summary = dict[str, Any]
+
+
+def summarise(rows: Sequence[Mapping[str, Any]]) -> Summary:
+    """Summarise rows of :data:`horizonval.scoring.table.COLUMNS`.
+
+    Returns
+    -------
+    dict
+        Plain data: ``schema``, ``n_cases``, ``n_rows`` and ``groups``, a list sorted by estimator and camera of what
+        :func:`summarise_group` returns.
+    """
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["estimator"], row["camera"]), []).append(row)
+    return {
+        "schema": SUMMARY_SCHEMA,
+        "n_cases": len({row["case"] for row in rows}),
+        "n_rows": len(rows),
+        "groups": [
+            {"estimator": estimator, "camera": camera, **summarise_group(groups[estimator, camera])}
+            for estimator, camera in sorted(groups)
+        ],
+    }
+
+
+def summarise_group(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Statistics over rows that belong together; ``None`` wherever there is nothing to compute from.
+
+    Returns
+    -------
+    dict
+        ``n``; ``n_expected_valid``; ``n_valid`` (claims); ``availability`` = claims among the frames expected valid;
+        ``nadir_error_arcsec``: ``{n, rms, median, p95, max}``; ``roll_error_arcsec`` and ``pitch_error_arcsec``:
+        ``{n, mean, std}``; ``altitude_error_km``: the same; ``refusals``: ``{status: n}``; ``confusion``:
+        ``{expected: {reported: n}}``; ``false_valid``: ``{n, of, rate, interval}``; ``nees_nadir``:
+        ``{n, mean, expected, interval}`` where ``interval`` holds the mean of an honest covariance with 95 %.
+        Proportions carry ``interval``, the Clopper-Pearson 95 % one. ``p95`` interpolates linearly between the ranks.
+    """
+    claims = [row for row in rows if row["status"] == Outcome.VALID]
+    due = [row for row in rows if row["expected"] == Outcome.VALID]
+    confusion: dict[str, Counter[str]] = {}
+    for row in rows:
+        confusion.setdefault(row["expected"], Counter())[row["status"]] += 1
+    return {
+        "n": len(rows),
+        "n_expected_valid": len(due),
+        "n_valid": len(claims),
+        "availability": proportion(sum(row["status"] == Outcome.VALID for row in due), len(due)),
+        "nadir_error_arcsec": _magnitude(_column(claims, "nadir_error_arcsec")),
+        "roll_error_arcsec": _bias(_column(claims, "roll_error_arcsec")),
+        "pitch_error_arcsec": _bias(_column(claims, "pitch_error_arcsec")),
+        "altitude_error_km": _bias(_column(claims, "altitude_error_km")),
+        "refusals": _sorted(Counter(row["status"] for row in rows if row["status"] != Outcome.VALID)),
+        "confusion": {expected: _sorted(confusion[expected]) for expected in sorted(confusion, key=_rank)},
+        "false_valid": proportion(sum(bool(row["false_valid"]) for row in claims), len(claims)),
+        "nees_nadir": _nees(_column(claims, "nees_nadir")),
+    }
+
+
+def proportion(k: int, n: int) -> dict[str, Any]:
+    """``{n: k, of: n, rate, interval}`` with the Clopper-Pearson 95 % interval; ``None`` for 0 of 0."""
+    if n == 0:
+        return {"n": 0, "of": 0, "rate": None, "interval": None}
+    interval = stats.binomtest(k, n).proportion_ci(confidence_level=0.95, method="exact")
+    return {"n": k, "of": n, "rate": k / n, "interval": [float(interval.low), float(interval.high)]}
+
+
+def _column(rows: Sequence[Mapping[str, Any]], name: str) -> np.ndarray:
+    return np.array([row[name] for row in rows if row[name] is not None], dtype=np.float64)
+
+
+def _magnitude(values: np.ndarray) -> dict[str, Any]:
+    if values.size == 0:
+        return {"n": 0, "rms": None, "median": None, "p95": None, "max": None}
+    return {
+        "n": int(values.size),
+        "rms": math.sqrt(math.fsum(values**2) / values.size),
+        "median": float(np.median(values)),
+        "p95": float(np.percentile(values, 95)),
+        "max": float(values.max()),
+    }
+
+
+def _bias(values: np.ndarray) -> dict[str, Any]:
+    n = int(values.size)
+    if n == 0:
+        return {"n": 0, "mean": None, "std": None}
+    mean = math.fsum(values) / n
+    std = math.sqrt(math.fsum((values - mean) ** 2) / (n - 1)) if n > 1 else None
+    return {"n": n, "mean": mean, "std": std}
+
+
+def _nees(values: np.ndarray) -> dict[str, Any]:
+    n = int(values.size)
+    if n == 0:
+        return {"n": 0, "mean": None, "expected": NEES_EXPECTED, "interval": None}
+    # n times the mean of n honest values is chi-squared distributed with 2n degrees of freedom.
+    low, high = stats.chi2.interval(0.95, NEES_EXPECTED * n)
+    mean = math.fsum(values) / n
+    return {"n": n, "mean": mean, "expected": NEES_EXPECTED, "interval": [float(low) / n, float(high) / n]}
+
+
+_ORDER = {str(outcome): i for i, outcome in enumerate(Outcome)}
+
+
+def _rank(outcome: str) -> tuple[int, str]:
+    return _ORDER.get(outcome, len(_ORDER)), outcome
+
+
+def _sorted(counts: Counter[str]) -> dict[str, int]:
+    return {outcome: counts[outcome] for outcome in sorted(counts, key=_rank)}

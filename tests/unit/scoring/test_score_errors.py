@@ -1,0 +1,158 @@
+"""Errors of a result against hand-made truths, whose answers are known in closed form."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+from synthetic import estimator, fit_of, truth_at
+
+from horizonval.estimators.observation import NoFit
+from horizonval.geometry.ellipsoid import sphere
+from horizonval.outcome import Outcome
+from horizonval.scoring import limits
+from horizonval.scoring.errors import ARCSEC, METHOD_RADIUS_M, angle_between, is_false, score, sigma_nadir_rad
+
+ROUNDING_ARCSEC = 1e-6
+"""Rotations of unit vectors round at 1e-16 rad = 2e-11 arcsec; a microarcsecond allows for chains of ten."""
+
+
+def test_a_perfect_fit_has_no_error():
+    truth = truth_at(yaw_deg=33.0, pitch_deg=12.0, roll_deg=-70.0, mount_roll_deg=15.0)
+    s = score(truth, estimator(), fit_of(truth, angular_radius_rad=truth.angular_radius_rad))
+    assert s.status == "valid"
+    assert s.nadir_error_arcsec == pytest.approx(0, abs=ROUNDING_ARCSEC)
+    assert s.roll_error_arcsec == pytest.approx(0, abs=ROUNDING_ARCSEC)
+    assert s.pitch_error_arcsec == pytest.approx(0, abs=ROUNDING_ARCSEC)
+    assert s.angular_radius_error_arcsec == 0
+    assert s.nees_nadir == pytest.approx(0, abs=1e-12)
+    assert not s.false_valid
+
+
+@pytest.mark.parametrize("error_arcsec", [1e-3, 1.0, 500.0, 3600.0 * 170])
+def test_nadir_error_is_the_angle_of_the_rotation(error_arcsec):
+    truth = truth_at(roll_deg=50.0)
+    s = score(truth, estimator(), fit_of(truth, error_rad=(0.6 * error_arcsec * ARCSEC, 0.8 * error_arcsec * ARCSEC)))
+    assert s.nadir_error_arcsec == pytest.approx(error_arcsec, rel=1e-9, abs=ROUNDING_ARCSEC)
+
+
+def test_small_angles_keep_their_digits():
+    # acos of a dot product would give 0 or 3e-3 arcsec here.
+    a, b = np.array([1.0, 0.0, 0.0]), np.array([1.0, 1e-10, 0.0])
+    assert angle_between(a, b) == pytest.approx(1e-10, rel=1e-12)
+
+
+def test_roll_and_pitch_errors_are_claim_minus_truth():
+    truth = truth_at(roll_deg=20.0, pitch_deg=-10.0)
+    fit = dataclasses.replace(fit_of(truth), roll_rad=math.radians(20.1), pitch_rad=math.radians(-10.05))
+    s = score(truth, estimator(), fit)
+    assert s.roll_error_arcsec == pytest.approx(360, abs=ROUNDING_ARCSEC)
+    assert s.pitch_error_arcsec == pytest.approx(-180, abs=ROUNDING_ARCSEC)
+
+
+def test_roll_error_wraps():
+    truth = truth_at(roll_deg=179.9)
+    fit = dataclasses.replace(fit_of(truth), roll_rad=math.radians(-179.9))
+    assert score(truth, estimator(), fit).roll_error_arcsec == pytest.approx(720, abs=ROUNDING_ARCSEC)
+
+
+def test_pitch_beyond_the_vertical_is_the_same_nadir():
+    truth = truth_at(pitch_deg=120.0, roll_deg=5.0)
+    s = score(truth, estimator(), fit_of(truth))
+    assert s.roll_error_arcsec == pytest.approx(0, abs=ROUNDING_ARCSEC)
+    assert s.pitch_error_arcsec == pytest.approx(0, abs=ROUNDING_ARCSEC)
+
+
+def test_roll_is_empty_where_the_nadir_does_not_tell_it():
+    s = score(truth_at(pitch_deg=89.5), estimator(), fit_of(truth_at(pitch_deg=89.5)))
+    assert s.roll_error_arcsec is None
+    assert s.pitch_error_arcsec is not None
+
+
+def test_a_geodetic_method_is_held_against_the_geodetic_nadir():
+    truth = truth_at(latitude_deg=45.0, altitude_km=500.0)
+    fit = fit_of(truth, geodetic=True)
+    assert score(truth, estimator(estimates="geodetic"), fit).nadir_error_arcsec < ROUNDING_ARCSEC
+    # Deflection at 45 deg, 500 km: (e^2 / 2) / (1 + h/R)^2 up to e^4, 0.00335 rad * 0.86 = 0.165..0.18 deg.
+    assert 0.16 * 3600 < score(truth, estimator(), fit).nadir_error_arcsec < 0.19 * 3600
+
+
+def test_altitude_is_compared_in_the_methods_own_terms_and_in_geodetic_ones():
+    truth = truth_at(latitude_deg=90.0, altitude_km=500.0)
+    s = score(truth, estimator(), fit_of(truth, altitude_m=500e3))
+    assert s.altitude_error_geodetic_km == pytest.approx(0, abs=1e-9)
+    # Above the pole the centre is 6356.752 km + 500 km away, 14.257 km less than a mean Earth's radius + 500 km.
+    assert s.altitude_error_km == pytest.approx(6371.0088 - 6356.752314, abs=1e-5)
+    on_sphere = truth_at(ellipsoid=sphere(METHOD_RADIUS_M))
+    s = score(on_sphere, estimator(), fit_of(on_sphere, altitude_m=501e3))
+    assert s.altitude_error_km == pytest.approx(1, abs=1e-8)
+    assert s.altitude_error_geodetic_km == pytest.approx(1, abs=1e-8)
+
+
+def test_nees_of_honest_covariances_is_chi_squared():
+    """1000 errors drawn from the claimed covariance, anisotropic and not aligned with any axis."""
+    truth = truth_at(roll_deg=40.0)
+    nadir = np.array(truth.nadir_geocentric_cam)
+    generator = np.random.default_rng(8)
+    mixing = np.array([[2e-4, 0.0], [1.5e-4, 3e-5]])
+    axis = np.cross(nadir, [1.0, 0.0, 0.0])
+    axis /= np.linalg.norm(axis)
+    across = np.stack([np.cross(axis, nadir), np.cross(np.cross(nadir, axis), nadir)])
+    covariance = across.T @ (mixing @ mixing.T) @ across
+    values = []
+    for draw in generator.normal(size=(1000, 2)):
+        error = mixing @ draw
+        fit = fit_of(truth, error_rad=(float(error[0]), float(error[1])), covariance_nadir_cam=covariance)
+        values.append(score(truth, estimator(), fit).nees_nadir)
+    # A wrong distribution (1 or 3 degrees of freedom, an unprojected covariance) has p < 1e-20 at this n.
+    assert stats.kstest(values, stats.chi2(2).cdf).pvalue > 0.01
+    assert sigma_nadir_rad(nadir, covariance) == pytest.approx(math.sqrt(np.trace(mixing @ mixing.T)), rel=1e-6)
+
+
+def test_a_method_that_claims_perfection_has_no_nees():
+    truth = truth_at()
+    s = score(truth, estimator(), fit_of(truth, error_rad=(1e-5, 0.0), sigma_rad=0.0))
+    assert s.nees_nadir is None
+    assert s.sigma_nadir_arcsec == 0
+
+
+@pytest.mark.parametrize(
+    ("error_deg", "nees", "false"),
+    [(0.6, 0.0, True), (0.6, None, True), (0.4, 1.0, False), (0.4, 26.0, True), (0.09, 1e6, False), (0.4, None, False)],
+)
+def test_what_counts_as_a_false_claim(error_deg, nees, false):
+    assert is_false(math.radians(error_deg), nees) is false
+
+
+def test_the_sigma_limit_is_one_of_chance():
+    assert stats.chi2(2).sf(limits.SIGMA_LIMIT**2) < 1e-5
+
+
+def test_a_refusal_keeps_its_reason_and_has_no_numbers():
+    s = score(truth_at(), estimator(), NoFit(Outcome.DARK, "too dark", np.zeros((7, 2))))
+    assert (s.status, s.reason, s.n_points, s.false_valid) == ("dark", "too dark", 7, False)
+    numbers = dataclasses.asdict(s)
+    assert [v for k, v in numbers.items() if k not in ("status", "reason", "n_points", "false_valid")] == [None] * 8
+
+
+@pytest.mark.parametrize("nadir", [[np.nan, 0, 1], [0, 0, 0], [np.inf, 0, 0]])
+def test_a_claim_that_is_no_direction_is_false(nadir):
+    s = score(truth_at(), estimator(), fit_of(truth_at(), nadir_cam=np.array(nadir, dtype=float)))
+    assert s.false_valid
+    assert s.nadir_error_arcsec is None
+
+
+def test_a_score_is_finite_or_empty_even_for_a_broken_fit():
+    broken = fit_of(
+        truth_at(),
+        covariance_nadir_cam=np.full((3, 3), np.nan),
+        roll_rad=math.nan,
+        pitch_rad=math.inf,
+        altitude_m=math.nan,
+        angular_radius_rad=math.inf,
+    )
+    for value in dataclasses.asdict(score(truth_at(), estimator(), broken)).values():
+        assert not isinstance(value, float) or math.isfinite(value)

@@ -1,0 +1,80 @@
+"""Statistics of rows small enough to be worked out by hand."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from horizonval.scoring.summary import proportion, summarise
+
+
+def row(case: str, expected: str, status: str, error: float | None = None, **changes: Any) -> dict[str, Any]:
+    values: dict[str, Any] = {
+        "case": case,
+        "camera": "cam",
+        "estimator": "est",
+        "expected": expected,
+        "status": status,
+        "nadir_error_arcsec": error,
+        "roll_error_arcsec": error,
+        "pitch_error_arcsec": None if error is None else -error,
+        "altitude_error_km": None,
+        "nees_nadir": None if error is None else 1.0,
+        "false_valid": False,
+    }
+    return values | changes
+
+
+ROWS = [
+    row("a", "valid", "valid", 10.0),
+    row("b", "valid", "valid", 20.0, nees_nadir=5.0),
+    row("c", "valid", "short_arc"),
+    row("d", "dark", "dark"),
+    row("e", "dark", "valid", 9000.0, false_valid=True, nees_nadir=None),
+    row("a", "valid", "valid", 1.0, estimator="aaa"),
+]
+
+
+def test_groups_are_sorted_and_counted():
+    summary = summarise(ROWS)
+    assert [(g["estimator"], g["camera"], g["n"]) for g in summary["groups"]] == [("aaa", "cam", 1), ("est", "cam", 5)]
+    assert (summary["n_cases"], summary["n_rows"]) == (5, 6)
+
+
+def test_numbers_by_hand():
+    group = summarise(ROWS)["groups"][1]
+    assert (group["n_expected_valid"], group["n_valid"]) == (3, 3)
+    assert group["availability"]["n"] == 2
+    assert group["availability"]["rate"] == pytest.approx(2 / 3)
+    error = group["nadir_error_arcsec"]
+    assert (error["n"], error["median"], error["max"]) == (3, 20.0, 9000.0)
+    assert error["rms"] == pytest.approx(((100 + 400 + 81e6) / 3) ** 0.5)
+    assert error["p95"] == pytest.approx(20 + 0.9 * 8980)
+    assert group["roll_error_arcsec"]["mean"] == pytest.approx(9030 / 3)
+    assert group["pitch_error_arcsec"]["mean"] == pytest.approx(-9030 / 3)
+    assert group["nees_nadir"]["mean"] == 3.0
+    assert group["nees_nadir"]["n"] == 2
+    # Chi-squared with 4 degrees of freedom: 2.5 and 97.5 % points 0.4844 and 11.1433 (any table), over n = 2.
+    assert group["nees_nadir"]["interval"] == pytest.approx([0.4844 / 2, 11.1433 / 2], abs=1e-4)
+    assert group["altitude_error_km"] == {"n": 0, "mean": None, "std": None}
+    assert group["refusals"] == {"short_arc": 1, "dark": 1}
+    assert group["confusion"] == {"valid": {"valid": 2, "short_arc": 1}, "dark": {"valid": 1, "dark": 1}}
+    assert (group["false_valid"]["n"], group["false_valid"]["of"]) == (1, 3)
+
+
+def test_intervals_of_proportions():
+    # Clopper and Pearson 1934: no success in n gives 1 - 0.025^(1/n); 5 of 10 gives 0.1871 and 0.8129.
+    assert proportion(0, 20)["interval"] == pytest.approx([0.0, 1 - 0.025 ** (1 / 20)])
+    assert proportion(5, 10)["interval"] == pytest.approx([0.1871, 0.8129], abs=1e-4)
+    assert proportion(0, 0) == {"n": 0, "of": 0, "rate": None, "interval": None}
+
+
+def test_a_summary_is_plain_json_in_any_order_of_rows():
+    text = json.dumps(summarise(ROWS), allow_nan=False)
+    assert json.dumps(summarise(ROWS[::-1]), allow_nan=False) == text
+
+
+def test_nothing_at_all():
+    assert summarise([]) == {"schema": 1, "n_cases": 0, "n_rows": 0, "groups": []}
