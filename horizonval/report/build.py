@@ -1,0 +1,286 @@
+"""Put the report together: what is said and drawn is worked out here, how it looks is in the template beside it.
+
+The page is one file without any address in it: style, code, figures and pictures are inside. It is a pure function of
+the run's folder, not of its place or of the clock.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import jinja2
+
+from horizonval.frame import FrameTruth
+from horizonval.outcome import Outcome
+from horizonval.report import overlay, picture, plots, rerun, wording
+from horizonval.report.load import Run, View, load_run
+from horizonval.report.verdict import VERDICTS, verdict_of
+from horizonval.scoring import limits
+from horizonval.scoring.summary import summarise
+
+_FILES = {"style": "page.css", "code": "page.js"}
+
+
+def build_report(run_dir: Path) -> Path:
+    """Write ``run_dir/report/index.html`` and return its path.
+
+    A run that is not finished, or whose archive is damaged, gets a report that says so.
+
+    Parameters
+    ----------
+    run_dir : Path
+        Folder of a run: ``run.json``, ``cases/`` and ``archive/``.
+
+    Raises
+    ------
+    UserError
+        There is no run in the folder, or its files cannot be read or written.
+    """
+    run = load_run(run_dir)
+    folder = Path(__file__).parent
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(folder),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "number": wording.number,
+        "percent": wording.percent,
+        "interval": wording.interval,
+        "outcome": wording.outcome,
+        "count": wording.count,
+    }
+    parts = {name: (folder / file).read_text(encoding="utf-8") for name, file in _FILES.items()}
+    text = environment.get_template("page.html").render(**page_of(run), **parts)
+    path = run_dir / "report" / "index.html"
+    path.parent.mkdir(exist_ok=True)
+    partial = path.with_name(f".{path.name}.part")
+    partial.write_text(text, encoding="utf-8", newline="\n")
+    os.replace(partial, path)
+    return path
+
+
+def page_of(run: Run) -> dict[str, Any]:
+    """Return everything the template shows."""
+    summary = summarise(run.rows)
+    broken = sum(view.broken for view in run.views)
+    pixels = sum(view.image.dn.size for view in run.views if view.image is not None)
+    reduced = pixels > picture.LOSSLESS_BUDGET_PX
+    tiles = [_tile(view, run.estimators, index, reduced) for index, view in enumerate(run.views)]
+    shown = {tile_row["verdict"] for tile in tiles for tile_row in tile["rows"]}
+    cameras = sorted({row["camera"] for row in run.rows})
+    return {
+        "run": run,
+        "summary": summary,
+        "groups": [{**group, "finding": wording.finding(group)} for group in summary["groups"]],
+        "headline": _headline(summary, run, broken),
+        "broken": broken,
+        "cameras": cameras,
+        "confusions": [_confusion(run.rows, name) for name in run.estimators],
+        "figures": _figures(run),
+        "tiles": tiles,
+        "reduced": reduced,
+        "verdicts": [verdict for verdict in VERDICTS if verdict in shown],
+        "limit_deg": math.degrees(limits.NADIR_ERROR_LIMIT_RAD),
+        "floor_deg": math.degrees(limits.SIGMA_TEST_FLOOR_RAD),
+        "sigmas": limits.SIGMA_LIMIT,
+        "gamma": picture.GAMMA,
+        "percentiles": picture.PERCENTILES,
+    }
+
+
+def _headline(summary: Mapping[str, Any], run: Run, broken: int) -> dict[str, str]:
+    """The first thing to know: false claims, else broken or missing frames, else that all is well."""
+    false = sum(group["false_valid"]["n"] for group in summary["groups"])
+    claims = sum(group["false_valid"]["of"] for group in summary["groups"])
+    if false:
+        return {"kind": "false", "glyph": "✖", "text": f"{wording.count(false, 'false claim')} among {claims}"}
+    if broken or run.missing:
+        parts = [f"{wording.count(broken, 'frame')} failed"] if broken else []
+        parts += [f"{wording.count(len(run.missing), 'frame')} not finished"] if run.missing else []
+        return {"kind": "missed", "glyph": "▼", "text": ", ".join(parts)}
+    if claims:
+        return {"kind": "valid", "glyph": "●", "text": f"No false claim among {claims}"}
+    return {"kind": "none", "glyph": "–", "text": "No attitude was claimed"}
+
+
+def _figures(run: Run) -> list[dict[str, str]]:
+    width = 11.0 if len(run.views) <= 45 else 13.0
+    height = 3.4 + 0.17 * len(run.estimators) + (1.0 if len(run.views) <= 45 else 0.0)
+    return [
+        {
+            "uri": plots.figure_uri(plots.error_by_frame(run.views, run.estimators), width, height),
+            "title": "Nadir error of every frame",
+            "text": "Angle between the claimed and the true nadir. The strip on top marks the frames that an estimator "
+            "refused.",
+            "wide": "wide",
+        },
+        {
+            "uri": plots.figure_uri(plots.error_by_sigma(run.rows, run.estimators), 5.4, 4.6),
+            "title": "Error against claimed uncertainty",
+            "text": "Points far above the diagonal are errors that the estimator does not know of: bias, such as the "
+            "soft edge of the atmosphere.",
+            "wide": "",
+        },
+        {
+            "uri": plots.figure_uri(plots.roll_and_pitch(run.rows, run.estimators), 5.4, 4.6),
+            "title": "Roll and pitch errors",
+            "text": "Claimed minus true, body axes. A cloud whose centre is off zero is a bias.",
+            "wide": "",
+        },
+    ]
+
+
+def _confusion(rows: Sequence[Mapping[str, Any]], estimator: str) -> dict[str, Any]:
+    """Expected (lines) against reported (columns) outcomes of one estimator, all cameras together."""
+    own = [row for row in rows if row["estimator"] == estimator]
+    order = [str(outcome) for outcome in Outcome]
+    used = {row["expected"] for row in own} | {row["status"] for row in own}
+    names = [name for name in order if name in used]
+    counts = {
+        (expected, reported): sum(row["expected"] == expected and row["status"] == reported for row in own)
+        for expected in names
+        for reported in names
+    }
+    expected_names = [name for name in names if any(counts[name, other] for other in names)]
+    reported_names = [name for name in names if any(counts[other, name] for other in names)]
+    lines = []
+    for expected in expected_names:
+        total = sum(counts[expected, reported] for reported in reported_names)
+        cells = [
+            {"n": counts[expected, reported], "same": expected == reported, "share": counts[expected, reported] / total}
+            for reported in reported_names
+        ]
+        lines.append({"expected": expected, "meaning": wording.meaning(expected), "cells": cells, "total": total})
+    return {"estimator": estimator, "n": len(own), "reported": reported_names, "lines": lines}
+
+
+def _tile(view: View, estimators: Sequence[str], index: int, reduced: bool) -> dict[str, Any]:
+    image = view.image
+    rows = [_tile_row(view, name) for name in estimators]
+    some = next(iter(view.rows.values()), None)
+    # One expectation for the frame: that of a method that looks at the image, which differs from "valid".
+    expected = next((row["expected"] for row in view.rows.values() if row["expected"] != Outcome.VALID), None)
+    camera = some["camera"] if some else (image.truth.camera["camera"].get("name") or "" if image else "")
+    tile: dict[str, Any] = {
+        "index": index,
+        "name": view.case,
+        "camera": camera,
+        "band": view.band,
+        "rows": rows,
+        "expected": expected or (Outcome.VALID if some else None),
+        "expected_meaning": wording.meaning(expected or Outcome.VALID) if some else "",
+        "problem": view.problem,
+        "picture": None,
+        "data": json.dumps({row["estimator"]: [row["verdict"].key, row["error"]] for row in rows}),
+        "facts": _facts(some, image.truth) if some and image else [],
+        "rerun": None,
+    }
+    if image is not None:
+        made = picture.picture_of(image, reduced=reduced)
+        height, width = image.dn.shape
+        tile |= {
+            "picture": made,
+            "width": width,
+            "height": height,
+            "coarse": max(width, height) <= 320,
+            "black": wording.number(made.black_dn),
+            "white": wording.number(made.white_dn),
+            "full_scale": image.full_scale,
+            "horizon": overlay.horizon_path(image.truth),
+            "layers": _layers(view, image.truth, estimators),
+            "rerun": _rerun(view, image.truth, estimators),
+        }
+    return tile
+
+
+def _tile_row(view: View, estimator: str) -> dict[str, Any]:
+    row = view.rows.get(estimator)
+    verdict = verdict_of(row, broken=view.broken)
+    values: list[tuple[str, str]] = []
+    text = "no estimator was run on this frame" if not view.rows else "not run on this frame"
+    if row is not None:
+        number = wording.number
+        expected = wording.meaning(row["expected"])
+        if row["status"] == Outcome.VALID:
+            text = f"{number(row['nadir_error_arcsec'])} arcsec off"
+            if row["sigma_nadir_arcsec"]:
+                text += f", claims {number(row['sigma_nadir_arcsec'])} (1 sigma)"
+            if row["expected"] != Outcome.VALID:
+                text += f"; expected to refuse: {expected}"
+        else:
+            text = f"refused, {wording.outcome(row['status'])}"
+            if row["status"] != row["expected"] and not view.broken:
+                usable = row["expected"] == Outcome.VALID
+                text += f"; expected {'an attitude' if usable else wording.outcome(row['expected'])}"
+        values = [
+            ("reported", wording.outcome(row["status"])),
+            ("expected", f"{wording.outcome(row['expected'])} ({expected})"),
+            ("reason given", row["reason"] or ""),
+            ("nadir error", f"{number(row['nadir_error_arcsec'])} arcsec"),
+            ("claimed (1 sigma)", f"{number(row['sigma_nadir_arcsec'])} arcsec"),
+            ("normalised error squared", f"{number(row['nees_nadir'])} (2 expected)"),
+            ("roll error", f"{number(row['roll_error_arcsec'])} arcsec"),
+            ("pitch error", f"{number(row['pitch_error_arcsec'])} arcsec"),
+            ("altitude error", f"{number(row['altitude_error_km'])} km"),
+            ("angular radius error", f"{number(row['angular_radius_error_arcsec'])} arcsec"),
+            ("limb points", str(row["n_points"] if row["n_points"] is not None else 0)),
+        ]
+        values = [(key, value) for key, value in values if value and not value.startswith("–")]
+    return {
+        "estimator": estimator,
+        "verdict": verdict,
+        "text": text,
+        "values": values,
+        "error": row["nadir_error_arcsec"] if row is not None else None,
+    }
+
+
+def _layers(view: View, truth: FrameTruth, estimators: Sequence[str]) -> list[dict[str, str]]:
+    camera = overlay.camera_of(truth)
+    layers = []
+    for name in estimators:
+        detail = view.details.get(name) or {}
+        fit = detail.get("fit") or {}
+        limb = ""
+        if fit.get("nadir_cam") is not None and fit.get("angular_radius_rad") is not None:
+            limb = overlay.limb_path(camera, fit["nadir_cam"], fit["angular_radius_rad"])
+        layers.append({"points": overlay.points_path(detail.get("points") or []), "limb": limb})
+    return layers
+
+
+def _facts(row: Mapping[str, Any], truth: FrameTruth) -> list[tuple[str, str]]:
+    number = wording.number
+    return [
+        ("epoch", truth.epoch_utc),
+        ("altitude", f"{number(row['altitude_km'], 4)} km"),
+        (
+            "roll, pitch, yaw",
+            f"{number(row['roll_deg'], 4)}°, {number(row['pitch_deg'], 4)}°, {number(row['yaw_deg'], 4)}°",
+        ),
+        ("Earth's angular radius", f"{number(math.degrees(truth.angular_radius_rad), 4)}°"),
+        ("Sun's zenith angle below the satellite", f"{number(row['sun_zenith_deg'], 4)}°"),
+        (
+            "Sun",
+            f"{wording.percent(row['sun_visible_fraction'])} of its disc seen past the Earth, "
+            f"{'in' if row['sun_in_frame'] else 'not in'} the frame",
+        ),
+        ("horizon in view", f"{number(row['horizon_arc_px'])} px, {wording.percent(row['lit_fraction'])} of it lit"),
+    ]
+
+
+def _rerun(view: View, truth: FrameTruth, estimators: Sequence[str]) -> dict[str, Any]:
+    made = rerun.rerun_of(truth, view.case, view.band, view.image_path, estimators)
+    files = [
+        {"name": name, "text": text, "uri": f"data:application/toml;charset=utf-8,{quote(text)}"}
+        for name, text in made.files
+    ]
+    return {"files": files, "commands": "\n".join(made.commands), "archived": bool(view.image_path)}

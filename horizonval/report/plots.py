@@ -1,0 +1,209 @@
+"""The figures of a report: deterministic SVG, one ``data:`` URI each."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from horizonval.report.load import View
+from horizonval.report.verdict import BROKEN, MISSED, NONE, OTHER, REFUSED, verdict_of
+from horizonval.report.wording import count
+from horizonval.scoring import limits
+
+ESTIMATOR_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+ESTIMATOR_MARKERS = ("o", "s", "^", "D", "P", "v", "*")
+
+_STYLE: dict[Any, Any] = {
+    "svg.hashsalt": "horizonval",
+    # Text stays text: smaller, and selectable.
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "font.size": 9.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e2e2e2",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "path.simplify": False,
+}
+_FLOOR_ARCSEC = 1e-3
+"""Smaller errors, exact zeros among them, are drawn here: a log axis has no zero."""
+_MOST_NAMES = 45
+
+Draw = Callable[[Figure], None]
+
+
+def figure_uri(draw: Draw, width_in: float, height_in: float) -> str:
+    """Draw a figure and return it as ``data:`` URI; the same data give the same bytes."""
+    with matplotlib.rc_context():
+        # A user's own matplotlibrc must not show.
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_STYLE)
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        FigureCanvasSVG(figure)
+        draw(figure)
+        stream = io.BytesIO()
+        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    return "data:image/svg+xml;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+
+
+def error_by_frame(views: Sequence[View], estimators: Sequence[str]) -> Draw:
+    """Nadir error of every frame on a log axis; refusals as marks in a strip on top."""
+
+    def draw(figure: Figure) -> None:
+        strip, axes = figure.subplots(
+            2, 1, sharex=True, gridspec_kw={"height_ratios": [0.16 * len(estimators) + 0.1, 1], "hspace": 0.02}
+        )
+        offset = np.linspace(-0.2, 0.2, len(estimators)) if len(estimators) > 1 else np.zeros(1)
+        used = set()
+        for i, name in enumerate(estimators):
+            x, y = [], []
+            for j, view in enumerate(views):
+                row = view.rows.get(name)
+                verdict = verdict_of(row, broken=view.broken)
+                if row is not None and row["nadir_error_arcsec"] is not None:
+                    x.append(j + offset[i])
+                    y.append(max(row["nadir_error_arcsec"], _FLOOR_ARCSEC))
+                elif verdict is not NONE:
+                    used.add(verdict)
+                    hollow = "none" if verdict in (REFUSED, OTHER) else verdict.colour
+                    strip.scatter(
+                        j, i, marker=verdict.marker, s=26, facecolors=hollow, edgecolors=verdict.colour, lw=1.1
+                    )
+            axes.scatter(x, y, label=f"{name} (n = {len(y)})", **_mark(i))
+        strip.set(yticks=range(len(estimators)), yticklabels=[f"{name} refused" for name in estimators])
+        strip.set_ylim(len(estimators) - 0.4, -0.6)
+        strip.tick_params(bottom=False, labelbottom=False)
+        strip.grid(axis="y", visible=False)
+        for verdict in (v for v in (MISSED, OTHER, REFUSED, BROKEN) if v in used):
+            hollow = "none" if verdict in (REFUSED, OTHER) else verdict.colour
+            strip.scatter(
+                [], [], marker=verdict.marker, s=26, facecolors=hollow, edgecolors=verdict.colour, label=verdict.label
+            )
+        if used:
+            strip.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize=8.5, borderaxespad=0.2)
+        _limit_lines(axes)
+        axes.set_yscale("log")
+        axes.set_ylabel("nadir error [arcsec]")
+        axes.set_xlim(-0.7, len(views) - 0.3)
+        if len(views) <= _MOST_NAMES:
+            axes.set_xticks(range(len(views)), [_label(v, views) for v in views], rotation=55, ha="right", fontsize=8)
+            axes.tick_params(axis="x", length=0)
+        else:
+            axes.set_xlabel("frame, in the suite's order")
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+
+    return draw
+
+
+def error_by_sigma(rows: Sequence[Mapping[str, Any]], estimators: Sequence[str]) -> Draw:
+    """Nadir error against the error each estimator claims: honest claims scatter about the diagonal."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        everything, exact = [], 0
+        for i, name in enumerate(estimators):
+            pairs = [
+                (row["sigma_nadir_arcsec"], max(row["nadir_error_arcsec"], _FLOOR_ARCSEC))
+                for row in rows
+                if row["estimator"] == name
+                and row["sigma_nadir_arcsec"] is not None
+                and row["nadir_error_arcsec"] is not None
+            ]
+            exact += sum(sigma <= 0 for sigma, _ in pairs)
+            pairs = [pair for pair in pairs if pair[0] > 0]
+            everything += [value for pair in pairs for value in pair]
+            if pairs:
+                axes.scatter(*zip(*pairs, strict=True), label=f"{name} (n = {len(pairs)})", **_mark(i))
+        if everything:
+            ends = np.array([min(everything) / 2, max(everything) * 2])
+            axes.plot(ends, ends, color="#333333", lw=1, label="error = claim")
+            axes.plot(ends, limits.SIGMA_LIMIT * ends, color="#333333", lw=1, ls=":", label="5 times the claim")
+            axes.set(xscale="log", yscale="log", xlim=ends, ylim=ends)
+            axes.legend(loc="best", fontsize=8.5)
+        else:
+            _empty(axes, "no claim with an uncertainty")
+        if exact:
+            axes.set_title(f"{count(exact, 'claim')} of zero uncertainty not drawn", fontsize=8.5, loc="left")
+        axes.set(xlabel="claimed nadir error, 1 sigma [arcsec]", ylabel="nadir error [arcsec]")
+
+    return draw
+
+
+def roll_and_pitch(rows: Sequence[Mapping[str, Any]], estimators: Sequence[str]) -> Draw:
+    """Roll against pitch error of every claim; a centre off zero is a bias."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        pairs = {
+            name: [
+                (row["roll_error_arcsec"], row["pitch_error_arcsec"])
+                for row in rows
+                if row["estimator"] == name
+                and row["roll_error_arcsec"] is not None
+                and row["pitch_error_arcsec"] is not None
+            ]
+            for name in estimators
+        }
+        size = [max(abs(roll), abs(pitch)) for found in pairs.values() for roll, pitch in found]
+        if not size:
+            _empty(axes, "no claim with roll and pitch")
+        # Twice the 75th percentile: one wild claim must not squeeze the others into a dot.
+        reach = max(1.0, min(1.1 * max(size, default=1), 2 * float(np.percentile(size, 75)) if size else 1))
+        beyond = sum(value > reach for value in size)
+        for i, name in enumerate(estimators):
+            if pairs[name]:
+                axes.scatter(*zip(*pairs[name], strict=True), label=f"{name} (n = {len(pairs[name])})", **_mark(i))
+        axes.axhline(0, color="#333333", lw=0.8)
+        axes.axvline(0, color="#333333", lw=0.8)
+        axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+        axes.set(xlabel="roll error [arcsec]", ylabel="pitch error [arcsec]")
+        if size:
+            axes.legend(loc="best", fontsize=8.5)
+        if beyond:
+            axes.set_title(f"{count(beyond, 'claim')} beyond the axes", fontsize=8.5, loc="left")
+
+    return draw
+
+
+def _mark(index: int) -> dict[str, Any]:
+    return {
+        "marker": ESTIMATOR_MARKERS[index % len(ESTIMATOR_MARKERS)],
+        "color": ESTIMATOR_COLOURS[index % len(ESTIMATOR_COLOURS)],
+        "s": 28,
+        "edgecolors": "white",
+        "linewidths": 0.6,
+        "zorder": 3,
+    }
+
+
+def _limit_lines(axes: Axes) -> None:
+    degrees = math.degrees(limits.NADIR_ERROR_LIMIT_RAD)
+    axes.axhline(
+        3600 * degrees,
+        color="#b34700",
+        lw=1.2,
+        ls="--",
+        label=f"false claim beyond {degrees:g}° = {3600 * degrees:g} arcsec",
+    )
+
+
+def _empty(axes: Axes, text: str) -> None:
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#555555")
+    axes.set(xticks=[], yticks=[])
+
+
+def _label(view: View, views: Sequence[View]) -> str:
+    several = sum(other.case == view.case for other in views) > 1
+    return f"{view.case} {view.band}" if several else view.case

@@ -1,0 +1,53 @@
+"""What one row means, in a word, a glyph and a colour; none of the three is needed to tell the others apart.
+
+Colours are those of Okabe and Ito (2008), which people with any of the common colour vision deficiencies can tell
+apart, darkened where they must be read as text on white.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from horizonval.outcome import Outcome
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One kind of result: ``key`` for the page's code, ``marker`` for matplotlib."""
+
+    key: str
+    glyph: str
+    label: str
+    colour: str
+    marker: str
+
+
+FALSE_VALID = Verdict("false", "✖", "false claim", "#b34700", "X")
+MISSED = Verdict("missed", "▼", "refused, though the limb is usable", "#8a6100", "v")
+OTHER = Verdict("other", "◇", "refused, for another reason than expected", "#555555", "D")
+REFUSED = Verdict("refused", "○", "refused, as expected", "#555555", "o")
+BONUS = Verdict("bonus", "◐", "valid, though a refusal was expected", "#0072b2", "s")
+VALID = Verdict("valid", "●", "valid", "#0072b2", "o")
+BROKEN = Verdict("broken", "!", "the frame failed", "#b34700", "P")
+NONE = Verdict("none", "–", "no result", "#555555", "_")
+
+VERDICTS = (FALSE_VALID, MISSED, OTHER, REFUSED, BONUS, VALID, BROKEN, NONE)
+"""Worst first."""
+
+
+def verdict_of(row: Mapping[str, Any] | None, *, broken: bool = False) -> Verdict:
+    """Return the verdict on one row; ``broken``: the frame itself failed, so the row is not the estimator's doing."""
+    if broken:
+        return BROKEN
+    if row is None:
+        return NONE
+    expected, status = row["expected"], row["status"]
+    if row["false_valid"]:
+        return FALSE_VALID
+    if status == Outcome.VALID:
+        return VALID if expected == Outcome.VALID else BONUS
+    if expected == Outcome.VALID:
+        return MISSED
+    return REFUSED if status == expected else OTHER

@@ -1,0 +1,90 @@
+"""Numbers and outcomes as people read them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from horizonval.outcome import Outcome
+
+OUTCOME_WORDS = {
+    Outcome.VALID: "an attitude",
+    Outcome.NO_LIMB: "no horizon in view",
+    Outcome.SHORT_ARC: "too little horizon in view",
+    Outcome.AMBIGUOUS: "more than one answer",
+    Outcome.SUN_GLARE: "the Sun in the frame",
+    Outcome.DARK: "too little of the horizon is lit",
+    Outcome.SATURATED: "saturated",
+    Outcome.NOT_CONVERGED: "the fit did not converge",
+    Outcome.BAD_INPUT: "unusable input",
+}
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Return a number with so many significant digits, without exponent between 1e-4 and 1e6; a dash for ``None``."""
+    if value is None:
+        return "–"
+    if not math.isfinite(value):
+        return str(value)
+    if value == 0:
+        return "0"
+    if not 1e-4 <= abs(value) < 1e6:
+        return f"{value:.{digits - 1}e}".replace("-", "−")
+    rounded = float(f"{value:.{digits}g}")
+    places = max(0, digits - 1 - math.floor(math.log10(abs(rounded))))
+    return f"{rounded:.{places}f}".replace("-", "−")
+
+
+def percent(value: float | None) -> str:
+    """Return a share as per cent, one decimal unless whole."""
+    if value is None:
+        return "–"
+    text = f"{100 * value:.1f}".removesuffix(".0")
+    return f"{text} %"
+
+
+def interval(bounds: list[float] | None, *, as_percent: bool = False) -> str:
+    """Return ``low to high``, or nothing."""
+    if bounds is None:
+        return ""
+    if as_percent:
+        low, high = (f"{100 * b:.1f}".removesuffix(".0") for b in bounds)
+        return f"{low} to {high} %"
+    return f"{number(bounds[0])} to {number(bounds[1])}"
+
+
+def count(n: int, noun: str) -> str:
+    """Return ``1 frame``, ``2 frames``."""
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+def outcome(name: str) -> str:
+    """Return an outcome's name as words: ``sun glare``."""
+    return name.replace("_", " ")
+
+
+def meaning(name: str) -> str:
+    """Return what an outcome says about the frame."""
+    return OUTCOME_WORDS.get(Outcome(name), name) if name in set(Outcome) else name
+
+
+def finding(group: Mapping[str, Any]) -> str:
+    """Return one sentence or two on an estimator with a camera (a group of the summary)."""
+    available, false, error = group["availability"], group["false_valid"], group["nadir_error_arcsec"]
+    parts = []
+    if available["of"]:
+        parts.append(f"answered {available['n']} of {available['of']} usable frames ({percent(available['rate'])})")
+    else:
+        parts.append(f"{count(group['n'], 'frame')}, none usable")
+    if error["n"]:
+        parts.append(
+            f"nadir error {number(error['median'])} arcsec median, {number(error['max'])} arcsec at most "
+            f"(n = {error['n']})"
+        )
+    if false["of"]:
+        parts.append(
+            f"{count(false['n'], 'false claim')} among {false['of']} "
+            f"(95 % interval {interval(false['interval'], as_percent=True)})"
+        )
+    return "; ".join(parts) + "."
