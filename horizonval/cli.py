@@ -106,8 +106,9 @@ def run(
     else:
         _print_summary(result.summary)
         print(f"report: {result.report}")
-    for name, reason in result.failed.items():
-        print(f"horizonval: frame {name} failed: {reason}", file=sys.stderr)
+    if result.failed:
+        names = ", ".join(result.failed)
+        print(f"horizonval: {len(result.failed)} of {len(loaded.cases)} frames failed: {names}", file=sys.stderr)
     return 1 if result.failed else 0
 
 

@@ -82,18 +82,23 @@ def finished_record(case: Case, estimators: tuple[str, ...], folder: RunFolder) 
 
 def failed_record(case: Case, estimators: tuple[str, ...], error: str) -> Record:
     """Return the record of a case that has no result because something broke."""
+    from horizonval.estimators import registry
+
     truth = _truth_or_none(case)
     camera = camera_name(case)
     reason = " ".join(error.split())
     rows = []
     for band in case.camera.band:
         for estimator in estimators:
+            expected = Outcome.BAD_INPUT
+            if truth is not None:
+                expected = expected_outcome(truth, band.name, needs=registry.get(estimator).needs).outcome
             row = dict.fromkeys(COLUMNS) | {
                 "case": case.name,
                 "camera": camera,
                 "band": band.name,
                 "estimator": estimator,
-                "expected": str(expected_outcome(truth, band.name).outcome if truth else Outcome.BAD_INPUT),
+                "expected": str(expected),
                 "status": str(Outcome.BAD_INPUT),
                 "reason": reason,
                 "n_points": 0,

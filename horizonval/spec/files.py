@@ -54,15 +54,14 @@ def find(kind: Kind, path_or_name: str | Path, *, beside: Path | None = None, wh
     candidate = given if beside is None else beside / given
     if candidate.is_file():
         return candidate
-    name = str(path_or_name)
+    name = str(path_or_name).removesuffix(_SUFFIX[kind])
     if name in shipped_names(kind):
         return shipped_path(kind, name)
     if candidate.is_dir():
         raise UserError(f"{candidate} is a folder", where=where, expected=f"a {kind} file")
-    stem = name.removesuffix(_SUFFIX[kind]).replace("\\", "/").rsplit("/", 1)[-1]
-    known = nearest(stem, shipped_names(kind))
+    known = nearest(name.rsplit("/", 1)[-1], shipped_names(kind))
     raise UserError(
-        f"no {kind} named {name!r}, nor a file {candidate}",
+        f"no {kind} named {str(path_or_name)!r}" + (f", nor a file {candidate}" if beside is not None else ""),
         where=where,
         expected=f"a path or one of {', '.join(known)}" if known else "the path of a file",
     )

@@ -19,7 +19,7 @@ from horizonval.errors import UserError
 from horizonval.spec.base import Model
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.explain import explain
-from horizonval.spec.files import find, shipped_names
+from horizonval.spec.files import find
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.suite import SuiteSpec
 
@@ -131,7 +131,7 @@ def _resolve_scene(data: dict[str, Any], path: Path, *, inside: str) -> tuple[Sc
             where=prefix + "camera.file",
             expected="at least one [[band]] in the camera file",
         )
-    if scene.atmosphere.file is not None and scene.atmosphere.file not in shipped_names("atmosphere"):
+    if scene.atmosphere.file is not None:
         file = find("atmosphere", scene.atmosphere.file, beside=path.parent, where=prefix + "atmosphere.file")
         atmosphere = scene.atmosphere.model_copy(update={"file": str(file.resolve())})
         scene = scene.model_copy(update={"atmosphere": atmosphere})

@@ -1,0 +1,109 @@
+"""Commands as a user runs them: the installed program, in its own process, in an empty folder."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+PROGRAM = Path(sys.executable).with_name("horizonval")
+
+MINI_CAMERA = """
+[camera]
+name = "mini"
+width = 96
+height = 80
+fov_deg = 60.0
+[optics]
+f_number = 4.0
+transmission = 0.7
+psf_sigma_px = 0.7
+[[band]]
+name = "vis"
+kind = "solar"
+lo_um = 0.5
+hi_um = 0.7
+nodes = 2
+[detector]
+kind = "cmos"
+pixel_pitch_um = 5.5
+exposure_s = 2.2e-4
+quantum_efficiency = 0.6
+full_well_e = 13500.0
+read_noise_e = 13.0
+bits = 10
+black_level_dn = 32.0
+"""
+
+MINI_SUITE = """
+[suite]
+name = "mini"
+seed = 3
+estimators = ["altitude-free", "ideal"]
+[defaults]
+camera = { file = "mini-camera.toml", mount_roll_deg = 65.0 }
+platform.altitude_km = 500.0
+""" + "".join(
+    f'[[frame]]\nscene.name = "frame-{i}"\nplatform.latitude_deg = {10.0 * i}\nattitude.roll_deg = {i - 3.0}\n'
+    for i in range(6)
+)
+
+
+@pytest.fixture
+def horizonval(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Run the program in the test's folder; keyword arguments go to the environment."""
+
+    def call(*arguments: object, timeout: float = 300, **environment: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [str(PROGRAM), *map(str, arguments)],
+            cwd=tmp_path,
+            env=os.environ | environment,
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+        )
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def mini_suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A suite of six small frames that runs in seconds."""
+    folder = tmp_path_factory.mktemp("mini")
+    (folder / "mini-camera.toml").write_text(MINI_CAMERA)
+    (folder / "mini.toml").write_text(MINI_SUITE)
+    return folder / "mini.toml"
+
+
+@pytest.fixture(scope="session")
+def mini_run(mini_suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of an uninterrupted run of the small suite; do not change it."""
+    out = tmp_path_factory.mktemp("mini-run") / "out"
+    done = subprocess.run(
+        [str(PROGRAM), "run", str(mini_suite), "--out", str(out)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def outcome_of(out: Path) -> dict[str, str]:
+    """Digest of every file that equal runs share: archive, cases, summary and table."""
+    files = [p for room in ("archive", "cases") for p in (out / room).rglob("*") if p.is_file()]
+    files += [out / "summary.json", out / "results.parquet", out / "run.json"]
+    return {p.relative_to(out).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(files)}
+
+
+def assert_one_line(done: subprocess.CompletedProcess[str], *parts: str) -> None:
+    """The program refused politely: status 2, one line, no traceback, and the line says all of ``parts``."""
+    assert done.returncode == 2, (done.returncode, done.stdout, done.stderr)
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("horizonval: error: ")
+    for part in parts:
+        assert part in lines[0], lines[0]

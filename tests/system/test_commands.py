@@ -1,0 +1,332 @@
+"""Every command does its work, and meets bad input with one clear line or a typed outcome, never a traceback."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+from conftest import MINI_CAMERA, assert_one_line
+
+from horizonval.archive import exr
+from horizonval.spec.files import shipped_names
+
+CONTRACT_KEYS = [
+    "estimator", "status", "reason", "nadir_cam", "roll_deg", "pitch_deg", "altitude_km", "angular_radius_deg",
+    "sigma_nadir_arcsec", "n_points", "seconds",
+]  # fmt: skip
+
+MINI_SCENE = """
+[scene]
+name = "one"
+[camera]
+file = "mini-camera.toml"
+mount_roll_deg = 65.0
+[platform]
+altitude_km = 500.0
+"""
+
+RAYS = """tag,obs_x_km,obs_y_km,obs_z_km,dir_x,dir_y,dir_z,sun_x,sun_y,sun_z
+a,-2572.5,0,6372.0,1,0,0,0,0,1
+b,-2572.5,0,6391.0,1,0,0,0,0,1
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    (tmp_path / "mini-camera.toml").write_text(MINI_CAMERA)
+    (tmp_path / "one.toml").write_text(MINI_SCENE)
+    return tmp_path
+
+
+@pytest.fixture
+def frame_path(mini_run):
+    case = json.loads((mini_run / "cases" / "frame-0.json").read_text())
+    return mini_run / "archive" / case["truth_frame"][:2] / f"{case['truth_frame']}.exr"
+
+
+@pytest.fixture
+def image_path(mini_run):
+    case = json.loads((mini_run / "cases" / "frame-0.json").read_text())
+    return mini_run / "archive" / case["image"][:2] / f"{case['image']}.exr"
+
+
+def _estimate(done):
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    report = json.loads(done.stdout)
+    assert list(report) == CONTRACT_KEYS
+    return report
+
+
+def test_help_version_and_wrong_use(horizonval):
+    done = horizonval("--help")
+    assert done.returncode == 0
+    for command in ("run", "render", "observe", "estimate", "radiance", "report", "archive", "doctor", "list"):
+        assert command in done.stdout
+        assert horizonval(command, "--help").returncode == 0
+    assert "horizonval" in horizonval("--version").stdout
+    assert_one_line(horizonval("rendr"), "rendr")
+    assert_one_line(horizonval("run", "--wrokers", "2"), "--wrokers")
+    assert_one_line(horizonval("run", "quick", "--out", "o", "--workers", "0"), "--workers")
+
+
+@pytest.mark.parametrize("command", [["--help"], ["list", "cameras"], ["list", "estimators"]])
+def test_light_commands_do_not_load_the_renderer(horizonval, tmp_path, command):
+    done = horizonval(*command, PYTHONPROFILEIMPORTTIME="1")
+    assert done.returncode == 0
+    loaded = {line.rsplit("|", 1)[-1].strip() for line in done.stderr.splitlines()}
+    assert "typer" in loaded
+    assert not {"mitsuba", "drjit", "matplotlib", "duckdb"} & loaded
+
+
+def test_list(horizonval):
+    for kind in ("camera", "suite", "scene"):
+        assert horizonval("list", kind + "s").stdout.split() == shipped_names(kind)
+    assert json.loads(horizonval("list", "estimators", "--json").stdout) == ["altitude-free", "ideal"]
+    assert "us_standard" in horizonval("list", "atmospheres").stdout.split()
+    assert_one_line(horizonval("list", "camera"), "'camera'", "one of cameras")
+
+
+def test_render_and_observe_make_what_a_run_makes(horizonval, scene):
+    for i in (1, 2):
+        assert horizonval("render", "one.toml", "-o", f"{i}.exr").returncode == 0
+        assert horizonval("observe", f"{i}.exr", "-o", f"{i}-dn.exr").returncode == 0
+    assert (scene / "1.exr").read_bytes() == (scene / "2.exr").read_bytes()
+    assert (scene / "1-dn.exr").read_bytes() == (scene / "2-dn.exr").read_bytes()
+    assert horizonval("observe", "1.exr", "-o", "other.exr", "--seed", "5").returncode == 0
+    one, other = exr.read_image(scene / "1-dn.exr"), exr.read_image(scene / "other.exr")
+    assert (one.dn != other.dn).any()
+    assert one.truth == other.truth == exr.read_frame(scene / "1.exr").truth
+
+
+def test_observe_repeats_the_runs_image(horizonval, frame_path, image_path, tmp_path):
+    assert horizonval("observe", frame_path, "-o", "dn.exr").returncode == 0
+    assert (tmp_path / "dn.exr").read_bytes() == image_path.read_bytes()
+
+
+def test_outputs_that_cannot_be(horizonval, scene, frame_path):
+    assert_one_line(horizonval("render", "one.toml", "-o", "no/where.exr"), "no: no such folder")
+    assert_one_line(horizonval("render", "one.toml", "-o", "."), "is a folder")
+    shutil.copy(frame_path, scene / "f.exr")
+    assert_one_line(horizonval("observe", "f.exr", "-o", "f.exr"), "the same file")
+    assert_one_line(horizonval("observe", "f.exr", "-o", "i.exr", "--band", "visible"), "no band 'visible'", "vis")
+    assert_one_line(horizonval("run", "quick", "--out", "f.exr"), "f.exr")
+
+
+@pytest.mark.parametrize("name", ["altitude-free", "ideal"])
+def test_estimate_on_our_own_files(horizonval, frame_path, image_path, name):
+    for path in (frame_path, image_path):
+        report = _estimate(horizonval("estimate", path, "--estimator", name, "--json"))
+        assert report["estimator"] == name
+        assert report["status"] == "valid"
+        assert len(report["nadir_cam"]) == 3
+    text = horizonval("estimate", image_path, "--estimator", name).stdout
+    assert "nadir_cam" in text
+    assert "valid" in text
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+def test_estimate_on_common_formats_is_the_same_as_on_ours(horizonval, image_path, scene, suffix):
+    cv2.imwrite(str(scene / f"i.{suffix}"), exr.read_image(image_path).dn)
+    theirs = _estimate(
+        horizonval("estimate", f"i.{suffix}", "--camera", "mini-camera.toml", "--estimator", "altitude-free", "--json")
+    )
+    ours = _estimate(horizonval("estimate", image_path, "--estimator", "altitude-free", "--json"))
+    assert theirs["status"] == ours["status"] == "valid"
+    assert theirs["nadir_cam"] == ours["nadir_cam"]
+    assert theirs["altitude_km"] == ours["altitude_km"]
+
+
+def test_estimate_wrong_use(horizonval, image_path, scene):
+    cv2.imwrite(str(scene / "i.png"), exr.read_image(image_path).dn)
+    af = ("--estimator", "altitude-free")
+    assert_one_line(horizonval("estimate", "i.png", *af), "i.png", "--camera")
+    assert_one_line(horizonval("estimate", "i.png", "--camera", "vis-cmos-512-60deg", *af), "96 x 80", "512 x 512")
+    assert_one_line(horizonval("estimate", "i.png", "--camera", "mini-camera.toml", "--estimator", "ideal"), "pose")
+    assert_one_line(
+        horizonval("estimate", "i.png", "--camera", "mini-camera.toml", "--estimator", "altitud-free"),
+        "altitud-free", "altitude-free, ideal",
+    )  # fmt: skip
+    assert_one_line(horizonval("estimate", "none.png", "--camera", "mini-camera.toml", *af), "none.png")
+
+
+def _strange_images(folder, image_path):
+    shape = (80, 96)
+    cv2.imwrite(str(folder / "black.png"), np.zeros(shape, np.uint8))
+    cv2.imwrite(str(folder / "white.png"), np.full(shape, 255, np.uint8))
+    cv2.imwrite(str(folder / "white16.png"), np.full(shape, 65535, np.uint16))
+    for name, value in (("nan", np.nan), ("inf", np.inf)):
+        cv2.imwrite(str(folder / f"{name}.tif"), np.full(shape, value, np.float32))
+    grey = exr.read_image(image_path).dn.astype(np.float32)
+    grey[10, 10] = np.nan
+    cv2.imwrite(str(folder / "one-nan.tif"), grey)
+    OpenEXR.File({}, {"Y": grey}).write(str(folder / "one-nan.exr"))
+    cv2.imwrite(str(folder / "png.exr.png"), exr.read_image(image_path).dn)
+    (folder / "png.exr.png").rename(folder / "png.exr")
+    cv2.imwrite(str(folder / "noise.png"), np.random.default_rng(0).integers(0, 256, shape, np.uint8))
+
+
+def test_strange_images_get_a_typed_outcome(horizonval, image_path, scene):
+    _strange_images(scene, image_path)
+    expected = {
+        "black.png": {"dark", "no_limb"},
+        "white.png": {"saturated", "no_limb"},
+        "white16.png": {"saturated", "no_limb"},
+        "nan.tif": {"bad_input"},
+        "inf.tif": {"bad_input"},
+        "one-nan.tif": {"bad_input"},
+        "one-nan.exr": {"bad_input"},
+        "png.exr": {"valid"},
+        "noise.png": {"no_limb", "short_arc", "ambiguous", "not_converged", "dark"},
+    }
+    for name, outcomes in expected.items():
+        done = horizonval("estimate", name, "--camera", "mini-camera.toml", "--estimator", "altitude-free", "--json")
+        report = _estimate(done)
+        assert report["status"] in outcomes, (name, report)
+        assert (report["reason"] is None) == (report["status"] == "valid")
+
+
+def test_one_pixel(horizonval, scene):
+    (scene / "tiny.toml").write_text("[camera]\nwidth = 1\nheight = 1\nfov_deg = 60.0\n")
+    for value in (0, 255):
+        cv2.imwrite(str(scene / "tiny.png"), np.full((1, 1), value, np.uint8))
+        done = horizonval("estimate", "tiny.png", "--camera", "tiny.toml", "--estimator", "altitude-free", "--json")
+        assert _estimate(done)["status"] != "valid"
+
+
+def test_one_pixel_camera_renders(horizonval, scene):
+    camera = MINI_CAMERA.replace("width = 96", "width = 1").replace("height = 80", "height = 1")
+    (scene / "mini-camera.toml").write_text(camera)
+    assert horizonval("render", "one.toml", "-o", "one.exr").returncode == 0
+    assert horizonval("observe", "one.exr", "-o", "dn.exr").returncode == 0
+    done = horizonval("estimate", "dn.exr", "--estimator", "altitude-free", "--json")
+    assert _estimate(done)["status"] != "valid"
+
+
+def _damages(data):
+    flipped = bytearray(data)
+    flipped[len(data) // 2] ^= 1
+    header = bytearray(data)
+    header[data.find(b"scene_id") + 30] ^= 1
+    return {
+        "empty": b"",
+        "magic": data[:4],
+        "half": data[: len(data) // 2],
+        "flipped": bytes(flipped),
+        "header": bytes(header),
+        "longer": data + b"x",
+        "text": b"this is no image\n" * 50,
+    }
+
+
+def test_damaged_exr_into_every_command(horizonval, frame_path, scene):
+    for name, data in _damages(frame_path.read_bytes()).items():
+        path = scene / f"{name}.exr"
+        path.write_bytes(data)
+        assert_one_line(horizonval("observe", path, "-o", "o.exr"), str(path))
+        assert_one_line(horizonval("estimate", path, "--estimator", "altitude-free"), str(path))
+        assert not (scene / "o.exr").exists()
+
+
+def test_png_named_exr_into_observe(horizonval, scene):
+    cv2.imwrite(str(scene / "p.png"), np.zeros((8, 8), np.uint8))
+    (scene / "p.png").rename(scene / "p.exr")
+    assert_one_line(horizonval("observe", "p.exr", "-o", "o.exr"), "p.exr", "PNG")
+
+
+def test_an_image_is_not_a_frame(horizonval, image_path):
+    assert_one_line(horizonval("observe", image_path, "-o", "o.exr"), str(image_path), "frame")
+
+
+def test_archive_ls_and_verify(horizonval, mini_run, tmp_path):
+    done = horizonval("archive", "ls", mini_run)
+    assert (done.returncode, len(done.stdout.splitlines())) == (0, 12)
+    entries = json.loads(horizonval("archive", "ls", mini_run / "archive", "--json").stdout)
+    assert {e["kind"] for e in entries} == {"frame", "image"}
+    assert json.loads(horizonval("archive", "verify", mini_run, "--json").stdout) == {"entries": 12, "problems": []}
+    shutil.copytree(mini_run / "archive", tmp_path / "copy")
+    victim = next((tmp_path / "copy").rglob("*.exr"))
+    victim.write_bytes(victim.read_bytes()[:-100])
+    done = horizonval("archive", "verify", "copy")
+    assert done.returncode == 1
+    assert victim.name in done.stdout
+    done = horizonval("archive", "ls", "copy")
+    assert (done.returncode, len(done.stdout.splitlines())) == (0, 12)
+    assert_one_line(horizonval("archive", "ls", "nowhere"), "nowhere")
+
+
+def test_report_again(horizonval, mini_run, tmp_path):
+    shutil.copytree(mini_run, tmp_path / "out")
+    shutil.rmtree(tmp_path / "out" / "report")
+    assert horizonval("report", "out").returncode == 0
+    assert (tmp_path / "out" / "report" / "index.html").is_file()
+    assert_one_line(horizonval("report", "nowhere"), "nowhere")
+
+
+def test_report_of_a_folder_that_is_no_run(horizonval, tmp_path):
+    (tmp_path / "empty").mkdir()
+    done = horizonval("report", "empty")
+    assert_one_line(done, "empty")
+
+
+def test_radiance(horizonval, tmp_path):
+    (tmp_path / "rays.csv").write_text(RAYS)
+    done = horizonval("radiance", "rays.csv", "--atmosphere", "us76", "-o", "out.csv")
+    assert done.returncode == 0, done.stderr
+    lines = (tmp_path / "out.csv").read_text().splitlines()
+    head = lines[0].split(",")
+    assert head[: len(RAYS.splitlines()[0].split(","))] == RAYS.splitlines()[0].split(",")
+    assert all(name.startswith("radiance_") for name in head[10:])
+    for given, made in zip(RAYS.splitlines()[1:], lines[1:], strict=True):
+        assert made.startswith(given + ",")
+        assert all(float(x) > 0 for x in made.split(",")[10:])
+    assert horizonval("radiance", "rays.csv", "--atmosphere", "us76", "-o", "hot.csv", "--thermal").returncode == 0
+    assert (tmp_path / "hot.csv").read_text() != (tmp_path / "out.csv").read_text()
+
+
+def test_radiance_of_no_rays(horizonval, tmp_path):
+    (tmp_path / "rays.csv").write_text(RAYS.splitlines()[0] + "\n")
+    assert horizonval("radiance", "rays.csv", "--atmosphere", "us76", "-o", "out.csv").returncode == 0
+    assert (tmp_path / "out.csv").read_text().startswith(RAYS.splitlines()[0] + ",radiance_")
+
+
+def test_radiance_wrong_use(horizonval, tmp_path):
+    (tmp_path / "rays.csv").write_text(RAYS)
+    us76 = ("--atmosphere", "us76", "-o", "out.csv")
+    assert_one_line(horizonval("radiance", "rays.csv", *us76, "--orders", "all"), "--orders", "not available")
+    assert_one_line(horizonval("radiance", "none.csv", *us76), "none.csv")
+    assert_one_line(horizonval("radiance", "rays.csv", "--atmosphere", "us67", "-o", "out.csv"), "us67", "us76")
+    (tmp_path / "bad.csv").write_text(RAYS.replace("6391.0", "six"))
+    assert_one_line(horizonval("radiance", "bad.csv", *us76), "bad.csv: line 3, column obs_z_km", '"six"')
+    (tmp_path / "low.csv").write_text(RAYS.replace("6391.0", "10"))
+    assert_one_line(horizonval("radiance", "low.csv", *us76), "low.csv", "ray 2", "below the ground")
+    (tmp_path / "bad.json").write_text('{"planet_radius_km": -1}')
+    assert_one_line(horizonval("radiance", "rays.csv", "--atmosphere", "bad.json", "-o", "out.csv"), "bad.json")
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_doctor(horizonval):
+    done = horizonval("doctor")
+    assert done.returncode == 0, done.stdout
+    for label in ("Python", "mitsuba", "llvm_ad_mono", "cache", "processors", "GPU", "ready"):
+        assert label in done.stdout
+    assert json.loads(horizonval("doctor", "--json").stdout)["can_render"] is True
+
+
+def test_doctor_without_llvm_says_what_to_do(horizonval, tmp_path):
+    done = horizonval(
+        "doctor", DRJIT_LIBLLVM_PATH=str(tmp_path / "none.so"), HORIZONVAL_VARIANT="llvm_ad_mono",
+        XDG_CACHE_HOME=str(tmp_path / "cache"),
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "rendering is impossible" in done.stdout
+    assert "install LLVM" in done.stdout
+    done = horizonval(
+        "render", "limb-noon-vis", "-o", "f.exr", DRJIT_LIBLLVM_PATH=str(tmp_path / "none.so"),
+        HORIZONVAL_VARIANT="llvm_ad_mono", XDG_CACHE_HOME=str(tmp_path / "cache"),
+    )  # fmt: skip
+    assert_one_line(done, "horizonval doctor")

@@ -1,0 +1,83 @@
+"""What makes two cases the same."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from horizonval.campaign import identity
+from horizonval.spec.load import Suite, load_suite
+
+SUITE = """
+[suite]
+name = "s"
+estimators = ["ideal"]
+[defaults]
+camera.file = "c.toml"
+platform.altitude_km = 500.0
+[[frame]]
+scene.name = "a"
+"""
+CAMERA = '[camera]\nwidth = 64\nheight = 48\nfov_deg = 60.0\n[[band]]\nname="v"\nkind="solar"\nlo_um=0.5\nhi_um=0.7\n'
+
+
+@pytest.fixture
+def load(tmp_path):
+    def build(suite: str = SUITE, camera: str = CAMERA, atmosphere: str = "{}", folder: str = "one") -> Suite:
+        place = tmp_path / folder
+        place.mkdir(exist_ok=True)
+        (place / "c.toml").write_text(camera)
+        (place / "a.json").write_text(atmosphere)
+        (place / "s.toml").write_text(suite)
+        return load_suite(place / "s.toml")
+
+    return build
+
+
+def _all(suite: Suite) -> tuple[str, str, str]:
+    case = suite.cases[0]
+    return (
+        identity.frame_identity(case),
+        identity.case_identity(case, suite.estimators),
+        identity.suite_identity(suite),
+    )
+
+
+def test_the_same_again_is_the_same(load):
+    assert _all(load()) == _all(load()) == _all(load(folder="two"))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"suite": SUITE.replace("500.0", "500.0000001")},
+        {"suite": SUITE.replace('"a"', '"b"')},
+        {"suite": SUITE.replace('name = "s"', 'name = "s"\nseed = 1')},
+        {"camera": CAMERA.replace("60.0", "61.0")},
+        {"camera": CAMERA + "[optics]\npsf_sigma_px = 1.0\n"},
+    ],
+)
+def test_every_input_counts(load, change):
+    for before, after in zip(_all(load()), _all(load(**change)), strict=True):
+        assert before != after
+
+
+def test_an_atmosphere_counts_by_content_not_by_place(load):
+    text = SUITE + '[frame.atmosphere]\nfile = "a.json"\n'
+    here = _all(load(text, atmosphere=json.dumps({"x": 1})))
+    assert here == _all(load(text, atmosphere=json.dumps({"x": 1}), folder="two"))
+    assert here != _all(load(text, atmosphere=json.dumps({"x": 2})))
+
+
+def test_estimators_do_not_change_a_frame(load):
+    one, two = load(), load(SUITE.replace('["ideal"]', '["ideal", "altitude-free"]'))
+    frame, case, suite = zip(_all(one), _all(two), strict=True)
+    assert frame[0] == frame[1]
+    assert case[0] != case[1]
+    assert suite[0] != suite[1]
+
+
+def test_the_code_counts():
+    assert identity.code_version().startswith(identity.horizonval.__version__ + "+")
+    assert identity._code_digest(("",)) != identity._code_digest(("earth",))

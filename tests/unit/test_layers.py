@@ -1,0 +1,102 @@
+"""The rooms of the package import only rooms below them, and nothing imports in circles."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+import horizonval
+
+PACKAGE = Path(horizonval.__file__).parent
+
+ROOMS = [
+    "cli", "reproduce", "study", "campaign", "localisation", "regression", "report", "scoring", "archive", "sensor",
+    "render", "estimators", "limb", "truth", "frame", "earth", "geometry", "spec", "suggest", "outcome", "errors",
+]  # fmt: skip
+"""From top to bottom. A room may import any room that stands later in this list."""
+
+STRANGERS = {("render", "sensor"), ("sensor", "render"), ("estimators", "frame"), ("estimators", "truth")}
+"""Pairs that must not know each other although the order would allow it."""
+
+HEAVY = {"mitsuba", "drjit"}
+LIGHT_ROOMS = ("geometry", "earth", "spec", "truth", "frame", "limb", "estimators", "sensor", "scoring", "archive")
+
+
+def _modules() -> dict[str, Path]:
+    names = {}
+    for path in PACKAGE.rglob("*.py"):
+        parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+        names[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return names
+
+
+def _imports(name: str, path: Path) -> set[str]:
+    """Every module a file imports, also inside functions; names imported from a package count as its modules."""
+    found = set()
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                above = package.split(".")[: len(package.split(".")) - node.level + 1]
+                base = ".".join([*above, base]) if base else ".".join(above)
+            found.add(base)
+            found |= {f"{base}.{alias.name}" for alias in node.names}
+    return found
+
+
+MODULES = _modules()
+INSIDE = {name: {i for i in _imports(name, path) if i in MODULES} - {name} for name, path in MODULES.items()}
+
+
+def _room(module: str) -> str | None:
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 else None
+
+
+def test_every_room_has_its_place():
+    rooms = {_room(name) for name in MODULES} - {None}
+    assert rooms <= set(ROOMS)
+    assert len(MODULES) > 50
+
+
+@pytest.mark.parametrize("module", sorted(MODULES))
+def test_imports_point_downwards(module):
+    room = _room(module)
+    if room is None:
+        return
+    for imported in INSIDE[module]:
+        other = _room(imported)
+        if other is None or other == room:
+            continue
+        assert ROOMS.index(other) > ROOMS.index(room), f"{module} imports {imported}, which stands above it"
+        assert (room, other) not in STRANGERS, f"{module} must not know {imported}"
+
+
+def test_no_circles():
+    done: set[str] = set()
+
+    def visit(module: str, path: tuple[str, ...]) -> None:
+        assert module not in path, " -> ".join([*path[path.index(module) :], module])
+        if module in done:
+            return
+        for imported in sorted(INSIDE[module]):
+            # A package's own modules always load the package first; that is no circle.
+            if not module.startswith(imported + "."):
+                visit(imported, (*path, module))
+        done.add(module)
+
+    sys.setrecursionlimit(max(sys.getrecursionlimit(), 10_000))
+    for module in sorted(MODULES):
+        visit(module, ())
+
+
+@pytest.mark.parametrize("module", sorted(m for m in MODULES if _room(m) in LIGHT_ROOMS))
+def test_only_render_knows_the_renderer(module):
+    roots = {name.split(".")[0] for name in _imports(module, MODULES[module])}
+    assert not roots & HEAVY
