@@ -22,6 +22,7 @@ from horizonval.report import overlay, picture, plots, rerun, wording
 from horizonval.report.load import Run, View, load_run
 from horizonval.report.verdict import VERDICTS, verdict_of
 from horizonval.scoring import limits
+from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
 
 _FILES = {"style": "page.css", "code": "page.js"}
@@ -76,7 +77,7 @@ def page_of(run: Run) -> dict[str, Any]:
     reduced = pixels > picture.LOSSLESS_BUDGET_PX
     tiles = [_tile(view, run.estimators, index, reduced) for index, view in enumerate(run.views)]
     shown = {tile_row["verdict"] for tile in tiles for tile_row in tile["rows"]}
-    cameras = sorted({row["camera"] for row in run.rows})
+    cameras = sorted({tile["camera"] for tile in tiles})
     return {
         "run": run,
         "summary": summary,
@@ -89,11 +90,11 @@ def page_of(run: Run) -> dict[str, Any]:
         "tiles": tiles,
         "reduced": reduced,
         "verdicts": [verdict for verdict in VERDICTS if verdict in shown],
-        "limit_deg": math.degrees(limits.NADIR_ERROR_LIMIT_RAD),
-        "floor_deg": math.degrees(limits.SIGMA_TEST_FLOOR_RAD),
-        "sigmas": limits.SIGMA_LIMIT,
-        "gamma": picture.GAMMA,
-        "percentiles": picture.PERCENTILES,
+        "limit_deg": f"{math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}",
+        "floor_deg": f"{math.degrees(limits.SIGMA_TEST_FLOOR_RAD):g}",
+        "sigmas": f"{limits.SIGMA_LIMIT:g}",
+        "gamma": f"{picture.GAMMA:g}",
+        "percentiles": [f"{value:g}" for value in picture.PERCENTILES],
     }
 
 
@@ -120,7 +121,7 @@ def _figures(run: Run) -> list[dict[str, str]]:
             "uri": plots.figure_uri(plots.error_by_frame(run.views, run.estimators), width, height),
             "title": "Nadir error of every frame",
             "text": "Angle between the claimed and the true nadir. The strip on top marks the frames that an estimator "
-            "refused.",
+            f"refused. Errors below {plots.FLOOR_ARCSEC:g} arcsec are drawn at {plots.FLOOR_ARCSEC:g} arcsec.",
             "wide": "wide",
         },
         {
@@ -165,10 +166,10 @@ def _confusion(rows: Sequence[Mapping[str, Any]], estimator: str) -> dict[str, A
 
 def _tile(view: View, estimators: Sequence[str], index: int, reduced: bool) -> dict[str, Any]:
     image = view.image
-    rows = [_tile_row(view, name) for name in estimators]
+    # A frame without any row says so once.
+    rows = [_tile_row(view, name) for name in estimators] if view.rows else []
     some = next(iter(view.rows.values()), None)
-    # One expectation for the frame: that of a method that looks at the image, which differs from "valid".
-    expected = next((row["expected"] for row in view.rows.values() if row["expected"] != Outcome.VALID), None)
+    expected = expected_outcome(image.truth, view.band) if image is not None else None
     camera = some["camera"] if some else (image.truth.camera["camera"].get("name") or "" if image else "")
     tile: dict[str, Any] = {
         "index": index,
@@ -176,12 +177,12 @@ def _tile(view: View, estimators: Sequence[str], index: int, reduced: bool) -> d
         "camera": camera,
         "band": view.band,
         "rows": rows,
-        "expected": expected or (Outcome.VALID if some else None),
-        "expected_meaning": wording.meaning(expected or Outcome.VALID) if some else "",
+        "expected": expected.outcome if expected else None,
+        "expected_meaning": wording.meaning(expected.outcome) if expected else "",
         "problem": view.problem,
         "picture": None,
         "data": json.dumps({row["estimator"]: [row["verdict"].key, row["error"]] for row in rows}),
-        "facts": _facts(some, image.truth) if some and image else [],
+        "facts": _facts(expected, image.truth) if expected and image else [],
         "rerun": None,
     }
     if image is not None:
@@ -206,14 +207,14 @@ def _tile_row(view: View, estimator: str) -> dict[str, Any]:
     row = view.rows.get(estimator)
     verdict = verdict_of(row, broken=view.broken)
     values: list[tuple[str, str]] = []
-    text = "no estimator was run on this frame" if not view.rows else "not run on this frame"
+    text = "was not run on this frame"
     if row is not None:
         number = wording.number
         expected = wording.meaning(row["expected"])
         if row["status"] == Outcome.VALID:
             text = f"{number(row['nadir_error_arcsec'])} arcsec off"
             if row["sigma_nadir_arcsec"]:
-                text += f", claims {number(row['sigma_nadir_arcsec'])} (1 sigma)"
+                text += f", claims {number(row['sigma_nadir_arcsec'])} arcsec (1 sigma)"
             if row["expected"] != Outcome.VALID:
                 text += f"; expected to refuse: {expected}"
         else:
@@ -257,23 +258,30 @@ def _layers(view: View, truth: FrameTruth, estimators: Sequence[str]) -> list[di
     return layers
 
 
-def _facts(row: Mapping[str, Any], truth: FrameTruth) -> list[tuple[str, str]]:
+def _facts(expected: Expected, truth: FrameTruth) -> list[tuple[str, str]]:
     number = wording.number
+    sun_side = "above" if expected.sun_limb_distance_deg > 0 else "below"
     return [
         ("epoch", truth.epoch_utc),
-        ("altitude", f"{number(row['altitude_km'], 4)} km"),
+        ("altitude", f"{number(truth.altitude_m / 1e3, 4)} km"),
         (
             "roll, pitch, yaw",
-            f"{number(row['roll_deg'], 4)}°, {number(row['pitch_deg'], 4)}°, {number(row['yaw_deg'], 4)}°",
+            ", ".join(f"{number(math.degrees(a), 4)}°" for a in (truth.roll_rad, truth.pitch_rad, truth.yaw_rad)),
         ),
         ("Earth's angular radius", f"{number(math.degrees(truth.angular_radius_rad), 4)}°"),
-        ("Sun's zenith angle below the satellite", f"{number(row['sun_zenith_deg'], 4)}°"),
+        ("Sun's zenith angle below the satellite", f"{number(expected.sun_zenith_deg, 4)}°"),
         (
             "Sun",
-            f"{wording.percent(row['sun_visible_fraction'])} of its disc seen past the Earth, "
-            f"{'in' if row['sun_in_frame'] else 'not in'} the frame",
+            f"{wording.percent(truth.sun_visible_fraction)} of its disc seen past the Earth, "
+            f"{'in' if expected.sun_in_frame else 'not in'} the frame, "
+            f"{number(abs(expected.sun_limb_distance_deg))}° {sun_side} the horizon",
         ),
-        ("horizon in view", f"{number(row['horizon_arc_px'])} px, {wording.percent(row['lit_fraction'])} of it lit"),
+        (
+            "horizon in view",
+            f"{number(expected.horizon_arc_px)} px, {wording.percent(expected.lit_fraction)} of it lit"
+            if expected.lit_fraction is not None
+            else "none",
+        ),
     ]
 
 

@@ -1,7 +1,7 @@
 """Detector images as small pictures inside the page.
 
 Grey levels run from the 1st to the 99.5th percentile of the pixels that are not saturated, so that neither the Sun's
-blob nor a hot pixel decides them, and over no less than 2 % of full scale, so that the noise of a dark frame stays
+blob nor a hot pixel decides them, and over no less than 4 % of full scale, so that the noise of a dark frame stays
 dark. A gamma of 1.6 shows the fading limb.
 """
 
@@ -18,7 +18,7 @@ from horizonval.frame import DetectorImage
 
 GAMMA = 1.6
 PERCENTILES = (1.0, 99.5)
-SMALLEST_RANGE = 0.02
+SMALLEST_RANGE = 0.04
 LOSSLESS_BUDGET_PX = 12_000_000
 """Pixels of a whole report up to which they are stored losslessly and in full size: about 8 MB."""
 REDUCED_SIDE_PX = 384

@@ -37,7 +37,7 @@ _STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "path.simplify": False,
 }
-_FLOOR_ARCSEC = 1e-3
+FLOOR_ARCSEC = 0.1
 """Smaller errors, exact zeros among them, are drawn here: a log axis has no zero."""
 _MOST_NAMES = 45
 
@@ -74,7 +74,7 @@ def error_by_frame(views: Sequence[View], estimators: Sequence[str]) -> Draw:
                 verdict = verdict_of(row, broken=view.broken)
                 if row is not None and row["nadir_error_arcsec"] is not None:
                     x.append(j + offset[i])
-                    y.append(max(row["nadir_error_arcsec"], _FLOOR_ARCSEC))
+                    y.append(max(row["nadir_error_arcsec"], FLOOR_ARCSEC))
                 elif verdict is not NONE:
                     used.add(verdict)
                     hollow = "none" if verdict in (REFUSED, OTHER) else verdict.colour
@@ -115,7 +115,7 @@ def error_by_sigma(rows: Sequence[Mapping[str, Any]], estimators: Sequence[str])
         everything, exact = [], 0
         for i, name in enumerate(estimators):
             pairs = [
-                (row["sigma_nadir_arcsec"], max(row["nadir_error_arcsec"], _FLOOR_ARCSEC))
+                (row["sigma_nadir_arcsec"], max(row["nadir_error_arcsec"], FLOOR_ARCSEC))
                 for row in rows
                 if row["estimator"] == name
                 and row["sigma_nadir_arcsec"] is not None

@@ -22,12 +22,15 @@ OUTCOME_WORDS = {
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Return a number with so many significant digits, without exponent between 1e-4 and 1e6; a dash for ``None``."""
+    """Return a number with so many significant digits, without exponent between 1e-4 and 1e6; a dash for ``None``.
+
+    Below one millionth, of an arc second or whatever, everything in a report is rounding, and shown as 0.
+    """
     if value is None:
         return "–"
     if not math.isfinite(value):
         return str(value)
-    if value == 0:
+    if abs(value) < 1e-6:
         return "0"
     if not 1e-4 <= abs(value) < 1e6:
         return f"{value:.{digits - 1}e}".replace("-", "−")

@@ -1,0 +1,176 @@
+"""The parts of a report that can be right or wrong by themselves."""
+
+from __future__ import annotations
+
+import base64
+import math
+import re
+import tomllib
+
+import cv2
+import numpy as np
+import pytest
+from synthetic import SOLAR_CAMERA, THERMAL_CAMERA, synthetic_cases, toy_image, truth_at
+
+from horizonval.frame import DetectorImage
+from horizonval.geometry.ellipsoid import sphere
+from horizonval.outcome import Outcome
+from horizonval.report import overlay, picture, plots, rerun, wording
+from horizonval.report.load import View
+from horizonval.report.verdict import BONUS, BROKEN, FALSE_VALID, MISSED, NONE, OTHER, REFUSED, VALID, verdict_of
+from horizonval.spec.load import load_scene
+from horizonval.truth import truth_of
+
+
+def vertices(path: str) -> np.ndarray:
+    return np.array([[float(x) for x in pair.split()] for pair in re.findall(r"[-\d.]+ [-\d.]+", path)])
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        (0.0, "0"),
+        (-3e-12, "0"),
+        (140.4, "140"),
+        (-0.01234, "−0.0123"),
+        (9.996, "10.0"),
+        (123456.0, "123000"),
+        (2e7, "2.00e+07"),
+        (math.inf, "inf"),
+    ],
+)
+def test_numbers(value, text):
+    assert wording.number(value) == text
+
+
+def test_every_outcome_has_words():
+    assert {wording.meaning(str(outcome)) for outcome in Outcome} == set(wording.OUTCOME_WORDS.values())
+
+
+@pytest.mark.parametrize(
+    ("expected", "status", "false", "verdict"),
+    [
+        ("valid", "valid", False, VALID),
+        ("valid", "valid", True, FALSE_VALID),
+        ("dark", "valid", False, BONUS),
+        ("dark", "valid", True, FALSE_VALID),
+        ("valid", "dark", False, MISSED),
+        ("dark", "dark", False, REFUSED),
+        ("dark", "no_limb", False, OTHER),
+    ],
+)
+def test_verdicts(expected, status, false, verdict):
+    assert verdict_of({"expected": expected, "status": status, "false_valid": false}) is verdict
+
+
+def test_verdicts_without_a_result():
+    assert verdict_of(None) is NONE
+    assert verdict_of({"expected": "valid", "status": "bad_input", "false_valid": False}, broken=True) is BROKEN
+
+
+def test_the_fitted_limb_of_a_perfect_fit_lies_on_the_true_horizon():
+    """On a sphere the horizon is a cone; both curves are drawn to 0.01 px and thinned at different places."""
+    truth = truth_at(roll_deg=66.0, ellipsoid=sphere(6371008.8))
+    camera = overlay.camera_of(truth)
+    true = vertices(overlay.horizon_path(truth))
+    fitted = vertices(overlay.limb_path(camera, truth.nadir_geocentric_cam, truth.angular_radius_rad))
+    middle = true[(true[:, 0] > 5) & (true[:, 0] < 634)]
+    order = np.argsort(fitted[:, 0])
+    assert len(middle) > 100
+    assert np.abs(np.interp(middle[:, 0], fitted[order, 0], fitted[order, 1]) - middle[:, 1]).max() < 0.05
+
+
+def test_a_limb_that_leaves_and_enters_again_is_not_joined_across():
+    """A far Earth larger than the image's height: two arcs, no line from one to the other."""
+    truth = truth_at(THERMAL_CAMERA, altitude_km=10_000.0, ellipsoid=sphere(6371008.8))
+    path = overlay.limb_path(overlay.camera_of(truth), truth.nadir_geocentric_cam, truth.angular_radius_rad)
+    for piece in path.split("M")[1:]:
+        assert np.linalg.norm(np.diff(vertices(piece), axis=0), axis=1).max() < 5
+    assert path.count("M") >= 2
+
+
+def test_a_limb_outside_the_image_is_no_path():
+    truth = truth_at(roll_deg=150.0)
+    assert overlay.horizon_path(truth) == ""
+    assert overlay.limb_path(overlay.camera_of(truth), truth.nadir_geocentric_cam, truth.angular_radius_rad) == ""
+
+
+def test_points_are_dots_and_bad_ones_are_left_out():
+    assert overlay.points_path([[1.0, 2.25], [np.nan, 1.0], [-0.001, 3.0]]) == "M1 2.25h0M0 3h0"
+
+
+def test_the_sun_does_not_take_the_greys():
+    image = toy_image(truth_at(roll_deg=66.0, sun_zenith_deg=100.0, sun_azimuth_deg=270.0))
+    assert (image.dn == image.full_scale).sum() > 5
+    grey, _, white = picture.tone_mapped(image)
+    assert white < 0.7 * image.full_scale
+    assert np.percentile(grey, 75) > 120
+
+
+def test_noise_of_a_dark_frame_stays_in_its_place():
+    noise = np.random.default_rng(2).normal(32, 0.5, (120, 160)).round().astype(np.uint16)
+    grey, black, white = picture.tone_mapped(DetectorImage(noise, "vis", truth_at(), 1023))
+    assert white - black >= 0.04 * 1023
+    assert grey.mean() < 60
+
+
+@pytest.mark.parametrize("level", [0, 1023])
+def test_flat_images_have_a_picture(level):
+    grey, _, _ = picture.tone_mapped(DetectorImage(np.full((3, 4), level, np.uint16), "vis", truth_at(), 1023))
+    assert set(np.unique(grey)) <= {0, 255}
+
+
+@pytest.mark.parametrize(("reduced", "kind"), [(False, "png"), (True, "jpeg")])
+def test_pictures_decode_to_the_image(reduced, kind):
+    image = toy_image(truth_at(roll_deg=66.0))
+    made = picture.picture_of(image, reduced=reduced)
+    head, data = made.uri.split(",")
+    assert head == f"data:image/{kind};base64"
+    back = cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_UNCHANGED)
+    if reduced:
+        assert back.shape == (288, 384)
+    else:
+        np.testing.assert_array_equal(back, picture.tone_mapped(image)[0])
+
+
+def test_toml_comes_back():
+    data = {
+        "top": 1,
+        "text": 'quotes " \\ and\nlines, ü, \x7f',
+        "none": None,
+        "table": {"float": 1e-05, "big": 1e22, "flag": True, "list": [1.0, [2, 3]], "inner": {"x": -0.0}},
+        "empty": {},
+        "band": [{"name": "a", "shape": {"kind": "hat", "no": None}}, {"name": "b"}],
+        "odd key": {"a.b": 1},
+    }
+    expected = {**data, "band": [{"name": "a", "shape": {"kind": "hat"}}, {"name": "b"}]}
+    del expected["none"]
+    assert tomllib.loads(rerun.toml(data)) == expected
+
+
+def test_the_written_scene_gives_the_same_frame(tmp_path):
+    """The scene's hash names the frame and seeds its noise: it must survive the trip through the page."""
+    (tmp_path / "cam.toml").write_text(rerun.toml(SOLAR_CAMERA))
+    (tmp_path / "scene.toml").write_text(
+        'camera.file = "cam.toml"\nscene.name = "x"\nplatform = { altitude_km = 512.3456789, latitude_deg = -3e-7 }\n'
+        "attitude.roll_deg = 66.1\nsun = { zenith_deg = 33.3 }\n"
+    )
+    truth = truth_of(*load_scene(tmp_path / "scene.toml"))
+    again = rerun.rerun_of(truth, "x", "red", "archive/ab/abc.exr", ["one", "two"])
+    folder = tmp_path / "again"
+    folder.mkdir()
+    for name, text in again.files:
+        (folder / name).write_text(text)
+    assert [name for name, _ in again.files] == ["x.toml", "cam.toml"]
+    assert truth_of(*load_scene(folder / "x.toml")) == truth
+    assert again.commands[-1] == "horizonval estimate RUN/archive/ab/abc.exr --estimator one"
+
+
+def test_figures_are_the_same_twice_and_hold_no_date():
+    views = [View(c.truth.scene["scene"]["name"], "red", {}, {}, None, "", False, "") for c in synthetic_cases()[:2]]
+    made = [plots.figure_uri(plots.error_by_frame(views, ["a", "b"]), 6, 3) for _ in range(2)]
+    assert made[0] == made[1]
+    svg = base64.b64decode(made[0].split(",")[1]).decode()
+    assert "<svg" in svg
+    assert "dc:date" not in svg
