@@ -222,6 +222,8 @@ def _tile_row(view: View, estimator: str) -> dict[str, Any]:
             if row["status"] != row["expected"] and not view.broken:
                 usable = row["expected"] == Outcome.VALID
                 text += f"; expected {'an attitude' if usable else wording.outcome(row['expected'])}"
+            if row["reason"] and not view.broken:
+                text += f". Its reason: {row['reason']}"
         values = [
             ("reported", wording.outcome(row["status"])),
             ("expected", f"{wording.outcome(row['expected'])} ({expected})"),

@@ -63,7 +63,7 @@ def error_by_frame(views: Sequence[View], estimators: Sequence[str]) -> Draw:
 
     def draw(figure: Figure) -> None:
         strip, axes = figure.subplots(
-            2, 1, sharex=True, gridspec_kw={"height_ratios": [0.16 * len(estimators) + 0.1, 1], "hspace": 0.02}
+            2, 1, sharex=True, gridspec_kw={"height_ratios": [0.1 * len(estimators) + 0.06, 1], "hspace": 0.02}
         )
         offset = np.linspace(-0.2, 0.2, len(estimators)) if len(estimators) > 1 else np.zeros(1)
         used = set()
@@ -165,8 +165,9 @@ def roll_and_pitch(rows: Sequence[Mapping[str, Any]], estimators: Sequence[str])
         for i, name in enumerate(estimators):
             if pairs[name]:
                 axes.scatter(*zip(*pairs[name], strict=True), label=f"{name} (n = {len(pairs[name])})", **_mark(i))
-        axes.axhline(0, color="#333333", lw=0.8)
-        axes.axvline(0, color="#333333", lw=0.8)
+        if size:
+            axes.axhline(0, color="#333333", lw=0.8)
+            axes.axvline(0, color="#333333", lw=0.8)
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
         axes.set(xlabel="roll error [arcsec]", ylabel="pitch error [arcsec]")
         if size:

@@ -40,8 +40,12 @@ Beyond that the limb fades through twilight (its lowest sunlit layer is at 6 km 
 An estimator that still finds it is welcome, but it is not expected to.
 """
 
-MIN_ARC_FRACTION_OF_IMAGE = 0.2
-"""Shortest arc in view (and shortest lit arc) that should give an attitude, as a share of the image's shorter side."""
+MIN_ARC_FRACTION_OF_IMAGE = 0.25
+"""Shortest arc in view (and shortest lit arc) that should give an attitude, as a share of the image's shorter side.
+
+A limb search leaves out the image's rim and needs an unbroken stretch, so what it can use is shorter than what is in
+view; frames close to the limit may fairly go either way, and a suite should hold few of them.
+"""
 
 MIN_ARC_SAGITTA_PX = 0.5
 """An arc in view must also deviate from a straight line by this much.
