@@ -36,10 +36,11 @@ def main() -> None:
     # One thread for linear algebra, before numpy loads: the last bit of a result must not depend on the machine.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    sys.exit(_run(sys.argv[1:]))
+    sys.exit(run_command_line(sys.argv[1:]))
 
 
-def _run(arguments: list[str]) -> int:
+def run_command_line(arguments: list[str]) -> int:
+    """Run one command line and return its exit status."""
     try:
         status = app(arguments or ["--help"], prog_name="horizonval", standalone_mode=False)
         sys.stdout.flush()

@@ -66,7 +66,7 @@ def run_case(case: Case, estimators: tuple[str, ...], folder: RunFolder) -> tupl
         frame = traceback.extract_tb(e.__traceback__)[-1]
         place = f"{frame.filename.rsplit('horizonval', 1)[-1].lstrip('/')}:{frame.lineno}"
         record = failed_record(case, estimators, f"{type(e).__name__} at {place}: {e}")
-    write_json(folder.case(case.name), record)
+    write_json(folder.case(case.name), record, indent=None)
     return record, {stage: round(seconds, 4) for stage, seconds in watch.seconds.items()}
 
 

@@ -169,7 +169,7 @@ def _run_cases(
         for case, result in results:
             if result is None:
                 record = failed_record(case, suite.estimators, "the worker process died (out of memory, or a crash)")
-                write_json(folder.case(case.name), record)
+                write_json(folder.case(case.name), record, indent=None)
             else:
                 record, seconds[case.name] = result
             records[case.name] = record

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from horizonval import cli
+
 PROGRAM = Path(sys.executable).with_name("horizonval")
 
 MINI_CAMERA = """
@@ -54,20 +56,37 @@ platform.altitude_km = 500.0
 )
 
 
-@pytest.fixture
-def horizonval(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Run the program in the test's folder; keyword arguments go to the environment."""
+Call = Callable[..., "subprocess.CompletedProcess[str]"]
 
-    def call(*arguments: object, timeout: float = 300, **environment: str) -> subprocess.CompletedProcess[str]:
+
+@pytest.fixture
+def program(tmp_path: Path) -> Call:
+    """Run the installed program in the test's folder; keyword arguments go to the environment."""
+
+    def call(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [str(PROGRAM), *map(str, arguments)],
             cwd=tmp_path,
             env=os.environ | environment,
             capture_output=True,
             text=True,
-            timeout=timeout,
+            timeout=300,
             check=False,
         )
+
+    return call
+
+
+@pytest.fixture
+def horizonval(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Call:
+    """Run a command line inside this process, which saves a program's start; an escaping exception fails the test."""
+
+    def call(*arguments: object) -> subprocess.CompletedProcess[str]:
+        monkeypatch.chdir(tmp_path)
+        capfd.readouterr()
+        status = cli.run_command_line([str(a) for a in arguments])
+        output, errors = capfd.readouterr()
+        return subprocess.CompletedProcess(["horizonval", *map(str, arguments)], status, output, errors)
 
     return call
 

@@ -62,21 +62,25 @@ def _estimate(done):
     return report
 
 
-def test_help_version_and_wrong_use(horizonval):
+def test_the_program_itself(program):
+    assert program("--version").stdout.startswith("horizonval ")
+    assert program("list", "suites").returncode == 0
+    assert_one_line(program("rendr"), "rendr")
+
+
+def test_help_and_wrong_use(horizonval):
     done = horizonval("--help")
     assert done.returncode == 0
     for command in ("run", "render", "observe", "estimate", "radiance", "report", "archive", "doctor", "list"):
         assert command in done.stdout
         assert horizonval(command, "--help").returncode == 0
-    assert "horizonval" in horizonval("--version").stdout
-    assert_one_line(horizonval("rendr"), "rendr")
     assert_one_line(horizonval("run", "--wrokers", "2"), "--wrokers")
     assert_one_line(horizonval("run", "quick", "--out", "o", "--workers", "0"), "--workers")
 
 
 @pytest.mark.parametrize("command", [["--help"], ["list", "cameras"], ["list", "estimators"]])
-def test_light_commands_do_not_load_the_renderer(horizonval, tmp_path, command):
-    done = horizonval(*command, PYTHONPROFILEIMPORTTIME="1")
+def test_light_commands_do_not_load_the_renderer(program, command):
+    done = program(*command, PYTHONPROFILEIMPORTTIME="1")
     assert done.returncode == 0
     loaded = {line.rsplit("|", 1)[-1].strip() for line in done.stderr.splitlines()}
     assert "typer" in loaded
@@ -317,15 +321,15 @@ def test_doctor(horizonval):
     assert json.loads(horizonval("doctor", "--json").stdout)["can_render"] is True
 
 
-def test_doctor_without_llvm_says_what_to_do(horizonval, tmp_path):
-    done = horizonval(
+def test_doctor_without_llvm_says_what_to_do(program, tmp_path):
+    done = program(
         "doctor", DRJIT_LIBLLVM_PATH=str(tmp_path / "none.so"), HORIZONVAL_VARIANT="llvm_ad_mono",
         XDG_CACHE_HOME=str(tmp_path / "cache"),
     )  # fmt: skip
     assert done.returncode == 1
     assert "rendering is impossible" in done.stdout
     assert "install LLVM" in done.stdout
-    done = horizonval(
+    done = program(
         "render", "limb-noon-vis", "-o", "f.exr", DRJIT_LIBLLVM_PATH=str(tmp_path / "none.so"),
         HORIZONVAL_VARIANT="llvm_ad_mono", XDG_CACHE_HOME=str(tmp_path / "cache"),
     )  # fmt: skip

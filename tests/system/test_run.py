@@ -43,23 +43,23 @@ def test_results_hold_no_clock(mini_run):
 
 
 @pytest.mark.parametrize("workers", [1, 3])
-def test_the_number_of_workers_and_threads_changes_nothing(horizonval, mini_suite, mini_run, tmp_path, workers):
+def test_the_number_of_workers_and_threads_changes_nothing(program, mini_suite, mini_run, tmp_path, workers):
     # One worker uses all processors as threads, three share them.
-    assert horizonval("run", mini_suite, "--out", "out", "--workers", workers).returncode == 0
+    assert program("run", mini_suite, "--out", "out", "--workers", workers).returncode == 0
     assert outcome_of(tmp_path / "out") == outcome_of(mini_run)
 
 
-def test_a_finished_run_is_not_made_again(horizonval, mini_suite, mini_run, tmp_path):
+def test_a_finished_run_is_not_made_again(program, mini_suite, mini_run, tmp_path):
     shutil.copytree(mini_run, tmp_path / "out")
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "archive").rglob("*.exr")}
-    done = horizonval("run", mini_suite, "--out", "out")
+    done = program("run", mini_suite, "--out", "out")
     assert done.returncode == 0
     assert "6 of 6 frames are finished already" in done.stderr
     assert before == {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "archive").rglob("*.exr")}
     assert outcome_of(tmp_path / "out") == outcome_of(mini_run)
 
 
-def test_damage_is_noticed_and_mended(horizonval, mini_suite, mini_run, tmp_path):
+def test_damage_is_noticed_and_mended(program, mini_suite, mini_run, tmp_path):
     out = tmp_path / "out"
     shutil.copytree(mini_run, out)
     case = json.loads((out / "cases" / "frame-2.json").read_text())
@@ -72,12 +72,12 @@ def test_damage_is_noticed_and_mended(horizonval, mini_suite, mini_run, tmp_path
     (out / "cases" / "frame-4.json").write_text("{")
     (out / "cases" / ".frame-5.json.99.tmp").touch()
     (out / "archive" / ".0123.tmp").touch()
-    assert horizonval("archive", "verify", "out").returncode == 1
-    done = horizonval("run", mini_suite, "--out", "out")
+    assert program("archive", "verify", "out").returncode == 1
+    done = program("run", mini_suite, "--out", "out")
     assert done.returncode == 0
     assert "3 of 6 frames are finished already" in done.stderr
     assert outcome_of(out) == outcome_of(mini_run)
-    assert horizonval("archive", "verify", "out").returncode == 0
+    assert program("archive", "verify", "out").returncode == 0
 
 
 def _killed_run(suite: Path, out: Path, after_s: float) -> None:
@@ -137,18 +137,18 @@ def test_ctrl_c_is_clean_and_resumable(mini_suite, mini_run, tmp_path):
     _check_kills(mini_suite, mini_run, out, [])
 
 
-def test_another_suite_is_refused(horizonval, mini_suite, mini_run, tmp_path):
+def test_another_suite_is_refused(program, mini_suite, mini_run, tmp_path):
     shutil.copytree(mini_run, tmp_path / "out")
     other = tmp_path / "other.toml"
     other.write_text(mini_suite.read_text().replace('"mini"', '"other"'))
     shutil.copy(mini_suite.with_name("mini-camera.toml"), tmp_path)
-    assert_one_line(horizonval("run", other, "--out", "out"), "holds a run of suite 'mini'", "choose another --out")
+    assert_one_line(program("run", other, "--out", "out"), "holds a run of suite 'mini'", "choose another --out")
     other.write_text(mini_suite.read_text().replace("500.0", "501.0"))
-    assert_one_line(horizonval("run", other, "--out", "out"), "other frames", "choose another --out")
+    assert_one_line(program("run", other, "--out", "out"), "other frames", "choose another --out")
     assert outcome_of(tmp_path / "out") == outcome_of(mini_run)
 
 
-def test_two_runs_in_one_folder_are_refused(horizonval, mini_suite, tmp_path):
+def test_two_runs_in_one_folder_are_refused(program, mini_suite, tmp_path):
     first = subprocess.Popen(
         [str(PROGRAM), "run", str(mini_suite), "--out", "out"],
         cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
@@ -157,7 +157,7 @@ def test_two_runs_in_one_folder_are_refused(horizonval, mini_suite, tmp_path):
     while not (tmp_path / "out" / "run.json").exists():
         assert time.monotonic() < deadline
         time.sleep(0.01)
-    assert_one_line(horizonval("run", mini_suite, "--out", "out"), "another run is working in this folder")
+    assert_one_line(program("run", mini_suite, "--out", "out"), "another run is working in this folder")
     assert first.wait(timeout=120) == 0
 
 
@@ -173,15 +173,15 @@ def test_two_runs_in_one_folder_are_refused(horizonval, mini_suite, tmp_path):
         (("[suite]", "[suite"), ["not valid TOML", "line"]),
     ],
 )  # fmt: skip
-def test_mistakes_in_a_suite_are_told_before_anything_is_rendered(horizonval, mini_suite, tmp_path, change, parts):
+def test_mistakes_in_a_suite_are_told_before_anything_is_rendered(program, mini_suite, tmp_path, change, parts):
     shutil.copy(mini_suite.with_name("mini-camera.toml"), tmp_path)
     suite = tmp_path / "bad.toml"
     suite.write_text(mini_suite.read_text().replace(*change))
-    assert_one_line(horizonval("run", suite, "--out", "out"), str(suite), *parts)
+    assert_one_line(program("run", suite, "--out", "out"), str(suite), *parts)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_broken_frame_costs_only_itself(horizonval, mini_suite, tmp_path):
+def test_a_broken_frame_costs_only_itself(program, mini_suite, tmp_path):
     shutil.copy(mini_suite.with_name("mini-camera.toml"), tmp_path)
     # Python loads a file of this name at start, in workers too; the defect it plants is met by one frame only.
     (tmp_path / "sitecustomize.py").write_text(
@@ -199,7 +199,7 @@ def test_a_broken_frame_costs_only_itself(horizonval, mini_suite, tmp_path):
         "sys.meta_path.insert(0, Saboteur())\n"
     )
     paths = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-    done = horizonval("run", mini_suite, "--out", "out", PYTHONPATH=paths)
+    done = program("run", mini_suite, "--out", "out", PYTHONPATH=paths)
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     assert "frame-3" in done.stderr
@@ -209,5 +209,5 @@ def test_a_broken_frame_costs_only_itself(horizonval, mini_suite, tmp_path):
     assert {(r["case"], r["status"]) for r in rows if r["status"] == "bad_input"} == {("frame-3", "bad_input")}
     assert all("on purpose" in r["reason"] for r in rows if r["case"] == "frame-3")
     # Once the cause is gone, the same command makes what is missing.
-    assert horizonval("run", mini_suite, "--out", "out").returncode == 0
+    assert program("run", mini_suite, "--out", "out").returncode == 0
     assert not [r for r in read_results(tmp_path / "out" / "results.parquet") if r["status"] == "bad_input"]
