@@ -12,6 +12,7 @@ import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -64,7 +65,8 @@ def run_case(case: Case, estimators: tuple[str, ...], folder: RunFolder) -> tupl
         record = failed_record(case, estimators, e.line())
     except Exception as e:
         frame = traceback.extract_tb(e.__traceback__)[-1]
-        place = f"{frame.filename.rsplit('horizonval', 1)[-1].lstrip('/')}:{frame.lineno}"
+        # The file's name only: where the package is installed must not show in a result.
+        place = f"{Path(frame.filename).name}:{frame.lineno}"
         record = failed_record(case, estimators, f"{type(e).__name__} at {place}: {e}")
     write_json(folder.case(case.name), record, indent=None)
     return record, {stage: round(seconds, 4) for stage, seconds in watch.seconds.items()}
