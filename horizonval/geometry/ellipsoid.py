@@ -68,6 +68,9 @@ class Ellipsoid:
 WGS84 = Ellipsoid(6378137.0, 6378137.0 * (1.0 - 1.0 / 298.257223563))
 
 
+_BLOCK = 16384
+
+
 def sphere(radius_m: float) -> Ellipsoid:
     """Return the sphere of this radius [m]."""
     return Ellipsoid(radius_m, radius_m)
@@ -94,35 +97,43 @@ def itrs_from_geodetic(
     return foot + h[..., None] * normal
 
 
-def _foot(r_itrs: ArrayLike, ellipsoid: Ellipsoid) -> tuple[FloatArray, FloatArray]:
-    """Return the outward unit normal at the nearest surface point, shape (..., 3), and the height [m], shape (...)."""
-    r = np.asarray(r_itrs, float) / ellipsoid.a_m
-    beta = (ellipsoid.b_m / ellipsoid.a_m) ** 2
+def _latitude_root(p: FloatArray, z: FloatArray, beta: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return cosine and sine of the geodetic latitude, and the height, of points of the first quadrant.
+
+    ``p`` from the axis and ``z`` from the equator, both in units of the equatorial radius; ``beta = (b / a)^2``.
+    """
     # The floors stand for 1e-13 m: on the equatorial plane inside the evolute, and on the axis, they choose one of
     # the equally near points instead of dividing 0 by 0.
-    p = np.maximum(np.hypot(r[..., 0], r[..., 1]), 1e-20)
-    z = np.maximum(np.abs(r[..., 2]), 1e-20)
+    p, z = np.maximum(p, 1e-20), np.maximum(z, 1e-20)
     root = math.sqrt(beta)
-    lower = np.maximum(p - 1.0, root * z - beta)
-    upper = np.hypot(p, root * z) - beta
+    zr = root * z
+    lower, upper = np.maximum(p - 1.0, zr - beta), np.hypot(p, zr) - beta
     t = lower
     for _ in range(60):
-        x, y = p / (t + 1.0), root * z / (t + beta)
-        n = np.hypot(x, y)
-        new = np.clip(t + n**2 * (n - 1.0) / (x**2 / (t + 1.0) + y**2 / (t + beta)), lower, upper)
+        i, j = 1.0 / (t + 1.0), 1.0 / (t + beta)
+        x2, y2 = (p * i) ** 2, (zr * j) ** 2
+        n2 = x2 + y2
+        new = np.clip(t + n2 * (np.sqrt(n2) - 1.0) / (x2 * i + y2 * j), lower, upper)
         done = np.all(np.abs(new - t) <= 4e-16 * (1.0 + np.abs(new)))
         t = new
         if done:
             break
     x, y = p / (t + 1.0), z / (t + beta)
     scale = np.hypot(x, y)
-    east_west = r[..., :2] / np.maximum(np.hypot(r[..., 0], r[..., 1]), 1e-20)[..., None]
-    # atan2(0, 0) = 0: on the axis itself the meridian is that of Greenwich.
-    east_west = np.where((r[..., 0] == 0.0)[..., None] & (r[..., 1] == 0.0)[..., None], [1.0, 0.0], east_west)
-    normal = np.concatenate(
-        [(x / scale)[..., None] * east_west, (np.copysign(y, r[..., 2]) / scale)[..., None]], axis=-1
-    )
-    return normal, t * scale * ellipsoid.a_m
+    return x / scale, y / scale, t * scale
+
+
+def _foot(r_itrs: ArrayLike, ellipsoid: Ellipsoid) -> tuple[FloatArray, FloatArray]:
+    """Return the outward unit normal at the nearest surface point, shape (..., 3), and the height [m], shape (...)."""
+    r = np.asarray(r_itrs, float) / ellipsoid.a_m
+    p = np.hypot(r[..., 0], r[..., 1])
+    cos_lat, sin_lat, height = _latitude_root(p, np.abs(r[..., 2]), (ellipsoid.b_m / ellipsoid.a_m) ** 2)
+    # On the axis itself the meridian is that of Greenwich, as atan2(0, 0) has it.
+    on_axis = p == 0.0
+    inverse = 1.0 / np.where(on_axis, 1.0, p)
+    east = np.where(on_axis, 1.0, r[..., 0] * inverse)
+    normal = np.stack([cos_lat * east, cos_lat * r[..., 1] * inverse, np.copysign(sin_lat, r[..., 2])], axis=-1)
+    return normal, height * ellipsoid.a_m
 
 
 def geodetic_from_itrs(r_itrs: ArrayLike, ellipsoid: Ellipsoid = WGS84) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -221,29 +232,42 @@ def tangent_point(
         to 1 um, plus the rounding of the coordinates (1 um for observers 2e9 m away).
     """
     o, d = np.broadcast_arrays(np.asarray(o_itrs, float), np.asarray(d_itrs, float))
+    shape = o.shape[:-1]
+    o, d = o.reshape(-1, 3), d.reshape(-1, 3)
+    s, height = np.empty(len(o)), np.empty(len(o))
+    # Blocks that stay in the processor's cache: twice as fast as a megapixel at once.
+    for start in range(0, len(o), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        s[block], height[block] = _tangent_block(o[block], d[block], ellipsoid, ray)
+    return s.reshape(shape), height.reshape(shape)
+
+
+def _tangent_block(o: FloatArray, d: FloatArray, ellipsoid: Ellipsoid, ray: bool) -> tuple[FloatArray, FloatArray]:
     a, b = ellipsoid.a_m, ellipsoid.b_m
-    e2 = 1.0 - (b / a) ** 2
-    centre = -np.einsum("...i,...i->...", o, d)
+    beta = (b / a) ** 2
+    ox, oy, oz = np.ascontiguousarray(o.T)
+    dx, dy, dz = np.ascontiguousarray(d.T)
+    middle = -(ox * dx + oy * dy + oz * dz)
     reach = (a**2 - b**2) / b + 1.0
-    lower, upper = centre - reach, centre + reach
+    lower, upper = middle - reach, middle + reach
     # The lowest point of the scaled line is within some metres of the answer where the line grazes the Earth.
-    o1, d1 = o / ellipsoid.axes_m, d / ellipsoid.axes_m
-    s = np.clip(-np.einsum("...i,...i->...", o1, d1) / np.einsum("...i,...i->...", d1, d1), lower, upper)
-    height = np.empty(s.shape)
+    s = -(ox * dx + oy * dy + oz * dz / beta) / (dx * dx + dy * dy + dz * dz / beta)
+    s = np.clip(s, lower, upper)
     for _ in range(60):
-        normal, height = _foot(o + s[..., None] * d, ellipsoid)
-        slope = np.einsum("...i,...i->...", normal, d)
+        x, y, z = ox + s * dx, oy + s * dy, oz + s * dz
+        p = np.hypot(x, y)
+        cos_lat, sin_lat, height = _latitude_root(p / a, np.abs(z) / a, beta)
+        sin_lat = np.copysign(sin_lat, z)
+        inverse = 1.0 / np.maximum(p, 1e-13)
+        outward, eastward = (x * dx + y * dy) * inverse, (x * dy - y * dx) * inverse
+        slope = cos_lat * outward + sin_lat * dz
+        northward = cos_lat * dz - sin_lat * outward
         lower = np.where(slope <= 0.0, s, lower)
         upper = np.where(slope >= 0.0, s, upper)
-        sin_lat = normal[..., 2]
-        w = 1.0 - e2 * sin_lat**2
-        prime = a / np.sqrt(w) + height
-        meridional = a * (1.0 - e2) / w**1.5 + height
-        cos_lat = np.sqrt(np.maximum(1.0 - sin_lat**2, 1e-30))
-        along_east = (normal[..., 0] * d[..., 1] - normal[..., 1] * d[..., 0]) / cos_lat
-        along_north = (d[..., 2] - slope * sin_lat) / cos_lat
+        w = 1.0 - (1.0 - beta) * sin_lat**2
+        prime, meridional = a * (w**-0.5 + height), a * (beta * w**-1.5 + height)
         with np.errstate(divide="ignore", invalid="ignore"):
-            new = s - slope / (along_east**2 / prime + along_north**2 / meridional)
+            new = s - slope / (eastward**2 / prime + northward**2 / meridional)
         new = np.where((new >= lower) & (new <= upper), new, 0.5 * (lower + upper))
         step = new - s
         s = new
@@ -252,8 +276,7 @@ def tangent_point(
             break
     if ray:
         s = np.maximum(s, 0.0)
-    height = _foot(o + s[..., None] * d, ellipsoid)[1]
-    return s, height
+    return s, geodetic_height(np.stack([ox + s * dx, oy + s * dy, oz + s * dz], axis=-1), ellipsoid)
 
 
 def tangent_height(

@@ -90,7 +90,7 @@ def find_edges_only(image: FloatArray, camera: Camera, full_scale: float | None 
         return refusal
     grey = np.asarray(image, dtype=np.float64)
     edges = find_edges(scale_to_8_bit(grey, saturated_pixels(grey, full_scale)), half_window(grey.shape) + 1)
-    uv, _ = refine(grey, edges.uv, edges.gradient)
+    uv, _, _ = refine(grey, edges.uv, edges.gradient)
     los = unproject(camera, uv)
     good = np.isfinite(los).all(axis=1)
     if good.sum() < FEWEST_POINTS:

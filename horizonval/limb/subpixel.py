@@ -33,7 +33,7 @@ def half_window(shape: tuple[int, ...]) -> int:
     return int(np.clip(min(shape) // 8, 2, HALF_WINDOW_PX))
 
 
-def refine(image: FloatArray, uv: FloatArray, gradient: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+def refine(image: FloatArray, uv: FloatArray, gradient: FloatArray) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
     """Move whole-pixel edge points to sub-pixel positions.
 
     Parameters
@@ -52,6 +52,9 @@ def refine(image: FloatArray, uv: FloatArray, gradient: FloatArray) -> tuple[Flo
         of two points that became the same.
     kept : ndarray of int, shape (m,)
         Their rows in the input.
+    sharpness : ndarray, shape (m,)
+        Largest rise over two pixels across the edge, as a share of the step from end to end of the window: 1 for a
+        hard edge, near 2 / (2 half - 2) for a ramp.
     """
     half = half_window(image.shape)
     vertical = np.abs(gradient[:, 1]) >= np.abs(gradient[:, 0])
@@ -80,7 +83,10 @@ def refine(image: FloatArray, uv: FloatArray, gradient: FloatArray) -> tuple[Flo
     key = np.column_stack([vertical[kept], fixed[kept], centre[kept]])
     _, first = np.unique(key, axis=0, return_index=True)
     kept = kept[np.sort(first)]
-    return out[kept], kept
+    # Two samples along the column are closer across a slanted edge: cos(slant) of the distance.
+    slant = np.maximum(np.abs(gradient[:, 0]), np.abs(gradient[:, 1]))
+    rise = np.abs(profile[:, 2:] - profile[:, :-2]).max(axis=1) / np.where(step == 0, np.inf, np.abs(step)) / slant
+    return out[kept], kept, rise[kept]
 
 
 def _profiles(

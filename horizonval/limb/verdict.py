@@ -45,10 +45,16 @@ LARGEST_OUTSIDE = 0.4
 OUTSIDE_MARGIN_PX = 4.0
 LARGEST_OUTER_SPREAD = 0.5
 SMALLEST_SIDE_AGREEMENT = 0.9
+HALO_SLOPE = 0.1
+"""Fall of the grey level between 8 and 24 px outside a saturated disc, over the step: glare falls on, space is flat."""
 LARGEST_RHO_RAD = float(np.deg2rad(82.0))
 """A camera 60 km up sees the Earth at 82 deg; nothing orbits there."""
 CURVATURE_SIGMAS = 5.0
 LARGEST_SIGMA_RAD = float(np.deg2rad(2.0))
+SMALLEST_SHARPNESS = 0.8
+"""Of the sharpness of the limb's sharper quarter. Where the limb is softer the terminator begins or the air is lit from
+behind, and the edge sinks below the horizon: on a full disc seen from far away the night side would pull the centre."""
+FEWEST_POINTS = 8
 TRIM_SIGMAS = 3.5
 SMALLEST_TRIM_PX = 0.4
 
@@ -90,19 +96,24 @@ def judge(
         Width of the image's rim where no points are looked for.
     """
     shortest = max(SHORTEST_ARC_PX, SHORTEST_SHARE_OF_WIDTH * image.shape[1])
-    uv, kept = refine(image, sight.uv[candidate.rows], sight.gradient[candidate.rows])
-    if len(uv) < 8:
+    uv, kept, sharpness = refine(image, sight.uv[candidate.rows], sight.gradient[candidate.rows])
+    if len(uv) < FEWEST_POINTS:
         return _short_or_none(candidate.arc_px, shortest)
-    gradient = sight.gradient[candidate.rows][kept]
-    uv, los, gradient = _trim(camera, uv, gradient)
-    if len(uv) < 8:
+    points = _trim(_Points(uv, unproject(camera, uv), sight.gradient[candidate.rows][kept], sharpness), camera)
+    if len(points.uv) < FEWEST_POINTS:
         return _short_or_none(candidate.arc_px, shortest)
-    cone = fit_cone(los)
-    order = arc_order(los, cone.axis_cam)
-    uv, los, gradient = uv[order], los[order], gradient[order]
-    arc = unbroken_px(uv)
+    cone = fit_cone(points.los)
+    points = points.take(arc_order(points.los, cone.axis_cam))
+    arc = unbroken_px(points.uv)
     if arc < shortest:
         return _short_or_none(arc, shortest)
+    # The length counts all of the limb, the fit only where it is sharp: see SMALLEST_SHARPNESS.
+    sharp = points.sharpness >= SMALLEST_SHARPNESS * np.percentile(points.sharpness, 75)
+    points = _trim(points.take(sharp), camera)
+    if len(points.uv) < FEWEST_POINTS:
+        return _short_or_none(candidate.arc_px, shortest)
+    uv, los, gradient = points.uv, points.los, points.gradient
+    cone = fit_cone(los)
     outside = float(np.sum(off_limb_px(others, cone.axis_cam, cone.cos_rho) < -OUTSIDE_MARGIN_PX)) * others_weight
     if outside > LARGEST_OUTSIDE * len(uv):
         return NoLimb(Outcome.NO_LIMB, f"{outside:.0f} edge points lie outside the best curve of {len(uv)}: no space there")
@@ -132,20 +143,29 @@ def _short_or_none(arc: float, shortest: float) -> NoLimb:
     return NoLimb(Outcome.NO_LIMB, f"the longest consistent curve measures {arc:.0f} px")
 
 
-def _trim(camera: Camera, uv: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+@dataclass(frozen=True)
+class _Points:
+    uv: FloatArray
+    los: FloatArray
+    gradient: FloatArray
+    sharpness: FloatArray
+
+    def take(self, rows: NDArray[np.integer] | NDArray[np.bool_]) -> _Points:
+        return _Points(self.uv[rows], self.los[rows], self.gradient[rows], self.sharpness[rows])
+
+
+def _trim(points: _Points, camera: Camera) -> _Points:
     """Leave out refined points beyond 3.5 robust standard deviations of the limb, twice."""
-    los = unproject(camera, uv)
     rad_per_px = 1.0 / max(camera.fx, camera.fy)
     for _ in range(2):
-        if len(uv) < 8:
+        if len(points.uv) < FEWEST_POINTS:
             break
-        cone = fit_cone(los)
-        angle = off_axis_angle(los, cone.axis_cam)
+        cone = fit_cone(points.los)
+        angle = off_axis_angle(points.los, cone.axis_cam)
         off = np.abs(angle - np.median(angle))
         bound = max(TRIM_SIGMAS * 1.4826 * float(np.median(off)), SMALLEST_TRIM_PX * rad_per_px)
-        good = off <= bound
-        uv, los, gradient = uv[good], los[good], gradient[good]
-    return uv, los, gradient
+        points = points.take(off <= bound)
+    return points
 
 
 def _sides(image: FloatArray, cone: Cone, camera: Camera, uv: FloatArray, gradient: FloatArray) -> NoLimb | None:
@@ -158,14 +178,18 @@ def _sides(image: FloatArray, cone: Cone, camera: Camera, uv: FloatArray, gradie
     inward = np.where(inner_los > outer_los, 1.0, -1.0)[:, None] * gradient
     smooth = cv2.blur(image.astype(np.float32), (3, 3))
     levels = []
-    for sign in (1.0, -1.0):
-        at = np.rint(uv + sign * reach * inward).astype(int)
+    for distance in (reach, -reach, -3.0 * reach):
+        at = np.rint(uv + distance * inward).astype(int)
         levels.append(smooth[np.clip(at[:, 1], 0, height - 1), np.clip(at[:, 0], 0, width - 1)].astype(np.float64))
-    inner, outer = levels
+    inner, outer = levels[:2]
     difference = inner - outer
     typical = float(np.median(difference))
     agree = float(np.mean(np.sign(difference) == np.sign(typical)))
     spread = 1.4826 * float(np.median(np.abs(outer - np.median(outer))))
+    if float(np.mean(inner >= image.max() * (1 - 1e-6))) > 0.9 and typical > 0:
+        further = levels[2]
+        if float(np.median(outer - further)) > HALO_SLOPE * float(np.median(inner - further)):
+            return NoLimb(Outcome.SUN_GLARE, "the best curve is the rim of a saturated blob with a halo")
     if typical == 0.0 or agree < SMALLEST_SIDE_AGREEMENT:
         return NoLimb(Outcome.NO_LIMB, f"the best curve has its bright side inside along {agree:.0%} of its length only")
     if spread > LARGEST_OUTER_SPREAD * abs(typical):

@@ -1,0 +1,132 @@
+"""Where the camera is and how it is turned, from the fields of a scene."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.errors import UserError
+from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_height, itrs_from_geodetic, sphere, surface_normal
+from horizonval.geometry.frames import body_from_lvlh, cam_from_body, compose, lvlh_from_itrs
+from horizonval.spec.scene import Earth, SceneSpec
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Position and attitude of one camera.
+
+    Attributes
+    ----------
+    ellipsoid : Ellipsoid
+    r_itrs : ndarray, shape (3,)
+        Camera position [m].
+    altitude_m : float
+        Geodetic height, computed back from ``r_itrs``.
+    q_cam_from_itrs, q_cam_from_body, q_body_from_lvlh, q_lvlh_from_itrs : ndarray, shape (4,)
+        Scalar-last quaternions.
+    yaw_rad, pitch_rad, roll_rad : float
+        Body against lvlh, brought to ``|pitch| <= pi / 2`` and ``(-pi, pi]``: the values an estimator can report.
+    """
+
+    ellipsoid: Ellipsoid
+    r_itrs: FloatArray
+    altitude_m: float
+    q_cam_from_itrs: FloatArray
+    q_cam_from_body: FloatArray
+    q_body_from_lvlh: FloatArray
+    q_lvlh_from_itrs: FloatArray
+    yaw_rad: float
+    pitch_rad: float
+    roll_rad: float
+
+
+def ellipsoid_from_spec(earth: Earth) -> Ellipsoid:
+    """Return the planet's shape."""
+    return WGS84 if earth.shape == "wgs84" else sphere(earth.radius_km * 1e3)
+
+
+def _wrap_deg(angle: float) -> float:
+    """Return the angle in ``(-180, 180]``; exact, as only multiples of 360 are taken away."""
+    wrapped = math.remainder(angle, 360.0)
+    return 180.0 if wrapped == -180.0 else wrapped
+
+
+def canonical_attitude_deg(yaw: float, pitch: float, roll: float) -> tuple[float, float, float]:
+    """Return the same attitude [deg] with ``|pitch| <= 90`` and yaw and roll in ``(-180, 180]``.
+
+    Done on the numbers as given and not through a matrix, so that a scene's round figures stay round.
+    """
+    pitch = _wrap_deg(pitch)
+    if abs(pitch) > 90.0:
+        yaw, pitch, roll = yaw + 180.0, math.copysign(180.0, pitch) - pitch, roll + 180.0
+    return _wrap_deg(yaw), pitch, _wrap_deg(roll)
+
+
+def pose_from_spec(scene: SceneSpec) -> Pose:
+    """Return the pose of a scene's camera.
+
+    Latitude and altitude are geodetic; on a sphere that is the same as geocentric. The heading is the azimuth of the
+    velocity in the geocentric level plane.
+
+    Raises
+    ------
+    UserError
+        If the position is not a finite place above the surface.
+    """
+    ellipsoid = ellipsoid_from_spec(scene.earth)
+    place = scene.platform
+    r_itrs = itrs_from_geodetic(
+        math.radians(place.latitude_deg), math.radians(place.longitude_deg), place.altitude_km * 1e3, ellipsoid
+    )
+    p = r_itrs / ellipsoid.axes_m
+    # The floor on the scaled height, 1e-9 (6 mm), keeps the tangent cone meaningful in float64.
+    if not (np.all(np.isfinite(p)) and float(p @ p) - 1.0 > 2e-9):
+        raise UserError(
+            f"altitude {place.altitude_km} km puts the camera on or below the surface",
+            where="platform.altitude_km",
+            expected="a geodetic altitude above the ground",
+        )
+    yaw, pitch, roll = canonical_attitude_deg(scene.attitude.yaw_deg, scene.attitude.pitch_deg, scene.attitude.roll_deg)
+    yaw, pitch, roll = math.radians(yaw), math.radians(pitch), math.radians(roll)
+    q_body_from_lvlh = body_from_lvlh(yaw, pitch, roll)
+    q_cam_from_body = cam_from_body(
+        math.radians(scene.camera.mount_yaw_deg),
+        math.radians(scene.camera.mount_pitch_deg),
+        math.radians(scene.camera.mount_roll_deg),
+    )
+    q_lvlh_from_itrs = lvlh_from_itrs(r_itrs, math.radians(place.heading_deg))
+    return Pose(
+        ellipsoid=ellipsoid,
+        r_itrs=r_itrs,
+        altitude_m=float(geodetic_height(r_itrs, ellipsoid)),
+        q_cam_from_itrs=compose(q_cam_from_body, q_body_from_lvlh, q_lvlh_from_itrs),
+        q_cam_from_body=q_cam_from_body,
+        q_body_from_lvlh=q_body_from_lvlh,
+        q_lvlh_from_itrs=q_lvlh_from_itrs,
+        yaw_rad=yaw,
+        pitch_rad=pitch,
+        roll_rad=roll,
+    )
+
+
+def direction_from_horizontal(
+    zenith_rad: float, azimuth_rad: float, r_itrs: FloatArray, ellipsoid: Ellipsoid
+) -> FloatArray:
+    """Return the unit vector, shape (3,), seen from the geodetic sub-satellite point at a zenith angle and azimuth.
+
+    Azimuth from north towards east, about the *geodetic* vertical of ``r_itrs``. At a pole north is the continuation
+    of the position's own meridian.
+    """
+    up = surface_normal(r_itrs, ellipsoid)
+    longitude = math.atan2(r_itrs[1], r_itrs[0])
+    east = np.array([-math.sin(longitude), math.cos(longitude), 0.0])
+    north = np.cross(up, east)
+    north /= np.linalg.norm(north)
+    level = math.cos(azimuth_rad) * north + math.sin(azimuth_rad) * east
+    direction = math.cos(zenith_rad) * up + math.sin(zenith_rad) * level
+    return direction / np.linalg.norm(direction)

@@ -1,0 +1,88 @@
+"""The exact truth of a frame, from its specification alone: float64, closed form, no renderer.
+
+This room stands between ``frame`` and ``limb``: it may use ``frame``, ``geometry`` and ``spec``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from typing import Any
+
+from horizonval.frame import FRAME_SCHEMA, FrameTruth
+from horizonval.geometry.camera import camera_from_spec, check_invertible
+from horizonval.geometry.ellipsoid import geocentric_nadir, geodetic_nadir
+from horizonval.geometry.ephemeris import sun_angular_radius, sun_itrs, sun_visible_fraction
+from horizonval.geometry.frames import rotate
+from horizonval.geometry.horizon import angular_radius
+from horizonval.geometry.pose import direction_from_horizontal, pose_from_spec
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.scene import SceneSpec
+
+
+def scene_id(scene: dict[str, Any], camera: dict[str, Any]) -> str:
+    """Return the sha256 hex digest of resolved scene, camera and frame schema, as JSON with sorted keys."""
+    document = {"camera": camera, "frame_schema": FRAME_SCHEMA, "scene": scene}
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def truth_of(scene: SceneSpec, camera: CameraSpec) -> FrameTruth:
+    """Return the truth of the frame that a scene and a camera describe.
+
+    The Sun comes from the epoch (apparent, geocentric), or from ``[sun]`` as a direction at infinity seen from the
+    geodetic sub-satellite point; its distance, hence its angular radius, comes from the epoch in both cases. The
+    share of the disc in view is exact for that direction and the ellipsoid, refraction left out.
+
+    Parameters
+    ----------
+    scene, camera
+        Resolved specifications; both are kept in the truth as ``model_dump(mode="json")``, which reads back.
+
+    Raises
+    ------
+    UserError
+        If the camera is not above the surface, its distortion folds inside the image, or the epoch is outside 1960 to
+        2099.
+    """
+    check_invertible(camera_from_spec(camera.camera))
+    pose = pose_from_spec(scene)
+    direction, distance_m = sun_itrs(scene.platform.epoch_utc)
+    if scene.sun is not None:
+        direction = direction_from_horizontal(
+            math.radians(scene.sun.zenith_deg), math.radians(scene.sun.azimuth_deg), pose.r_itrs, pose.ellipsoid
+        )
+    radius = float(sun_angular_radius(distance_m))
+    scene_data, camera_data = scene.model_dump(mode="json"), camera.model_dump(mode="json")
+    if scene.earth.shape == "wgs84":
+        # A radius beside WGS84 is refused when a scene is read, and this scene must be readable again.
+        del scene_data["earth"]["radius_km"]
+
+    def vector(v: Any) -> Any:
+        # + 0.0 turns -0.0 into 0.0: equal truths then have equal text.
+        return tuple(float(x) + 0.0 for x in v)
+
+    return FrameTruth(
+        scene=scene_data,
+        camera=camera_data,
+        scene_id=scene_id(scene_data, camera_data),
+        epoch_utc=scene.platform.epoch_utc.isoformat(),
+        ellipsoid_a_m=pose.ellipsoid.a_m,
+        ellipsoid_b_m=pose.ellipsoid.b_m,
+        r_itrs=vector(pose.r_itrs),
+        altitude_m=pose.altitude_m,
+        q_cam_from_itrs=vector(pose.q_cam_from_itrs),
+        q_cam_from_body=vector(pose.q_cam_from_body),
+        q_body_from_lvlh=vector(pose.q_body_from_lvlh),
+        yaw_rad=pose.yaw_rad,
+        pitch_rad=pose.pitch_rad,
+        roll_rad=pose.roll_rad,
+        sun_itrs=vector(direction),
+        sun_cam=vector(rotate(pose.q_cam_from_itrs, direction)),
+        sun_angular_radius_rad=radius,
+        sun_visible_fraction=float(sun_visible_fraction(pose.r_itrs, direction, radius, pose.ellipsoid)),
+        nadir_geocentric_cam=vector(rotate(pose.q_cam_from_itrs, geocentric_nadir(pose.r_itrs))),
+        nadir_geodetic_cam=vector(rotate(pose.q_cam_from_itrs, geodetic_nadir(pose.r_itrs, pose.ellipsoid))),
+        angular_radius_rad=angular_radius(pose.r_itrs, pose.ellipsoid),
+    )
