@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from horizonval import __version__
 from horizonval.earth.optical import optical_model
-from horizonval.frame import Frame, FrameTruth
+from horizonval.frame import Frame
 from horizonval.geometry.camera import camera_from_spec
+from horizonval.geometry.ephemeris import AU_M, sun_itrs
 from horizonval.render.backend import activate
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
@@ -29,7 +30,8 @@ def render_frame(scene: SceneSpec, camera: CameraSpec) -> Frame:
         ground), or when no back-end works here.
     """
     truth = truth_of(scene, camera)
-    model = optical_model(scene, camera, sun_distance_au=_sun_distance_au(truth))
+    _, sun_distance_m = sun_itrs(scene.platform.epoch_utc)
+    model = optical_model(scene, camera, sun_distance_au=sun_distance_m / AU_M)
     variant = activate()
     import mitsuba as mi
 
