@@ -32,10 +32,16 @@ def _work(case: Case, folder: Path) -> str:
     return case.name.upper()
 
 
+def _results(folder: Path, names: list[str]) -> dict[str, str | None]:
+    return {case.name: result for case, result in run_cases(partial(_work, folder=folder), map(_case, names), 2)}
+
+
 def test_a_killed_worker_costs_only_its_case(tmp_path):
-    names = ["a", "deadly", "b", "once", "c"]
-    results = {case.name: r for case, r in run_cases(partial(_work, folder=tmp_path), map(_case, names), 2)}
-    assert results == {"a": "A", "b": "B", "c": "C", "once": "ONCE", "deadly": None}
+    assert _results(tmp_path, ["a", "deadly", "b", "c"]) == {"a": "A", "b": "B", "c": "C", "deadly": None}
+
+
+def test_a_case_whose_worker_died_gets_a_second_chance(tmp_path):
+    assert _results(tmp_path, ["once", "a", "b"]) == {"once": "ONCE", "a": "A", "b": "B"}
 
 
 def test_closing_ends_the_workers(tmp_path):
