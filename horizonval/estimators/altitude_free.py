@@ -1,0 +1,183 @@
+"""Altitude-free horizon sensor: roll, pitch and the Earth's angular radius from limb pixels, by Newton's method.
+
+After Raeisy and Ghofrani, "Imaged Based Earth Horizon Sensor with no Altitude Information" (2021). A limb pixel at
+angle eta from the optical axis and azimuth alpha gives one equation, their (8)::
+
+    cos rho = -sin eta cos alpha sin theta + sin eta sin alpha cos theta sin phi + cos eta cos theta cos phi
+
+in the unknowns ``x = (phi, theta, rho)``: roll, pitch and angular radius. Stacked over all pixels, F(x) = 0 is solved by
+Newton-Raphson with the pseudo-inverse ``(A^T A)^-1 A^T`` of the Jacobian; then ``H = R / sin rho - R``.
+
+The bracket is the line of sight ``u`` times the nadir ``n = (-sin theta, cos theta sin phi, cos theta cos phi)``: the
+equation says that limb directions lie on a cone about the nadir. It knows no altitude and no Earth radius until the
+very last step.
+
+**Start.** The paper does not give one. Here it is ``phi = theta = 0`` turned to the middle of the limb points: the
+nadir lies beyond the arc, in the direction towards which the arc bends, at ``START_RHO``. That is a guess good to some
+tens of degrees, which is what a Newton step can take.
+
+**Pole.** Roll and pitch degenerate at theta = +-90 deg. The iteration runs in axes turned about the optical axis so
+that the guessed nadir has theta = 0, and the result is turned back; with the guess on the optical axis these are the
+paper's own axes.
+
+Spherical Earth, geocentric nadir; on the ellipsoid the fitted cone is tilted by up to 0.1 deg. Refraction and the
+height of the visible limb above the ground go into rho, hence into the altitude.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
+from horizonval.limb.cone import cone_uncertainty, fit_cone, off_axis_angle
+from horizonval.limb.finder import find_limb
+from horizonval.limb.result import NoLimb
+from horizonval.outcome import Outcome
+
+FloatArray = NDArray[np.float64]
+
+MAX_STEPS = 20
+CONVERGED_RAD = 1e-10
+"""A Newton step of quadratic convergence below this leaves nothing to gain in float64."""
+START_RHO = float(np.deg2rad(45.0))
+
+
+def nadir_of(phi: float, theta: float) -> FloatArray:
+    """Return the nadir direction of roll ``phi`` and pitch ``theta`` [rad]."""
+    return np.array([-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi)])
+
+
+def newton(los_cam: FloatArray, start: FloatArray) -> FloatArray:
+    """Return the iterates of the published method, shape (k, 3): start first, the solution last.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+        Unit lines of sight to the limb, n >= 3.
+    start : ndarray, shape (3,)
+        (phi, theta, rho) [rad].
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the pixels do not determine the three unknowns.
+    """
+    steps = [np.asarray(start, dtype=float)]
+    for _ in range(MAX_STEPS):
+        phi, theta, rho = steps[-1]
+        f = los_cam @ nadir_of(phi, theta) - np.cos(rho)
+        by_phi = np.array([0.0, np.cos(theta) * np.cos(phi), -np.cos(theta) * np.sin(phi)])
+        by_theta = np.array([-np.cos(theta), -np.sin(theta) * np.sin(phi), -np.sin(theta) * np.cos(phi)])
+        jacobian = np.column_stack([los_cam @ by_phi, los_cam @ by_theta, np.full(len(f), np.sin(rho))])
+        # QR instead of the paper's normal equations: the same step, without squaring the condition number
+        q, r = np.linalg.qr(jacobian)
+        step = np.linalg.solve(r, q.T @ f)
+        steps.append(steps[-1] - step)
+        if not np.all(np.isfinite(step)):
+            raise np.linalg.LinAlgError("the Newton step is not finite")
+        if np.abs(step).max() < CONVERGED_RAD:
+            break
+    return np.array(steps)
+
+
+def start_from(los_cam: FloatArray) -> tuple[Rotation, FloatArray]:
+    """Return the turn about the optical axis and the start (phi, theta, rho) in the turned axes.
+
+    The side on which the nadir lies is read from the arc's bend (the closed-form cone's axis); only that side and
+    the arc's middle are used, not the closed form's solution. A cone of a few degrees starts from its mean radius.
+    """
+    cone = fit_cone(los_cam)
+    middle = los_cam.mean(axis=0)
+    middle /= np.linalg.norm(middle)
+    spread = float(off_axis_angle(los_cam, middle).max())
+    away = float(off_axis_angle(middle, cone.axis_cam))
+    if away < 0.2 * spread:
+        # the whole limb is in view: its middle is the nadir
+        guess, rho = middle, spread
+    else:
+        across = cone.axis_cam - (cone.axis_cam @ middle) * middle
+        across /= np.linalg.norm(across)
+        rho = min(START_RHO, 2.0 * spread)
+        guess = np.cos(rho) * middle + np.sin(rho) * across
+    # turned so that the guess lies in the y-z plane: theta = 0
+    turn = Rotation.from_euler("z", np.arctan2(guess[0], guess[1]))
+    turned = turn.apply(guess)
+    return turn, np.array([np.arctan2(turned[1], turned[2]), 0.0, rho])
+
+
+def solve(los_cam: FloatArray) -> tuple[FloatArray, float, FloatArray]:
+    """Return nadir (3,), angular radius [rad] and iterates (k, 3) of (phi, theta, rho) in the camera's own axes.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Undetermined, or no convergence within :data:`MAX_STEPS`.
+    """
+    turn, start = start_from(los_cam)
+    steps = newton(turn.apply(los_cam), start)
+    if np.abs(steps[-1] - steps[-2]).max() > 1e-8:
+        raise np.linalg.LinAlgError(f"no convergence in {MAX_STEPS} Newton steps")
+    nadirs = turn.inv().apply(np.array([nadir_of(phi, theta) for phi, theta, _ in steps]))
+    rho = float(steps[-1, 2])
+    nadir = nadirs[-1]
+    if np.cos(rho) < 0.0:
+        # cos rho = u.n also holds for (-n, pi - rho); the Earth is the smaller cap
+        nadir, rho, nadirs = -nadir, np.pi - rho, -nadirs
+    iterates = np.column_stack(
+        [np.arctan2(nadirs[:, 1], nadirs[:, 2]), -np.arcsin(np.clip(nadirs[:, 0], -1, 1)), steps[:, 2]]
+    )
+    return nadir, float(rho), iterates
+
+
+def run(observation: Observation) -> Fit | NoFit:
+    """Estimate nadir, roll, pitch and altitude from one image."""
+    found = find_limb(observation.image, observation.camera, observation.full_scale)
+    if isinstance(found, NoLimb):
+        return NoFit(found.status, found.reason)
+    return fit_points(found.los_cam, found.uv, observation)
+
+
+def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | NoFit:
+    """Fit given limb points: the method behind the search for points.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+    uv : ndarray, shape (n, 2)
+        The same points in pixels.
+    observation : Observation
+        Mounting and Earth radius are used.
+    """
+    if len(los_cam) < 4:
+        return NoFit(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
+    try:
+        nadir, rho, steps = solve(los_cam)
+        uncertainty = cone_uncertainty(los_cam, nadir, rho)
+    except np.linalg.LinAlgError as e:
+        return NoFit(Outcome.NOT_CONVERGED, str(e), uv)
+    if not 0.0 < rho < np.pi / 2:
+        return NoFit(Outcome.NOT_CONVERGED, f"angular radius of {np.degrees(rho):.3g} deg is not that of a planet", uv)
+    nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir)
+    radius = observation.earth_radius_m
+    return Fit(
+        nadir_cam=nadir,
+        covariance_nadir_cam=uncertainty.covariance_axis,
+        roll_rad=float(np.arctan2(nadir_body[1], nadir_body[2])),
+        pitch_rad=float(-np.arcsin(np.clip(nadir_body[0], -1.0, 1.0))),
+        angular_radius_rad=rho,
+        altitude_m=float(radius / np.sin(rho) - radius),
+        sigma_altitude_m=float(radius * np.cos(rho) / np.sin(rho) ** 2 * uncertainty.sigma_rho_rad),
+        points=uv,
+        residuals_rad=off_axis_angle(los_cam, nadir) - rho,
+        steps=steps,
+    )
+
+
+ESTIMATOR = Estimator(
+    name="altitude-free",
+    title="Altitude-free Newton method (Raeisy and Ghofrani 2021)",
+    run=run,
+    estimates="geocentric",
+)
