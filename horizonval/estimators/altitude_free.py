@@ -5,7 +5,7 @@ angle eta from the optical axis and azimuth alpha gives one equation, their (8):
 
     cos rho = -sin eta cos alpha sin theta + sin eta sin alpha cos theta sin phi + cos eta cos theta cos phi
 
-in the unknowns ``x = (phi, theta, rho)``: roll, pitch and angular radius. Stacked over all pixels, F(x) = 0 is solved by
+in the unknowns ``x = (phi, theta, rho)``: roll, pitch, angular radius. Stacked over all pixels, F(x) = 0 is solved by
 Newton-Raphson with the pseudo-inverse ``(A^T A)^-1 A^T`` of the Jacobian; then ``H = R / sin rho - R``.
 
 The bracket is the line of sight ``u`` times the nadir ``n = (-sin theta, cos theta sin phi, cos theta cos phi)``: the

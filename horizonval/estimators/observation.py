@@ -69,7 +69,8 @@ class Fit:
     Attributes
     ----------
     nadir_cam : ndarray, shape (3,)
-        Unit vector in camera axes towards the Earth's centre (or along the geodetic vertical, see ``Estimator.estimates``).
+        Unit vector in camera axes towards the Earth's centre, or along the geodetic vertical: see
+        ``Estimator.estimates``.
     covariance_nadir_cam : ndarray, shape (3, 3)
         Covariance [rad^2] of ``nadir_cam``; singular along ``nadir_cam`` itself.
     roll_rad, pitch_rad : float

@@ -1,8 +1,8 @@
 """Where the Sun is, how large it looks, and how much of it the Earth hides.
 
 Direction: the Earth's heliocentric position from ERFA's VSOP2000 series (``epv00``, 5e-8 au), aberrated with the
-Earth's barycentric velocity, taken to Earth-fixed axes with the IAU 2006/2000A matrix (``c2t06a``). This is the apparent
-direction from the geocentre. Neglected, with sizes:
+Earth's barycentric velocity, taken to Earth-fixed axes with the IAU 2006/2000A matrix (``c2t06a``). This is the
+apparent direction from the geocentre. Neglected, with sizes:
 
 * UT1 - UTC (below 0.9 s: 13.5 arcsec about the pole, 0.014 deg of longitude of the terminator), polar motion (0.6
   arcsec): both need a measured table, and a scene's epoch is not known better than that matters;

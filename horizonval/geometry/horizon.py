@@ -3,11 +3,11 @@
 Scaled by the axes ``(a, a, b)`` the ellipsoid is the unit sphere and the observer stands at ``p``. The directions ``d``
 (scaled: ``d'``) that touch it form a cone::
 
-    (p . d')^2 = (|p|^2 - 1) |d'|^2        or        d^T Q d = 0,  Q = S (p p^T - (|p|^2 - 1) I) S,  S = diag(1/a, 1/a, 1/b)
+    (p . d')^2 = (|p|^2 - 1) |d'|^2    or    d^T Q d = 0,  Q = S (p p^T - (|p|^2 - 1) I) S,  S = diag(1/a, 1/a, 1/b)
 
 with ``d^T Q d > 0`` for lines through the ellipsoid (J. A. Christian, "Horizon-based optical navigation", IEEE Access
-9, 2021, equations 14 to 19). The points touched lie in the polar plane ``p . x' = 1``: on the unit sphere a circle about
-``p / |p|^2`` of radius ``sqrt(1 - 1/|p|^2)``, on the ellipsoid an ellipse. Directions to them are written as the
+9, 2021, equations 14 to 19). The points touched lie in the polar plane ``p . x' = 1``: on the unit sphere a circle
+about ``p / |p|^2`` of radius ``sqrt(1 - 1/|p|^2)``, on the ellipsoid an ellipse. Directions to them are written as the
 difference already cancelled, ``-k p + sqrt(k) (u cos t + w sin t)`` with ``k = 1 - 1/|p|^2``, so that every altitude
 keeps full precision.
 """
@@ -211,7 +211,7 @@ class _View:
         # corner than one step shows is missed.
         field = min(self.camera.width / self.camera.fx, self.camera.height / self.camera.fy)
         n = int(np.clip(16 * 2 * math.pi / field, 4096, 262144))
-        t = np.arange(n) * (2 * math.pi / n)
+        t: FloatArray = np.arange(n, dtype=np.float64) * (2 * math.pi / n)
         inside = self.pixels(t)[1]
         if inside.all():
             return [(0.0, 2 * math.pi)]

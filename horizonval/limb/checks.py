@@ -39,7 +39,9 @@ def check_image(image: FloatArray, full_scale: float | None = None) -> NoLimb | 
         return NoLimb(Outcome.BAD_INPUT, f"the image has {image.ndim} dimensions; a grey image has 2")
     if min(image.shape) < SMALLEST_SIDE_PX:
         rows, columns = image.shape
-        return NoLimb(Outcome.BAD_INPUT, f"the image is {columns} x {rows} pixels; {SMALLEST_SIDE_PX} a side are needed")
+        return NoLimb(
+            Outcome.BAD_INPUT, f"the image is {columns} x {rows} pixels; {SMALLEST_SIDE_PX} a side are needed"
+        )
     if not np.isfinite(image).all():
         bad = int(image.size - np.isfinite(image).sum())
         return NoLimb(Outcome.BAD_INPUT, f"{bad} pixels are not finite")

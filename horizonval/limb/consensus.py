@@ -130,7 +130,9 @@ def find_candidates(sight: Sight, rng: np.random.Generator) -> list[Candidate]:
     return sorted(found, key=lambda c: -c.arc_px)
 
 
-def support(sight: Sight, axis: FloatArray, cosine: float, bright_inside: bool, slack: float = 1.0) -> NDArray[np.bool_]:
+def support(
+    sight: Sight, axis: FloatArray, cosine: float, bright_inside: bool, slack: float = 1.0
+) -> NDArray[np.bool_]:
     """Return which points support a cone (see the module text); ``slack`` widens or narrows the tolerance."""
     off_px, turn = _residuals(sight, axis[:, None], np.array([cosine]))
     sign = 1.0 if bright_inside else -1.0

@@ -90,7 +90,7 @@ def find_edges(image8: NDArray[np.uint8], rim_px: int) -> Edges:
     smooth = cv2.GaussianBlur(image8, (0, 0), BLUR_SIGMA_PX)
     dx = cv2.Sobel(smooth, cv2.CV_16S, 1, 0)
     dy = cv2.Sobel(smooth, cv2.CV_16S, 0, 1)
-    strength = cv2.magnitude(dx.astype(np.float32), dy.astype(np.float32))
+    strength = np.hypot(dx.astype(np.float32), dy.astype(np.float32))
     noise = noise_sigma(image8.astype(np.float64)) * SOBEL_NOISE_GAIN
     strong = float(np.percentile(strength, 99.9))
     high = max(NOISE_FACTOR * noise, STRONG_SHARE * strong, RAMP_FLOOR)

@@ -116,7 +116,9 @@ def judge(
     cone = fit_cone(los)
     outside = float(np.sum(off_limb_px(others, cone.axis_cam, cone.cos_rho) < -OUTSIDE_MARGIN_PX)) * others_weight
     if outside > LARGEST_OUTSIDE * len(uv):
-        return NoLimb(Outcome.NO_LIMB, f"{outside:.0f} edge points lie outside the best curve of {len(uv)}: no space there")
+        return NoLimb(
+            Outcome.NO_LIMB, f"{outside:.0f} edge points lie outside the best curve of {len(uv)}: no space there"
+        )
     if refusal := _sides(image, cone, camera, uv, gradient):
         return refusal
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
@@ -191,7 +193,9 @@ def _sides(image: FloatArray, cone: Cone, camera: Camera, uv: FloatArray, gradie
         if float(np.median(outer - further)) > HALO_SLOPE * float(np.median(inner - further)):
             return NoLimb(Outcome.SUN_GLARE, "the best curve is the rim of a saturated blob with a halo")
     if typical == 0.0 or agree < SMALLEST_SIDE_AGREEMENT:
-        return NoLimb(Outcome.NO_LIMB, f"the best curve has its bright side inside along {agree:.0%} of its length only")
+        return NoLimb(
+            Outcome.NO_LIMB, f"the best curve has its bright side inside along {agree:.0%} of its length only"
+        )
     if spread > LARGEST_OUTER_SPREAD * abs(typical):
         return NoLimb(Outcome.NO_LIMB, "the grey level outside the best curve varies too much to be space")
     return None
@@ -204,6 +208,8 @@ def _visible_px(camera: Camera, axis: FloatArray, rho: float, rim_px: int) -> fl
     around = np.cos(angle)[:, None] * basis[:, 0] + np.sin(angle)[:, None] * basis[:, 1]
     uv, in_front = project(camera, np.cos(rho) * axis + np.sin(rho) * around)
     with np.errstate(invalid="ignore"):
-        inside = in_front & (uv >= rim_px).all(axis=1) & (uv < (camera.width - rim_px, camera.height - rim_px)).all(axis=1)
+        inside = (
+            in_front & (uv >= rim_px).all(axis=1) & (uv < (camera.width - rim_px, camera.height - rim_px)).all(axis=1)
+        )
         length = np.hypot(*np.diff(uv, axis=0).T)
     return float(length[inside[1:] & inside[:-1]].sum())

@@ -75,7 +75,7 @@ def llvm_candidates() -> list[str]:
     for folder in dict.fromkeys([Path(sys.prefix, "lib"), Path(sysconfig.get_path("data"), "lib")]):
         for pattern in ("libLLVM.so", "libLLVM*.so", "libLLVM.dylib"):
             found += [str(p) for p in sorted(folder.glob(pattern))]
-    return [*dict.fromkeys(found).keys()][:2] + [""]
+    return [*list(dict.fromkeys(found))[:2], ""]
 
 
 def probe(refresh: bool = False) -> BackendReport:

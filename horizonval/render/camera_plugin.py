@@ -42,7 +42,7 @@ def camera_properties(
 def make_plugin() -> type:
     """Return the sensor class for the active variant (its base class depends on the variant)."""
 
-    class HorizonCamera(mi.Sensor):  # type: ignore[misc, name-defined]
+    class HorizonCamera(mi.Sensor):
         def __init__(self, props: Any) -> None:
             super().__init__(props)
             intrinsics = json.loads(props.get("camera"))

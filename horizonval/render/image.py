@@ -27,7 +27,6 @@ from horizonval.render.planet import Planet, Vec, dot
 from horizonval.render.radiance import SOLAR_CONCENTRATION, THERMAL_CONCENTRATION
 from horizonval.render.rays import RayCamera
 
-
 _NO_DIRECTION: Vec = (None, None, None)
 
 
@@ -191,6 +190,8 @@ def render_bands(
             for cell, share, radiance in parts:
                 value = share * sum(w * r for w, r in zip(weight, radiance, strict=False))
                 dr.scatter_add(total, value, cell, mode=dr.ReduceMode.NoConflicts)
+                # ground and limb share edge cells: left to one launch, their kernels would race for them
+                dr.eval(total)
             out[band] = out[band] + dr.block_sum(total, k2) / k2
             dr.eval(out[band])
     return out

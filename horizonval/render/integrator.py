@@ -67,7 +67,7 @@ def _cached_chunks(text: str, planet: Planet) -> tuple[OpticalModel, list[tuple[
 
 
 def _make_plugin() -> type:
-    class HorizonLimb(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
+    class HorizonLimb(mi.SamplingIntegrator):
         def __init__(self, props: Any) -> None:
             super().__init__(props)
             planet = json.loads(props.get("planet"))

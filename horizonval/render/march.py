@@ -100,7 +100,13 @@ def find_path(planet: Planet, top_m: float, o: Vec, d: Vec, to_ground: Any) -> P
     # at the ground the path may end before the lowest point of the line
     t_low = dr.clip(dr.select(to_ground, t_out, mid), t_in, t_out)
     before, after = t_low - t_in, t_out - t_low
-    return Path(t_low, before, after, dr.select(before > 0.0, mi.Float64(-1.0), 0.0), dr.select(after > 0.0, mi.Float64(1.0), 0.0))
+    return Path(
+        t_low,
+        before,
+        after,
+        dr.select(before > 0.0, mi.Float64(-1.0), 0.0),
+        dr.select(after > 0.0, mi.Float64(1.0), 0.0),
+    )
 
 
 def _warp(path: Path, y: Any, c: float) -> Any:
@@ -146,7 +152,9 @@ def _share_steps(planet: Planet, path: Path, o: Vec, d: Vec, sun: Vec, count: in
     n1 = dr.round(count * (y1 - path.y0) / span)
     n2 = dr.round(count * (y2 - path.y0) / span)
     n1 = dr.clip(n1, dr.select(y1 > path.y0, mi.Float64(1.0), 0.0), count - 2.0)
-    n2 = dr.clip(n2, n1 + dr.select(y2 > y1, mi.Float64(1.0), 0.0), count - dr.select(y2 < path.y1, mi.Float64(1.0), 0.0))
+    n2 = dr.clip(
+        n2, n1 + dr.select(y2 > y1, mi.Float64(1.0), 0.0), count - dr.select(y2 < path.y1, mi.Float64(1.0), 0.0)
+    )
     return Steps(n1, n2, y1, y2)
 
 
@@ -283,6 +291,4 @@ def _ground_radiance(planet: Planet, chunk: Chunk, o: Vec, d: Vec, sun: Vec, pat
     _, normal = planet.height_and_normal(along(o, d, path.t_low + path.length_after))
     mu = dot(normal, sun)
     t_sun = chunk.sun_table.transmittance(mi.Float64(0.0), mu, chunk.width)
-    return [
-        a * e * dr.maximum(mu, 0.0) * t for a, e, t in zip(chunk.ground, chunk.irradiance, t_sun, strict=True)
-    ]
+    return [a * e * dr.maximum(mu, 0.0) * t for a, e, t in zip(chunk.ground, chunk.irradiance, t_sun, strict=True)]

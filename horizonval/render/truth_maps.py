@@ -37,7 +37,11 @@ def truth_maps(view: View) -> dict[str, NDArray[np.float32]]:
     hit = dr.select(
         hits,
         mi.Float64(float(Hit.SURFACE)),
-        dr.select(on_sun, mi.Float64(float(Hit.SUN)), dr.select(tangent_height < view.top_m, mi.Float64(float(Hit.ATMOSPHERE)), 0.0)),
+        dr.select(
+            on_sun,
+            mi.Float64(float(Hit.SUN)),
+            dr.select(tangent_height < view.top_m, mi.Float64(float(Hit.ATMOSPHERE)), 0.0),
+        ),
     )
     shape = (view.height, view.width)
     maps = {"distance": distance, "tangent_height": tangent_height, "solar_zenith": zenith, "hit": hit}

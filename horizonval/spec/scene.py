@@ -48,7 +48,7 @@ class Platform(Model):
 
 
 class Attitude(Model):
-    """Body against lvlh (x towards the velocity, z to the geocentric nadir): yaw about z, pitch about y, roll about x."""
+    """Body against lvlh (x to the velocity, z to the geocentric nadir): yaw about z, pitch about y, roll about x."""
 
     yaw_deg: Angle = 0.0
     pitch_deg: Angle = 0.0
