@@ -60,7 +60,7 @@ def refine(image: FloatArray, uv: FloatArray, gradient: FloatArray) -> tuple[Flo
     vertical = np.abs(gradient[:, 1]) >= np.abs(gradient[:, 0])
     fixed = np.where(vertical, uv[:, 0], uv[:, 1]).astype(np.int64)
     along = np.where(vertical, uv[:, 1], uv[:, 0]).astype(np.int64)
-    length: NDArray[np.int64] = np.where(vertical, *image.shape).astype(np.int64)
+    length = np.asarray(image.shape, dtype=np.int64)[1 - vertical.astype(np.int64)]
     # The brighter end of the profile must be the one the gradient points to: else it is another edge's profile.
     sign = np.where(np.where(vertical, gradient[:, 1], gradient[:, 0]) > 0, 1.0, -1.0)
     centre = along.copy()
