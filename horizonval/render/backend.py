@@ -23,6 +23,7 @@ LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 VARIANT_VARIABLE = "HORIZONVAL_VARIANT"
 VARIANTS = ("cuda_ad_mono", "llvm_ad_mono")
 PROBE_SECONDS = 180
+_USERS_LIBRARY = os.environ.get(LLVM_VARIABLE, "")
 
 _PROBE = """
 import sys
@@ -69,13 +70,20 @@ def llvm_candidates() -> list[str]:
 
     An empty string stands for Dr.Jit's own search of the system.
     """
-    if chosen := os.environ.get(LLVM_VARIABLE):
-        return [chosen]
+    if _USERS_LIBRARY:
+        return [_USERS_LIBRARY]
     found: list[str] = []
     for folder in dict.fromkeys([Path(sys.prefix, "lib"), Path(sysconfig.get_path("data"), "lib")]):
         for pattern in ("libLLVM.so", "libLLVM*.so", "libLLVM.dylib"):
             found += [str(p) for p in sorted(folder.glob(pattern))]
     return [*list(dict.fromkeys(found))[:2], ""]
+
+
+def name_library() -> None:
+    """Name the library that came as a wheel, unless the user named one; must run before Dr.Jit is imported."""
+    library = llvm_candidates()[0]
+    if library:
+        os.environ.setdefault(LLVM_VARIABLE, library)
 
 
 def probe(refresh: bool = False) -> BackendReport:
@@ -123,7 +131,7 @@ def activate(threads: int | None = None) -> str:
             "no Dr.Jit back-end can render on this machine",
             fix="run `horizonval doctor` for what was tried and how to mend it",
         )
-    if chosen.library and not os.environ.get(LLVM_VARIABLE):
+    if chosen.library and "drjit" not in sys.modules:
         os.environ[LLVM_VARIABLE] = chosen.library
     import drjit as dr
     import mitsuba as mi
@@ -145,7 +153,7 @@ def cache_folder() -> Path:
 
 
 def _fingerprint() -> str:
-    parts = [sys.executable, sys.version, os.environ.get(LLVM_VARIABLE, ""), os.environ.get(VARIANT_VARIABLE, "")]
+    parts = [sys.executable, sys.version, _USERS_LIBRARY, os.environ.get(VARIANT_VARIABLE, "")]
     for name in ("mitsuba", "drjit", "horizonval"):
         parts.append(importlib.metadata.version(name))
     for library in llvm_candidates():
@@ -158,6 +166,7 @@ def _fingerprint() -> str:
 
 def _try(variant: str, library: str) -> Attempt:
     environment = dict(os.environ)
+    environment.pop(LLVM_VARIABLE, None)
     if library:
         environment[LLVM_VARIABLE] = library
     shown = library or ("system search" if variant.startswith("llvm") else "")
