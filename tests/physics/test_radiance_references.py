@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from brute_force import single_scatter
 
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere
 from horizonval.render.backend import activate
 from horizonval.render.radiance import radiance_along_rays
-from tests.physics.quadrature import single_scatter
 
 DATA = Path(__file__).parents[1] / "data"
 BANDS = ("450nm", "550nm", "850nm")
