@@ -37,6 +37,9 @@ RIVAL_ANGLE_RAD = float(np.deg2rad(1.0))
 SUN_REACH = 2.0
 LARGEST_SUN_RADIUS_RAD = float(np.deg2rad(3.0))
 FEWEST_POINTS = 8
+DARK_CONTRAST = 0.02
+DARK_LEVEL = 0.2
+"""An image without edges below these shares of full scale shows an unlit scene, not a uniformly bright one."""
 
 
 def find_limb(image: FloatArray, camera: Camera, full_scale: float | None = None) -> LimbPoints | NoLimb:
@@ -118,8 +121,11 @@ def _no_edges(image: FloatArray, saturated: NDArray[np.bool_], dazzled: bool, fu
         return NoLimb(Outcome.SUN_GLARE, "a saturated blob and no other edge")
     if saturated.mean() > 0.5:
         return NoLimb(Outcome.SATURATED, f"{saturated.mean():.0%} of the pixels are saturated and no limb is left")
-    if full_scale is not None and float(np.percentile(image, 99.9)) < 0.02 * full_scale:
-        return NoLimb(Outcome.DARK, "no edge, and hardly a pixel above 2 % of full scale")
+    if full_scale is not None:
+        # a converter's black level is not light: what counts is how far the brightest pixels rise above the rest
+        middle, bright = np.percentile(image, (50.0, 99.9))
+        if bright - middle < DARK_CONTRAST * full_scale and bright < DARK_LEVEL * full_scale:
+            return NoLimb(Outcome.DARK, f"no edge, and a flat {middle / full_scale:.0%} of full scale")
     return NoLimb(Outcome.NO_LIMB, "no edge stands out of the noise")
 
 
