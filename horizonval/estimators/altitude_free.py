@@ -12,9 +12,8 @@ The bracket is the line of sight ``u`` times the nadir ``n = (-sin theta, cos th
 equation says that limb directions lie on a cone about the nadir. It knows no altitude and no Earth radius until the
 very last step.
 
-**Start.** The paper does not give one. Here it is ``phi = theta = 0`` turned to the middle of the limb points: the
-nadir lies beyond the arc, in the direction towards which the arc bends, at ``START_RHO``. That is a guess good to some
-tens of degrees, which is what a Newton step can take.
+**Start.** The paper does not give one. Three pixels are the fewest that determine the unknowns, so the start is the
+cone through three of them, a sixth, a half and five sixths along the arc.
 
 **Pole.** Roll and pitch degenerate at theta = +-90 deg. The iteration runs in axes turned about the optical axis so
 that the guessed nadir has theta = 0, and the result is turned back; with the guess on the optical axis these are the
@@ -31,7 +30,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
-from horizonval.limb.cone import cone_uncertainty, fit_cone, off_axis_angle
+from horizonval.limb.cone import arc_order, cone_uncertainty, cones_through, fit_cone, off_axis_angle
 from horizonval.limb.finder import find_limb
 from horizonval.limb.result import NoLimb
 from horizonval.outcome import Outcome
@@ -41,7 +40,6 @@ FloatArray = NDArray[np.float64]
 MAX_STEPS = 20
 CONVERGED_RAD = 1e-10
 """A Newton step of quadratic convergence below this leaves nothing to gain in float64."""
-START_RHO = float(np.deg2rad(45.0))
 
 
 def nadir_of(phi: float, theta: float) -> FloatArray:
@@ -85,26 +83,21 @@ def newton(los_cam: FloatArray, start: FloatArray) -> FloatArray:
 def start_from(los_cam: FloatArray) -> tuple[Rotation, FloatArray]:
     """Return the turn about the optical axis and the start (phi, theta, rho) in the turned axes.
 
-    The side on which the nadir lies is read from the arc's bend (the closed-form cone's axis); only that side and
-    the arc's middle are used, not the closed form's solution. A cone of a few degrees starts from its mean radius.
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the three pixels coincide.
     """
-    cone = fit_cone(los_cam)
-    middle = los_cam.mean(axis=0)
-    middle /= np.linalg.norm(middle)
-    spread = float(off_axis_angle(los_cam, middle).max())
-    away = float(off_axis_angle(middle, cone.axis_cam))
-    if away < 0.2 * spread:
-        # the whole limb is in view: its middle is the nadir
-        guess, rho = middle, spread
-    else:
-        across = cone.axis_cam - (cone.axis_cam @ middle) * middle
-        across /= np.linalg.norm(across)
-        rho = min(START_RHO, 2.0 * spread)
-        guess = np.cos(rho) * middle + np.sin(rho) * across
+    order = arc_order(los_cam, fit_cone(los_cam).axis_cam)
+    three = los_cam[order[(len(order) * np.array([1, 3, 5])) // 6]]
+    axes, _ = cones_through(*(point[None, :] for point in three))
+    guess = axes[0]
+    if not np.isfinite(guess).all() or not guess.any():
+        raise np.linalg.LinAlgError("the limb points do not span an arc")
     # turned so that the guess lies in the y-z plane: theta = 0
     turn = Rotation.from_euler("z", np.arctan2(guess[0], guess[1]))
     turned = turn.apply(guess)
-    return turn, np.array([np.arctan2(turned[1], turned[2]), 0.0, rho])
+    return turn, np.array([np.arctan2(turned[1], turned[2]), 0.0, float(off_axis_angle(three[1], guess))])
 
 
 def solve(los_cam: FloatArray) -> tuple[FloatArray, float, FloatArray]:
