@@ -39,7 +39,7 @@ dr.eval(mi.render(scene, spp=1))
 i, x = dr.while_loop((mi.UInt32(0), mi.Float64([1.0, 2.0])), lambda i, x: i < 5,
                      lambda i, x: (i + 1, dr.minimum(dr.exp(-x), x)))
 assert 0.0 < dr.sum(x)[0] < 2.0
-print("horizonval-probe-ok")
+sys.stdout.write("horizonval-probe-ok")
 """
 
 
