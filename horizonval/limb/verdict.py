@@ -180,7 +180,7 @@ def _sides(image: FloatArray, cone: Cone, camera: Camera, uv: FloatArray, gradie
     inward = np.where(inner_los > outer_los, 1.0, -1.0)[:, None] * gradient
     smooth = cv2.blur(image.astype(np.float32), (3, 3))
     levels = []
-    for distance in (reach, -reach, -3.0 * reach):
+    for distance in (reach, -reach, 3.0 * reach, -3.0 * reach):
         at = np.rint(uv + distance * inward).astype(int)
         levels.append(smooth[np.clip(at[:, 1], 0, height - 1), np.clip(at[:, 0], 0, width - 1)].astype(np.float64))
     inner, outer = levels[:2]
@@ -188,8 +188,8 @@ def _sides(image: FloatArray, cone: Cone, camera: Camera, uv: FloatArray, gradie
     typical = float(np.median(difference))
     agree = float(np.mean(np.sign(difference) == np.sign(typical)))
     spread = 1.4826 * float(np.median(np.abs(outer - np.median(outer))))
-    if float(np.mean(inner >= image.max() * (1 - 1e-6))) > 0.9 and typical > 0:
-        further = levels[2]
+    deep, further = levels[2:]
+    if float(np.mean(deep >= image.max() * (1 - 1e-6))) > 0.9 and typical > 0:
         if float(np.median(outer - further)) > HALO_SLOPE * float(np.median(inner - further)):
             return NoLimb(Outcome.SUN_GLARE, "the best curve is the rim of a saturated blob with a halo")
     if typical == 0.0 or agree < SMALLEST_SIDE_AGREEMENT:
