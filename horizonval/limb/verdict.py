@@ -189,9 +189,10 @@ def _sides(image: FloatArray, cone: Cone, camera: Camera, uv: FloatArray, gradie
     agree = float(np.mean(np.sign(difference) == np.sign(typical)))
     spread = 1.4826 * float(np.median(np.abs(outer - np.median(outer))))
     deep, further = levels[2:]
-    if float(np.mean(deep >= image.max() * (1 - 1e-6))) > 0.9 and typical > 0:
-        if float(np.median(outer - further)) > HALO_SLOPE * float(np.median(inner - further)):
-            return NoLimb(Outcome.SUN_GLARE, "the best curve is the rim of a saturated blob with a halo")
+    saturated_inside = float(np.mean(deep >= image.max() * (1 - 1e-6))) > 0.9 and typical > 0
+    still_falling = float(np.median(outer - further)) > HALO_SLOPE * float(np.median(inner - further))
+    if saturated_inside and still_falling:
+        return NoLimb(Outcome.SUN_GLARE, "the best curve is the rim of a saturated blob with a halo")
     if typical == 0.0 or agree < SMALLEST_SIDE_AGREEMENT:
         return NoLimb(
             Outcome.NO_LIMB, f"the best curve has its bright side inside along {agree:.0%} of its length only"
