@@ -205,9 +205,22 @@ def column(file: AtmosphereFile, values: list[float], altitude_m: FloatArray) ->
     return np.interp(altitude_m, np.array(file.altitude_km) * 1e3, np.array(values, dtype=np.float64))
 
 
-def phase(band: AtmosphereBand) -> Literal["rayleigh", "isotropic"] | float:
-    """Return the phase function as :class:`SpectralNode` wants it."""
-    return band.phase.henyey_greenstein if isinstance(band.phase, HenyeyGreenstein) else band.phase
+def scatterers(band: AtmosphereBand, scattering_per_m: FloatArray) -> dict[str, Any]:
+    """Return the fields of :class:`SpectralNode` that say what scatters, from a band's phase function."""
+    zero = np.zeros_like(scattering_per_m)
+    if isinstance(band.phase, HenyeyGreenstein):
+        return {
+            "molecular_per_m": zero,
+            "molecular_cos2": 0.0,
+            "particle_per_m": scattering_per_m,
+            "asymmetry": np.full_like(zero, band.phase.henyey_greenstein),
+        }
+    return {
+        "molecular_per_m": scattering_per_m,
+        "molecular_cos2": rayleigh.COS2 if band.phase == "rayleigh" else 0.0,
+        "particle_per_m": zero,
+        "asymmetry": zero,
+    }
 
 
 def file_model(file: AtmosphereFile, *, thermal: bool) -> OpticalModel:
@@ -237,8 +250,7 @@ def file_model(file: AtmosphereFile, *, thermal: bool) -> OpticalModel:
                 weight=1.0,
                 wavelength_um=wavelength_um,
                 extinction_per_m=absorption + scattering,
-                scattering_per_m=scattering,
-                phase=phase(band),
+                **scatterers(band, scattering),
                 solar_irradiance=0.0 if thermal else 1.0,
                 source=planck.radiance_per_um(wavelength_um, temperature) if thermal else zero,
                 surface_source=float(planck.radiance_per_um(wavelength_um, file.surface.temperature_K))

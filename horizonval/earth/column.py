@@ -11,7 +11,6 @@ Every property is linear in altitude between the nodes of the common grid and ze
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,10 +33,16 @@ class SpectralNode:
     wavelength_um : float
         Nominal wavelength.
     extinction_per_m : ndarray, shape (n,)
-    scattering_per_m : ndarray, shape (n,)
-        Zero for thermal nodes.
-    phase : "rayleigh", "isotropic" or float
-        A float is the asymmetry g of Henyey and Greenstein.
+    molecular_per_m : ndarray, shape (n,)
+        Scattering coefficient of molecules; zero for thermal nodes. Their phase function is
+        ``(1 - c/3 + c cos^2) / (4 pi)`` with c = ``molecular_cos2``.
+    molecular_cos2 : float
+        0.75 without depolarisation (Rayleigh), ``0.75 (1 - q) / (1 + 2 q)`` with ``q = rho / (2 - rho)`` for a
+        depolarisation factor rho, 0 for isotropic scattering.
+    particle_per_m : ndarray, shape (n,)
+        Scattering coefficient of particles, phase function of Henyey and Greenstein.
+    asymmetry : ndarray, shape (n,)
+        Its asymmetry g at every altitude; where there are no particles, any number in (-1, 1).
     solar_irradiance : float
         W m-2 um-1 at the scene's distance of the Sun, outside the atmosphere, across the rays. 1 for atmosphere files
         of the ``radiance`` command (the answer is then 1/sr), 0 for none.
@@ -55,12 +60,19 @@ class SpectralNode:
     weight: float
     wavelength_um: float
     extinction_per_m: FloatArray
-    scattering_per_m: FloatArray
-    phase: Literal["rayleigh", "isotropic"] | float
+    molecular_per_m: FloatArray
+    molecular_cos2: float
+    particle_per_m: FloatArray
+    asymmetry: FloatArray
     solar_irradiance: float
     source: FloatArray
     surface_source: float
     sun_radiance: float
+
+    @property
+    def scattering_per_m(self) -> FloatArray:
+        """Scattering coefficient of everything, shape (n,)."""
+        return self.molecular_per_m + self.particle_per_m
 
 
 @dataclass(frozen=True)

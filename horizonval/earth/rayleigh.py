@@ -21,6 +21,10 @@ STANDARD_NUMBER_DENSITY = 2.546899e25
 """Molecules per m3 at 288.15 K and 1013.25 hPa, the air for which the refractive index is given."""
 
 
+COS2 = 0.75
+"""Weight of cos^2 in the phase function without depolarisation, ``3/4 (1 + cos^2) / (4 pi)``."""
+
+
 def refractive_index_minus_one(wavelength_um: ArrayLike, co2_ppm: float = 420.0) -> FloatArray:
     """Return n - 1 of dry air at 288.15 K and 1013.25 hPa (Peck and Reeder 1972, measured 0.23 to 1.69 um)."""
     s2 = np.asarray(wavelength_um, dtype=np.float64) ** -2

@@ -81,7 +81,8 @@ def _make_chunk(
             sky = _downwelling(planet, model.top_m, black, size.path_nodes)
             ground = [g + (1.0 - model.emissivity) / math.pi * s for g, s in zip(ground, sky, strict=False)]
         return Chunk(kind, width, grid, extinction, emission, None, [], [opaque(g) for g in [*ground, *pad]], [])
-    emission = _interleave([n.scattering_per_m for n in nodes], width)
+    emission = _interleave([n.molecular_per_m for n in nodes], width)
+    with_particles = any(n.particle_per_m.any() for n in nodes)
     return Chunk(
         kind,
         width,
@@ -91,7 +92,9 @@ def _make_chunk(
         _fill_sun_table(planet, model.top_m, grid, extinction, width, size),
         [opaque(e) for e in [*(n.solar_irradiance for n in nodes), *pad]],
         [opaque(model.albedo / math.pi)] * width,
-        [_phase_mix(n) for n in nodes] + [(opaque(1.0), opaque(0.0), opaque(0.0))] * len(pad),
+        [opaque(c) for c in [*(n.molecular_cos2 for n in nodes), *pad]],
+        _interleave([n.particle_per_m for n in nodes], width) if with_particles else None,
+        _interleave([n.asymmetry for n in nodes], width) if with_particles else None,
     )
 
 
@@ -100,14 +103,6 @@ def _interleave(columns: Sequence[NDArray[np.float64]], width: int) -> Any:
     for k, column in enumerate(columns):
         table[:, k] = column
     return mi.Float64(np.ascontiguousarray(table).ravel())
-
-
-def _phase_mix(node: SpectralNode) -> tuple[Any, Any, Any]:
-    if node.phase == "rayleigh":
-        return opaque(0.75), opaque(0.75), opaque(0.0)
-    if node.phase == "isotropic":
-        return opaque(1.0), opaque(0.0), opaque(0.0)
-    return opaque(0.0), opaque(0.0), opaque(float(node.phase))
 
 
 def _fill_sun_table(

@@ -53,13 +53,14 @@ class Chunk:
     width : int
         Nodes, padded ones included.
     extinction, emission : Float64, shape (n_altitude * width,)
-        ``emission``: scattering coefficient of solar nodes, source function of thermal ones.
+        ``emission``: scattering coefficient of molecules of solar nodes, source function of thermal ones.
+    particle, asymmetry : Float64, shape (n_altitude * width,), or None
+        Scattering coefficient and Henyey-Greenstein asymmetry of particles; None where no node has any.
     sun_table : SunTable or None
     irradiance, ground : lists of Float64, size 1
         Solar irradiance; for the ground its albedo / pi (solar) or emitted and reflected radiance (thermal).
-    phase_mix : list of (Float64, Float64, Float64), size 1 each
-        Phase function ``P = (c0 + c1 cos^2 + c2 (1 - g^2) (1 + g^2 - 2 g cos)^(-3/2)) / (4 pi)`` as (c0, c1, g) with
-        ``c2 = 1 - c0 - c1 / 3``.
+    cos2 : list of Float64, size 1
+        The c of the molecules' phase function ``(1 - c/3 + c cos^2) / (4 pi)``.
     """
 
     kind: Kind
@@ -70,7 +71,9 @@ class Chunk:
     sun_table: SunTable | None
     irradiance: list[Any]
     ground: list[Any]
-    phase_mix: list[tuple[Any, Any, Any]]
+    cos2: list[Any]
+    particle: Any = None
+    asymmetry: Any = None
 
 
 @dataclass(frozen=True)
@@ -166,14 +169,15 @@ def _step_boundary(path: Path, steps: Steps, i: Any, count: int) -> Any:
     return dr.select(i < steps.n1, first, dr.select(i < steps.n2, middle, last))
 
 
-def _phase(chunk: Chunk, cosine: Any) -> list[Any]:
-    out = []
-    for c0, c1, g in chunk.phase_mix:
-        c2 = 1.0 - c0 - c1 / 3.0
-        g2 = g * g
-        base = 1.0 + g2 - 2.0 * g * cosine
-        out.append((c0 + c1 * cosine * cosine + c2 * (1.0 - g2) / (base * dr.sqrt(base))) * (0.25 / math.pi))
-    return out
+def _molecular_phase(cos2: Any, cosine: Any) -> Any:
+    return (dr.fma(cos2, cosine * cosine, 1.0) - cos2 / 3.0) * (0.25 / math.pi)
+
+
+def _particle_phase(asymmetry: Any, cosine: Any) -> Any:
+    """Return the phase function of Henyey and Greenstein."""
+    g2 = asymmetry * asymmetry
+    base = 1.0 + g2 - 2.0 * asymmetry * cosine
+    return (1.0 - g2) / (base * dr.sqrt(base)) * (0.25 / math.pi)
 
 
 def march(
@@ -213,10 +217,11 @@ def march(
     solar = chunk.kind == "solar"
     if solar:
         steps = _share_steps(planet, path, o, d, sun, count, concentration)
-        weight = [e * p for e, p in zip(chunk.irradiance, _phase(chunk, dot(d, sun)), strict=True)]
+        cosine = dot(d, sun)
+        weight = [e * _molecular_phase(c, cosine) for e, c in zip(chunk.irradiance, chunk.cos2, strict=True)]
     else:
         steps = Steps(mi.Float64(0.0), mi.Float64(count), path.y0, path.y1)
-        weight = []
+        cosine, weight = mi.Float64(0.0), []
 
     def evaluate(t: Any) -> tuple[list[Any], list[Any]]:
         """Return extinction [1/m] and emission per metre at ``t``."""
@@ -232,7 +237,12 @@ def march(
         assert chunk.sun_table is not None
         lit = inside & ~planet.in_umbra(p, sun)
         t_sun = chunk.sun_table.transmittance(height, dot(normal, sun), width)
-        return k, [dr.select(lit, s * v * f, 0.0) for s, v, f in zip(e, t_sun, weight, strict=True)]
+        e = [s * f for s, f in zip(e, weight, strict=True)]
+        if chunk.particle is not None:
+            g = interpolate(chunk.asymmetry, i, w, width)
+            particles = zip(interpolate(chunk.particle, i, w, width), g, chunk.irradiance, strict=True)
+            e = [a + s * irr * _particle_phase(b, cosine) for a, (s, b, irr) in zip(e, particles, strict=True)]
+        return k, [dr.select(lit, s * v, 0.0) for s, v in zip(e, t_sun, strict=True)]
 
     zero = dr.zeros(mi.Float64, dr.width(path.t_low))
     start = _warp(path, path.y0 + zero, concentration)

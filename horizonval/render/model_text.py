@@ -14,7 +14,7 @@ import numpy as np
 
 from horizonval.earth.column import OpticalModel, SpectralNode
 
-_ARRAYS = ("extinction_per_m", "scattering_per_m", "source")
+_ARRAYS = ("extinction_per_m", "molecular_per_m", "particle_per_m", "asymmetry", "source")
 
 
 def dump_model(model: OpticalModel) -> str:

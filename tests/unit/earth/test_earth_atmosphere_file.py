@@ -126,7 +126,7 @@ def test_solar_columns_are_the_files_own(tmp_path: Path) -> None:
     (node,) = model.nodes
     np.testing.assert_array_equal(node.scattering_per_m, [1e-5, 1e-6, 1e-6, 0])
     np.testing.assert_allclose(node.extinction_per_m, [3e-5, 3e-6, 2e-6, 1e-9])
-    assert (node.name, node.band, node.weight, node.phase) == ("a", "a", 1.0, "isotropic")
+    assert (node.name, node.band, node.weight, node.molecular_cos2) == ("a", "a", 1.0, 0.0)
     assert (node.solar_irradiance, node.sun_radiance, node.surface_source) == (1.0, 0.0, 0.0)
     assert (model.albedo, model.emissivity, file.planet_radius_m) == (0.3, 0.9, 6371e3)
 
@@ -160,7 +160,10 @@ def test_vacuum_between_last_node_and_top() -> None:
 
 def test_henyey_greenstein() -> None:
     file = af.parse_atmosphere(changed("bands/0/phase", {"henyey_greenstein": -0.25}), "air.json")
-    assert af.file_model(file, thermal=False).nodes[0].phase == -0.25
+    (node,) = af.file_model(file, thermal=False).nodes
+    assert (node.asymmetry == -0.25).all()
+    assert not node.molecular_per_m.any()
+    np.testing.assert_array_equal(node.particle_per_m, [1e-5, 1e-6, 1e-6, 0])
 
 
 def test_made_from_a_profile_and_read_again(tmp_path: Path) -> None:

@@ -61,7 +61,10 @@ def test_solar_nodes_carry_the_band() -> None:
     # Photon weighting changes the mean over a band of 20 % half width by a few per cent of the spectrum's slope.
     mean = sunlight.band_irradiance(0.45, 0.65) / 0.2
     assert model.nodes[0].solar_irradiance == pytest.approx(mean, rel=0.01)
-    assert all(n.phase == "rayleigh" and n.surface_source == 0 and not n.source.any() for n in model.nodes)
+    assert all(
+        n.molecular_cos2 == 0.75 and not n.particle_per_m.any() and n.surface_source == 0 and not n.source.any()
+        for n in model.nodes
+    )
 
 
 def test_electrons_are_counted_exactly() -> None:
@@ -175,7 +178,7 @@ def test_atmosphere_file_beside_the_scene(tmp_path: Path) -> None:
     (tmp_path / "air.json").write_text(json.dumps(data))
     model = optical_model(scene(atmosphere={"file": "air.json"}), camera(TIR, VIS), base_dir=tmp_path)
     thermal, solar = model.nodes
-    assert solar.phase == 0.5
+    assert (solar.asymmetry == 0.5).all()
     assert solar.wavelength_um == pytest.approx(0.55)
     assert solar.weight == pytest.approx(0.2)
     z_km = np.array(data["altitude_km"])
