@@ -124,10 +124,12 @@ def render(
     spec, camera = load_scene(scene)
     _check_target(out)
     from horizonval.archive.exr import write_frame
+    from horizonval.campaign.progress import Tables
     from horizonval.render.frame import render_frame
 
     start = time.perf_counter()
-    frame = render_frame(spec, camera)
+    with Tables() as progress:
+        frame = render_frame(spec, camera, progress.advance)
     write_frame(out, frame)
     size = f"{camera.camera.width} x {camera.camera.height}"
     print(f"{out}: {size}, bands {', '.join(frame.radiance)}, {time.perf_counter() - start:.1f} s")
@@ -181,16 +183,15 @@ def radiance(
     rays: Annotated[Path, typer.Argument(help="CSV: obs_x_km .. obs_z_km, dir_x .. dir_z, sun_x .. sun_z.")],
     atmosphere: Annotated[str, typer.Option(help="Atmosphere file (JSON), or the name of a shipped one.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="CSV: the input and one column per band.")],
-    orders: Annotated[str, typer.Option(help="Orders of scattering: single.")] = "single",
+    orders: Annotated[str, typer.Option(help="Orders of scattering: single or all.")] = "single",
     thermal: Annotated[bool, typer.Option("--thermal", help="Emission instead of scattered sunlight.")] = False,
 ) -> None:
     """Radiance along given rays in a given atmosphere: the integrator alone.
 
     1/sr for unit solar irradiance; with --thermal W m-2 sr-1 um-1 at each band's wavelength.
     """
-    if orders != "single":
-        known = "multiple scattering is not available in this version" if orders == "all" else ""
-        raise UserError(f"found {orders!r}", where="--orders", expected="single", fix=known)
+    if orders not in ("single", "all"):
+        raise UserError(f"found {orders!r}", where="--orders", expected="single or all")
     from horizonval.campaign.rays import check_above_ground, read_rays, write_radiance
     from horizonval.earth.atmosphere_file import file_model, read_atmosphere
     from horizonval.spec.files import find
@@ -204,10 +205,22 @@ def radiance(
         from horizonval.render.backend import activate
 
         activate()
+        from horizonval.campaign.progress import Tables
+        from horizonval.render.multiple_scattering import FINE
         from horizonval.render.radiance import radiance_along_rays
 
         model = file_model(file, thermal=thermal)
-        values = radiance_along_rays(model, file.planet_radius_m, table.observer_m, table.direction, table.sun)
+        scattering = FINE if orders == "all" else None
+        with Tables() as progress:
+            values = radiance_along_rays(
+                model,
+                file.planet_radius_m,
+                table.observer_m,
+                table.direction,
+                table.sun,
+                scattering=scattering,
+                progress=progress.advance,
+            )
     write_radiance(out, table, values)
     print(f"{out}: {len(table.rows)} rays, bands {', '.join(values)}")
 

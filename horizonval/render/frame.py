@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,11 +17,21 @@ from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.truth import truth_of
 
+if TYPE_CHECKING:
+    from horizonval.render.chunks import TableProgress
 
-def render_frame(scene: SceneSpec, camera: CameraSpec) -> Frame:
+
+def render_frame(scene: SceneSpec, camera: CameraSpec, progress: TableProgress | None = None) -> Frame:
     """Return the frame a scene's camera sees.
 
     Deterministic: the same scene gives the same bytes for any number of threads.
+
+    Parameters
+    ----------
+    scene : SceneSpec
+    camera : CameraSpec
+    progress : callable, optional
+        Told about tables of multiple scattering that must be solved first.
 
     Raises
     ------
@@ -36,22 +46,25 @@ def render_frame(scene: SceneSpec, camera: CameraSpec) -> Frame:
     import mitsuba as mi
 
     from horizonval.render.camera_plugin import camera_properties
-    from horizonval.render.integrator import limb_properties
+    from horizonval.render.integrator import limb_properties, prepare
     from horizonval.render.planet import Planet
     from horizonval.render.truth_maps import truth_maps
 
     itrs_from_cam = Rotation.from_quat(truth.q_cam_from_itrs).inv().as_matrix()
+    integrator_properties = limb_properties(
+        model,
+        Planet(truth.ellipsoid_a_m, truth.ellipsoid_b_m),
+        truth.sun_itrs,
+        truth.sun_angular_radius_rad,
+        scene.render.subsamples,
+        scene.render.nodes,
+        scene.render.orders,
+    )
+    prepare(integrator_properties, progress)
     mi_scene = mi.load_dict(
         {
             "type": "scene",
-            "integrator": limb_properties(
-                model,
-                Planet(truth.ellipsoid_a_m, truth.ellipsoid_b_m),
-                truth.sun_itrs,
-                truth.sun_angular_radius_rad,
-                scene.render.subsamples,
-                scene.render.nodes,
-            ),
+            "integrator": integrator_properties,
             "sensor": camera_properties(camera_from_spec(camera.camera), np.array(truth.r_itrs), itrs_from_cam),
         }
     )
@@ -62,6 +75,7 @@ def render_frame(scene: SceneSpec, camera: CameraSpec) -> Frame:
         "variant": variant,
         "subsamples": scene.render.subsamples,
         "nodes": scene.render.nodes,
+        "orders": scene.render.orders,
     }
     return Frame(
         radiance={band: np.ascontiguousarray(image[:, :, i]) for i, band in enumerate(integrator.bands)},

@@ -72,11 +72,12 @@ class Quality:
     first_nodes: int
 
 
-DAY = Quality(24, 96, 16, 4, 6, 20, 20, 10, 48)
-"""Good to 0.1 % with the Sun up and to 0.3 % until it is 5 deg below the horizon."""
+STANDARD = Quality(24, 128, 20, 4, 6, 24, 28, 10, 64)
+"""For images. Molecules at 450 to 850 nm, against a table of far higher resolution: at most 0.06 % of the radiance with
+the Sun up, 0.3 % until it is 8 deg below the horizon, 0.8 % (850 nm: 3 %) until 18 deg."""
 
-TWILIGHT = Quality(32, 160, 24, 4, 8, 36, 32, 16, 72)
-"""Good to 1 % until the Sun is 18 deg below the horizon."""
+FINE = Quality(32, 160, 24, 4, 8, 36, 32, 16, 72)
+"""For single rays: 0.02 %, 0.3 % and 0.4 % (850 nm: 1.1 %)."""
 
 
 @dataclass(frozen=True)
@@ -151,6 +152,8 @@ def solve(
     quality : Quality
     progress : callable, optional
     """
+    if progress is not None:
+        progress(1, 1.0)
     solver = _Solver(node, altitude_m, planet_m, sun_table, quality)
     air = solver.sum_of_orders(solver.scattered_once(), progress)
     mu = solver.sun_cosines

@@ -55,7 +55,7 @@ def _ours(pixels: int, nodes: int) -> tuple[np.ndarray, float]:
     scene = mi.load_dict(
         {
             "type": "scene",
-            "integrator": limb_properties(model, Planet(RADIUS_M, RADIUS_M), tuple(SUN), 0.00465, 2, nodes),
+            "integrator": limb_properties(model, Planet(RADIUS_M, RADIUS_M), tuple(SUN), 0.00465, 2, nodes, "single"),
             "sensor": camera_properties(camera, r, rotation),
         }
     )
