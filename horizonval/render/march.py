@@ -20,7 +20,8 @@ one however thick the step.
 
     sunlight, scattered before:  S = (k_molecules S_molecules + k_particles S_particles) E0 / k     (source_table)
 
-The diffuse source is smooth and dear; one lookup in the middle of two steps serves both.
+The diffuse source is smooth and dear: it is looked up at the steps' ends (with particles, many moments, at every
+second), and its logarithm is linear between.
 
 Neglected: refraction, polarisation, a Sun that is not a point (for illumination). Deterministic: no random numbers, no
 atomics; every ray is summed in its own lane in a fixed order.
@@ -44,8 +45,8 @@ THICK_STEP = 0.5
 CHUNK = 4
 """Spectral nodes per kernel launch; they share all geometry."""
 
-DIFFUSE_STRIDE = 2
-"""Steps that share one lookup of the diffuse source."""
+PARTICLE_STRIDE = 2
+"""Steps from one lookup of the diffuse source to the next where there are particles; without them 1."""
 
 Kind = Literal["solar", "thermal", "depth"]
 
@@ -223,7 +224,7 @@ def march(
         Transmittance from the observer to the end of the path.
     """
     width = chunk.width
-    stride = DIFFUSE_STRIDE if chunk.diffuse is not None else 1
+    stride = PARTICLE_STRIDE if chunk.diffuse is not None and chunk.particle is not None else 1
     count = -(-max(nodes // 2, 3) // stride) * stride
     path = find_path(planet, top_m, o, d, to_ground)
     solar = chunk.kind == "solar"
@@ -235,20 +236,19 @@ def march(
         steps = Steps(mi.Float64(0.0), mi.Float64(count), path.y0, path.y1)
         cosine, weight = mi.Float64(0.0), []
 
-    def diffuse_sources(t: Any) -> tuple[list[Any], list[Any]] | None:
-        """Return the diffuse source per scattering coefficient of molecules and particles at ``t``."""
+    def log_diffuse(t: Any) -> list[Any]:
+        """Return ``ln`` of the diffuse source per scattering coefficient, molecules' and then particles', at ``t``."""
         if chunk.diffuse is None:
-            return None
+            return []
         height, normal = planet.height_and_normal(along(o, d, t))
         asymmetry = None
         if chunk.asymmetry is not None:
             i, w, _ = chunk.grid.locate(height)
             asymmetry = interpolate(chunk.asymmetry, i, w, width)
-        found = chunk.diffuse.sources(height, normal, d, sun, chunk.cos2, asymmetry)
-        return tuple([e * s for e, s in zip(chunk.irradiance, v, strict=False)] for v in found)  # type: ignore[return-value]
+        return chunk.diffuse.log_sources(height, normal, d, sun, chunk.cos2, asymmetry)
 
-    def evaluate(t: Any, diffuse: tuple[list[Any], list[Any]] | None) -> tuple[list[Any], list[Any]]:
-        """Return extinction [1/m] and emission per metre at ``t``."""
+    def evaluate(t: Any, diffuse: list[Any]) -> tuple[list[Any], list[Any]]:
+        """Return extinction [1/m] and emission per metre at ``t``; ``diffuse`` as in ``log_diffuse``, without ln."""
         p = along(o, d, t)
         height, normal = planet.height_and_normal(p)
         i, w, inside = chunk.grid.locate(height)
@@ -268,28 +268,31 @@ def march(
             phase = [irr * _particle_phase(v, cosine) for irr, v in zip(chunk.irradiance, g, strict=True)]
             scattered = [a + s * f for a, s, f in zip(scattered, particle, phase, strict=True)]
         emission = [dr.select(lit, s * v, 0.0) for s, v in zip(scattered, t_sun, strict=True)]
-        if diffuse is not None:
-            emission = [a + dr.select(inside, s * f, 0.0) for a, s, f in zip(emission, e, diffuse[0], strict=True)]
-            emission = (
-                emission
-                if not particle
-                else [a + dr.select(inside, s * f, 0.0) for a, s, f in zip(emission, particle, diffuse[1], strict=True)]
-            )
+        for n, source in enumerate(diffuse):
+            scatterer = (e + particle)[n] * chunk.irradiance[n % width]
+            emission[n % width] = emission[n % width] + dr.select(inside, scatterer * source, 0.0)
         return k, emission
 
     zero = dr.zeros(mi.Float64, dr.width(path.t_low))
     start = _warp(path, path.y0 + zero, concentration)
 
-    def body(i: Any, t0: Any, tau: list[Any], radiance: list[Any]) -> tuple[Any, Any, list[Any], list[Any]]:
+    def body(
+        i: Any, t0: Any, before: list[Any], tau: list[Any], radiance: list[Any]
+    ) -> tuple[Any, Any, list[Any], list[Any], list[Any]]:
         tau, radiance = list(tau), list(radiance)
-        middle = _step_boundary(path, steps, mi.Float64(i) + 0.5 * stride, count)
-        diffuse = diffuse_sources(_warp(path, middle, concentration))
-        for k in range(1, stride + 1):
-            y = _step_boundary(path, steps, mi.Float64(i) + float(k), count)
-            t1 = _warp(path, y, concentration)
+        ends = [
+            _warp(path, _step_boundary(path, steps, mi.Float64(i) + float(k), count), concentration)
+            for k in range(1, stride + 1)
+        ]
+        after = log_diffuse(ends[-1])
+
+        def diffuse(share: float) -> list[Any]:
+            return [mi.Float64(dr.exp(dr.fma(b - a, share, a))) for a, b in zip(before, after, strict=True)]
+
+        for k, t1 in enumerate(ends):
             h = t1 - t0
-            k_a, j_a = evaluate(t0 + GAUSS_LOW * h, diffuse)
-            k_b, j_b = evaluate(t0 + (1.0 - GAUSS_LOW) * h, diffuse)
+            k_a, j_a = evaluate(t0 + GAUSS_LOW * h, diffuse((k + GAUSS_LOW) / stride))
+            k_b, j_b = evaluate(t0 + (1.0 - GAUSS_LOW) * h, diffuse((k + 1.0 - GAUSS_LOW) / stride))
             for n in range(width):
                 step = 0.5 * h * (k_a[n] + k_b[n])
                 if chunk.kind != "depth":
@@ -297,13 +300,13 @@ def march(
                     radiance[n] = radiance[n] + dr.exp(-tau[n]) * gain
                 tau[n] = tau[n] + step
             t0 = t1
-        return i + stride, t0, tau, radiance
+        return i + stride, t0, after, tau, radiance
 
-    _, _, tau, radiance = dr.while_loop(
-        (mi.UInt32(0), start, [zero + 0.0] * width, [zero + 0.0] * width),
+    _, _, _, tau, radiance = dr.while_loop(
+        (mi.UInt32(0), start, log_diffuse(start), [zero + 0.0] * width, [zero + 0.0] * width),
         lambda i, *_: i < count,
         body,
-        labels=("i", "t", "tau", "radiance"),
+        labels=("i", "t", "diffuse", "tau", "radiance"),
         label="limb march",
     )
     transmittance = [dr.exp(-v) for v in tau]

@@ -75,10 +75,12 @@ class SourceTable:
             width,
         )
 
-    def sources(
+    def log_sources(
         self, height_m: Any, normal: Vec, d: Vec, sun: Vec, cos2: Sequence[Any], asymmetry: Sequence[Any] | None
-    ) -> tuple[list[Any], list[Any]]:
-        """Return source per scattering coefficient and irradiance of molecules and of particles, per node [1/sr].
+    ) -> list[Any]:
+        """Return ``ln`` of the source per scattering coefficient and irradiance [1/sr], Float32.
+
+        Of molecules for every node, and then of particles for every node.
 
         Parameters
         ----------
@@ -87,7 +89,7 @@ class SourceTable:
         d, sun : Vec
             The ray's direction and the direction to the Sun.
         cos2, asymmetry : sequences of Float64
-            Phase functions of the nodes at the point; without ``asymmetry`` the second list is empty.
+            Phase functions of the nodes at the point; without ``asymmetry`` there are no particles.
         """
         degree = self.used[-1][0]
         mu_s, up, nu = (mi.Float32(v) for v in (dot(normal, sun), dot(normal, d), dot(d, sun)))
@@ -98,26 +100,21 @@ class SourceTable:
         row, wx, wy = self._locate(mi.Float32(height_m), mu_s)
         stored = [self._bilinear(row, p, wx, wy) for p in range(len(self.used))]
         width = self.width
-        scale = [dr.exp(v) for v in stored[0]]
         by_degree: list[list[Any]] = [[mi.Float32(0.0)] * width for _ in range(degree + 1)]
         by_degree[0] = [polar[0, 0]] * width
         for values, (n, m) in zip(stored[1:], self.used[1:], strict=True):
             shape = polar[n, m] * azimuthal[m]
             by_degree[n] = [dr.fma(shape, v, s) for v, s in zip(values, by_degree[n], strict=True)]
-        molecules = [
-            mi.Float64(scale[k] * (by_degree[0][k] + mi.Float32(cos2[k] * (2.0 / 15.0)) * by_degree[2][k]))
-            for k in range(width)
-        ]
-        if asymmetry is None:
-            return molecules, []
-        particles = []
-        for k in range(width):
+        shapes = [dr.fma(mi.Float32(cos2[k] * (2.0 / 15.0)), by_degree[2][k], by_degree[0][k]) for k in range(width)]
+        for k in range(width) if asymmetry is not None else ():
+            assert asymmetry is not None
             g = mi.Float32(asymmetry[k])
             total = by_degree[degree][k]
             for n in range(degree - 1, -1, -1):
                 total = dr.fma(total, g, by_degree[n][k])
-            particles.append(mi.Float64(dr.maximum(scale[k] * total, 0.0)))
-        return molecules, particles
+            shapes.append(total)
+        # cut short, the series may fall below zero where there is next to no light
+        return [stored[0][n % width] + dr.log(dr.maximum(shape, 1e-6)) for n, shape in enumerate(shapes)]
 
     def ground_irradiance(self, mu_s: Any) -> list[Any]:
         """Return the diffuse irradiance on level ground per unit solar irradiance, per node."""
