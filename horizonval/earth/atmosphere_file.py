@@ -6,12 +6,18 @@
      "planet_radius_km": 6371.0, "top_km": 100.0,
      "altitude_km": [0.0, ...], "temperature_K": [...],
      "bands": [{"name": "550nm", "wavelength_nm": 550.0, "scattering_per_m": [...], "absorption_per_m": [...],
-                "phase": "rayleigh" | "isotropic" | {"henyey_greenstein": g}}],
+                "phase": "rayleigh" | "isotropic" | {"henyey_greenstein": g},
+                "particle_scattering_per_m": [...], "asymmetry": g}],                     both optional
      "surface": {"albedo": 0.3, "temperature_K": 288.15, "emissivity": 1.0}}
 
 Coefficients and temperature are linear in altitude between nodes. The first node is the ground. Above ``top_km`` there
 is vacuum. ``top_km`` may lie above the last node: there is vacuum between the two as well (a coefficient that is not
 zero at the last node ends there in a step).
+
+A band may hold particles beside its molecules: ``particle_scattering_per_m`` scatters by the phase function of Henyey
+and Greenstein with ``asymmetry``, while ``phase`` applies to ``scattering_per_m`` and is then "rayleigh" or
+"isotropic". ``absorption_per_m`` is the absorption of everything, so that
+``extinction = scattering + particle_scattering + absorption``.
 """
 
 from __future__ import annotations
@@ -55,6 +61,8 @@ class AtmosphereBand(_Strict):
     scattering_per_m: list[_NonNegative]
     absorption_per_m: list[_NonNegative]
     phase: Literal["rayleigh", "isotropic"] | HenyeyGreenstein
+    particle_scattering_per_m: list[_NonNegative] | None = None
+    asymmetry: Annotated[float, Field(gt=-1, lt=1, allow_inf_nan=False)] | None = None
 
 
 class AtmosphereSurface(_Strict):
@@ -89,9 +97,11 @@ class AtmosphereFile(_Strict):
         if len(self.temperature_K) != len(z):
             raise ValueError(_length("temperature_K", len(self.temperature_K), len(z)))
         for i, band in enumerate(self.bands):
-            for key in ("scattering_per_m", "absorption_per_m"):
-                if (n := len(getattr(band, key))) != len(z):
-                    raise ValueError(_length(f"bands[{i}].{key}", n, len(z)))
+            for key in ("scattering_per_m", "absorption_per_m", "particle_scattering_per_m"):
+                values = getattr(band, key)
+                if values is not None and len(values) != len(z):
+                    raise ValueError(_length(f"bands[{i}].{key}", len(values), len(z)))
+            _check_particles(band, f"bands[{i}]")
         names = [band.name for band in self.bands]
         for i, name in enumerate(names):
             if name in names[:i]:
@@ -102,6 +112,20 @@ class AtmosphereFile(_Strict):
     def planet_radius_m(self) -> float:
         """Radius of the planet [m]."""
         return self.planet_radius_km * 1e3
+
+
+def _check_particles(band: AtmosphereBand, where: str) -> None:
+    """Refuse half a description of particles, and two kinds of particles in one band."""
+    if (band.particle_scattering_per_m is None) != (band.asymmetry is None):
+        there, lacks = "particle_scattering_per_m", "asymmetry"
+        if band.asymmetry is not None:
+            there, lacks = lacks, there
+        raise ValueError(f"{where}.{lacks}: missing; expected this key beside {there}")
+    if band.particle_scattering_per_m is not None and isinstance(band.phase, HenyeyGreenstein):
+        raise ValueError(
+            f"{where}.phase: is Henyey-Greenstein's beside particles of their own; "
+            'expected "rayleigh" or "isotropic" beside particle_scattering_per_m'
+        )
 
 
 def _length(key: str, found: int, expected: int) -> str:
@@ -205,21 +229,23 @@ def column(file: AtmosphereFile, values: list[float], altitude_m: FloatArray) ->
     return np.interp(altitude_m, np.array(file.altitude_km) * 1e3, np.array(values, dtype=np.float64))
 
 
-def scatterers(band: AtmosphereBand, scattering_per_m: FloatArray) -> dict[str, Any]:
-    """Return the fields of :class:`SpectralNode` that say what scatters, from a band's phase function."""
-    zero = np.zeros_like(scattering_per_m)
+def scatterers(file: AtmosphereFile, band: AtmosphereBand, altitude_m: FloatArray) -> dict[str, Any]:
+    """Return the fields of :class:`SpectralNode` that say what scatters in a band of the file, on other altitudes."""
+    scattering = column(file, band.scattering_per_m, altitude_m)
+    zero = np.zeros_like(scattering)
     if isinstance(band.phase, HenyeyGreenstein):
         return {
             "molecular_per_m": zero,
             "molecular_cos2": 0.0,
-            "particle_per_m": scattering_per_m,
+            "particle_per_m": scattering,
             "asymmetry": np.full_like(zero, band.phase.henyey_greenstein),
         }
+    particles = band.particle_scattering_per_m
     return {
-        "molecular_per_m": scattering_per_m,
+        "molecular_per_m": scattering,
         "molecular_cos2": rayleigh.COS2 if band.phase == "rayleigh" else 0.0,
-        "particle_per_m": zero,
-        "asymmetry": zero,
+        "particle_per_m": zero if particles is None else column(file, particles, altitude_m),
+        "asymmetry": zero if band.asymmetry is None else np.full_like(zero, band.asymmetry),
     }
 
 
@@ -241,7 +267,9 @@ def file_model(file: AtmosphereFile, *, thermal: bool) -> OpticalModel:
     nodes = []
     for band in file.bands:
         absorption = column(file, band.absorption_per_m, z)
-        scattering = zero if thermal else column(file, band.scattering_per_m, z)
+        scattering = scatterers(file, band, z)
+        if thermal:
+            scattering |= {"molecular_per_m": zero, "particle_per_m": zero}
         wavelength_um = band.wavelength_nm * 1e-3
         nodes.append(
             SpectralNode(
@@ -249,8 +277,8 @@ def file_model(file: AtmosphereFile, *, thermal: bool) -> OpticalModel:
                 band=band.name,
                 weight=1.0,
                 wavelength_um=wavelength_um,
-                extinction_per_m=absorption + scattering,
-                **scatterers(band, scattering),
+                extinction_per_m=absorption + scattering["molecular_per_m"] + scattering["particle_per_m"],
+                **scattering,
                 solar_irradiance=0.0 if thermal else 1.0,
                 source=planck.radiance_per_um(wavelength_um, temperature) if thermal else zero,
                 surface_source=float(planck.radiance_per_um(wavelength_um, file.surface.temperature_K))

@@ -323,7 +323,8 @@ def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, bas
         if band.kind == "thermal":
             nodes.append(_grey_thermal_node(band, temperature, ground_k, absorption, sun_distance_au, where))
             continue
-        scattering = atmosphere_file.column(file, entry.scattering_per_m, z)
+        scatterers = atmosphere_file.scatterers(file, entry, z)
+        scattering = scatterers["molecular_per_m"] + scatterers["particle_per_m"]
         rule = _solar_rule(band, 1, sun_distance_au, where)
         node = _solar_node(
             band,
@@ -335,5 +336,5 @@ def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, bas
             scattering + absorption,
             scattering,
         )
-        nodes.append(replace(node, **atmosphere_file.scatterers(entry, scattering)))
+        nodes.append(replace(node, **scatterers))
     return _model(scene, z, nodes)

@@ -63,6 +63,13 @@ def changed(path: str, value: Any) -> dict[str, Any]:
         ("bands/0/phase", "mie", "bands[0].phase", '"rayleigh", "isotropic" or {"henyey_greenstein": g}'),
         ("bands/0/phase", {"henyey_greenstein": 1.0}, "bands[0].phase", "-1 < g < 1"),
         ("bands/0/phase", {"g": 0.5}, "bands[0].phase", "-1 < g < 1"),
+        ("bands/0/asymmetry", 0.5, "bands[0].particle_scattering_per_m", "missing; expected this key beside asymmetry"),
+        (
+            "bands/0/particle_scattering_per_m",
+            [0.0] * 4,
+            "bands[0].asymmetry",
+            "missing; expected this key beside particle_scattering_per_m",
+        ),
         ("bands/0/wavelength_nm", 0, "bands[0].wavelength_nm", "greater than 0"),
         ("bands/0/colour", "red", "bands[0].colour", "unknown key"),
         ("bands", [], "bands", "at least 1"),
@@ -87,6 +94,56 @@ def test_refusals_name_file_key_and_what_was_expected(path: str, value: Any, key
     assert message in line
     assert "\n" not in line
     assert len(line) < 300
+
+
+def with_particles(**changes: Any) -> dict[str, Any]:
+    data = content()
+    data["bands"][0] |= {"particle_scattering_per_m": [3e-5, 1e-6, 0, 0], "asymmetry": 0.7, **changes}
+    return data
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "message"),
+    [
+        ({"particle_scattering_per_m": [0.0]}, "particle_scattering_per_m", "has 1 values; expected 4"),
+        ({"particle_scattering_per_m": [0, 0, -1e-9, 0]}, "particle_scattering_per_m[2]", "greater than or equal to 0"),
+        ({"particle_scattering_per_m": [0, 0, float("nan"), 0]}, "particle_scattering_per_m[2]", "finite"),
+        ({"asymmetry": 1.0}, "asymmetry", "less than 1"),
+        ({"asymmetry": -1.0}, "asymmetry", "greater than -1"),
+        ({"asymmetry": None}, "asymmetry", "expected this key beside particle_scattering_per_m"),
+        ({"phase": {"henyey_greenstein": 0.3}}, "phase", 'expected "rayleigh" or "isotropic" beside particle_'),
+    ],
+)
+def test_refused_particles(changes: dict[str, Any], key: str, message: str) -> None:
+    with pytest.raises(UserError) as error:
+        af.parse_atmosphere(with_particles(**changes), "air.json")
+    assert str(error.value).startswith(f"air.json: bands[0].{key}: ")
+    assert message in str(error.value)
+
+
+def test_particles_beside_molecules() -> None:
+    file = af.parse_atmosphere(with_particles(phase="rayleigh"), "air.json")
+    (node,) = af.file_model(file, thermal=False).nodes
+    assert node.molecular_cos2 == 0.75
+    np.testing.assert_array_equal(node.molecular_per_m, [1e-5, 1e-6, 1e-6, 0])
+    np.testing.assert_array_equal(node.particle_per_m, [3e-5, 1e-6, 0, 0])
+    np.testing.assert_array_equal(node.asymmetry, [0.7] * 4)
+    np.testing.assert_allclose(node.extinction_per_m, [6e-5, 4e-6, 2e-6, 1e-9])
+
+
+def test_particles_do_not_scatter_in_thermal_bands() -> None:
+    with_them, without = (
+        af.file_model(af.parse_atmosphere(data, "air.json"), thermal=True).nodes[0]
+        for data in (with_particles(), content())
+    )
+    assert not with_them.scattering_per_m.any()
+    np.testing.assert_array_equal(with_them.extinction_per_m, without.extinction_per_m)
+
+
+def test_particles_are_written_and_read_again(tmp_path: Path) -> None:
+    af.write_atmosphere(with_particles(phase="rayleigh"), tmp_path / "air.json")
+    file = af.read_atmosphere(tmp_path / "air.json")
+    assert file.model_dump() == af.parse_atmosphere(with_particles(phase="rayleigh"), "memory").model_dump()
 
 
 @pytest.mark.parametrize("data", [None, [], 3, "air"])

@@ -190,6 +190,18 @@ def test_atmosphere_file_beside_the_scene(tmp_path: Path) -> None:
     assert thermal.surface_source == pytest.approx(float(planck.band_radiance(14.0, 16.3, 288.15)))
 
 
+def test_particles_of_an_atmosphere_file(tmp_path: Path) -> None:
+    data = file_content()
+    n = len(data["altitude_km"])
+    data["bands"][0] |= {"phase": "rayleigh", "particle_scattering_per_m": [2e-5] * n, "asymmetry": 0.7}
+    (tmp_path / "air.json").write_text(json.dumps(data))
+    (node,) = optical_model(scene(atmosphere={"file": "air.json"}), camera(VIS), base_dir=tmp_path).nodes
+    np.testing.assert_array_equal(node.particle_per_m, [2e-5] * n)
+    np.testing.assert_array_equal(node.asymmetry, [0.7] * n)
+    np.testing.assert_allclose(node.molecular_per_m, data["bands"][0]["scattering_per_m"], rtol=1e-12)
+    np.testing.assert_allclose(node.extinction_per_m, node.molecular_per_m + 2e-5, rtol=1e-12)
+
+
 def test_file_without_the_cameras_band(tmp_path: Path) -> None:
     (tmp_path / "air.json").write_text(json.dumps(file_content()))
     with pytest.raises(UserError, match=r"air\.json: bands: no band 'red'.*the file has tir, vis"):
