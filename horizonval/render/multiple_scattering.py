@@ -17,10 +17,16 @@ that every Lambert albedo A is served::
 
     I(A) = I_air + A I_bounce / (1 - A s)
 
+(0.1 % of the diffuse light by day, 0.4 % with the Sun 6 deg below the horizon, at 450 nm and an albedo of 0.8.)
+
 **One pass** for all heights i, polar directions j, ray nodes n and Sun angles k first contracts the harmonics of the
 node with the moments at its radius, leaving ``F_m(i, j, n, k)``: along the ray only ``sum_m F_m cos(m phi)`` at the
 node's own Sun angle remains to be interpolated. Everything that spans decades in twilight is interpolated as
 ``ln I_00`` and ratios to it.
+
+**Accuracy** of the radiance in all, as tested: 0.6 % against another code and 1 % (beside its noise) against Monte
+Carlo from a high Sun to one 18 deg below the horizon for molecules; with particles of asymmetry 0.7, 1 % until it is
+5 deg below; beyond that particles are not checked.
 
 Neglected: polarisation (1 % of radiance at 90 deg from the Sun), refraction, horizontal change of air and ground.
 """

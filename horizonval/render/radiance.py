@@ -32,14 +32,15 @@ def radiance_along_rays(
     nodes: int = RAY_NODES,
     scattering: Quality | None = None,
     progress: TableProgress | None = None,
+    polar_radius_m: float | None = None,
 ) -> dict[str, FloatArray]:
-    """Return the radiance of every spectral node along rays over a spherical planet.
+    """Return the radiance of every spectral node along rays over a planet.
 
     Parameters
     ----------
     model : OpticalModel
     radius_m : float
-        Radius of the planet.
+        Radius of the planet, at the equator.
     observer_m : ndarray, shape (n, 3)
         Planet-centred, at or above the ground.
     direction, sun : ndarray, shape (n, 3)
@@ -50,6 +51,8 @@ def radiance_along_rays(
         Of the tables of light scattered more than once; None for single scattering.
     progress : callable, optional
         Told about tables that must be solved first.
+    polar_radius_m : float, optional
+        Of an oblate planet; the columns then lie over geodetic height.
 
     Returns
     -------
@@ -65,13 +68,14 @@ def radiance_along_rays(
     sun = _unit(sun, "sun")
     if not np.all(np.isfinite(observer_m)):
         raise UserError("observer position is not finite", expected="finite kilometres")
-    below = np.linalg.norm(observer_m, axis=1) < radius_m * (1.0 - 1e-9)
+    stretched = observer_m * np.array([1.0, 1.0, radius_m / (polar_radius_m or radius_m)])
+    below = np.linalg.norm(stretched, axis=1) < radius_m * (1.0 - 1e-9)
     if np.any(below):
         raise UserError(
             f"ray {int(np.argmax(below)) + 1} starts below the ground",
             expected=f"observers at least {radius_m / 1e3:g} km from the centre",
         )
-    planet = Planet(radius_m, radius_m)
+    planet = Planet(radius_m, polar_radius_m or radius_m)
     o, d, s = _vector(observer_m), _vector(direction), _vector(sun)
     ground_mid, _, meets = planet.chord(o, d)
     to_ground = meets & (ground_mid > 0.0)

@@ -7,6 +7,7 @@ into place, so that runs side by side cannot harm each other; a damaged file is 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import zipfile
@@ -39,7 +40,7 @@ _memory: OrderedDict[str, MultipleScattering] = OrderedDict()
 def content_key(node: SpectralNode, altitude_m: FloatArray, planet_m: float, quality: Quality) -> str:
     """Return the name under which a solution is kept."""
     digest = hashlib.sha256()
-    digest.update(repr((METHOD, planet_m, node.molecular_cos2, astuple(quality))).encode())
+    digest.update(repr((METHOD, planet_m, degree_of(node), node.molecular_cos2, astuple(quality))).encode())
     for column in (altitude_m, node.extinction_per_m, node.molecular_per_m, node.particle_per_m, node.asymmetry):
         digest.update(np.ascontiguousarray(column, dtype="<f8").tobytes())
     return digest.hexdigest()[:32]
@@ -84,7 +85,8 @@ def _write(path: Path, solution: MultipleScattering) -> None:
             )
         temporary.replace(path)
     except OSError:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def _read(path: Path, top_m: float, planet_m: float, degree: int) -> MultipleScattering | None:
