@@ -53,7 +53,7 @@ class Air:
     @property
     def thermal_temperature_k(self) -> FloatArray:
         """Temperature for emission: a climate's own table where it has one, so that both belong together."""
-        if self.state.name in thermal_absorption.climates():
+        if self.state.name in self.climates:
             return thermal_absorption.temperature_k(self.state.name, self.altitude_m)
         return self.state.temperature_k
 

@@ -8,9 +8,9 @@ From 820 to 1000 nm no measurement is shipped. The Wulf bands die out there, and
 line that fits the logarithm of the table from 680 to 820 nm, e-folding 67 nm. It has none of their structure: against
 the Bremen measurements means over 20 nm are within 25 % up to 900 nm (60 % beyond, a factor 4 at 970 nm where next to
 nothing is left), and the whole from 820 to 1000 nm is right to 2 %. The slant optical depth right through the limb at
-20 km is 0.06 at 820, 0.04 at 850 and 0.02 at 900 nm, so that scattered sunlight there is within 1 % in bands of 20 nm
-and 0.2 % in wide ones; 2 to 4 % were missing if ozone ended at 820 nm. Beyond 1000 nm there is none: less than 0.3 % of
-the limb.
+20 km is 0.05 beyond 820, 0.03 at 850 and 0.015 at 900 nm, so that scattered sunlight there is within 1 % in bands of
+20 nm and 0.2 % in wide ones; if ozone ended at 820 nm the limb would be 2 to 4 % too bright. Beyond 1000 nm there is
+none, which leaves less than 0.3 %.
 """
 
 from __future__ import annotations

@@ -141,7 +141,7 @@ class RenderSettings(Model):
     """Accuracy of the march: ``subsamples`` per pixel and axis, ``nodes`` along each ray.
 
     With 128 nodes the march is within 0.3 % of its limit wherever a pixel has a twentieth of the brightest one's
-    radiance, and within 1 % down to a thousandth, with the Sun at any height to 5 deg below the horizon.
+    radiance, and within 1.5 % down to a thousandth (twilight), with the Sun at any height to 5 deg below the horizon.
 
     ``band_error``: largest relative error of a solar band's radiance, from limb and ground under a high or a low Sun,
     that too few wavelengths may leave; decides how many a band gets that does not say so itself (``nodes`` of the

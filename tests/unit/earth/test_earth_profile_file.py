@@ -198,7 +198,8 @@ def test_missing_file(tmp_path: Path) -> None:
 
 
 def test_a_scene_with_a_profile_of_its_own(written: Callable[..., Path]) -> None:
-    path = written(columns("us_standard"))
+    # A file's name means nothing, not even a climate's.
+    path = written(columns("us_standard"), "tropical.csv")
     vis = {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}
     tir = {"name": "tir", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}
     camera = CameraSpec.model_validate({"camera": {"width": 4, "height": 4, "fov_deg": 20}, "band": [vis, tir]})

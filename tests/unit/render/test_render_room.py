@@ -156,7 +156,7 @@ def test_the_number_of_threads_changes_no_bit(mi: Any, band: dict[str, Any]) -> 
 
 @pytest.mark.parametrize("zenith_deg", [40.0, 80.0, 88.0, 95.0])
 def test_march_has_converged(mi: Any, zenith_deg: float) -> None:
-    """The figures of ``RenderSettings``, against eight times the default nodes: 0.3 %, 1 % in dark pixels."""
+    """The figures of ``RenderSettings``, against eight times the default nodes: 0.3 %, 1.5 % in dark pixels."""
 
     def render(nodes: int) -> np.ndarray:
         sun = {"zenith_deg": zenith_deg, "azimuth_deg": 60.0}
@@ -165,7 +165,7 @@ def test_march_has_converged(mi: Any, zenith_deg: float) -> None:
 
     fine = render(1024)
     error = np.abs(render(128) / np.maximum(fine, 1e-30) - 1.0)
-    for share, limit in ((0.05, 3e-3), (1e-3, 1e-2)):
+    for share, limit in ((0.05, 3e-3), (1e-3, 1.5e-2)):
         bright = fine > share * fine.max()
         assert bright.sum() > 100
         assert error[bright].max() < limit
