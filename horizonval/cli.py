@@ -132,7 +132,8 @@ def render(
         frame = render_frame(spec, camera, progress.advance)
     write_frame(out, frame)
     size = f"{camera.camera.width} x {camera.camera.height}"
-    print(f"{out}: {size}, bands {', '.join(frame.radiance)}, {time.perf_counter() - start:.1f} s")
+    bands = ", ".join(f"{band} ({count} spectral nodes)" for band, count in frame.render["spectral_nodes"].items())
+    print(f"{out}: {size}, bands {bands}, {time.perf_counter() - start:.1f} s")
 
 
 @app.command()

@@ -129,7 +129,7 @@ class Frame:
         See :data:`MAP_UNITS`.
     truth : FrameTruth
     render : dict
-        How it was made (version, subsamples, nodes, back-end): provenance, not identity.
+        How it was made (version, subsamples, nodes, spectral nodes per band, back-end): provenance, not identity.
     """
 
     radiance: dict[str, NDArray[np.float32]]

@@ -1,8 +1,8 @@
 """What a case depends on, as one digest: equal digests mean equal results.
 
-A case is a pure function of its scene, its camera, the atmosphere file it may use, and the code. The code enters
-with its own digest and not only with the version number, so that a result made by older code is never mistaken for
-one of this code.
+A case is a pure function of its scene, its camera, the atmosphere or profile file it may use, and the code. The code
+enters with its own digest and not only with the version number, so that a result made by older code is never mistaken
+for one of this code.
 """
 
 from __future__ import annotations
@@ -43,16 +43,25 @@ def suite_identity(suite: Suite) -> str:
 
 def _scene_content(case: Case) -> str:
     content = {"scene": case.scene.model_dump(mode="json"), "camera": case.camera.model_dump(mode="json")}
-    name = case.scene.atmosphere.file
-    if name is not None:
-        path = find("atmosphere", name)
+    for key, path in _atmosphere_files(case).items():
         try:
-            content["atmosphere"] = {"sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+            content[f"atmosphere {key}"] = {"sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
         except OSError as e:
             raise UserError(e.strerror or "cannot be read", where=str(path), expected="an atmosphere file") from e
         # The content counts, not where it lies: a folder can be moved.
-        content["scene"]["atmosphere"]["file"] = path.name
+        content["scene"]["atmosphere"][key] = path.name
     return json.dumps(content, sort_keys=True)
+
+
+def _atmosphere_files(case: Case) -> dict[str, Path]:
+    """Return the files that a case's atmosphere is read from, by the key that names them."""
+    atmosphere = case.scene.atmosphere
+    found = {}
+    if atmosphere.file is not None:
+        found["file"] = find("atmosphere", atmosphere.file)
+    if atmosphere.profile_file is not None:
+        found["profile_file"] = Path(atmosphere.profile_file)
+    return found
 
 
 @cache

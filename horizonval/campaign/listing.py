@@ -22,9 +22,9 @@ def _estimators() -> list[str]:
 
 
 def _atmospheres() -> list[str]:
-    from horizonval.earth import profiles
+    from horizonval.earth import climate, profiles
 
-    return [*profiles.names(), "none"]
+    return [*profiles.names(), climate.BY_LATITUDE_MONTH, "none"]
 
 
 def _scenes() -> list[str]:

@@ -104,7 +104,12 @@ def check_suite(suite: Suite) -> None:
                 where=f"{where}: camera.file",
                 expected="a [detector] table in the camera file",
             )
-        matter = (case.scene.atmosphere.model_dump_json(), case.scene.camera.file, case.camera.model_dump_json())
+        matter = (
+            case.scene.atmosphere.model_dump_json(),
+            case.scene.camera.file,
+            case.camera.model_dump_json(),
+            case.scene.render.band_error,
+        )
         try:
             truth_of(case.scene, case.camera)
             if matter not in checked:

@@ -166,7 +166,8 @@ def _user_error(error: ValidationError, file: str) -> UserError:
         return UserError("unknown key", where=f"{file}: {key}", expected="no other keys than the format's", fix=more)
     found = json.dumps(first["input"])
     found = found if len(found) <= 40 else found[:40] + "..."
-    rule = first["msg"].removeprefix("Input should be ").removeprefix("a valid ")
+    rule = first["msg"].removeprefix("Input should be ").removeprefix("a valid ").removeprefix("List should have ")
+    rule = rule.partition(" after validation")[0]
     return UserError(f"is {found}", where=f"{file}: {key}", expected=rule, fix=more)
 
 
@@ -306,7 +307,7 @@ def atmosphere_from_profile(
     planet_radius_km: float = 6371.0,
     albedo: float = 0.3,
 ) -> dict[str, Any]:
-    """Return an atmosphere file's content for a named profile: Rayleigh scattering, and ozone absorption to 820 nm.
+    """Return an atmosphere file's content for a named profile: Rayleigh scattering, and ozone absorption to 1 um.
 
     Parameters
     ----------

@@ -3,40 +3,48 @@
 Solar bands become monochromatic nodes: Gauss's rule for the measure ``R(lambda) (lambda / lambda_ref) E_sun(lambda)``,
 so that Fraunhofer lines and jagged responses are integrated exactly and only the smooth transfer function is sampled
 (exact for polynomials of degree 2 n - 1 in wavelength). Ozone's cross section has peaks of its own; the nodes take it
-smoothed as :func:`horizonval.earth.quadrature.smoothed` says. Every node of a band carries the band's mean irradiance,
-and the weights add up to the band's effective width [um]. Single scattered limb radiance with 4 nodes is then within
-0.1 % for 100 to 200 nm wide bands, and 1 % for 400 to 900 nm (0.1 % with 8 nodes).
+smoothed as :meth:`horizonval.earth.quadrature.Orthonormal.smoothed` says. Every node of a band carries the band's mean
+irradiance, and the weights add up to the band's effective width [um]. How many nodes: what the band asks for, or else
+the fewest that keep ``render.band_error``; see :mod:`horizonval.earth.node_count`.
 
-Thermal bands become the g points of :mod:`horizonval.earth.thermal_absorption`, weight 1, W m-2 sr-1.
+A solar node has molecules with their depolarisation at its wavelength, ozone, and particles with the asymmetry of what
+scatters at each altitude. Thermal bands become the g points of :mod:`horizonval.earth.thermal_absorption`, weight 1,
+W m-2 sr-1, with the particles' absorption at the middle of the g point's band added; what particles scatter there is
+left out (at 10 um one part in eight of a stratospheric particle's extinction, half of rural air's, which lies below the
+water vapour). Beyond 18.5 um the particles absorb as at 18.5 um.
 
-Left out: aerosol and cloud; absorption of sunlight by O2, H2O and NO2 (the O2 A band at 760 nm takes a few per cent of
-700 to 800 nm at the ground) and by ozone beyond 820 nm (4 % of the limb at 20 km at 820 nm, 2 % at 850); sunlight
-reflected in thermal bands (0.02 of 30 W m-2 sr-1 in 8 to 14 um off a ground of emissivity 0.95).
+Left out: cloud; absorption of sunlight by O2, H2O and NO2 (the O2 A band at 760 nm takes a few per cent of 700 to
+800 nm at the ground) and by ozone beyond 1000 nm (less than 0.3 % of the limb); sunlight reflected in thermal bands
+(0.02 of 30 W m-2 sr-1 in 8 to 14 um off a ground of emissivity 0.95).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from horizonval.earth import atmosphere_file, bands, ozone, planck, rayleigh, sunlight, thermal_absorption
+from horizonval.earth import aerosol, atmosphere_file, bands, ozone, planck, rayleigh, sunlight
+from horizonval.earth.air import NO_ATMOSPHERE, TOP_M, Air, air_of
 from horizonval.earth.column import FloatArray, OpticalModel, SpectralNode
-from horizonval.earth.profiles import Profile, names, profile
-from horizonval.earth.quadrature import gauss_rule, smoothed
+from horizonval.earth.node_count import choose_rule
+from horizonval.earth.solar_rule import SolarRule, check_sunlight, gauss, solar_measure
 from horizonval.errors import UserError
 from horizonval.spec.camera import Band, CameraSpec
-from horizonval.spec.scene import Atmosphere, SceneSpec
+from horizonval.spec.scene import SceneSpec
 from horizonval.suggest import nearest
 
-__all__ = ["NO_ATMOSPHERE", "FloatArray", "OpticalModel", "SpectralNode", "optical_model"]
+__all__ = ["NO_ATMOSPHERE", "FloatArray", "OpticalModel", "SpectralNode", "node_counts", "optical_model"]
 
-NO_ATMOSPHERE = "none"
-TOP_M = 100_000.0
-STEP_M = 100.0
 BARE_GROUND_K = 288.15
 """Temperature of the ground without an atmosphere to take it from: US76 sea level."""
+
+
+def node_counts(model: OpticalModel) -> dict[str, int]:
+    """Return how many spectral nodes every band of a model has."""
+    names = [node.band for node in model.nodes]
+    return {band: names.count(band) for band in dict.fromkeys(names)}
 
 
 def optical_model(
@@ -48,24 +56,28 @@ def optical_model(
     are at most 3e-5 too high for a scale height of 7 km. An atmosphere file keeps its own nodes.
 
     ``us76`` has no absorption table of its own: its thermal bands take the absorption of ``us_standard`` with the
-    temperatures of US76. The two profiles differ by at most 0.8 K up to 47 km and 2.3 K up to 100 km.
+    temperatures of US76. The two profiles differ by at most 0.8 K up to 47 km and 2.3 K up to 100 km. A profile from a
+    file takes it too, as :meth:`horizonval.earth.air.Air.g_points` says.
+
+    One column of air serves the whole frame: with ``by_latitude_month`` that of the point below the satellite, though
+    the limb it sees may lie 20 deg and more away from it.
 
     Parameters
     ----------
     scene : SceneSpec
-        Atmosphere and surface are used.
+        Atmosphere, surface and ``render.band_error`` are used; for ``by_latitude_month`` the platform too.
     camera : CameraSpec
         Its bands are used.
     sun_distance_au : float
         Distance of the Sun.
     base_dir : Path, optional
-        Folder against which ``atmosphere.file`` is resolved; default the current one.
+        Folder against which ``atmosphere.file`` and ``profile_file`` are resolved; default the current one.
 
     Raises
     ------
     UserError
-        Camera without bands; unknown profile; band outside the tables; atmosphere file refused or without a band of
-        the camera's name.
+        Camera without bands; unknown profile; band outside the tables; a file refused; an atmosphere file without a
+        band of the camera's name; ``render.band_error`` out of reach.
     """
     if not camera.band:
         raise UserError(
@@ -75,25 +87,18 @@ def optical_model(
         )
     if scene.atmosphere.file is not None:
         return _from_file(scene, camera, sun_distance_au, base_dir)
-    if scene.atmosphere.profile == NO_ATMOSPHERE:
+    if scene.atmosphere.profile_file is None and scene.atmosphere.profile == NO_ATMOSPHERE:
         return _bare(scene, camera, sun_distance_au)
-    known = [*names(), NO_ATMOSPHERE]
-    if scene.atmosphere.profile not in known:
-        raise UserError(
-            f"unknown atmosphere profile {scene.atmosphere.profile!r}",
-            where=f"{scene.scene.name}: atmosphere.profile",
-            expected="one of " + ", ".join(nearest(scene.atmosphere.profile, known)),
-        )
-    state = profile(scene.atmosphere.profile).at(np.linspace(0.0, TOP_M, round(TOP_M / STEP_M) + 1))
-    ground_k = scene.surface.temperature_k or float(state.temperature_k[0])
+    air = air_of(scene, base_dir)
+    ground_k = scene.surface.temperature_k or float(air.state.temperature_k[0])
     nodes: list[SpectralNode] = []
     for i, band in enumerate(camera.band):
         where = f"{scene.camera.file}: band[{i}]"
         if band.kind == "solar":
-            nodes += _solar_nodes(band, state, scene.atmosphere, sun_distance_au, where)
+            nodes += _solar_nodes(band, air, scene, sun_distance_au, where)
         else:
-            nodes += _thermal_nodes(band, state, ground_k, sun_distance_au, where)
-    return _model(scene, state.altitude_m, nodes)
+            nodes += _thermal_nodes(band, air, ground_k, sun_distance_au, where)
+    return _model(scene, air.altitude_m, nodes)
 
 
 def _model(scene: SceneSpec, altitude_m: FloatArray, nodes: list[SpectralNode]) -> OpticalModel:
@@ -106,127 +111,92 @@ def _model(scene: SceneSpec, altitude_m: FloatArray, nodes: list[SpectralNode]) 
     )
 
 
-def _check_sunlight(band: Band, where: str) -> None:
-    lo, hi = bands.limits_um(band)
-    if lo < sunlight.MIN_UM or hi > sunlight.MAX_UM:
-        raise UserError(
-            f"band {band.name!r} spans {lo:g} to {hi:g} um",
-            where=where,
-            expected=f"a response within {sunlight.MIN_UM:g} to {sunlight.MAX_UM:g} um, the Sun's known spectrum",
-        )
-
-
-@dataclass(frozen=True)
-class _SolarRule:
-    """Gauss's rule of a solar band: nodes, their weights, and the measure it was made for."""
-
-    wavelength_um: FloatArray
-    weight_um: FloatArray
-    mean_irradiance: float
-    fine_um: FloatArray
-    fine_energy: FloatArray
-
-    def ozone(self) -> tuple[FloatArray, FloatArray]:
-        """Return ozone's cross sections at 220 and 280 K that the nodes shall use, shape (n,); 0 beyond the table."""
-        known = self.fine_um <= ozone.MAX_UM
-        samples = np.zeros((2, len(self.fine_um)))
-        samples[:, known] = ozone.cold_and_warm_m2(self.fine_um[known])
-        cold, warm = (smoothed(self.fine_um, self.fine_energy, s, self.wavelength_um) for s in samples)
-        return cold, warm
-
-
-def _solar_rule(band: Band, n: int, sun_distance_au: float, where: str) -> _SolarRule:
-    _check_sunlight(band, where)
-    wavelength, weight = bands.sampled(band, sunlight.table_um(), order=4)
-    weight = weight * wavelength / bands.reference_wavelength_um(band)
-    irradiance = sunlight.irradiance(wavelength, sun_distance_au)
-    nodes, energy = gauss_rule(wavelength, weight * irradiance, n)
-    mean = float(energy.sum() / weight.sum())
-    return _SolarRule(nodes, energy / mean, mean, wavelength, weight * irradiance)
-
-
 def _solar_node(
     band: Band,
     index: int,
-    wavelength_um: float,
-    weight: float,
-    irradiance: float,
+    rule: SolarRule,
     sun_distance_au: float,
     extinction: FloatArray,
     scattering: FloatArray,
 ) -> SpectralNode:
+    """Return a node of a rule with plain Rayleigh scattering and no particles."""
     return SpectralNode(
         name=f"{band.name}:{index}",
         band=band.name,
-        weight=weight,
-        wavelength_um=wavelength_um,
+        weight=float(rule.weight_um[index]),
+        wavelength_um=float(rule.wavelength_um[index]),
         extinction_per_m=extinction,
         molecular_per_m=scattering,
         molecular_cos2=rayleigh.COS2,
         particle_per_m=np.zeros_like(extinction),
         asymmetry=np.zeros_like(extinction),
-        solar_irradiance=irradiance,
+        solar_irradiance=rule.mean_irradiance,
         source=np.zeros_like(extinction),
         surface_source=0.0,
-        sun_radiance=irradiance / sunlight.disc_projected_solid_angle(sun_distance_au),
+        sun_radiance=rule.mean_irradiance / sunlight.disc_projected_solid_angle(sun_distance_au),
     )
 
 
-def _solar_nodes(
-    band: Band, state: Profile, atmosphere: Atmosphere, sun_distance_au: float, where: str
-) -> list[SpectralNode]:
-    lo, _ = bands.limits_um(band)
-    if atmosphere.ozone and lo < ozone.MIN_UM:
+def _solar_nodes(band: Band, air: Air, scene: SceneSpec, sun_distance_au: float, where: str) -> list[SpectralNode]:
+    lo, hi = bands.limits_um(band)
+    if air.with_ozone and lo < ozone.MIN_UM:
         raise UserError(
             f"band {band.name!r} starts at {lo:g} um",
             where=where,
             expected=f"{ozone.MIN_UM:g} um or more, where ozone absorption is known",
+            fix="or set atmosphere.ozone = false",
         )
-    rule = _solar_rule(band, band.nodes, sun_distance_au, where)
-    cold, warm = rule.ozone() if atmosphere.ozone else (np.zeros(band.nodes), np.zeros(band.nodes))
+    if air.aerosol.kinds and (lo < aerosol.MIN_UM or hi > aerosol.MAX_UM):
+        raise UserError(
+            f"band {band.name!r} spans {lo:g} to {hi:g} um",
+            where=where,
+            expected=f"a response within {aerosol.MIN_UM:g} to {aerosol.MAX_UM:g} um, where aerosol is known",
+            fix='or set atmosphere.aerosol = "none"',
+        )
+    measure = solar_measure(band, sun_distance_au, where)
+    if band.nodes is None:
+        rule = choose_rule(measure, air, scene.surface.albedo, scene.render.band_error, where)
+    else:
+        rule = gauss(measure, band.nodes, with_ozone=air.with_ozone)
     nodes = []
     for i, wavelength in enumerate(rule.wavelength_um):
-        scattering = state.number_density_air * rayleigh.cross_section_m2(wavelength)
-        absorption = state.number_density_o3 * ozone.at_temperature_m2(cold[i], warm[i], state.temperature_k)
+        molecular = air.state.number_density_air * rayleigh.cross_section_m2(wavelength)
+        absorption = air.state.number_density_o3 * ozone.at_temperature_m2(
+            rule.ozone_cold_m2[i], rule.ozone_warm_m2[i], air.state.temperature_k
+        )
+        particles, scattered, asymmetry = air.aerosol.at(float(wavelength))
+        node = _solar_node(band, i, rule, sun_distance_au, molecular + absorption + particles, molecular)
         nodes.append(
-            _solar_node(
-                band,
-                i,
-                float(wavelength),
-                float(rule.weight_um[i]),
-                rule.mean_irradiance,
-                sun_distance_au,
-                scattering + absorption,
-                scattering,
+            replace(
+                node,
+                molecular_cos2=float(rayleigh.cos2(wavelength)),
+                particle_per_m=scattered,
+                asymmetry=asymmetry,
             )
         )
     return nodes
 
 
-def _thermal_nodes(
-    band: Band, state: Profile, ground_k: float, sun_distance_au: float, where: str
-) -> list[SpectralNode]:
-    climate = state.name
-    if climate in thermal_absorption.climates():
-        temperature = thermal_absorption.temperature_k(climate, state.altitude_m)
-    else:
-        climate, temperature = "us_standard", state.temperature_k
+def _thermal_nodes(band: Band, air: Air, ground_k: float, sun_distance_au: float, where: str) -> list[SpectralNode]:
+    temperature = air.thermal_temperature_k
+    zero = np.zeros_like(air.altitude_m)
     nodes = []
-    for point in thermal_absorption.g_points(climate, band, state.altitude_m, where=where):
+    for point in air.g_points(band, where):
         nu = point.bin_wavenumber_per_cm
         sun_per_um = sunlight.irradiance(1e4 / nu, sun_distance_au)
         sun_per_cm = sun_per_um * 1e4 / nu**2 / sunlight.disc_projected_solid_angle(sun_distance_au)
+        extinct, scattered, _ = air.aerosol.at(min(point.wavelength_um, aerosol.MAX_UM))
         nodes.append(
             SpectralNode(
                 name=f"{band.name}:{point.name}",
                 band=band.name,
                 weight=1.0,
                 wavelength_um=point.wavelength_um,
-                extinction_per_m=point.absorption_per_m,
-                molecular_per_m=np.zeros_like(state.altitude_m),
+                extinction_per_m=point.absorption_per_m + (extinct - scattered),
+                molecular_per_m=zero,
                 molecular_cos2=0.0,
-                particle_per_m=np.zeros_like(state.altitude_m),
-                asymmetry=np.zeros_like(state.altitude_m),
+                particle_per_m=zero,
+                asymmetry=zero,
                 solar_irradiance=0.0,
                 source=point.source(temperature),
                 surface_source=float(point.source(ground_k)),
@@ -245,7 +215,7 @@ def _grey_thermal_node(
     where: str,
 ) -> SpectralNode:
     """Return the one node of a thermal band with the same absorption throughout; source integrated over the band."""
-    _check_sunlight(band, where)
+    check_sunlight(band, where)
     wavelength, weight = bands.sampled(band)
     source = planck.radiance_per_um(wavelength, temperature[:, None]) @ weight
     sun = float(sunlight.irradiance(wavelength, sun_distance_au) @ weight)
@@ -275,19 +245,8 @@ def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> Optic
     for i, band in enumerate(camera.band):
         where = f"{scene.camera.file}: band[{i}]"
         if band.kind == "solar":
-            rule = _solar_rule(band, 1, sun_distance_au, where)
-            nodes.append(
-                _solar_node(
-                    band,
-                    0,
-                    float(rule.wavelength_um[0]),
-                    float(rule.weight_um[0]),
-                    rule.mean_irradiance,
-                    sun_distance_au,
-                    zero,
-                    zero,
-                )
-            )
+            rule = gauss(solar_measure(band, sun_distance_au, where), 1)
+            nodes.append(_solar_node(band, 0, rule, sun_distance_au, zero, zero))
         else:
             cold = np.full_like(z, ground_k)
             nodes.append(_grey_thermal_node(band, cold, ground_k, zero, sun_distance_au, where))
@@ -325,16 +284,8 @@ def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, bas
             continue
         scatterers = atmosphere_file.scatterers(file, entry, z)
         scattering = scatterers["molecular_per_m"] + scatterers["particle_per_m"]
-        rule = _solar_rule(band, 1, sun_distance_au, where)
-        node = _solar_node(
-            band,
-            0,
-            entry.wavelength_nm * 1e-3,
-            float(rule.weight_um[0]),
-            rule.mean_irradiance,
-            sun_distance_au,
-            scattering + absorption,
-            scattering,
-        )
+        rule = gauss(solar_measure(band, sun_distance_au, where), 1)
+        node = _solar_node(band, 0, rule, sun_distance_au, scattering + absorption, scattering)
+        node = replace(node, wavelength_um=entry.wavelength_nm * 1e-3)
         nodes.append(replace(node, **scatterers))
     return _model(scene, z, nodes)

@@ -9,6 +9,8 @@ Welsch, Math. Comp. 23, 221 (1969); Gautschi, *Orthogonal Polynomials*, Oxford 2
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
@@ -28,56 +30,97 @@ def composite_gauss(edges: FloatArray, order: int) -> tuple[FloatArray, FloatArr
     return middle + half * x, half * w
 
 
-def smoothed(points: FloatArray, weights: FloatArray, values: FloatArray, nodes: FloatArray) -> FloatArray:
-    """Return values at the nodes of Gauss's rule that stand for a jagged function of which f depends smoothly.
+@dataclass(frozen=True)
+class Orthonormal:
+    """The orthonormal polynomials of a measure given as many weighted points, of degrees 0 to n - 1.
 
-    The value of the least squares polynomial of degree n - 1 through ``values``, not the function itself: sums over the
-    rule then have the right integrals of ``values`` times any polynomial of that degree, where the bare values at n
-    points would hit or miss the peaks by chance. Never below zero.
+    Gauss's rules of 1 to n nodes all come from them.
 
-    Parameters
+    Attributes
     ----------
-    points, weights, values : ndarray, shape (m,)
-        The rule's measure and the function sampled on it, both >= 0.
-    nodes : ndarray, shape (n,)
+    middle, half : float
+        ``t = (x - middle) / half`` lies in [-1, 1], where polynomials neither overflow nor vanish.
+    diagonal, beside : ndarray, shape (n,)
+        The Jacobi matrix: ``t p_k = beside[k+1] p_(k+1) + diagonal[k] p_k + beside[k] p_(k-1)``.
+    basis : ndarray, shape (n, m)
+        The polynomials at the points, orthonormal for ``share``.
+    share : ndarray, shape (m,)
+        The measure's weights, scaled to a sum of 1.
+    total : float
+        Their sum as given.
     """
-    middle, half = (points.max() + points.min()) / 2, (points.max() - points.min()) / 2
-    root, degree = np.sqrt(weights), len(nodes) - 1
-    basis = np.polynomial.legendre.legvander((points - middle) / half, degree)
-    coefficients = np.linalg.lstsq(basis * root[:, None], values * root, rcond=None)[0]
-    return np.maximum(np.polynomial.legendre.legval((nodes - middle) / half, coefficients), 0.0)
 
+    middle: float
+    half: float
+    diagonal: FloatArray
+    beside: FloatArray
+    basis: FloatArray
+    share: FloatArray
+    total: float
 
-def gauss_rule(points: FloatArray, weights: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
-    """Return Gauss's n-point rule for a measure given as many weighted points.
+    @classmethod
+    def of(cls, points: FloatArray, weights: FloatArray, n: int) -> Orthonormal:
+        """Return the polynomials of a measure by Stieltjes' procedure.
 
-    Parameters
-    ----------
-    points, weights : ndarray, shape (m,)
-        The measure; weights >= 0 with at least ``n`` above zero, m well above n (Stieltjes' procedure loses
-        orthogonality as n nears m).
-    n : int
+        Parameters
+        ----------
+        points, weights : ndarray, shape (m,)
+            The measure; weights >= 0 with at least ``n`` above zero, m well above n (Stieltjes' procedure loses
+            orthogonality as n nears m).
+        n : int
+        """
+        share = weights / weights.sum()
+        inside = points[weights > 0]
+        middle, half = (inside.max() + inside.min()) / 2, (inside.max() - inside.min()) / 2
+        t = (points - middle) / half
+        diagonal, beside, basis = np.zeros(n), np.zeros(n), np.empty((n, len(t)))
+        previous, current = np.zeros_like(t), np.ones_like(t)
+        for k in range(n):
+            basis[k] = current
+            weighted = share * t * current
+            diagonal[k] = weighted @ current
+            beside[k] = weighted @ previous
+            following = (t - diagonal[k]) * current - beside[k] * previous
+            previous, current = current, following / np.sqrt(share @ following**2)
+        return cls(middle, half, diagonal, beside, basis, share, float(weights.sum()))
 
-    Returns
-    -------
-    nodes : ndarray, shape (n,)
-        Rising, inside the range of the points.
-    node_weights : ndarray, shape (n,)
-        Sum of ``weights`` in all.
-    """
-    used = weights > 0
-    x, w = points[used], weights[used] / weights[used].sum()
-    middle, half = (x.max() + x.min()) / 2, (x.max() - x.min()) / 2
-    # On [-1, 1] the polynomials neither overflow nor vanish.
-    t = (x - middle) / half
-    alpha, beta = np.zeros(n), np.zeros(n)
-    previous, current = np.zeros_like(t), np.ones_like(t)
-    for k in range(n):
-        alpha[k] = np.sum(w * t * current**2)
-        beta[k] = 1.0 if k == 0 else np.sum(w * t * current * previous)
-        following = (t - alpha[k]) * current - (beta[k] * previous if k else 0.0)
-        norm = np.sqrt(np.sum(w * following**2))
-        if k + 1 < n:
-            previous, current = current, following / norm
-    nodes, vectors = eigh_tridiagonal(alpha, beta[1:])
-    return middle + half * nodes, weights.sum() * vectors[0] ** 2
+    def rule(self, n: int) -> tuple[FloatArray, FloatArray]:
+        """Return Gauss's rule of n nodes.
+
+        Returns
+        -------
+        nodes : ndarray, shape (n,)
+            Rising, inside the range of the points.
+        node_weights : ndarray, shape (n,)
+            Sum of the measure's weights in all.
+        """
+        nodes, vectors = eigh_tridiagonal(self.diagonal[:n], self.beside[1:n])
+        return self.middle + self.half * nodes, self.total * vectors[0] ** 2
+
+    def moments(self, values: FloatArray) -> FloatArray:
+        """Return the expansion of a function, sampled at the points, in the polynomials, shape (n,)."""
+        return self.basis @ (self.share * values)
+
+    def smoothed(self, moments: FloatArray, nodes: FloatArray) -> FloatArray:
+        """Return values at the nodes of a rule that stand for a jagged function the integrand depends smoothly on.
+
+        The value of the least squares polynomial of degree n - 1 through the function, not the function itself: sums
+        over the rule then have the right integrals of the function times any polynomial of that degree, where the bare
+        values at n points would hit or miss the peaks by chance. Never below zero.
+
+        Parameters
+        ----------
+        moments : ndarray
+            Of the function, >= 0, by :meth:`moments`.
+        nodes : ndarray, shape (n,)
+            Of :meth:`rule`.
+        """
+        t = (nodes - self.middle) / self.half
+        total = np.zeros_like(t)
+        previous, current = np.zeros_like(t), np.ones_like(t)
+        for k in range(len(nodes)):
+            total += moments[k] * current
+            if k + 1 < len(nodes):
+                following = (t - self.diagonal[k]) * current - self.beside[k] * previous
+                previous, current = current, following / self.beside[k + 1]
+        return np.maximum(total, 0.0)

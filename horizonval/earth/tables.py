@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from functools import cache
 from importlib.resources import as_file, files
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,3 +32,9 @@ def csv(name: str) -> NDArray[np.float64]:
         table = np.loadtxt(path, delimiter=",", skiprows=1, dtype=np.float64).T.copy()
     table.setflags(write=False)
     return table
+
+
+@cache
+def json_object(name: str) -> MappingProxyType[str, Any]:
+    """Return the object of ``data/<name>``."""
+    return MappingProxyType(json.loads((files("horizonval.earth") / "data" / name).read_text(encoding="utf-8")))

@@ -13,12 +13,13 @@ The tables come from RRTMG-LW as distributed with ecRad: H2O with continuum, CO2
 Accuracy on the limb in LTE: 14.0 to 16.3 um 3 to 5 % up to 26 km, 6 % at 30, 12 % at 36 to 46 (1.5 to 2 km in the
 height of equal radiance), 15 % at 50, a factor 1.5 at 54 to 60 km; 8 to 14 um 6 % up to 6 km, 11 to 13 % up to 40 km,
 unverified above. 10.5 to 12.5 um is right at the ground and 10 to 20 % off on its dim limb above 8 km. Features of the
-response narrower than 20 cm-1 are not resolved. Left out: scattering, aerosol, CFCs, non-LTE (above 75 km).
+response narrower than 20 cm-1 are not resolved. Left out: scattering, CFCs, non-LTE (above 75 km).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -75,6 +76,10 @@ class GPoint:
         temperature = np.asarray(temperature_k, dtype=np.float64)[..., None]
         return radiance_per_wavenumber(self.bin_wavenumber_per_cm, temperature) @ self.bin_weight_per_cm
 
+    def scaled(self, ratio: FloatArray) -> GPoint:
+        """Return the point with its absorption times a ratio at every altitude, shape (n,)."""
+        return replace(self, absorption_per_m=self.absorption_per_m * ratio)
+
     def weigh(self, per_wavenumber: FloatArray) -> float:
         """Return the node's share of a spectrum given at the bins [unit / cm-1], shape (m,)."""
         return float(per_wavenumber @ self.bin_weight_per_cm)
@@ -98,13 +103,13 @@ def _bin_response(band: Band) -> tuple[FloatArray, FloatArray]:
     return total / (bins[:, 1] - bins[:, 0]), centroid
 
 
-def g_points(climate: str, band: Band, altitude_m: ArrayLike, *, where: str = "") -> list[GPoint]:
+def g_points(climate: str | Mapping[str, float], band: Band, altitude_m: ArrayLike, *, where: str = "") -> list[GPoint]:
     """Return the g points that a sensor band needs: 16 for every RRTMG band it touches.
 
     Parameters
     ----------
-    climate : str
-        One of :func:`climates`.
+    climate : str, or mapping of str to float
+        One of :func:`climates`, or several with weights of sum 1: absorption is blended in its logarithm.
     band : Band
         Response per unit power.
     altitude_m : array_like, shape (n,)
@@ -129,7 +134,9 @@ def g_points(climate: str, band: Band, altitude_m: ArrayLike, *, where: str = ""
     table = npz(_TABLE)
     z = np.asarray(altitude_m, dtype=np.float64)
     levels = np.asarray(table["altitude_m"], dtype=np.float64)
-    ln_k = np.log(np.asarray(table["absorption_per_m"], dtype=np.float64)[climates().index(climate)])
+    weights = {climate: 1.0} if isinstance(climate, str) else climate
+    absorption = np.asarray(table["absorption_per_m"], dtype=np.float64)
+    ln_k = np.asarray(sum(weight * np.log(absorption[climates().index(name)]) for name, weight in weights.items()))
     edges = np.asarray(table["band_edges_per_cm"], dtype=np.float64)
     share = np.asarray(table["gpoint_spectral_fraction"], dtype=np.float64)
     g_weight = np.asarray(table["g_weight"], dtype=np.float64)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval import __version__
-from horizonval.earth.optical import optical_model
+from horizonval.earth.optical import node_counts, optical_model
 from horizonval.frame import Frame
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.geometry.ephemeris import AU_M, sun_itrs
@@ -76,6 +76,7 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: TableProgress |
         "subsamples": scene.render.subsamples,
         "nodes": scene.render.nodes,
         "orders": scene.render.orders,
+        "spectral_nodes": node_counts(model),
     }
     return Frame(
         radiance={band: np.ascontiguousarray(image[:, :, i]) for i, band in enumerate(integrator.bands)},

@@ -198,6 +198,7 @@ class _Solver:
         self.rays = self._rays(q.n_up, q.n_down, q.n_nodes)
         # odd harmonics of the azimuth up to the degree must survive the sum over azimuths
         self.n_azimuth = max(q.n_azimuth, self.degree + 2)
+        self.basis = self.basis_of(self.rays, self.n_azimuth)
         self.passes = _Passes(self, self.rays, self.n_azimuth)
 
     def _rays(self, n_up: int, n_down: int, n_nodes: int) -> ShellRays:
@@ -208,23 +209,26 @@ class _Solver:
     def column(self, values: FloatArray, radius_m: FloatArray) -> FloatArray:
         return np.interp(radius_m - self.planet_m, self.altitude_m, values)
 
-    def moments_of(self, radiance: FloatArray, rays: ShellRays, n_azimuth: int) -> _Field:
-        """Return moments of radiance (n_height, n_direction, n_azimuth, n_sun)."""
+    def basis_of(self, rays: ShellRays, n_azimuth: int) -> FloatArray:
+        """Return the weights that make moments of radiance, (n_height, n_harmonics, n_direction * n_azimuth)."""
         mu, weight = rays.cosine, rays.solid_angle
         phi = (np.arange(n_azimuth) + 0.5) * math.pi / n_azimuth
         polar = polar_parts(self.degree, mu, np.sqrt(1.0 - mu**2))
         azimuthal = cosines(self.degree, np.cos(phi))
-        basis = np.stack([polar[n, m][..., None] * azimuthal[m] for n, m in self.pairs], axis=-1)
-        basis *= (weight * (2 * math.pi / n_azimuth))[..., None, None]
-        flat = (radiance.shape[0], -1)
-        moments = np.einsum(
-            "idk,idp->ikp",
-            radiance.reshape(*flat, radiance.shape[-1]),
-            basis.reshape(*flat, len(self.pairs)),
-            optimize=True,
-        )
-        down = (weight * np.maximum(mu, 0.0))[0, :, None] * (2 * math.pi / n_azimuth)
-        return _Field(moments, np.einsum("jpk,jp->k", radiance[0], np.broadcast_to(down, radiance.shape[1:3])))
+        basis = np.stack([polar[n, m][..., None] * azimuthal[m] for n, m in self.pairs], axis=1)
+        basis *= (weight * (2 * math.pi / n_azimuth))[:, None, :, None]
+        return basis.reshape(*basis.shape[:2], -1)
+
+    def moments_of(
+        self, radiance: FloatArray, rays: ShellRays, n_azimuth: int, basis: FloatArray | None = None
+    ) -> _Field:
+        """Return moments of radiance (n_height, n_direction, n_azimuth, n_sun)."""
+        if basis is None:
+            basis = self.basis_of(rays, n_azimuth)
+        n_h, _, _, n_k = radiance.shape
+        moments = np.matmul(basis, radiance.reshape(n_h, -1, n_k)).transpose(0, 2, 1)
+        down = (rays.solid_angle * np.maximum(rays.cosine, 0.0))[0] * (2 * math.pi / n_azimuth)
+        return _Field(moments, down @ radiance[0].sum(axis=1))
 
     def scattered_once(self) -> _Field:
         q = self.quality
@@ -239,7 +243,7 @@ class _Solver:
         total, irradiance = first.moments.copy(), first.irradiance.copy()
         last = first
         for order in range(2, MOST_ORDERS):
-            following = self.moments_of(self.passes.apply(last.moments), self.rays, self.n_azimuth)
+            following = self.moments_of(self.passes.apply(last.moments), self.rays, self.n_azimuth, self.basis)
             total += following.moments
             irradiance += following.irradiance
             share = float(np.max(following.moments[..., 0] / np.maximum(total[..., 0], SMALLEST)))
@@ -343,54 +347,48 @@ class _Passes:
         chi = {0: 1.0, 2: 2.0 * node.molecular_cos2 / 15.0}
         polar = polar_parts(degree, rays.node_up, np.sqrt(np.maximum(1.0 - rays.node_up**2, 0.0)))
         scattering = [molecular * chi.get(n, 0.0) + particle * asymmetry**n for n in range(degree + 1)]
-        # the harmonics of a node times its scattering: what the moments are contracted with
-        self.used = [(p, n, m) for p, (n, m) in enumerate(solver.pairs) if particle.any() or chi.get(n, 0.0) != 0.0]
-        self.factors = [polar[n, m] * scattering[n] for _, n, m in self.used]
         self.weight = rays.node_weight
         self.packets = -(-(degree + 2) // 4)
+        # for each order m of the harmonics: which moments, and by which factors they enter at every node
+        self.by_order: list[tuple[list[int], FloatArray | None]] = []
+        for m in range(degree + 1):
+            used = [(p, n) for p, (n, k) in enumerate(solver.pairs) if k == m and scattering[n].any()]
+            factors = [polar[n, m] * scattering[n] for _, n in used]
+            self.by_order.append(([p for p, _ in used], np.stack(factors, axis=-1) if used else None))
 
     def apply(self, moments: FloatArray) -> FloatArray:
         """Return the radiance (n_height, n_direction, n_azimuth, n_sun) that a field of moments makes by scattering."""
         n_h, n_d, n_n = self.level.shape
         total = np.maximum(moments[..., 0], SMALLEST)
-        stored = np.concatenate([np.log(total)[..., None], moments / total[..., None]], axis=-1)
-        values = mi.Float32(np.ascontiguousarray(stored, dtype=np.float32).ravel())
-        per_level = n_d * n_n * self.n_sun * 4 * self.packets
-        levels = max(1, _SLAB * 4 // per_level)
-        parts = [self._slab(values, stored.shape[-1], i, min(i + levels, n_h)) for i in range(0, n_h, levels)]
+        logarithm, ratios = np.log(total), moments / total[..., None]
+        levels = max(1, _SLAB // (n_d * n_n * self.n_sun * self.packets))
+        parts = []
+        for first in range(0, n_h, levels):
+            part = slice(first, min(first + levels, n_h))
+            parts.append(self._march(self._contracted(logarithm, ratios, part), part))
         return np.concatenate(parts, axis=0)
 
-    def _slab(self, values: mi.Float32, n_stored: int, first: int, end: int) -> FloatArray:
-        part = slice(first, end)
-        contracted = self._contract(values, n_stored, part)
-        return self._march(contracted, part)
-
-    def _contract(self, values: mi.Float32, n_stored: int, part: slice) -> mi.Float32:
+    def _contracted(self, logarithm: FloatArray, ratios: FloatArray, part: slice) -> mi.Float32:
         """Return ``ln I_00`` and ``F_m / I_00`` at (height, direction, node, Sun angle), packed by fours."""
-        level, n_sun = self.level[part], self.n_sun
-        count = level.size * n_sun
-        lane = dr.arange(mi.UInt32, count)
-        place, k = lane // n_sun, lane % n_sun
-        row = dr.gather(mi.UInt32, mi.UInt32(level.ravel().astype(np.uint32)), place)
-        w = dr.gather(mi.Float32, mi.Float32(self.level_weight[part].ravel()), place)
-        low = (row * n_sun + k) * n_stored
-        high = low + n_sun * n_stored
-
-        def stored(p: int) -> mi.Float32:
-            a, b = dr.gather(mi.Float32, values, low + p), dr.gather(mi.Float32, values, high + p)
-            return dr.fma(b - a, w, a)
-
-        sums = [dr.zeros(mi.Float32, count) for _ in range(self.solver.degree + 1)]
-        for (p, _, m), factor in zip(self.used, self.factors, strict=True):
-            at_node = dr.gather(mi.Float32, mi.Float32(factor[part].ravel()), place)
-            sums[m] = dr.fma(at_node, stored(p + 1), sums[m])
-        packed = [stored(0), *sums]
+        level, w = self.level[part].ravel(), self.level_weight[part].ravel()
+        values = np.zeros((1 + len(self.by_order), level.size, self.n_sun), dtype=np.float32)
+        # nodes between the same two heights share their moments: one product of matrices each
+        for row in np.unique(level):
+            at = np.flatnonzero(level == row)
+            upper = w[at, None]
+            values[0, at] = (1.0 - upper) * logarithm[row] + upper * logarithm[row + 1]
+            for m, (used, factors) in enumerate(self.by_order):
+                if factors is not None:
+                    here = factors[part].reshape(level.size, -1)[at]
+                    low, high = (ratios[k][:, used].T for k in (row, row + 1))
+                    values[1 + m, at] = ((1.0 - upper) * here) @ low + (upper * here) @ high
         width = 4 * self.packets
-        out = dr.zeros(mi.Float32, count * width)
-        for n, value in enumerate(packed):
-            dr.scatter(out, value, lane * width + n)
-        dr.eval(out)
-        return out
+        packed = dr.zeros(mi.Float32, level.size * self.n_sun * width)
+        lane = dr.arange(mi.UInt32, level.size * self.n_sun)
+        for n in range(1 + len(self.by_order)):
+            dr.scatter(packed, mi.Float32(values[n].ravel()), lane * width + n)
+        dr.eval(packed)
+        return packed
 
     def _march(self, contracted: mi.Float32, part: slice) -> FloatArray:
         rays, degree, n_sun = self.rays, self.solver.degree, self.n_sun

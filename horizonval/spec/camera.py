@@ -57,7 +57,7 @@ class Band(Model):
 
     ``kind = "solar"``: scattered sunlight; the table is a quantum efficiency (electrons per photon).
     ``kind = "thermal"``: emission; the table is a response per unit power.
-    ``nodes``: spectral nodes of the solar quadrature.
+    ``nodes``: spectral nodes of the solar quadrature; left out, the fewest that keep the scene's ``render.band_error``.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
@@ -66,7 +66,7 @@ class Band(Model):
     hi_um: Positive | None = None
     wavelength_um: list[Positive] = []
     response: list[Fraction] = []
-    nodes: Annotated[int, Field(ge=1, le=64)] = 4
+    nodes: Annotated[int, Field(ge=1, le=64)] | None = None
 
     @model_validator(mode="after")
     def _one_shape(self) -> Band:

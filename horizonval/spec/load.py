@@ -133,9 +133,19 @@ def _resolve_scene(data: dict[str, Any], path: Path, *, inside: str) -> tuple[Sc
         )
     if scene.atmosphere.file is not None:
         file = find("atmosphere", scene.atmosphere.file, beside=path.parent, where=prefix + "atmosphere.file")
-        atmosphere = scene.atmosphere.model_copy(update={"file": str(file.resolve())})
-        scene = scene.model_copy(update={"atmosphere": atmosphere})
+        scene = _with_atmosphere(scene, file=str(file.resolve()))
+    if scene.atmosphere.profile_file is not None:
+        file = path.parent / Path(scene.atmosphere.profile_file).expanduser()
+        if not file.is_file():
+            raise UserError(
+                f"no file {file}", where=prefix + "atmosphere.profile_file", expected="a profile (CSV or JSON)"
+            )
+        scene = _with_atmosphere(scene, profile_file=str(file.resolve()))
     return scene, camera
+
+
+def _with_atmosphere(scene: SceneSpec, **changes: str) -> SceneSpec:
+    return scene.model_copy(update={"atmosphere": scene.atmosphere.model_copy(update=changes)})
 
 
 def _with_datetime(data: dict[str, Any]) -> dict[str, Any]:

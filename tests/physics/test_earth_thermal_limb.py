@@ -53,7 +53,7 @@ def model_of(climate: str, interval: str) -> OpticalModel:
     scene: dict[str, Any] = {
         "camera": {"file": "t"},
         "platform": {"altitude_km": 500},
-        "atmosphere": {"profile": climate},
+        "atmosphere": {"profile": climate, "aerosol": "none"},
     }
     return optical_model(SceneSpec.model_validate(scene), camera)
 

@@ -29,6 +29,7 @@ def load(tmp_path):
         place.mkdir(exist_ok=True)
         (place / "c.toml").write_text(camera)
         (place / "a.json").write_text(atmosphere)
+        (place / "a.csv").write_text(atmosphere)
         (place / "s.toml").write_text(suite)
         return load_suite(place / "s.toml")
 
@@ -63,8 +64,9 @@ def test_every_input_counts(load, change):
         assert before != after
 
 
-def test_an_atmosphere_counts_by_content_not_by_place(load):
-    text = SUITE + '[frame.atmosphere]\nfile = "a.json"\n'
+@pytest.mark.parametrize("key", ['file = "a.json"', 'profile_file = "a.csv"'])
+def test_an_atmosphere_counts_by_content_not_by_place(load, key):
+    text = SUITE + f"[frame.atmosphere]\n{key}\n"
     here = _all(load(text, atmosphere=json.dumps({"x": 1})))
     assert here == _all(load(text, atmosphere=json.dumps({"x": 1}), folder="two"))
     assert here != _all(load(text, atmosphere=json.dumps({"x": 2})))

@@ -30,10 +30,29 @@ def test_linear_in_temperature_and_held_outside() -> None:
 
 
 def test_both_ends_of_the_table_are_inside() -> None:
-    assert (ozone.cross_section_m2(np.array([0.280, 0.820]), 250.0) > 0).all()
+    assert (ozone.cross_section_m2(np.array([0.280, 1.0]), 250.0) > 0).all()
 
 
-@pytest.mark.parametrize("wavelength_um", [0.279, 0.821, np.nan])
+@pytest.mark.parametrize("wavelength_um", [0.279, 1.001, np.nan])
 def test_outside_the_table(wavelength_um: float) -> None:
-    with pytest.raises(UserError, match=r"within 0\.28 to 0\.82 um"):
+    with pytest.raises(UserError, match=r"within 0\.28 to 1 um"):
         ozone.cross_section_m2([0.5, wavelength_um], 250.0)
+
+
+@pytest.mark.parametrize(
+    ("wavelength_nm", "per_cm2"),
+    # Bremen measurements (Bogumil et al. 2003, 220 K) averaged over the 20 nm that begin here, 1e-23 cm2.
+    [(820, 11.83), (840, 11.53), (860, 6.01), (880, 5.30)],
+)
+def test_beyond_the_measurements(wavelength_nm: int, per_cm2: float) -> None:
+    mean = ozone.cross_section_m2(np.arange(wavelength_nm + 1, wavelength_nm + 21) * 1e-3, 220.0).mean()
+    assert mean * 1e27 == pytest.approx(per_cm2, rel=0.25)
+
+
+def test_positive_and_finite_everywhere() -> None:
+    wavelength = np.linspace(0.28, 1.0, 7201)[:, None]
+    values = ozone.cross_section_m2(wavelength, np.array([150.0, 220.0, 250.0, 280.0, 330.0]))
+    assert (values > 0).all()
+    assert np.isfinite(values).all()
+    # Ten orders of magnitude between the Hartley band's edge at 280 nm and the gap at 380 nm.
+    assert values.max() < 5e-22

@@ -10,6 +10,7 @@ import pytest
 from horizonval.errors import UserError
 from horizonval.spec.files import shipped_names, shipped_root
 from horizonval.spec.load import deep_merge, load_camera, load_scene, load_suite
+from horizonval.spec.scene import Atmosphere
 
 CAMERA = '[camera]\nname = "c"\nwidth = 64\nheight = 48\nfov_deg = 60.0\n'
 BAND = '[[band]]\nname = "vis"\nkind = "solar"\nlo_um = 0.5\nhi_um = 0.7\n'
@@ -77,6 +78,15 @@ def test_bad_camera(folder, text, parts):
         (SCENE + "[earth]\nradius_km = 6000.0\n", ["earth", "sphere"]),
         (SCENE + "[render]\nnodes = 4\n", ["render.nodes", "found 4", "from 8 to 4096"]),
         (SCENE + '[atmosphere]\nfile = "nope.json"\n', ["atmosphere.file", "nope.json", "one of us76"]),
+        (SCENE + '[atmosphere]\nprofile_file = "nope.csv"\n', ["atmosphere.profile_file", "nope.csv", "CSV or JSON"]),
+        (SCENE + '[atmosphere]\nprofile_file = "a.csv"\nfile = "us76"\n', ["atmosphere:", "file and profile_file"]),
+        (SCENE + '[atmosphere]\naerosol = "dust"\n', ["atmosphere.aerosol", 'found "dust"', '"volcanic_high"']),
+        (SCENE + '[atmosphere]\naerosol = "background"\nfile = "us76"\n', ["atmosphere:", 'set aerosol = "none"']),
+        (SCENE + '[atmosphere]\naerosol = "background"\nprofile = "none"\n', ["atmosphere:", 'set aerosol = "none"']),
+        (SCENE + "[atmosphere]\nmonth = 13\n", ["atmosphere.month", "found 13", "from 1 to 12"]),
+        (SCENE + "[atmosphere]\nmonth = 7\n", ["atmosphere:", 'month applies to profile = "by_latitude_month"']),
+        (SCENE + "[atmosphere]\nlatitude_deg = 40.0\n", ["atmosphere:", "latitude_deg applies to"]),
+        (SCENE + "[render]\nband_error = 0.0\n", ["render.band_error", "found 0", "from 0.0001 to 0.1"]),
         ('[camera]\nfile = "bandless.toml"\n[platform]\naltitude_km = 500.0\n', ["camera.file", "band"]),
     ],
 )
@@ -158,6 +168,36 @@ def test_atmosphere_file_becomes_an_absolute_path(folder):
     assert load_scene(folder / "s.toml")[0].atmosphere.file == str((folder / "a.json").resolve())
     (folder / "s.toml").write_text(SCENE + '[atmosphere]\nfile = "us76"\n')
     assert load_scene(folder / "s.toml")[0].atmosphere.file == str((shipped_root() / "atmospheres/us76.json").resolve())
+
+
+def test_profile_file_is_looked_for_beside_the_scene(folder, monkeypatch, tmp_path_factory):
+    (folder / "air.csv").write_text("")
+    (folder / "s.toml").write_text(SCENE + '[atmosphere]\nprofile_file = "air.csv"\n')
+    monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
+    scene, _ = load_scene(folder / "s.toml")
+    assert scene.atmosphere.profile_file == str((folder / "air.csv").resolve())
+
+
+@pytest.mark.parametrize(
+    ("table", "aerosol"),
+    [
+        ("", "none"),
+        ('profile = "tropical"\naerosol = "background"', "background"),
+        ('profile = "none"', "none"),
+        ('file = "us76"', "none"),
+        ('profile = "none"\naerosol = "none"', "none"),
+    ],
+)
+def test_air_is_clean_unless_aerosol_is_asked_for(folder, table, aerosol):
+    (folder / "s.toml").write_text(SCENE + f"[atmosphere]\n{table}\n")
+    scene, _ = load_scene(folder / "s.toml")
+    assert scene.atmosphere.aerosol == aerosol
+    # What a frame's truth keeps must read back.
+    assert Atmosphere.model_validate(scene.atmosphere.model_dump(mode="json")) == scene.atmosphere
+
+
+def test_a_band_need_not_say_how_many_nodes(folder):
+    assert load_camera(folder / "c.toml").band[0].nodes is None
 
 
 def test_frames_lie_over_defaults(folder):

@@ -1,0 +1,115 @@
+"""What a scene's atmosphere is made of, on the grid that the optical properties are made on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from horizonval.earth import climate, profile_file, thermal_absorption
+from horizonval.earth.aerosol import Aerosol, aerosol
+from horizonval.earth.column import FloatArray
+from horizonval.earth.profiles import Profile, names, profile
+from horizonval.earth.thermal_absorption import GPoint
+from horizonval.errors import UserError
+from horizonval.spec.camera import Band
+from horizonval.spec.scene import SceneSpec
+from horizonval.suggest import nearest
+
+NO_ATMOSPHERE = "none"
+TOP_M = 100_000.0
+STEP_M = 100.0
+_STANDARD = "us_standard"
+
+
+@dataclass(frozen=True)
+class Air:
+    """Gases and particles of a scene.
+
+    Attributes
+    ----------
+    state : Profile
+        On 0 to 100 km by 100 m.
+    climates : mapping of str to float
+        Which climates' thermal absorption to take, with weights; empty where the profile is of none of them.
+    aerosol : Aerosol
+        On the same altitudes; without kinds for none.
+    with_ozone : bool
+        Whether ozone absorbs sunlight.
+    """
+
+    state: Profile
+    climates: Mapping[str, float]
+    aerosol: Aerosol
+    with_ozone: bool
+
+    @property
+    def altitude_m(self) -> FloatArray:
+        """Altitudes of everything, shape (n,)."""
+        return self.state.altitude_m
+
+    @property
+    def thermal_temperature_k(self) -> FloatArray:
+        """Temperature for emission: a climate's own table where it has one, so that both belong together."""
+        if self.state.name in self.climates:
+            return thermal_absorption.temperature_k(self.state.name, self.altitude_m)
+        return self.state.temperature_k
+
+    def g_points(self, band: Band, where: str) -> list[GPoint]:
+        """Return the thermal absorption of the gases; see :func:`thermal_absorption.g_points`.
+
+        A profile from a file takes that of ``us_standard`` where the pressure is the same, in proportion to the
+        density of the air: right for mixing ratios that depend on pressure as the standard's do.
+        """
+        if self.climates:
+            return thermal_absorption.g_points(self.climates, band, self.altitude_m, where=where)
+        standard = profile(_STANDARD)
+        # Pressure falls with altitude; np.interp wants rising abscissae.
+        match_m = np.interp(-np.log(self.state.pressure_pa), -np.log(standard.pressure_pa), standard.altitude_m)
+        match_m = np.minimum(match_m, TOP_M)
+        ratio = self.state.number_density_air / standard.at(match_m).number_density_air
+        points = thermal_absorption.g_points(_STANDARD, band, match_m, where=where)
+        return [p.scaled(ratio) for p in points]
+
+
+def air_of(scene: SceneSpec, base_dir: Path | None = None) -> Air:
+    """Return the gases and particles of a scene with an atmosphere of its own (neither ``none`` nor ``file``).
+
+    Parameters
+    ----------
+    scene : SceneSpec
+        Its atmosphere; for ``by_latitude_month`` also latitude and epoch of the platform.
+    base_dir : Path, optional
+        Folder against which ``atmosphere.profile_file`` is resolved; default the current one.
+
+    Raises
+    ------
+    UserError
+        Unknown profile, or a profile's file refused.
+    """
+    atmosphere = scene.atmosphere
+    z = np.linspace(0.0, TOP_M, round(TOP_M / STEP_M) + 1)
+    climates: Mapping[str, float]
+    if atmosphere.profile_file is not None:
+        state, climates = profile_file.read_profile((base_dir or Path()) / atmosphere.profile_file), {}
+    elif atmosphere.profile == climate.BY_LATITUDE_MONTH:
+        latitude, month = atmosphere.latitude_deg, atmosphere.month
+        climates = climate.climate_weights(
+            scene.platform.latitude_deg if latitude is None else latitude,
+            climate.month_of(scene.platform.epoch_utc) if month is None else month,
+        )
+        state = climate.blended(climates)
+    else:
+        known = [*names(), climate.BY_LATITUDE_MONTH, NO_ATMOSPHERE]
+        if atmosphere.profile not in known:
+            raise UserError(
+                f"unknown atmosphere profile {atmosphere.profile!r}",
+                where=f"{scene.scene.name}: atmosphere.profile",
+                expected="one of " + ", ".join(nearest(atmosphere.profile, known)),
+            )
+        state = profile(atmosphere.profile)
+        climates = {state.name if state.name in thermal_absorption.climates() else _STANDARD: 1.0}
+    particles = aerosol(atmosphere.aerosol, z, where=f"{scene.scene.name}: atmosphere.aerosol")
+    return Air(state.at(z), climates, particles, atmosphere.ozone)

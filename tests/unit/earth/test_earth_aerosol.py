@@ -1,0 +1,164 @@
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from horizonval.earth import aerosol
+from horizonval.earth.optical import optical_model
+from horizonval.errors import UserError
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.scene import SceneSpec
+
+Z = np.arange(0.0, 100_001.0, 100.0)
+MODELS = ("background", "volcanic_moderate", "volcanic_high")
+
+
+def depth(name: str, wavelength_um: float = 0.55, above_m: float = 0.0) -> float:
+    z = Z[above_m <= Z]
+    return float(np.trapezoid(aerosol.aerosol(name, z).at(wavelength_um)[0], z))
+
+
+@pytest.mark.parametrize(
+    ("name", "total", "above_11_km"),
+    # Optical depths of the LOWTRAN7 models up to 40 km, summed by trapezoids between their levels.
+    [("background", 0.3303, 0.00697), ("volcanic_moderate", 0.3513, 0.02734), ("volcanic_high", 0.4195, 0.09557)],
+)
+def test_optical_depths_of_lowtran(name: str, total: float, above_11_km: float) -> None:
+    levels = np.array([*range(26), 30, 35, 40]) * 1e3
+    at_levels = aerosol.aerosol(name, levels).at(0.55)[0]
+    assert np.trapezoid(at_levels, levels) == pytest.approx(total, rel=2e-4)
+    assert np.trapezoid(at_levels[11:], levels[11:]) == pytest.approx(above_11_km, rel=5e-4)
+    # Exponentials between the levels hold less than straight lines: 2 %.
+    assert depth(name) == pytest.approx(total, rel=0.025)
+    assert depth(name) < total
+    assert depth(name, above_m=11e3) == pytest.approx(above_11_km, rel=0.025)
+
+
+@pytest.mark.parametrize(
+    ("kind", "exponent", "exponent_blue", "albedo", "asymmetry"),
+    # Angstrom exponents 550 to 1060 and 337 to 550 nm, single-scattering albedo and g at 550 nm.
+    [
+        ("rural_rh70", 1.316, 0.960, 0.9462, 0.664),
+        ("tropospheric_rh70", 1.579, 1.042, 0.9635, 0.651),
+        ("background_stratospheric", 1.826, 1.113, 1.0, 0.685),
+        ("aged_volcanic", 0.967, 0.338, 0.9473, 0.698),
+        ("meteoric_dust", 0.313, 0.105, 0.9949, 0.691),
+    ],
+)
+def test_spectra(kind: str, exponent: float, exponent_blue: float, albedo: float, asymmetry: float) -> None:
+    blue, green, red = 0.3371, 0.55, 1.06
+    found = aerosol.optics(kind, [blue, green, red])
+    ratio = np.log(found.extinction)
+    assert (ratio[1] - ratio[2]) / np.log(red / green) == pytest.approx(exponent, abs=1e-3)
+    assert (ratio[0] - ratio[1]) / np.log(green / blue) == pytest.approx(exponent_blue, abs=1e-3)
+    assert found.extinction[1] == pytest.approx(1.0, abs=1e-12)
+    assert found.scattering[1] == pytest.approx(albedo, abs=1e-4)
+    assert found.asymmetry[1] == pytest.approx(asymmetry, abs=5e-4)
+
+
+@pytest.mark.parametrize("kind", aerosol.kinds())
+def test_spectra_are_possible_everywhere(kind: str) -> None:
+    found = aerosol.optics(kind, np.geomspace(0.2, 18.5, 5000))
+    assert (found.scattering >= 0).all()
+    assert (found.scattering <= found.extinction).all()
+    assert (np.abs(found.asymmetry) < 1).all()
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("wavelength_um", [0.35, 0.55, 0.9])
+def test_no_steps_in_altitude(name: str, wavelength_um: float) -> None:
+    z = np.arange(0.0, 100_000.0, 10.0)
+    extinction, scattering, asymmetry = aerosol.aerosol(name, z).at(wavelength_um)
+    # 10 m: the steepest level to level change (to 2 to 1 per km, or 6 to 1 at 20 km after an eruption) is 2 % per 10 m;
+    # a kind of particle gives way to the next over 1000 m.
+    assert np.abs(np.diff(np.log(extinction))).max() < 0.02
+    assert np.abs(np.diff(scattering / extinction)).max() < 0.002
+    assert np.abs(np.diff(asymmetry)).max() < 0.002
+    assert (scattering <= extinction).all()
+
+
+def test_each_region_has_its_own_particles() -> None:
+    heights = np.array([1.0, 5.0, 20.0, 60.0]) * 1e3
+    for name, stratospheric in (("background", "background_stratospheric"), ("volcanic_high", "aged_volcanic")):
+        extinction, scattering, asymmetry = aerosol.aerosol(name, heights).at(0.8)
+        for i, kind in enumerate(("rural_rh70", "tropospheric_rh70", stratospheric, "meteoric_dust")):
+            expected = aerosol.optics(kind, 0.8)
+            assert scattering[i] / extinction[i] == pytest.approx(expected.scattering / expected.extinction, rel=1e-12)
+            assert asymmetry[i] == pytest.approx(float(expected.asymmetry), rel=1e-12)
+
+
+def test_asymmetry_of_a_mixture_is_weighted_with_what_scatters() -> None:
+    mixture = aerosol.aerosol("volcanic_high", np.array([10_500.0]))
+    _, _, asymmetry = mixture.at(1.5)
+    share = mixture.extinction_550_per_m[:, 0]
+    kinds = [aerosol.optics(kind, 1.5) for kind in mixture.kinds]
+    assert np.count_nonzero(share) == 2
+    weight = [s * float(k.scattering) for s, k in zip(share, kinds, strict=True)]
+    expected = np.dot(weight, [float(k.asymmetry) for k in kinds]) / np.sum(weight)
+    assert asymmetry[0] == pytest.approx(expected, rel=1e-12)
+
+
+def test_none_and_above_the_top() -> None:
+    extinction, scattering, asymmetry = aerosol.aerosol("none", Z).at(0.55)
+    assert not extinction.any()
+    assert not scattering.any()
+    assert not asymmetry.any()
+    assert aerosol.aerosol("background", np.array([100_001.0])).at(0.55)[0] == 0
+
+
+def test_refusals() -> None:
+    with pytest.raises(UserError, match=r"atmosphere\.aerosol: unknown aerosol 'volcanic'; expected one of volcanic_"):
+        aerosol.aerosol("volcanic", Z, where="s: atmosphere.aerosol")
+    for wavelength in (0.19, 18.6, np.nan):
+        with pytest.raises(UserError, match=r"within 0\.2 to 18\.5 um"):
+            aerosol.optics("rural_rh70", [0.5, wavelength])
+
+
+def model_of(aerosol_name: str, **band: Any) -> Any:
+    scene = {"camera": {"file": "cam.toml"}, "platform": {"altitude_km": 500}, "atmosphere": {"aerosol": aerosol_name}}
+    camera = {"camera": {"width": 4, "height": 4, "fov_deg": 20}, "band": [{"name": "b", **band}]}
+    return optical_model(SceneSpec.model_validate(scene), CameraSpec.model_validate(camera))
+
+
+def test_solar_nodes_hold_molecules_and_particles() -> None:
+    band = {"kind": "solar", "lo_um": 0.54, "hi_um": 0.56, "nodes": 1}
+    clear, hazy = (model_of(name, **band).nodes[0] for name in ("none", "volcanic_high"))
+    extinction, scattering, asymmetry = aerosol.aerosol("volcanic_high", Z).at(hazy.wavelength_um)
+    np.testing.assert_array_equal(hazy.molecular_per_m, clear.molecular_per_m)
+    np.testing.assert_allclose(hazy.extinction_per_m - clear.extinction_per_m, extinction, rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(hazy.particle_per_m, scattering, rtol=1e-12)
+    np.testing.assert_allclose(hazy.asymmetry, asymmetry, rtol=1e-12)
+    assert not clear.particle_per_m.any()
+    assert (hazy.extinction_per_m >= hazy.scattering_per_m).all()
+
+
+def test_thermal_nodes_absorb() -> None:
+    band = {"kind": "thermal", "lo_um": 10.7, "hi_um": 11.3}
+    clear, hazy = model_of("none", **band), model_of("volcanic_high", **band)
+    # Aged volcanic particles absorb 0.02513 of their extinction at 550 nm at 11 um; at 19 km that is 0.0153 per km.
+    added = hazy.nodes[0].extinction_per_m[190] - clear.nodes[0].extinction_per_m[190]
+    assert added == pytest.approx(0.0153e-3 * 0.02513, rel=0.02)
+    assert not any(n.particle_per_m.any() for n in hazy.nodes)
+    # The tables of the particles end at 18.5 um.
+    assert model_of("background", kind="thermal", lo_um=18.6, hi_um=19.5).nodes
+
+
+def test_bands_outside_the_spectra_are_refused() -> None:
+    with pytest.raises(UserError, match=r'cam\.toml: band\[0\]: .*within 0\.2 to 18\.5 um.*aerosol = "none"'):
+        model_of("background", kind="solar", lo_um=18.0, hi_um=19.0)
+    assert model_of("none", kind="solar", lo_um=18.0, hi_um=19.0).nodes
+
+
+def test_table_is_consistent() -> None:
+    from horizonval.earth.tables import json_object
+
+    table = json_object("aerosol.json")
+    assert json.dumps(table["profiles"])
+    for profile in table["profiles"].values():
+        assert len(profile["extinction_550_per_km"]) == len(table["altitude_km"])
+        edges = [region["altitude_km"] for region in profile["regions"]]
+        assert [low for low, _ in edges[1:]] == [high for _, high in edges[:-1]]
+        assert {region["spectrum"] for region in profile["regions"]} <= set(table["spectra"])
+    for spectrum in table["spectra"].values():
+        assert {len(values) for values in spectrum.values()} == {len(table["wavelength_um"])}

@@ -1,0 +1,146 @@
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from horizonval.earth import air, bands, node_count, solar_rule, sunlight
+from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.earth.optical import node_counts, optical_model
+from horizonval.errors import UserError
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.files import shipped_names
+from horizonval.spec.load import load_camera
+from horizonval.spec.scene import SceneSpec
+
+RADIUS_M = 6_371_000.0
+
+
+def scene(**tables: Any) -> SceneSpec:
+    return SceneSpec.model_validate({"camera": {"file": "cam.toml"}, "platform": {"altitude_km": 500}, **tables})
+
+
+def solar(lo_um: float, hi_um: float, **more: Any) -> dict[str, Any]:
+    return {"name": "b", "kind": "solar", "lo_um": lo_um, "hi_um": hi_um, **more}
+
+
+def model_of(band: dict[str, Any], **tables: Any) -> OpticalModel:
+    camera = CameraSpec.model_validate({"camera": {"width": 4, "height": 4, "fov_deg": 20}, "band": [band]})
+    return optical_model(scene(**tables), camera)
+
+
+def limb(node: SpectralNode, z_m: np.ndarray, tangent_m: float, sun_zenith_deg: float, toward_sun: bool) -> float:
+    """Return single scattered limb radiance with the Sun in the plane of sight, by plain sums along the ray.
+
+    Independent of the module under test in its geometry (other azimuth, so other angles of scattering and a slanting
+    Sun), its steps and its columns.
+    """
+    s = np.linspace(-1, 1, 161) ** 3 * np.sqrt((RADIUS_M + 100e3) ** 2 - (RADIUS_M + tangent_m) ** 2)
+    middle, step = (s[1:] + s[:-1]) / 2, np.diff(s)
+    x, y = middle, np.full_like(middle, RADIUS_M + tangent_m)  # sight along x
+    sun = np.array([np.sin(np.radians(sun_zenith_deg)) * (1 if toward_sun else -1), np.cos(np.radians(sun_zenith_deg))])
+    height = np.hypot(x, y) - RADIUS_M
+    k, molecules, particles, g = (
+        np.interp(height, z_m, column)
+        for column in (node.extinction_per_m, node.molecular_per_m, node.particle_per_m, node.asymmetry)
+    )
+    t = np.linspace(0, 1, 201)[:, None] ** 2 * 2.5e6
+    up = np.hypot(x + t * sun[0], y + t * sun[1]) - RADIUS_M
+    along = np.where(up > 100e3, 0.0, np.interp(up, z_m, node.extinction_per_m)) + np.where(up < 0, 1.0, 0.0)
+    to_sun = np.trapezoid(along, t, axis=0)
+    cosine = sun[0]
+    c = node.molecular_cos2
+    source = molecules * (1 - c / 3 + c * cosine**2) + particles * (1 - g**2) / (1 + g**2 - 2 * g * cosine) ** 1.5
+    before = np.cumsum(k * step) - k * step
+    emitted = source / (4 * np.pi) * np.exp(-to_sun - before) * -np.expm1(-k * step) / k
+    return float(np.sum(emitted))
+
+
+def band_radiance(model: OpticalModel, *ray: Any) -> float:
+    return sum(n.weight * n.solar_irradiance * limb(n, model.altitude_m, *ray) for n in model.nodes)
+
+
+@pytest.mark.parametrize("error", [0.01, 0.003])
+@pytest.mark.parametrize(
+    ("lo_um", "hi_um", "atmosphere"),
+    [
+        (0.45, 0.75, {}),
+        (0.40, 0.90, {"profile": "subarctic_winter", "aerosol": "none"}),
+        (0.54, 0.56, {"profile": "tropical", "aerosol": "volcanic_high"}),
+        (0.70, 1.05, {}),
+    ],
+)
+def test_rays_that_the_choice_did_not_see(lo_um: float, hi_um: float, atmosphere: dict[str, Any], error: float) -> None:
+    tables = {"atmosphere": atmosphere}
+    chosen = model_of(solar(lo_um, hi_um), **tables, render={"band_error": error})
+    fine = model_of(solar(lo_um, hi_um, nodes=32), **tables)
+    assert len(chosen.nodes) < 16
+    for tangent_m, zenith, toward in ((2e3, 20.0, True), (11e3, 60.0, False), (17e3, 85.0, True), (38e3, 75.0, False)):
+        found, expected = (band_radiance(m, tangent_m, zenith, toward) for m in (chosen, fine))
+        assert found == pytest.approx(expected, rel=1.5 * error), (tangent_m, zenith, toward)
+
+
+def test_fewest_nodes() -> None:
+    measure = solar_rule.solar_measure(Band.model_validate(solar(0.45, 0.75)), 1.0, "")
+    counts = [
+        len(node_count.choose_rule(measure, air.air_of(scene()), 0.3, error, "").wavelength_um)
+        for error in (0.1, 0.03, 0.01, 0.003, 0.001)
+    ]
+    assert counts == sorted(counts)
+    assert counts[0] < counts[-1] <= 8
+
+
+def test_a_narrow_band_needs_one() -> None:
+    assert node_counts(model_of(solar(0.5495, 0.5505))) == {"b": 1}
+
+
+def test_what_the_band_asks_for_is_honoured() -> None:
+    assert node_counts(model_of(solar(0.45, 0.75, nodes=9))) == {"b": 9}
+    assert node_counts(model_of(solar(0.45, 0.75), atmosphere={"profile": "none"})) == {"b": 1}
+
+
+@pytest.mark.parametrize("name", [name for name in shipped_names("camera") if name.startswith("vis-")])
+def test_shipped_cameras_have_four(name: str) -> None:
+    """One launch of the renderer's kernel holds four nodes; a fifth would double its time."""
+    camera = load_camera(name)
+    for profile in ("us_standard", "tropical", "midlatitude_winter", "subarctic_winter"):
+        assert node_counts(optical_model(scene(atmosphere={"profile": profile}), camera)) == {"vis": 4}
+
+
+def test_the_same_every_time_and_quick() -> None:
+    band = Band.model_validate(solar(0.35, 1.05))
+    measure, column = solar_rule.solar_measure(band, 1.0, ""), air.air_of(scene())
+    start = time.process_time()
+    first = node_count.choose_rule(measure, column, 0.3, 0.003, "")
+    assert time.process_time() - start < 1.0, "a fifth of a second on a quiet processor"
+    again = node_count.choose_rule(measure, column, 0.3, 0.003, "")
+    np.testing.assert_array_equal(first.wavelength_um, again.wavelength_um)
+
+
+def test_out_of_reach() -> None:
+    with pytest.raises(UserError, match=r"cam\.toml: band\[0\]: 64 spectral nodes .* a larger render\.band_error"):
+        model_of(solar(0.28, 2.0), render={"band_error": 1e-4})
+
+
+def test_below_the_ozone_table_without_ozone() -> None:
+    model = model_of(solar(0.26, 0.27), atmosphere={"ozone": False})
+    assert all(n.particle_per_m.any() for n in model.nodes)
+
+
+def test_energy_of_a_band() -> None:
+    # The same spectrum summed elsewhere: 756.8 W m-2 in the 501 bins of 1 nm around 400 to 900 nm.
+    lo_um, hi_um = 0.3995, 0.9005
+    assert sunlight.band_irradiance(lo_um, hi_um) == pytest.approx(756.8, abs=0.1)
+    model = model_of(solar(lo_um, hi_um))
+    assert sum(n.weight for n in model.nodes) == pytest.approx(hi_um - lo_um, rel=1e-12)
+    # Counted as photons at the mean wavelength: energy times lambda / lambda_ref.
+    knots = np.linspace(lo_um, hi_um, 500_001)
+    reference = bands.reference_wavelength_um(Band.model_validate(solar(lo_um, hi_um)))
+    counted = np.trapezoid(sunlight.irradiance(knots) * knots / reference, knots)
+    assert sum(n.weight * n.solar_irradiance for n in model.nodes) == pytest.approx(counted, rel=1e-6)
+
+
+def test_wavelengths_lie_inside_the_band() -> None:
+    for node in model_of(solar(0.4, 0.9)).nodes:
+        assert 0.4 < node.wavelength_um < 0.9
+        assert node.weight > 0
