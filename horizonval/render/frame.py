@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval import __version__
 from horizonval.earth.optical import optical_model
+from horizonval.earth.surface import ground_model
 from horizonval.frame import Frame
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.geometry.ephemeris import AU_M, sun_itrs
@@ -51,6 +52,7 @@ def render_frame(scene: SceneSpec, camera: CameraSpec) -> Frame:
                 truth.sun_angular_radius_rad,
                 scene.render.subsamples,
                 scene.render.nodes,
+                ground_model(scene),
             ),
             "sensor": camera_properties(camera_from_spec(camera.camera), np.array(truth.r_itrs), itrs_from_cam),
         }
