@@ -35,9 +35,9 @@ MAP_UNITS = {
 }
 """Truth maps every frame carries.
 
-``distance``: to the surface or cloud, +inf where the ray misses both. ``tangent_height``: lowest geodetic height along the ray;
-for rays that hit the surface, minus the depth of the chord below it. ``solar_zenith``: at the surface point, or at the
-tangent point. ``hit``: :class:`Hit`.
+``distance``: to the surface or the cloud before it, +inf where the ray misses both. ``tangent_height``: lowest geodetic
+height along the ray; for rays that hit the surface, minus the depth of the chord below it. ``solar_zenith``: at the
+surface point, or at the tangent point. ``hit``: :class:`Hit`.
 """
 
 

@@ -77,16 +77,14 @@ def cloud_field(scene: SceneSpec) -> CloudField | None:
         identity = json.dumps(["clouds", scene.scene.name, scene.scene.seed])
         seed = int.from_bytes(hashlib.sha256(identity.encode()).digest()[:4], "little")
     mean_km = clouds.mean_top_km if clouds.mean_top_km is not None else 0.4 * clouds.top_km + 0.3
-    return CloudField(
-        clouds.cover, clouds.top_km * 1e3, mean_km * 1e3, clouds.scale_km * 1e3, seed, clouds.albedo
-    )
+    return CloudField(clouds.cover, clouds.top_km * 1e3, mean_km * 1e3, clouds.scale_km * 1e3, seed, clouds.albedo)
 
 
 def tropopause_m(latitude_deg: ArrayLike) -> FloatArray:
     """Return the height of the tropopause: 17 km in the tropics, 9 km at the poles, half way at 40 degrees."""
     middle = 0.5 * (TROPICAL_TROPOPAUSE_M + POLAR_TROPOPAUSE_M)
     half = 0.5 * (TROPICAL_TROPOPAUSE_M - POLAR_TROPOPAUSE_M)
-    return middle - half * np.tanh((np.abs(latitude_deg) - 40.0) / 10.0)
+    return middle - half * np.tanh((np.abs(np.asarray(latitude_deg, dtype=np.float64)) - 40.0) / 10.0)
 
 
 def _hashed(x: Any, y: Any, z: Any, seed: int) -> Any:
@@ -97,7 +95,10 @@ def _hashed(x: Any, y: Any, z: Any, seed: int) -> Any:
 
 
 def noise(
-    position: tuple[Any, Any, Any], field: CloudField, split: Callable[[Any], tuple[Any, Any]], real: Callable[[Any], Any]
+    position: tuple[Any, Any, Any],
+    field: CloudField,
+    split: Callable[[Any], tuple[Any, Any]],
+    real: Callable[[Any], Any],
 ) -> Any:
     """Return the noise at unit vectors, in no particular unit.
 

@@ -48,7 +48,7 @@ FOAM_ALBEDO = 0.22
 SNOW_EDGE_DEG = 2.0
 """Half width in latitude of the belt in which snow sets in."""
 SOUTHERN_SNOW_DEG = -60.0
-SNOW_LINE_DEG = (40.5, 41.25, 44.75, 50.75, 58.25, 65.25, 70.0, 71.5, 68.5, 59.0, 48.5, 42.75)
+SNOW_LINE_DEG = (40.6, 41.2, 44.7, 50.7, 58.3, 65.2, 70.1, 71.6, 68.7, 59.0, 48.6, 42.8)
 """Northern snow line in the middle of each month, January first."""
 MEAN_RADIUS_KM = 6371.0
 REGION_POINTS = 4096
@@ -141,7 +141,7 @@ def snow_share(latitude_deg: ArrayLike, line_deg: float) -> FloatArray:
 
 def spectrum(name: str, wavelength_um: ArrayLike) -> FloatArray:
     """Return the albedo of "vegetation", "soil", "snow" or (light from below its surface) "water"."""
-    return np.interp(wavelength_um, *_SPECTRA[name])
+    return np.interp(np.asarray(wavelength_um, dtype=np.float64), *_SPECTRA[name])
 
 
 def foam_share(wind_speed_m_s: float) -> float:
@@ -187,7 +187,7 @@ def water_sky_albedo() -> float:
 
 def hidden(mu: ArrayLike, variance: float) -> FloatArray:
     """Return Smith's function L of the cosine to the vertical: 0 overhead, growing without limit to the horizon."""
-    mu = np.clip(mu, 1e-6, 1.0)
+    mu = np.clip(np.asarray(mu, dtype=np.float64), 1e-6, 1.0)
     v = np.minimum(mu / np.sqrt(np.maximum(1.0 - mu * mu, 1e-12) * variance), 25.0)
     return np.maximum(0.5 * (np.exp(-v * v) / (v * math.sqrt(math.pi)) - erfc(v)), 0.0)
 
@@ -204,14 +204,14 @@ def glint_brdf(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike, varianc
     variance : float
         See :func:`slope_variance`.
     """
-    mu_sun, mu_view = np.asarray(mu_sun, dtype=np.float64), np.asarray(mu_view, dtype=np.float64)
-    up = (mu_sun > 0.0) & (mu_view > 0.0)
-    mu_sun, mu_view = np.clip(mu_sun, 1e-6, 1.0), np.clip(mu_view, 1e-6, 1.0)
-    incidence = np.sqrt(np.maximum(0.5 * (1.0 + np.asarray(cosine)), 1e-12))
-    tilt2 = np.minimum(((mu_sun + mu_view) / (2.0 * incidence)) ** 2, 1.0)
-    seen = 1.0 / (1.0 + hidden(mu_sun, variance) + hidden(mu_view, variance))
+    sun, view = np.asarray(mu_sun, dtype=np.float64), np.asarray(mu_view, dtype=np.float64)
+    up = (sun > 0.0) & (view > 0.0)
+    sun, view = np.clip(sun, 1e-6, 1.0), np.clip(view, 1e-6, 1.0)
+    incidence = np.sqrt(np.maximum(0.5 * (1.0 + np.asarray(cosine, dtype=np.float64)), 1e-12))
+    tilt2 = np.minimum(((sun + view) / (2.0 * incidence)) ** 2, 1.0)
+    seen = 1.0 / (1.0 + hidden(sun, variance) + hidden(view, variance))
     density = slope_density(1.0 / tilt2 - 1.0, variance)
-    return np.where(up, fresnel(incidence) * density * seen / (4.0 * mu_sun * mu_view * tilt2**2), 0.0)
+    return np.where(up, fresnel(incidence) * density * seen / (4.0 * sun * view * tilt2**2), 0.0)
 
 
 def mean_albedo(scene: SceneSpec, wavelength_um: float) -> float:

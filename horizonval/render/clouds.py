@@ -89,9 +89,7 @@ def _make_table(field: CloudField, planet: Planet, origin: tuple[float, float, f
     y = (mi.Float64(node // TABLE_SIDE) - 0.5 * (TABLE_SIDE - 1)) / _opaque(per_unit)
     rho2 = dr.minimum(x * x + y * y, 4.0)
     shrink, rise = dr.sqrt(1.0 - 0.25 * rho2), 1.0 - 0.5 * rho2
-    normal: Any = tuple(
-        x * shrink * e1 + y * shrink * e2 + rise * e3 for e1, e2, e3 in zip(*vectors, strict=True)
-    )
+    normal: Any = tuple(x * shrink * e1 + y * shrink * e2 + rise * e3 for e1, e2, e3 in zip(*vectors, strict=True))
     values = mi.Float32(relief(field, normal))
     dr.eval(values)
     step_m = max(0.5 * radius / per_unit, NARROWEST_STEP_M)
@@ -142,7 +140,6 @@ def first_cloud(table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bo
         end = dr.minimum(end, ground_mid - ground_half)
     meets &= end > start
     count = dr.ceil((end - start) / table.step_m)
-    step = (end - start) / dr.maximum(count, 1.0)
 
     def inside(t: Any) -> Any:
         height, normal = planet.height_and_normal(along(o, d, t))
@@ -150,7 +147,7 @@ def first_cloud(table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bo
         return (top > BASE_M) & (height <= top)
 
     def advance(i: Any, found: Any, going: Any) -> tuple[Any, Any, Any]:
-        found = inside(dr.fma(i, step, start))
+        found = inside(dr.minimum(dr.fma(i, table.step_m, start), end))
         following = dr.select(found, i, i + 1.0)
         return following, found, ~found & (following <= count)
 
@@ -167,9 +164,9 @@ def first_cloud(table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bo
         covered = inside(middle)
         return k + 1, dr.select(covered, low, middle), dr.select(covered, middle, high)
 
-    high = dr.fma(index, step, start)
+    high = dr.minimum(dr.fma(index, table.step_m, start), end)
     _, _, high = dr.while_loop(
-        (mi.UInt32(0), dr.maximum(high - step, start), high),
+        (mi.UInt32(0), dr.maximum(dr.fma(index - 1.0, table.step_m, start), start), high),
         lambda k, low, high: found & (k < BISECTIONS),
         halve,
         labels=("k", "low", "high"),

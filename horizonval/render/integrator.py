@@ -82,7 +82,7 @@ def _make_plugin() -> type:
             self.sun_radius = float(sun["angular_radius_rad"])
             self.subsamples = int(props.get("subsamples", 2))
             self.nodes = int(props.get("nodes", 64))
-            self.ground = load_ground(props.get("ground")) if props.has_property("ground") else None
+            self.ground = load_ground(props.get("ground")) if "ground" in props else None
             self.bands = list(dict.fromkeys(n.band for n in self.model.nodes))
 
         def view(self, sensor: Any) -> View:
@@ -92,7 +92,7 @@ def _make_plugin() -> type:
                 sensor.rays,
                 sensor.camera.width,
                 sensor.camera.height,
-                tuple(dr.opaque(mi.Float64, v, 1) for v in origin),  # type: ignore[arg-type]
+                tuple(dr.opaque(mi.Float64, v, 1) for v in origin),
                 tuple(dr.opaque(mi.Float64, float(v), 1) for v in self.sun_itrs),  # type: ignore[arg-type]
                 dr.opaque(mi.Float64, self.sun_radius, 1),
                 self.planet,

@@ -307,7 +307,7 @@ def _ground_radiance(
 ) -> list[Any]:
     """Return the radiance of what is at the rays' ends, towards the observer, per node.
 
-    Sunlight: ``direct E0 mu T_sun + diffuse E_sky`` with the two reflectances [1/sr] of the ground (both albedo / pi for
+    Sunlight: ``direct E0 mu T_sun + diffuse E_sky`` with the ground's two reflectances [1/sr] (both are albedo / pi for
     a Lambert ground). Thermal: the chunk's ground; a cloud is black and as warm as the air at its top.
     """
     height, normal = planet.height_and_normal(along(o, d, path.t_low + path.length_after))

@@ -78,7 +78,7 @@ class Landing:
         )
 
     def reflectance(self) -> tuple[list[Any], list[Any]]:
-        """Return per node ``(direct, diffuse)`` [1/sr]: radiance over the irradiance of the Sun's beam and of the sky."""
+        """Return ``(direct, diffuse)`` per node [1/sr]: radiance per irradiance of the Sun's beam and of the sky."""
         direct, diffuse = [], []
         for a in self.albedos:
             dry = sum(self.shares[k] * a[k] for k in self.shares if k not in ("water", "sky"))

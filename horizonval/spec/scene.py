@@ -105,10 +105,11 @@ class Surface(Model):
 class Clouds(Model):
     """Opaque clouds: a random relief of white tops. No clouds without this table.
 
-    ``cover`` is the covered share of the whole globe. The highest tops reach ``top_km``, but never the tropopause (17
-    km in the tropics, 9 km at the poles); ``mean_top_km`` is the mean over the clouds where the tropopause is higher
-    than ``top_km``. ``albedo`` is that of the highest tops; lower ones are greyer. ``scale_km`` is the size of the largest structures; there are smaller ones down to 3 km. Without a
-    ``seed`` the scene's name and seed decide.
+    ``cover`` is the covered share of the whole globe. The highest tops reach ``top_km``, or the tropopause where it is
+    lower (17 km in the tropics, 9 km at the poles); ``mean_top_km`` is the mean over the clouds where it is not
+    (default: four tenths of ``top_km``, and 0.3). ``albedo`` is that of the highest tops; lower ones are greyer.
+    ``scale_km`` is the size of the largest structures; there are smaller ones down to 3 km. Without a ``seed`` the
+    scene's name and seed decide.
     """
 
     cover: Fraction
