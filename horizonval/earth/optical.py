@@ -267,7 +267,7 @@ def _grey_thermal_node(
 
 
 def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> OpticalModel:
-    """Return the ground alone: nothing depends on wavelength, so that one node per band is exact."""
+    """Return the ground alone: one node per band is exact unless the ground has a spectrum."""
     z = np.array([0.0, TOP_M])
     zero = np.zeros_like(z)
     ground_k = scene.surface.temperature_k or BARE_GROUND_K
@@ -275,19 +275,20 @@ def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> Optic
     for i, band in enumerate(camera.band):
         where = f"{scene.camera.file}: band[{i}]"
         if band.kind == "solar":
-            rule = _solar_rule(band, 1, sun_distance_au, where)
-            nodes.append(
-                _solar_node(
-                    band,
-                    0,
-                    float(rule.wavelength_um[0]),
-                    float(rule.weight_um[0]),
-                    rule.mean_irradiance,
-                    sun_distance_au,
-                    zero,
-                    zero,
+            rule = _solar_rule(band, 1 if scene.surface.kind == "uniform" else band.nodes, sun_distance_au, where)
+            for k, (wavelength, weight) in enumerate(zip(rule.wavelength_um, rule.weight_um, strict=True)):
+                nodes.append(
+                    _solar_node(
+                        band,
+                        k,
+                        float(wavelength),
+                        float(weight),
+                        rule.mean_irradiance,
+                        sun_distance_au,
+                        zero,
+                        zero,
+                    )
                 )
-            )
         else:
             cold = np.full_like(z, ground_k)
             nodes.append(_grey_thermal_node(band, cold, ground_k, zero, sun_distance_au, where))

@@ -269,3 +269,10 @@ def test_clouds_hide_the_sun(mi: Any) -> None:
 
     assert share(0.0) > 0.7
     assert hidden / free == pytest.approx(share(16.0) / share(0.0), abs=0.03)
+
+
+def test_truth_of_ground_and_clouds_reads_back() -> None:
+    scene = _scene(surface={"kind": "earth", "wind_speed_m_s": 3.0}, clouds=CLOUDS)
+    again = SceneSpec.model_validate(truth_of(scene, _camera()).scene)
+    assert again == scene
+    assert truth_of(again, _camera()) == truth_of(scene, _camera())
