@@ -24,19 +24,20 @@ class Hit(IntEnum):
     SURFACE = 1
     ATMOSPHERE = 2
     SUN = 3
+    CLOUD = 4
 
 
 MAP_UNITS = {
     "distance": "m",
     "tangent_height": "m",
     "solar_zenith": "deg",
-    "hit": "0 space, 1 surface, 2 atmosphere, 3 sun",
+    "hit": "0 space, 1 surface, 2 atmosphere, 3 sun, 4 cloud",
 }
 """Truth maps every frame carries.
 
-``distance``: to the surface, +inf where the ray misses it. ``tangent_height``: lowest geodetic height along the ray;
-for rays that hit the surface, minus the depth of the chord below it. ``solar_zenith``: at the surface point, or at the
-tangent point. ``hit``: :class:`Hit`.
+``distance``: to the surface or the cloud before it, +inf where the ray misses both. ``tangent_height``: lowest geodetic
+height along the ray; for rays that hit the surface, minus the depth of the chord below it. ``solar_zenith``: at the
+surface point, or at the tangent point. ``hit``: :class:`Hit`.
 """
 
 

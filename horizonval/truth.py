@@ -58,6 +58,8 @@ def truth_of(scene: SceneSpec, camera: CameraSpec) -> FrameTruth:
     if scene.earth.shape == "wgs84":
         # A radius beside WGS84 is refused when a scene is read, and this scene must be readable again.
         del scene_data["earth"]["radius_km"]
+    if scene.surface.kind == "earth":
+        del scene_data["surface"]["albedo"]
 
     def vector(v: Any) -> Any:
         # + 0.0 turns -0.0 into 0.0: equal truths then have equal text.

@@ -90,6 +90,9 @@ class OpticalModel:
         Lambert albedo of the ground, for sunlight.
     emissivity : float
         Of the ground, for thermal emission.
+    albedo_around : tuple of float
+        Mean albedo of ground and clouds in sight, per node, which the diffuse light has met; empty where the ground is
+        uniform.
     """
 
     altitude_m: FloatArray
@@ -97,3 +100,4 @@ class OpticalModel:
     nodes: tuple[SpectralNode, ...]
     albedo: float
     emissivity: float
+    albedo_around: tuple[float, ...] = ()

@@ -37,6 +37,8 @@ from horizonval.suggest import nearest
 
 __all__ = ["NO_ATMOSPHERE", "FloatArray", "OpticalModel", "SpectralNode", "node_counts", "optical_model"]
 
+BARE_EARTH_NODES = 4
+"""Nodes of a band over a ground with a spectrum but without air: vegetation's red edge is what they must follow."""
 BARE_GROUND_K = 288.15
 """Temperature of the ground without an atmosphere to take it from: US76 sea level."""
 
@@ -237,7 +239,7 @@ def _grey_thermal_node(
 
 
 def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> OpticalModel:
-    """Return the ground alone: nothing depends on wavelength, so that one node per band is exact."""
+    """Return the ground alone: one node per band is exact unless the ground has a spectrum."""
     z = np.array([0.0, TOP_M])
     zero = np.zeros_like(z)
     ground_k = scene.surface.temperature_k or BARE_GROUND_K
@@ -245,8 +247,9 @@ def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> Optic
     for i, band in enumerate(camera.band):
         where = f"{scene.camera.file}: band[{i}]"
         if band.kind == "solar":
-            rule = gauss(solar_measure(band, sun_distance_au, where), 1)
-            nodes.append(_solar_node(band, 0, rule, sun_distance_au, zero, zero))
+            count = 1 if scene.surface.kind == "uniform" else band.nodes or BARE_EARTH_NODES
+            rule = gauss(solar_measure(band, sun_distance_au, where), count)
+            nodes += [_solar_node(band, k, rule, sun_distance_au, zero, zero) for k in range(count)]
         else:
             cold = np.full_like(z, ground_k)
             nodes.append(_grey_thermal_node(band, cold, ground_k, zero, sun_distance_au, where))

@@ -103,7 +103,8 @@ def _diffuse_field(
         sun_table,
         None if progress is None else lambda order, share: progress(node.name, order, share),
     )
-    return solution.over_ground(model.albedo)
+    around = model.albedo_around[[n.name for n in model.nodes].index(node.name)] if model.albedo_around else model.albedo
+    return solution.over_ground(around)
 
 
 def _kind(node: SpectralNode) -> Literal["solar", "thermal"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval import __version__
 from horizonval.earth.optical import node_counts, optical_model
+from horizonval.earth.surface import ground_model, mean_albedo
 from horizonval.frame import Frame
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.geometry.ephemeris import AU_M, sun_itrs
@@ -42,6 +44,9 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: TableProgress |
     truth = truth_of(scene, camera)
     _, sun_distance_m = sun_itrs(scene.platform.epoch_utc)
     model = optical_model(scene, camera, sun_distance_au=sun_distance_m / AU_M)
+    ground = ground_model(scene)
+    if not ground.plain:
+        model = replace(model, albedo_around=tuple(mean_albedo(scene, n.wavelength_um) for n in model.nodes))
     variant = activate()
     import mitsuba as mi
 
@@ -59,6 +64,7 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: TableProgress |
         scene.render.subsamples,
         scene.render.nodes,
         scene.render.orders,
+        ground,
     )
     prepare(integrator_properties, progress)
     mi_scene = mi.load_dict(

@@ -9,6 +9,8 @@ passing it, mixed by the covered share (see ``coverage``)::
 with ``s`` the share of the Sun's disc in the cell, dimmed by the transmittance ``T`` of the ray. Rays above the
 atmosphere are not marched at all. Cells are grouped by what they see before the march, so no lane idles and every
 cell's sum has a fixed order: the same bytes for any number of threads.
+
+Clouds have no such outline: the one ray (or two) of a cell decides whether it ends on a cloud.
 """
 
 from __future__ import annotations
@@ -26,13 +28,17 @@ from horizonval.render.march import Chunk, march
 from horizonval.render.planet import Planet, Vec, dot
 from horizonval.render.radiance import SOLAR_CONCENTRATION, THERMAL_CONCENTRATION
 from horizonval.render.rays import RayCamera
+from horizonval.render.surface import Ground, Landing, land_on
 
 _NO_DIRECTION: Vec = (None, None, None)
 
 
 @dataclass(frozen=True)
 class View:
-    """Everything geometric about one frame. ``origin`` and ``sun`` hold size-1 arrays."""
+    """Everything geometric about one frame. ``origin`` and ``sun`` hold size-1 arrays.
+
+    ``ground`` is None for a Lambert ground without clouds.
+    """
 
     rays: RayCamera
     width: int
@@ -43,6 +49,7 @@ class View:
     planet: Planet
     top_m: float
     subsamples: int
+    ground: Ground | None = None
 
 
 @dataclass(frozen=True)
@@ -180,10 +187,11 @@ def render_bands(
 ) -> dict[str, Any]:
     """Return the radiance per band as Float64 arrays, one value per pixel in row order."""
     cells = group_cells(view)
+    landings = _land(view, cells)
     k2 = view.subsamples**2
     out = {band: dr.zeros(mi.Float64, view.width * view.height) for band in bands}
     for group, chunk in chunks:
-        parts = list(_parts(view, cells, group, chunk, nodes))
+        parts = list(_parts(view, cells, landings, group, chunk, nodes))
         for band in dict.fromkeys(node.band for node in group):
             weight = [dr.opaque(mi.Float64, n.weight if n.band == band else 0.0, 1) for n in group]
             total = dr.zeros(mi.Float64, cells.count)
@@ -197,13 +205,38 @@ def render_bands(
     return out
 
 
+@dataclass(frozen=True)
+class _Landings:
+    """Where the rays of every group of cells end; None for a Lambert ground without clouds."""
+
+    ground: Landing | None = None
+    limb: Landing | None = None
+    sun: Landing | None = None
+
+
+def _land(view: View, cells: Cells) -> _Landings:
+    """Look where rays end, once for all spectral nodes. Rays past the Earth and to the Sun end on clouds only."""
+    if view.ground is None:
+        return _Landings()
+
+    def look(rays: Rays, to_ground: bool) -> Landing | None:
+        assert view.ground is not None
+        if not rays.count or not (to_ground or view.ground.clouds):
+            return None
+        return land_on(view.ground, view.planet, view.origin, rays.direction, view.sun, to_ground)
+
+    return _Landings(look(cells.ground, True), look(cells.limb, False), look(cells.sun, False))
+
+
 def _parts(
-    view: View, cells: Cells, group: list[SpectralNode], chunk: Chunk, nodes: int
+    view: View, cells: Cells, landings: _Landings, group: list[SpectralNode], chunk: Chunk, nodes: int
 ) -> Iterator[tuple[Any, Any, list[Any]]]:
     """Yield ``(cells, share of the cell, radiance per node)`` of ground, limb and Sun; each cell once in each."""
     c = SOLAR_CONCENTRATION if chunk.kind == "solar" else THERMAL_CONCENTRATION
 
-    def through(rays: Rays, to_ground: bool) -> tuple[list[Any], list[Any]]:
+    def through(rays: Rays, to_ground: bool, landing: Landing | None) -> tuple[list[Any], list[Any]]:
+        if landing is not None and view.ground is not None:
+            landing = landing.at(view.ground.model, [n.wavelength_um for n in group], chunk.width)
         result = march(
             view.planet,
             view.top_m,
@@ -214,6 +247,7 @@ def _parts(
             mi.Bool(to_ground),
             nodes,
             c,
+            landing,
         )
         dr.eval(result)
         return result
@@ -222,11 +256,13 @@ def _parts(
         return dr.gather(mi.Float64, cells.share, rays.cell)
 
     if cells.ground.count:
-        yield cells.ground.cell, covered(cells.ground), through(cells.ground, True)[0]
+        yield cells.ground.cell, covered(cells.ground), through(cells.ground, True, landings.ground)[0]
     if cells.limb.count:
-        yield cells.limb.cell, 1.0 - covered(cells.limb), through(cells.limb, False)[0]
+        yield cells.limb.cell, 1.0 - covered(cells.limb), through(cells.limb, False, landings.limb)[0]
     if cells.sun.count:
-        _, transmittance = through(cells.sun, False)
+        _, transmittance = through(cells.sun, False, None)
         disc = [dr.opaque(mi.Float64, n.sun_radiance, 1) for n in group]
         share = (1.0 - covered(cells.sun)) * cells.sun_share
+        if landings.sun is not None:
+            share = dr.select(landings.sun.hit, 0.0, share)
         yield cells.sun.cell, share, [r * t for r, t in zip(disc, transmittance, strict=False)]

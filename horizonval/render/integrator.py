@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.earth.surface import GroundModel
 from horizonval.render import camera_plugin
 from horizonval.render.chunks import IMAGE_TABLE, TableProgress, make_chunks
 from horizonval.render.image import View, render_bands
@@ -22,6 +23,7 @@ from horizonval.render.march import Chunk
 from horizonval.render.model_text import dump_model, load_model
 from horizonval.render.multiple_scattering import STANDARD
 from horizonval.render.planet import Planet
+from horizonval.render.surface import dump_ground, load_ground, make_ground
 
 PLUGIN = "horizon_limb"
 _KEPT_MODELS = 4
@@ -37,10 +39,15 @@ def limb_properties(
     subsamples: int,
     nodes: int,
     orders: str,
+    ground: GroundModel | None = None,
 ) -> dict[str, Any]:
-    """Return the plugin's properties; ``orders`` of scattering are "single" or "all"."""
+    """Return the plugin's properties.
+
+    ``orders`` of scattering are "single" or "all". Without ``ground`` the model's albedo is all there is.
+    """
     sun = {"direction_itrs": list(sun_itrs), "angular_radius_rad": sun_angular_radius_rad}
     return {
+        **({} if ground is None else {"ground": dump_ground(ground)}),
         "type": PLUGIN,
         "planet": json.dumps({"a_m": planet.a_m, "b_m": planet.b_m}),
         "model": dump_model(model),
@@ -91,20 +98,23 @@ def _make_plugin() -> type:
             self.sun_radius = float(sun["angular_radius_rad"])
             self.subsamples = int(props.get("subsamples", 2))
             self.nodes = int(props.get("nodes", 64))
+            self.ground = load_ground(props.get("ground")) if "ground" in props else None
             self.bands = list(dict.fromkeys(n.band for n in self.model.nodes))
 
         def view(self, sensor: Any) -> View:
             """Return the geometry of a frame taken by a ``horizon_camera``."""
+            origin: Any = tuple(float(v) for v in sensor.r_itrs)
             return View(
                 sensor.rays,
                 sensor.camera.width,
                 sensor.camera.height,
-                tuple(dr.opaque(mi.Float64, float(v), 1) for v in sensor.r_itrs),  # type: ignore[arg-type]
+                tuple(dr.opaque(mi.Float64, v, 1) for v in origin),
                 tuple(dr.opaque(mi.Float64, float(v), 1) for v in self.sun_itrs),  # type: ignore[arg-type]
                 dr.opaque(mi.Float64, self.sun_radius, 1),
                 self.planet,
                 self.model.top_m,
                 self.subsamples,
+                make_ground(self.ground, self.planet, origin) if self.ground else None,
             )
 
         def render(

@@ -38,6 +38,7 @@ import mitsuba as mi
 
 from horizonval.render.planet import Planet, Vec, along, dot
 from horizonval.render.source_table import SourceTable
+from horizonval.render.surface import Landing
 from horizonval.render.tables import AltitudeGrid, SunTable, interpolate
 
 GAUSS_LOW = 0.5 - math.sqrt(3.0) / 6.0
@@ -102,15 +103,18 @@ class Path:
     y1: Any
 
 
-def find_path(planet: Planet, top_m: float, o: Vec, d: Vec, to_ground: Any) -> Path:
+def find_path(planet: Planet, top_m: float, o: Vec, d: Vec, to_ground: Any, landing: Landing | None = None) -> Path:
     """Return the marched stretch of rays with unit directions; zero length for rays above the atmosphere.
 
-    ``to_ground``: march up to the ground (the ray must hit it) instead of past the lowest point.
+    ``to_ground``: march up to the ground (the ray must hit it) instead of past the lowest point. Clouds of ``landing``
+    end a ray before either.
     """
     mid, half, meets = planet.chord(o, d, top_m)
     ground_mid, ground_half, _ = planet.chord(o, d)
     t_in = dr.maximum(mid - half, 0.0)
     t_out = dr.select(to_ground, ground_mid - ground_half, mid + half)
+    if landing is not None:
+        t_out = dr.select(landing.cloud, landing.t, t_out)
     t_out = dr.select(meets, dr.maximum(t_out, t_in), t_in)
     # at the ground the path may end before the lowest point of the line
     t_low = dr.clip(dr.select(to_ground, t_out, mid), t_in, t_out)
@@ -202,6 +206,7 @@ def march(
     to_ground: Any,
     nodes: int,
     concentration: float,
+    landing: Landing | None = None,
 ) -> tuple[list[Any], list[Any]]:
     """Return radiance and transmittance of every spectral node of a chunk along rays.
 
@@ -217,6 +222,8 @@ def march(
         Evaluations along each ray (two per step).
     concentration : float
         The ``c`` of the module text: smaller is denser near the lowest point.
+    landing : Landing, optional
+        What is at the rays' ends, clouds included; without it a Lambert ground, no clouds.
 
     Returns
     -------
@@ -226,7 +233,7 @@ def march(
     width = chunk.width
     stride = PARTICLE_STRIDE if chunk.diffuse is not None and chunk.particle is not None else 1
     count = -(-max(nodes // 2, 3) // stride) * stride
-    path = find_path(planet, top_m, o, d, to_ground)
+    path = find_path(planet, top_m, o, d, to_ground, landing)
     solar = chunk.kind == "solar"
     if solar:
         steps = _share_steps(planet, path, o, d, sun, count, concentration)
@@ -312,9 +319,10 @@ def march(
     transmittance = [dr.exp(-v) for v in tau]
     if chunk.kind == "depth":
         return tau, transmittance
-    ground = _ground_radiance(planet, chunk, o, d, sun, path)
+    ground = _ground_radiance(planet, chunk, o, d, sun, path, landing)
+    ends = to_ground if landing is None else landing.hit
     return [
-        r + dr.select(to_ground, g * t, 0.0) for r, g, t in zip(radiance, ground, transmittance, strict=True)
+        r + dr.select(ends, g * t, 0.0) for r, g, t in zip(radiance, ground, transmittance, strict=True)
     ], transmittance
 
 
@@ -334,14 +342,38 @@ def _gain(h: Any, k_a: Any, k_b: Any, j_a: Any, j_b: Any, step: Any) -> Any:
     return dr.select(step < THICK_STEP, thin, dr.maximum(thick, 0.0))
 
 
-def _ground_radiance(planet: Planet, chunk: Chunk, o: Vec, d: Vec, sun: Vec, path: Path) -> list[Any]:
+def _ground_radiance(
+    planet: Planet, chunk: Chunk, o: Vec, d: Vec, sun: Vec, path: Path, landing: Landing | None
+) -> list[Any]:
+    """Return the radiance of what is at the rays' ends, towards the observer, per node.
+
+    Sunlight: ``direct E0 mu T_sun + diffuse E_sky`` with the ground's two reflectances [1/sr] (both are albedo / pi for
+    a Lambert ground). Thermal: the chunk's ground; a cloud is black and as warm as the air at its top.
+    """
+    height, normal = planet.height_and_normal(along(o, d, path.t_low + path.length_after))
     if chunk.kind == "thermal":
-        return chunk.ground
+        if landing is None:
+            return chunk.ground
+        i, w, _ = chunk.grid.locate(height)
+        top = interpolate(chunk.emission, i, w, chunk.width)
+        return [dr.select(landing.cloud, c, g) for c, g in zip(top, chunk.ground, strict=True)]
     assert chunk.sun_table is not None
-    _, normal = planet.height_and_normal(along(o, d, path.t_low + path.length_after))
     mu = dot(normal, sun)
-    t_sun = chunk.sun_table.transmittance(mi.Float64(0.0), mu, chunk.width)
-    light = [dr.maximum(mu, 0.0) * t for t in t_sun]
-    if chunk.diffuse is not None:
-        light = [a + b for a, b in zip(light, chunk.diffuse.ground_irradiance(mu), strict=True)]
-    return [a * e * v for a, e, v in zip(chunk.ground, chunk.irradiance, light, strict=True)]
+    height = mi.Float64(0.0) if landing is None else dr.select(landing.cloud, height, 0.0)
+    direct, diffuse = (chunk.ground, chunk.ground) if landing is None else landing.reflectance()
+    t_sun = chunk.sun_table.transmittance(height, mu, chunk.width)
+    radiance = [a * e * dr.maximum(mu, 0.0) * t for a, e, t in zip(direct, chunk.irradiance, t_sun, strict=True)]
+    sky = _sky_irradiance(chunk, mu)
+    if sky is None:
+        return radiance
+    return [r + a * e for r, a, e in zip(radiance, diffuse, sky, strict=True)]
+
+
+def _sky_irradiance(chunk: Chunk, mu: Any) -> list[Any] | None:
+    """Return the diffuse irradiance [W m-2 um-1] on level ground under a Sun of zenith cosine ``mu``, per node.
+
+    Cloud tops get as much as the ground.
+    """
+    if chunk.diffuse is None:
+        return None
+    return [e * v for e, v in zip(chunk.irradiance, chunk.diffuse.ground_irradiance(mu), strict=True)]

@@ -30,7 +30,8 @@ def load_model(text: str) -> OpticalModel:
     """Return the model written by :func:`dump_model`, bit by bit the same."""
     data = json.loads(text)
     nodes = tuple(SpectralNode(**{**n, **{key: _unpack(n[key]) for key in _ARRAYS}}) for n in data["nodes"])
-    return OpticalModel(**{**data, "altitude_m": _unpack(data["altitude_m"]), "nodes": nodes})
+    around = tuple(data["albedo_around"])
+    return OpticalModel(**{**data, "altitude_m": _unpack(data["altitude_m"]), "nodes": nodes, "albedo_around": around})
 
 
 def _pack(values: Any) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.frame import Hit
+from horizonval.render.clouds import first_cloud
 from horizonval.render.image import View
 from horizonval.render.planet import along, dot
 
@@ -19,7 +20,8 @@ def truth_maps(view: View) -> dict[str, NDArray[np.float32]]:
     """Return the maps of :data:`horizonval.frame.MAP_UNITS`, each of shape (H, W), float32.
 
     The tangent height of a ray that hits the surface is minus the depth of its chord below it, measured at the point
-    of the line nearest to the stretched sphere's centre; within 1e-3 of the depth for the Earth's flattening.
+    of the line nearest to the stretched sphere's centre; within 1e-3 of the depth for the Earth's flattening. Clouds
+    appear in ``hit`` and ``distance``; the other maps are those of the bare ellipsoid.
     """
     pixel = dr.arange(mi.UInt32, view.width * view.height)
     d = view.rays.direction(mi.Float64(pixel % view.width), mi.Float64(pixel // view.width))
@@ -43,6 +45,11 @@ def truth_maps(view: View) -> dict[str, NDArray[np.float32]]:
             dr.select(tangent_height < view.top_m, mi.Float64(float(Hit.ATMOSPHERE)), 0.0),
         ),
     )
+    if view.ground is not None and view.ground.clouds is not None:
+        clouded, at = first_cloud(view.ground.clouds, view.planet, view.origin, d, to_ground=False)
+        clouded &= at < distance
+        hit = dr.select(clouded, mi.Float64(float(Hit.CLOUD)), hit)
+        distance = dr.select(clouded, at, distance)
     shape = (view.height, view.width)
     maps = {"distance": distance, "tangent_height": tangent_height, "solar_zenith": zenith, "hit": hit}
     return {name: np.array(value, dtype=np.float32).reshape(shape) for name, value in maps.items()}

@@ -114,11 +114,50 @@ class Atmosphere(Model):
 
 
 class Surface(Model):
-    """Lambert ground. ``temperature_k`` defaults to the profile's lowest level."""
+    """The ground. ``temperature_k`` defaults to the profile's lowest level.
 
+    ``uniform`` is a Lambert ground of one ``albedo``. ``earth`` has land, seasonal snow and an ocean that glints in the
+    Sun, each with its own spectrum; ``wind_speed_m_s`` roughens the ocean (default 7). Emissivity and temperature are
+    uniform in both.
+    """
+
+    kind: Literal["uniform", "earth"] = "uniform"
     albedo: Fraction = 0.3
+    wind_speed_m_s: Annotated[float, Field(ge=0, le=40)] | None = None
     emissivity: Fraction = 1.0
     temperature_k: Positive | None = None
+
+    @model_validator(mode="after")
+    def _keys_belong_to_the_kind(self) -> Surface:
+        if self.kind == "earth" and "albedo" in self.model_fields_set:
+            raise ValueError('albedo applies to kind = "uniform" only')
+        if self.kind == "uniform" and self.wind_speed_m_s is not None:
+            raise ValueError('wind_speed_m_s applies to kind = "earth" only')
+        return self
+
+
+class Clouds(Model):
+    """Opaque clouds: a random relief of white tops. No clouds without this table.
+
+    ``cover`` is the covered share of the whole globe. The highest tops reach ``top_km``, or the tropopause where it is
+    lower (17 km in the tropics, 9 km at the poles); ``mean_top_km`` is the mean over the clouds where it is not
+    (default: four tenths of ``top_km``, and 0.3). ``albedo`` is that of the highest tops; lower ones are greyer.
+    ``scale_km`` is the size of the largest structures; there are smaller ones down to 3 km. Without a ``seed`` the
+    scene's name and seed decide.
+    """
+
+    cover: Fraction
+    top_km: Annotated[float, Field(ge=1, le=17)] = 12.0
+    mean_top_km: Annotated[float, Field(gt=0.5, le=17)] | None = None
+    scale_km: Annotated[float, Field(ge=3, le=5000)] = 300.0
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1)] | None = None
+    albedo: Fraction = 0.8
+
+    @model_validator(mode="after")
+    def _the_mean_is_below_the_highest(self) -> Clouds:
+        if self.mean_top_km is not None and self.mean_top_km >= self.top_km:
+            raise ValueError("mean_top_km must be below top_km")
+        return self
 
 
 class SunOverride(Model):
@@ -157,5 +196,6 @@ class SceneSpec(Model):
     earth: Earth = Earth()
     atmosphere: Atmosphere = Atmosphere()
     surface: Surface = Surface()
+    clouds: Clouds | None = None
     sun: SunOverride | None = None
     render: RenderSettings = RenderSettings()

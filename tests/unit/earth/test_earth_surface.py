@@ -1,0 +1,176 @@
+"""Land map, spectra, season and the sea's reflectance, against closed forms, integrals and known places."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+from horizonval.earth import surface
+from horizonval.earth.land import COLUMNS, ROWS, is_land
+from horizonval.spec.scene import SceneSpec
+
+LATITUDE = (np.arange(ROWS) + 0.5) * 180.0 / ROWS - 90.0
+LONGITUDE = (np.arange(COLUMNS) + 0.5) * 360.0 / COLUMNS - 180.0
+CELL_KM2 = np.radians(0.25) ** 2 * 6371.0**2 * np.cos(np.radians(LATITUDE))
+
+
+def _scene(**changes):
+    tables = {"camera": {"file": "c"}, "platform": {"altitude_km": 500.0}}
+    return SceneSpec.model_validate(tables | changes)
+
+
+@pytest.mark.parametrize(
+    ("latitude", "longitude", "land"),
+    [
+        (48.85, 2.35, True),
+        (-1.3, 36.8, True),
+        (-23.5, 134.0, True),
+        (67.0, 180.0, True),
+        (67.0, -180.0, True),
+        (-90.0, 0.0, True),
+        (72.0, -40.0, True),
+        (0.0, -150.0, False),
+        (40.0, -40.0, False),
+        (36.0, 18.0, False),
+        (-55.0, 180.0, False),
+        (90.0, 0.0, False),
+    ],
+)
+def test_land_where_it_is_known(latitude, longitude, land):
+    assert bool(is_land(latitude, longitude)) is land
+    assert bool(is_land(latitude, longitude + 360.0)) is land
+
+
+def test_share_of_land():
+    """28.7 %: 29.2 % is the textbook's, which counts ice shelves and the Caspian's islands in."""
+    land = is_land(LATITUDE[:, None], LONGITUDE)
+    share = float((land.mean(axis=1) * CELL_KM2).sum() / CELL_KM2.sum())
+    assert share == pytest.approx(0.29, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("month", "extent"),
+    list(enumerate([47.0, 46.0, 40.5, 30.5, 19.3, 9.7, 3.9, 2.9, 5.3, 18.4, 34.0, 43.6], start=1)),
+)
+def test_northern_snow_has_the_area_of_the_climatology(month, extent):
+    """1 %, or 0.1 million km2: the line is given to a tenth of a degree."""
+    middle = datetime(2026, 1, 1, tzinfo=UTC) + timedelta(days=(month - 0.5) * 365.25 / 12.0)
+    line = surface.snow_line_deg(middle)
+    land = is_land(LATITUDE[:, None], LONGITUDE).sum(axis=1) * CELL_KM2 * 1e-6
+    snow = float((land * surface.snow_share(LATITUDE, line))[LATITUDE > 0].sum())
+    assert snow == pytest.approx(extent, rel=0.01, abs=0.1)
+
+
+def test_snow_line_moves_without_jumps():
+    days = [surface.snow_line_deg(datetime.fromtimestamp(86400.0 * d, UTC)) for d in range(800)]
+    assert np.abs(np.diff(days)).max() < 0.4
+    assert surface.snow_share(-80.0, 60.0) == 1.0
+    assert surface.snow_share([0.0, 58.0, 60.0, 62.0], 60.0) == pytest.approx([0.0, 0.0, 0.5, 1.0])
+
+
+@pytest.mark.parametrize("name", ["vegetation", "soil", "snow", "water"])
+def test_spectra_are_albedos(name):
+    values = surface.spectrum(name, np.linspace(0.2, 4.0, 400))
+    assert values.min() >= 0.0
+    assert values.max() < 0.9
+
+
+def test_spectra_have_their_marks():
+    land = [surface.albedos(surface.ground_model(_scene(surface={"kind": "earth"})), w).land for w in (0.45, 0.85)]
+    assert land == pytest.approx([0.06, 0.32], abs=0.02)
+    assert surface.spectrum("vegetation", 0.55) > surface.spectrum("vegetation", 0.67)
+    assert surface.spectrum("snow", 0.5) > 10 * surface.spectrum("snow", 1.5)
+    assert surface.spectrum("water", 0.44) > 10 * surface.spectrum("water", 0.65)
+
+
+def test_fresnel_limits():
+    """Head on, grazing, and Brewster's angle, where only the polarisation across is reflected."""
+    n = surface.WATER_INDEX
+    assert surface.fresnel(1.0) == pytest.approx(((n - 1) / (n + 1)) ** 2, rel=1e-12)
+    assert surface.fresnel(0.0) == pytest.approx(1.0)
+    brewster = 1.0 / np.sqrt(1.0 + n * n)
+    assert surface.fresnel(brewster) == pytest.approx(0.5 * ((n * n - 1) / (n * n + 1)) ** 2, rel=1e-12)
+    assert surface.water_sky_albedo() == pytest.approx(0.067, abs=0.002)
+
+
+@pytest.mark.parametrize("wind", [0.0, 5.0, 20.0])
+def test_slopes_are_a_distribution_with_the_variance_of_cox_and_munk(wind):
+    variance = 0.003 + 0.00512 * wind
+    assert surface.slope_variance(wind) == variance
+    tan2 = np.linspace(0.0, 40.0 * variance, 400_001)
+    density = np.pi * surface.slope_density(tan2, variance)
+    assert np.trapezoid(density, tan2) == pytest.approx(1.0, rel=1e-6)
+    assert np.trapezoid(density * tan2, tan2) == pytest.approx(variance, rel=1e-6)
+
+
+def _direction(zenith_deg, azimuth_deg):
+    z, a = np.radians(zenith_deg), np.radians(azimuth_deg)
+    return np.stack(np.broadcast_arrays(np.sin(z) * np.cos(a), np.sin(z) * np.sin(a), np.cos(z)), axis=-1)
+
+
+@pytest.mark.parametrize("zenith", [0.0, 20.0, 45.0])
+def test_glint_is_brightest_at_the_mirror_and_has_its_height(zenith):
+    """On a nearly calm sea: where incidence equals reflection, F / (4 pi s2 mu^2) there (nothing hidden)."""
+    variance, sun = 1e-4, _direction(zenith, 0.0)
+    zeniths, azimuths = np.linspace(0.0, 80.0, 1601)[:, None], np.linspace(170.0, 190.0, 81)
+    view = _direction(zeniths, azimuths)
+    f = surface.glint_brdf(sun[2], view[..., 2], view @ sun, variance)
+    i, j = np.unravel_index(np.argmax(f), f.shape)
+    assert zeniths[i, 0] == pytest.approx(zenith, abs=0.1)
+    if zenith:
+        assert azimuths[j] == pytest.approx(180.0, abs=0.3)
+    mu = np.cos(np.radians(zenith))
+    assert f.max() == pytest.approx(surface.fresnel(mu) / (4 * np.pi * variance * mu**2), rel=1e-3)
+
+
+def test_glint_is_reciprocal_and_finite():
+    rng = np.random.default_rng(np.random.SeedSequence(4))
+    a, b = (_direction(np.degrees(np.arccos(rng.uniform(0, 1, 500))), rng.uniform(0, 360, 500)) for _ in range(2))
+    cosine = np.sum(a * b, axis=1)
+    there = surface.glint_brdf(a[:, 2], b[:, 2], cosine, 0.04)
+    assert there == pytest.approx(surface.glint_brdf(b[:, 2], a[:, 2], cosine, 0.04), rel=1e-12)
+    assert surface.glint_brdf(-0.1, 0.5, 0.2, 0.04) == 0.0
+    grazing = surface.glint_brdf([1e-12, 0.0, 1.0], [1e-12, 0.3, 1e-9], [1.0, -1.0, 0.0], 0.04)
+    assert np.all(np.isfinite(grazing))
+
+
+@pytest.mark.parametrize("wind", [1.0, 7.0, 20.0])
+@pytest.mark.parametrize("zenith", [0.0, 30.0, 60.0, 75.0, 85.0, 89.0])
+def test_the_sea_reflects_no_more_than_it_gets(wind, zenith):
+    """Glint, foam and water together, integrated over the hemisphere; overhead the glint is Fresnel's 2.1 %."""
+    variance, sun = surface.slope_variance(wind), _direction(zenith, 0.0)
+    x, w = np.polynomial.legendre.leggauss(300)
+    mu, w = 0.5 * (x + 1.0), 0.5 * w
+    azimuth = np.arange(0.5, 180.0)  # the other half is its mirror image
+    view = _direction(np.degrees(np.arccos(mu))[:, None], azimuth)
+    f = surface.glint_brdf(sun[2], mu[:, None], view @ sun, variance)
+    glint = float(2.0 * np.pi * np.sum(w * mu * f.mean(axis=1)))
+    foam, mean = surface.foam_share(wind), surface.water_sky_albedo()
+    below = surface.spectrum("water", 0.4) * (1.0 - surface.fresnel(sun[2])) / (1.0 - mean)
+    assert 0.0 < foam * surface.FOAM_ALBEDO + (1.0 - foam) * (glint + below) < 1.0
+    if zenith == 0.0:
+        assert glint == pytest.approx(float(surface.fresnel(1.0)), rel=0.03)
+    assert glint < 2.0 * surface.fresnel(sun[2])
+
+
+def test_mean_albedo_of_a_region():
+    assert surface.mean_albedo(_scene(surface={"albedo": 0.17}), 0.55) == 0.17
+    ocean = _scene(platform={"altitude_km": 500.0, "longitude_deg": -140.0}, surface={"kind": "earth"})
+    assert surface.mean_albedo(ocean, 0.65) == pytest.approx(surface.water_sky_albedo(), abs=0.005)
+    snow = _scene(platform={"altitude_km": 30.0, "latitude_deg": -88.0}, surface={"kind": "earth"})
+    assert surface.mean_albedo(snow, 0.55) > 0.75
+    clouds = {"cover": 0.5, "albedo": 0.8, "top_km": 10.5, "mean_top_km": 5.5}
+    covered = _scene(surface={"albedo": 0.1}, clouds=clouds)
+    assert surface.mean_albedo(covered, 0.55) == pytest.approx(0.5 * 0.1 + 0.5 * 0.8 * 0.8)
+
+
+def test_region_is_what_is_in_sight():
+    """Even over a cap whose edge is the horizon."""
+    latitude, longitude = surface.region(_scene(platform={"altitude_km": 700.0, "latitude_deg": 40.0}))
+    a, b = np.radians(latitude), np.radians(longitude)
+    mu = np.cos(np.radians(40.0)) * np.cos(a) * np.cos(b) + np.sin(np.radians(40.0)) * np.sin(a)
+    edge = 6371.0 / 7071.0
+    assert mu.min() == pytest.approx(edge, abs=1e-4)
+    assert mu.mean() == pytest.approx(0.5 * (1.0 + edge), abs=1e-4)
