@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval import __version__
-from horizonval.earth.optical import optical_model
-from horizonval.frame import Frame
+from horizonval.earth import moonlight, sky
+from horizonval.earth.optical import NO_ATMOSPHERE, OpticalModel, optical_model
+from horizonval.frame import Frame, FrameTruth
 from horizonval.geometry.camera import camera_from_spec
-from horizonval.geometry.ephemeris import AU_M, sun_itrs
+from horizonval.geometry.ellipsoid import Ellipsoid, surface_normal
+from horizonval.geometry.ephemeris import AU_M, phase_angle, sun_itrs
 from horizonval.render.backend import activate
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.truth import truth_of
+from horizonval.truth import moon_place, truth_of
 
 
 def render_frame(scene: SceneSpec, camera: CameraSpec) -> Frame:
@@ -31,7 +34,9 @@ def render_frame(scene: SceneSpec, camera: CameraSpec) -> Frame:
     """
     truth = truth_of(scene, camera)
     _, sun_distance_m = sun_itrs(scene.platform.epoch_utc)
-    model = optical_model(scene, camera, sun_distance_au=sun_distance_m / AU_M)
+    model, moon = _with_sky(
+        optical_model(scene, camera, sun_distance_au=sun_distance_m / AU_M), scene, camera, truth, sun_distance_m
+    )
     variant = activate()
     import mitsuba as mi
 
@@ -51,6 +56,8 @@ def render_frame(scene: SceneSpec, camera: CameraSpec) -> Frame:
                 truth.sun_angular_radius_rad,
                 scene.render.subsamples,
                 scene.render.nodes,
+                moon,
+                _sunless(truth, model.glow_top_m),
             ),
             "sensor": camera_properties(camera_from_spec(camera.camera), np.array(truth.r_itrs), itrs_from_cam),
         }
@@ -69,3 +76,55 @@ def render_frame(scene: SceneSpec, camera: CameraSpec) -> Frame:
         truth=truth,
         render=settings,
     )
+
+
+def _with_sky(
+    model: OpticalModel, scene: SceneSpec, camera: CameraSpec, truth: FrameTruth, sun_distance_m: float
+) -> tuple[OpticalModel, dict[str, Any] | None]:
+    """Return the model with all that is in the sky, and the Moon as the integrator's property."""
+    r, sun = np.array(truth.r_itrs), np.array(truth.sun_itrs)
+    night = sky.night_in_view(*_zenith_and_horizon(truth))
+    place = moon_place(scene)
+    light, moon = None, None
+    if place is not None:
+        distance, line = float(np.linalg.norm(place)), place - r
+        to_sun = sun * sun_distance_m - place
+        sun_moon_au, sun_au = float(np.linalg.norm(to_sun)) / AU_M, sun_distance_m / AU_M
+        light = sky.Moonlight(phase_angle(to_sun, -place), sun_moon_au, distance / AU_M, sun_au)
+        here = moonlight.magnitude(truth.moon_phase_angle_rad, sun_moon_au, float(np.linalg.norm(line)) / AU_M)
+        there = moonlight.magnitude(light.phase_rad, sun_moon_au, light.moon_au)
+        moon = {
+            "direction_itrs": list(truth.moon_itrs or ()),
+            "angular_radius_rad": truth.moon_angular_radius_rad,
+            "to_sun_itrs": list(to_sun / np.linalg.norm(to_sun)),
+            "light_itrs": list(place / distance),
+            "nearness": 10.0 ** (0.4 * (there - here)),
+            "lights_earth": night and scene.night.moonlight,
+        }
+    air = scene.atmosphere.profile != NO_ATMOSPHERE or scene.atmosphere.file is not None
+    model = sky.with_sky(
+        model,
+        camera.band,
+        sun_distance_au=sun_distance_m / AU_M,
+        moon=light,
+        airglow=night and scene.night.airglow and air,
+        background=night and scene.night.sky_background,
+    )
+    return model, moon
+
+
+def _zenith_and_horizon(truth: FrameTruth) -> tuple[float, float]:
+    """Return the Sun's zenith angle below the camera, and the angle at the Earth's centre to the farthest horizon."""
+    r = np.array(truth.r_itrs)
+    up = surface_normal(r, Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m))
+    cosine = float(np.clip(up @ np.array(truth.sun_itrs), -1.0, 1.0))
+    return math.acos(cosine), math.acos(min(truth.ellipsoid_b_m / float(np.linalg.norm(r)), 1.0))
+
+
+def _sunless(truth: FrameTruth, top_m: float) -> bool:
+    """Return whether every ray stays in the umbra: the Sun, seen from where the sunniest ones leave the air, is lower
+    than the air's top can see. A degree to spare takes the flattening in.
+    """
+    zenith, horizon = _zenith_and_horizon(truth)
+    air = math.acos(truth.ellipsoid_b_m / (truth.ellipsoid_b_m + top_m))
+    return zenith - horizon - air > math.pi / 2 + air + math.radians(1.0)

@@ -17,10 +17,11 @@ import numpy as np
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.render import camera_plugin
 from horizonval.render.chunks import IMAGE_TABLE, make_chunks
-from horizonval.render.image import View, render_bands
+from horizonval.render.discs import Disc
+from horizonval.render.image import Moon, View, render_bands
 from horizonval.render.march import Chunk
 from horizonval.render.model_text import dump_model, load_model
-from horizonval.render.planet import Planet
+from horizonval.render.planet import Planet, Vec
 
 PLUGIN = "horizon_limb"
 _KEPT_MODELS = 4
@@ -34,14 +35,23 @@ def limb_properties(
     sun_angular_radius_rad: float,
     subsamples: int,
     nodes: int,
+    moon: dict[str, Any] | None = None,
+    sunless: bool = False,
 ) -> dict[str, Any]:
-    """Return the plugin's properties."""
+    """Return the plugin's properties.
+
+    ``moon``: ``direction_itrs`` (from the camera), ``angular_radius_rad``, ``to_sun_itrs`` (unit vector from the Moon),
+    ``light_itrs`` (unit vector from the Earth's centre), ``nearness`` and ``lights_earth``; see
+    :class:`horizonval.render.image.Moon`. ``sunless``: see :class:`horizonval.render.image.View`.
+    """
     sun = {"direction_itrs": list(sun_itrs), "angular_radius_rad": sun_angular_radius_rad}
     return {
         "type": PLUGIN,
         "planet": json.dumps({"a_m": planet.a_m, "b_m": planet.b_m}),
         "model": dump_model(model),
         "sun": json.dumps(sun),
+        "moon": json.dumps(moon),
+        "sunless": sunless,
         "subsamples": subsamples,
         "nodes": nodes,
     }
@@ -52,6 +62,19 @@ def register_plugins() -> None:
     limb, camera = _make_plugin(), camera_plugin.make_plugin()
     mi.register_integrator(PLUGIN, lambda props: limb(props))
     mi.register_sensor(camera_plugin.PLUGIN, lambda props: camera(props))
+
+
+def _vector(values: Any) -> Vec:
+    x, y, z = (dr.opaque(mi.Float64, float(v), 1) for v in values)
+    return x, y, z
+
+
+def _moon(moon: dict[str, Any] | None) -> Moon | None:
+    if moon is None:
+        return None
+    radius = dr.opaque(mi.Float64, float(moon["angular_radius_rad"]), 1)
+    disc = Disc(_vector(moon["direction_itrs"]), radius, _vector(moon["to_sun_itrs"]))
+    return Moon(disc, float(moon["nearness"]), _vector(moon["light_itrs"]), bool(moon["lights_earth"]))
 
 
 def _cached_chunks(text: str, planet: Planet) -> tuple[OpticalModel, list[tuple[list[SpectralNode], Chunk]]]:
@@ -76,6 +99,8 @@ def _make_plugin() -> type:
             sun = json.loads(props.get("sun"))
             self.sun_itrs = tuple(sun["direction_itrs"])
             self.sun_radius = float(sun["angular_radius_rad"])
+            self.moon = json.loads(props.get("moon", "null"))
+            self.sunless = bool(props.get("sunless", False))
             self.subsamples = int(props.get("subsamples", 2))
             self.nodes = int(props.get("nodes", 64))
             self.bands = list(dict.fromkeys(n.band for n in self.model.nodes))
@@ -86,12 +111,15 @@ def _make_plugin() -> type:
                 sensor.rays,
                 sensor.camera.width,
                 sensor.camera.height,
-                tuple(dr.opaque(mi.Float64, float(v), 1) for v in sensor.r_itrs),  # type: ignore[arg-type]
-                tuple(dr.opaque(mi.Float64, float(v), 1) for v in self.sun_itrs),  # type: ignore[arg-type]
+                _vector(sensor.r_itrs),
+                _vector(self.sun_itrs),
                 dr.opaque(mi.Float64, self.sun_radius, 1),
                 self.planet,
                 self.model.top_m,
                 self.subsamples,
+                _moon(self.moon),
+                self.sunless,
+                self.model.glow_top_m,
             )
 
         def render(
