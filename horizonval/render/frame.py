@@ -20,6 +20,9 @@ from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.truth import moon_place, truth_of
 
+FAINTEST_MOON = -6.0
+"""V of a crescent that gives less light than a sky without a Moon (0.6 mlx): ground and air are not marched for it."""
+
 
 def render_frame(scene: SceneSpec, camera: CameraSpec) -> Frame:
     """Return the frame a scene's camera sees.
@@ -57,7 +60,7 @@ def render_frame(scene: SceneSpec, camera: CameraSpec) -> Frame:
                 scene.render.subsamples,
                 scene.render.nodes,
                 moon,
-                _sunless(truth, model.glow_top_m),
+                _lights_nothing(truth, truth.sun_itrs, model.glow_top_m),
             ),
             "sensor": camera_properties(camera_from_spec(camera.camera), np.array(truth.r_itrs), itrs_from_cam),
         }
@@ -83,7 +86,7 @@ def _with_sky(
 ) -> tuple[OpticalModel, dict[str, Any] | None]:
     """Return the model with all that is in the sky, and the Moon as the integrator's property."""
     r, sun = np.array(truth.r_itrs), np.array(truth.sun_itrs)
-    night = sky.night_in_view(*_zenith_and_horizon(truth))
+    night = sky.night_in_view(*_zenith_and_horizon(truth, sun))
     place = moon_place(scene)
     light, moon = None, None
     if place is not None:
@@ -99,7 +102,10 @@ def _with_sky(
             "to_sun_itrs": list(to_sun / np.linalg.norm(to_sun)),
             "light_itrs": list(place / distance),
             "nearness": 10.0 ** (0.4 * (there - here)),
-            "lights_earth": night and scene.night.moonlight,
+            "lights_earth": night
+            and scene.night.moonlight
+            and there < FAINTEST_MOON
+            and not _lights_nothing(truth, place / distance, model.glow_top_m),
         }
     air = scene.atmosphere.profile != NO_ATMOSPHERE or scene.atmosphere.file is not None
     model = sky.with_sky(
@@ -113,18 +119,20 @@ def _with_sky(
     return model, moon
 
 
-def _zenith_and_horizon(truth: FrameTruth) -> tuple[float, float]:
-    """Return the Sun's zenith angle below the camera, and the angle at the Earth's centre to the farthest horizon."""
+def _zenith_and_horizon(truth: FrameTruth, direction: Any) -> tuple[float, float]:
+    """Return a light's zenith angle below the camera, and the angle at the Earth's centre to the farthest horizon."""
     r = np.array(truth.r_itrs)
     up = surface_normal(r, Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m))
-    cosine = float(np.clip(up @ np.array(truth.sun_itrs), -1.0, 1.0))
+    cosine = float(np.clip(up @ np.asarray(direction), -1.0, 1.0))
     return math.acos(cosine), math.acos(min(truth.ellipsoid_b_m / float(np.linalg.norm(r)), 1.0))
 
 
-def _sunless(truth: FrameTruth, top_m: float) -> bool:
-    """Return whether every ray stays in the umbra: the Sun, seen from where the sunniest ones leave the air, is lower
-    than the air's top can see. A degree to spare takes the flattening in.
+def _lights_nothing(truth: FrameTruth, direction: Any, top_m: float) -> bool:
+    """Return whether every ray stays in the umbra of a light in this direction.
+
+    So it is if the light is lower than the air's top can see even from where the best lit rays leave the air. A degree
+    to spare takes the flattening in.
     """
-    zenith, horizon = _zenith_and_horizon(truth)
+    zenith, horizon = _zenith_and_horizon(truth, direction)
     air = math.acos(truth.ellipsoid_b_m / (truth.ellipsoid_b_m + top_m))
     return zenith - horizon - air > math.pi / 2 + air + math.radians(1.0)

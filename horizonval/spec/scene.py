@@ -108,7 +108,8 @@ class Moon(Model):
 class Night(Model):
     """What shines where the Sun does not: airglow (needs air), the sky behind, and moonlight on ground and air.
 
-    They are left out of frames in which the Sun is nowhere lower than 9 deg below the horizon.
+    They are left out of frames in which the Sun is nowhere lower than 9 deg below the horizon, and moonlight also where
+    the Moon is a thin crescent (within some 20 deg of the Sun). Thermal bands have none of them, and no Moon.
     """
 
     airglow: bool = True

@@ -352,10 +352,20 @@ def test_leaving_out_the_set_sun_changes_nothing(mi: Any, monkeypatch: pytest.Mo
 
     scene = _night(sun={"zenith_deg": 136.0, "azimuth_deg": 90.0}, moon={"zenith_deg": 40.0})
     camera = _camera({"width": 48, "height": 36, "fov_deg": 60.0})
-    assert module._sunless(render_frame(scene, camera).truth, 120e3)
+    truth = render_frame(scene, camera).truth
+    assert module._lights_nothing(truth, truth.sun_itrs, 120e3)
+    assert not module._lights_nothing(truth, truth.moon_itrs, 120e3)
     without = render_frame(scene, camera).radiance["vis"]
-    monkeypatch.setattr(module, "_sunless", lambda *_: False)
-    assert np.array_equal(render_frame(scene, camera).radiance["vis"], without)
+    monkeypatch.setattr(module, "_lights_nothing", lambda *_: False)
+    assert render_frame(scene, camera).radiance["vis"] == pytest.approx(without, rel=1e-5)
+
+
+@pytest.mark.parametrize("moon_zenith_deg", [170.0, 136.0])
+def test_a_moon_below_every_horizon_lights_nothing(mi: Any, moon_zenith_deg: float) -> None:
+    scenes = [_night(moon={"zenith_deg": moon_zenith_deg, "azimuth_deg": 90.0}), _night()]
+    camera = _camera({"width": 48, "height": 36, "fov_deg": 60.0})
+    with_moon, without = (render_frame(scene, camera).radiance["vis"] for scene in scenes)
+    assert np.array_equal(with_moon, without)
 
 
 def test_threads_change_no_bit_of_sun_moon_and_night(mi: Any) -> None:
