@@ -7,14 +7,16 @@ re-scored.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-FRAME_SCHEMA = 1
+FRAME_SCHEMA = 2
+READABLE_SCHEMAS = (1, 2)
+"""What an archive may hold. 1: before there was a Moon; its fields then have their defaults."""
 
 
 class Hit(IntEnum):
@@ -24,14 +26,15 @@ class Hit(IntEnum):
     SURFACE = 1
     ATMOSPHERE = 2
     SUN = 3
-    CLOUD = 4
+    MOON = 4
+    CLOUD = 5
 
 
 MAP_UNITS = {
     "distance": "m",
     "tangent_height": "m",
     "solar_zenith": "deg",
-    "hit": "0 space, 1 surface, 2 atmosphere, 3 sun, 4 cloud",
+    "hit": "0 space, 1 surface, 2 atmosphere, 3 sun, 4 moon, 5 cloud",
 }
 """Truth maps every frame carries.
 
@@ -76,6 +79,16 @@ class FrameTruth:
     angular_radius_rad : float
         Asin(R / distance) for a sphere; for the ellipsoid the mean over the horizon of its angle to the geocentric
         nadir.
+    schema : int
+        Version of these fields.
+    moon_itrs, moon_cam : tuple of 3 floats or None
+        Unit vector from the camera towards the Moon's centre; None where the scene has no Moon.
+    moon_angular_radius_rad : float
+        0 without a Moon, as the fields below.
+    moon_visible_fraction : float
+        Share of the Moon's disc, lit or not, seen past the Earth from the camera.
+    moon_phase_angle_rad : float
+        Angle at the Moon between Sun and camera: 0 full, pi new.
     """
 
     scene: dict[str, Any]
@@ -100,6 +113,11 @@ class FrameTruth:
     nadir_geodetic_cam: tuple[float, float, float]
     angular_radius_rad: float
     schema: int = FRAME_SCHEMA
+    moon_itrs: tuple[float, float, float] | None = None
+    moon_cam: tuple[float, float, float] | None = None
+    moon_angular_radius_rad: float = 0.0
+    moon_visible_fraction: float = 0.0
+    moon_phase_angle_rad: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data (JSON keeps every bit: ``repr`` of a float64 round-trips)."""
@@ -107,12 +125,18 @@ class FrameTruth:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> FrameTruth:
-        """Rebuild from :meth:`to_dict`; raises ``KeyError`` naming a missing key, ``TypeError`` for a foreign one."""
-        names = {f.name for f in fields(cls)}
-        for name in names:
-            if name not in data:
+        """Rebuild from :meth:`to_dict`; raises ``KeyError`` naming a missing key, ``TypeError`` for a foreign one.
+
+        Fields that came after the truth's own schema take their defaults; ``schema`` stays what it was.
+        """
+        names = {f.name: f for f in fields(cls)}
+        if "schema" not in data:
+            raise KeyError("schema")
+        old = data["schema"] != FRAME_SCHEMA
+        for name, f in names.items():
+            if name not in data and not (old and f.default is not MISSING):
                 raise KeyError(name)
-        if unknown := sorted(set(data) - names):
+        if unknown := sorted(set(data) - set(names)):
             raise TypeError(f"unknown keys {unknown}")
         values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in data.items()}
         return cls(**values)

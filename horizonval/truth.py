@@ -10,13 +10,22 @@ import json
 import math
 from typing import Any
 
+import numpy as np
+
 from horizonval.frame import FRAME_SCHEMA, FrameTruth
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.ellipsoid import geocentric_nadir, geodetic_nadir
-from horizonval.geometry.ephemeris import sun_angular_radius, sun_itrs, sun_visible_fraction
+from horizonval.geometry.ephemeris import (
+    MOON_RADIUS_M,
+    moon_itrs,
+    phase_angle,
+    sun_angular_radius,
+    sun_itrs,
+    sun_visible_fraction,
+)
 from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import angular_radius
-from horizonval.geometry.pose import direction_from_horizontal, pose_from_spec
+from horizonval.geometry.pose import Pose, direction_from_horizontal, pose_from_spec
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -28,12 +37,33 @@ def scene_id(scene: dict[str, Any], camera: dict[str, Any]) -> str:
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 
+def moon_place(scene: SceneSpec) -> Any:
+    """Return the Moon's centre in Earth-fixed axes [m], seen from the geocentre, shape (3,), or None for no Moon.
+
+    Placed by hand it is seen under that direction from the camera, at its distance of that instant.
+    """
+    return _moon_place(scene, pose_from_spec(scene))
+
+
+def _moon_place(scene: SceneSpec, pose: Pose) -> Any:
+    if not scene.moon.enabled or (scene.sun is not None and scene.moon.zenith_deg is None):
+        return None
+    place = moon_itrs(scene.platform.epoch_utc)
+    if scene.moon.zenith_deg is None:
+        return place
+    direction = direction_from_horizontal(
+        math.radians(scene.moon.zenith_deg), math.radians(scene.moon.azimuth_deg), pose.r_itrs, pose.ellipsoid
+    )
+    return np.asarray(pose.r_itrs) + direction * np.linalg.norm(place - pose.r_itrs)
+
+
 def truth_of(scene: SceneSpec, camera: CameraSpec) -> FrameTruth:
     """Return the truth of the frame that a scene and a camera describe.
 
     The Sun comes from the epoch (apparent, geocentric), or from ``[sun]`` as a direction at infinity seen from the
     geodetic sub-satellite point; its distance, hence its angular radius, comes from the epoch in both cases. The
-    share of the disc in view is exact for that direction and the ellipsoid, refraction left out.
+    share of the disc in view is exact for that direction and the ellipsoid, refraction left out. The Moon is seen from
+    the camera; see :func:`moon_place`.
 
     Parameters
     ----------
@@ -65,6 +95,21 @@ def truth_of(scene: SceneSpec, camera: CameraSpec) -> FrameTruth:
         # + 0.0 turns -0.0 into 0.0: equal truths then have equal text.
         return tuple(float(x) + 0.0 for x in v)
 
+    moon: dict[str, Any] = {}
+    place = _moon_place(scene, pose)
+    if place is not None:
+        line = place - pose.r_itrs
+        distance = float(np.linalg.norm(line))
+        moon_radius = math.asin(MOON_RADIUS_M / distance)
+        moon = {
+            "moon_itrs": vector(line / distance),
+            "moon_cam": vector(rotate(pose.q_cam_from_itrs, line / distance)),
+            "moon_angular_radius_rad": moon_radius,
+            "moon_visible_fraction": float(
+                sun_visible_fraction(pose.r_itrs, line / distance, moon_radius, pose.ellipsoid)
+            ),
+            "moon_phase_angle_rad": phase_angle(direction * distance_m - place, -line),
+        }
     return FrameTruth(
         scene=scene_data,
         camera=camera_data,
@@ -87,4 +132,5 @@ def truth_of(scene: SceneSpec, camera: CameraSpec) -> FrameTruth:
         nadir_geocentric_cam=vector(rotate(pose.q_cam_from_itrs, geocentric_nadir(pose.r_itrs))),
         nadir_geodetic_cam=vector(rotate(pose.q_cam_from_itrs, geodetic_nadir(pose.r_itrs, pose.ellipsoid))),
         angular_radius_rad=angular_radius(pose.r_itrs, pose.ellipsoid),
+        **moon,
     )

@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 from horizonval.archive import seal
 from horizonval.archive.attributes import standard_attributes
 from horizonval.errors import DamagedFileError, UserError
-from horizonval.frame import FRAME_SCHEMA, MAP_UNITS, DetectorImage, Frame, FrameTruth
+from horizonval.frame import FRAME_SCHEMA, MAP_UNITS, READABLE_SCHEMAS, DetectorImage, Frame, FrameTruth
 from horizonval.spec.camera import CameraSpec
 
 Kind = Literal["frame", "image", "foreign"]
@@ -296,8 +296,9 @@ def _decode(data: bytes, header: seal.Header, kind: Literal["frame", "image"], p
         if _PREFIX + key not in attributes:
             raise DamagedFileError(f"no header key '{_PREFIX}{key}'", where=str(path))
     schema = attributes[_PREFIX + "schema"].integer()
-    if schema != FRAME_SCHEMA:
-        raise DamagedFileError(f"schema {schema}", where=str(path), expected=f"schema {FRAME_SCHEMA}")
+    if schema not in READABLE_SCHEMAS:
+        expected = " or ".join(str(s) for s in READABLE_SCHEMAS)
+        raise DamagedFileError(f"schema {schema}", where=str(path), expected=f"schema {expected}")
     seal.check_header(data, header, path)
     window = np.frombuffer(attributes["dataWindow"].raw, dtype="<i4")
     content: dict[str, Any] = {

@@ -26,7 +26,8 @@ LLVM_HELP = {
 def examine() -> dict[str, Any]:
     """Return what is found, as plain data: ``facts`` (label, text), ``problems`` (text, fix), ``can_render``."""
     from horizonval.campaign.pool import available_cpus
-    from horizonval.render.backend import cache_folder, probe
+    from horizonval.render.backend import probe
+    from horizonval.render.cache import cache_folder
 
     facts: list[tuple[str, str]] = [
         ("Python", f"{platform.python_version()} ({sys.executable})"),

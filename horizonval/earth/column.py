@@ -10,7 +10,7 @@ Every property is linear in altitude between the nodes of the common grid and ze
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,15 @@ class SpectralNode:
         Source of a black ground (before emissivity), unit of ``source``.
     sun_radiance : float
         Mean radiance of the Sun's disc outside the atmosphere, unit of the node radiance.
+    limb_darkening : tuple of float
+        Coefficients of ``I(mu) / I(1) = sum a_k mu^k`` on the Sun's disc; (1,) for a uniform one.
+    moon_irradiance : float
+        The Moon's irradiance at the Earth's centre, outside the atmosphere, unit of ``solar_irradiance``; 0 for none.
+    sky_radiance : float
+        Of the sky behind everything, unit of the node radiance.
+    glow_per_m : ndarray, shape (m,)
+        Emission of the air itself, whatever its temperature and the Sun's height (airglow), on the model's
+        ``glow_altitude_m``: W m-3 sr-1 um-1, the node radiance per metre. Empty for none.
     """
 
     name: str
@@ -68,6 +77,10 @@ class SpectralNode:
     source: FloatArray
     surface_source: float
     sun_radiance: float
+    limb_darkening: tuple[float, ...] = (1.0,)
+    moon_irradiance: float = 0.0
+    sky_radiance: float = 0.0
+    glow_per_m: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def scattering_per_m(self) -> FloatArray:
@@ -93,6 +106,9 @@ class OpticalModel:
     albedo_around : tuple of float
         Mean albedo of ground and clouds in sight, per node, which the diffuse light has met; empty where the ground is
         uniform.
+    glow_altitude_m : ndarray, shape (m,)
+        Altitudes of ``glow_per_m``, from 0 on; may go on above ``top_m``, where the air glows without dimming. Empty
+        where nothing glows.
     """
 
     altitude_m: FloatArray
@@ -101,3 +117,9 @@ class OpticalModel:
     albedo: float
     emissivity: float
     albedo_around: tuple[float, ...] = ()
+    glow_altitude_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def glow_top_m(self) -> float:
+        """Nothing shines above."""
+        return max(self.top_m, float(self.glow_altitude_m[-1])) if len(self.glow_altitude_m) else self.top_m

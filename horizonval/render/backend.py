@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from horizonval.errors import UserError
+from horizonval.render.cache import cache_folder
 
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 VARIANT_VARIABLE = "HORIZONVAL_VARIANT"
@@ -145,11 +146,6 @@ def activate(threads: int | None = None) -> str:
     if threads is not None:
         dr.set_thread_count(threads)
     return chosen.variant
-
-
-def cache_folder() -> Path:
-    """Return the folder for caches (``XDG_CACHE_HOME`` respected)."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "horizonval"
 
 
 def _fingerprint() -> str:

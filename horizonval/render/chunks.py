@@ -103,7 +103,9 @@ def _diffuse_field(
         sun_table,
         None if progress is None else lambda order, share: progress(node.name, order, share),
     )
-    around = model.albedo_around[[n.name for n in model.nodes].index(node.name)] if model.albedo_around else model.albedo
+    around = (
+        model.albedo_around[[n.name for n in model.nodes].index(node.name)] if model.albedo_around else model.albedo
+    )
     return solution.over_ground(around)
 
 
@@ -144,7 +146,40 @@ def _make_chunk(
         [opaque(c) for c in [*(n.molecular_cos2 for n in nodes), *pad]],
         _interleave([n.particle_per_m for n in nodes], width) if with_particles else None,
         _interleave([n.asymmetry for n in nodes], width) if with_particles else None,
+        glow=_glow_chunk(nodes, model, planet, width, size),
+        moonlight=[opaque(e) for e in [*(n.moon_irradiance for n in nodes), *pad]]
+        if any(n.moon_irradiance for n in nodes)
+        else None,
     )
+
+
+def _glow_chunk(
+    nodes: Sequence[SpectralNode], model: OpticalModel, planet: Planet, width: int, size: TableSize
+) -> Chunk | None:
+    """Return the airglow of solar nodes; the ground reflects it and the sky behind, as they come through the air."""
+    behind = [n.sky_radiance for n in nodes]
+    glowing = any(len(n.glow_per_m) for n in nodes)
+    if not glowing and not any(behind):
+        return None
+    z = model.glow_altitude_m if glowing else model.altitude_m
+    glow = [n.glow_per_m if len(n.glow_per_m) else np.zeros_like(z) for n in nodes]
+    thin = [np.interp(z, model.altitude_m, n.extinction_per_m, right=0.0) for n in nodes]
+    lowest = int(np.argmax(np.any([g > 0.0 for g in glow], axis=0)))
+    dark = Chunk(
+        "glow",
+        width,
+        AltitudeGrid.of(z),
+        _interleave(thin, width),
+        _interleave(glow, width),
+        None,
+        [],
+        [opaque(0.0)] * width,
+        [],
+        layer_m=float(z[max(lowest - 1, 0)]),
+    )
+    sky = _downwelling(planet, float(z[-1]), dark, size.path_nodes, behind)
+    ground = [model.albedo / math.pi * s for s in sky[: len(nodes)]] + [0.0] * (width - len(nodes))
+    return replace(dark, ground=[opaque(g) for g in ground])
 
 
 def _interleave(columns: Sequence[NDArray[np.float64]], width: int) -> Any:
@@ -175,8 +210,8 @@ def _fill_sun_table(
     return SunTable(values, size.n_height, size.n_mu, radius, top_m)
 
 
-def _downwelling(planet: Planet, top_m: float, chunk: Chunk, nodes: int) -> list[float]:
-    """Return the thermal irradiance [pi sr times radiance] on the ground, Gauss quadrature over the sky."""
+def _downwelling(planet: Planet, top_m: float, chunk: Chunk, nodes: int, behind: Sequence[float] = ()) -> list[float]:
+    """Return the irradiance of air and ``behind`` on the ground [sr times radiance], Gauss quadrature over the sky."""
     x, w = np.polynomial.legendre.leggauss(SKY_POLAR_NODES)
     mu, w = 0.5 * (x + 1.0), 0.5 * w
     radius = mean_radius(planet)
@@ -185,5 +220,7 @@ def _downwelling(planet: Planet, top_m: float, chunk: Chunk, nodes: int) -> list
     o = (zero, zero, mi.Float64(radius))
     d = (mi.Float64(np.sqrt(1.0 - mu**2)), zero, cosine)
     sphere = Planet(radius, radius)
-    sky, _ = march(sphere, top_m, chunk, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), nodes, 0.15)
+    sky, through = march(sphere, top_m, chunk, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), nodes, 0.15)
+    for k, radiance in enumerate(behind):
+        sky[k] = sky[k] + radiance * through[k]
     return [float(2.0 * math.pi * np.sum(w * mu * np.broadcast_to(np.array(s), mu.shape))) for s in sky]

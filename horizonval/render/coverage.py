@@ -48,7 +48,7 @@ def _positive_area(c0: Any, c1: Any, c2: Any) -> Any:
     return dr.select(disc <= 0.0, dr.select(c0 > 0.0, whole, 0.0), crossed)
 
 
-def cell_coverage(inside: Callable[[Any, Any], Any], u: Any, v: Any, size: float) -> tuple[Any, Any, Any]:
+def cell_coverage(inside: Callable[[Any, Any], Any], u: Any, v: Any, size: Any) -> tuple[Any, Any, Any]:
     """Return the covered share of square cells and the unit step towards the inside.
 
     Parameters
@@ -57,7 +57,7 @@ def cell_coverage(inside: Callable[[Any, Any], Any], u: Any, v: Any, size: float
         F of pixel coordinates (column, row): smooth, positive inside.
     u, v : Float64
         Cell centres.
-    size : float
+    size : float or Float64
         Edge of a cell in pixels.
 
     Returns

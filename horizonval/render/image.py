@@ -4,10 +4,10 @@ A pixel is cut into k x k cells. A cell whose outline test is clear is one ray t
 edge is two: one through the middle of its covered part, ending at the ground, one through the middle of the rest,
 passing it, mixed by the covered share (see ``coverage``)::
 
-    L_cell = c L_ground + (1 - c) (L_limb + s L_sun T)
+    L_cell = c L_ground + (1 - c) L_limb + discs
 
-with ``s`` the share of the Sun's disc in the cell, dimmed by the transmittance ``T`` of the ray. Rays above the
-atmosphere are not marched at all. Cells are grouped by what they see before the march, so no lane idles and every
+What the discs of Sun and Moon add is in ``discs``. Rays above the atmosphere are not marched at all; by night the sky
+behind shines through. Cells are grouped by what they see before the march, so no lane idles and every
 cell's sum has a fixed order: the same bytes for any number of threads.
 
 Clouds have no such outline: the one ray (or two) of a cell decides whether it ends on a cloud.
@@ -15,8 +15,9 @@ Clouds have no such outline: the one ray (or two) of a cell decides whether it e
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -24,6 +25,7 @@ import mitsuba as mi
 
 from horizonval.earth.column import SpectralNode
 from horizonval.render.coverage import cell_coverage
+from horizonval.render.discs import SPLIT_HEIGHT_M, Disc, DiscCells, disc_cells
 from horizonval.render.march import Chunk, march
 from horizonval.render.planet import Planet, Vec, dot
 from horizonval.render.radiance import SOLAR_CONCENTRATION, THERMAL_CONCENTRATION
@@ -34,10 +36,34 @@ _NO_DIRECTION: Vec = (None, None, None)
 
 
 @dataclass(frozen=True)
+class Moon:
+    """The Moon of a frame.
+
+    Attributes
+    ----------
+    disc : Disc
+        As the camera sees it.
+    nearness : float
+        Irradiance at the camera over that at the Earth's centre.
+    light : Vec
+        Unit vector from the Earth's centre to the Moon: where moonlight comes from.
+    lights_earth : bool
+        Whether ground and air are to be seen in its light.
+    """
+
+    disc: Disc
+    nearness: float
+    light: Vec
+    lights_earth: bool
+
+
+@dataclass(frozen=True)
 class View:
     """Everything geometric about one frame. ``origin`` and ``sun`` hold size-1 arrays.
 
     ``ground`` is None for a Lambert ground without clouds.
+    ``sunless``: all air and ground in view lie in the Earth's shadow. ``glow_top_m``: nothing shines above; at least
+    ``top_m``.
     """
 
     rays: RayCamera
@@ -50,6 +76,14 @@ class View:
     top_m: float
     subsamples: int
     ground: Ground | None = None
+    moon: Moon | None = None
+    sunless: bool = False
+    glow_top_m: float = 0.0
+
+    @property
+    def highest_m(self) -> float:
+        """Rays that stay above see space alone."""
+        return max(self.top_m, self.glow_top_m)
 
 
 @dataclass(frozen=True)
@@ -63,14 +97,15 @@ class Rays:
 
 @dataclass(frozen=True)
 class Cells:
-    """All cells of a frame, grouped. ``share``: covered by the Earth; ``sun_share``: of a cell's area, by the Sun."""
+    """All cells of a frame, grouped. ``share``: covered by the Earth; ``space``: cells that see neither it nor air."""
 
     count: int
     share: Any
     ground: Rays
     limb: Rays
-    sun: Rays
-    sun_share: Any
+    space: Any
+    sun: DiscCells | None
+    moon: DiscCells | None
 
 
 def cell_centre(view: View, cell: Any) -> tuple[Any, Any]:
@@ -94,20 +129,23 @@ def group_cells(view: View) -> Cells:
     depth = _limb_function(view, centre)
     share = dr.select(depth > 0.0, mi.Float64(1.0), 0.0)
     clear = dr.abs(depth) >= reach
-    meets_air = view.planet.miss_distance(view.origin, centre, view.top_m) < 1.0
+    meets_air = view.planet.miss_distance(view.origin, centre, view.highest_m) < 1.0
     ahead = dot(view.origin, centre) < 0.0
-    inside_air = dot(view.origin, view.origin) < (view.planet.a_m + view.top_m) ** 2
+    inside_air = dot(view.origin, view.origin) < (view.planet.a_m + view.highest_m) ** 2
     ground = [_through_centres(view, dr.compress(clear & (depth > 0.0)))]
-    limb = [_through_centres(view, dr.compress(clear & (depth <= 0.0) & ((meets_air & ahead) | inside_air)))]
+    in_air = (meets_air & ahead) | inside_air
+    limb = [_through_centres(view, dr.compress(clear & (depth <= 0.0) & in_air))]
+    space = dr.compress(clear & (depth <= 0.0) & ~in_air)
     edge = dr.compress(~clear)
     if dr.width(edge):
         edge_share, inner, outer = _edge_cells(view, edge)
         dr.scatter(share, edge_share, edge)
         ground.append(inner)
         limb.append(outer)
-    sun, sun_share = _sun_cells(view, dr.compress(dr.sqrt(_gap(centre, view.sun)) < view.sun_radius + reach))
     dr.eval(share)
-    return Cells(count, share, _joined(ground), _joined(limb), sun, sun_share)
+    sun = _disc_cells(view, Disc(view.sun, view.sun_radius), centre, reach)
+    moon = None if view.moon is None else _disc_cells(view, view.moon.disc, centre, reach)
+    return Cells(count, share, _joined(ground), _joined(limb), space, sun, moon)
 
 
 def _edge_cells(view: View, edge: Any) -> tuple[Any, Rays, Rays]:
@@ -168,18 +206,41 @@ def _joined(groups: list[Rays]) -> Rays:
     return Rays(dr.concat([g.cell for g in filled]), (x, y, z), sum(g.count for g in filled))
 
 
-def _sun_cells(view: View, index: Any) -> tuple[Rays, Any]:
-    """Return rays through cells near the Sun and the share of each that its disc covers."""
-    rays = _through_centres(view, index)
-    if not rays.count:
-        return rays, mi.Float64(0.0)
-    chord2 = (2.0 * dr.sin(0.5 * view.sun_radius)) ** 2
+def _disc_cells(view: View, disc: Disc, centre: Vec, reach: Any) -> DiscCells | None:
+    """Return the cells near a disc, split as it needs; None where it is outside the frame.
 
-    def disc(x: Any, y: Any) -> Any:
-        return chord2 - _gap(view.rays.direction(x, y), view.sun)
+    Rays go to the disc as straight as they leave the camera: refraction would give ``disc_cells`` its ``through``, and
+    widen the choice of cells by its largest angle.
+    """
+    near: Any = dr.compress(dr.sqrt(_gap(centre, disc.direction)) < disc.radius + reach)
+    if not dr.width(near):
+        return None
+    k = view.subsamples
+    pixel = near // (k * k)
 
-    share, _, _ = cell_coverage(disc, *cell_centre(view, index), 1.0 / view.subsamples)
-    return rays, share
+    def limb(x: Any, y: Any) -> Any:
+        return _limb_function(view, view.rays.direction(x, y))
+
+    return disc_cells(
+        disc,
+        near,
+        cell_centre(view, near),
+        (mi.Float64(pixel % view.width), mi.Float64(pixel // view.width)),
+        k,
+        view.rays.direction,
+        limb,
+        _height_at_limb_rad(view, disc),
+    )
+
+
+def _height_at_limb_rad(view: View, disc: Disc) -> float | None:
+    """Return the angle of :data:`SPLIT_HEIGHT_M` at the limb, or None for a disc clear of air and ground."""
+    toward, distance2 = float(dot(view.origin, disc.direction)[0]), float(dot(view.origin, view.origin)[0])
+    miss = math.sqrt(max(distance2 - toward * toward, 0.0))
+    radius = float(disc.radius[0])
+    if toward > 0.0 or miss - radius * abs(toward) > view.planet.a_m + view.top_m:
+        return None
+    return SPLIT_HEIGHT_M / max(math.sqrt(max(distance2 - view.planet.b_m**2, 0.0)), SPLIT_HEIGHT_M)
 
 
 def render_bands(
@@ -187,7 +248,9 @@ def render_bands(
 ) -> dict[str, Any]:
     """Return the radiance per band as Float64 arrays, one value per pixel in row order."""
     cells = group_cells(view)
-    landings = _land(view, cells)
+    landings = [_land(view, cells, view.sun)]
+    if view.moon is not None and view.moon.lights_earth:
+        landings.append(_land(view, cells, view.moon.light))
     k2 = view.subsamples**2
     out = {band: dr.zeros(mi.Float64, view.width * view.height) for band in bands}
     for group, chunk in chunks:
@@ -212,57 +275,91 @@ class _Landings:
     ground: Landing | None = None
     limb: Landing | None = None
     sun: Landing | None = None
+    moon: Landing | None = None
 
 
-def _land(view: View, cells: Cells) -> _Landings:
-    """Look where rays end, once for all spectral nodes. Rays past the Earth and to the Sun end on clouds only."""
+def _land(view: View, cells: Cells, light: Vec) -> _Landings:
+    """Look where rays end under a light, once for all spectral nodes. Rays past the Earth end on clouds only."""
     if view.ground is None:
         return _Landings()
 
-    def look(rays: Rays, to_ground: bool) -> Landing | None:
+    def look(rays: Rays | DiscCells | None, to_ground: bool) -> Landing | None:
         assert view.ground is not None
-        if not rays.count or not (to_ground or view.ground.clouds):
+        if rays is None or not rays.count or not (to_ground or view.ground.clouds):
             return None
-        return land_on(view.ground, view.planet, view.origin, rays.direction, view.sun, to_ground)
+        return land_on(view.ground, view.planet, view.origin, rays.direction, light, to_ground)
 
-    return _Landings(look(cells.ground, True), look(cells.limb, False), look(cells.sun, False))
+    return _Landings(look(cells.ground, True), look(cells.limb, False), look(cells.sun, False), look(cells.moon, False))
 
 
 def _parts(
-    view: View, cells: Cells, landings: _Landings, group: list[SpectralNode], chunk: Chunk, nodes: int
+    view: View, cells: Cells, landings: list[_Landings], group: list[SpectralNode], chunk: Chunk, nodes: int
 ) -> Iterator[tuple[Any, Any, list[Any]]]:
-    """Yield ``(cells, share of the cell, radiance per node)`` of ground, limb and Sun; each cell once in each."""
+    """Yield ``(cells, share of the cell, radiance per node)`` of all that shines; each cell once in each.
+
+    ``landings``: under the Sun, and under the Moon where it lights the Earth.
+    """
     c = SOLAR_CONCENTRATION if chunk.kind == "solar" else THERMAL_CONCENTRATION
 
-    def through(rays: Rays, to_ground: bool, landing: Landing | None) -> tuple[list[Any], list[Any]]:
+    def marched(
+        direction: Vec, to_ground: bool, lit: Chunk, light: Vec, landing: Landing | None
+    ) -> tuple[list[Any], list[Any]]:
+        # airglow is known to a factor of two: 0.6 % of error in it, with half the nodes, is plenty
+        top_m, n = (view.highest_m, max(nodes // 2, 8)) if lit.kind == "glow" else (view.top_m, nodes)
         if landing is not None and view.ground is not None:
-            landing = landing.at(view.ground.model, [n.wavelength_um for n in group], chunk.width)
-        result = march(
-            view.planet,
-            view.top_m,
-            chunk,
-            view.origin,
-            rays.direction,
-            view.sun,
-            mi.Bool(to_ground),
-            nodes,
-            c,
-            landing,
-        )
+            landing = landing.at(view.ground.model, [node.wavelength_um for node in group], chunk.width)
+        result = march(view.planet, top_m, lit, view.origin, direction, light, mi.Bool(to_ground), n, c, landing)
         dr.eval(result)
         return result
+
+    def through(rays: Rays, to_ground: bool, places: list[Landing | None]) -> tuple[list[Any], list[Any]]:
+        """March once for every light: the Sun, the Moon, the air itself. The march is linear in them."""
+        lights = [(chunk, view.sun, places[0])]
+        if view.moon is not None and view.moon.lights_earth and chunk.moonlight is not None:
+            lights.append((replace(chunk, irradiance=chunk.moonlight), view.moon.light, places[1]))
+        if chunk.glow is not None:
+            lights.append((chunk.glow, view.sun, places[0]))
+        if view.sunless and len(lights) > 1:
+            del lights[0]
+        radiance, transmittance = marched(rays.direction, to_ground, *lights[0])
+        for light in lights[1:]:
+            more, _ = marched(rays.direction, to_ground, *light)
+            radiance = [a + b for a, b in zip(radiance, more, strict=True)]
+        dr.eval(radiance)
+        return radiance, transmittance
+
+    sky = [dr.opaque(mi.Float64, n.sky_radiance, 1) for n in group] if any(n.sky_radiance for n in group) else []
+
+    def past_clouds(disc: DiscCells, landing: Landing | None) -> list[Any]:
+        _, transmittance = marched(disc.direction, False, chunk, view.sun, None)
+        return transmittance if landing is None else [dr.select(landing.hit, 0.0, t) for t in transmittance]
 
     def covered(rays: Rays) -> Any:
         return dr.gather(mi.Float64, cells.share, rays.cell)
 
     if cells.ground.count:
-        yield cells.ground.cell, covered(cells.ground), through(cells.ground, True, landings.ground)[0]
+        places = [under.ground for under in landings]
+        yield cells.ground.cell, covered(cells.ground), through(cells.ground, True, places)[0]
     if cells.limb.count:
-        yield cells.limb.cell, 1.0 - covered(cells.limb), through(cells.limb, False, landings.limb)[0]
-    if cells.sun.count:
-        _, transmittance = through(cells.sun, False, None)
-        disc = [dr.opaque(mi.Float64, n.sun_radiance, 1) for n in group]
-        share = (1.0 - covered(cells.sun)) * cells.sun_share
-        if landings.sun is not None:
-            share = dr.select(landings.sun.hit, 0.0, share)
-        yield cells.sun.cell, share, [r * t for r, t in zip(disc, transmittance, strict=False)]
+        radiance, transmittance = through(cells.limb, False, [places.limb for places in landings])
+        for k, behind in enumerate(sky):
+            radiance[k] = radiance[k] + behind * transmittance[k]
+        yield cells.limb.cell, 1.0 - covered(cells.limb), radiance
+    if sky and dr.width(cells.space):
+        yield cells.space, mi.Float64(1.0), sky
+    if cells.sun is not None and cells.sun.count:
+        transmittance = past_clouds(cells.sun, landings[0].sun)
+        disc = math.pi * dr.sin(view.sun_radius) ** 2
+        light = [
+            cells.sun.radiance(dr.opaque(mi.Float64, n.sun_radiance, 1) * disc, n.limb_darkening, t)
+            for n, t in zip(group, transmittance, strict=False)
+        ]
+        yield cells.sun.cell, mi.Float64(1.0), light
+    if cells.moon is not None and cells.moon.count and any(n.moon_irradiance for n in group):
+        assert view.moon is not None
+        transmittance = past_clouds(cells.moon, landings[0].moon)
+        light = [
+            cells.moon.radiance(dr.opaque(mi.Float64, n.moon_irradiance * view.moon.nearness, 1), (1.0,), t)
+            for n, t in zip(group, transmittance, strict=False)
+        ]
+        yield cells.moon.cell, mi.Float64(1.0), light

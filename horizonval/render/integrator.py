@@ -18,11 +18,12 @@ from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.surface import GroundModel
 from horizonval.render import camera_plugin
 from horizonval.render.chunks import IMAGE_TABLE, TableProgress, make_chunks
-from horizonval.render.image import View, render_bands
+from horizonval.render.discs import Disc
+from horizonval.render.image import Moon, View, render_bands
 from horizonval.render.march import Chunk
 from horizonval.render.model_text import dump_model, load_model
 from horizonval.render.multiple_scattering import STANDARD
-from horizonval.render.planet import Planet
+from horizonval.render.planet import Planet, Vec
 from horizonval.render.surface import dump_ground, load_ground, make_ground
 
 PLUGIN = "horizon_limb"
@@ -40,10 +41,15 @@ def limb_properties(
     nodes: int,
     orders: str,
     ground: GroundModel | None = None,
+    moon: dict[str, Any] | None = None,
+    sunless: bool = False,
 ) -> dict[str, Any]:
     """Return the plugin's properties.
 
     ``orders`` of scattering are "single" or "all". Without ``ground`` the model's albedo is all there is.
+    ``moon``: ``direction_itrs`` (from the camera), ``angular_radius_rad``, ``to_sun_itrs`` (unit vector from the Moon),
+    ``light_itrs`` (unit vector from the Earth's centre), ``nearness`` and ``lights_earth``; see
+    :class:`horizonval.render.image.Moon`. ``sunless``: see :class:`horizonval.render.image.View`.
     """
     sun = {"direction_itrs": list(sun_itrs), "angular_radius_rad": sun_angular_radius_rad}
     return {
@@ -52,6 +58,8 @@ def limb_properties(
         "planet": json.dumps({"a_m": planet.a_m, "b_m": planet.b_m}),
         "model": dump_model(model),
         "sun": json.dumps(sun),
+        "moon": json.dumps(moon),
+        "sunless": sunless,
         "subsamples": subsamples,
         "nodes": nodes,
         "orders": orders,
@@ -69,6 +77,19 @@ def prepare(properties: dict[str, Any], progress: TableProgress | None = None) -
     """Make the tables of :func:`limb_properties` now, telling about those that take long."""
     planet = json.loads(properties["planet"])
     _cached_chunks(properties["model"], Planet(planet["a_m"], planet["b_m"]), properties["orders"], progress)
+
+
+def _vector(values: Any) -> Vec:
+    x, y, z = (dr.opaque(mi.Float64, float(v), 1) for v in values)
+    return x, y, z
+
+
+def _moon(moon: dict[str, Any] | None) -> Moon | None:
+    if moon is None:
+        return None
+    radius = dr.opaque(mi.Float64, float(moon["angular_radius_rad"]), 1)
+    disc = Disc(_vector(moon["direction_itrs"]), radius, _vector(moon["to_sun_itrs"]))
+    return Moon(disc, float(moon["nearness"]), _vector(moon["light_itrs"]), bool(moon["lights_earth"]))
 
 
 def _cached_chunks(
@@ -96,6 +117,8 @@ def _make_plugin() -> type:
             sun = json.loads(props.get("sun"))
             self.sun_itrs = tuple(sun["direction_itrs"])
             self.sun_radius = float(sun["angular_radius_rad"])
+            self.moon = json.loads(props.get("moon", "null"))
+            self.sunless = bool(props.get("sunless", False))
             self.subsamples = int(props.get("subsamples", 2))
             self.nodes = int(props.get("nodes", 64))
             self.ground = load_ground(props.get("ground")) if "ground" in props else None
@@ -108,13 +131,16 @@ def _make_plugin() -> type:
                 sensor.rays,
                 sensor.camera.width,
                 sensor.camera.height,
-                tuple(dr.opaque(mi.Float64, v, 1) for v in origin),
-                tuple(dr.opaque(mi.Float64, float(v), 1) for v in self.sun_itrs),  # type: ignore[arg-type]
+                _vector(origin),
+                _vector(self.sun_itrs),
                 dr.opaque(mi.Float64, self.sun_radius, 1),
                 self.planet,
                 self.model.top_m,
                 self.subsamples,
                 make_ground(self.ground, self.planet, origin) if self.ground else None,
+                _moon(self.moon),
+                self.sunless,
+                self.model.glow_top_m,
             )
 
         def render(

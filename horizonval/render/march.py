@@ -7,11 +7,12 @@ function S::
 
     sunlight:  S = (k_scattering / k) E0 P(Theta) T_sun        single scattering; T_sun = 0 in the umbra
     emission:  S = B(T)                                        LTE
+    airglow:   k S = g                                         emission per metre, given
 
 **Where the nodes go.** A ray is cut at its lowest point into a descending and an ascending piece. With ``y`` from -1
 (entry) over 0 (lowest point) to 1 (exit) the distance from the lowest point is ``l (c |y| + (1 - c) |y|^3)``: dense
 where the air is dense. The interval of ``y`` is shared out among the pieces between the umbra's edges, so that no step
-straddles a shadow edge.
+straddles a shadow edge. Airglow comes from a thin layer high up: there the steps crowd above its lower edge.
 
 **One step** holds two Gauss points. Extinction and source are linear through them: the optical depth at the points and
 over the step follow exactly; thin steps (optical depth below 0.5) sum ``k S exp(-tau)`` with Gauss weights, thick ones
@@ -49,7 +50,7 @@ CHUNK = 4
 PARTICLE_STRIDE = 2
 """Steps from one lookup of the diffuse source to the next where there are particles; without them 1."""
 
-Kind = Literal["solar", "thermal", "depth"]
+Kind = Literal["solar", "thermal", "glow", "depth"]
 
 
 @dataclass(frozen=True)
@@ -58,12 +59,13 @@ class Chunk:
 
     Attributes
     ----------
-    kind : "solar", "thermal" or "depth"
+    kind : "solar", "thermal", "glow" or "depth"
         "depth" wants the transmittance only.
     width : int
         Nodes, padded ones included.
     extinction, emission : Float64, shape (n_altitude * width,)
-        ``emission``: scattering coefficient of molecules of solar nodes, source function of thermal ones.
+        ``emission``: scattering coefficient of molecules of solar nodes, source function of thermal ones, emission per
+        metre of glowing ones.
     particle, asymmetry : Float64, shape (n_altitude * width,), or None
         Scattering coefficient and Henyey-Greenstein asymmetry of particles; None where no node has any.
     sun_table : SunTable or None
@@ -73,6 +75,12 @@ class Chunk:
         The c of the molecules' phase function ``(1 - c/3 + c cos^2) / (4 pi)``.
     diffuse : SourceTable or None
         Light scattered more than once; None for single scattering.
+    glow : Chunk of kind "glow", or None
+        The airglow of the same nodes; marched by itself.
+    moonlight : list of Float64, size 1, or None
+        The Moon's irradiance, to take the Sun's place.
+    layer_m : float
+        Height below which nothing glows.
     """
 
     kind: Kind
@@ -87,6 +95,9 @@ class Chunk:
     particle: Any = None
     asymmetry: Any = None
     diffuse: SourceTable | None = None
+    glow: Chunk | None = None
+    moonlight: list[Any] | None = None
+    layer_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -177,6 +188,18 @@ def _share_steps(planet: Planet, path: Path, o: Vec, d: Vec, sun: Vec, count: in
     return Steps(n1, n2, y1, y2)
 
 
+def _share_layer_steps(planet: Planet, path: Path, o: Vec, d: Vec, layer_m: float, count: int, c: float) -> Steps:
+    """Give each passage through what lies above ``layer_m`` two fifths of the steps."""
+    mid, half, meets = planet.chord(o, d, layer_m)
+    y1 = dr.select(meets, dr.clip(_unwarp(path, mid - half, c), path.y0, path.y1), path.y0)
+    y2 = dr.select(meets, dr.clip(_unwarp(path, mid + half, c), path.y0, path.y1), path.y1)
+    tiny = 1e-9 * dr.maximum(path.y1 - path.y0, 1e-9)
+    many = float(round(0.4 * count))
+    n1 = dr.select(y1 > path.y0 + tiny, mi.Float64(many), 0.0)
+    n2 = dr.select(y2 < path.y1 - tiny, mi.Float64(count - many), float(count))
+    return Steps(n1, n2, dr.select(n1 > 0.0, y1, path.y0), dr.select(n2 < count, y2, path.y1))
+
+
 def _step_boundary(path: Path, steps: Steps, i: Any, count: int) -> Any:
     """Return ``y`` at step boundary ``i``: linear between the shared-out boundaries."""
     first = path.y0 + (steps.y1 - path.y0) * (i / dr.maximum(steps.n1, 1.0))
@@ -241,6 +264,8 @@ def march(
         weight = [e * _molecular_phase(c, cosine) for e, c in zip(chunk.irradiance, chunk.cos2, strict=True)]
     else:
         steps = Steps(mi.Float64(0.0), mi.Float64(count), path.y0, path.y1)
+        if chunk.kind == "glow":
+            steps = _share_layer_steps(planet, path, o, d, chunk.layer_m, count, concentration)
         cosine, weight = mi.Float64(0.0), []
 
     def log_diffuse(t: Any) -> list[Any]:
@@ -263,6 +288,8 @@ def march(
         if chunk.kind == "depth":
             return k, k
         e = interpolate(chunk.emission, i, w, width)
+        if chunk.kind == "glow":
+            return k, [dr.select(inside, v, 0.0) for v in e]
         if not solar:
             return k, [a * b for a, b in zip(k, e, strict=True)]
         assert chunk.sun_table is not None
@@ -351,8 +378,8 @@ def _ground_radiance(
     a Lambert ground). Thermal: the chunk's ground; a cloud is black and as warm as the air at its top.
     """
     height, normal = planet.height_and_normal(along(o, d, path.t_low + path.length_after))
-    if chunk.kind == "thermal":
-        if landing is None:
+    if chunk.kind != "solar":
+        if landing is None or chunk.kind != "thermal":
             return chunk.ground
         i, w, _ = chunk.grid.locate(height)
         top = interpolate(chunk.emission, i, w, chunk.width)

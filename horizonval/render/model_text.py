@@ -14,13 +14,14 @@ import numpy as np
 
 from horizonval.earth.column import OpticalModel, SpectralNode
 
-_ARRAYS = ("extinction_per_m", "molecular_per_m", "particle_per_m", "asymmetry", "source")
+_ARRAYS = ("extinction_per_m", "molecular_per_m", "particle_per_m", "asymmetry", "source", "glow_per_m")
 
 
 def dump_model(model: OpticalModel) -> str:
     """Return the model as one line of JSON."""
     data = asdict(model)
     data["altitude_m"] = _pack(model.altitude_m)
+    data["glow_altitude_m"] = _pack(model.glow_altitude_m)
     for node in data["nodes"]:
         node.update({key: _pack(node[key]) for key in _ARRAYS})
     return json.dumps(data, sort_keys=True)
@@ -29,9 +30,19 @@ def dump_model(model: OpticalModel) -> str:
 def load_model(text: str) -> OpticalModel:
     """Return the model written by :func:`dump_model`, bit by bit the same."""
     data = json.loads(text)
-    nodes = tuple(SpectralNode(**{**n, **{key: _unpack(n[key]) for key in _ARRAYS}}) for n in data["nodes"])
+    nodes = tuple(
+        SpectralNode(
+            **{
+                **n,
+                **{key: _unpack(n[key]) for key in _ARRAYS},
+                "limb_darkening": tuple(n["limb_darkening"]),
+            }
+        )
+        for n in data["nodes"]
+    )
+    grids = {key: _unpack(data[key]) for key in ("altitude_m", "glow_altitude_m")}
     around = tuple(data["albedo_around"])
-    return OpticalModel(**{**data, "altitude_m": _unpack(data["altitude_m"]), "nodes": nodes, "albedo_around": around})
+    return OpticalModel(**{**data, **grids, "nodes": nodes, "albedo_around": around})
 
 
 def _pack(values: Any) -> str:

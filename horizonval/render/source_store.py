@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from horizonval.earth.column import FloatArray, SpectralNode
-from horizonval.render.backend import cache_folder
+from horizonval.render.cache import cache_folder
 from horizonval.render.multiple_scattering import (
     DiffuseField,
     MultipleScattering,

@@ -5,6 +5,8 @@ They describe the picture for a reader; the truth that scores an estimator is an
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 from horizonval.frame import Hit
 from horizonval.render.clouds import first_cloud
 from horizonval.render.image import View
-from horizonval.render.planet import along, dot
+from horizonval.render.planet import Vec, along, dot
 
 
 def truth_maps(view: View) -> dict[str, NDArray[np.float32]]:
@@ -34,17 +36,16 @@ def truth_maps(view: View) -> dict[str, NDArray[np.float32]]:
     _, ground_normal = view.planet.height_and_normal(along(view.origin, d, dr.select(hits, distance, 0.0)))
     cosine = dr.select(hits, dot(ground_normal, view.sun), dot(normal, view.sun))
     zenith = dr.rad2deg(dr.acos(dr.clip(cosine, -1.0, 1.0)))
-    chord = [a - b for a, b in zip(d, view.sun, strict=True)]
-    on_sun = dr.sqrt(chord[0] ** 2 + chord[1] ** 2 + chord[2] ** 2) < view.sun_radius
-    hit = dr.select(
-        hits,
-        mi.Float64(float(Hit.SURFACE)),
-        dr.select(
-            on_sun,
-            mi.Float64(float(Hit.SUN)),
-            dr.select(tangent_height < view.top_m, mi.Float64(float(Hit.ATMOSPHERE)), 0.0),
-        ),
-    )
+
+    def on_disc(direction: Vec, radius: Any) -> Any:
+        chord = [a - b for a, b in zip(d, direction, strict=True)]
+        return dr.sqrt(chord[0] ** 2 + chord[1] ** 2 + chord[2] ** 2) < radius
+
+    sky = dr.select(tangent_height < view.top_m, mi.Float64(float(Hit.ATMOSPHERE)), 0.0)
+    if view.moon is not None:
+        sky = dr.select(on_disc(view.moon.disc.direction, view.moon.disc.radius), mi.Float64(float(Hit.MOON)), sky)
+    sky = dr.select(on_disc(view.sun, view.sun_radius), mi.Float64(float(Hit.SUN)), sky)
+    hit = dr.select(hits, mi.Float64(float(Hit.SURFACE)), sky)
     if view.ground is not None and view.ground.clouds is not None:
         clouded, at = first_cloud(view.ground.clouds, view.planet, view.origin, d, to_ground=False)
         clouded &= at < distance

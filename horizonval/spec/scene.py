@@ -167,6 +167,29 @@ class SunOverride(Model):
     azimuth_deg: Angle = 0.0
 
 
+class Moon(Model):
+    """The Moon. Its place comes from the epoch, or from ``zenith_deg`` and ``azimuth_deg``, as the Sun's in ``[sun]``.
+
+    Where the Sun is placed by hand there is no Moon unless it is placed by hand too: that of the epoch would not fit.
+    """
+
+    enabled: bool = True
+    zenith_deg: Annotated[float, Field(ge=0, le=180)] | None = None
+    azimuth_deg: Angle = 0.0
+
+
+class Night(Model):
+    """What shines where the Sun does not: airglow (needs air), the sky behind, and moonlight on ground and air.
+
+    They are left out of frames in which the Sun is nowhere lower than 9 deg below the horizon, and moonlight also where
+    the Moon is a thin crescent (within some 20 deg of the Sun). Thermal bands have none of them, and no Moon.
+    """
+
+    airglow: bool = True
+    sky_background: bool = True
+    moonlight: bool = True
+
+
 class RenderSettings(Model):
     """Accuracy of the march: ``subsamples`` per pixel and axis, ``nodes`` along each ray; ``orders`` of scattering.
 
@@ -198,4 +221,6 @@ class SceneSpec(Model):
     surface: Surface = Surface()
     clouds: Clouds | None = None
     sun: SunOverride | None = None
+    moon: Moon = Moon()
+    night: Night = Night()
     render: RenderSettings = RenderSettings()

@@ -207,7 +207,34 @@ def test_a_stranger_cannot_change_the_truth(stored, capfd):
 
 def test_another_schema_is_named(stored, capfd):
     rewrite(stored, **{"horizonval:schema": 99})
-    refuses(stored, capfd, "schema 99; expected schema 1")
+    refuses(stored, capfd, "schema 99; expected schema 1 or 2")
+
+
+def test_files_from_before_the_moon_still_read(tmp_path, make_frame, monkeypatch):
+    """Schema 1 knew no Moon: its truth comes back without one, and keeps its schema."""
+    frame = make_frame(schema=1)
+    sound = FrameTruth.to_dict
+
+    def old(truth):
+        return {key: value for key, value in sound(truth).items() if not key.startswith("moon_")}
+
+    monkeypatch.setattr(FrameTruth, "to_dict", old)
+    monkeypatch.setattr(exr, "FRAME_SCHEMA", 1)
+    exr.write_frame(tmp_path / "old.exr", frame)
+    monkeypatch.undo()
+    assert exr.read_header(tmp_path / "old.exr")["schema"] == 1
+    again = exr.read_frame(tmp_path / "old.exr")
+    assert again.truth == frame.truth
+    assert (again.truth.schema, again.truth.moon_itrs, again.truth.moon_visible_fraction) == (1, None, 0.0)
+    assert np.array_equal(again.radiance["vis"], frame.radiance["vis"])
+
+
+def test_a_truth_of_today_must_be_complete(make_truth):
+    data = make_truth().to_dict()
+    assert FrameTruth.from_dict(data) == make_truth()
+    del data["moon_cam"]
+    with pytest.raises(KeyError, match="moon_cam"):
+        FrameTruth.from_dict(data)
 
 
 def test_pixels_are_checked_against_what_entered_the_library(stored, capfd, monkeypatch):
