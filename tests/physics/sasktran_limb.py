@@ -28,7 +28,7 @@ def sasktran_limb(
     Parameters
     ----------
     data : dict
-        Content of an atmosphere file without particles.
+        Content of an atmosphere file.
     bands : sequence of str
         Names of bands.
     sza_deg : float
@@ -50,7 +50,7 @@ def sasktran_limb(
     config.num_threads = threads
     config.num_stokes = 1
     config.single_scatter_source = sk.SingleScatterSource.Exact
-    config.num_singlescatter_moments = 16
+    config.num_singlescatter_moments = 64
     config.num_streams = 16
     config.delta_m_scaling = False
     if orders == "all":
@@ -96,9 +96,17 @@ def sasktran_limb(
     def columns(key: str) -> np.ndarray:
         return np.stack([np.interp(grid_km, z_km, b[key]) for b in chosen], axis=1)
 
-    scattering, absorption = columns("scattering_per_m"), columns("absorption_per_m")
+    molecules, absorption = columns("scattering_per_m"), columns("absorption_per_m")
+    scattering = molecules.copy()
     moments = np.zeros((atmosphere.storage.leg_coeff.shape[0], *scattering.shape))
-    moments[0], moments[2] = 1.0, 0.5
+    moments[0], moments[2] = molecules, 0.5 * molecules
+    for i, band in enumerate(chosen):
+        if "asymmetry" in band:
+            particles = np.interp(grid_km, z_km, band["particle_scattering_per_m"])
+            scattering[:, i] += particles
+            for order in range(len(moments)):
+                moments[order, :, i] += (2 * order + 1) * band["asymmetry"] ** order * particles
+    moments /= scattering
     extinction = scattering + absorption
     atmosphere["air"] = sk.constituent.Manual(extinction, scattering / extinction, moments)
     atmosphere["ground"] = sk.constituent.LambertianSurface(data["surface"]["albedo"])
