@@ -264,6 +264,9 @@ def shell_volumes(model: OpticalModel, place: Placement) -> Volume:
         def resolution(self) -> Any:
             return mi.ScalarVector3i(1, 1, 1)
 
+        def to_string(self) -> str:
+            return f"Shells[{self.id()}]"
+
     def make(name: str, values: FloatArray) -> Any:
         props = mi.Properties(name)
         props["to_world"] = to_world

@@ -25,11 +25,11 @@ from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
 DATA = Path(__file__).parents[1] / "data"
-VIEWS = {"limb": (68.0, 6.0), "ground": (20.0, 50.0)}
+VIEWS = {"limb": (68.0, 6.0), "ground": (20.0, 50.0), "wide": (60.0, 70.0)}
 LIMB_KM = ((0, 20), (20, 40), (40, 70))
 
 
-def _scene(view: str, **changes: Any) -> tuple[SceneSpec, CameraSpec]:
+def _scene(view: str, subsamples: int = 8, **changes: Any) -> tuple[SceneSpec, CameraSpec]:
     """Return 24 x 24 pixels of a day scene over the ellipsoid, Sun 50 deg from the zenith, ozone included."""
     roll, field = VIEWS[view]
     camera = {"width": 24, "height": 24, "fov_deg": field} | changes
@@ -38,7 +38,7 @@ def _scene(view: str, **changes: Any) -> tuple[SceneSpec, CameraSpec]:
         "camera": {"file": "test", "mount_roll_deg": roll},
         "platform": {"altitude_km": 500.0, "latitude_deg": 40.0, "longitude_deg": 30.0},
         "sun": {"zenith_deg": 50.0, "azimuth_deg": 100.0},
-        "render": {"subsamples": 8, "nodes": 512},
+        "render": {"subsamples": subsamples, "nodes": 512},
     }
     return SceneSpec.model_validate(scene), CameraSpec.model_validate({"camera": camera, "band": [band]})
 
@@ -66,7 +66,7 @@ def _compare(reference: np.ndarray, error: np.ndarray, ours: np.ndarray, groups:
 def test_single_scatter_frame_equals_stock_mitsuba(view: str) -> None:
     scene, camera = _scene(view)
     ours = render_frame(scene, camera)
-    reference = render_reference(scene, camera, spp=4096 if view == "limb" else 512, orders=1)
+    reference = render_reference(scene, camera, spp=2048 if view == "limb" else 512, orders=1)
     groups = _groups(ours)
     assert len(groups) == (1 + len(LIMB_KM) if view == "limb" else 1)
     error = reference.maps["standard_error.vis"]
@@ -80,17 +80,22 @@ def test_single_scatter_frame_equals_stock_mitsuba(view: str) -> None:
 
 @pytest.mark.slow
 def test_distorted_lens_equals_the_march() -> None:
-    """The ground through a barrel lens, where the undistorted pinhole would be off by its vignette of air: > 5 %."""
-    scene, camera = _scene("ground", distortion=[-0.3, 0.05])
-    ours = render_frame(scene, camera)
+    """Every pixel, horizon included, to 2 % of the brightest and five standard errors.
+
+    The 2 % is for pixels that hold the whole limb, of which the march sees 16 x 16 samples. Without the
+    distortion the horizon is elsewhere, and pixels are wrong by up to 38 %.
+    """
+    scene, camera = _scene("wide", subsamples=16, distortion=[-0.3, 0.05])
+    ours = render_frame(scene, camera).radiance["vis"]
     reference = render_reference(scene, camera, spp=512, orders=1)
     assert reference.render["sensor"] == "horizon_camera"
-    _compare(reference.radiance["vis"], reference.maps["standard_error.vis"], ours.radiance["vis"], _groups(ours))
+    error = reference.maps["standard_error.vis"]
+    assert np.all(np.abs(reference.radiance["vis"] - ours) < 0.02 * ours.max() + 5.0 * error)
 
 
 @pytest.mark.slow
 def test_particles_of_changing_asymmetry_equal_stock_mitsuba() -> None:
-    """Haze below 4 km over depolarising molecules; the chain of phase functions adds 0.4 % at most."""
+    """Haze that loses its forward peak with height, among depolarising molecules; blending adds 0.4 % at most."""
     scene, camera = _scene("limb")
     described = describe(scene, camera)
     import mitsuba as mi
@@ -100,13 +105,13 @@ def test_particles_of_changing_asymmetry_equal_stock_mitsuba() -> None:
 
     clear = described.model.nodes[0]
     z = described.model.altitude_m
-    haze = 2e-5 * np.exp(-z / 2000.0)
+    haze = 1.5e-5 * np.exp(-z / 6000.0)
     node = replace(
         clear,
         molecular_cos2=0.7,
         particle_per_m=haze,
         extinction_per_m=clear.extinction_per_m + 1.1 * haze,
-        asymmetry=0.75 - 0.15 * np.minimum(z / 8000.0, 1.0),
+        asymmetry=0.7 - 0.2 * np.minimum(z / 12000.0, 1.0),
     )
     model = replace(described.model, nodes=(node,))
     place = placement(described)
@@ -115,7 +120,7 @@ def test_particles_of_changing_asymmetry_equal_stock_mitsuba() -> None:
     lens = stock.perspective(described.camera, place)
     volume = stock.shell_volumes(model, place)
     mi_scene = mi.load_dict(stock.reference_scene(model, node, place, lens, volume, orders=1))
-    passes = np.array([np.array(mi.render(mi_scene, spp=512, seed=k)).squeeze() for k in range(8)], dtype=float)
+    passes = np.array([np.array(mi.render(mi_scene, spp=128, seed=k)).squeeze() for k in range(8)], dtype=float)
     unit = node.weight * node.solar_irradiance
     error = unit * passes.std(axis=0, ddof=1) / np.sqrt(8)
     groups = _groups(render_frame(scene, camera))
