@@ -125,9 +125,9 @@ def render(
 ) -> None:
     """Render one frame: radiance, truth maps, header.
 
-    --reference is the cross-check: stock Mitsuba's Monte Carlo with all orders of scattering by molecules, ozone and
-    particles over a uniform Lambert ground; without the Sun's disc and glare, surface map and clouds. Its standard
-    error lies beside the radiance.
+    --reference is the cross-check: stock Mitsuba's Monte Carlo with the scene's orders of scattering by molecules and
+    particles, ozone, and a uniform Lambert ground; without the Sun's disc and glare, surface map and clouds. Its
+    standard error lies beside the radiance.
     """
     from horizonval.spec.load import load_scene
 
@@ -136,10 +136,12 @@ def render(
     if not reference:
         if spp is not None or reference_size is not None:
             raise UserError("used without --reference", where="--spp" if spp is not None else "--reference-size")
+        from horizonval.campaign.progress import Tables
         from horizonval.render.frame import render_frame
 
         start = time.perf_counter()
-        frame = render_frame(spec, camera)
+        with Tables() as tables:
+            frame = render_frame(spec, camera, tables.advance)
         _write_frame(out, frame, start)
         return
     from horizonval.campaign.progress import Terminal
@@ -224,16 +226,15 @@ def radiance(
     rays: Annotated[Path, typer.Argument(help="CSV: obs_x_km .. obs_z_km, dir_x .. dir_z, sun_x .. sun_z.")],
     atmosphere: Annotated[str, typer.Option(help="Atmosphere file (JSON), or the name of a shipped one.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="CSV: the input and one column per band.")],
-    orders: Annotated[str, typer.Option(help="Orders of scattering: single.")] = "single",
+    orders: Annotated[str, typer.Option(help="Orders of scattering: single or all.")] = "single",
     thermal: Annotated[bool, typer.Option("--thermal", help="Emission instead of scattered sunlight.")] = False,
 ) -> None:
     """Radiance along given rays in a given atmosphere: the integrator alone.
 
     1/sr for unit solar irradiance; with --thermal W m-2 sr-1 um-1 at each band's wavelength.
     """
-    if orders != "single":
-        known = "multiple scattering is not available in this version" if orders == "all" else ""
-        raise UserError(f"found {orders!r}", where="--orders", expected="single", fix=known)
+    if orders not in ("single", "all"):
+        raise UserError(f"found {orders!r}", where="--orders", expected="single or all")
     from horizonval.campaign.rays import check_above_ground, read_rays, write_radiance
     from horizonval.earth.atmosphere_file import file_model, read_atmosphere
     from horizonval.spec.files import find
@@ -247,10 +248,22 @@ def radiance(
         from horizonval.render.backend import activate
 
         activate()
+        from horizonval.campaign.progress import Tables
+        from horizonval.render.multiple_scattering import FINE
         from horizonval.render.radiance import radiance_along_rays
 
         model = file_model(file, thermal=thermal)
-        values = radiance_along_rays(model, file.planet_radius_m, table.observer_m, table.direction, table.sun)
+        scattering = FINE if orders == "all" else None
+        with Tables() as progress:
+            values = radiance_along_rays(
+                model,
+                file.planet_radius_m,
+                table.observer_m,
+                table.direction,
+                table.sun,
+                scattering=scattering,
+                progress=progress.advance,
+            )
     write_radiance(out, table, values)
     print(f"{out}: {len(table.rows)} rays, bands {', '.join(values)}")
 

@@ -83,3 +83,36 @@ class Terminal:
         else:
             sys.stderr.write(text + "\n")
             sys.stderr.flush()
+
+
+class Tables:
+    """One line that says which table of multiple scattering is being solved; cached tables are not mentioned."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+
+        self._console = Console(stderr=True)
+        self._status = self._console.status("") if self._console.is_terminal else None
+        self._shown = False
+        self._name = ""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._status is not None and self._shown:
+            self._status.stop()
+
+    def advance(self, name: str, order: int, share: float) -> None:
+        """Tell that ``order`` of scattering is done for spectral node ``name``; it added ``share`` of the light."""
+        text = f"multiple scattering at {name}: order {order}, adding {share:.1%}"
+        if self._status is None:
+            if name != self._name:
+                self._console.print(f"multiple scattering at {name}: solving", highlight=False)
+        else:
+            if not self._shown:
+                self._status.start()
+            self._status.update(text)
+        self._shown, self._name = True, name

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import drjit as dr
@@ -14,10 +14,16 @@ from numpy.typing import NDArray
 
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.render.march import CHUNK, Chunk, march
+from horizonval.render.multiple_scattering import DiffuseField, Quality
 from horizonval.render.planet import Planet
+from horizonval.render.source_store import multiple_scattering
+from horizonval.render.source_table import SourceTable
 from horizonval.render.tables import TAU_FLOOR, AltitudeGrid, SunTable
 
 SKY_POLAR_NODES = 24
+
+TableProgress = Callable[[str, int, float], None]
+"""Called with the spectral node, the order of scattering done and the share of light it added."""
 
 
 @dataclass(frozen=True)
@@ -48,14 +54,56 @@ def mean_radius(planet: Planet) -> float:
     return (2.0 * planet.a_m + planet.b_m) / 3.0
 
 
-def make_chunks(model: OpticalModel, planet: Planet, size: TableSize) -> Iterator[tuple[list[SpectralNode], Chunk]]:
-    """Yield ``(nodes, chunk)`` until every spectral node of the model has been served."""
+def make_chunks(
+    model: OpticalModel,
+    planet: Planet,
+    size: TableSize,
+    scattering: Quality | None = None,
+    progress: TableProgress | None = None,
+) -> Iterator[tuple[list[SpectralNode], Chunk]]:
+    """Yield ``(nodes, chunk)`` until every spectral node of the model has been served.
+
+    Parameters
+    ----------
+    scattering : Quality, optional
+        Of the tables of light scattered more than once; None for single scattering.
+    progress : callable, optional
+        Told about tables that must be solved first.
+    """
     grid = AltitudeGrid.of(model.altitude_m)
     for kind in ("solar", "thermal"):
         nodes = [n for n in model.nodes if _kind(n) == kind]
         for first in range(0, len(nodes), CHUNK):
             group = nodes[first : first + CHUNK]
-            yield group, _make_chunk(kind, group, model, planet, grid, size)
+            chunk = _make_chunk(kind, group, model, planet, grid, size)
+            if kind == "solar" and scattering is not None:
+                fields = [_diffuse_field(node, model, planet, grid, scattering, progress) for node in group]
+                chunk = replace(chunk, diffuse=SourceTable.of(fields, chunk.width, chunk.particle is not None))
+            yield group, chunk
+
+
+def _diffuse_field(
+    node: SpectralNode,
+    model: OpticalModel,
+    planet: Planet,
+    grid: AltitudeGrid,
+    quality: Quality,
+    progress: TableProgress | None,
+) -> DiffuseField:
+    radius = mean_radius(planet)
+
+    def sun_table() -> SunTable:
+        return _fill_sun_table(planet, model.top_m, grid, mi.Float64(node.extinction_per_m), 1, IMAGE_TABLE)
+
+    solution = multiple_scattering(
+        node,
+        model.altitude_m,
+        radius,
+        quality,
+        sun_table,
+        None if progress is None else lambda order, share: progress(node.name, order, share),
+    )
+    return solution.over_ground(model.albedo)
 
 
 def _kind(node: SpectralNode) -> Literal["solar", "thermal"]:

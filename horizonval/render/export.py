@@ -68,7 +68,8 @@ def _write_reference(scene: SceneSpec, described: Described, folder: Path) -> st
     else:
         volume = stock.shell_volumes(described.model, place)
     sensor = stock.perspective(described.camera, place)
-    data = stock.reference_scene(described.model, node, place, sensor, volume)
+    orders = 1 if scene.render.orders == "single" else None
+    data = stock.reference_scene(described.model, node, place, sensor, volume, orders)
     data["sun"]["irradiance"]["value"] = node.solar_irradiance
     lens = "" if stock.is_stock(described.camera) else "; undistorted pinhole of the same fx, not the camera's own lens"
     about = (

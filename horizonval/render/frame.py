@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from horizonval.render.backend import activate
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.truth import truth_of
+
+if TYPE_CHECKING:
+    from horizonval.render.chunks import TableProgress
 
 
 @dataclass(frozen=True)
@@ -62,16 +65,24 @@ def describe(scene: SceneSpec, camera: CameraSpec) -> Described:
             truth.sun_angular_radius_rad,
             scene.render.subsamples,
             scene.render.nodes,
+            scene.render.orders,
         ),
         "sensor": camera_properties(intrinsics, np.array(truth.r_itrs), itrs_from_cam),
     }
     return Described(truth, intrinsics, model, itrs_from_cam, mitsuba, variant)
 
 
-def render_frame(scene: SceneSpec, camera: CameraSpec) -> Frame:
+def render_frame(scene: SceneSpec, camera: CameraSpec, progress: TableProgress | None = None) -> Frame:
     """Return the frame a scene's camera sees.
 
     Deterministic: the same scene gives the same bytes for any number of threads.
+
+    Parameters
+    ----------
+    scene : SceneSpec
+    camera : CameraSpec
+    progress : callable, optional
+        Told about tables of multiple scattering that must be solved first.
 
     Raises
     ------
@@ -82,8 +93,10 @@ def render_frame(scene: SceneSpec, camera: CameraSpec) -> Frame:
     described = describe(scene, camera)
     import mitsuba as mi
 
+    from horizonval.render.integrator import prepare
     from horizonval.render.truth_maps import truth_maps
 
+    prepare(described.mitsuba["integrator"], progress)
     mi_scene = mi.load_dict(described.mitsuba)
     integrator, sensor = mi_scene.integrator(), mi_scene.sensors()[0]
     image = np.array(mi.render(mi_scene, spp=1))
@@ -92,6 +105,7 @@ def render_frame(scene: SceneSpec, camera: CameraSpec) -> Frame:
         "variant": described.variant,
         "subsamples": scene.render.subsamples,
         "nodes": scene.render.nodes,
+        "orders": scene.render.orders,
     }
     return Frame(
         radiance={band: np.ascontiguousarray(image[:, :, i]) for i, band in enumerate(integrator.bands)},

@@ -16,15 +16,17 @@ import numpy as np
 
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.render import camera_plugin
-from horizonval.render.chunks import IMAGE_TABLE, make_chunks
+from horizonval.render.chunks import IMAGE_TABLE, TableProgress, make_chunks
 from horizonval.render.image import View, render_bands
 from horizonval.render.march import Chunk
 from horizonval.render.model_text import dump_model, load_model
+from horizonval.render.multiple_scattering import STANDARD
 from horizonval.render.planet import Planet
 
 PLUGIN = "horizon_limb"
 _KEPT_MODELS = 4
-_chunks: OrderedDict[tuple[str, Planet], list[tuple[list[SpectralNode], Chunk]]] = OrderedDict()
+_Key = tuple[str, Planet, str]
+_chunks: OrderedDict[_Key, list[tuple[list[SpectralNode], Chunk]]] = OrderedDict()
 
 
 def limb_properties(
@@ -34,8 +36,9 @@ def limb_properties(
     sun_angular_radius_rad: float,
     subsamples: int,
     nodes: int,
+    orders: str,
 ) -> dict[str, Any]:
-    """Return the plugin's properties."""
+    """Return the plugin's properties; ``orders`` of scattering are "single" or "all"."""
     sun = {"direction_itrs": list(sun_itrs), "angular_radius_rad": sun_angular_radius_rad}
     return {
         "type": PLUGIN,
@@ -44,6 +47,7 @@ def limb_properties(
         "sun": json.dumps(sun),
         "subsamples": subsamples,
         "nodes": nodes,
+        "orders": orders,
     }
 
 
@@ -54,12 +58,21 @@ def register_plugins() -> None:
     mi.register_sensor(camera_plugin.PLUGIN, lambda props: camera(props))
 
 
-def _cached_chunks(text: str, planet: Planet) -> tuple[OpticalModel, list[tuple[list[SpectralNode], Chunk]]]:
+def prepare(properties: dict[str, Any], progress: TableProgress | None = None) -> None:
+    """Make the tables of :func:`limb_properties` now, telling about those that take long."""
+    planet = json.loads(properties["planet"])
+    _cached_chunks(properties["model"], Planet(planet["a_m"], planet["b_m"]), properties["orders"], progress)
+
+
+def _cached_chunks(
+    text: str, planet: Planet, orders: str, progress: TableProgress | None = None
+) -> tuple[OpticalModel, list[tuple[list[SpectralNode], Chunk]]]:
     """Return a model and its kernel tables; those of the last few models stay, suites repeat them."""
     model = load_model(text)
-    key = (text, planet)
+    key = (text, planet, orders)
     if key not in _chunks:
-        _chunks[key] = list(make_chunks(model, planet, IMAGE_TABLE))
+        scattering = STANDARD if orders == "all" else None
+        _chunks[key] = list(make_chunks(model, planet, IMAGE_TABLE, scattering, progress))
         if len(_chunks) > _KEPT_MODELS:
             _chunks.popitem(last=False)
     _chunks.move_to_end(key)
@@ -72,7 +85,7 @@ def _make_plugin() -> type:
             super().__init__(props)
             planet = json.loads(props.get("planet"))
             self.planet = Planet(planet["a_m"], planet["b_m"])
-            self.model, self.chunks = _cached_chunks(props.get("model"), self.planet)
+            self.model, self.chunks = _cached_chunks(props.get("model"), self.planet, str(props.get("orders", "all")))
             sun = json.loads(props.get("sun"))
             self.sun_itrs = tuple(sun["direction_itrs"])
             self.sun_radius = float(sun["angular_radius_rad"])

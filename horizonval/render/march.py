@@ -18,8 +18,13 @@ over the step follow exactly; thin steps (optical depth below 0.5) sum ``k S exp
 integrate a source linear in optical depth against ``exp(-tau)`` exactly, so that an isothermal black body comes out as
 one however thick the step.
 
-Neglected: multiple scattering, refraction, polarisation, a Sun that is not a point (for illumination). Deterministic:
-no random numbers, no atomics; every ray is summed in its own lane in a fixed order.
+    sunlight, scattered before:  S = (k_molecules S_molecules + k_particles S_particles) E0 / k     (source_table)
+
+The diffuse source is smooth and dear: it is looked up at the steps' ends (with particles, many moments, at every
+second), and its logarithm is linear between.
+
+Neglected: refraction, polarisation, a Sun that is not a point (for illumination). Deterministic: no random numbers, no
+atomics; every ray is summed in its own lane in a fixed order.
 """
 
 from __future__ import annotations
@@ -32,12 +37,16 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.render.planet import Planet, Vec, along, dot
+from horizonval.render.source_table import SourceTable
 from horizonval.render.tables import AltitudeGrid, SunTable, interpolate
 
 GAUSS_LOW = 0.5 - math.sqrt(3.0) / 6.0
 THICK_STEP = 0.5
 CHUNK = 4
 """Spectral nodes per kernel launch; they share all geometry."""
+
+PARTICLE_STRIDE = 2
+"""Steps from one lookup of the diffuse source to the next where there are particles; without them 1."""
 
 Kind = Literal["solar", "thermal", "depth"]
 
@@ -61,6 +70,8 @@ class Chunk:
         Solar irradiance; for the ground its albedo / pi (solar) or emitted and reflected radiance (thermal).
     cos2 : list of Float64, size 1
         The c of the molecules' phase function ``(1 - c/3 + c cos^2) / (4 pi)``.
+    diffuse : SourceTable or None
+        Light scattered more than once; None for single scattering.
     """
 
     kind: Kind
@@ -74,6 +85,7 @@ class Chunk:
     cos2: list[Any]
     particle: Any = None
     asymmetry: Any = None
+    diffuse: SourceTable | None = None
 
 
 @dataclass(frozen=True)
@@ -212,7 +224,8 @@ def march(
         Transmittance from the observer to the end of the path.
     """
     width = chunk.width
-    count = max(nodes // 2, 3)
+    stride = PARTICLE_STRIDE if chunk.diffuse is not None and chunk.particle is not None else 1
+    count = -(-max(nodes // 2, 3) // stride) * stride
     path = find_path(planet, top_m, o, d, to_ground)
     solar = chunk.kind == "solar"
     if solar:
@@ -223,8 +236,19 @@ def march(
         steps = Steps(mi.Float64(0.0), mi.Float64(count), path.y0, path.y1)
         cosine, weight = mi.Float64(0.0), []
 
-    def evaluate(t: Any) -> tuple[list[Any], list[Any]]:
-        """Return extinction [1/m] and emission per metre at ``t``."""
+    def log_diffuse(t: Any) -> list[Any]:
+        """Return ``ln`` of the diffuse source per scattering coefficient, molecules' and then particles', at ``t``."""
+        if chunk.diffuse is None:
+            return []
+        height, normal = planet.height_and_normal(along(o, d, t))
+        asymmetry = None
+        if chunk.asymmetry is not None:
+            i, w, _ = chunk.grid.locate(height)
+            asymmetry = interpolate(chunk.asymmetry, i, w, width)
+        return chunk.diffuse.log_sources(height, normal, d, sun, chunk.cos2, asymmetry)
+
+    def evaluate(t: Any, diffuse: list[Any]) -> tuple[list[Any], list[Any]]:
+        """Return extinction [1/m] and emission per metre at ``t``; ``diffuse`` as in ``log_diffuse``, without ln."""
         p = along(o, d, t)
         height, normal = planet.height_and_normal(p)
         i, w, inside = chunk.grid.locate(height)
@@ -237,36 +261,52 @@ def march(
         assert chunk.sun_table is not None
         lit = inside & ~planet.in_umbra(p, sun)
         t_sun = chunk.sun_table.transmittance(height, dot(normal, sun), width)
-        e = [s * f for s, f in zip(e, weight, strict=True)]
-        if chunk.particle is not None:
+        scattered = [s * f for s, f in zip(e, weight, strict=True)]
+        particle = interpolate(chunk.particle, i, w, width) if chunk.particle is not None else []
+        if particle:
             g = interpolate(chunk.asymmetry, i, w, width)
-            particles = zip(interpolate(chunk.particle, i, w, width), g, chunk.irradiance, strict=True)
-            e = [a + s * irr * _particle_phase(b, cosine) for a, (s, b, irr) in zip(e, particles, strict=True)]
-        return k, [dr.select(lit, s * v, 0.0) for s, v in zip(e, t_sun, strict=True)]
+            phase = [irr * _particle_phase(v, cosine) for irr, v in zip(chunk.irradiance, g, strict=True)]
+            scattered = [a + s * f for a, s, f in zip(scattered, particle, phase, strict=True)]
+        emission = [dr.select(lit, s * v, 0.0) for s, v in zip(scattered, t_sun, strict=True)]
+        for n, source in enumerate(diffuse):
+            scatterer = (e + particle)[n] * chunk.irradiance[n % width]
+            emission[n % width] = emission[n % width] + dr.select(inside, scatterer * source, 0.0)
+        return k, emission
 
     zero = dr.zeros(mi.Float64, dr.width(path.t_low))
     start = _warp(path, path.y0 + zero, concentration)
 
-    def body(i: Any, t0: Any, tau: list[Any], radiance: list[Any]) -> tuple[Any, Any, list[Any], list[Any]]:
-        y = _step_boundary(path, steps, mi.Float64(i) + 1.0, count)
-        t1 = _warp(path, y, concentration)
-        h = t1 - t0
-        k_a, j_a = evaluate(t0 + GAUSS_LOW * h)
-        k_b, j_b = evaluate(t0 + (1.0 - GAUSS_LOW) * h)
+    def body(
+        i: Any, t0: Any, before: list[Any], tau: list[Any], radiance: list[Any]
+    ) -> tuple[Any, Any, list[Any], list[Any], list[Any]]:
         tau, radiance = list(tau), list(radiance)
-        for n in range(width):
-            step = 0.5 * h * (k_a[n] + k_b[n])
-            if chunk.kind != "depth":
-                gain = _gain(h, k_a[n], k_b[n], j_a[n], j_b[n], step)
-                radiance[n] = radiance[n] + dr.exp(-tau[n]) * gain
-            tau[n] = tau[n] + step
-        return i + 1, t1, tau, radiance
+        ends = [
+            _warp(path, _step_boundary(path, steps, mi.Float64(i) + float(k), count), concentration)
+            for k in range(1, stride + 1)
+        ]
+        after = log_diffuse(ends[-1])
 
-    _, _, tau, radiance = dr.while_loop(
-        (mi.UInt32(0), start, [zero + 0.0] * width, [zero + 0.0] * width),
+        def diffuse(share: float) -> list[Any]:
+            return [mi.Float64(dr.exp(dr.fma(b - a, share, a))) for a, b in zip(before, after, strict=True)]
+
+        for k, t1 in enumerate(ends):
+            h = t1 - t0
+            k_a, j_a = evaluate(t0 + GAUSS_LOW * h, diffuse((k + GAUSS_LOW) / stride))
+            k_b, j_b = evaluate(t0 + (1.0 - GAUSS_LOW) * h, diffuse((k + 1.0 - GAUSS_LOW) / stride))
+            for n in range(width):
+                step = 0.5 * h * (k_a[n] + k_b[n])
+                if chunk.kind != "depth":
+                    gain = _gain(h, k_a[n], k_b[n], j_a[n], j_b[n], step)
+                    radiance[n] = radiance[n] + dr.exp(-tau[n]) * gain
+                tau[n] = tau[n] + step
+            t0 = t1
+        return i + stride, t0, after, tau, radiance
+
+    _, _, _, tau, radiance = dr.while_loop(
+        (mi.UInt32(0), start, log_diffuse(start), [zero + 0.0] * width, [zero + 0.0] * width),
         lambda i, *_: i < count,
         body,
-        labels=("i", "t", "tau", "radiance"),
+        labels=("i", "t", "diffuse", "tau", "radiance"),
         label="limb march",
     )
     transmittance = [dr.exp(-v) for v in tau]
@@ -301,4 +341,7 @@ def _ground_radiance(planet: Planet, chunk: Chunk, o: Vec, d: Vec, sun: Vec, pat
     _, normal = planet.height_and_normal(along(o, d, path.t_low + path.length_after))
     mu = dot(normal, sun)
     t_sun = chunk.sun_table.transmittance(mi.Float64(0.0), mu, chunk.width)
-    return [a * e * dr.maximum(mu, 0.0) * t for a, e, t in zip(chunk.ground, chunk.irradiance, t_sun, strict=True)]
+    light = [dr.maximum(mu, 0.0) * t for t in t_sun]
+    if chunk.diffuse is not None:
+        light = [a + b for a, b in zip(light, chunk.diffuse.ground_irradiance(mu), strict=True)]
+    return [a * e * v for a, e, v in zip(chunk.ground, chunk.irradiance, light, strict=True)]

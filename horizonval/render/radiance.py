@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from horizonval.earth.column import OpticalModel
 from horizonval.errors import UserError
-from horizonval.render.chunks import RAY_TABLE, make_chunks
+from horizonval.render.chunks import RAY_TABLE, TableProgress, make_chunks
 from horizonval.render.march import march
+from horizonval.render.multiple_scattering import Quality
 from horizonval.render.planet import Planet
 
 RAY_NODES = 2048
@@ -29,6 +30,8 @@ def radiance_along_rays(
     direction: FloatArray,
     sun: FloatArray,
     nodes: int = RAY_NODES,
+    scattering: Quality | None = None,
+    progress: TableProgress | None = None,
 ) -> dict[str, FloatArray]:
     """Return the radiance of every spectral node along rays over a spherical planet.
 
@@ -43,6 +46,10 @@ def radiance_along_rays(
         Need not be normalised.
     nodes : int
         Evaluations along each ray. The default leaves less than 1e-5 of error beside that of the tables.
+    scattering : Quality, optional
+        Of the tables of light scattered more than once; None for single scattering.
+    progress : callable, optional
+        Told about tables that must be solved first.
 
     Returns
     -------
@@ -69,7 +76,7 @@ def radiance_along_rays(
     ground_mid, _, meets = planet.chord(o, d)
     to_ground = meets & (ground_mid > 0.0)
     out: dict[str, FloatArray] = {}
-    for group, chunk in make_chunks(model, planet, RAY_TABLE):
+    for group, chunk in make_chunks(model, planet, RAY_TABLE, scattering, progress):
         c = SOLAR_CONCENTRATION if chunk.kind == "solar" else THERMAL_CONCENTRATION
         radiance, _ = march(planet, model.top_m, chunk, o, d, s, to_ground, nodes, c)
         dr.eval(radiance)

@@ -100,20 +100,17 @@ def render_reference(
     scene: SceneSpec,
     camera: CameraSpec,
     spp: int = DEFAULT_SPP,
-    orders: int | None = None,
     progress: Progress | None = None,
 ) -> Frame:
     """Return the frame by Monte Carlo, with the map ``standard_error.<band>`` beside its radiance.
 
     The seeds come from the scene's identity: the same scene, samples and number of threads give the same frame. Bands
-    are weighted sums over the same spectral nodes as in the deterministic frame.
+    are weighted sums over the same spectral nodes as in the deterministic frame; ``scene.render.orders`` of scattering.
 
     Parameters
     ----------
     spp : int
         Samples per pixel and spectral node, at least 2; rounded up to a multiple of the number of passes.
-    orders : int, optional
-        Orders of scattering, reflection by the ground counted as one; all by default.
     progress : Progress, optional
 
     Raises
@@ -140,6 +137,7 @@ def render_reference(
         sensor = camera_properties(intrinsics, origin_km, described.itrs_from_cam) | {"film": stock.film(intrinsics)}
     model = described.model
     volume = stock.shell_volumes(model, place)
+    orders = 1 if scene.render.orders == "single" else None
     passes, each = _passes(spp, intrinsics.width * intrinsics.height)
     bands = list(dict.fromkeys(node.band for node in model.nodes))
     shape = (intrinsics.height, intrinsics.width)
@@ -169,7 +167,7 @@ def render_reference(
         "variant": described.variant,
         "integrator": "volpath",
         "sensor": sensor["type"],
-        "orders": "all" if orders is None else orders,
+        "orders": scene.render.orders,
         "spp": passes * each,
         "passes": passes,
         "relative_standard_error": {band: _relative(radiance[band], error[band]) for band in bands},
@@ -216,5 +214,7 @@ def _truth_maps(described: Described) -> dict[str, NDArray[np.float32]]:
 
     from horizonval.render.truth_maps import truth_maps
 
-    mi_scene = mi.load_dict(described.mitsuba)
+    # maps need no tables of multiple scattering
+    integrator = described.mitsuba["integrator"] | {"orders": "single"}
+    mi_scene = mi.load_dict(described.mitsuba | {"integrator": integrator})
     return truth_maps(mi_scene.integrator().view(mi_scene.sensors()[0]))

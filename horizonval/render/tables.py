@@ -28,14 +28,15 @@ TAU_FLOOR = 1e-12
 def gather_chunk(table: Any, index: Any, width: int) -> list[Any]:
     """Return the ``width`` neighbouring entries of a flat table at row ``index``."""
     if width == 4:
-        packet = dr.gather(_array4(), table, index)
+        packet = dr.gather(packet_type(type(table)), table, index)
         return [packet[k] for k in range(4)]
-    return [dr.gather(mi.Float64, table, index * width + k) for k in range(width)]
+    return [dr.gather(type(table), table, index * width + k) for k in range(width)]
 
 
-def _array4() -> Any:
-    module = dr.cuda if dr.backend_v(mi.Float64) == dr.JitBackend.CUDA else dr.llvm
-    return module.ad.Array4f64
+def packet_type(scalar: Any) -> Any:
+    """Return the type of four neighbouring Float32 or Float64 values."""
+    module = dr.cuda if dr.backend_v(scalar) == dr.JitBackend.CUDA else dr.llvm
+    return module.ad.Array4f if dr.type_v(scalar) == dr.VarType.Float32 else module.ad.Array4f64
 
 
 @dataclass(frozen=True)
@@ -71,9 +72,9 @@ class AltitudeGrid:
         return i, dr.minimum(w, 1.0), w <= 1.0 + 1e-9
 
 
-def interpolate(table: Any, i: Any, w: Any, width: int) -> list[Any]:
-    """Return the chunk's values linear between rows ``i`` and ``i + 1``."""
-    low, high = gather_chunk(table, i, width), gather_chunk(table, i + 1, width)
+def interpolate(table: Any, i: Any, w: Any, width: int, stride: int = 1) -> list[Any]:
+    """Return the chunk's values linear between rows ``i`` and ``i + stride``."""
+    low, high = gather_chunk(table, i, width), gather_chunk(table, i + stride, width)
     return [dr.fma(b - a, w, a) for a, b in zip(low, high, strict=True)]
 
 

@@ -95,14 +95,15 @@ class SunOverride(Model):
 
 
 class RenderSettings(Model):
-    """Accuracy of the march: ``subsamples`` per pixel and axis, ``nodes`` along each ray.
+    """Accuracy of the march: ``subsamples`` per pixel and axis, ``nodes`` along each ray; ``orders`` of scattering.
 
     With 128 nodes the march is within 0.3 % of its limit wherever a pixel has a twentieth of the brightest one's
-    radiance, and within 1 % down to a thousandth, with the Sun at any height to 5 deg below the horizon.
+    radiance, and within 1 % down to a thousandth, with the Sun at any height to 8 deg below the horizon.
     """
 
     subsamples: Annotated[int, Field(ge=1, le=16)] = 2
     nodes: Annotated[int, Field(ge=8, le=4096)] = 128
+    orders: Literal["single", "all"] = "all"
 
 
 class SceneSpec(Model):

@@ -72,7 +72,7 @@ def _ours(pixels: int, nodes: int) -> tuple[np.ndarray, float]:
     scene = mi.load_dict(
         {
             "type": "scene",
-            "integrator": limb_properties(model, place.planet, tuple(SUN), 0.00465, 2, nodes),
+            "integrator": limb_properties(model, place.planet, tuple(SUN), 0.00465, 2, nodes, "single"),
             "sensor": camera_properties(camera, place.camera_m, place.itrs_from_cam),
         }
     )

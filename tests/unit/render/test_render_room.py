@@ -154,18 +154,22 @@ def test_the_number_of_threads_changes_no_bit(mi: Any, band: dict[str, Any]) -> 
     assert len(seen) == 1
 
 
-@pytest.mark.parametrize("zenith_deg", [40.0, 80.0, 88.0, 95.0])
+@pytest.mark.parametrize("zenith_deg", [40.0, 80.0, 88.0, 95.0, 98.0])
 def test_march_has_converged(mi: Any, zenith_deg: float) -> None:
-    """The figures of ``RenderSettings``, against eight times the default nodes: 0.3 %, 1 % in dark pixels."""
+    """The figures of ``RenderSettings``, against eight times the default nodes: 0.3 %, 1 % in dark pixels.
+
+    In twilight, where rays cross the shadow's edge, 0.3 % everywhere. With the Sun 8 deg below the horizon under the
+    camera it is looked for on the other side, where there is light.
+    """
 
     def render(nodes: int) -> np.ndarray:
-        sun = {"zenith_deg": zenith_deg, "azimuth_deg": 60.0}
+        sun = {"zenith_deg": zenith_deg, "azimuth_deg": 60.0 if zenith_deg < 96 else 300.0}
         scene = _scene({"sun": sun, "render": {"nodes": nodes}})
         return render_frame(scene, _camera(**SOLAR)).radiance["vis"].astype(float)
 
     fine = render(1024)
     error = np.abs(render(128) / np.maximum(fine, 1e-30) - 1.0)
-    for share, limit in ((0.05, 3e-3), (1e-3, 1e-2)):
+    for share, limit in ((0.05, 3e-3), (1e-3, 1e-2 if zenith_deg < 90 else 3e-3)):
         bright = fine > share * fine.max()
         assert bright.sum() > 100
         assert error[bright].max() < limit
