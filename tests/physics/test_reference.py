@@ -67,7 +67,7 @@ def _compare(reference: np.ndarray, error: np.ndarray, ours: np.ndarray, groups:
 def test_frame_equals_stock_mitsuba(view: str, orders: str) -> None:
     scene, camera = _scene(view, orders=orders)
     ours = render_frame(scene, camera)
-    reference = render_reference(scene, camera, spp=2048 if view == "limb" else 512)
+    reference = render_reference(scene, camera, spp=1024 if view == "limb" else 512)
     groups = _groups(ours)
     assert len(groups) == (1 + len(LIMB_KM) if view == "limb" else 1)
     error = reference.maps["standard_error.vis"]
