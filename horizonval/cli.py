@@ -117,23 +117,65 @@ def run(
 def render(
     scene: Annotated[str, typer.Argument(help="A scene file, or the name of a shipped scene.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The frame, an EXR file.")],
+    reference: Annotated[bool, typer.Option("--reference", help="By Monte Carlo, in stock Mitsuba.")] = False,
+    spp: Annotated[int | None, typer.Option(min=2, help="With --reference: samples per pixel and node.")] = None,
+    reference_size: Annotated[
+        str | None, typer.Option(metavar="WxH", help="With --reference: the image in fewer, larger pixels.")
+    ] = None,
 ) -> None:
-    """Render one frame: radiance, truth maps, header."""
+    """Render one frame: radiance, truth maps, header.
+
+    --reference is the cross-check: stock Mitsuba's Monte Carlo with the scene's orders of scattering by molecules and
+    particles, ozone, and a uniform Lambert ground; without the Sun's disc and glare, surface map and clouds. Its
+    standard error lies beside the radiance.
+    """
     from horizonval.spec.load import load_scene
 
     spec, camera = load_scene(scene)
     _check_target(out)
-    from horizonval.archive.exr import write_frame
-    from horizonval.campaign.progress import Tables
-    from horizonval.render.frame import render_frame
+    if not reference:
+        if spp is not None or reference_size is not None:
+            raise UserError("used without --reference", where="--spp" if spp is not None else "--reference-size")
+        from horizonval.campaign.progress import Tables
+        from horizonval.render.frame import render_frame
 
+        start = time.perf_counter()
+        with Tables() as tables:
+            frame = render_frame(spec, camera, tables.advance)
+        _write_frame(out, frame, start)
+        return
+    from horizonval.campaign.progress import Terminal
+    from horizonval.render.reference import DEFAULT_SPP, HOLDS, LEAVES_OUT, check_sunlight, render_reference, resized
+
+    check_sunlight(camera, spec.camera.file)
+    if reference_size is not None:
+        camera = resized(camera, *_size(reference_size, "--reference-size"), where="--reference-size")
     start = time.perf_counter()
-    with Tables() as progress:
-        frame = render_frame(spec, camera, progress.advance)
-    write_frame(out, frame)
-    size = f"{camera.camera.width} x {camera.camera.height}"
-    bands = ", ".join(f"{band} ({count} spectral nodes)" for band, count in frame.render["spectral_nodes"].items())
-    print(f"{out}: {size}, bands {bands}, {time.perf_counter() - start:.1f} s")
+    with Terminal("reference", "passes") as progress:
+        frame = render_reference(spec, camera, spp or DEFAULT_SPP, progress=progress)
+    _write_frame(out, frame, start)
+    noise = ", ".join(f"{band} {100 * e:.2g} %" for band, e in frame.render["relative_standard_error"].items())
+    print(f"standard error of a lit pixel: {noise} ({frame.render['spp']} samples)")
+    print(f"holds: {HOLDS}\nleaves out: {LEAVES_OUT}")
+
+
+@app.command()
+def mitsuba(
+    scene: Annotated[str, typer.Argument(help="A scene file, or the name of a shipped scene.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="A new or empty folder.")],
+) -> None:
+    """Write a scene as files that Mitsuba opens.
+
+    scene.xml is the deterministic frame and needs this package's plugins; reference.xml needs nothing but Mitsuba 3.
+    """
+    from horizonval.spec.load import load_scene
+
+    spec, camera = load_scene(scene)
+    _check_folder(out)
+    from horizonval.render.export import export_scene
+
+    for path in export_scene(spec, camera, out):
+        print(f"{path}: {path.stat().st_size / 1e3:.1f} kB")
 
 
 @app.command()
@@ -307,6 +349,33 @@ def list_names(
     else:
         for name in names:
             print(name)
+
+
+def _write_frame(out: Path, frame: Any, start: float) -> None:
+    from horizonval.archive.exr import write_frame
+
+    write_frame(out, frame)
+    height, width = next(iter(frame.radiance.values())).shape
+    counts = frame.render.get("spectral_nodes", {})
+    bands = ", ".join(f"{band} ({counts[band]} spectral nodes)" if band in counts else band for band in frame.radiance)
+    print(f"{out}: {width} x {height}, bands {bands}, {time.perf_counter() - start:.1f} s")
+
+
+def _size(text: str, where: str) -> tuple[int, int]:
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 16384 and 0 < int(height) <= 16384):
+        raise UserError(f"found {text!r}", where=where, expected="WIDTHxHEIGHT in pixels, such as 64x64")
+    return int(width), int(height)
+
+
+def _check_folder(out: Path) -> None:
+    """Refuse a folder that is not new or empty: what lies there is not ours to overwrite."""
+    if not out.parent.is_dir():
+        raise UserError("no such folder", where=str(out.parent), fix="create it first")
+    if out.exists() and not out.is_dir():
+        raise UserError("is a file", where=str(out), expected="a new or empty folder")
+    if out.is_dir() and any(out.iterdir()):
+        raise UserError("is not empty", where=str(out), expected="a new or empty folder")
 
 
 def _check_target(out: Path, source: Path | None = None) -> None:

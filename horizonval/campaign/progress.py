@@ -29,14 +29,14 @@ class Silent:
 
 
 class Terminal:
-    """A bar with rate and time left where standard error is a terminal, else one line per case."""
+    """A bar with rate and time left where standard error is a terminal, else one line per case (or other ``unit``)."""
 
-    def __init__(self, what: str) -> None:
+    def __init__(self, what: str, unit: str = "frames") -> None:
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
         from rich.progress import Progress as RichProgress
 
-        self._what = what
+        self._what, self._unit = what, unit
         self._console = Console(stderr=True)
         self._bar = RichProgress(
             TextColumn("{task.description}"),
@@ -63,7 +63,7 @@ class Terminal:
         self._total, self._kept, self._finished, self._begin = total, kept, kept, time.monotonic()
         self._task = self._bar.add_task(self._what, total=total, completed=kept, rate="")
         if kept:
-            self._line(f"{kept} of {total} frames are finished already")
+            self._line(f"{kept} of {total} {self._unit} are finished already")
 
     def done(self, name: str, *, failed: str | None = None) -> None:
         """Advance."""
@@ -71,11 +71,11 @@ class Terminal:
         elapsed = max(time.monotonic() - self._begin, 1e-9)
         rate = (self._finished - self._kept) / elapsed
         left = (self._total - self._finished) / rate
-        self._bar.update(self._task, completed=self._finished, rate=f"{rate:.2f} frames/s")
+        self._bar.update(self._task, completed=self._finished, rate=f"{rate:.2f} {self._unit}/s")
         if failed:
             self._line(f"{name}: failed: {failed}")
         elif not self._console.is_terminal:
-            self._line(f"[{self._finished}/{self._total}] {name}  {rate:.2f} frames/s  {left:.0f} s left")
+            self._line(f"[{self._finished}/{self._total}] {name}  {rate:.2f} {self._unit}/s  {left:.0f} s left")
 
     def _line(self, text: str) -> None:
         if self._console.is_terminal:

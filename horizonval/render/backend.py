@@ -24,6 +24,8 @@ LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 VARIANT_VARIABLE = "HORIZONVAL_VARIANT"
 VARIANTS = ("cuda_ad_mono", "llvm_ad_mono")
 PROBE_SECONDS = 180
+_registered: set[str] = set()
+"""Variants that know our plugins; whoever selected the variant, they are registered once."""
 _USERS_LIBRARY = os.environ.get(LLVM_VARIABLE, "")
 
 _PROBE = """
@@ -139,10 +141,12 @@ def activate(threads: int | None = None) -> str:
 
     if mi.variant() != chosen.variant:
         mi.set_variant(chosen.variant)
+    if chosen.variant not in _registered:
         mi.set_log_level(mi.LogLevel.Warn)
         from horizonval.render.integrator import register_plugins
 
         register_plugins()
+        _registered.add(chosen.variant)
     if threads is not None:
         dr.set_thread_count(threads)
     return chosen.variant

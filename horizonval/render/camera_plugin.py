@@ -58,7 +58,8 @@ def make_plugin() -> type:
         def sample_ray(self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True) -> Any:
             u = mi.Float64(sample2.x) * self.camera.width - 0.5
             v = mi.Float64(sample2.y) * self.camera.height - 0.5
-            ray = mi.Ray3f(mi.Point3f(*self.r_itrs), mi.Vector3f(*self.rays.direction(u, v)))
+            origin = mi.Point3f([float(c) for c in self.r_itrs])
+            ray = mi.Ray3f(origin, mi.Vector3f([mi.Float(c) for c in self.rays.direction(u, v)]))
             ray.time = time
             return ray, mi.Spectrum(1.0)
 

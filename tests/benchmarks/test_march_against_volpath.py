@@ -27,13 +27,37 @@ MOST_BYTES = 1.5e9
 SUN = np.array([0.6, 0.0, 0.8])
 
 
-def _pose() -> tuple[np.ndarray, np.ndarray]:
-    """Return position [m] and rotation from camera to planet axes, boresight at the limb."""
+def _scene(pixels: int) -> tuple[OpticalModel, Any, Camera]:
+    """Return the air, where everything is, and a camera with its boresight at the limb."""
+    from horizonval.render.planet import Planet
+    from horizonval.render.reference_scene import Placement
+
+    z = np.linspace(0.0, TOP_M, 1001)
+    k = DEPTH / SCALE_HEIGHT_M * np.exp(-z / SCALE_HEIGHT_M)
+    node = SpectralNode(
+        name="n",
+        band="n",
+        weight=1.0,
+        wavelength_um=0.55,
+        extinction_per_m=k,
+        molecular_per_m=k,
+        molecular_cos2=0.0,
+        particle_per_m=0.0 * k,
+        asymmetry=0.0 * k,
+        solar_irradiance=1.0,
+        source=0.0 * k,
+        surface_source=0.0,
+        sun_radiance=0.0,
+    )
     r = np.array([0.0, 0.0, RADIUS_M + ALTITUDE_M])
     off_nadir = np.arcsin((RADIUS_M + 15e3) / (RADIUS_M + ALTITUDE_M))
     forward = np.array([np.sin(off_nadir), 0.0, -np.cos(off_nadir)])
     right = np.array([0.0, 1.0, 0.0])
-    return r, np.stack([right, np.cross(forward, right), forward], axis=1)
+    rotation = np.stack([right, np.cross(forward, right), forward], axis=1)
+    focal = pixels / 2 / np.tan(np.radians(FIELD_DEG) / 2)
+    camera = Camera(pixels, pixels, focal, focal, (pixels - 1) / 2, (pixels - 1) / 2)
+    place = Placement.below(Planet(RADIUS_M, RADIUS_M), r, rotation, SUN)
+    return OpticalModel(z, TOP_M, (node,), ALBEDO, 1.0), place, camera
 
 
 def _ours(pixels: int, nodes: int) -> tuple[np.ndarray, float]:
@@ -43,20 +67,13 @@ def _ours(pixels: int, nodes: int) -> tuple[np.ndarray, float]:
 
     from horizonval.render.camera_plugin import camera_properties
     from horizonval.render.integrator import limb_properties
-    from horizonval.render.planet import Planet
 
-    z = np.linspace(0.0, TOP_M, 1001)
-    k = DEPTH / SCALE_HEIGHT_M * np.exp(-z / SCALE_HEIGHT_M)
-    node = SpectralNode("n", "n", 1.0, 0.55, k, k, "isotropic", 1.0, 0 * k, 0.0, 0.0)
-    focal = pixels / 2 / np.tan(np.radians(FIELD_DEG) / 2)
-    camera = Camera(pixels, pixels, focal, focal, (pixels - 1) / 2, (pixels - 1) / 2)
-    r, rotation = _pose()
-    model = OpticalModel(z, TOP_M, (node,), ALBEDO, 1.0)
+    model, place, camera = _scene(pixels)
     scene = mi.load_dict(
         {
             "type": "scene",
-            "integrator": limb_properties(model, Planet(RADIUS_M, RADIUS_M), tuple(SUN), 0.00465, 2, nodes, "single"),
-            "sensor": camera_properties(camera, r, rotation),
+            "integrator": limb_properties(model, place.planet, tuple(SUN), 0.00465, 2, nodes, "single"),
+            "sensor": camera_properties(camera, place.camera_m, place.itrs_from_cam),
         }
     )
     for _ in range(2):
@@ -69,83 +86,13 @@ def _ours(pixels: int, nodes: int) -> tuple[np.ndarray, float]:
 def _volpath(pixels: int, spp: int, orders: int) -> tuple[np.ndarray, np.ndarray, float]:
     """Return two images of different seeds and the CPU seconds of one."""
     activate()
-    import drjit as dr
     import mitsuba as mi
 
-    km = 1e-3
-    outer = (RADIUS_M + 600e3) * km
+    from horizonval.render.reference_scene import perspective, reference_scene, shell_volumes
 
-    class Air(mi.Volume):  # type: ignore[misc]
-        """Exponential extinction; kilometres."""
-
-        def __init__(self, props: Any) -> None:
-            super().__init__(props)
-
-        def eval(self, it: Any, active: Any = True) -> Any:
-            height = dr.norm(it.p) - RADIUS_M * km
-            density = DEPTH / (SCALE_HEIGHT_M * km) * dr.exp(-height / (SCALE_HEIGHT_M * km))
-            return mi.UnpolarizedSpectrum(dr.select((height > 0) & (height < TOP_M * km), density, 0.0))
-
-        def max(self) -> float:
-            return DEPTH / (SCALE_HEIGHT_M * km)
-
-        def resolution(self) -> Any:
-            return mi.ScalarVector3i(1, 1, 1)
-
-    props = mi.Properties("air")
-    box = mi.ScalarTransform4f().translate([-outer] * 3).scale(2 * outer)
-    props["to_world"] = box
-    r, rotation = _pose()
-    to_world = np.eye(4)
-    # Mitsuba's camera: x left, y up, z forward
-    to_world[:3, :3] = rotation @ np.diag([-1.0, -1.0, 1.0])
-    to_world[:3, 3] = r * km
-    medium = {
-        "type": "heterogeneous",
-        "id": "air",
-        "albedo": {"type": "constvolume", "value": 1.0},
-        "sigma_t": Air(props),
-        "phase": {"type": "isotropic"},
-    }
-    scene = mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": {"type": "volpath", "max_depth": orders + 1, "rr_depth": 100},
-            "air": medium,
-            "shell": {
-                "type": "sphere",
-                "radius": outer,
-                "bsdf": {"type": "null"},
-                "interior": {"type": "ref", "id": "air"},
-            },
-            "ground": {
-                "type": "sphere",
-                "radius": RADIUS_M * km,
-                "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": ALBEDO}},
-                "exterior": {"type": "ref", "id": "air"},
-            },
-            "sun": {
-                "type": "directional",
-                "direction": [float(-v) for v in SUN],
-                "irradiance": {"type": "uniform", "value": 1.0},
-            },
-            "sensor": {
-                "type": "perspective",
-                "fov": FIELD_DEG,
-                "near_clip": 1.0,
-                "far_clip": 1e5,
-                "to_world": mi.ScalarTransform4f(to_world.tolist()),
-                "medium": {"type": "ref", "id": "air"},
-                "film": {
-                    "type": "hdrfilm",
-                    "width": pixels,
-                    "height": pixels,
-                    "pixel_format": "luminance",
-                    "rfilter": {"type": "box"},
-                },
-            },
-        }
-    )
+    model, place, camera = _scene(pixels)
+    volume = shell_volumes(model, place)
+    scene = mi.load_dict(reference_scene(model, model.nodes[0], place, perspective(camera, place), volume, orders))
     images = []
     seconds = 0.0
     for seed in (0, 1):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 
 import cv2
 import numpy as np
@@ -71,7 +73,18 @@ def test_the_program_itself(program):
 def test_help_and_wrong_use(horizonval):
     done = horizonval("--help")
     assert done.returncode == 0
-    for command in ("run", "render", "observe", "estimate", "radiance", "report", "archive", "doctor", "list"):
+    for command in (
+        "run",
+        "render",
+        "mitsuba",
+        "observe",
+        "estimate",
+        "radiance",
+        "report",
+        "archive",
+        "doctor",
+        "list",
+    ):
         assert command in done.stdout
         assert horizonval(command, "--help").returncode == 0
     assert_one_line(horizonval("run", "--wrokers", "2"), "--wrokers")
@@ -311,6 +324,127 @@ def test_radiance_wrong_use(horizonval, tmp_path):
     (tmp_path / "bad.json").write_text('{"planet_radius_km": -1}')
     assert_one_line(horizonval("radiance", "rays.csv", "--atmosphere", "bad.json", "-o", "out.csv"), "bad.json")
     assert not (tmp_path / "out.csv").exists()
+
+
+def test_render_by_reference(horizonval, scene):
+    call = ("render", "one.toml", "--reference", "--reference-size", "24x20", "--spp", "9", "-o")
+    done = horizonval(*call, "a.exr")
+    assert done.returncode == 0, done.stderr
+    assert "[16/16] vis:1, pass 8 of 8" in done.stderr
+    for text in ("a.exr: 24 x 20, bands vis", "standard error", "16 samples", "leaves out: Sun's disc", "clouds"):
+        assert text in done.stdout
+    frame = exr.read_frame(scene / "a.exr")
+    assert (frame.render["kind"], frame.render["spp"], frame.render["orders"]) == ("reference", 16, "all")
+    assert frame.render["sensor"] == "perspective"
+    error = frame.maps["standard_error.vis"]
+    assert error.shape == frame.radiance["vis"].shape == (20, 24)
+    ground = frame.maps["hit"] == 1
+    assert 0.0 < (error[ground] / frame.radiance["vis"][ground]).mean() < 0.5
+    assert horizonval(*call, "b.exr").returncode == 0
+    assert (scene / "a.exr").read_bytes() == (scene / "b.exr").read_bytes()
+
+
+def test_a_smaller_reference_shows_the_same_picture(horizonval, scene):
+    assert horizonval("render", "one.toml", "-o", "full.exr").returncode == 0
+    small = ("--reference", "--reference-size", "24x20", "--spp", "2")
+    assert horizonval("render", "one.toml", *small, "-o", "small.exr").returncode == 0
+    full, low = exr.read_frame(scene / "full.exr"), exr.read_frame(scene / "small.exr")
+    # a coarse pixel's centre is the corner of four fine ones
+    height = full.maps["tangent_height"].reshape(20, 4, 24, 4)[:, 1:3, :, 1:3].mean(axis=(1, 3))
+    limb = np.abs(height) < 2e5
+    assert limb.sum() > 20
+    assert np.abs(low.maps["tangent_height"] - height)[limb].max() < 2e3
+    assert low.truth.nadir_geodetic_cam == full.truth.nadir_geodetic_cam
+
+
+def test_reference_wrong_use(horizonval, scene):
+    call = ("render", "one.toml", "-o", "r.exr")
+    assert_one_line(horizonval(*call, "--reference", "--spp", "0"), "--spp", "2")
+    assert_one_line(horizonval(*call, "--spp", "9"), "--spp", "without --reference")
+    assert_one_line(horizonval(*call, "--reference-size", "24x20"), "--reference-size", "without --reference")
+    for size in ("24", "0x0", "24x", "-4x5", "24x20x2"):
+        assert_one_line(horizonval(*call, "--reference", "--reference-size", size), "--reference-size", "64x64")
+    assert_one_line(horizonval(*call, "--reference", "--reference-size", "24x24"), "out of proportion", "24x20")
+    night = ("render", "limb-night-ir", "-o", "r.exr", "--reference")
+    assert_one_line(horizonval(*night), "thermal", "solar bands only")
+    assert_one_line(horizonval("render", "limb-non-vis", "-o", "r.exr", "--reference"), "limb-noon-vis")
+    assert not (scene / "r.exr").exists()
+
+
+def test_mitsuba_wrong_use(horizonval, scene):
+    assert_one_line(horizonval("mitsuba", "limb-non-vis", "-o", "m"), "limb-noon-vis")
+    assert_one_line(horizonval("mitsuba", "one.toml", "-o", "no/where"), "no: no such folder")
+    assert_one_line(horizonval("mitsuba", "one.toml", "-o", "one.toml"), "is a file", "empty folder")
+    assert_one_line(horizonval("mitsuba", "one.toml", "-o", "."), "is not empty")
+    assert not (scene / "m").exists()
+
+
+PLAIN_MITSUBA = """
+import sys
+import mitsuba as mi
+import numpy as np
+mi.set_variant(sys.argv[1])
+image = np.array(mi.render(mi.load_file("reference.xml"), spp=4)).squeeze()
+assert not any(name.startswith("horizonval") for name in sys.modules)
+np.save("image.npy", image)
+"""
+
+
+def _python(folder, code, *arguments):
+    call = [sys.executable, "-c", code, *arguments]
+    done = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def test_exported_scenes_open_in_mitsuba(horizonval, scene):
+    """The deterministic one with the very line its README gives, the stock one where nothing of ours is imported."""
+    done = horizonval("mitsuba", "one.toml", "-o", "m")
+    assert done.returncode == 0, done.stderr
+    folder = scene / "m"
+    names = {path.name for path in folder.iterdir()}
+    assert names == {"scene.xml", "reference.xml", "README.txt", "sigma_t.vol", "albedo.vol"}
+    for name in names:
+        assert name in done.stdout
+    text = (folder / "README.txt").read_text()
+    assert len(text.splitlines()) == 2
+    for part in ("W m-2 sr-1", "kilometres", "grid of", "without Sun's disc and glare, surface map, clouds"):
+        assert part in text
+    line = text.split('python -c "')[1].split('"')[0]
+    _python(folder, line + "; import numpy; numpy.save('ours.npy', numpy.array(image)[:, :, 0])")
+    assert horizonval("render", "one.toml", "-o", "frame.exr").returncode == 0
+    frame = exr.read_frame(scene / "frame.exr")
+    assert np.load(folder / "ours.npy").tobytes() == frame.radiance["vis"].tobytes()
+    _python(folder, PLAIN_MITSUBA, frame.render["variant"])
+    image = np.load(folder / "image.npy")
+    assert image.shape == frame.radiance["vis"].shape
+    # W m-2 sr-1 um-1 against the same over a band 0.2 um wide; one scattering order against all of them
+    ground = frame.maps["hit"] == 1
+    assert 0.8 < 0.2 * image[ground].mean() / frame.radiance["vis"][ground].mean() < 1.6
+    # the right way up: the same Earth against the same sky
+    assert np.corrcoef(image.ravel(), frame.radiance["vis"].ravel())[0, 1] > 0.9
+    assert np.corrcoef(image[::-1].ravel(), frame.radiance["vis"].ravel())[0, 1] < 0.5
+
+
+def test_export_names_what_the_reference_cannot_show(horizonval, scene):
+    camera = MINI_CAMERA.replace("fov_deg = 60.0", "fov_deg = 60.0\ndistortion = [-0.1]")
+    (scene / "mini-camera.toml").write_text(camera)
+    assert horizonval("mitsuba", "one.toml", "-o", "bent").returncode == 0
+    assert "undistorted pinhole" in (scene / "bent" / "README.txt").read_text()
+    assert horizonval("mitsuba", "limb-night-ir", "-o", "night").returncode == 0
+    assert {path.name for path in (scene / "night").iterdir()} == {"scene.xml", "README.txt"}
+    assert "No reference.xml" in (scene / "night" / "README.txt").read_text()
+
+
+@pytest.mark.parametrize("roll", ["65.0", "180.0"], ids=["limb", "sky"])
+def test_scenes_without_air_have_no_grids(horizonval, scene, roll):
+    bare = MINI_SCENE.replace("65.0", roll) + '[atmosphere]\nprofile = "none"\n'
+    (scene / "one.toml").write_text(bare)
+    assert horizonval("mitsuba", "one.toml", "-o", "m").returncode == 0
+    assert {path.name for path in (scene / "m").iterdir()} == {"scene.xml", "reference.xml", "README.txt"}
+    _python(scene / "m", PLAIN_MITSUBA, "llvm_ad_mono")
+    small = ("--reference", "--reference-size", "24x20", "--spp", "2")
+    assert horizonval("render", "one.toml", *small, "-o", "r.exr").returncode == 0
 
 
 def test_doctor(horizonval):
