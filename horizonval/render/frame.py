@@ -51,7 +51,7 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: TableProgress |
         "subsamples": scene.render.subsamples,
         "nodes": scene.render.nodes,
         "orders": scene.render.orders,
-        "spectral_nodes": node_counts(model),
+        "spectral_nodes": node_counts(described.model),
     }
     return Frame(
         radiance={band: np.ascontiguousarray(image[:, :, i]) for i, band in enumerate(integrator.bands)},
