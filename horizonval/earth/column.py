@@ -90,6 +90,8 @@ class OpticalModel:
         Lambert albedo of the ground, for sunlight.
     emissivity : float
         Of the ground, for thermal emission.
+    refractivity : ndarray, shape (n,), or None
+        n - 1 of the air, one for all nodes. None: light goes straight.
     """
 
     altitude_m: FloatArray
@@ -97,3 +99,4 @@ class OpticalModel:
     nodes: tuple[SpectralNode, ...]
     albedo: float
     emissivity: float
+    refractivity: FloatArray | None = None

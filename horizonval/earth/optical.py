@@ -93,16 +93,22 @@ def optical_model(
             nodes += _solar_nodes(band, state, scene.atmosphere, sun_distance_au, where)
         else:
             nodes += _thermal_nodes(band, state, ground_k, sun_distance_au, where)
-    return _model(scene, state.altitude_m, nodes)
+    refractivity = None
+    if scene.atmosphere.refraction:
+        refractivity = rayleigh.refractivity(state.number_density_air, [n.wavelength_um for n in nodes])
+    return _model(scene, state.altitude_m, nodes, refractivity)
 
 
-def _model(scene: SceneSpec, altitude_m: FloatArray, nodes: list[SpectralNode]) -> OpticalModel:
+def _model(
+    scene: SceneSpec, altitude_m: FloatArray, nodes: list[SpectralNode], refractivity: FloatArray | None = None
+) -> OpticalModel:
     return OpticalModel(
         altitude_m=altitude_m,
         top_m=float(altitude_m[-1]),
         nodes=tuple(nodes),
         albedo=scene.surface.albedo,
         emissivity=scene.surface.emissivity,
+        refractivity=refractivity,
     )
 
 
@@ -337,4 +343,5 @@ def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, bas
             scattering,
         )
         nodes.append(replace(node, **scatterers))
-    return _model(scene, z, nodes)
+    refractivity = atmosphere_file.refractivity(file, z, str(path)) if scene.atmosphere.refraction else None
+    return _model(scene, z, nodes, refractivity)

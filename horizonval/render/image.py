@@ -26,13 +26,18 @@ from horizonval.render.march import Chunk, march
 from horizonval.render.planet import Planet, Vec, dot
 from horizonval.render.radiance import SOLAR_CONCENTRATION, THERMAL_CONCENTRATION
 from horizonval.render.rays import RayCamera
+from horizonval.render.refraction import Turning, true_direction
 
 _NO_DIRECTION: Vec = (None, None, None)
 
 
 @dataclass(frozen=True)
 class View:
-    """Everything geometric about one frame. ``origin`` and ``sun`` hold size-1 arrays."""
+    """Everything geometric about one frame. ``origin`` and ``sun`` hold size-1 arrays.
+
+    With refraction ``planet``, ``top_m`` and ``origin`` are those among which light goes straight, and ``turning``
+    tells by how much it turned.
+    """
 
     rays: RayCamera
     width: int
@@ -43,6 +48,7 @@ class View:
     planet: Planet
     top_m: float
     subsamples: int
+    turning: Turning | None = None
 
 
 @dataclass(frozen=True)
@@ -98,7 +104,9 @@ def group_cells(view: View) -> Cells:
         dr.scatter(share, edge_share, edge)
         ground.append(inner)
         limb.append(outer)
-    sun, sun_share = _sun_cells(view, dr.compress(dr.sqrt(_gap(centre, view.sun)) < view.sun_radius + reach))
+    lift = 0.0 if view.turning is None else view.turning.most()
+    near_sun = dr.sqrt(_gap(centre, view.sun)) < view.sun_radius + reach + lift
+    sun, sun_share = _sun_cells(view, dr.compress(near_sun))
     dr.eval(share)
     return Cells(count, share, _joined(ground), _joined(limb), sun, sun_share)
 
@@ -169,7 +177,10 @@ def _sun_cells(view: View, index: Any) -> tuple[Rays, Any]:
     chord2 = (2.0 * dr.sin(0.5 * view.sun_radius)) ** 2
 
     def disc(x: Any, y: Any) -> Any:
-        return chord2 - _gap(view.rays.direction(x, y), view.sun)
+        d = view.rays.direction(x, y)
+        if view.turning is not None:
+            d = true_direction(view.turning, view.origin, d)
+        return chord2 - _gap(d, view.sun)
 
     share, _, _ = cell_coverage(disc, *cell_centre(view, index), 1.0 / view.subsamples)
     return rays, share

@@ -21,6 +21,7 @@ def dump_model(model: OpticalModel) -> str:
     """Return the model as one line of JSON."""
     data = asdict(model)
     data["altitude_m"] = _pack(model.altitude_m)
+    data["refractivity"] = None if model.refractivity is None else _pack(model.refractivity)
     for node in data["nodes"]:
         node.update({key: _pack(node[key]) for key in _ARRAYS})
     return json.dumps(data, sort_keys=True)
@@ -30,7 +31,9 @@ def load_model(text: str) -> OpticalModel:
     """Return the model written by :func:`dump_model`, bit by bit the same."""
     data = json.loads(text)
     nodes = tuple(SpectralNode(**{**n, **{key: _unpack(n[key]) for key in _ARRAYS}}) for n in data["nodes"])
-    return OpticalModel(**{**data, "altitude_m": _unpack(data["altitude_m"]), "nodes": nodes})
+    refractivity = None if data["refractivity"] is None else _unpack(data["refractivity"])
+    columns = {"altitude_m": _unpack(data["altitude_m"]), "refractivity": refractivity}
+    return OpticalModel(**{**data, **columns, "nodes": nodes})
 
 
 def _pack(values: Any) -> str:

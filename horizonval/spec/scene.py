@@ -72,11 +72,16 @@ class Atmosphere(Model):
     """Profile by name (``horizonval list atmospheres``), ``none``, or a file in the ``radiance`` command's format.
 
     A file's bands must be named after the camera's bands; it replaces gases and temperature altogether.
+
+    ``refraction``: the air bends light. The hard limb is then seen where the limb of a planet larger by n - 1 times its
+    radius would be (1.77 km in visible light, 2.4 arcmin from 500 km); the frame's truth and its maps stay those of
+    straight lines. A file must have ``refractivity``.
     """
 
     profile: str = "us_standard"
     file: str | None = None
     ozone: bool = True
+    refraction: bool = False
 
 
 class Surface(Model):
