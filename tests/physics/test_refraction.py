@@ -13,15 +13,18 @@ from bent_rays import Air, limb_radiance
 from scipy.integrate import solve_ivp
 
 from horizonval.earth import rayleigh
-from horizonval.earth.atmosphere_file import file_model, read_atmosphere
+from horizonval.earth.atmosphere_file import file_model, read_atmosphere, write_atmosphere
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.profiles import profile
 from horizonval.errors import UserError
 from horizonval.render.backend import activate
+from horizonval.render.frame import render_frame
 from horizonval.render.planet import Planet
 from horizonval.render.radiance import radiance_along_rays
 from horizonval.render.refraction import Turning, true_direction
 from horizonval.render.straightened import straighten
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.scene import SceneSpec
 
 DATA = Path(__file__).parents[1] / "data"
 RADIUS_M = 6_371_000.0
@@ -222,3 +225,78 @@ def test_air_that_holds_light_is_refused(mi: Any) -> None:
     refractivity = np.interp(Z, [0.0, 1000.0, 1200.0, 1e5], [2.8e-4, 2.7e-4, 2.2e-4, 0.0])
     with pytest.raises(UserError, match="refractivity: the air at 1"):
         straighten(_model(refractivity, np.zeros_like(Z)), Planet(RADIUS_M, RADIUS_M))
+
+
+def _frame(tmp_path: Path, scene: dict[str, Any], camera: dict[str, Any], refraction: bool) -> np.ndarray:
+    """Render a sphere under air that bends light (exponentially, 2.8e-4) and does nothing else."""
+    band = {
+        "name": camera["band"][0]["name"],
+        "wavelength_nm": 550.0,
+        "scattering_per_m": [0.0] * len(Z),
+        "absorption_per_m": [0.0] * len(Z),
+        "phase": "rayleigh",
+    }
+    air = {
+        "planet_radius_km": 6371.0,
+        "top_km": 100.0,
+        "altitude_km": (Z / 1e3).tolist(),
+        "temperature_K": [280.0] * len(Z),
+        "refractivity": (2.8e-4 * np.exp(-Z / 8000.0)).tolist(),
+        "bands": [band],
+        "surface": {"albedo": 0.0, "temperature_K": 280.0, "emissivity": 1.0},
+    }
+    write_atmosphere(air, tmp_path / "air.json")
+    atmosphere = {"file": str(tmp_path / "air.json"), "refraction": refraction}
+    earth = {"shape": "sphere", "radius_km": RADIUS_M / 1e3}
+    spec = SceneSpec.model_validate({"earth": earth, "atmosphere": atmosphere, "surface": {"albedo": 0.0}, **scene})
+    return render_frame(spec, CameraSpec.model_validate(camera)).radiance[band["name"]].astype(float)
+
+
+def test_hard_limb_is_that_of_the_larger_planet(mi: Any, tmp_path: Path) -> None:
+    """A glowing ball seen whole: its solid angle grows as that of a ball of radius ``n R``, to 1 % of the growth."""
+    camera = {
+        "camera": {"width": 128, "height": 128, "fov_deg": 20.0},
+        "band": [{"name": "lwir", "kind": "thermal", "lo_um": 10.0, "hi_um": 11.0}],
+    }
+    scene = {"camera": {"file": "test"}, "platform": {"altitude_km": 36_000.0}}
+    images = [_frame(tmp_path, scene, camera, refraction) for refraction in (False, True)]
+    focal = 64.0 / np.tan(np.radians(10.0))
+    x = (np.arange(128.0) - 63.5) / focal
+    weight = (1.0 + x[:, None] ** 2 + x[None, :] ** 2) ** -1.5
+    straight, bent = ((image * weight).sum() for image in images)
+
+    def solid_angle(radius: float) -> float:
+        return 1.0 - np.sqrt(1.0 - (radius / (RADIUS_M + 36e6)) ** 2)
+
+    growth = solid_angle((1.0 + 2.8e-4) * RADIUS_M) / solid_angle(RADIUS_M) - 1.0
+    assert bent / straight - 1.0 == pytest.approx(growth, rel=1e-2)
+
+
+def test_sun_setting_behind_the_limb_is_flattened_in_the_frame(mi: Any, tmp_path: Path) -> None:
+    """Area of the apparent disc over that of the free one, from 500 km, 3 %: the rays from the ray equation."""
+    camera = {
+        "camera": {"width": 200, "height": 200, "fov_deg": 1.0},
+        "band": [{"name": "vis", "kind": "solar", "lo_um": 0.6, "hi_um": 0.7, "nodes": 1}],
+    }
+
+    def area(zenith_deg: float, refraction: bool) -> int:
+        scene = {
+            "camera": {"file": "test", "mount_roll_deg": 68.4},
+            "platform": {"altitude_km": 500.0},
+            "sun": {"zenith_deg": zenith_deg, "azimuth_deg": 270.0},
+        }
+        image = _frame(tmp_path, scene, camera, refraction)
+        return int((image > 0.2 * image.max()).sum())
+
+    zenith_deg = 111.95
+    lowest = np.concatenate([np.linspace(0.0, 20e3, 11), np.linspace(24e3, 60e3, 10)])
+    impact, bending = np.array([_bending_by_ode(2.8e-4, 8000.0, h) for h in lowest]).T
+    dip = np.arccos(impact / (RADIUS_M + 500e3))
+    sun = np.radians(zenith_deg - 90.0)
+    radius = np.sqrt(area(111.6, False) / np.pi) * np.radians(1.0) / 200.0
+    fine = np.linspace(dip[-1], dip[0], 20_000)
+    offset = np.interp(fine, dip[::-1], (dip + bending)[::-1]) - sun
+    assert np.abs(offset[[0, -1]]).min() > radius
+    share = np.trapezoid(2.0 * np.sqrt(np.maximum(radius**2 - offset**2, 0.0)), fine) / (np.pi * radius**2)
+    assert share < 0.6
+    assert area(zenith_deg, True) / area(111.6, False) == pytest.approx(share, rel=3e-2)
