@@ -19,7 +19,7 @@ from horizonval.render.planet import Planet
 from horizonval.render.refraction import Turning, aim_at_sun
 from horizonval.render.source_store import multiple_scattering
 from horizonval.render.source_table import SourceTable
-from horizonval.render.straightened import Bending, SunAim, mean_radius
+from horizonval.render.straightened import Bending, StraightAir, SunAim, mean_radius
 from horizonval.render.tables import TAU_FLOOR, AltitudeGrid, SunTable
 
 SKY_POLAR_NODES = 24
@@ -52,6 +52,7 @@ class _Bent:
     """What all chunks of a straightened model share."""
 
     turn: Any
+    height: Any
     aim: SunAim
     height_m: FloatArray
     cosine: FloatArray
@@ -63,7 +64,7 @@ def make_chunks(
     size: TableSize,
     scattering: Quality | None = None,
     progress: TableProgress | None = None,
-    turning: Turning | None = None,
+    air: StraightAir | None = None,
 ) -> Iterator[tuple[list[SpectralNode], Chunk]]:
     """Yield ``(nodes, chunk)`` until every spectral node of the model has been served.
 
@@ -73,12 +74,19 @@ def make_chunks(
         Of the tables of light scattered more than once; None for single scattering.
     progress : callable, optional
         Told about tables that must be solved first.
-    turning : Turning, optional
-        Refraction: model and planet are the straightened ones.
+    air : StraightAir, optional
+        Refraction: model and planet are its straightened ones. Light scattered more than once is that of the model as
+        it was, without refraction.
     """
     bent = None
-    if turning is not None and any(_kind(n) == "solar" for n in model.nodes):
-        bent = _Bent(turning.turn, *aim_at_sun(turning, size.n_height, size.n_mu, size.path_nodes))
+    unbent, ground = model, planet
+    if air is not None:
+        unbent, ground = air.unbent, air.ground
+        if any(_kind(n) == "solar" for n in model.nodes):
+            turning = Turning.of(air)
+            aim = aim_at_sun(turning, size.n_height, size.n_mu, size.path_nodes)
+            bent = _Bent(turning.turn, mi.Float64(np.ascontiguousarray(air.height_m)), *aim)
+    unbent_grid, unbent_node = AltitudeGrid.of(unbent.altitude_m), {n.name: n for n in unbent.nodes}
     grid = AltitudeGrid.of(model.altitude_m)
     for kind in ("solar", "thermal"):
         nodes = [n for n in model.nodes if _kind(n) == kind]
@@ -86,7 +94,10 @@ def make_chunks(
             group = nodes[first : first + CHUNK]
             chunk = _make_chunk(kind, group, model, planet, grid, size, bent)
             if kind == "solar" and scattering is not None:
-                fields = [_diffuse_field(node, model, planet, grid, scattering, progress) for node in group]
+                fields = [
+                    _diffuse_field(unbent_node[n.name], unbent, ground, unbent_grid, scattering, progress)
+                    for n in group
+                ]
                 chunk = replace(chunk, diffuse=SourceTable.of(fields, chunk.width, chunk.particle is not None))
             yield group, chunk
 
@@ -145,7 +156,7 @@ def _make_chunk(
         sun_table = _fill_sun_table(planet, model.top_m, grid, extinction, width, size)
     else:
         depth = _sun_depth(planet, model.top_m, grid, extinction, width, bent.height_m, bent.cosine, size.path_nodes)
-        bending = Bending(bent.turn, bent.aim, depth)
+        bending = Bending(bent.turn, bent.height, bent.aim, depth)
     with_particles = any(n.particle_per_m.any() for n in nodes)
     return Chunk(
         kind,

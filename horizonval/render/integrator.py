@@ -89,7 +89,7 @@ def _prepare(text: str, planet: Planet, orders: str, progress: TableProgress | N
             model, turning = air.model, Turning.of(air)
         apparent = planet if air is None else air.planet
         scattering = STANDARD if orders == "all" else None
-        chunks = list(make_chunks(model, apparent, IMAGE_TABLE, scattering, progress, turning))
+        chunks = list(make_chunks(model, apparent, IMAGE_TABLE, scattering, progress, air))
         _prepared[key] = _Prepared(model, apparent, chunks, air, turning)
         if len(_prepared) > _KEPT_MODELS:
             _prepared.popitem(last=False)
@@ -130,7 +130,7 @@ def _make_plugin() -> type:
             view, air = self.view(sensor), self.prepared.air
             if air is None:
                 return view
-            x, y, z = (dr.opaque(mi.Float64, v[0], 1) for v in air.raised(self.planet, view.origin))
+            x, y, z = (dr.opaque(mi.Float64, v[0], 1) for v in air.raised(view.origin))
             return replace(view, planet=air.planet, origin=(x, y, z), turning=self.prepared.turning)
 
         def render(

@@ -25,7 +25,7 @@ second), and its logarithm is linear between.
 
 **Refraction** (``Chunk.bending``) makes no bent rays: the columns are those of :mod:`.straightened`, in which light
 goes straight; by how much the bent ray has turned is summed beside the optical depth and turns the Sun instead. The
-diffuse source is that of straight light in the same columns.
+diffuse source is that of air without refraction, at the true height and under the true Sun.
 
 Neglected: polarisation, a Sun that is not a point (for illumination). Deterministic: no random numbers, no
 atomics; every ray is summed in its own lane in a fixed order.
@@ -321,11 +321,11 @@ def march(
         if chunk.diffuse is None:
             return []
         height, normal = planet.height_and_normal(along(o, d, t))
-        asymmetry = None
-        if chunk.asymmetry is not None:
-            i, w, _ = chunk.grid.locate(height)
-            asymmetry = interpolate(chunk.asymmetry, i, w, width)
-        there = sun if bent is None else bent.sun_at(turned)
+        i, w, _ = chunk.grid.locate(height)
+        asymmetry = None if chunk.asymmetry is None else interpolate(chunk.asymmetry, i, w, width)
+        there = sun
+        if bent is not None:
+            height, there = bent.true_height(i, w), bent.sun_at(turned)
         return chunk.diffuse.log_sources(height, normal, d, there, chunk.cos2, asymmetry)
 
     def evaluate(t: Any, diffuse: list[Any], turned: Any) -> tuple[list[Any], list[Any]]:

@@ -70,22 +70,28 @@ class StraightAir:
         The apparent planet.
     turn_per_m : ndarray, shape (n,)
         g of the module text.
+    height_m : ndarray, shape (n,)
+        True heights of the model's nodes.
     altitude_m, rise_m : ndarray
-        Height in space, and by how much the apparent radius is larger than the radius.
+        True heights, and by how much the apparent radius is larger than the radius.
+    unbent : OpticalModel
+        The model as it was.
+    ground : Planet
+        The planet as it is.
     """
 
     model: OpticalModel
     planet: Planet
     turn_per_m: FloatArray
+    height_m: FloatArray
     altitude_m: FloatArray
     rise_m: FloatArray
+    unbent: OpticalModel
+    ground: Planet
 
-    def raised(self, planet: Planet, observer: Vec) -> Vec:
-        """Return where observers stand among the straight rays: inside the air they are raised, outside they stay.
-
-        ``planet`` is the planet as it is, not the apparent one.
-        """
-        height, normal = planet.height_and_normal(observer)
+    def raised(self, observer: Vec) -> Vec:
+        """Return where observers stand among the straight rays: inside the air they are raised, outside they stay."""
+        height, normal = self.ground.height_and_normal(observer)
         rise = mi.Float64(np.interp(np.array(height), self.altitude_m, self.rise_m, right=0.0))
         return observer[0] + rise * normal[0], observer[1] + rise * normal[1], observer[2] + rise * normal[2]
 
@@ -151,8 +157,11 @@ def straighten(model: OpticalModel, planet: Planet) -> StraightAir:
         model=replace(model, altitude_m=wanted, top_m=float(wanted[-1]), nodes=straight, refractivity=None),
         planet=Planet(planet.a_m + larger, planet.b_m + larger),
         turn_per_m=-excess(at, 1) / (1.0 + excess(at)) * shrink,
+        height_m=at,
         altitude_m=fine,
         rise_m=excess(fine) * (radius + fine),
+        unbent=model,
+        ground=planet,
     )
 
 
@@ -201,14 +210,15 @@ class Bending:
 
     Attributes
     ----------
-    turn : Float64, shape (n_altitude,)
-        g on the chunk's grid.
+    turn, height : Float64, shape (n_altitude,)
+        g and the true height on the chunk's grid.
     aim : SunAim
     depth : Float64, shape (n_height * n_mu * width,)
         ``ln(tau + tau_0)`` towards the Sun on the nodes of ``aim``.
     """
 
     turn: Any
+    height: Any
     aim: SunAim
     depth: Any
 
@@ -260,6 +270,10 @@ class BentRay:
     def turn_per_m(self, i: Any, w: Any, inside: Any, normal: Vec) -> Any:
         """Return how fast the bent ray turns at a place of the chunk's grid."""
         return dr.select(inside, interpolate(self.bending.turn, i, w, 1)[0] * dot(normal, self.up), 0.0)
+
+    def true_height(self, i: Any, w: Any) -> Any:
+        """Return the height of a place of the chunk's grid above the planet as it is."""
+        return interpolate(self.bending.height, i, w, 1)[0]
 
     def sun_at(self, turned: Any) -> Vec:
         """Return the true Sun as the straight ray's own frame sees it where the bent ray has turned by ``turned``."""
