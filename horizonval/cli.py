@@ -228,6 +228,9 @@ def radiance(
     out: Annotated[Path, typer.Option("-o", "--out", help="CSV: the input and one column per band.")],
     orders: Annotated[str, typer.Option(help="Orders of scattering: single or all.")] = "single",
     thermal: Annotated[bool, typer.Option("--thermal", help="Emission instead of scattered sunlight.")] = False,
+    refraction: Annotated[
+        bool, typer.Option("--refraction", help="Bend light by the atmosphere file's `refractivity`.")
+    ] = False,
 ) -> None:
     """Radiance along given rays in a given atmosphere: the integrator alone.
 
@@ -240,9 +243,11 @@ def radiance(
     from horizonval.spec.files import find
 
     table = read_rays(rays)
-    file = read_atmosphere(find("atmosphere", atmosphere))
+    path = find("atmosphere", atmosphere)
+    file = read_atmosphere(path)
     check_above_ground(table, file.planet_radius_m, rays)
     _check_target(out)
+    model = file_model(file, thermal=thermal, refracted=str(path) if refraction else "")
     values: dict[str, Any] = {band.name: [] for band in file.bands}
     if table.rows:
         from horizonval.render.backend import activate
@@ -252,7 +257,6 @@ def radiance(
         from horizonval.render.multiple_scattering import FINE
         from horizonval.render.radiance import radiance_along_rays
 
-        model = file_model(file, thermal=thermal)
         scattering = FINE if orders == "all" else None
         with Tables() as progress:
             values = radiance_along_rays(

@@ -5,6 +5,7 @@
     {"note": "anything",                              optional
      "planet_radius_km": 6371.0, "top_km": 100.0,
      "altitude_km": [0.0, ...], "temperature_K": [...],
+     "refractivity": [...],                            optional: n - 1, wanted where light is refracted
      "bands": [{"name": "550nm", "wavelength_nm": 550.0, "scattering_per_m": [...], "absorption_per_m": [...],
                 "phase": "rayleigh" | "isotropic" | {"henyey_greenstein": g},
                 "particle_scattering_per_m": [...], "asymmetry": g}],                     both optional
@@ -81,6 +82,7 @@ class AtmosphereFile(_Strict):
     top_km: _Positive
     altitude_km: Annotated[list[_NonNegative], Field(min_length=2)]
     temperature_K: list[_Positive]  # noqa: N815 - the file's key
+    refractivity: list[_NonNegative] | None = None
     bands: Annotated[list[AtmosphereBand], Field(min_length=1)]
     surface: AtmosphereSurface
 
@@ -96,6 +98,8 @@ class AtmosphereFile(_Strict):
             raise ValueError(f"top_km: {self.top_km:g} lies below the last altitude; expected {z[-1]:g} or more")
         if len(self.temperature_K) != len(z):
             raise ValueError(_length("temperature_K", len(self.temperature_K), len(z)))
+        if self.refractivity is not None and len(self.refractivity) != len(z):
+            raise ValueError(_length("refractivity", len(self.refractivity), len(z)))
         for i, band in enumerate(self.bands):
             for key in ("scattering_per_m", "absorption_per_m", "particle_scattering_per_m"):
                 values = getattr(band, key)
@@ -250,7 +254,22 @@ def scatterers(file: AtmosphereFile, band: AtmosphereBand, altitude_m: FloatArra
     }
 
 
-def file_model(file: AtmosphereFile, *, thermal: bool) -> OpticalModel:
+def refractivity(file: AtmosphereFile, altitude_m: FloatArray, where: str) -> FloatArray:
+    """Return n - 1 on other altitudes.
+
+    Raises
+    ------
+    UserError
+        The file does not tell.
+    """
+    if file.refractivity is None:
+        raise UserError(
+            "missing", where=f"{where}: refractivity", expected="n - 1 at every altitude, to refract light with"
+        )
+    return column(file, file.refractivity, altitude_m)
+
+
+def file_model(file: AtmosphereFile, *, thermal: bool, refracted: str = "") -> OpticalModel:
     """Return the optical properties of an atmosphere file, one node of weight 1 per band.
 
     Parameters
@@ -261,6 +280,8 @@ def file_model(file: AtmosphereFile, *, thermal: bool) -> OpticalModel:
         True: emission at the band's wavelength, answers in W m-2 sr-1 um-1. Scattering is then left out of the
         extinction too: at thermal wavelengths molecular scattering is below 1e-6 of absorption, and taking light out
         without putting it back would be the worse error for larger particles.
+    refracted : str
+        Refract light by the file's ``refractivity``; the file's name, for the message if there is none.
     """
     z = altitudes_m(file, thermal=thermal)
     temperature = column(file, file.temperature_K, z)
@@ -294,6 +315,7 @@ def file_model(file: AtmosphereFile, *, thermal: bool) -> OpticalModel:
         nodes=tuple(nodes),
         albedo=file.surface.albedo,
         emissivity=file.surface.emissivity,
+        refractivity=refractivity(file, z, refracted) if refracted else None,
     )
 
 

@@ -109,6 +109,8 @@ class OpticalModel:
     glow_altitude_m : ndarray, shape (m,)
         Altitudes of ``glow_per_m``, from 0 on; may go on above ``top_m``, where the air glows without dimming. Empty
         where nothing glows.
+    refractivity : ndarray, shape (n,), or None
+        n - 1 of the air, one for all nodes. None: light goes straight.
     """
 
     altitude_m: FloatArray
@@ -118,6 +120,7 @@ class OpticalModel:
     emissivity: float
     albedo_around: tuple[float, ...] = ()
     glow_altitude_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+    refractivity: FloatArray | None = None
 
     @property
     def glow_top_m(self) -> float:

@@ -100,16 +100,22 @@ def optical_model(
             nodes += _solar_nodes(band, air, scene, sun_distance_au, where)
         else:
             nodes += _thermal_nodes(band, air, ground_k, sun_distance_au, where)
-    return _model(scene, air.altitude_m, nodes)
+    refractivity = None
+    if scene.atmosphere.refraction:
+        refractivity = rayleigh.refractivity(air.state.number_density_air, [n.wavelength_um for n in nodes])
+    return _model(scene, air.altitude_m, nodes, refractivity)
 
 
-def _model(scene: SceneSpec, altitude_m: FloatArray, nodes: list[SpectralNode]) -> OpticalModel:
+def _model(
+    scene: SceneSpec, altitude_m: FloatArray, nodes: list[SpectralNode], refractivity: FloatArray | None = None
+) -> OpticalModel:
     return OpticalModel(
         altitude_m=altitude_m,
         top_m=float(altitude_m[-1]),
         nodes=tuple(nodes),
         albedo=scene.surface.albedo,
         emissivity=scene.surface.emissivity,
+        refractivity=refractivity,
     )
 
 
@@ -291,4 +297,5 @@ def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, bas
         node = _solar_node(band, 0, rule, sun_distance_au, scattering + absorption, scattering)
         node = replace(node, wavelength_um=entry.wavelength_nm * 1e-3)
         nodes.append(replace(node, **scatterers))
-    return _model(scene, z, nodes)
+    refractivity = atmosphere_file.refractivity(file, z, str(path)) if scene.atmosphere.refraction else None
+    return _model(scene, z, nodes, refractivity)

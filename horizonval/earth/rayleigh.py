@@ -38,6 +38,16 @@ def refractive_index_minus_one(wavelength_um: ArrayLike, co2_ppm: float = 420.0)
     return at_300_ppm * (1 + 0.54 * (co2_ppm * 1e-6 - 0.0003))
 
 
+def refractivity(number_density: FloatArray, wavelength_um: ArrayLike) -> FloatArray:
+    """Return n - 1 of air of some number density [1/m3], the mean over wavelengths; proportional to the density.
+
+    Beyond 1.69 um the formula's smooth end is taken, 2.73e-4 at standard density; bands of molecules change it by less
+    than 1 %. Water vapour is neglected: it changes moist surface air by up to 0.5 %, and far less above 2 km.
+    """
+    standard = float(np.mean(refractive_index_minus_one(wavelength_um)))
+    return standard / STANDARD_NUMBER_DENSITY * number_density
+
+
 def king_factor(wavelength_um: ArrayLike, co2_ppm: float = 420.0) -> FloatArray:
     """Return the King factor (6 + 3 rho) / (6 - 7 rho) of dry air, the mean over N2, O2, Ar and CO2 by volume."""
     s2 = np.asarray(wavelength_um, dtype=np.float64) ** -2

@@ -12,12 +12,14 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.earth.column import FloatArray, OpticalModel, SpectralNode
 from horizonval.render.march import CHUNK, Chunk, march
 from horizonval.render.multiple_scattering import DiffuseField, Quality
 from horizonval.render.planet import Planet
+from horizonval.render.refraction import Turning, aim_at_sun
 from horizonval.render.source_store import multiple_scattering
 from horizonval.render.source_table import SourceTable
+from horizonval.render.straightened import Bending, StraightAir, SunAim, mean_radius
 from horizonval.render.tables import TAU_FLOOR, AltitudeGrid, SunTable
 
 SKY_POLAR_NODES = 24
@@ -45,13 +47,15 @@ def opaque(value: float) -> Any:
     return dr.opaque(mi.Float64, float(value), 1)
 
 
-def mean_radius(planet: Planet) -> float:
-    """Return the radius [m] of the sphere that stands in for the ellipsoid in the Sun's optical-depth table.
+@dataclass(frozen=True)
+class _Bent:
+    """What all chunks of a straightened model share."""
 
-    The table sees local height and solar zenith, so only the curvature is approximate: optical depths near the
-    horizon go with the square root of the radius, 0.17 % between equator and pole.
-    """
-    return (2.0 * planet.a_m + planet.b_m) / 3.0
+    turn: Any
+    height: Any
+    aim: SunAim
+    height_m: FloatArray
+    cosine: FloatArray
 
 
 def make_chunks(
@@ -60,6 +64,7 @@ def make_chunks(
     size: TableSize,
     scattering: Quality | None = None,
     progress: TableProgress | None = None,
+    air: StraightAir | None = None,
 ) -> Iterator[tuple[list[SpectralNode], Chunk]]:
     """Yield ``(nodes, chunk)`` until every spectral node of the model has been served.
 
@@ -69,15 +74,30 @@ def make_chunks(
         Of the tables of light scattered more than once; None for single scattering.
     progress : callable, optional
         Told about tables that must be solved first.
+    air : StraightAir, optional
+        Refraction: model and planet are its straightened ones. Light scattered more than once is that of the model as
+        it was, without refraction.
     """
+    bent = None
+    unbent, ground = model, planet
+    if air is not None:
+        unbent, ground = air.unbent, air.ground
+        if any(_kind(n) == "solar" for n in model.nodes):
+            turning = Turning.of(air)
+            aim = aim_at_sun(turning, size.n_height, size.n_mu, size.path_nodes)
+            bent = _Bent(turning.turn, mi.Float64(np.ascontiguousarray(air.height_m)), *aim)
+    unbent_grid, unbent_node = AltitudeGrid.of(unbent.altitude_m), {n.name: n for n in unbent.nodes}
     grid = AltitudeGrid.of(model.altitude_m)
     for kind in ("solar", "thermal"):
         nodes = [n for n in model.nodes if _kind(n) == kind]
         for first in range(0, len(nodes), CHUNK):
             group = nodes[first : first + CHUNK]
-            chunk = _make_chunk(kind, group, model, planet, grid, size)
+            chunk = _make_chunk(kind, group, model, planet, grid, size, bent)
             if kind == "solar" and scattering is not None:
-                fields = [_diffuse_field(node, model, planet, grid, scattering, progress) for node in group]
+                fields = [
+                    _diffuse_field(unbent_node[n.name], unbent, ground, unbent_grid, scattering, progress)
+                    for n in group
+                ]
                 chunk = replace(chunk, diffuse=SourceTable.of(fields, chunk.width, chunk.particle is not None))
             yield group, chunk
 
@@ -120,6 +140,7 @@ def _make_chunk(
     planet: Planet,
     grid: AltitudeGrid,
     size: TableSize,
+    bent: _Bent | None,
 ) -> Chunk:
     width = 1 if len(nodes) == 1 else CHUNK
     pad = [0.0] * (width - len(nodes))
@@ -133,6 +154,12 @@ def _make_chunk(
             ground = [g + (1.0 - model.emissivity) / math.pi * s for g, s in zip(ground, sky, strict=False)]
         return Chunk(kind, width, grid, extinction, emission, None, [], [opaque(g) for g in [*ground, *pad]], [])
     emission = _interleave([n.molecular_per_m for n in nodes], width)
+    sun_table, bending = None, None
+    if bent is None:
+        sun_table = _fill_sun_table(planet, model.top_m, grid, extinction, width, size)
+    else:
+        depth = _sun_depth(planet, model.top_m, grid, extinction, width, bent.height_m, bent.cosine, size.path_nodes)
+        bending = Bending(bent.turn, bent.height, bent.aim, depth)
     with_particles = any(n.particle_per_m.any() for n in nodes)
     return Chunk(
         kind,
@@ -140,7 +167,7 @@ def _make_chunk(
         grid,
         extinction,
         emission,
-        _fill_sun_table(planet, model.top_m, grid, extinction, width, size),
+        sun_table,
         [opaque(e) for e in [*(n.solar_irradiance for n in nodes), *pad]],
         [opaque(model.albedo / math.pi)] * width,
         [opaque(c) for c in [*(n.molecular_cos2 for n in nodes), *pad]],
@@ -150,6 +177,7 @@ def _make_chunk(
         moonlight=[opaque(e) for e in [*(n.moon_irradiance for n in nodes), *pad]]
         if any(n.moon_irradiance for n in nodes)
         else None,
+        bending=bending,
     )
 
 
@@ -194,20 +222,36 @@ def _fill_sun_table(
 ) -> SunTable:
     radius = mean_radius(planet)
     h, mu = SunTable.nodes(size.n_height, size.n_mu, radius, top_m)
-    height = mi.Float64(np.repeat(h, size.n_mu))
-    cosine = mi.Float64(mu.ravel())
+    values = _sun_depth(planet, top_m, grid, extinction, width, h, mu, size.path_nodes)
+    return SunTable(values, size.n_height, size.n_mu, radius, top_m)
+
+
+def _sun_depth(
+    planet: Planet,
+    top_m: float,
+    grid: AltitudeGrid,
+    extinction: Any,
+    width: int,
+    height_m: FloatArray,
+    mu: FloatArray,
+    path_nodes: int,
+) -> Any:
+    """Return ``ln(tau + tau_0)`` from heights (n_height,) in directions of zenith cosine ``mu`` (n_height, n_mu)."""
+    radius = mean_radius(planet)
+    height = mi.Float64(np.repeat(height_m, mu.shape[1]))
+    cosine = mi.Float64(np.ascontiguousarray(mu).ravel())
     zero = mi.Float64(0.0)
     depth = Chunk("depth", width, grid, extinction, None, None, [], [], [])
     o = (zero, zero, height + radius)
     d = (dr.sqrt(dr.maximum(1.0 - cosine * cosine, 0.0)), zero, cosine)
     sphere = Planet(radius, radius)
-    tau, _ = march(sphere, top_m, depth, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), size.path_nodes, 0.15)
-    values = dr.zeros(mi.Float64, size.n_height * size.n_mu * width)
-    row = dr.arange(mi.UInt32, size.n_height * size.n_mu)
+    tau, _ = march(sphere, top_m, depth, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), path_nodes, 0.15)
+    values = dr.zeros(mi.Float64, mu.size * width)
+    row = dr.arange(mi.UInt32, mu.size)
     for k in range(width):
         dr.scatter(values, dr.log(tau[k] + TAU_FLOOR), row * width + k)
     dr.eval(values)
-    return SunTable(values, size.n_height, size.n_mu, radius, top_m)
+    return values
 
 
 def _downwelling(planet: Planet, top_m: float, chunk: Chunk, nodes: int, behind: Sequence[float] = ()) -> list[float]:

@@ -30,6 +30,7 @@ from horizonval.render.march import Chunk, march
 from horizonval.render.planet import Planet, Vec, dot
 from horizonval.render.radiance import SOLAR_CONCENTRATION, THERMAL_CONCENTRATION
 from horizonval.render.rays import RayCamera
+from horizonval.render.refraction import Turning, true_direction
 from horizonval.render.surface import Ground, Landing, land_on
 
 _NO_DIRECTION: Vec = (None, None, None)
@@ -64,6 +65,8 @@ class View:
     ``ground`` is None for a Lambert ground without clouds.
     ``sunless``: all air and ground in view lie in the Earth's shadow. ``glow_top_m``: nothing shines above; at least
     ``top_m``.
+    With refraction ``planet``, ``top_m`` and ``origin`` are those among which light goes straight, and ``turning``
+    tells by how much it turned.
     """
 
     rays: RayCamera
@@ -79,6 +82,7 @@ class View:
     moon: Moon | None = None
     sunless: bool = False
     glow_top_m: float = 0.0
+    turning: Turning | None = None
 
     @property
     def highest_m(self) -> float:
@@ -209,10 +213,17 @@ def _joined(groups: list[Rays]) -> Rays:
 def _disc_cells(view: View, disc: Disc, centre: Vec, reach: Any) -> DiscCells | None:
     """Return the cells near a disc, split as it needs; None where it is outside the frame.
 
-    Rays go to the disc as straight as they leave the camera: refraction would give ``disc_cells`` its ``through``, and
-    widen the choice of cells by its largest angle.
+    With refraction the disc stands where the rays point that have left the air behind.
     """
-    near: Any = dr.compress(dr.sqrt(_gap(centre, disc.direction)) < disc.radius + reach)
+    lift, through = 0.0, None
+    if view.turning is not None:
+        lift = view.turning.most()
+
+        def through(x: Any, y: Any) -> Vec:
+            assert view.turning is not None
+            return true_direction(view.turning, view.origin, view.rays.direction(x, y))
+
+    near: Any = dr.compress(dr.sqrt(_gap(centre, disc.direction)) < disc.radius + reach + lift)
     if not dr.width(near):
         return None
     k = view.subsamples
@@ -230,6 +241,7 @@ def _disc_cells(view: View, disc: Disc, centre: Vec, reach: Any) -> DiscCells | 
         view.rays.direction,
         limb,
         _height_at_limb_rad(view, disc),
+        through,
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections import OrderedDict
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -24,12 +25,26 @@ from horizonval.render.march import Chunk
 from horizonval.render.model_text import dump_model, load_model
 from horizonval.render.multiple_scattering import STANDARD
 from horizonval.render.planet import Planet, Vec
+from horizonval.render.refraction import Turning
+from horizonval.render.straightened import StraightAir, straighten
 from horizonval.render.surface import dump_ground, load_ground, make_ground
 
 PLUGIN = "horizon_limb"
 _KEPT_MODELS = 4
-_Key = tuple[str, Planet, str]
-_chunks: OrderedDict[_Key, list[tuple[list[SpectralNode], Chunk]]] = OrderedDict()
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """A model as the march takes it; with refraction the straightened one, and its apparent planet."""
+
+    model: OpticalModel
+    planet: Planet
+    chunks: list[tuple[list[SpectralNode], Chunk]]
+    air: StraightAir | None
+    turning: Turning | None
+
+
+_prepared: OrderedDict[tuple[str, Planet, str], _Prepared] = OrderedDict()
 
 
 def limb_properties(
@@ -76,7 +91,7 @@ def register_plugins() -> None:
 def prepare(properties: dict[str, Any], progress: TableProgress | None = None) -> None:
     """Make the tables of :func:`limb_properties` now, telling about those that take long."""
     planet = json.loads(properties["planet"])
-    _cached_chunks(properties["model"], Planet(planet["a_m"], planet["b_m"]), properties["orders"], progress)
+    _prepare(properties["model"], Planet(planet["a_m"], planet["b_m"]), properties["orders"], progress)
 
 
 def _vector(values: Any) -> Vec:
@@ -92,19 +107,22 @@ def _moon(moon: dict[str, Any] | None) -> Moon | None:
     return Moon(disc, float(moon["nearness"]), _vector(moon["light_itrs"]), bool(moon["lights_earth"]))
 
 
-def _cached_chunks(
-    text: str, planet: Planet, orders: str, progress: TableProgress | None = None
-) -> tuple[OpticalModel, list[tuple[list[SpectralNode], Chunk]]]:
+def _prepare(text: str, planet: Planet, orders: str, progress: TableProgress | None = None) -> _Prepared:
     """Return a model and its kernel tables; those of the last few models stay, suites repeat them."""
-    model = load_model(text)
     key = (text, planet, orders)
-    if key not in _chunks:
+    if key not in _prepared:
+        model, air, turning = load_model(text), None, None
+        if model.refractivity is not None:
+            air = straighten(model, planet)
+            model, turning = air.model, Turning.of(air)
+        apparent = planet if air is None else air.planet
         scattering = STANDARD if orders == "all" else None
-        _chunks[key] = list(make_chunks(model, planet, IMAGE_TABLE, scattering, progress))
-        if len(_chunks) > _KEPT_MODELS:
-            _chunks.popitem(last=False)
-    _chunks.move_to_end(key)
-    return model, _chunks[key]
+        chunks = list(make_chunks(model, apparent, IMAGE_TABLE, scattering, progress, air))
+        _prepared[key] = _Prepared(model, apparent, chunks, air, turning)
+        if len(_prepared) > _KEPT_MODELS:
+            _prepared.popitem(last=False)
+    _prepared.move_to_end(key)
+    return _prepared[key]
 
 
 def _make_plugin() -> type:
@@ -113,7 +131,7 @@ def _make_plugin() -> type:
             super().__init__(props)
             planet = json.loads(props.get("planet"))
             self.planet = Planet(planet["a_m"], planet["b_m"])
-            self.model, self.chunks = _cached_chunks(props.get("model"), self.planet, str(props.get("orders", "all")))
+            self.prepared = _prepare(props.get("model"), self.planet, str(props.get("orders", "all")))
             sun = json.loads(props.get("sun"))
             self.sun_itrs = tuple(sun["direction_itrs"])
             self.sun_radius = float(sun["angular_radius_rad"])
@@ -122,10 +140,10 @@ def _make_plugin() -> type:
             self.subsamples = int(props.get("subsamples", 2))
             self.nodes = int(props.get("nodes", 64))
             self.ground = load_ground(props.get("ground")) if "ground" in props else None
-            self.bands = list(dict.fromkeys(n.band for n in self.model.nodes))
+            self.bands = list(dict.fromkeys(n.band for n in self.prepared.model.nodes))
 
         def view(self, sensor: Any) -> View:
-            """Return the geometry of a frame taken by a ``horizon_camera``."""
+            """Return the geometry of a frame taken by a ``horizon_camera``, refraction left out."""
             origin: Any = tuple(float(v) for v in sensor.r_itrs)
             return View(
                 sensor.rays,
@@ -135,13 +153,21 @@ def _make_plugin() -> type:
                 _vector(self.sun_itrs),
                 dr.opaque(mi.Float64, self.sun_radius, 1),
                 self.planet,
-                self.model.top_m,
+                self.prepared.model.top_m,
                 self.subsamples,
                 make_ground(self.ground, self.planet, origin) if self.ground else None,
                 _moon(self.moon),
                 self.sunless,
-                self.model.glow_top_m,
+                self.prepared.model.glow_top_m,
             )
+
+        def apparent_view(self, sensor: Any) -> View:
+            """Return the geometry in which light goes straight."""
+            view, air = self.view(sensor), self.prepared.air
+            if air is None:
+                return view
+            x, y, z = (dr.opaque(mi.Float64, v[0], 1) for v in air.raised(view.origin))
+            return replace(view, planet=air.planet, origin=(x, y, z), turning=self.prepared.turning)
 
         def render(
             self,
@@ -156,7 +182,7 @@ def _make_plugin() -> type:
                 sensor = scene.sensors()[sensor]
             if not hasattr(sensor, "rays"):
                 raise TypeError(f"{PLUGIN} needs a {camera_plugin.PLUGIN} sensor")
-            bands = render_bands(self.view(sensor), self.chunks, self.bands, self.nodes)
+            bands = render_bands(self.apparent_view(sensor), self.prepared.chunks, self.bands, self.nodes)
             stack = np.stack([np.array(bands[b], dtype=np.float32) for b in self.bands], axis=-1)
             return mi.TensorXf(stack.reshape(sensor.camera.height, sensor.camera.width, len(self.bands)))
 

@@ -24,7 +24,11 @@ one however thick the step.
 The diffuse source is smooth and dear: it is looked up at the steps' ends (with particles, many moments, at every
 second), and its logarithm is linear between.
 
-Neglected: refraction, polarisation, a Sun that is not a point (for illumination). Deterministic: no random numbers, no
+**Refraction** (``Chunk.bending``) makes no bent rays: the columns are those of :mod:`.straightened`, in which light
+goes straight; by how much the bent ray has turned is summed beside the optical depth and turns the Sun instead. The
+diffuse source is that of air without refraction, at the true height and under the true Sun.
+
+Neglected: polarisation, a Sun that is not a point (for illumination). Deterministic: no random numbers, no
 atomics; every ray is summed in its own lane in a fixed order.
 """
 
@@ -39,6 +43,7 @@ import mitsuba as mi
 
 from horizonval.render.planet import Planet, Vec, along, dot
 from horizonval.render.source_table import SourceTable
+from horizonval.render.straightened import Bending, BentRay
 from horizonval.render.surface import Landing
 from horizonval.render.tables import AltitudeGrid, SunTable, interpolate
 
@@ -69,6 +74,7 @@ class Chunk:
     particle, asymmetry : Float64, shape (n_altitude * width,), or None
         Scattering coefficient and Henyey-Greenstein asymmetry of particles; None where no node has any.
     sun_table : SunTable or None
+        Towards the Sun along straight lines.
     irradiance, ground : lists of Float64, size 1
         Solar irradiance; for the ground its albedo / pi (solar) or emitted and reflected radiance (thermal).
     cos2 : list of Float64, size 1
@@ -81,6 +87,8 @@ class Chunk:
         The Moon's irradiance, to take the Sun's place.
     layer_m : float
         Height below which nothing glows.
+    bending : Bending or None
+        None: no refraction. It takes the place of ``sun_table``.
     """
 
     kind: Kind
@@ -98,6 +106,7 @@ class Chunk:
     glow: Chunk | None = None
     moonlight: list[Any] | None = None
     layer_m: float = 0.0
+    bending: Bending | None = None
 
 
 @dataclass(frozen=True)
@@ -139,7 +148,7 @@ def find_path(planet: Planet, top_m: float, o: Vec, d: Vec, to_ground: Any, land
     )
 
 
-def _warp(path: Path, y: Any, c: float) -> Any:
+def warp(path: Path, y: Any, c: float) -> Any:
     reach = dr.abs(y)
     reach = reach * dr.fma(reach * reach, 1.0 - c, c)
     return path.t_low + dr.select(y < 0.0, -path.length_before, path.length_after) * reach
@@ -168,13 +177,50 @@ class Steps:
     y2: Any
 
 
-def _share_steps(planet: Planet, path: Path, o: Vec, d: Vec, sun: Vec, count: int, c: float) -> Steps:
+def _umbra(planet: Planet, path: Path, o: Vec, d: Vec, sun: Vec, c: float) -> tuple[Any, Any]:
+    """Return ``y`` where the ray enters and leaves the umbra; its ends where it does not."""
     t1, t2, crosses = planet.shadow_crossings(o, d, sun)
     # a crossing counts only on the side away from the Sun: look a metre into the cylinder
     real1 = crosses & planet.in_umbra(along(o, d, t1 + 1.0), sun)
     real2 = crosses & planet.in_umbra(along(o, d, t2 - 1.0), sun)
     y1 = dr.select(real1, dr.clip(_unwarp(path, t1, c), path.y0, path.y1), path.y0)
     y2 = dr.select(real2, dr.clip(_unwarp(path, t2, c), path.y0, path.y1), path.y1)
+    return y1, y2
+
+
+def _bent_umbra(
+    planet: Planet, path: Path, o: Vec, d: Vec, ray: BentRay, grid: AltitudeGrid, count: int, c: float
+) -> tuple[Any, Any]:
+    """Return the same under refraction, whose shadow has no closed form: between ``count`` looks along the ray."""
+
+    def look(y: Any) -> tuple[Any, Any, Any, Vec]:
+        t = warp(path, y, c)
+        height, normal = planet.height_and_normal(along(o, d, t))
+        return t, ray.turn_per_m(*grid.locate(height), normal), height, normal
+
+    span = (path.y1 - path.y0) / count
+    zero = dr.zeros(mi.Float64, dr.width(path.t_low))
+    t, rate, height, normal = look(path.y0 + zero)
+    above = ray.sun_above_lowest(height, normal, zero)
+
+    def body(
+        i: Any, t0: Any, rate0: Any, turned: Any, above0: Any, y1: Any, y2: Any
+    ) -> tuple[Any, Any, Any, Any, Any, Any, Any]:
+        y = path.y0 + span * (mi.Float64(i) + 1.0)
+        t, rate, height, normal = look(y)
+        turned = turned + 0.5 * (rate0 + rate) * (t - t0)
+        above = ray.sun_above_lowest(height, normal, turned)
+        edge = y - span * above / dr.select(above == above0, 1.0, above - above0)
+        y1 = dr.select((above0 >= 0.0) & (above < 0.0), edge, y1)
+        y2 = dr.select((above0 < 0.0) & (above >= 0.0), edge, y2)
+        return i + 1, t, rate, turned, above, y1, y2
+
+    state = (mi.UInt32(0), t, rate, zero + 0.0, above, path.y0 + zero, path.y1 + zero)
+    *_, y1, y2 = dr.while_loop(state, lambda i, *_: i < count, body, label="refracted umbra")
+    return y1, y2
+
+
+def _share_steps(path: Path, y1: Any, y2: Any, count: int) -> Steps:
     span = dr.maximum(path.y1 - path.y0, 1e-9)
     tiny = 1e-6 * span
     y1 = dr.select(y1 - path.y0 < tiny, path.y0, y1)
@@ -219,6 +265,10 @@ def _particle_phase(asymmetry: Any, cosine: Any) -> Any:
     return (1.0 - g2) / (base * dr.sqrt(base)) * (0.25 / math.pi)
 
 
+def _molecular_weight(chunk: Chunk, cosine: Any) -> list[Any]:
+    return [e * _molecular_phase(c, cosine) for e, c in zip(chunk.irradiance, chunk.cos2, strict=True)]
+
+
 def march(
     planet: Planet,
     top_m: float,
@@ -258,28 +308,59 @@ def march(
     count = -(-max(nodes // 2, 3) // stride) * stride
     path = find_path(planet, top_m, o, d, to_ground, landing)
     solar = chunk.kind == "solar"
+    bent = None
     if solar:
-        steps = _share_steps(planet, path, o, d, sun, count, concentration)
-        cosine = dot(d, sun)
-        weight = [e * _molecular_phase(c, cosine) for e, c in zip(chunk.irradiance, chunk.cos2, strict=True)]
+        if chunk.bending is None:
+            umbra = _umbra(planet, path, o, d, sun, concentration)
+        else:
+            vertical = planet.height_and_normal(along(o, d, path.t_low))[1]
+            bent = BentRay.of(chunk.bending, d, sun, vertical)
+            umbra = _bent_umbra(planet, path, o, d, bent, chunk.grid, count // 2, concentration)
+        steps = _share_steps(path, *umbra, count)
     else:
         steps = Steps(mi.Float64(0.0), mi.Float64(count), path.y0, path.y1)
         if chunk.kind == "glow":
             steps = _share_layer_steps(planet, path, o, d, chunk.layer_m, count, concentration)
-        cosine, weight = mi.Float64(0.0), []
+    # along a straight ray the scattering angle stays the same
+    weight = _molecular_weight(chunk, dot(d, sun)) if solar and bent is None else []
 
-    def log_diffuse(t: Any) -> list[Any]:
+    def turn_over(t0: Any, t1: Any, turned: Any) -> tuple[Any, Any, Any]:
+        """Return by how much the ray has turned at the two Gauss points of a step and at its end."""
+        if bent is None:
+            return None, None, None
+        h = t1 - t0
+        rates = []
+        for share in (GAUSS_LOW, 1.0 - GAUSS_LOW):
+            height, normal = planet.height_and_normal(along(o, d, t0 + share * h))
+            rates.append(bent.turn_per_m(*chunk.grid.locate(height), normal))
+        a, b = rates
+        # the integral of the line through both points
+        at_a = turned + h * (0.25 * a + (GAUSS_LOW - 0.25) * b)
+        at_b = turned + h * ((0.75 - GAUSS_LOW) * a + 0.25 * b)
+        return at_a, at_b, turned + 0.5 * h * (a + b)
+
+    def sunlight(p: Vec, height: Any, normal: Vec, turned: Any) -> tuple[list[Any], Any, Any, list[Any]]:
+        """Return the Sun's light: share that arrives, where it shines, cosine of the scattering angle, weights."""
+        if bent is not None:
+            share, lit, _, cosine = bent.sunlight(height, normal, turned, width)
+            return share, lit, cosine, _molecular_weight(chunk, cosine)
+        assert chunk.sun_table is not None
+        lit = ~planet.in_umbra(p, sun)
+        return chunk.sun_table.transmittance(height, dot(normal, sun), width), lit, dot(d, sun), weight
+
+    def log_diffuse(t: Any, turned: Any) -> list[Any]:
         """Return ``ln`` of the diffuse source per scattering coefficient, molecules' and then particles', at ``t``."""
         if chunk.diffuse is None:
             return []
         height, normal = planet.height_and_normal(along(o, d, t))
-        asymmetry = None
-        if chunk.asymmetry is not None:
-            i, w, _ = chunk.grid.locate(height)
-            asymmetry = interpolate(chunk.asymmetry, i, w, width)
-        return chunk.diffuse.log_sources(height, normal, d, sun, chunk.cos2, asymmetry)
+        i, w, _ = chunk.grid.locate(height)
+        asymmetry = None if chunk.asymmetry is None else interpolate(chunk.asymmetry, i, w, width)
+        there = sun
+        if bent is not None:
+            height, there = bent.true_height(i, w), bent.sun_at(turned)
+        return chunk.diffuse.log_sources(height, normal, d, there, chunk.cos2, asymmetry)
 
-    def evaluate(t: Any, diffuse: list[Any]) -> tuple[list[Any], list[Any]]:
+    def evaluate(t: Any, diffuse: list[Any], turned: Any) -> tuple[list[Any], list[Any]]:
         """Return extinction [1/m] and emission per metre at ``t``; ``diffuse`` as in ``log_diffuse``, without ln."""
         p = along(o, d, t)
         height, normal = planet.height_and_normal(p)
@@ -292,41 +373,44 @@ def march(
             return k, [dr.select(inside, v, 0.0) for v in e]
         if not solar:
             return k, [a * b for a, b in zip(k, e, strict=True)]
-        assert chunk.sun_table is not None
-        lit = inside & ~planet.in_umbra(p, sun)
-        t_sun = chunk.sun_table.transmittance(height, dot(normal, sun), width)
-        scattered = [s * f for s, f in zip(e, weight, strict=True)]
+        t_sun, lit, cosine, molecules = sunlight(p, height, normal, turned)
+        scattered = [s * f for s, f in zip(e, molecules, strict=True)]
         particle = interpolate(chunk.particle, i, w, width) if chunk.particle is not None else []
         if particle:
             g = interpolate(chunk.asymmetry, i, w, width)
             phase = [irr * _particle_phase(v, cosine) for irr, v in zip(chunk.irradiance, g, strict=True)]
             scattered = [a + s * f for a, s, f in zip(scattered, particle, phase, strict=True)]
-        emission = [dr.select(lit, s * v, 0.0) for s, v in zip(scattered, t_sun, strict=True)]
+        emission = [dr.select(inside & lit, s * v, 0.0) for s, v in zip(scattered, t_sun, strict=True)]
         for n, source in enumerate(diffuse):
             scatterer = (e + particle)[n] * chunk.irradiance[n % width]
             emission[n % width] = emission[n % width] + dr.select(inside, scatterer * source, 0.0)
         return k, emission
 
     zero = dr.zeros(mi.Float64, dr.width(path.t_low))
-    start = _warp(path, path.y0 + zero, concentration)
+    start = warp(path, path.y0 + zero, concentration)
 
     def body(
-        i: Any, t0: Any, before: list[Any], tau: list[Any], radiance: list[Any]
-    ) -> tuple[Any, Any, list[Any], list[Any], list[Any]]:
+        i: Any, t0: Any, before: list[Any], tau: list[Any], radiance: list[Any], turned: Any
+    ) -> tuple[Any, Any, list[Any], list[Any], list[Any], Any]:
         tau, radiance = list(tau), list(radiance)
         ends = [
-            _warp(path, _step_boundary(path, steps, mi.Float64(i) + float(k), count), concentration)
+            warp(path, _step_boundary(path, steps, mi.Float64(i) + float(k), count), concentration)
             for k in range(1, stride + 1)
         ]
-        after = log_diffuse(ends[-1])
+        turns = []
+        for begin, end in zip([t0, *ends], ends, strict=False):
+            turns.append(turn_over(begin, end, turned))
+            turned = turns[-1][-1]
+        after = log_diffuse(ends[-1], turned)
 
         def diffuse(share: float) -> list[Any]:
             return [mi.Float64(dr.exp(dr.fma(b - a, share, a))) for a, b in zip(before, after, strict=True)]
 
         for k, t1 in enumerate(ends):
             h = t1 - t0
-            k_a, j_a = evaluate(t0 + GAUSS_LOW * h, diffuse((k + GAUSS_LOW) / stride))
-            k_b, j_b = evaluate(t0 + (1.0 - GAUSS_LOW) * h, diffuse((k + 1.0 - GAUSS_LOW) / stride))
+            turned_a, turned_b, _ = turns[k]
+            k_a, j_a = evaluate(t0 + GAUSS_LOW * h, diffuse((k + GAUSS_LOW) / stride), turned_a)
+            k_b, j_b = evaluate(t0 + (1.0 - GAUSS_LOW) * h, diffuse((k + 1.0 - GAUSS_LOW) / stride), turned_b)
             for n in range(width):
                 step = 0.5 * h * (k_a[n] + k_b[n])
                 if chunk.kind != "depth":
@@ -334,19 +418,20 @@ def march(
                     radiance[n] = radiance[n] + dr.exp(-tau[n]) * gain
                 tau[n] = tau[n] + step
             t0 = t1
-        return i + stride, t0, after, tau, radiance
+        return i + stride, t0, after, tau, radiance, turned
 
-    _, _, _, tau, radiance = dr.while_loop(
-        (mi.UInt32(0), start, log_diffuse(start), [zero + 0.0] * width, [zero + 0.0] * width),
+    turned = None if bent is None else zero + 0.0
+    _, _, _, tau, radiance, turned = dr.while_loop(
+        (mi.UInt32(0), start, log_diffuse(start, turned), [zero + 0.0] * width, [zero + 0.0] * width, turned),
         lambda i, *_: i < count,
         body,
-        labels=("i", "t", "diffuse", "tau", "radiance"),
+        labels=("i", "t", "diffuse", "tau", "radiance", "turned"),
         label="limb march",
     )
     transmittance = [dr.exp(-v) for v in tau]
     if chunk.kind == "depth":
         return tau, transmittance
-    ground = _ground_radiance(planet, chunk, o, d, sun, path, landing)
+    ground = _ground_radiance(planet, chunk, o, d, sun, path, landing, bent, turned)
     ends = to_ground if landing is None else landing.hit
     return [
         r + dr.select(ends, g * t, 0.0) for r, g, t in zip(radiance, ground, transmittance, strict=True)
@@ -370,7 +455,15 @@ def _gain(h: Any, k_a: Any, k_b: Any, j_a: Any, j_b: Any, step: Any) -> Any:
 
 
 def _ground_radiance(
-    planet: Planet, chunk: Chunk, o: Vec, d: Vec, sun: Vec, path: Path, landing: Landing | None
+    planet: Planet,
+    chunk: Chunk,
+    o: Vec,
+    d: Vec,
+    sun: Vec,
+    path: Path,
+    landing: Landing | None,
+    bent: BentRay | None,
+    turned: Any,
 ) -> list[Any]:
     """Return the radiance of what is at the rays' ends, towards the observer, per node.
 
@@ -384,12 +477,18 @@ def _ground_radiance(
         i, w, _ = chunk.grid.locate(height)
         top = interpolate(chunk.emission, i, w, chunk.width)
         return [dr.select(landing.cloud, c, g) for c, g in zip(top, chunk.ground, strict=True)]
-    assert chunk.sun_table is not None
-    mu = dot(normal, sun)
     height = mi.Float64(0.0) if landing is None else dr.select(landing.cloud, height, 0.0)
     direct, diffuse = (chunk.ground, chunk.ground) if landing is None else landing.reflectance()
-    t_sun = chunk.sun_table.transmittance(height, mu, chunk.width)
-    radiance = [a * e * dr.maximum(mu, 0.0) * t for a, e, t in zip(direct, chunk.irradiance, t_sun, strict=True)]
+    if bent is not None:
+        mu = dot(normal, bent.sun_at(turned))
+        t_sun, lit, local, _ = bent.sunlight(height, normal, turned, chunk.width)
+        level = dr.select(lit, dr.maximum(local, 0.0), 0.0)
+    else:
+        assert chunk.sun_table is not None
+        mu = dot(normal, sun)
+        t_sun = chunk.sun_table.transmittance(height, mu, chunk.width)
+        level = dr.maximum(mu, 0.0)
+    radiance = [a * e * level * t for a, e, t in zip(direct, chunk.irradiance, t_sun, strict=True)]
     sky = _sky_irradiance(chunk, mu)
     if sky is None:
         return radiance

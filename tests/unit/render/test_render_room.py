@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -98,6 +99,9 @@ def test_kernel_rays_equal_the_analytic_camera(mi: Any, camera: Camera) -> None:
 def test_model_survives_text_bit_by_bit() -> None:
     model = _thermal(np.geomspace(1e-3, 1e-9, 41), np.linspace(0.0, 1e5, 41), 0.1 + 0.2, 0.9)
     again = load_model(dump_model(model))
+    assert again.refractivity is None
+    bent = load_model(dump_model(replace(model, refractivity=np.geomspace(3e-4, 1e-9, 41))))
+    assert np.array_equal(bent.refractivity, np.geomspace(3e-4, 1e-9, 41))
     assert np.array_equal(again.nodes[0].extinction_per_m, model.nodes[0].extinction_per_m)
     assert (again.nodes[0].surface_source, again.top_m, again.emissivity) == (0.1 + 0.2, 1e5, 0.9)
 
