@@ -123,7 +123,7 @@ def test_out_of_reach() -> None:
 
 
 def test_below_the_ozone_table_without_ozone() -> None:
-    model = model_of(solar(0.26, 0.27), atmosphere={"ozone": False})
+    model = model_of(solar(0.26, 0.27), atmosphere={"ozone": False, "aerosol": "background"})
     assert all(n.particle_per_m.any() for n in model.nodes)
 
 
