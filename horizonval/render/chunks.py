@@ -93,7 +93,7 @@ def make_chunks(
         for first in range(0, len(nodes), CHUNK):
             group = nodes[first : first + CHUNK]
             chunk = _make_chunk(kind, group, model, planet, grid, size, bent)
-            if kind == "solar" and scattering is not None:
+            if kind == "solar" and scattering is not None and any(n.scattering_per_m.any() for n in group):
                 fields = [
                     _diffuse_field(unbent_node[n.name], unbent, ground, unbent_grid, scattering, progress)
                     for n in group

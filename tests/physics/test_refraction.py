@@ -57,7 +57,7 @@ def _model(refractivity: np.ndarray | None, extinction: np.ndarray, albedo: floa
         surface_source=0.0,
         sun_radiance=0.0,
     )
-    return OpticalModel(Z, 1e5, (node,), albedo, 1.0, refractivity)
+    return OpticalModel(Z, 1e5, (node,), albedo, 1.0, refractivity=refractivity)
 
 
 def _exponential(ground: float, scale_m: float) -> OpticalModel:
