@@ -318,6 +318,22 @@ def archive_verify(
 
 
 @app.command()
+def gallery(
+    scenes: Annotated[
+        list[str] | None, typer.Argument(metavar="[SCENE]...", help="Shipped scenes; all by default.")
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the page; made if need be.")] = Path("gallery"),
+) -> None:
+    """Colour pictures of the shipped scenes in visible light, on one page."""
+    from horizonval.campaign.gallery import make_gallery
+
+    def tell(name: str, number: int, count: int) -> None:
+        print(f"{number} of {count}: {name}", file=sys.stderr)
+
+    print(f"gallery: {make_gallery(out, scenes or [], tell)}")
+
+
+@app.command()
 def doctor(as_json: Json = False) -> int:
     """Say what works on this machine, and how to mend what does not. Exit status 1 if rendering is impossible."""
     from horizonval.campaign.doctor import examine
