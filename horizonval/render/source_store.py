@@ -40,7 +40,7 @@ _memory: OrderedDict[str, MultipleScattering] = OrderedDict()
 def content_key(node: SpectralNode, altitude_m: FloatArray, planet_m: float, quality: Quality) -> str:
     """Return the name under which a solution is kept."""
     digest = hashlib.sha256()
-    digest.update(repr((METHOD, planet_m, degree_of(node), node.molecular_cos2, astuple(quality))).encode())
+    digest.update(repr((METHOD, planet_m, node.molecular_cos2, astuple(quality))).encode())
     for column in (altitude_m, node.extinction_per_m, node.molecular_per_m, node.particle_per_m, node.asymmetry):
         digest.update(np.ascontiguousarray(column, dtype="<f8").tobytes())
     return digest.hexdigest()[:32]
@@ -58,7 +58,7 @@ def multiple_scattering(
     key = content_key(node, altitude_m, planet_m, quality)
     if key not in _memory:
         path = cache_folder() / "scattering" / f"{key}.npz"
-        found = _read(path, float(altitude_m[-1]), planet_m, degree_of(node))
+        found = _read(path, float(altitude_m[-1]), planet_m, degree_of(node, quality))
         if found is None:
             found = solve(node, altitude_m, planet_m, sun_table(), quality, progress)
             _write(path, found)
