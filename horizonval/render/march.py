@@ -352,8 +352,10 @@ def march(
         """Return ``ln`` of the diffuse source per scattering coefficient, molecules' and then particles', at ``t``."""
         if chunk.diffuse is None:
             return []
-        height, normal = planet.height_and_normal(along(o, d, t))
-        i, w, _ = chunk.grid.locate(height)
+        # in single precision heights are good to a metre, plenty for light that changes over kilometres
+        x, y, z = (mi.Float32(v) for v in along(o, d, t))
+        height, normal = planet.height_and_normal((x, y, z))
+        i, w, _ = chunk.grid.locate(mi.Float64(height))
         asymmetry = None if chunk.asymmetry is None else interpolate(chunk.asymmetry, i, w, width)
         there = sun
         if bent is not None:

@@ -92,7 +92,8 @@ class SourceTable:
             Phase functions of the nodes at the point; without ``asymmetry`` there are no particles.
         """
         degree = self.used[-1][0]
-        mu_s, up, nu = (mi.Float32(v) for v in (dot(normal, sun), dot(normal, d), dot(d, sun)))
+        zenith, ray, light = _single(normal), _single(d), _single(sun)
+        mu_s, up, nu = dot(zenith, light), dot(zenith, ray), mi.Float32(dot(d, sun))
         sine = dr.sqrt(dr.maximum(1.0 - up * up, 0.0))
         sines = dr.maximum(sine * dr.sqrt(dr.maximum(1.0 - mu_s * mu_s, 0.0)), 1e-5)
         azimuthal = cosines(degree, dr.clip((nu - mu_s * up) / sines, -1.0, 1.0))
@@ -138,3 +139,7 @@ class SourceTable:
 
         near, far = at(row), at(row + self.n_sun)
         return [dr.fma(b - a, wx, a) for a, b in zip(near, far, strict=True)]
+
+
+def _single(v: Vec) -> Vec:
+    return mi.Float32(v[0]), mi.Float32(v[1]), mi.Float32(v[2])

@@ -19,6 +19,7 @@ import jinja2
 from horizonval.frame import FrameTruth
 from horizonval.outcome import Outcome
 from horizonval.report import overlay, picture, plots, rerun, wording
+from horizonval.report.accuracy import accuracy_of
 from horizonval.report.load import Run, View, load_run
 from horizonval.report.verdict import VERDICTS, verdict_of
 from horizonval.scoring import limits
@@ -95,6 +96,7 @@ def page_of(run: Run) -> dict[str, Any]:
         "sigmas": f"{limits.SIGMA_LIMIT:g}",
         "gamma": f"{picture.GAMMA:g}",
         "percentiles": [f"{value:g}" for value in picture.PERCENTILES],
+        "accuracy": accuracy_of(view.image.truth for view in run.views if view.image is not None),
     }
 
 

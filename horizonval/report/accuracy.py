@@ -1,0 +1,37 @@
+"""How far the light in a run's frames can be trusted: the renderer's tested accuracy, for what the scenes hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from horizonval.frame import FrameTruth
+
+SUNLIGHT = (
+    "Scattered sunlight: radiance within 1 % of independent Monte Carlo, from a high Sun to one 18° below the horizon, "
+    "molecules and ozone; tables of multiple scattering read over the ellipsoid add less than 0.5 %."
+)
+PARTICLES = (
+    "Particles: 1 % by day (1.5 % in dense layers with sharp edges), 1 % until the Sun is 2° below the horizon and 5 % "
+    "until 5°, in the dark rays towards it; below that not checked."
+)
+REFRACTION = (
+    "Refraction: 0.1 % for light scattered once with the Sun up; light scattered more than once is not refracted."
+)
+NIGHT = "Airglow is known to a factor of two, the Moon's brightness to 3 %."
+
+
+def accuracy_of(truths: Iterable[FrameTruth]) -> list[str]:
+    """Return sentences for what the frames hold; none for frames without scattered sunlight."""
+    solar = [t for t in truths if any(band["kind"] == "solar" for band in t.camera.get("band", []))]
+    # frames of other versions may say less
+    airs = [{"profile": "none", "file": None} | t.scene.get("atmosphere", {}) for t in solar]
+    sentences = []
+    if any(air["profile"] != "none" or air["file"] is not None for air in airs):
+        sentences.append(SUNLIGHT)
+    if any(air.get("aerosol", "none") != "none" or air["file"] is not None for air in airs):
+        sentences.append(PARTICLES)
+    if any(air.get("refraction", False) for air in airs):
+        sentences.append(REFRACTION)
+    if any(t.sun_visible_fraction == 0.0 for t in solar):
+        sentences.append(NIGHT)
+    return sentences

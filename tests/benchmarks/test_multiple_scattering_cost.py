@@ -1,0 +1,65 @@
+"""What multiple scattering costs a large frame: against single scattering in the same run, tables cached."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+import pytest
+
+from horizonval.render.backend import activate
+from horizonval.render.frame import render_frame
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.scene import SceneSpec
+
+MOST_RATIO = 1.4
+MOST_BYTES = 2.0e9
+BANDS = {"blue": (0.44, 0.50), "green": (0.52, 0.58), "red": (0.60, 0.67)}
+
+
+def seconds(orders: str, pixels: int, repeats: int = 2) -> float:
+    """Return the CPU seconds of the quickest of some warm renders: three bands of four nodes, four subsamples."""
+    activate()
+    scene = SceneSpec.model_validate(
+        {
+            "camera": {"file": "test", "mount_roll_deg": 65.0},
+            "platform": {"altitude_km": 500.0},
+            "sun": {"zenith_deg": 50.0},
+            "render": {"orders": orders, "subsamples": 2},
+        }
+    )
+    bands = [{"name": n, "kind": "solar", "lo_um": a, "hi_um": b, "nodes": 4} for n, (a, b) in BANDS.items()]
+    camera = CameraSpec.model_validate({"camera": {"width": pixels, "height": pixels, "fov_deg": 60.0}, "band": bands})
+    taken = []
+    for _ in range(1 + repeats):
+        start = time.process_time()
+        render_frame(scene, camera)
+        taken.append(time.process_time() - start)
+    return min(taken[1:])
+
+
+@pytest.mark.benchmark
+def test_all_orders_cost_little_more_than_one() -> None:
+    single, every = seconds("single", 512), seconds("all", 512)
+    print(f"\n512 x 512: {single:.2f} s of processor time with one order, {every:.2f} s with all")  # noqa: T201
+    assert every / single < MOST_RATIO
+
+
+@pytest.mark.benchmark
+@pytest.mark.slow
+def test_a_large_frame_with_all_orders_stays_below_two_gigabytes() -> None:
+    """1024 x 1024 in a process of its own, interpreter, compiler and the making of the tables included."""
+    code = (
+        f"import sys; sys.path.insert(0, {str(__file__.rsplit('/', 1)[0])!r})\n"
+        "from test_multiple_scattering_cost import seconds\n"
+        "import resource\n"
+        "single, every = seconds('single', 1024, 1), seconds('all', 1024, 1)\n"
+        "print('figures', single, every, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    single, every, peak = (float(v) for v in run.stdout.split("figures")[1].split())
+    peak *= 1 if sys.platform == "darwin" else 1024
+    print(f"\n1024 x 1024: {single:.1f} s, {every:.1f} s of processor time; peak {peak / 1e9:.2f} GB")  # noqa: T201
+    assert every / single < MOST_RATIO
+    assert peak < MOST_BYTES
