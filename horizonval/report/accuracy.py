@@ -15,8 +15,8 @@ PARTICLES = (
     "until 5°, in the dark rays towards it; below that not checked."
 )
 REFRACTION = (
-    "Refraction: single rays 0.1 % for light scattered once; frames of 128 nodes 0.5 % in bright pixels with the Sun up, "
-    "0.9 % in twilight, 4 % in pixels a thousand times darker; light scattered more than once is not refracted."
+    "Refraction: single rays 0.1 % for light scattered once; frames of 128 nodes 0.5 % in bright pixels with the Sun "
+    "up, 0.9 % in twilight, 4 % in pixels a thousand times darker; light scattered more than once is not refracted."
 )
 NIGHT = "Airglow is known to a factor of two, the Moon's brightness to 3 %."
 
