@@ -1,0 +1,96 @@
+"""Thermal bands as the renderer and the truth see them: absorption and temperature over height and latitude.
+
+A band is a set of g points (:mod:`horizonval.earth.thermal_absorption`), each solved as if monochromatic and summed::
+
+    L = sum over g of [ integral of S_g(T) exp(-tau_g) dtau_g  +  (ground, cloud or Sun behind) exp(-tau_g) ]
+
+The air is given at levels of height for every row of latitude. Between levels the absorption is linear in its logarithm
+and the temperature linear, as the tables' authors mean them; between rows the renderer takes both ``extinction`` and
+``source`` of :meth:`EmittingBand.columns` as linear in the sine of latitude, beyond the last row as on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
+
+from horizonval.earth.column import FloatArray
+from horizonval.earth.planck import radiance_per_wavenumber
+
+COLDEST_K, WARMEST_K, STEP_K = 80.0, 400.0, 1.0
+"""Range and step of the spline through S(T); its error is below 1e-8 of S."""
+
+
+@dataclass(frozen=True)
+class EmittingBand:
+    """One thermal band of a camera with the air it looks through.
+
+    Attributes
+    ----------
+    name : str
+        Of the band.
+    wavelength_um : ndarray, shape (g,)
+        Nominal, per g point.
+    altitude_m : ndarray, shape (n,)
+        The grid the renderer marches on: between its nodes extinction and source are linear. 0 to the top.
+    sin_latitude : ndarray, shape (m,)
+        Rising in equal steps; one value alone means the same air everywhere.
+    level_m : ndarray, shape (k,)
+    ln_extinction : ndarray, shape (g, m, k)
+        Logarithm of the extinction [1/m] at the levels.
+    temperature_k : ndarray, shape (m, k)
+        At the levels.
+    source_wavenumber_per_cm : ndarray, shape (q,)
+    source_weight_per_cm : ndarray, shape (g, q)
+        ``S_g(T) = sum_q weight[g, q] B_nu(wavenumber[q], T)``, W m-2 sr-1.
+    sun_radiance : ndarray, shape (g,)
+        Mean radiance of the Sun's disc outside the atmosphere [W m-2 sr-1].
+    """
+
+    name: str
+    wavelength_um: FloatArray
+    altitude_m: FloatArray
+    sin_latitude: FloatArray
+    level_m: FloatArray
+    ln_extinction: FloatArray
+    temperature_k: FloatArray
+    source_wavenumber_per_cm: FloatArray
+    source_weight_per_cm: FloatArray
+    sun_radiance: FloatArray
+
+    @property
+    def count(self) -> int:
+        """Number of g points."""
+        return len(self.wavelength_um)
+
+    def source(self, temperature_k: ArrayLike) -> FloatArray:
+        """Return S_g(T) [W m-2 sr-1]; shape of the temperature and (g,) behind it."""
+        temperature = np.asarray(temperature_k, dtype=np.float64)[..., None]
+        return radiance_per_wavenumber(self.source_wavenumber_per_cm, temperature) @ self.source_weight_per_cm.T
+
+    def source_spline(self) -> CubicSpline:
+        """Return a quick S_g(T) for many temperatures between COLDEST_K and WARMEST_K."""
+        nodes = np.arange(COLDEST_K, WARMEST_K + STEP_K, STEP_K)
+        return CubicSpline(nodes, self.source(nodes))
+
+    def columns(self) -> tuple[FloatArray, FloatArray]:
+        """Return extinction [1/m] and source function [W m-2 sr-1] on ``altitude_m``, shapes (g, m, n)."""
+        return self.extinction_at(self.altitude_m), np.moveaxis(self.source_spline()(self.air_k(self.altitude_m)), 2, 0)
+
+    def extinction_at(self, altitude_m: ArrayLike) -> FloatArray:
+        """Return the extinction [1/m] at heights (n,), shape (g, m, n)."""
+        i, w = self._locate(altitude_m)
+        return np.exp(self.ln_extinction[..., i] * (1.0 - w) + self.ln_extinction[..., i + 1] * w)
+
+    def air_k(self, altitude_m: ArrayLike) -> FloatArray:
+        """Return the temperature at heights (n,), shape (m, n)."""
+        i, w = self._locate(altitude_m)
+        return self.temperature_k[:, i] * (1.0 - w) + self.temperature_k[:, i + 1] * w
+
+    def _locate(self, altitude_m: ArrayLike) -> tuple[np.ndarray, FloatArray]:
+        z = np.clip(np.asarray(altitude_m, dtype=np.float64), self.level_m[0], self.level_m[-1])
+        i = np.clip(np.searchsorted(self.level_m, z, side="right") - 1, 0, len(self.level_m) - 2)
+        return i, (z - self.level_m[i]) / (self.level_m[i + 1] - self.level_m[i])
