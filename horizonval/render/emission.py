@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from horizonval.earth.arrays import FloatArray

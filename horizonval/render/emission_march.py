@@ -79,7 +79,9 @@ def march_emission(
     zero = dr.zeros(mi.Float64, rays)
     total = count if stations is None else count + (stations.count - 1) * stations.steps
     lane = dr.arange(mi.UInt32, rays)
-    kept = None if stations is None else tuple(dr.zeros(mi.Float64, rays * stations.count) for _ in "PQ")
+    kept = None
+    if stations is not None:
+        kept = dr.zeros(mi.Float64, rays * stations.count), dr.zeros(mi.Float64, rays * stations.count)
 
     def boundary(i: Any) -> Any:
         return _boundary(path, mi.Float64(i), count, stations)

@@ -416,8 +416,8 @@ def march(
             for n in range(width):
                 step = 0.5 * h * (k_a[n] + k_b[n])
                 if chunk.kind != "depth":
-                    gain = gain(h, k_a[n], k_b[n], j_a[n], j_b[n], step)
-                    radiance[n] = radiance[n] + dr.exp(-tau[n]) * gain
+                    added = gain(h, k_a[n], k_b[n], j_a[n], j_b[n], step)
+                    radiance[n] = radiance[n] + dr.exp(-tau[n]) * added
                 tau[n] = tau[n] + step
             t0 = t1
         return i + stride, t0, after, tau, radiance, turned
