@@ -8,10 +8,11 @@ splitting a band that the response covers in part::
     relative error = square root of the sum over b of (s_b (e_b + c_b))^2,    c_b = 0 for whole bands
 
 (the bands have other lines and other gases: their errors are independent and differ in sign). e_b is the largest
-difference from LOWTRAN7 over the climates, or from REPTRAN where that is larger. It is taken as 1 where nobody can tell: LOWTRAN7 lacks strength at low pressure and says
-nothing about the weak bands above 33 to 42 km, and nothing at all above 55 km. c is 6 % for rays that meet the ground
-or pass below 7 km, 20 % up to 33 km and 35 % above, as the cut parts of 14.0 to 16.3 um differ from REPTRAN's and those
-of 10.5 to 12.5 um from LOWTRAN7's. A sum of half or more is no statement and becomes None.
+difference from LOWTRAN7 over the climates, or from REPTRAN where that is larger. It is taken as 1 where nobody can
+tell: LOWTRAN7 lacks strength at low pressure and says nothing about the weak bands above 33 to 42 km, and nothing at
+all above 55 km. c is 6 % for rays that meet the ground or pass below 7 km, 20 % up to 33 km and 35 % above, as the cut
+parts of 14.0 to 16.3 um differ from REPTRAN's and those of 10.5 to 12.5 um from LOWTRAN7's. A sum of half or more is no
+statement and becomes None.
 
 The height of half the plateau moves by as much as the errors of plateau and half, taken together, move the level on the
 US standard limb; the plateau is the largest radiance from 10 to 24 km, or, where that is below 0.6 of it, that of the
