@@ -59,7 +59,7 @@ def rays_itrs(frame: Frame) -> FloatArray:
 
 
 def ends(frame: Frame) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return latitude and longitude [rad] and height [m] of what pixels see; those of the camera where it is nothing."""
+    """Return latitude and longitude [rad] and height [m] of what pixels see; where that is nothing, the camera's."""
     distance = np.where(np.isfinite(frame.maps["distance"]), frame.maps["distance"], 0.0).astype(float)
     return geodetic_from_itrs(np.array(frame.truth.r_itrs) + rays_itrs(frame) * distance[..., None])
 
