@@ -57,7 +57,8 @@ def _refusal(load, folder, text, name="x.toml"):
         (
             CAMERA + BAND + THERMAL_BAND + BOLOMETER,
             [
-                "one [detector] cannot see solar and thermal bands, got vis (solar), co2 (thermal); make two camera files"
+                "one [detector] cannot see solar and thermal bands",
+                "got vis (solar), co2 (thermal); make two camera files",
             ],
         ),
         (CAMERA + BAND.replace("0.5", "0.9"), ["band[1]", "lo_um must be below hi_um"]),
