@@ -41,9 +41,7 @@ def directions(r_itrs: ArrayLike, azimuth_rad: ArrayLike, angle_rad: ArrayLike) 
     return np.cos(angle) * geocentric_nadir(r_itrs) + np.sin(angle) * (np.cos(azimuth) * north + np.sin(azimuth) * east)
 
 
-def angle_of_height(
-    r_itrs: ArrayLike, ellipsoid: Ellipsoid, azimuth_rad: ArrayLike, height_m: ArrayLike
-) -> FloatArray:
+def angle_of_height(r_itrs: ArrayLike, ellipsoid: Ellipsoid, azimuth_rad: ArrayLike, height_m: ArrayLike) -> FloatArray:
     """Return the angle [rad] from the geocentric nadir at which a ray's lowest geodetic height is ``height_m``.
 
     Azimuths and heights broadcast; heights below the observer's, negative for the depth of a chord. Right to 1e-3 m of
@@ -117,14 +115,11 @@ def courses(
     ]
 
 
-def ground_points(
-    r_itrs: ArrayLike, ellipsoid: Ellipsoid, azimuth_rad: FloatArray, height_m: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return where rays of chord depth ``-height_m`` meet the ground [m], and cosines of their zenith angles there."""
+def ground_points(r_itrs: ArrayLike, ellipsoid: Ellipsoid, azimuth_rad: FloatArray, height_m: float) -> FloatArray:
+    """Return where rays of chord depth ``-height_m`` meet the ground [m], shape (azimuths, 3)."""
     r = np.asarray(r_itrs, dtype=np.float64)
     d = directions(r, azimuth_rad, angle_of_height(r, ellipsoid, azimuth_rad, height_m))
-    place = r + surface_distance(r, d, ellipsoid)[:, None] * d
-    return place, -np.einsum("ij,ij->i", surface_normal(place, ellipsoid), d)
+    return r + surface_distance(r, d, ellipsoid)[:, None] * d
 
 
 def _polynomial(coefficients: FloatArray, x: FloatArray) -> FloatArray:
