@@ -70,8 +70,8 @@ def infrared_horizon(
 
     Notes
     -----
-    The last few are remembered: frames of one place and air share theirs. Some 0.15 s for a band, and 1 s where the air
-    changes with latitude.
+    The last few are remembered: frames of one place and air share theirs. Some 0.2 s for a band, and 1 to 2 s where the
+    air changes with latitude.
     """
     if not model.thermal:
         return {}
