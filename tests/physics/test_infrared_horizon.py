@@ -179,6 +179,25 @@ def test_windows_take_the_ground_for_their_plateau() -> None:
     assert found["plateau_radiance"][0] > 2.0 * thin["plateau_radiance"][0]
 
 
+def test_the_plateau_of_a_window_follows_the_ground() -> None:
+    """Without air to speak of the ray to the ground has the ground's own light: emissivity and the hour of the day."""
+    model = exponential(1e-9, SCALE_M)
+    full = float(model.thermal[0].source(250.0)[0])
+    grey = replace(model, emission=replace(black(250.0), emissivity=0.9))
+    assert infrared_horizon(grey, CAMERA_M, SPHERE)["b0"]["plateau_radiance"][5] == pytest.approx(0.9 * full, rel=2e-3)
+    emission = GroundEmission("earth", (-1.0, 1.0), (250.0,) * 2, (230.0,) * 2, (240.0,) * 2, (10.0,) * 2, 1.0, 1.0)
+    place = itrs_from_geodetic(math.radians(20.0), math.radians(20.0), 500e3)
+    # Half past one over the Sahara: the Sun has gone 22.5 deg further west.
+    sun = (math.cos(math.radians(-2.5)), math.sin(math.radians(-2.5)), 0.0)
+    earth = replace(model, emission=emission)
+    found = infrared_horizon(earth, place, WGS84, sun_itrs=sun, snow_line_deg=70.0)["b0"]
+    # Land of emissivity 0.975 or so, 260 K when warmest; 22 deg of longitude away that is 0.6 K less.
+    warmest = max(found["plateau_radiance"])
+    assert 0.95 < warmest / float(model.thermal[0].source(260.0)[0]) < 0.99
+    # Northward lies the Mediterranean, and the sea sends little of its own at 3 deg from the level.
+    assert min(found["plateau_radiance"][-2:] + found["plateau_radiance"][:3]) < 0.6 * warmest
+
+
 def test_angles_are_those_of_the_heights() -> None:
     """On a sphere ``sin(angle) = (R + h) / D``, to the 0.1 m of the stored heights: 1e-7 rad from 500 km."""
     found = infrared_horizon(model_of("us_standard"), CAMERA_M, SPHERE)["b0"]
@@ -243,7 +262,7 @@ def test_uniform_air_needs_few_azimuths(latitude_deg: float, altitude_km: float)
 @pytest.mark.slow
 @pytest.mark.parametrize(("altitude_km", "rms_m", "most_m"), [(500.0, 40.0, 120.0), (35_786.0, 90.0, 300.0)])
 def test_between_the_azimuths_heights_are_linear(altitude_km: float, rms_m: float, most_m: float) -> None:
-    platform = {"latitude_deg": 30.0, "altitude_km": altitude_km, "epoch_utc": "2026-01-15T12:00:00Z"}
+    platform: dict[str, Any] = {"latitude_deg": 30.0, "altitude_km": altitude_km, "epoch_utc": "2026-01-15T12:00:00Z"}
     model = model_of("by_latitude_month", **platform)
     place = itrs_from_geodetic(math.radians(30.0), 0.0, altitude_km * 1e3)
     stored = np.array(infrared_horizon(model, place, WGS84)["b0"]["half_plateau_height_m"])
