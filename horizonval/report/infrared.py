@@ -41,8 +41,8 @@ def section_of(views: Sequence[View]) -> dict[str, Any] | None:
         return None
     kinds = sorted({_stored(v)["kind"] for v in shown})
     caption = (
-        "Height of the ray's lowest point against azimuth about the nadir; solid: half of the plateau, dotted: steepest "
-        f"fall. {count(len(shown), 'frame')}, true and clear-sky; equal curves lie on each other."
+        "Lowest height of the ray against azimuth about the nadir; solid: half of the plateau, dotted: steepest fall. "
+        f"{count(len(shown), 'frame')}, true and clear-sky; equal curves lie on each other."
     )
     return {
         "text": TEXT,

@@ -1,4 +1,5 @@
-"""Curves over an image: the true horizon, the infrared horizon, the fitted limb, the limb points, as SVG path data in pixel coordinates.
+"""Curves over an image as SVG path data in pixel coordinates: the true horizon, hard and infrared, the fitted limb,
+the limb points.
 
 The fitted limb is the cone of half angle ``rho`` about the fitted nadir, sent through the camera::
 
