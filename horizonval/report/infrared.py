@@ -5,7 +5,6 @@ All of it comes from the truth stored with the images.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -27,10 +26,6 @@ TEXT = (
     "largest radiance from 10 to 24 km), in window bands the ground's (10 km below the hard horizon). Clouds are left "
     "out; they lift the horizon of a window band to their tops."
 )
-NOTE = (
-    "For the profile that the scene describes; weather, season and stratospheric warmings move the horizon by more. "
-    "Emission is that of local thermodynamic equilibrium, which fails above about 75 km."
-)
 _MOST_NAMED = 7
 
 
@@ -44,13 +39,15 @@ def section_of(views: Sequence[View]) -> dict[str, Any] | None:
         "Lowest height of the ray against azimuth about the nadir; solid: half of the plateau, dotted: steepest fall. "
         f"{count(len(shown), 'frame')}, true and clear-sky; equal curves lie on each other."
     )
+    stated = [told for v in shown if (told := _stored(v).get("accuracy"))]
     return {
         "text": TEXT,
-        "note": NOTE,
+        "notes": _notes({v.band: told["sentences"] for v in shown if (told := _stored(v).get("accuracy"))}),
+        "places": [_place(*pair) for pair in stated[0]["heights_km"]] if stated else [],
         "title": "Height of the infrared horizon",
         "caption": caption,
         "uri": plots.figure_uri(_around(shown, kinds), 5.8, 1.2 + 2.6 * len(kinds)),
-        "rows": _accuracy_rows(shown),
+        "rows": _accuracy_rows(shown, len(stated[0]["heights_km"]) if stated else 0),
     }
 
 
@@ -106,7 +103,7 @@ def _curves(axes: Axes, heights: tuple[float, ...], index: int, name: str | None
     axes.plot(azimuth, np.append(steepest, steepest[0]), color=colour, lw=0.8 * width, ls=":")
 
 
-def _accuracy_rows(views: Sequence[View]) -> list[dict[str, Any]]:
+def _accuracy_rows(views: Sequence[View], places: int) -> list[dict[str, Any]]:
     rows: dict[tuple[str, str, str], dict[str, Any]] = {}
     for view in views:
         assert view.image is not None
@@ -120,7 +117,7 @@ def _accuracy_rows(views: Sequence[View]) -> list[dict[str, Any]]:
                 "band": view.band,
                 "range": _range(band),
                 "kind": stored["kind"],
-                "radiance": _radiance_lines(told) if told else ["not stated"],
+                "radiance": [_share(x) for x in told["relative"]] if told else ["–"] * places,
                 "height": _height(told),
             },
         )
@@ -132,15 +129,24 @@ def _range(band: Band) -> str:
     return f"{lo:g} to {hi:g} um"
 
 
-def _radiance_lines(told: dict[str, Any]) -> list[str]:
-    lines = []
-    for (low, high), relative in zip(told["heights_km"], told["relative"], strict=True):
-        place = "ground" if low is None else f"above {low:g} km" if high is None else f"{low:g} to {high:g} km"
-        lines.append(f"{place}: {'not stated' if relative is None else percent(round(relative, 3))}")
-    return lines
+def _notes(sentences: dict[str, list[str]]) -> list[str]:
+    """Return a paragraph for every band of what is said of it alone, and one of what is said of all."""
+    if not sentences:
+        return []
+    common = [s for s in next(iter(sentences.values())) if all(s in own for own in sentences.values())]
+    own = {band: " ".join(s for s in told if s not in common) for band, told in sentences.items()}
+    return [*(f"{band}: {text}" for band, text in sorted(own.items()) if text), " ".join(common)]
+
+
+def _place(low_km: float | None, high_km: float | None) -> str:
+    return "ground" if low_km is None else f"above {low_km:g}" if high_km is None else f"{low_km:g}–{high_km:g}"
+
+
+def _share(relative: float | None) -> str:
+    return "–" if relative is None else percent(round(relative, 3))
 
 
 def _height(told: dict[str, Any] | None) -> str:
-    if told is None or told["half_height_km"] is None or not math.isfinite(told["half_height_km"]):
-        return "not stated"
+    if told is None or told["half_height_km"] is None:
+        return "–"
     return f"{told['half_height_km']:g} km"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from horizonval.earth.column import OpticalModel
 from horizonval.earth.emission import EmittingBand
 from horizonval.earth.ground_emission import GroundEmission
 from horizonval.earth.optical import optical_model
+from horizonval.frame import FrameTruth
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic, sphere
 from horizonval.infrared_horizon.around import infrared_horizon
 from horizonval.infrared_horizon.radiance import Air, ground_ray, limb_radiance
@@ -291,6 +293,10 @@ def test_truths_of_thermal_cameras_have_it() -> None:
     truth = truth_of(scene("us_standard"), spec)
     assert list(truth.infrared_horizon) == ["b0", "b1"]
     assert len(truth.infrared_horizon["b1"]["half_plateau_angle_rad"]) == 36
+    stated = truth.infrared_horizon["b0"]["accuracy"]
+    assert (stated["interval"], stated["half_height_km"]) == ("14.0-16.3 um", 2.0)
+    assert stated["heights_km"][0] == [None, 0.0]
+    assert FrameTruth.from_dict(json.loads(json.dumps(truth.to_dict(), allow_nan=False))) == truth
     plain = truth_of(scene("us_standard"), spec, infrared=False)
     assert plain.infrared_horizon == {}
     assert plain == replace(truth, infrared_horizon={})
