@@ -98,7 +98,7 @@ def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> 
         # A radius beside WGS84 is refused when a scene is read, and this scene must be readable again.
         del scene_data["earth"]["radius_km"]
     if scene.surface.kind == "earth":
-        del scene_data["surface"]["albedo"]
+        del scene_data["surface"]["albedo"], scene_data["surface"]["emissivity"]
 
     def vector(v: Any) -> Any:
         # + 0.0 turns -0.0 into 0.0: equal truths then have equal text.
