@@ -18,7 +18,7 @@ from horizonval.errors import UserError
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
 
-_FRAME_ROOMS = ("render", "frame.py", "truth.py", "earth", "geometry", "spec", "archive")
+_FRAME_ROOMS = ("render", "frame.py", "truth.py", "infrared_horizon", "earth", "geometry", "spec", "archive")
 
 
 def code_version() -> str:
