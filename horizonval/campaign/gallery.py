@@ -14,7 +14,7 @@ from horizonval.errors import UserError
 from horizonval.frame import Frame, Hit
 from horizonval.geometry.ephemeris import AU_M, sun_itrs
 from horizonval.report.gallery import Exhibit, write_gallery
-from horizonval.report.thermal_picture import ThermalPanel, infrared_picture
+from horizonval.report.infrared import ThermalPanel, infrared_picture
 from horizonval.report.tone import tone_mapped
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.files import shipped_names, shipped_path

@@ -16,7 +16,7 @@ from synthetic import SOLAR_CAMERA, THERMAL_CAMERA, synthetic_cases, toy_image, 
 from horizonval.frame import DetectorImage
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.outcome import Outcome
-from horizonval.report import infrared, overlay, picture, plots, rerun, wording
+from horizonval.report import infrared_section, overlay, picture, plots, rerun, wording
 from horizonval.report.load import View
 from horizonval.report.verdict import BONUS, BROKEN, FALSE_VALID, MISSED, NONE, OTHER, REFUSED, VALID, verdict_of
 from horizonval.spec.load import load_scene
@@ -102,7 +102,7 @@ def view_of(truth, case="made"):
 
 
 def test_the_infrared_section_says_what_is_stored():
-    section = infrared.section_of([view_of(infrared_truth())])
+    section = infrared_section.section_of([view_of(infrared_truth())])
     assert section["places"] == ["ground", "0–7", "above 60"]
     assert section["rows"] == [
         {
@@ -114,21 +114,21 @@ def test_the_infrared_section_says_what_is_stored():
         }
     ]
     assert section["uri"].startswith("data:image/svg+xml")
-    facts = dict(infrared.facts_of(infrared_truth(), "lwir"))
+    facts = dict(infrared_section.facts_of(infrared_truth(), "lwir"))
     assert facts == {"infrared horizon in view": "half of the plateau at 40.0 km, steepest fall at 38.0 km, on average"}
-    bare = infrared.section_of([view_of(infrared_truth(accuracy=None))])
+    bare = infrared_section.section_of([view_of(infrared_truth(accuracy=None))])
     assert (bare["places"], bare["notes"], bare["rows"][0]["height"]) == ([], [], "–")
 
 
 def test_runs_without_an_infrared_horizon_have_no_such_section():
-    assert infrared.section_of([view_of(truth_at(THERMAL_CAMERA, roll_deg=66.0))]) is None
-    assert infrared.facts_of(truth_at(THERMAL_CAMERA), "lwir") == []
+    assert infrared_section.section_of([view_of(truth_at(THERMAL_CAMERA, roll_deg=66.0))]) is None
+    assert infrared_section.facts_of(truth_at(THERMAL_CAMERA), "lwir") == []
 
 
 def test_notes_of_several_bands():
     told = {"b": ["Of b.", "Of all."], "a": ["Of a.", "Of all."]}
-    assert infrared._notes(told) == ["a: Of a.", "b: Of b.", "Of all."]
-    assert infrared._notes({}) == []
+    assert infrared_section._notes(told) == ["a: Of a.", "b: Of b.", "Of all."]
+    assert infrared_section._notes({}) == []
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ import matplotlib
 import numpy as np
 import pytest
 
-from horizonval.report import thermal_picture
-from horizonval.report.thermal_picture import COLOURS, PANEL_PX, SPAN_K, ThermalPanel, infrared_picture, scale_k
+from horizonval.report import infrared
+from horizonval.report.infrared import COLOURS, PANEL_PX, SPAN_K, ThermalPanel, infrared_picture, scale_k
 
 
 def panel(temperature_k: np.ndarray, title: str = "t") -> ThermalPanel:
@@ -47,7 +47,7 @@ def test_every_pixel_has_the_colour_of_its_temperature(shape: tuple[int, int], s
     colours = matplotlib.colormaps[COLOURS]
     height, width = shape[0] * scale, shape[1] * scale
     assert width >= PANEL_PX
-    y, x = thermal_picture._HEAD, thermal_picture._EDGE
+    y, x = infrared._HEAD, infrared._EDGE
     block = picture[y : y + height, x : x + width]
     assert (block[::scale, ::scale] == block[scale - 1 :: scale, scale - 1 :: scale]).all(), "whole pixels"
     block = block[::scale, ::scale]
