@@ -116,10 +116,10 @@ def run_stability(spec: StabilitySpec, folder: RunFolder, workers: int, progress
         read = _finished(case, folder)
         assert read is not None
         profiles[case.key] = read
-    result = study.conclude(spec, profiles)
-    write_json(result_path, result, indent=None)
-    _write_table(folder.stability_table, *study.rows(result))
-    return StudyOutcome(study.digest(result), {}, seconds)
+    conclusion = study.conclude(spec, profiles)
+    write_json(result_path, conclusion, indent=None)
+    _write_table(folder.stability_table, *study.rows(conclusion))
+    return StudyOutcome(study.digest(conclusion), {}, seconds)
 
 
 def _finished(case: StabilityCase, folder: RunFolder) -> Profiles | None:

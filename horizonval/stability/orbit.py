@@ -65,12 +65,12 @@ def heads_round_orbit(
     radius_m: float, inclination_rad: float, positions: int, first_head_rad: float = 0.0, ellipsoid: Ellipsoid = WGS84
 ) -> Heads:
     """Return the heads at evenly spread positions, the first over the ascending node."""
-    u = np.arange(positions) * (2 * math.pi / positions)
+    u = np.arange(positions, dtype=np.float64) * (2 * math.pi / positions)
     c, s, ci, si = np.cos(u), np.sin(u), math.cos(inclination_rad), math.sin(inclination_rad)
     up = np.stack([c, s * ci, s * si], axis=-1)
     forward = np.stack([-s, c * ci, c * si], axis=-1)
     right = np.cross(-up, forward)
-    alpha = first_head_rad + np.arange(4) * (math.pi / 2)
+    alpha = first_head_rad + np.arange(4, dtype=np.float64) * (math.pi / 2)
     level = np.cos(alpha)[:, None] * forward[:, None, :] + np.sin(alpha)[:, None] * right[:, None, :]
     r = radius_m * up
     horizon = np.empty((positions, 4))

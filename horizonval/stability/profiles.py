@@ -75,7 +75,7 @@ def heights_m(spec: StabilitySpec) -> FloatArray:
     # Half a field below a horizon that stands above the ground, and a tenth more.
     depth_km = 0.55 * math.radians(widest) * distance_km
     # The disc is smooth below the horizon: six steps are enough.
-    below = -np.linspace(depth_km, 10.0, 7)[:-1] if depth_km > 10.0 else []
+    below = -np.linspace(depth_km, 10.0, 7)[:-1] if depth_km > 10.0 else np.zeros(0)
     return 1e3 * np.array([*below, *_HEIGHT_KM])
 
 

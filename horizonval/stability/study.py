@@ -54,6 +54,7 @@ def conclude(spec: StabilitySpec, profiles: Mapping[tuple[str, int], Profiles]) 
         "requirement_deg": list(spec.requirement_deg),
         "months": list(spec.months),
         "latitude_deg": LATITUDE_DEG.tolist(),
+        "height_km": _plain(some.height_m / 1e3),
         "argument_deg": _plain(np.degrees(heads.argument_rad)),
         "satellite_latitude_deg": _plain(latitude),
         "deg_per_km": _plain(np.degrees(np.mean(_slope_rad_per_m(some.height_m, offset))) * 1e3),
@@ -109,6 +110,7 @@ def _band(
         "lo_um": band.lo_um,
         "hi_um": band.hi_um,
         "kind": "opaque" if bool(orbit.opaque.all()) else "window" if not orbit.opaque.any() else "mixed",
+        "examples": _examples(spec, np.stack([p.parallels for p in months])),
         "half_km": _plain(parallels.half_m / 1e3),
         "gradient_km": _plain(parallels.gradient_m / 1e3),
         "plateau_w_m2_sr": _plain(parallels.plateau),
@@ -163,6 +165,22 @@ def _sensor(
     }
 
 
+def _examples(spec: StabilitySpec, parallels: FloatArray) -> list[Plain]:
+    """Profiles over the equator and at 60 deg north, in the first month and half a year later where there is one."""
+    first = spec.months[0]
+    later = (first + 5) % 12 + 1
+    places = [(0.0, first), (60.0, first), *([(60.0, later)] if later in spec.months else [])]
+    rows = LATITUDE_DEG.tolist()
+    return [
+        {
+            "latitude_deg": latitude,
+            "month": month,
+            "radiance_w_m2_sr": _plain(parallels[spec.months.index(month), rows.index(latitude)]),
+        }
+        for latitude, month in places
+    ]
+
+
 def _variation(plateau: FloatArray) -> float:
     """Largest less smallest, over the mean."""
     return float((plateau.max() - plateau.min()) / plateau.mean())
@@ -175,8 +193,12 @@ def _slope_rad_per_m(height: FloatArray, offset: FloatArray) -> FloatArray:
 
 
 def _statistics(values: FloatArray) -> Plain:
-    names = {"min": np.min, "max": np.max, "mean": np.mean, "std": np.std}
-    return {name: _plain(of(values)) for name, of in names.items()}
+    return {
+        "min": _plain(values.min()),
+        "max": _plain(values.max()),
+        "mean": _plain(values.mean()),
+        "std": _plain(values.std()),
+    }
 
 
 def _plain(values: Any) -> Any:
