@@ -41,9 +41,7 @@ def directions(r_itrs: ArrayLike, azimuth_rad: ArrayLike, angle_rad: ArrayLike) 
     return np.cos(angle) * geocentric_nadir(r_itrs) + np.sin(angle) * (np.cos(azimuth) * north + np.sin(azimuth) * east)
 
 
-def angle_of_height(
-    r_itrs: ArrayLike, ellipsoid: Ellipsoid, azimuth_rad: ArrayLike, height_m: ArrayLike
-) -> FloatArray:
+def angle_of_height(r_itrs: ArrayLike, ellipsoid: Ellipsoid, azimuth_rad: ArrayLike, height_m: ArrayLike) -> FloatArray:
     """Return the angle [rad] from the geocentric nadir at which a ray's lowest geodetic height is ``height_m``.
 
     Azimuths and heights broadcast; heights below the observer's, negative for the depth of a chord. Right to 1e-3 m of

@@ -8,7 +8,7 @@ of sight stays near one latitude: that is the horizon as a function of latitude,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -39,6 +39,10 @@ _HEIGHT_KM = (
     *(75.0, 80.0, 85.0, 90.0, 95.0, 100.0),
 )
 """Two rays stand on either side of the ground, where a window's radiance may jump."""
+
+
+_FAR_KM = 2e6
+"""A scene holds the air that its satellite can see; from here that is every latitude."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,7 @@ def month_scene(spec: StabilitySpec, month: int) -> SceneSpec:
     return SceneSpec(
         scene=SceneName(name=f"stability-{month:02d}"),
         camera=CameraUse(file="stability"),
-        platform=Platform(epoch_utc=datetime(2026, month, 16, tzinfo=UTC), altitude_km=spec.altitude_km),
+        platform=Platform(epoch_utc=datetime(2026, month, 16, tzinfo=UTC), altitude_km=_FAR_KM),
         atmosphere=spec.atmosphere.model_copy(update=_month(spec, month)),
         surface=spec.surface,
     )
@@ -92,6 +96,8 @@ def month_scene(spec: StabilitySpec, month: int) -> SceneSpec:
 
 def month_model(spec: StabilitySpec, band: StabilityBand, month: int) -> OpticalModel:
     """Return the optical properties of a month for one band.
+
+    A uniform ground without a temperature of its own is as warm as the lowest air of its latitude.
 
     Raises
     ------
@@ -101,7 +107,21 @@ def month_model(spec: StabilitySpec, band: StabilityBand, month: int) -> Optical
     from horizonval.earth.optical import optical_model
 
     camera = CameraSpec(camera=CameraGeometry(width=1, height=1, fov_deg=1.0), band=[band.band])
-    return optical_model(month_scene(spec, month), camera)
+    model = optical_model(month_scene(spec, month), camera)
+    air = model.thermal[0]
+    if spec.surface.kind == "uniform" and spec.surface.temperature_k is None and len(air.sin_latitude) > 1:
+        assert model.emission is not None
+        warmth = tuple(air.temperature_k[:, 0].tolist())
+        emission = replace(
+            model.emission,
+            sin_latitude=tuple(air.sin_latitude.tolist()),
+            land_k=warmth,
+            snow_k=warmth,
+            water_k=warmth,
+            diurnal_k=(0.0,) * len(warmth),
+        )
+        model = replace(model, emission=emission)
+    return model
 
 
 def month_profiles(spec: StabilitySpec, band: StabilityBand, month: int) -> Profiles:

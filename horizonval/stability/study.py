@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.spec.stability import EdgeSensor, FieldSensor, StabilityBand, StabilitySpec
-from horizonval.stability.locate import Located, highest_crossing, locate
+from horizonval.stability.locate import Horizon, highest_crossing, locate
 from horizonval.stability.orbit import Heads, offsets_of_heights
 from horizonval.stability.profiles import LATITUDE_DEG, Profiles, heads_of
 from horizonval.stability.published import PUBLISHED
@@ -109,7 +109,7 @@ def _band(
         "name": band.name,
         "lo_um": band.lo_um,
         "hi_um": band.hi_um,
-        "kind": "opaque" if bool(orbit.opaque.all()) else "window" if not orbit.opaque.any() else "mixed",
+        "kind": orbit.kind,
         "examples": _examples(spec, np.stack([p.parallels for p in months])),
         "half_km": _plain(parallels.half_m / 1e3),
         "gradient_km": _plain(parallels.gradient_m / 1e3),
@@ -126,7 +126,7 @@ def _sensor(
     sensor: EdgeSensor | FieldSensor,
     height: FloatArray,
     radiance: FloatArray,
-    orbit: Located,
+    orbit: Horizon,
     heads: Heads,
     offset: FloatArray,
 ) -> Plain:
