@@ -115,14 +115,11 @@ def courses(
     ]
 
 
-def ground_points(
-    r_itrs: ArrayLike, ellipsoid: Ellipsoid, azimuth_rad: FloatArray, height_m: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return where rays of chord depth ``-height_m`` meet the ground [m], and cosines of their zenith angles there."""
+def ground_points(r_itrs: ArrayLike, ellipsoid: Ellipsoid, azimuth_rad: FloatArray, height_m: float) -> FloatArray:
+    """Return where rays of chord depth ``-height_m`` meet the ground [m], shape (azimuths, 3)."""
     r = np.asarray(r_itrs, dtype=np.float64)
     d = directions(r, azimuth_rad, angle_of_height(r, ellipsoid, azimuth_rad, height_m))
-    place = r + surface_distance(r, d, ellipsoid)[:, None] * d
-    return place, -np.einsum("ij,ij->i", surface_normal(place, ellipsoid), d)
+    return r + surface_distance(r, d, ellipsoid)[:, None] * d
 
 
 def _polynomial(coefficients: FloatArray, x: FloatArray) -> FloatArray:
