@@ -18,7 +18,7 @@ import jinja2
 
 from horizonval.frame import FrameTruth
 from horizonval.outcome import Outcome
-from horizonval.report import overlay, picture, plots, rerun, wording
+from horizonval.report import overlay, picture, plots, rerun, stability, wording
 from horizonval.report.accuracy import accuracy_of
 from horizonval.report.load import Run, View, load_run
 from horizonval.report.verdict import VERDICTS, verdict_of
@@ -30,7 +30,7 @@ _FILES = {"style": "page.css", "code": "page.js"}
 
 
 def build_report(run_dir: Path) -> Path:
-    """Write ``run_dir/report/index.html`` and return its path.
+    """Write ``run_dir/report/index.html`` and return its path; beside it the page of a study, if the run has one.
 
     A run that is not finished, or whose archive is damaged, gets a report that says so.
 
@@ -61,9 +61,22 @@ def build_report(run_dir: Path) -> Path:
         "count": wording.count,
     }
     parts = {name: (folder / file).read_text(encoding="utf-8") for name, file in _FILES.items()}
-    text = environment.get_template("page.html").render(**page_of(run), **parts)
-    path = run_dir / "report" / "index.html"
-    path.parent.mkdir(exist_ok=True)
+    pages = run_dir / "report"
+    pages.mkdir(exist_ok=True)
+    result = stability.load_result(run_dir)
+    study = None
+    if result is not None:
+        study = {"page": stability.PAGE, "text": stability.headline(result)}
+        page = environment.get_template("stability.html").render(run=run, **stability.page_of(result), **parts)
+        _write(pages / stability.PAGE, page)
+    else:
+        (pages / stability.PAGE).unlink(missing_ok=True)
+    return _write(
+        pages / "index.html", environment.get_template("page.html").render(**page_of(run), study=study, **parts)
+    )
+
+
+def _write(path: Path, text: str) -> Path:
     partial = path.with_name(f".{path.name}.part")
     partial.write_text(text, encoding="utf-8", newline="\n")
     os.replace(partial, path)

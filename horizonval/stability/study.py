@@ -117,6 +117,7 @@ def _band(
         "half_statistics": _statistics(parallels.half_m / 1e3),
         "gradient_statistics": _statistics(parallels.gradient_m / 1e3),
         "plateau_statistics": _statistics(parallels.plateau),
+        "spectroscopy_km": None,
         "variation": _plain(_variation(parallels.plateau)),
         "sensors": [_sensor(sensor, height, seen, orbit, heads, offset) for sensor in spec.sensor],
     }
@@ -144,6 +145,7 @@ def _sensor(
         nominal = float(np.mean(edge))
         excess = edge_excess(edge, nominal, height, every)
         calibration["height_km"] = nominal / 1e3
+        calibration["std_km"] = float(np.std(edge)) / 1e3
     else:
         nominal = float(np.mean(orbit.half_m))
         centre = interpolate(nominal, height, every)
