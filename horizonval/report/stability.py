@@ -143,20 +143,21 @@ def _published_value(item: Plain) -> str:
 
 def _ours(item: Plain, band: Plain) -> list[str]:
     """Return the study's own figures beside a published one, a line each."""
-    quantity = item["quantity"]
+    quantity, words = item["quantity"], draw.sensor_words
     edges = [s for s in band["sensors"] if s["kind"] == "edge"]
     fields = [s for s in band["sensors"] if s["kind"] == "field" and s["field_deg"] == item["field_deg"]]
     if quantity in ("edge_pitch_deg", "edge_roll_deg"):
         key = "max_pitch_deg" if "pitch" in quantity else "max_roll_deg"
-        return [f"{s[key]:.3f}°, {draw.sensor_words(s)}" for s in edges]
+        return [f"{s[key]:.3f}°, {words(s)}" for s in edges]
     if quantity == "field_pitch_deg":
         return [f"{s['max_pitch_deg']:.3f}° in pitch, {s['max_roll_deg']:.3f}° in roll" for s in fields]
     if quantity == "requirement_deg":
-        return [f"{s['rms_pitch_deg']:.3f}° rms in pitch, {draw.sensor_words(s)}" for s in band["sensors"]]
+        return [f"{max(s['max_pitch_deg'], s['max_roll_deg']):.3f}° at most, {words(s)}" for s in band["sensors"]]
     if quantity == "variation":
         return [f"{100 * band['variation']:.0f} % over latitude and season, none with longitude"]
-    if quantity == "edge_std_km":
-        return [f"{number(s['calibration']['std_km'], 2)} km, {draw.sensor_words(s)}" for s in edges]
+    if quantity in ("half_std_km", "threshold_std_km"):
+        asked = [s for s in edges if quantity.startswith(s["locator"])]
+        return [f"{number(s['calibration']['std_km'], 2)} km, {words(s)}" for s in asked]
     found = band["half_statistics" if quantity == "half_km" else "plateau_statistics"]
     unit = "km" if quantity == "half_km" else "W m⁻² sr⁻¹"
     return [f"{number(found['min'])} to {number(found['max'])} {unit}"]

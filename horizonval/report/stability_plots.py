@@ -16,9 +16,9 @@ from horizonval.report.plots import Draw
 
 Plain = Mapping[str, Any]
 
-SEASONS = (1, 4, 7, 10)
-"""Months that stand for the year: the climates are at their extremes in January and July."""
-_SEASON_COLOURS = {1: "#0072b2", 4: "#009e73", 7: "#d55e00", 10: "#cc79a7"}
+SEASONS = (3, 6, 9, 12)
+"""Months that stand for the year: those of equinoxes and solstices."""
+_SEASON_COLOURS = {3: "#009e73", 6: "#d55e00", 9: "#cc79a7", 12: "#0072b2"}
 _GREY = "#8d949c"
 _PUBLISHED = "#111111"
 
@@ -168,7 +168,7 @@ def published_for(result: Plain, sensor: Plain, axis: str) -> float | None:
 
 def title_of(band: Plain) -> str:
     """Return a band's limits as text."""
-    return f"{band['lo_um']:g}–{band['hi_um']:g} µm"
+    return f"{band['lo_um']}–{band['hi_um']} µm"
 
 
 def sensor_words(sensor: Plain) -> str:

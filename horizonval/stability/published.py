@@ -13,7 +13,8 @@ Quantity = Literal[
     "variation",
     "half_km",
     "plateau_w_m2_sr",
-    "edge_std_km",
+    "half_std_km",
+    "threshold_std_km",
 ]
 
 _ERRORS = "study of systematic horizon-sensor errors from infrared radiance variation, 1980, polar orbit of 900 km"
@@ -35,6 +36,8 @@ class Published:
         Why ours differs, or may.
     field_deg : float, optional
         Of the field sensor.
+    altitude_km : float, optional
+        Of the orbit, where the figure belongs to one.
     """
 
     quantity: Quantity
@@ -44,6 +47,7 @@ class Published:
     source: str
     why: str
     field_deg: float | None = None
+    altitude_km: float | None = None
 
 
 PUBLISHED = (
@@ -56,6 +60,7 @@ PUBLISHED = (
         "Which edge the published scanner takes is not known here. The seasons of mean climates alone give as much to "
         "a fixed radiance, and half to a head that measures its own plateau. Weather and stratospheric warmings, which "
         "the blended climates lack, come on top.",
+        altitude_km=900.0,
     ),
     Published(
         "edge_roll_deg",
@@ -65,6 +70,7 @@ PUBLISHED = (
         _ERRORS,
         "Ours comes from the orbit's inclination alone, near the poles: at exactly 90° air that is the same at every "
         "longitude looks alike to both sides, and the roll error is zero. Real air varies with longitude.",
+        altitude_km=900.0,
     ),
     Published(
         "field_pitch_deg",
@@ -75,6 +81,7 @@ PUBLISHED = (
         "A quarter of the field times the relative difference of radiance between opposite heads. Winter against "
         "summer makes nearly all of it, and mean climates have that.",
         field_deg=2.0,
+        altitude_km=900.0,
     ),
     Published(
         "requirement_deg",
@@ -82,7 +89,7 @@ PUBLISHED = (
         0.03,
         0.1,
         "the same",
-        "An edge sensor keeps the loose end of it without any correction for the season, a field sensor does not.",
+        "Without any correction for latitude and season.",
     ),
     Published(
         "variation",
@@ -111,11 +118,19 @@ PUBLISHED = (
         "Monthly means of subarctic climates end before the cold of the Antarctic winter.",
     ),
     Published(
-        "edge_std_km",
-        "standard deviation of the edge's height: normalised locators 1 to 2 km, fixed radiance 3 to 6 km",
+        "half_std_km",
+        "standard deviation of the height of normalised edges",
         1.0,
+        2.0,
+        _DEFINITION,
+        "Over the orbit and the year. The smooth year of mean climates reaches the lower end.",
+    ),
+    Published(
+        "threshold_std_km",
+        "standard deviation of the height of a fixed radiance",
+        3.0,
         6.0,
         _DEFINITION,
-        "Ours is over a smooth year of mean climates, without weather.",
+        "As above; weather would add to it.",
     ),
 )

@@ -59,7 +59,7 @@ def conclude(spec: StabilitySpec, profiles: Mapping[tuple[str, int], Profiles]) 
         "satellite_latitude_deg": _plain(latitude),
         "deg_per_km": _plain(np.degrees(np.mean(_slope_rad_per_m(some.height_m, offset))) * 1e3),
         "bands": bands,
-        "published": [asdict(item) for item in PUBLISHED],
+        "published": [asdict(item) for item in PUBLISHED if item.altitude_km in (None, spec.altitude_km)],
     }
 
 
