@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FRAME_SCHEMA = 2
-READABLE_SCHEMAS = (1, 2)
-"""What an archive may hold. 1: before there was a Moon; its fields then have their defaults."""
+FRAME_SCHEMA = 3
+READABLE_SCHEMAS = (1, 2, 3)
+"""What an archive may hold. 1: before there was a Moon; 2: before the infrared horizon. Fields that an older truth does
+not have take their defaults."""
 
 
 class Hit(IntEnum):
@@ -89,6 +90,10 @@ class FrameTruth:
         Share of the Moon's disc, lit or not, seen past the Earth from the camera.
     moon_phase_angle_rad : float
         Angle at the Moon between Sun and camera: 0 full, pi new.
+    infrared_horizon : dict
+        By thermal band, where its radiance drops all round the clear-sky horizon; plain data, as
+        :func:`horizonval.infrared_horizon.around.infrared_horizon` says. Empty without thermal bands, without air, and
+        for cameras inside it.
     """
 
     scene: dict[str, Any]
@@ -118,6 +123,7 @@ class FrameTruth:
     moon_angular_radius_rad: float = 0.0
     moon_visible_fraction: float = 0.0
     moon_phase_angle_rad: float = 0.0
+    infrared_horizon: dict[str, Any] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data (JSON keeps every bit: ``repr`` of a float64 round-trips)."""
@@ -134,7 +140,7 @@ class FrameTruth:
             raise KeyError("schema")
         old = data["schema"] != FRAME_SCHEMA
         for name, f in names.items():
-            if name not in data and not (old and f.default is not MISSING):
+            if name not in data and not (old and (f.default is not MISSING or f.default_factory is not MISSING)):
                 raise KeyError(name)
         if unknown := sorted(set(data) - set(names)):
             raise TypeError(f"unknown keys {unknown}")

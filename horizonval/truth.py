@@ -1,6 +1,6 @@
 """The exact truth of a frame, from its specification alone: float64, closed form, no renderer.
 
-This room stands between ``frame`` and ``limb``: it may use ``frame``, ``geometry`` and ``spec``.
+This room stands above ``infrared_horizon``, which adds what thermal bands see of the horizon.
 """
 
 from __future__ import annotations
@@ -8,13 +8,15 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from horizonval.earth.optical import OpticalModel, optical_model
 from horizonval.frame import FRAME_SCHEMA, FrameTruth
 from horizonval.geometry.camera import camera_from_spec, check_invertible
-from horizonval.geometry.ellipsoid import geocentric_nadir, geodetic_nadir
+from horizonval.geometry.ellipsoid import Ellipsoid, geocentric_nadir, geodetic_nadir
 from horizonval.geometry.ephemeris import (
     MOON_RADIUS_M,
     moon_itrs,
@@ -26,6 +28,7 @@ from horizonval.geometry.ephemeris import (
 from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import angular_radius
 from horizonval.geometry.pose import Pose, direction_from_horizontal, pose_from_spec
+from horizonval.infrared_horizon.around import infrared_horizon
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -57,7 +60,7 @@ def _moon_place(scene: SceneSpec, pose: Pose) -> Any:
     return np.asarray(pose.r_itrs) + direction * np.linalg.norm(place - pose.r_itrs)
 
 
-def truth_of(scene: SceneSpec, camera: CameraSpec) -> FrameTruth:
+def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> FrameTruth:
     """Return the truth of the frame that a scene and a camera describe.
 
     The Sun comes from the epoch (apparent, geocentric), or from ``[sun]`` as a direction at infinity seen from the
@@ -69,12 +72,15 @@ def truth_of(scene: SceneSpec, camera: CameraSpec) -> FrameTruth:
     ----------
     scene, camera
         Resolved specifications; both are kept in the truth as ``model_dump(mode="json")``, which reads back.
+    infrared : bool
+        Whether to work out the infrared horizon (up to 2 s for every thermal band, once for every place and air);
+        without, it is left empty, and :func:`with_infrared_horizon` adds it.
 
     Raises
     ------
     UserError
         If the camera is not above the surface, its distortion folds inside the image, or the epoch is outside 1960 to
-        2099.
+        2099; with the infrared horizon also as :func:`horizonval.earth.optical.optical_model`.
     """
     check_invertible(camera_from_spec(camera.camera))
     pose = pose_from_spec(scene)
@@ -110,7 +116,7 @@ def truth_of(scene: SceneSpec, camera: CameraSpec) -> FrameTruth:
             ),
             "moon_phase_angle_rad": phase_angle(direction * distance_m - place, -line),
         }
-    return FrameTruth(
+    truth = FrameTruth(
         scene=scene_data,
         camera=camera_data,
         scene_id=scene_id(scene_data, camera_data),
@@ -134,3 +140,13 @@ def truth_of(scene: SceneSpec, camera: CameraSpec) -> FrameTruth:
         angular_radius_rad=angular_radius(pose.r_itrs, pose.ellipsoid),
         **moon,
     )
+    thermal = [band for band in camera.band if band.kind == "thermal"]
+    if not (infrared and thermal):
+        return truth
+    return with_infrared_horizon(truth, optical_model(scene, camera.model_copy(update={"band": thermal})))
+
+
+def with_infrared_horizon(truth: FrameTruth, model: OpticalModel) -> FrameTruth:
+    """Return a truth with the infrared horizon of the optical model that belongs to its scene and camera."""
+    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+    return replace(truth, infrared_horizon=infrared_horizon(model, truth.r_itrs, ellipsoid))

@@ -223,6 +223,6 @@ def _truth_or_none(case: Case) -> FrameTruth | None:
     from horizonval.truth import truth_of
 
     try:
-        return truth_of(case.scene, case.camera)
+        return truth_of(case.scene, case.camera, infrared=False)
     except Exception:  # Whatever broke the case may break its truth as well; the error is reported already.
         return None

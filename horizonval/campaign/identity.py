@@ -20,7 +20,7 @@ from horizonval.spec.load import Case, Suite
 from horizonval.stability.case import StabilityCase
 
 _STABILITY_ROOMS = ("stability", "render", "earth", "geometry", "spec")
-_FRAME_ROOMS = ("render", "frame.py", "truth.py", "earth", "geometry", "spec", "archive")
+_FRAME_ROOMS = ("render", "frame.py", "truth.py", "infrared_horizon", "earth", "geometry", "spec", "archive")
 
 
 def code_version() -> str:

@@ -115,7 +115,7 @@ def check_suite(suite: Suite) -> None:
             case.scene.render.band_error,
         )
         try:
-            truth_of(case.scene, case.camera)
+            truth_of(case.scene, case.camera, infrared=False)
             if matter not in checked:
                 optical_model(case.scene, case.camera)
                 checked.add(matter)

@@ -3,7 +3,10 @@
 ``L(h)`` is the radiance of the clear limb against the lowest geodetic height of the ray. The plateau is the largest
 ``L`` between 10 and 24 km if the air itself is the horizon there (``opaque``: at least 0.6 of the ray 10 km below the
 hard horizon, as in the 15 um band of CO2), else that ray's radiance (``window``: the ground is the horizon, blurred by
-water vapour). Half of the plateau, and the steepest fall, are the two heights that the locators of sensors come near to.
+water vapour). Half of the plateau, and the steepest fall, are the heights that the locators of sensors come near to.
+
+The steepest fall is a broad maximum, with edges of its own where the lapse rate of a profile changes: it depends on
+what counts as structure (here 0.5 km) by some 0.3 km, and where two places are nearly as steep it may be either.
 """
 
 from __future__ import annotations

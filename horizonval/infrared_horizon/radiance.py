@@ -1,9 +1,9 @@
 """Radiance of the clear limb in a thermal band, integrated along exact rays.
 
-With ``u`` of :mod:`horizonval.infrared_horizon.rays` the optical depth of a g point is ``tau = integral of k (ds/du) du``
-with a smooth integrand. The path is cut at shells about 1 km apart; every piece has its depth ``D`` and its mean source
-``M = integral of S dtau / D`` by Simpson's rule in u. Within the piece the source is the parabola in tau through its
-values ``S0`` and ``S1`` at the ends with that mean::
+With ``u`` of :mod:`horizonval.infrared_horizon.rays` the optical depth of a g point is the integral of
+``k (ds/du) du``, which is smooth. The path is cut at shells about 1 km apart; every piece has its depth ``D`` and its
+mean source ``M = integral of S dtau / D`` by Simpson's rule in u. Within the piece the source is the parabola in tau
+through its values ``S0`` and ``S1`` at the ends with that mean::
 
     integral of S exp(-tau) dtau = S0 (1 - b) + S1 (b - e) + (M - (S0 + S1)/2) 6 [(1 + e) - 2 b] / D,
     e = exp(-D),  b = (1 - e) / D
@@ -75,12 +75,19 @@ class Air:
         step = self.sin_latitude[1] - self.sin_latitude[0]
         row = np.clip((path.sine_at(u) - self.sin_latitude[0]) / step, 0.0, len(self.sin_latitude) - 1)
         j = np.minimum(row.astype(np.intp), len(self.sin_latitude) - 2)
-        low, high = int(j.min()), int(j.max()) + 2
-        v, j, p = (row - j)[..., None], j - low, np.arange(len(u))
+        v = (row - j)[..., None]
+        corners = (
+            ((1.0 - v) * (1.0 - w), j, i),
+            ((1.0 - v) * w, j, i + 1),
+            (v * (1.0 - w), j + 1, i),
+            (v * w, j + 1, i + 1),
+        )
         result = []
-        for column in (self.extinction[low:high], self.source[low:high]):
-            rows = column[:, i] * (1.0 - w) + column[:, i + 1] * w
-            result.append(rows[j, p] * (1.0 - v) + rows[j + 1, p] * v)
+        for column in (self.extinction, self.source):
+            value = np.zeros((*j.shape, column.shape[-1]))
+            for weight, rows, levels in corners:
+                value += weight * column[rows, levels]
+            result.append(value)
         return result[0], result[1]
 
 

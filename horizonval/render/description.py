@@ -42,14 +42,14 @@ class Described:
 
 
 def describe(scene: SceneSpec, camera: CameraSpec) -> Described:
-    """Return everything about a frame but its pixels, and select the back-end.
+    """Return everything about a frame but its pixels and its infrared horizon, and select the back-end.
 
     Raises
     ------
     UserError
         As :func:`horizonval.render.frame.render_frame`.
     """
-    truth = truth_of(scene, camera)
+    truth = truth_of(scene, camera, infrared=False)
     _, sun_distance_m = sun_itrs(scene.platform.epoch_utc)
     model, moon = _with_sky(
         optical_model(scene, camera, sun_distance_au=sun_distance_m / AU_M), scene, camera, truth, sun_distance_m

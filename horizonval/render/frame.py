@@ -12,6 +12,7 @@ from horizonval.frame import Frame
 from horizonval.render.description import describe
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
+from horizonval.truth import with_infrared_horizon
 
 if TYPE_CHECKING:
     from horizonval.render.chunks import TableProgress
@@ -56,6 +57,6 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: TableProgress |
     return Frame(
         radiance={band: np.ascontiguousarray(image[:, :, i]) for i, band in enumerate(integrator.bands)},
         maps=truth_maps(integrator.view(sensor)),
-        truth=described.truth,
+        truth=with_infrared_horizon(described.truth, described.model),
         render=settings,
     )

@@ -14,8 +14,8 @@ PACKAGE = Path(horizonval.__file__).parent
 
 ROOMS = [
     "cli", "reproduce", "study", "campaign", "localisation", "stability", "regression", "report", "scoring", "archive",
-    "sensor", "render", "estimators", "limb", "truth", "frame", "earth", "geometry", "spec", "suggest", "outcome",
-    "errors",
+    "sensor", "render", "estimators", "limb", "truth", "infrared_horizon", "frame", "earth", "geometry", "spec",
+    "suggest", "outcome", "errors",
 ]  # fmt: skip
 """From top to bottom. A room may import any room that stands later in this list."""
 
@@ -23,7 +23,19 @@ STRANGERS = {("render", "sensor"), ("sensor", "render"), ("estimators", "frame")
 """Pairs that must not know each other although the order would allow it."""
 
 HEAVY = {"mitsuba", "drjit"}
-LIGHT_ROOMS = ("geometry", "earth", "spec", "truth", "frame", "limb", "estimators", "sensor", "scoring", "archive")
+LIGHT_ROOMS = (
+    "geometry",
+    "earth",
+    "spec",
+    "truth",
+    "infrared_horizon",
+    "frame",
+    "limb",
+    "estimators",
+    "sensor",
+    "scoring",
+    "archive",
+)
 
 
 def _modules() -> dict[str, Path]:

@@ -207,7 +207,7 @@ def test_a_stranger_cannot_change_the_truth(stored, capfd):
 
 def test_another_schema_is_named(stored, capfd):
     rewrite(stored, **{"horizonval:schema": 99})
-    refuses(stored, capfd, "schema 99; expected schema 1 or 2")
+    refuses(stored, capfd, "schema 99; expected schema 1 or 2 or 3")
 
 
 def test_files_from_before_the_moon_still_read(tmp_path, make_frame, monkeypatch):
@@ -216,7 +216,7 @@ def test_files_from_before_the_moon_still_read(tmp_path, make_frame, monkeypatch
     sound = FrameTruth.to_dict
 
     def old(truth):
-        return {key: value for key, value in sound(truth).items() if not key.startswith("moon_")}
+        return {key: value for key, value in sound(truth).items() if not key.startswith(("moon_", "infrared_"))}
 
     monkeypatch.setattr(FrameTruth, "to_dict", old)
     monkeypatch.setattr(exr, "FRAME_SCHEMA", 1)
@@ -229,12 +229,51 @@ def test_files_from_before_the_moon_still_read(tmp_path, make_frame, monkeypatch
     assert np.array_equal(again.radiance["vis"], frame.radiance["vis"])
 
 
+INFRARED = {
+    "co2": {
+        "kind": "opaque",
+        "azimuth_deg": [0.0, 180.0],
+        "plateau_radiance": [5.54255, 4.52685],
+        "half_plateau_height_m": [41218.2, 38002.4],
+        "half_plateau_angle_rad": [1.190123456789, 1.19],
+        "maximum_gradient_height_m": [38291.0, 33808.7],
+        "accuracy": {"plateau": 0.04, "note": None},
+    }
+}
+
+
+def test_the_infrared_horizon_survives(tmp_path, make_frame):
+    frame = make_frame(infrared_horizon=INFRARED)
+    exr.write_frame(tmp_path / "a.exr", frame)
+    again = exr.read_frame(tmp_path / "a.exr").truth
+    assert again == frame.truth
+    assert again.infrared_horizon == INFRARED
+    assert again.schema == 3
+
+
+def test_files_from_before_the_infrared_horizon_still_read(tmp_path, make_frame, monkeypatch):
+    """Schema 2 had the Moon and no infrared horizon."""
+    frame = make_frame(schema=2)
+    sound = FrameTruth.to_dict
+
+    def old(truth):
+        return {key: value for key, value in sound(truth).items() if key != "infrared_horizon"}
+
+    monkeypatch.setattr(FrameTruth, "to_dict", old)
+    monkeypatch.setattr(exr, "FRAME_SCHEMA", 2)
+    exr.write_frame(tmp_path / "old.exr", frame)
+    monkeypatch.undo()
+    again = exr.read_frame(tmp_path / "old.exr")
+    assert again.truth == frame.truth
+    assert (again.truth.schema, again.truth.infrared_horizon) == (2, {})
+
+
 def test_a_truth_of_today_must_be_complete(make_truth):
     data = make_truth().to_dict()
     assert FrameTruth.from_dict(data) == make_truth()
-    del data["moon_cam"]
-    with pytest.raises(KeyError, match="moon_cam"):
-        FrameTruth.from_dict(data)
+    for key in ("moon_cam", "infrared_horizon"):
+        with pytest.raises(KeyError, match=key):
+            FrameTruth.from_dict({k: v for k, v in data.items() if k != key})
 
 
 def test_pixels_are_checked_against_what_entered_the_library(stored, capfd, monkeypatch):
