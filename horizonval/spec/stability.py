@@ -98,6 +98,10 @@ class StabilitySpec(Model):
             raise ValueError('atmosphere.profile = "none" has no infrared horizon')
         if air.refraction:
             raise ValueError("atmosphere.refraction does not go with [stability], whose rays are straight")
+        if self.surface.kind != "uniform":
+            raise ValueError(
+                'surface.kind = "earth" does not go with [stability], whose ground is alike at all longitudes'
+            )
         for key in ("latitude_deg", "month"):
             if getattr(air, key) is not None:
                 raise ValueError(f"atmosphere.{key} does not go with [stability], which goes through them itself")

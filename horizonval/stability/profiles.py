@@ -8,7 +8,7 @@ of sight stays near one latitude: that is the horizon as a function of latitude,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-LATITUDE_DEG = np.arange(-90.0, 91.0, 5.0)
+LATITUDE_DEG = np.arange(-90.0, 91.0, 2.5)
 """Parallels at which the horizon is looked at."""
 
 NODES = 128
-"""Of the march; twice as many change the height of the horizon by less than 10 m."""
+"""Of the march: the half heights are within 4 m of those of 512."""
 
 _HEIGHT_KM = (
     *(-10.0, -6.0, -3.0, -1.0, -0.05, 0.05, 0.5, 1.0, 1.5, 2.0, 2.5),
@@ -38,7 +38,10 @@ _HEIGHT_KM = (
     *range(57, 72, 2),
     *(75.0, 80.0, 85.0, 90.0, 95.0, 100.0),
 )
-"""Two rays stand on either side of the ground, where a window's radiance may jump."""
+"""Four times as many rays move the half height by 4 m in the bands of carbon dioxide, by 24 m in the windows.
+
+Two rays stand on either side of the ground, where a window's radiance may jump.
+"""
 
 
 _FAR_KM = 2e6
@@ -97,8 +100,6 @@ def month_scene(spec: StabilitySpec, month: int) -> SceneSpec:
 def month_model(spec: StabilitySpec, band: StabilityBand, month: int) -> OpticalModel:
     """Return the optical properties of a month for one band.
 
-    A uniform ground without a temperature of its own is as warm as the lowest air of its latitude.
-
     Raises
     ------
     UserError
@@ -107,21 +108,7 @@ def month_model(spec: StabilitySpec, band: StabilityBand, month: int) -> Optical
     from horizonval.earth.optical import optical_model
 
     camera = CameraSpec(camera=CameraGeometry(width=1, height=1, fov_deg=1.0), band=[band.band])
-    model = optical_model(month_scene(spec, month), camera)
-    air = model.thermal[0]
-    if spec.surface.kind == "uniform" and spec.surface.temperature_k is None and len(air.sin_latitude) > 1:
-        assert model.emission is not None
-        warmth = tuple(air.temperature_k[:, 0].tolist())
-        emission = replace(
-            model.emission,
-            sin_latitude=tuple(air.sin_latitude.tolist()),
-            land_k=warmth,
-            snow_k=warmth,
-            water_k=warmth,
-            diurnal_k=(0.0,) * len(warmth),
-        )
-        model = replace(model, emission=emission)
-    return model
+    return optical_model(month_scene(spec, month), camera)
 
 
 def month_profiles(spec: StabilitySpec, band: StabilityBand, month: int) -> Profiles:
