@@ -61,26 +61,24 @@ def build_report(run_dir: Path) -> Path:
         "count": wording.count,
     }
     parts = {name: (folder / file).read_text(encoding="utf-8") for name, file in _FILES.items()}
+    result = stability.load_result(run_dir)
+    study = None if result is None else {"page": stability.PAGE, "text": stability.headline(result)}
+    texts = {"index.html": environment.get_template("page.html").render(**page_of(run), study=study, **parts)}
+    if result is not None:
+        template = environment.get_template("stability.html")
+        texts[stability.PAGE] = template.render(run=run, **stability.page_of(result), **parts)
     pages = run_dir / "report"
     pages.mkdir(exist_ok=True)
-    result = stability.load_result(run_dir)
-    study = None
-    if result is not None:
-        study = {"page": stability.PAGE, "text": stability.headline(result)}
-        page = environment.get_template("stability.html").render(run=run, **stability.page_of(result), **parts)
-        _write(pages / stability.PAGE, page)
-    else:
-        (pages / stability.PAGE).unlink(missing_ok=True)
-    return _write(
-        pages / "index.html", environment.get_template("page.html").render(**page_of(run), study=study, **parts)
-    )
+    (pages / stability.PAGE).unlink(missing_ok=True)
+    for name, text in texts.items():
+        _write(pages / name, text)
+    return pages / "index.html"
 
 
-def _write(path: Path, text: str) -> Path:
+def _write(path: Path, text: str) -> None:
     partial = path.with_name(f".{path.name}.part")
     partial.write_text(text, encoding="utf-8", newline="\n")
     os.replace(partial, path)
-    return path
 
 
 def page_of(run: Run) -> dict[str, Any]:

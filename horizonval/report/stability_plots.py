@@ -18,7 +18,7 @@ Plain = Mapping[str, Any]
 
 SEASONS = (3, 6, 9, 12)
 """Months that stand for the year: those of equinoxes and solstices."""
-_SEASON_COLOURS = {3: "#009e73", 6: "#d55e00", 9: "#cc79a7", 12: "#0072b2"}
+_COLOURS = ("#009e73", "#d55e00", "#cc79a7", "#0072b2")
 _GREY = "#8d949c"
 _PUBLISHED = "#111111"
 
@@ -32,7 +32,7 @@ def shown_months(months: Sequence[int]) -> list[int]:
 
 def colour_of(month: int, shown: Sequence[int]) -> str:
     """Return a month's colour."""
-    return _SEASON_COLOURS.get(month) or list(_SEASON_COLOURS.values())[list(shown).index(month) % 4]
+    return _COLOURS[list(shown).index(month)]
 
 
 def profiles(result: Plain) -> Draw:
