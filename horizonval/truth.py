@@ -9,11 +9,13 @@ import hashlib
 import json
 import math
 from dataclasses import replace
+from datetime import datetime
 from typing import Any
 
 import numpy as np
 
 from horizonval.earth.optical import OpticalModel, optical_model
+from horizonval.earth.surface import snow_line_deg
 from horizonval.frame import FRAME_SCHEMA, FrameTruth
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.ellipsoid import Ellipsoid, geocentric_nadir, geodetic_nadir
@@ -149,4 +151,6 @@ def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> 
 def with_infrared_horizon(truth: FrameTruth, model: OpticalModel) -> FrameTruth:
     """Return a truth with the infrared horizon of the optical model that belongs to its scene and camera."""
     ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
-    return replace(truth, infrared_horizon=infrared_horizon(model, truth.r_itrs, ellipsoid))
+    line = snow_line_deg(datetime.fromisoformat(truth.epoch_utc))
+    found = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs, snow_line_deg=line)
+    return replace(truth, infrared_horizon=found)

@@ -22,7 +22,7 @@ from horizonval.earth.column import OpticalModel
 from horizonval.earth.emission import EmittingBand
 from horizonval.earth.ground_emission import GroundEmission
 from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_height
-from horizonval.infrared_horizon.ground import ground_radiance
+from horizonval.infrared_horizon.ground import GroundPlaces, ground_places, ground_radiance
 from horizonval.infrared_horizon.locators import GROUND_RAY_M, Located, locate, profile_heights_m
 from horizonval.infrared_horizon.radiance import Air, ground_ray, limb_radiance
 from horizonval.infrared_horizon.rays import Course, FloatArray, angle_of_height, courses, ground_points
@@ -39,7 +39,13 @@ _HARMONICS = 4
 
 
 def infrared_horizon(
-    model: OpticalModel, r_itrs: ArrayLike, ellipsoid: Ellipsoid, *, azimuths: int = AZIMUTHS
+    model: OpticalModel,
+    r_itrs: ArrayLike,
+    ellipsoid: Ellipsoid,
+    *,
+    sun_itrs: ArrayLike = (1.0, 0.0, 0.0),
+    snow_line_deg: float = 90.0,
+    azimuths: int = AZIMUTHS,
 ) -> dict[str, dict[str, Any]]:
     """Return the infrared horizon of every thermal band of a model, as plain data.
 
@@ -50,6 +56,10 @@ def infrared_horizon(
     r_itrs : array_like, shape (3,)
         Camera [m].
     ellipsoid : Ellipsoid
+    sun_itrs : array_like, shape (3,)
+        Towards the Sun: the hour of the day on land. As the snow line, it matters where the ground is an "earth".
+    snow_line_deg : float
+        Latitude north of which land is under snow.
     azimuths : int
         Even.
 
@@ -70,13 +80,14 @@ def infrared_horizon(
 
     Notes
     -----
-    The last few are remembered: frames of one place and air share theirs. Some 0.15 s for a band, and 1 s where the air
-    changes with latitude.
+    The last few are remembered: frames of one place and air share theirs. Some 0.2 s for a band, and 1 to 2 s where the
+    air changes with latitude.
     """
     if not model.thermal:
         return {}
-    place = tuple(float(x) for x in np.asarray(r_itrs, dtype=np.float64))
-    return copy.deepcopy(_solved(_Question(_digest(model), place, ellipsoid, azimuths, model)))
+    place, sun = (tuple(np.asarray(v, dtype=np.float64).tolist()) for v in (r_itrs, sun_itrs))
+    asked = _Question(_digest(model), place, ellipsoid, sun, float(snow_line_deg), azimuths, model)
+    return copy.deepcopy(_solved(asked))
 
 
 @dataclass(frozen=True)
@@ -86,6 +97,8 @@ class _Question:
     digest: str
     r_itrs: tuple[float, ...]
     ellipsoid: Ellipsoid
+    sun_itrs: tuple[float, ...]
+    snow_line_deg: float
     azimuths: int
     model: OpticalModel = field(compare=False)
 
@@ -107,7 +120,7 @@ def _solved(asked: _Question) -> dict[str, dict[str, Any]]:
         return {}
     assert model.emission is not None
     airs = [Air(band) for band in model.thermal]
-    view = _View.of(r, ellipsoid, asked.azimuths, model.top_m, all(air.is_uniform for air in airs))
+    view = _View.of(asked, model.top_m, all(air.is_uniform for air in airs))
     return {
         band.name: _plain(view, _located(view, band, air, model.emission))
         for band, air in zip(model.thermal, airs, strict=True)
@@ -129,10 +142,11 @@ class _View:
     spread: FloatArray
     past: list[Course]
     down: Course
-    ground_itrs: FloatArray
+    ground: GroundPlaces
 
     @classmethod
-    def of(cls, r_itrs: FloatArray, ellipsoid: Ellipsoid, azimuths: int, top_m: float, uniform: bool) -> _View:
+    def of(cls, asked: _Question, top_m: float, uniform: bool) -> _View:
+        r_itrs, ellipsoid, azimuths = np.array(asked.r_itrs), asked.ellipsoid, asked.azimuths
         azimuth: FloatArray = np.arange(azimuths, dtype=np.float64) * (math.tau / azimuths)
         half = azimuth[: azimuths // 2 + 1]
         if not uniform:
@@ -146,12 +160,13 @@ class _View:
         heights = profile_heights_m(top_m)
         down, *past = courses(r_itrs, ellipsoid, solved, np.append(GROUND_RAY_M, heights), top_m)
         place = ground_points(r_itrs, ellipsoid, azimuth, GROUND_RAY_M)
-        return cls(r_itrs, ellipsoid, azimuth, heights, spread[mirrored], past, down, place)
+        ground = ground_places(r_itrs, place, ellipsoid, np.array(asked.sun_itrs), asked.snow_line_deg)
+        return cls(r_itrs, ellipsoid, azimuth, heights, spread[mirrored], past, down, ground)
 
 
 def _located(view: _View, band: EmittingBand, air: Air, emission: GroundEmission) -> Located:
     path, passed = ground_ray(air, view.down)
-    ground = ground_radiance(band, emission, view.ground_itrs, view.ellipsoid)
+    ground = ground_radiance(band, emission, view.ground)
     disc = (view.spread @ path + (view.spread @ passed) * ground).sum(axis=1)
     return locate(view.height_m, view.spread @ limb_radiance(air, view.past), disc)
 

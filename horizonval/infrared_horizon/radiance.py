@@ -21,7 +21,8 @@ from horizonval.earth.emission import EmittingBand
 from horizonval.infrared_horizon.rays import Course, FloatArray
 
 SHELL_M = 1000.0
-"""Thickness of the shells. Between 5 and 60 km; half of it below, twice and four times it above 60 and 80 km."""
+"""Thickness of the shells from 17 to 60 km; half of it and a quarter below 17 and 8 km, where water vapour changes
+fast, twice and four times it above 60 and 80 km."""
 
 _THIN = 0.02
 _OPAQUE = 80.0
@@ -30,8 +31,9 @@ _OPAQUE = 80.0
 def shells_m(top_m: float, step_m: float = SHELL_M) -> FloatArray:
     """Return the heights [m] at which paths are cut, from 0 to ``top_m``."""
     parts = [
-        np.arange(0.0, 5e3, 0.5 * step_m),
-        np.arange(5e3, 60e3, step_m),
+        np.arange(0.0, 8e3, 0.25 * step_m),
+        np.arange(8e3, 17e3, 0.5 * step_m),
+        np.arange(17e3, 60e3, step_m),
         np.arange(60e3, 80e3, 2.0 * step_m),
         np.arange(80e3, max(top_m, 80e3), 4.0 * step_m),
     ]
@@ -120,7 +122,11 @@ def ground_ray(air: Air, path: Course, *, step_m: float = SHELL_M) -> tuple[Floa
 def _cuts(path: Course, start_m: float, step_m: float) -> FloatArray:
     """Return u at the shells between ``start_m`` and the top, with the middles (in u) between: odd in number."""
     shells = shells_m(path.top_m, step_m)
-    # A sliver of a shell above the lowest point costs as much as a whole one.
+    # Most of the air on a ray lies just above its lowest point. Shells of the same thickness there for all rays keep
+    # their errors alike, which the slope of a profile needs more than its value.
+    near = 0.5 * step_m * np.ceil(start_m / (0.5 * step_m)) + np.arange(8) * 0.5 * step_m
+    shells = np.union1d(shells, near[near < path.top_m])
+    # A sliver of a shell costs as much as a whole one.
     ends = np.append(start_m, shells[shells > start_m + 0.05 * step_m])
     u = np.sqrt(ends - path.lowest_m)
     both = np.empty(2 * len(u) - 1)

@@ -18,7 +18,7 @@ import jinja2
 
 from horizonval.frame import FrameTruth
 from horizonval.outcome import Outcome
-from horizonval.report import overlay, picture, plots, rerun, stability, wording
+from horizonval.report import infrared, overlay, picture, plots, rerun, stability, wording
 from horizonval.report.accuracy import accuracy_of
 from horizonval.report.load import Run, View, load_run
 from horizonval.report.verdict import VERDICTS, verdict_of
@@ -108,6 +108,7 @@ def page_of(run: Run) -> dict[str, Any]:
         "gamma": f"{picture.GAMMA:g}",
         "percentiles": [f"{value:g}" for value in picture.PERCENTILES],
         "accuracy": accuracy_of(view.image.truth for view in run.views if view.image is not None),
+        "infrared": infrared.section_of(run.views),
     }
 
 
@@ -195,7 +196,9 @@ def _tile(view: View, estimators: Sequence[str], index: int, reduced: bool) -> d
         "problem": view.problem,
         "picture": None,
         "data": json.dumps({row["estimator"]: [row["verdict"].key, row["error"]] for row in rows}),
-        "facts": _facts(expected, image.truth) if expected and image else [],
+        "facts": [*_facts(expected, image.truth), *infrared.facts_of(image.truth, view.band)]
+        if expected and image
+        else [],
         "rerun": None,
     }
     if image is not None:
@@ -210,6 +213,7 @@ def _tile(view: View, estimators: Sequence[str], index: int, reduced: bool) -> d
             "white": wording.number(made.white_dn),
             "full_scale": image.full_scale,
             "horizon": overlay.horizon_path(image.truth),
+            "infrared": overlay.infrared_path(image.truth, view.band),
             "layers": _layers(view, image.truth, estimators),
             "rerun": _rerun(view, image.truth, estimators),
         }

@@ -1,4 +1,5 @@
-"""Curves over an image: the true horizon, the fitted limb, the limb points, as SVG path data in pixel coordinates.
+"""Curves over an image as SVG path data in pixel coordinates: the true horizon, hard and infrared, the fitted limb,
+the limb points.
 
 The fitted limb is the cone of half angle ``rho`` about the fitted nadir, sent through the camera::
 
@@ -16,6 +17,7 @@ from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import Camera, camera_from_spec, project
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import horizon_pixels
+from horizonval.infrared_horizon.curve import curve_cam
 from horizonval.spec.camera import CameraSpec
 
 FloatArray = NDArray[np.float64]
@@ -45,7 +47,20 @@ def limb_path(camera: Camera, nadir_cam: ArrayLike, angular_radius_rad: float) -
     first /= np.linalg.norm(first)
     t = np.linspace(0, math.tau, _CONE_SAMPLES + 1)[:, None]
     ring = np.cos(t) * first + np.sin(t) * np.cross(n, first)
-    uv, _ = project(camera, math.cos(angular_radius_rad) * n + math.sin(angular_radius_rad) * ring)
+    return _visible_path(camera, math.cos(angular_radius_rad) * n + math.sin(angular_radius_rad) * ring)
+
+
+def infrared_path(truth: FrameTruth, band: str) -> str:
+    """Return the infrared horizon (half plateau) of a band inside the image; empty if there is none."""
+    if band not in truth.infrared_horizon:
+        return ""
+    d_cam, _ = curve_cam(truth, band, _CONE_SAMPLES)
+    return _visible_path(camera_of(truth), np.concatenate([d_cam, d_cam[:1]]))
+
+
+def _visible_path(camera: Camera, d_cam: FloatArray) -> str:
+    """Return the parts inside the image of a curve given by close directions."""
+    uv, _ = project(camera, d_cam)
     inside = (
         np.abs(uv - [(camera.width - 1) / 2, (camera.height - 1) / 2]) <= [camera.width / 2, camera.height / 2]
     ).all(axis=-1)

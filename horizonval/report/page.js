@@ -60,8 +60,9 @@
   };
 
   for (const select of [estimator, status, camera, order]) select.addEventListener("change", update);
-  for (const name of ["truth", "points", "limb"]) {
+  for (const name of ["truth", "infrared", "points", "limb"]) {
     const box = find(`show-${name}`);
+    if (!box) continue;
     const apply = () => document.body.classList.toggle(`hide-${name}`, !box.checked);
     box.addEventListener("change", apply);
     apply();

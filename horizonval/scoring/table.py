@@ -17,6 +17,7 @@ import duckdb
 
 from horizonval.errors import DamagedFileError, UserError
 from horizonval.frame import FrameTruth
+from horizonval.infrared_horizon.curve import visible_height_m
 from horizonval.scoring.errors import Score
 from horizonval.scoring.expected import Expected
 
@@ -49,10 +50,14 @@ COLUMNS = {
     "sun_in_frame": "BOOLEAN",
     "horizon_arc_px": "DOUBLE",
     "lit_fraction": "DOUBLE",
+    "ir_horizon_km": "DOUBLE",
     "frame_address": "VARCHAR",
     "image_address": "VARCHAR",
 }
-"""Columns in order, with their SQL types."""
+"""Columns in order, with their SQL types.
+
+``ir_horizon_km``: mean height of the infrared horizon (half plateau, clear sky) in view; empty in solar bands.
+"""
 
 SORT_KEY = ("case", "estimator", "camera", "band")
 
@@ -77,6 +82,7 @@ def make_row(
     image_address: str | None = None,
 ) -> Row:
     """Return the row of one estimator on one image, with every column of :data:`COLUMNS`."""
+    infrared = visible_height_m(truth, band)
     return {
         "case": case,
         "camera": camera,
@@ -104,6 +110,7 @@ def make_row(
         "sun_in_frame": expected.sun_in_frame,
         "horizon_arc_px": expected.horizon_arc_px,
         "lit_fraction": expected.lit_fraction,
+        "ir_horizon_km": None if infrared is None else infrared / 1e3,
         "frame_address": frame_address,
         "image_address": image_address,
     }

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.earth.thermal_accuracy import thermal_accuracy
 from horizonval.spec.stability import EdgeSensor, FieldSensor, StabilityBand, StabilitySpec
 from horizonval.stability.locate import Horizon, highest_crossing, locate
 from horizonval.stability.orbit import Heads, offsets_of_heights
@@ -117,7 +118,7 @@ def _band(
         "half_statistics": _statistics(parallels.half_m / 1e3),
         "gradient_statistics": _statistics(parallels.gradient_m / 1e3),
         "plateau_statistics": _statistics(parallels.plateau),
-        "spectroscopy_km": None,
+        "spectroscopy_km": thermal_accuracy(band.band).half_height_km,
         "variation": _plain(_variation(parallels.plateau)),
         "sensors": [_sensor(sensor, height, seen, orbit, heads, offset) for sensor in spec.sensor],
     }
