@@ -42,15 +42,11 @@ def headline(result: Plain) -> str:
     """Return the study in one sentence, for the report's first page."""
     band = leading_band(result)
     half = band["half_statistics"]
-    parts = [
-        f"at {draw.title_of(band)} half of the plateau stands {number(half['min'])} to {number(half['max'])} km high"
-    ]
-    pitch = [
-        f"{number(s['max_pitch_deg'], 2)}° ({draw.sensor_words(s)})"
-        for s in band["sensors"]
-        if s["max_pitch_deg"] is not None
-    ]
-    return f"{'; '.join(parts)}. Largest pitch error: {', '.join(pitch)}."
+    pitch = [f"{s['max_pitch_deg']:.3f}° ({draw.sensor_words(s)})" for s in band["sensors"]]
+    return (
+        f"at {draw.title_of(band)} half of the plateau stands {number(half['min'])} to {number(half['max'])} km high. "
+        f"Largest pitch error: {', '.join(pitch)}."
+    )
 
 
 def leading_band(result: Plain) -> Plain:
