@@ -16,6 +16,7 @@ import numpy as np
 
 from horizonval.earth.optical import OpticalModel, optical_model
 from horizonval.earth.surface import snow_line_deg
+from horizonval.earth.thermal_accuracy import thermal_accuracy
 from horizonval.frame import FRAME_SCHEMA, FrameTruth
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.ellipsoid import Ellipsoid, geocentric_nadir, geodetic_nadir
@@ -31,7 +32,7 @@ from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import angular_radius
 from horizonval.geometry.pose import Pose, direction_from_horizontal, pose_from_spec
 from horizonval.infrared_horizon.around import infrared_horizon
-from horizonval.spec.camera import CameraSpec
+from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.scene import SceneSpec
 
 
@@ -97,7 +98,7 @@ def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> 
         # A radius beside WGS84 is refused when a scene is read, and this scene must be readable again.
         del scene_data["earth"]["radius_km"]
     if scene.surface.kind == "earth":
-        del scene_data["surface"]["albedo"]
+        del scene_data["surface"]["albedo"], scene_data["surface"]["emissivity"]
 
     def vector(v: Any) -> Any:
         # + 0.0 turns -0.0 into 0.0: equal truths then have equal text.
@@ -149,8 +150,30 @@ def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> 
 
 
 def with_infrared_horizon(truth: FrameTruth, model: OpticalModel) -> FrameTruth:
-    """Return a truth with the infrared horizon of the optical model that belongs to its scene and camera."""
+    """Return a truth with the infrared horizon of the optical model that belongs to its scene and camera.
+
+    Beside what :func:`horizonval.infrared_horizon.around.infrared_horizon` finds, every band has ``accuracy``: what
+    :func:`horizonval.earth.thermal_accuracy.thermal_accuracy` states of it (``heights_km``, ``relative``,
+    ``half_height_km``, ``nadir_k``, ``sentences``), or None where the absorption comes from an atmosphere file.
+    """
     ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
     line = snow_line_deg(datetime.fromisoformat(truth.epoch_utc))
     found = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs, snow_line_deg=line)
+    from_file = truth.scene.get("atmosphere", {}).get("file") is not None
+    bands = {band.name: band for band in CameraSpec.model_validate(truth.camera).band}
+    for name, horizon in found.items():
+        horizon["accuracy"] = None if from_file else _plain_accuracy(bands[name])
     return replace(truth, infrared_horizon=found)
+
+
+def _plain_accuracy(band: Band) -> dict[str, Any]:
+    """Return the stated accuracy of a band as plain data; None for the open ends of its heights."""
+    stated = thermal_accuracy(band)
+    return {
+        "interval": stated.interval,
+        "heights_km": [[x if math.isfinite(x) else None for x in pair] for pair in stated.ranges_km],
+        "relative": list(stated.relative),
+        "half_height_km": stated.half_height_km,
+        "nadir_k": stated.nadir_k,
+        "sentences": list(stated.sentences),
+    }

@@ -36,6 +36,7 @@ profile has two places that are nearly as steep.
 """
 
 _HARMONICS = 4
+_LOWEST_TOP_M = 30e3
 
 
 def infrared_horizon(
@@ -76,7 +77,8 @@ def infrared_horizon(
         - ``maximum_gradient_height_m`` and ``maximum_gradient_angle_rad``.
 
         Heights are rounded to 0.1 m and radiances to six digits: rounding differs between machines in the last bit,
-        and truths must not. Empty where the camera is not above the air, or nothing absorbs.
+        and truths must not. Empty where the camera is not above the air, nothing absorbs, or an atmosphere file ends
+        below 30 km, where no plateau can be told.
 
     Notes
     -----
@@ -116,7 +118,7 @@ def _digest(model: OpticalModel) -> str:
 def _solved(asked: _Question) -> dict[str, dict[str, Any]]:
     model, ellipsoid = asked.model, asked.ellipsoid
     r = np.array(asked.r_itrs)
-    if float(geodetic_height(r, ellipsoid)) <= model.top_m:
+    if float(geodetic_height(r, ellipsoid)) <= model.top_m or model.top_m < _LOWEST_TOP_M:
         return {}
     assert model.emission is not None
     airs = [Air(band) for band in model.thermal]

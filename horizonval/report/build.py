@@ -18,7 +18,7 @@ import jinja2
 
 from horizonval.frame import FrameTruth
 from horizonval.outcome import Outcome
-from horizonval.report import infrared, overlay, picture, plots, rerun, stability, wording
+from horizonval.report import infrared_section, overlay, picture, plots, rerun, stability, wording
 from horizonval.report.accuracy import accuracy_of
 from horizonval.report.load import Run, View, load_run
 from horizonval.report.verdict import VERDICTS, verdict_of
@@ -108,7 +108,7 @@ def page_of(run: Run) -> dict[str, Any]:
         "gamma": f"{picture.GAMMA:g}",
         "percentiles": [f"{value:g}" for value in picture.PERCENTILES],
         "accuracy": accuracy_of(view.image.truth for view in run.views if view.image is not None),
-        "infrared": infrared.section_of(run.views),
+        "infrared": infrared_section.section_of(run.views),
     }
 
 
@@ -196,7 +196,7 @@ def _tile(view: View, estimators: Sequence[str], index: int, reduced: bool) -> d
         "problem": view.problem,
         "picture": None,
         "data": json.dumps({row["estimator"]: [row["verdict"].key, row["error"]] for row in rows}),
-        "facts": [*_facts(expected, image.truth), *infrared.facts_of(image.truth, view.band)]
+        "facts": [*_facts(expected, image.truth), *infrared_section.facts_of(image.truth, view.band)]
         if expected and image
         else [],
         "rerun": None,

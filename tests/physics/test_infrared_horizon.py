@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from horizonval.earth.column import OpticalModel
 from horizonval.earth.emission import EmittingBand
 from horizonval.earth.ground_emission import GroundEmission
 from horizonval.earth.optical import optical_model
+from horizonval.frame import FrameTruth
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic, sphere
 from horizonval.infrared_horizon.around import infrared_horizon
 from horizonval.infrared_horizon.radiance import Air, ground_ray, limb_radiance
@@ -277,6 +279,59 @@ def test_inside_the_air_there_is_no_horizon_to_speak_of() -> None:
     model = model_of("us_standard")
     assert infrared_horizon(model, np.array([SPHERE.a_m + 90e3, 0.0, 0.0]), SPHERE) == {}
     assert infrared_horizon(replace(model, thermal=()), CAMERA_M, SPHERE) == {}
+    assert infrared_horizon(replace(model, top_m=20e3), CAMERA_M, SPHERE) == {}
+
+
+@pytest.mark.parametrize("altitude_m", [120e3, 2e9])
+def test_near_and_far_cameras_see_the_same_horizon(altitude_m: float) -> None:
+    """All rays of a sphere's uniform air with one lowest height are alike, from wherever one looks along them."""
+    found = infrared_horizon(model_of("us_standard"), np.array([0.0, 0.0, SPHERE.a_m + altitude_m]), SPHERE)["b0"]
+    near = infrared_horizon(model_of("us_standard"), CAMERA_M, SPHERE)["b0"]
+    # Coordinates 2e9 m away are rounded to 0.2 um; heights are stored to 0.1 m.
+    np.testing.assert_allclose(found["half_plateau_height_m"], near["half_plateau_height_m"], rtol=0, atol=0.11)
+
+
+def test_small_planets_have_their_own() -> None:
+    """A shorter path through the same air: the half moves down by ``H ln(sqrt(R / R'))``."""
+    k0, radius = 1.0 / depth(40e3, 1.0, SCALE_M), 2.0e6
+    model = exponential(k0, SCALE_M)
+    small = infrared_horizon(model, np.array([radius + 500e3, 0.0, 0.0]), sphere(radius))["b0"]
+    large = infrared_horizon(model, CAMERA_M, SPHERE)["b0"]
+    b = (radius + 40e3) / SCALE_M
+    # Exactly by K1; the chord of the sphere's radius alone is 30 m off.
+    ratio = b * k1e(b) * SCALE_M / ((SPHERE.a_m + 40e3) * k1e((SPHERE.a_m + 40e3) / SCALE_M))
+    moved = large["half_plateau_height_m"][0] - small["half_plateau_height_m"][0]
+    assert moved == pytest.approx(-SCALE_M * math.log(ratio), abs=40.0)
+
+
+@pytest.mark.slow
+def test_the_renderer_agrees() -> None:
+    """A column of a frame, over winter air that changes with latitude, drops where the truth says.
+
+    The renderer has other rays, other steps and another quadrature. 2 m of 470 m pixels in the opaque band; in the
+    window the chord between two pixels' centres is 10 m off.
+    """
+    from horizonval.render.frame import render_frame
+
+    tables = {"camera": {"width": 4, "height": 300, "fx": 6000.0, "fy": 6000.0}}
+    spec = CameraSpec.model_validate(camera((14.0, 16.3), (8.0, 14.0)).model_dump(mode="json") | tables)
+    described = scene("by_latitude_month", latitude_deg=40.0, epoch_utc="2026-01-15T12:00:00Z").model_dump(
+        mode="json", exclude_unset=True
+    )
+    # Rolled and yawed so that the camera looks north.
+    described |= {"attitude": {"yaw_deg": 90.0, "roll_deg": 67.7}, "render": {"subsamples": 1}}
+    frame = render_frame(SceneSpec.model_validate(described), spec)
+    height = frame.maps["tangent_height"][::-1, 2].astype(float)
+    for name, height_m, share in (("b0", 10.0, 3e-4), ("b1", 25.0, 3e-4)):
+        radiance = frame.radiance[name][::-1, 2].astype(float)
+        stored = frame.truth.infrared_horizon[name]
+        plateau = np.interp(-10e3, height, radiance)
+        if stored["kind"] == "opaque":
+            plateau = radiance[(height > 10e3) & (height < 24e3)].max()
+        assert plateau == pytest.approx(stored["plateau_radiance"][0], rel=share)
+        last = np.flatnonzero(radiance >= 0.5 * plateau)[-1]
+        half = np.interp(-0.5 * plateau, -radiance[last : last + 2], height[last : last + 2])
+        assert half == pytest.approx(stored["half_plateau_height_m"][0], abs=height_m)
 
 
 def test_results_are_the_callers_own() -> None:
@@ -291,6 +346,10 @@ def test_truths_of_thermal_cameras_have_it() -> None:
     truth = truth_of(scene("us_standard"), spec)
     assert list(truth.infrared_horizon) == ["b0", "b1"]
     assert len(truth.infrared_horizon["b1"]["half_plateau_angle_rad"]) == 36
+    stated = truth.infrared_horizon["b0"]["accuracy"]
+    assert (stated["interval"], stated["half_height_km"]) == ("14.0-16.3 um", 2.0)
+    assert stated["heights_km"][0] == [None, 0.0]
+    assert FrameTruth.from_dict(json.loads(json.dumps(truth.to_dict(), allow_nan=False))) == truth
     plain = truth_of(scene("us_standard"), spec, infrared=False)
     assert plain.infrared_horizon == {}
     assert plain == replace(truth, infrared_horizon={})

@@ -6,6 +6,7 @@ import base64
 import math
 import re
 import tomllib
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ from synthetic import SOLAR_CAMERA, THERMAL_CAMERA, synthetic_cases, toy_image, 
 from horizonval.frame import DetectorImage
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.outcome import Outcome
-from horizonval.report import overlay, picture, plots, rerun, wording
+from horizonval.report import infrared_section, overlay, picture, plots, rerun, wording
 from horizonval.report.load import View
 from horizonval.report.verdict import BONUS, BROKEN, FALSE_VALID, MISSED, NONE, OTHER, REFUSED, VALID, verdict_of
 from horizonval.spec.load import load_scene
@@ -46,6 +47,88 @@ def test_numbers(value, text):
 
 def test_every_outcome_has_words():
     assert {wording.meaning(str(outcome)) for outcome in Outcome} == set(wording.OUTCOME_WORDS.values())
+
+
+HORIZON = {
+    "kind": "opaque",
+    "azimuth_deg": [0.0, 90.0, 180.0, 270.0],
+    "half_plateau_height_m": [40e3] * 4,
+    "maximum_gradient_height_m": [38e3] * 4,
+    "accuracy": {
+        "heights_km": [[None, 0.0], [0.0, 7.0], [60.0, None]],
+        "relative": [0.05, 0.123, None],
+        "half_height_km": 2.0,
+        "sentences": ["Only of this band.", "Of all bands."],
+    },
+}
+
+
+def infrared_truth(**changes):
+    """A thermal frame over a sphere whose infrared horizon stands 40 km high all round."""
+    ball = sphere(6371008.8)
+    truth = truth_at(THERMAL_CAMERA, roll_deg=66.0, ellipsoid=ball)
+    distance = math.hypot(*truth.r_itrs)
+
+    def angles(height):
+        return [math.asin((ball.a_m + height) / distance)] * 4
+
+    found = HORIZON | {
+        "geometric_angle_rad": angles(0.0),
+        "half_plateau_angle_rad": angles(40e3),
+        "maximum_gradient_angle_rad": angles(38e3),
+    }
+    return replace(truth, infrared_horizon={"lwir": found | changes})
+
+
+def test_the_infrared_horizon_is_the_cone_of_its_height():
+    """Over a sphere it is the limb of a sphere larger by its height: 0.02 px, printed to 0.01."""
+    truth = infrared_truth()
+    rho = math.asin((6371008.8 + 40e3) / math.hypot(*truth.r_itrs))
+    drawn = vertices(overlay.infrared_path(truth, "lwir"))
+    cone = vertices(overlay.limb_path(overlay.camera_of(truth), truth.nadir_geocentric_cam, rho))
+    assert len(drawn) > 50
+    row = np.interp(drawn[2:-2, 0], *cone[np.argsort(cone[:, 0])].T)
+    np.testing.assert_allclose(drawn[2:-2, 1], row, atol=0.02)
+    # 40 km as seen from 500 km over a limb 2570 km away: 0.9 deg, 2.3 px.
+    hard = vertices(overlay.horizon_path(truth))
+    above = np.interp(drawn[2:-2, 0], *hard[np.argsort(hard[:, 0])].T) - drawn[2:-2, 1]
+    assert np.all((above > 2.0) & (above < 2.7))
+    assert overlay.infrared_path(truth, "other") == ""
+    assert overlay.infrared_path(truth_at(THERMAL_CAMERA), "lwir") == ""
+
+
+def view_of(truth, case="made"):
+    return View(case, "lwir", {}, {}, toy_image(truth), "", False, "")
+
+
+def test_the_infrared_section_says_what_is_stored():
+    section = infrared_section.section_of([view_of(infrared_truth())])
+    assert section["places"] == ["ground", "0–7", "above 60"]
+    assert section["rows"] == [
+        {
+            "band": "lwir",
+            "range": "8 to 14 um",
+            "kind": "opaque",
+            "radiance": ["5 %", "12.3 %", "–"],
+            "height": "2 km",
+        }
+    ]
+    assert section["uri"].startswith("data:image/svg+xml")
+    facts = dict(infrared_section.facts_of(infrared_truth(), "lwir"))
+    assert facts == {"infrared horizon in view": "half of the plateau at 40.0 km, steepest fall at 38.0 km, on average"}
+    bare = infrared_section.section_of([view_of(infrared_truth(accuracy=None))])
+    assert (bare["places"], bare["notes"], bare["rows"][0]["height"]) == ([], [], "–")
+
+
+def test_runs_without_an_infrared_horizon_have_no_such_section():
+    assert infrared_section.section_of([view_of(truth_at(THERMAL_CAMERA, roll_deg=66.0))]) is None
+    assert infrared_section.facts_of(truth_at(THERMAL_CAMERA), "lwir") == []
+
+
+def test_notes_of_several_bands():
+    told = {"b": ["Of b.", "Of all."], "a": ["Of a.", "Of all."]}
+    assert infrared_section._notes(told) == ["a: Of a.", "b: Of b.", "Of all."]
+    assert infrared_section._notes({}) == []
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 
 import duckdb
+import numpy as np
 import pytest
-from synthetic import estimator, fit_of, truth_at
+from synthetic import THERMAL_CAMERA, estimator, fit_of, truth_at
 
 from horizonval.errors import DamagedFileError, UserError
+from horizonval.geometry.ellipsoid import WGS84
+from horizonval.geometry.horizon import horizon_by_azimuth
+from horizonval.infrared_horizon.curve import visible_height_m
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.table import COLUMNS, make_row, read_results, write_results
@@ -38,6 +43,38 @@ def rows():
 
 def test_rows_have_every_column_in_order(rows):
     assert list(rows[0]) == list(COLUMNS)
+
+
+def test_the_infrared_horizon_in_view(rows):
+    """40 km in the north, 38 in the south: an image of the southern horizon has what lies there."""
+    assert rows[0]["ir_horizon_km"] is None
+    place = truth_at(THERMAL_CAMERA).r_itrs
+    azimuth = np.arange(36) * 10.0
+    height = 39e3 + 1e3 * np.cos(np.radians(azimuth))
+    hard = horizon_by_azimuth(place, WGS84, np.radians(azimuth))
+    stored = {
+        "azimuth_deg": azimuth.tolist(),
+        "geometric_angle_rad": hard.tolist(),
+        "half_plateau_height_m": height.tolist(),
+        "half_plateau_angle_rad": (hard + height / 2.57e6).tolist(),
+    }
+    found = []
+    for yaw in (90.0, -90.0):
+        truth = replace(truth_at(THERMAL_CAMERA, roll_deg=66.0, yaw_deg=yaw), infrared_horizon={"lwir": stored})
+        row = make_row(
+            case="c",
+            camera="cam",
+            band="lwir",
+            estimator="e",
+            truth=truth,
+            expected=expected_outcome(truth),
+            score=score(truth, estimator(), fit_of(truth)),
+        )
+        found.append(row["ir_horizon_km"])
+    # The arc in view spans some 60 deg of azimuth: the mean of the cosine over it is 0.95.
+    assert sorted(found) == pytest.approx([38.05, 39.95], abs=0.03)
+    away = replace(truth_at(THERMAL_CAMERA, roll_deg=180.0), infrared_horizon={"lwir": stored})
+    assert visible_height_m(away, "lwir") is None
 
 
 def test_values_come_back_bit_by_bit_and_sorted(rows, tmp_path):
