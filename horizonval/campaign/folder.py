@@ -6,6 +6,7 @@
     archive/           frames and detector images, content-addressed
     cases/<name>.json  results of one frame
     state/<name>.json  address of a frame that is rendered, whether or not it is scored yet
+    stability/, stability.csv   the study of the infrared horizon, where the suite asks for one
     results.parquet, summary.json, report/     made of the cases at the end
     timings.json       seconds; the only file that two equal runs do not share
 """
@@ -59,15 +60,27 @@ class RunFolder:
     def timings(self) -> Path:
         return self.root / "timings.json"
 
+    @property
+    def stability(self) -> Path:
+        return self.root / "stability"
+
+    @property
+    def stability_table(self) -> Path:
+        return self.root / "stability.csv"
+
+    def stability_case(self, name: str) -> Path:
+        return self.stability / f"{name}.json"
+
     def case(self, name: str) -> Path:
         return self.cases / f"{name}.json"
 
     def frame_pointer(self, name: str) -> Path:
         return self.state / f"{name}.json"
 
-    def create(self) -> None:
+    def create(self, *, stability: bool = False) -> None:
         """Make the folders; raise ``UserError`` where that is impossible."""
-        for folder in (self.root, self.archive, self.cases, self.state):
+        extra = (self.stability,) if stability else ()
+        for folder in (self.root, self.archive, self.cases, self.state, *extra):
             try:
                 folder.mkdir(parents=True, exist_ok=True)
             except OSError as e:
@@ -77,7 +90,7 @@ class RunFolder:
 
     def remove_temporary_files(self) -> None:
         """Delete what a killed run was writing. Call only with the lock held."""
-        folders = (self.archive, self.cases, self.state)
+        folders = (self.archive, self.cases, self.state, self.stability)
         leftovers = [p for folder in folders for p in folder.rglob(".*") if p.name.endswith(_TEMPORARY)]
         leftovers += [p for p in self.root.glob(".*") if p.name.endswith(_TEMPORARY)]
         for path in leftovers:

@@ -17,7 +17,9 @@ import horizonval
 from horizonval.errors import UserError
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
+from horizonval.stability.case import StabilityCase
 
+_STABILITY_ROOMS = ("stability", "render", "earth", "geometry", "spec")
 _FRAME_ROOMS = ("render", "frame.py", "truth.py", "infrared_horizon", "earth", "geometry", "spec", "archive")
 
 
@@ -37,8 +39,14 @@ def case_identity(case: Case, estimators: tuple[str, ...]) -> str:
 
 
 def suite_identity(suite: Suite) -> str:
-    """Return the digest of a suite's frames and estimators, whatever code runs them."""
-    return _digest(suite.name, json.dumps(suite.estimators), *(_scene_content(case) for case in suite.cases))
+    """Return the digest of a suite's frames, estimators and study, whatever code runs them."""
+    study = () if suite.stability is None else (suite.stability.model_dump_json(),)
+    return _digest(suite.name, json.dumps(suite.estimators), *(_scene_content(case) for case in suite.cases), *study)
+
+
+def stability_identity(case: StabilityCase) -> str:
+    """Return the digest of what the profiles of a study's case depend on."""
+    return _digest(case.spec.model_dump_json(), case.name, _code_digest(_STABILITY_ROOMS))
 
 
 def _scene_content(case: Case) -> str:

@@ -18,11 +18,10 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeAlias, TypeVar
 
-from horizonval.spec.load import Case
-
+C = TypeVar("C")
 T = TypeVar("T")
 R = TypeVar("R")
-Results: TypeAlias = Generator[tuple[Case, T], None, R]
+Results: TypeAlias = Generator[tuple[C, T], None, R]
 
 _ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
 """Linear algebra on one thread: the order of its sums, hence its last bit, must not depend on the machine."""
@@ -37,14 +36,15 @@ def available_cpus() -> int:
     return cpus
 
 
-def run_cases(work: Callable[[Case], T], cases: Iterable[Case], workers: int) -> Results[T | None, None]:
+def run_cases(work: Callable[[C], T], cases: Iterable[C], workers: int) -> Results[C, T | None, None]:
     """Yield every case with its result, as they come; ``None`` for a case that killed its worker.
 
     Parameters
     ----------
     work : callable
         Picklable; must not raise.
-    cases : iterable of Case
+    cases : iterable
+        Of anything picklable.
     workers : int
         Processes; the processors are shared among them.
 
@@ -60,7 +60,7 @@ def run_cases(work: Callable[[Case], T], cases: Iterable[Case], workers: int) ->
                 yield case, None
 
 
-def _drain(work: Callable[[Case], T], waiting: deque[Case], workers: int) -> Results[T, list[Case]]:
+def _drain(work: Callable[[C], T], waiting: deque[C], workers: int) -> Results[C, T, list[C]]:
     """Take cases from the left until none is left or the pool breaks; return those that were under way then."""
     workers = max(1, min(workers, len(waiting)))
     threads = max(1, available_cpus() // workers)
@@ -68,8 +68,8 @@ def _drain(work: Callable[[Case], T], waiting: deque[Case], workers: int) -> Res
     pool = ProcessPoolExecutor(
         workers, mp_context=multiprocessing.get_context("spawn"), initializer=_start_worker, initargs=(threads,)
     )
-    under_way: dict[Future[T], Case] = {}
-    suspects: list[Case] = []
+    under_way: dict[Future[T], C] = {}
+    suspects: list[C] = []
     try:
         while (waiting or under_way) and not suspects:
             with _inherited_by_children():

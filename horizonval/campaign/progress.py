@@ -11,8 +11,8 @@ from typing import Protocol, Self
 class Progress(Protocol):
     """What a run tells about itself."""
 
-    def start(self, total: int, kept: int) -> None:
-        """``total`` cases, of which ``kept`` are finished already."""
+    def start(self, total: int, kept: int, *, unit: str = "", what: str = "") -> None:
+        """``total`` cases, of which ``kept`` are finished already; ``unit`` and ``what`` name another kind of them."""
 
     def done(self, name: str, *, failed: str | None = None) -> None:
         """One more case is finished; ``failed`` says why it has no result."""
@@ -21,7 +21,7 @@ class Progress(Protocol):
 class Silent:
     """No progress at all."""
 
-    def start(self, total: int, kept: int) -> None:
+    def start(self, total: int, kept: int, *, unit: str = "", what: str = "") -> None:
         """Ignore."""
 
     def done(self, name: str, *, failed: str | None = None) -> None:
@@ -58,8 +58,9 @@ class Terminal:
     ) -> None:
         self._bar.stop()
 
-    def start(self, total: int, kept: int) -> None:
+    def start(self, total: int, kept: int, *, unit: str = "", what: str = "") -> None:
         """Begin; the clock of the rate starts here."""
+        self._unit, self._what = unit or self._unit, what or self._what
         self._total, self._kept, self._finished, self._begin = total, kept, kept, time.monotonic()
         self._task = self._bar.add_task(self._what, total=total, completed=kept, rate="")
         if kept:

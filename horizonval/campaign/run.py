@@ -18,6 +18,7 @@ from horizonval.campaign.folder import RunFolder, read_json, write_json
 from horizonval.campaign.identity import code_version, suite_identity
 from horizonval.campaign.pool import available_cpus, run_cases
 from horizonval.campaign.progress import Progress, Silent
+from horizonval.campaign.stability import StudyOutcome, check_stability, run_stability
 from horizonval.errors import UserError
 from horizonval.spec.load import Suite
 
@@ -33,7 +34,7 @@ class RunResult:
     summary : dict
         The content of ``summary.json``.
     failed : dict
-        Cases without a result, by name, and why.
+        Cases without a result, by name, and why; those of a study as ``stability/<name>``.
     report : Path
         The report's first page.
     """
@@ -64,13 +65,16 @@ def run_suite(suite: Suite, out_dir: Path, workers: int | None = None, progress:
     progress = progress or Silent()
     check_suite(suite)
     folder = RunFolder(out_dir)
-    folder.create()
+    folder.create(stability=suite.stability is not None)
     with folder.locked():
         _claim(folder, suite)
         folder.remove_temporary_files()
         records, seconds = _run_cases(suite, folder, workers, progress)
+        study: StudyOutcome | None = None
+        if suite.stability is not None:
+            study = run_stability(suite.stability, folder, workers or default_workers(), progress)
         folder.remove_temporary_files()
-        return _conclude(suite, folder, records, seconds)
+        return _conclude(suite, folder, records, seconds, study)
 
 
 def default_workers() -> int:
@@ -117,6 +121,7 @@ def check_suite(suite: Suite) -> None:
                 checked.add(matter)
         except UserError as e:
             raise _placed(e, where) from e
+    check_stability(suite)
 
 
 def _placed(error: UserError, where: str) -> UserError:
@@ -185,7 +190,11 @@ def _run_cases(
 
 
 def _conclude(
-    suite: Suite, folder: RunFolder, records: dict[str, Record], seconds: dict[str, dict[str, float]]
+    suite: Suite,
+    folder: RunFolder,
+    records: dict[str, Record],
+    seconds: dict[str, dict[str, float]],
+    study: StudyOutcome | None,
 ) -> RunResult:
     from horizonval.report import build_report
     from horizonval.scoring.summary import summarise
@@ -196,6 +205,10 @@ def _conclude(
     failed = {record["case"]: record["error"] for record in ordered if record["error"] is not None}
     rows = [row for record in ordered for row in record["rows"]]
     summary = {"suite": suite.name, "version": code_version(), "failed": failed, **summarise(rows)}
+    if study is not None:
+        failed |= {f"stability/{name}": why for name, why in study.failed.items()}
+        summary["stability"] = study.digest
+        seconds = seconds | {f"stability/{name}": {"march": spent} for name, spent in study.seconds.items()}
     write_results(rows, folder.results)
     write_json(folder.summary, summary)
     report = build_report(folder.root)

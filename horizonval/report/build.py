@@ -18,7 +18,7 @@ import jinja2
 
 from horizonval.frame import FrameTruth
 from horizonval.outcome import Outcome
-from horizonval.report import infrared_section, overlay, picture, plots, rerun, wording
+from horizonval.report import infrared_section, overlay, picture, plots, rerun, stability, wording
 from horizonval.report.accuracy import accuracy_of
 from horizonval.report.load import Run, View, load_run
 from horizonval.report.verdict import VERDICTS, verdict_of
@@ -30,7 +30,7 @@ _FILES = {"style": "page.css", "code": "page.js"}
 
 
 def build_report(run_dir: Path) -> Path:
-    """Write ``run_dir/report/index.html`` and return its path.
+    """Write ``run_dir/report/index.html`` and return its path; beside it the page of a study, if the run has one.
 
     A run that is not finished, or whose archive is damaged, gets a report that says so.
 
@@ -61,13 +61,24 @@ def build_report(run_dir: Path) -> Path:
         "count": wording.count,
     }
     parts = {name: (folder / file).read_text(encoding="utf-8") for name, file in _FILES.items()}
-    text = environment.get_template("page.html").render(**page_of(run), **parts)
-    path = run_dir / "report" / "index.html"
-    path.parent.mkdir(exist_ok=True)
+    result = stability.load_result(run_dir)
+    study = None if result is None else {"page": stability.PAGE, "text": stability.headline(result)}
+    texts = {"index.html": environment.get_template("page.html").render(**page_of(run), study=study, **parts)}
+    if result is not None:
+        template = environment.get_template("stability.html")
+        texts[stability.PAGE] = template.render(run=run, **stability.page_of(result), **parts)
+    pages = run_dir / "report"
+    pages.mkdir(exist_ok=True)
+    (pages / stability.PAGE).unlink(missing_ok=True)
+    for name, text in texts.items():
+        _write(pages / name, text)
+    return pages / "index.html"
+
+
+def _write(path: Path, text: str) -> None:
     partial = path.with_name(f".{path.name}.part")
     partial.write_text(text, encoding="utf-8", newline="\n")
     os.replace(partial, path)
-    return path
 
 
 def page_of(run: Run) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from horizonval.spec.camera import CameraSpec
 from horizonval.spec.explain import explain
 from horizonval.spec.files import find
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.stability import StabilitySpec
 from horizonval.spec.suite import SuiteSpec
 
 M = TypeVar("M", bound=Model)
@@ -47,6 +48,7 @@ class Suite:
     estimators: tuple[str, ...]
     cases: tuple[Case, ...]
     source: str
+    stability: StabilitySpec | None = None
 
 
 def load_camera(path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> CameraSpec:
@@ -83,7 +85,8 @@ def load_suite(path_or_name: str | Path) -> Suite:
         merged = deep_merge(deep_merge(seeded, spec.defaults), frame)
         scene, camera = _resolve_scene(merged, path, inside=f"frame[{i}] ({frame['scene']['name']})")
         cases.append(Case(scene.scene.name, scene, camera))
-    return Suite(spec.suite.name, spec.suite.title, tuple(spec.suite.estimators), tuple(cases), str(path))
+    head = spec.suite
+    return Suite(head.name, head.title, tuple(head.estimators), tuple(cases), str(path), spec.stability)
 
 
 def deep_merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

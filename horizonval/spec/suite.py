@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
+from horizonval.spec.stability import StabilitySpec
 
 
 class SuiteHead(Model):
@@ -22,12 +23,13 @@ class SuiteSpec(Model):
     """One suite file.
 
     ``[defaults]`` is a partial scene; every ``[[frame]]`` is a partial scene laid over it, with a unique
-    ``scene.name``.
+    ``scene.name``. ``[stability]`` asks for a study of the infrared horizon beside the frames.
     """
 
     suite: SuiteHead
     defaults: dict[str, Any] = {}
     frame: Annotated[list[dict[str, Any]], Field(min_length=1)]
+    stability: StabilitySpec | None = None
 
     @model_validator(mode="after")
     def _unique_names(self) -> SuiteSpec:

@@ -13,9 +13,9 @@ import horizonval
 PACKAGE = Path(horizonval.__file__).parent
 
 ROOMS = [
-    "cli", "reproduce", "study", "campaign", "localisation", "regression", "report", "scoring", "archive", "sensor",
-    "render", "estimators", "limb", "truth", "infrared_horizon", "frame", "earth", "geometry", "spec", "suggest",
-    "outcome", "errors",
+    "cli", "reproduce", "study", "campaign", "localisation", "stability", "regression", "report", "scoring", "archive",
+    "sensor", "render", "estimators", "limb", "truth", "infrared_horizon", "frame", "earth", "geometry", "spec",
+    "suggest", "outcome", "errors",
 ]  # fmt: skip
 """From top to bottom. A room may import any room that stands later in this list."""
 

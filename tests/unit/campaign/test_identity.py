@@ -8,6 +8,7 @@ import pytest
 
 from horizonval.campaign import identity
 from horizonval.spec.load import Suite, load_suite
+from horizonval.stability.case import cases_of
 
 SUITE = """
 [suite]
@@ -78,6 +79,32 @@ def test_estimators_do_not_change_a_frame(load):
     assert frame[0] == frame[1]
     assert case[0] != case[1]
     assert suite[0] != suite[1]
+
+
+STUDY = """
+[stability]
+altitude_km = 900.0
+months = [1]
+[[stability.band]]
+name = "co2"
+lo_um = 14.0
+hi_um = 16.3
+[[stability.sensor]]
+name = "edge"
+kind = "edge"
+locator = "half"
+"""
+
+
+def test_a_study_counts_for_the_suite_and_not_for_its_frames(load):
+    one, two, three = load(), load(SUITE + STUDY), load(SUITE + STUDY.replace("900.0", "901.0"))
+    assert len({identity.suite_identity(suite) for suite in (one, two, three)}) == 3
+    assert len({identity.frame_identity(suite.cases[0]) for suite in (one, two, three)}) == 1
+    assert two.stability is not None
+    assert three.stability is not None
+    before, after = (identity.stability_identity(cases_of(s)[0]) for s in (two.stability, three.stability))
+    assert before != after
+    assert before == identity.stability_identity(cases_of(two.stability)[0])
 
 
 def test_the_code_counts():

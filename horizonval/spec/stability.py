@@ -1,0 +1,118 @@
+"""The ``[stability]`` table of a suite: how steady the infrared horizon is round an orbit and through the year."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from horizonval.spec.base import Model
+from horizonval.spec.camera import Band, Positive
+from horizonval.spec.scene import Atmosphere, Surface
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+Month = Annotated[int, Field(ge=1, le=12)]
+
+
+class StabilityBand(Model):
+    """A thermal band with a rectangular response from ``lo_um`` to ``hi_um``."""
+
+    name: Name
+    lo_um: Positive
+    hi_um: Positive
+
+    @model_validator(mode="after")
+    def _limits(self) -> StabilityBand:
+        if self.hi_um <= self.lo_um:
+            raise ValueError("lo_um must be below hi_um")
+        return self
+
+    @property
+    def band(self) -> Band:
+        """The band as a camera has it."""
+        return Band(name=self.name, kind="thermal", lo_um=self.lo_um, hi_um=self.hi_um)
+
+
+class EdgeSensor(Model):
+    """Four heads that each report the nadir angle of an edge.
+
+    ``locator``: what is taken for the edge. ``half`` is half of the head's own plateau, ``gradient`` the steepest fall,
+    ``threshold`` a radiance fixed for good: half of the plateau's mean over the year and the orbit.
+    """
+
+    name: Name
+    kind: Literal["edge"]
+    locator: Literal["half", "gradient", "threshold"]
+
+
+class FieldSensor(Model):
+    """Four heads with a square field across the horizon; their output is the mean radiance in the field."""
+
+    name: Name
+    kind: Literal["field"]
+    field_deg: Annotated[float, Field(ge=0.1, le=10)]
+
+
+Sensor = Annotated[EdgeSensor | FieldSensor, Field(discriminator="kind")]
+
+
+class StabilitySpec(Model):
+    """A circular orbit, the months, the bands and the sensors of a study.
+
+    The heads look forward, right, aft and left, turned to the right by ``first_head_deg``. ``altitude_km`` is counted
+    from the equator's radius. ``positions`` are spread evenly over the orbit. ``atmosphere`` and ``surface`` are those
+    of a scene; the month comes from ``months``.
+    """
+
+    altitude_km: Annotated[float, Field(ge=200, le=40_000)]
+    inclination_deg: Annotated[float, Field(ge=0, le=180)] = 90.0
+    positions: Annotated[int, Field(ge=4, le=720)] = 72
+    months: Annotated[list[Month], Field(min_length=1, max_length=12)] = list(range(1, 13))
+    first_head_deg: Annotated[float, Field(ge=0, lt=90)] = 0.0
+    requirement_deg: Annotated[list[Positive], Field(min_length=2, max_length=2)] = [0.03, 0.1]
+    band: Annotated[list[StabilityBand], Field(min_length=1)]
+    sensor: Annotated[list[Sensor], Field(min_length=1)]
+    atmosphere: Atmosphere = Atmosphere(profile="by_latitude_month")
+    surface: Surface = Surface()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> StabilitySpec:
+        for what, names in (("bands", [b.name for b in self.band]), ("sensors", [s.name for s in self.sensor])):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            if twice:
+                raise ValueError(f"two {what} are named {twice[0]!r}")
+        if len(set(self.months)) != len(self.months):
+            raise ValueError("months holds a month twice")
+        if self.requirement_deg[0] > self.requirement_deg[1]:
+            raise ValueError("requirement_deg must rise")
+        return self
+
+    @model_validator(mode="after")
+    def _air(self) -> StabilitySpec:
+        air = self.atmosphere
+        if air.file is not None or air.profile_file is not None:
+            key = "file" if air.file is not None else "profile_file"
+            raise ValueError(f"atmosphere.{key} does not go with [stability], which needs air for every month")
+        if air.profile == "none":
+            raise ValueError('atmosphere.profile = "none" has no infrared horizon')
+        if air.refraction:
+            raise ValueError("atmosphere.refraction does not go with [stability], whose rays are straight")
+        if self.surface.kind != "uniform":
+            raise ValueError(
+                'surface.kind = "earth" does not go with [stability], whose ground is alike at all longitudes'
+            )
+        for key in ("latitude_deg", "month"):
+            if getattr(air, key) is not None:
+                raise ValueError(f"atmosphere.{key} does not go with [stability], which goes through them itself")
+        return self
+
+    @model_validator(mode="after")
+    def _fields_see_the_horizon_only(self) -> StabilitySpec:
+        radius_deg = math.degrees(math.asin(6357.0 / (6378.0 + self.altitude_km)))
+        for sensor in self.sensor:
+            if isinstance(sensor, FieldSensor) and sensor.field_deg >= radius_deg:
+                raise ValueError(
+                    f"sensor {sensor.name!r}: field_deg must be below the Earth's angular radius, {radius_deg:.1f} deg"
+                )
+        return self
