@@ -12,9 +12,7 @@ from horizonval.earth import climate, profile_file, thermal_absorption
 from horizonval.earth.aerosol import Aerosol, aerosol
 from horizonval.earth.column import FloatArray
 from horizonval.earth.profiles import Profile, names, profile
-from horizonval.earth.thermal_absorption import GPoint
 from horizonval.errors import UserError
-from horizonval.spec.camera import Band
 from horizonval.spec.scene import SceneSpec
 from horizonval.suggest import nearest
 
@@ -33,7 +31,7 @@ class Air:
     state : Profile
         On 0 to 100 km by 100 m.
     climates : mapping of str to float
-        Which climates' thermal absorption to take, with weights; empty where the profile is of none of them.
+        Which climates' thermal absorption to take, with weights; empty for a profile from a file.
     aerosol : Aerosol
         On the same altitudes; without kinds for none.
     with_ozone : bool
@@ -51,27 +49,9 @@ class Air:
         return self.state.altitude_m
 
     @property
-    def thermal_temperature_k(self) -> FloatArray:
-        """Temperature for emission: a climate's own table where it has one, so that both belong together."""
-        if self.state.name in self.climates:
-            return thermal_absorption.temperature_k(self.state.name, self.altitude_m)
-        return self.state.temperature_k
-
-    def g_points(self, band: Band, where: str) -> list[GPoint]:
-        """Return the thermal absorption of the gases; see :func:`thermal_absorption.g_points`.
-
-        A profile from a file takes that of ``us_standard`` where the pressure is the same, in proportion to the
-        density of the air: right for mixing ratios that depend on pressure as the standard's do.
-        """
-        if self.climates:
-            return thermal_absorption.g_points(self.climates, band, self.altitude_m, where=where)
-        standard = profile(_STANDARD)
-        # Pressure falls with altitude; np.interp wants rising abscissae.
-        match_m = np.interp(-np.log(self.state.pressure_pa), -np.log(standard.pressure_pa), standard.altitude_m)
-        match_m = np.minimum(match_m, TOP_M)
-        ratio = self.state.number_density_air / standard.at(match_m).number_density_air
-        points = thermal_absorption.g_points(_STANDARD, band, match_m, where=where)
-        return [p.scaled(ratio) for p in points]
+    def has_table(self) -> bool:
+        """Whether the tables of thermal absorption were made for this very air (or for what it is a blend of)."""
+        return bool(self.climates) and self.state.name in (*thermal_absorption.climates(), climate.BY_LATITUDE_MONTH)
 
 
 def air_of(scene: SceneSpec, base_dir: Path | None = None) -> Air:

@@ -1,11 +1,13 @@
 """What the renderer needs to know of the planet: columns of optical properties, one per spectral node.
 
-The physics rooms end and the renderer begins here. A node is monochromatic (scattered sunlight) or a point of a
-k-distribution (thermal emission); the renderer solves each node alone and adds them up::
+The physics rooms end and the renderer begins here. A node is monochromatic; the renderer solves each node alone and
+adds them up::
 
     L_band = sum over the band's nodes of weight * L_node
 
-Every property is linear in altitude between the nodes of the common grid and zero above its top.
+Every property is linear in altitude between the nodes of the common grid and zero above its top. Scattered sunlight
+comes in such nodes. The thermal bands of scenes, whose air varies with latitude, are
+:class:`horizonval.earth.emission.EmittingBand`; nodes with a thermal source are left to the ``radiance`` command.
 """
 
 from __future__ import annotations
@@ -13,9 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from horizonval.earth.arrays import FloatArray
+from horizonval.earth.emission import EmittingBand
+from horizonval.earth.ground_emission import GroundEmission
+
+__all__ = ["FloatArray", "OpticalModel", "SpectralNode"]
 
 
 @dataclass(frozen=True)
@@ -111,6 +116,12 @@ class OpticalModel:
         where nothing glows.
     refractivity : ndarray, shape (n,), or None
         n - 1 of the air, one for all nodes. None: light goes straight.
+    thermal : tuple of EmittingBand
+        The thermal bands of a scene, each with its own air over height and latitude.
+    emission : GroundEmission or None
+        What ground and clouds emit in them; None where there are no thermal bands.
+    band_order : tuple of str
+        Names of all bands in the camera's order; empty for that of ``nodes`` and then ``thermal``.
     """
 
     altitude_m: FloatArray
@@ -121,6 +132,16 @@ class OpticalModel:
     albedo_around: tuple[float, ...] = ()
     glow_altitude_m: FloatArray = field(default_factory=lambda: np.zeros(0))
     refractivity: FloatArray | None = None
+    thermal: tuple[EmittingBand, ...] = ()
+    emission: GroundEmission | None = None
+    band_order: tuple[str, ...] = ()
+
+    @property
+    def bands(self) -> tuple[str, ...]:
+        """Names of all bands, each once, solar and thermal, in the camera's order."""
+        return self.band_order or tuple(
+            dict.fromkeys([*(node.band for node in self.nodes), *(band.name for band in self.thermal)])
+        )
 
     @property
     def glow_top_m(self) -> float:

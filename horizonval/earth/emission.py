@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from horizonval.earth.column import FloatArray
+from horizonval.earth.arrays import FloatArray
 from horizonval.earth.planck import radiance_per_wavenumber
 
 COLDEST_K, WARMEST_K, STEP_K = 80.0, 400.0, 1.0

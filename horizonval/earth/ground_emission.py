@@ -40,3 +40,9 @@ class GroundEmission:
     diurnal_k: tuple[float, ...]
     emissivity: float
     cloud_emissivity: float
+
+
+def uniform_ground(temperature_k: float, emissivity: float, cloud_emissivity: float = 1.0) -> GroundEmission:
+    """Return a ground that is the same everywhere and at all hours."""
+    same = (temperature_k, temperature_k)
+    return GroundEmission("uniform", (-1.0, 1.0), same, same, same, (0.0, 0.0), emissivity, cloud_emissivity)

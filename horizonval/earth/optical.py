@@ -8,10 +8,8 @@ irradiance, and the weights add up to the band's effective width [um]. How many 
 the fewest that keep ``render.band_error``; see :mod:`horizonval.earth.node_count`.
 
 A solar node has molecules with their depolarisation at its wavelength, ozone, and particles with the asymmetry of what
-scatters at each altitude. Thermal bands become the g points of :mod:`horizonval.earth.thermal_absorption`, weight 1,
-W m-2 sr-1, with the particles' absorption at the middle of the g point's band added; what particles scatter there is
-left out (at 10 um one part in eight of a stratospheric particle's extinction, half of rural air's, which lies below the
-water vapour). Beyond 18.5 um the particles absorb as at 18.5 um.
+scatters at each altitude. Thermal bands become :class:`horizonval.earth.emission.EmittingBand`, see
+:mod:`horizonval.earth.emitting_air`, and what is behind them :class:`horizonval.earth.ground_emission.GroundEmission`.
 
 Left out: cloud; absorption of sunlight by O2, H2O and NO2 (the O2 A band at 760 nm takes a few per cent of 700 to
 800 nm at the ground) and by ozone beyond 1000 nm (less than 0.3 % of the limb); sunlight reflected in thermal bands
@@ -25,11 +23,14 @@ from pathlib import Path
 
 import numpy as np
 
-from horizonval.earth import aerosol, atmosphere_file, bands, ozone, planck, rayleigh, sunlight
+from horizonval.earth import aerosol, atmosphere_file, bands, ozone, rayleigh, sunlight
 from horizonval.earth.air import NO_ATMOSPHERE, TOP_M, Air, air_of
 from horizonval.earth.column import FloatArray, OpticalModel, SpectralNode
+from horizonval.earth.emission import EmittingBand
+from horizonval.earth.emitting_air import emitting_air, grey_band, no_air_band
+from horizonval.earth.ground_emission import uniform_ground
 from horizonval.earth.node_count import choose_rule
-from horizonval.earth.solar_rule import SolarRule, check_sunlight, gauss, solar_measure
+from horizonval.earth.solar_rule import SolarRule, gauss, solar_measure
 from horizonval.errors import UserError
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.scene import SceneSpec
@@ -44,9 +45,10 @@ BARE_GROUND_K = 288.15
 
 
 def node_counts(model: OpticalModel) -> dict[str, int]:
-    """Return how many spectral nodes every band of a model has."""
-    names = [node.band for node in model.nodes]
-    return {band: names.count(band) for band in dict.fromkeys(names)}
+    """Return how many spectral nodes or g points every band of a model has, in the camera's order."""
+    solar = [node.band for node in model.nodes]
+    thermal = {band.name: band.count for band in model.thermal}
+    return {band: thermal[band] if band in thermal else solar.count(band) for band in model.bands}
 
 
 def optical_model(
@@ -56,10 +58,6 @@ def optical_model(
 
     On a grid of 100 m from 0 to 100 km. Densities fall exponentially between levels; taken as linear over 100 m they
     are at most 3e-5 too high for a scale height of 7 km. An atmosphere file keeps its own nodes.
-
-    ``us76`` has no absorption table of its own: its thermal bands take the absorption of ``us_standard`` with the
-    temperatures of US76. The two profiles differ by at most 0.8 K up to 47 km and 2.3 K up to 100 km. A profile from a
-    file takes it too, as :meth:`horizonval.earth.air.Air.g_points` says.
 
     One column of air serves the whole frame: with ``by_latitude_month`` that of the point below the satellite, though
     the limb it sees may lie 20 deg and more away from it.
@@ -92,22 +90,31 @@ def optical_model(
     if scene.atmosphere.profile_file is None and scene.atmosphere.profile == NO_ATMOSPHERE:
         return _bare(scene, camera, sun_distance_au)
     air = air_of(scene, base_dir)
-    ground_k = scene.surface.temperature_k or float(air.state.temperature_k[0])
+    emitting = emitting_air(air, scene.atmosphere.aerosol)
+    ground_k = scene.surface.temperature_k or float(emitting.temperature_k[0, 0])
     nodes: list[SpectralNode] = []
+    thermal: list[EmittingBand] = []
     for i, band in enumerate(camera.band):
         where = f"{scene.camera.file}: band[{i}]"
         if band.kind == "solar":
             nodes += _solar_nodes(band, air, scene, sun_distance_au, where)
         else:
-            nodes += _thermal_nodes(band, air, ground_k, sun_distance_au, where)
+            thermal.append(emitting.band(band, sun_distance_au, where))
     refractivity = None
     if scene.atmosphere.refraction:
-        refractivity = rayleigh.refractivity(air.state.number_density_air, [n.wavelength_um for n in nodes])
-    return _model(scene, air.altitude_m, nodes, refractivity)
+        wavelengths = [n.wavelength_um for n in nodes] + [float(w) for band in thermal for w in band.wavelength_um]
+        refractivity = rayleigh.refractivity(air.state.number_density_air, wavelengths)
+    return _model(scene, camera, air.altitude_m, nodes, thermal, ground_k, refractivity)
 
 
 def _model(
-    scene: SceneSpec, altitude_m: FloatArray, nodes: list[SpectralNode], refractivity: FloatArray | None = None
+    scene: SceneSpec,
+    camera: CameraSpec,
+    altitude_m: FloatArray,
+    nodes: list[SpectralNode],
+    thermal: list[EmittingBand],
+    ground_k: float,
+    refractivity: FloatArray | None = None,
 ) -> OpticalModel:
     return OpticalModel(
         altitude_m=altitude_m,
@@ -116,6 +123,9 @@ def _model(
         albedo=scene.surface.albedo,
         emissivity=scene.surface.emissivity,
         refractivity=refractivity,
+        thermal=tuple(thermal),
+        emission=uniform_ground(ground_k, scene.surface.emissivity) if thermal else None,
+        band_order=tuple(band.name for band in camera.band),
     )
 
 
@@ -185,71 +195,13 @@ def _solar_nodes(band: Band, air: Air, scene: SceneSpec, sun_distance_au: float,
     return nodes
 
 
-def _thermal_nodes(band: Band, air: Air, ground_k: float, sun_distance_au: float, where: str) -> list[SpectralNode]:
-    temperature = air.thermal_temperature_k
-    zero = np.zeros_like(air.altitude_m)
-    nodes = []
-    for point in air.g_points(band, where):
-        nu = point.bin_wavenumber_per_cm
-        sun_per_um = sunlight.irradiance(1e4 / nu, sun_distance_au)
-        sun_per_cm = sun_per_um * 1e4 / nu**2 / sunlight.disc_projected_solid_angle(sun_distance_au)
-        extinct, scattered, _ = air.aerosol.at(min(point.wavelength_um, aerosol.MAX_UM))
-        nodes.append(
-            SpectralNode(
-                name=f"{band.name}:{point.name}",
-                band=band.name,
-                weight=1.0,
-                wavelength_um=point.wavelength_um,
-                extinction_per_m=point.absorption_per_m + (extinct - scattered),
-                molecular_per_m=zero,
-                molecular_cos2=0.0,
-                particle_per_m=zero,
-                asymmetry=zero,
-                solar_irradiance=0.0,
-                source=point.source(temperature),
-                surface_source=float(point.source(ground_k)),
-                sun_radiance=point.weigh(sun_per_cm),
-            )
-        )
-    return nodes
-
-
-def _grey_thermal_node(
-    band: Band,
-    temperature: FloatArray,
-    ground_k: float,
-    absorption: FloatArray,
-    sun_distance_au: float,
-    where: str,
-) -> SpectralNode:
-    """Return the one node of a thermal band with the same absorption throughout; source integrated over the band."""
-    check_sunlight(band, where)
-    wavelength, weight = bands.sampled(band)
-    source = planck.radiance_per_um(wavelength, temperature[:, None]) @ weight
-    sun = float(sunlight.irradiance(wavelength, sun_distance_au) @ weight)
-    return SpectralNode(
-        name=band.name,
-        band=band.name,
-        weight=1.0,
-        wavelength_um=bands.reference_wavelength_um(band),
-        extinction_per_m=absorption,
-        molecular_per_m=np.zeros_like(absorption),
-        molecular_cos2=0.0,
-        particle_per_m=np.zeros_like(absorption),
-        asymmetry=np.zeros_like(absorption),
-        solar_irradiance=0.0,
-        source=source,
-        surface_source=float(planck.radiance_per_um(wavelength, ground_k) @ weight),
-        sun_radiance=sun / sunlight.disc_projected_solid_angle(sun_distance_au),
-    )
-
-
 def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> OpticalModel:
     """Return the ground alone: one node per band is exact unless the ground has a spectrum."""
     z = np.array([0.0, TOP_M])
     zero = np.zeros_like(z)
     ground_k = scene.surface.temperature_k or BARE_GROUND_K
-    nodes = []
+    nodes: list[SpectralNode] = []
+    thermal: list[EmittingBand] = []
     for i, band in enumerate(camera.band):
         where = f"{scene.camera.file}: band[{i}]"
         if band.kind == "solar":
@@ -257,9 +209,9 @@ def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> Optic
             rule = gauss(solar_measure(band, sun_distance_au, where), count)
             nodes += [_solar_node(band, k, rule, sun_distance_au, zero, zero) for k in range(count)]
         else:
-            cold = np.full_like(z, ground_k)
-            nodes.append(_grey_thermal_node(band, cold, ground_k, zero, sun_distance_au, where))
-    return _model(scene, z, nodes)
+            pieces = 1 if scene.surface.kind == "uniform" else BARE_EARTH_NODES
+            thermal.append(no_air_band(band, ground_k, sun_distance_au, where, pieces))
+    return _model(scene, camera, z, nodes, thermal, ground_k)
 
 
 def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, base_dir: Path | None) -> OpticalModel:
@@ -276,7 +228,8 @@ def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, bas
     z = atmosphere_file.altitudes_m(file, thermal=any(band.kind == "thermal" for band in camera.band))
     temperature = atmosphere_file.column(file, file.temperature_K, z)
     ground_k = scene.surface.temperature_k or file.surface.temperature_K
-    nodes = []
+    nodes: list[SpectralNode] = []
+    thermal: list[EmittingBand] = []
     for i, band in enumerate(camera.band):
         where = f"{scene.camera.file}: band[{i}]"
         if band.name not in known:
@@ -289,7 +242,7 @@ def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, bas
         entry = known[band.name]
         absorption = atmosphere_file.column(file, entry.absorption_per_m, z)
         if band.kind == "thermal":
-            nodes.append(_grey_thermal_node(band, temperature, ground_k, absorption, sun_distance_au, where))
+            thermal.append(grey_band(band, z, temperature, absorption, sun_distance_au, where))
             continue
         scatterers = atmosphere_file.scatterers(file, entry, z)
         scattering = scatterers["molecular_per_m"] + scatterers["particle_per_m"]
@@ -298,4 +251,4 @@ def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, bas
         node = replace(node, wavelength_um=entry.wavelength_nm * 1e-3)
         nodes.append(replace(node, **scatterers))
     refractivity = atmosphere_file.refractivity(file, z, str(path)) if scene.atmosphere.refraction else None
-    return _model(scene, z, nodes, refractivity)
+    return _model(scene, camera, z, nodes, thermal, ground_k, refractivity)

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from scipy import constants
 from scipy.special import bernoulli, factorial
 
-from horizonval.earth.column import FloatArray
+from horizonval.earth.arrays import FloatArray
 
 _C2 = constants.h * constants.c / constants.k
 _SERIES_LIMIT = 2.0

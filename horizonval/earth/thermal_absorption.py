@@ -4,29 +4,36 @@ Inside a band the spectrum is sorted by absorption into 16 classes ("g points"),
 share w_g of the band; radiance is solved per class as if monochromatic and summed. The classes' Planck sources follow
 a sensor's response R through a map F[i, g]: the share of class g that lies in the 10 cm-1 bin i::
 
-    S[b, g](T) = w_g * width_b * sum over bins i of b of F[i, g] R_i B_nu(T, centre of i)
+    S[b, g](T) = w_g * width_b * sum over bins i of b of F[i, g] / 10 cm-1 * integral over bin i of R(nu) B_nu(T) dnu
 
-so that L = sum over b, g of the integral of S dTransmission, W m-2 sr-1. R_i is the bin's mean response, and B is
-taken at the centroid of the response in the bin (the centre of the covered part for a top hat).
+so that L = sum over b, g of the integral of S dTransmission, W m-2 sr-1. The integral is done by Gauss's rule between
+the knots of the response. Every row of the published map is scaled so that the classes fill their bin exactly
+(``sum over g of w_g width_b F[i, g] = 10 cm-1``; 5e-8 as published, 0.45 % in one bin of 820 to 980 cm-1): the sources
+of all classes add up to the band's Planck radiance. What is left open, the sum of a class over its band, is then right
+to 5e-3 there and 1e-7 elsewhere.
 
-The tables come from RRTMG-LW as distributed with ecRad: H2O with continuum, CO2 (420 ppm), O3, N2O, CH4, and HNO3.
-Accuracy on the limb in LTE: 14.0 to 16.3 um 3 to 5 % up to 26 km, 6 % at 30, 12 % at 36 to 46 (1.5 to 2 km in the
-height of equal radiance), 15 % at 50, a factor 1.5 at 54 to 60 km; 8 to 14 um 6 % up to 6 km, 11 to 13 % up to 40 km,
-unverified above. 10.5 to 12.5 um is right at the ground and 10 to 20 % off on its dim limb above 8 km. Features of the
-response narrower than 20 cm-1 are not resolved. Left out: scattering, CFCs, non-LTE (above 75 km).
+The tables come from RRTMG-LW as distributed with ecRad: H2O with continuum, CO2, O3, N2O, CH4, and HNO3. They exist for
+330 and 420 ppm of CO2. Between the two ln k is linear in the logarithm of the concentration, exact at both; beyond, it
+goes on with the same slope, held between 0 and 1 (more of a gas never absorbs less, nor more than in proportion: the
+slope of a few coefficients near the tables' floor means nothing). Where CO2 alone absorbs that is exact; where it
+shares a class with other gases k would rather be linear, and is at most 0.9 % above this at 280 ppm and 2 % at 560.
+
+Accuracy on the limb in LTE: see :mod:`horizonval.earth.thermal_accuracy`. Features of the response narrower than 20
+cm-1 are not resolved. Left out: scattering, CFCs, non-LTE (above 75 km).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from horizonval.earth import bands
-from horizonval.earth.column import FloatArray
-from horizonval.earth.planck import radiance_per_wavenumber
+from horizonval.earth import bands, sunlight
+from horizonval.earth.arrays import FloatArray
 from horizonval.earth.quadrature import composite_gauss
 from horizonval.earth.tables import npz
 from horizonval.errors import UserError
@@ -35,6 +42,10 @@ from horizonval.spec.camera import Band
 _TABLE = "thermal_ck.npz"
 MIN_PER_CM, MAX_PER_CM = 500.0, 1390.0
 MIN_UM, MAX_UM = 1e4 / MAX_PER_CM, 1e4 / MIN_PER_CM
+CO2_PPM, LOW_CO2_PPM = 420.0, 330.0
+"""Concentrations of CO2 in the lower atmosphere that there are tables for; both fall alike above 75 km."""
+_POINTS = 4
+"""Of Gauss's rule between two edges at most 10 cm-1 apart: 1e-12 of the integral of R B."""
 
 
 def climates() -> list[str]:
@@ -42,78 +53,117 @@ def climates() -> list[str]:
     return [str(name) for name in npz(_TABLE)["atmosphere"]]
 
 
+def levels_m() -> FloatArray:
+    """Return the altitudes of the tables: 0.5 km apart up to 30 km, 1 km to 70 km, then 2 km to 100 km; shape (k,)."""
+    return np.asarray(npz(_TABLE)["altitude_m"], dtype=np.float64)
+
+
 def temperature_k(climate: str, altitude_m: ArrayLike) -> FloatArray:
     """Return the temperature the tables were made with, linear between their levels; altitude 0 to 100 km."""
-    levels = np.asarray(npz(_TABLE)["altitude_m"], dtype=np.float64)
     temperature = np.asarray(npz(_TABLE)["temperature_k"][climates().index(climate)], dtype=np.float64)
-    return np.interp(np.asarray(altitude_m, dtype=np.float64), levels, temperature)
+    return np.interp(np.asarray(altitude_m, dtype=np.float64), levels_m(), temperature)
+
+
+def blended_temperature_k(weights: Mapping[str, float]) -> FloatArray:
+    """Return the temperature of a blend of climates at the tables' levels, shape (k,)."""
+    return np.asarray(sum(weight * temperature_k(name, levels_m()) for name, weight in weights.items()))
 
 
 @dataclass(frozen=True)
-class GPoint:
-    """One class of absorption in one RRTMG band, as a sensor's response sees it.
+class GPoints:
+    """The classes of absorption that a sensor band needs: 16 for every RRTMG band it touches.
 
     Attributes
     ----------
-    name : str
+    name : tuple of str, length g
         ``"rrtmg4g07"``: band number and g point, both counted from 1.
-    wavelength_um : float
+    wavelength_um : ndarray, shape (g,)
         Centroid of the response inside the RRTMG band.
-    absorption_per_m : ndarray, shape (n,)
-        On the altitudes asked for.
-    bin_wavenumber_per_cm, bin_weight_per_cm : ndarray, shape (m,)
-        ``source = sum(bin_weight * B_nu(bin_wavenumber))``.
+    table_band, table_g : ndarray of int, shape (g,)
+        Where the tables hold a class.
+    wavenumber_per_cm : ndarray, shape (q,)
+    weight_per_cm : ndarray, shape (g, q)
+        ``S_g(T) = sum_q weight[g, q] B_nu(wavenumber[q], T)``.
     """
 
-    name: str
-    wavelength_um: float
-    absorption_per_m: FloatArray
-    bin_wavenumber_per_cm: FloatArray
-    bin_weight_per_cm: FloatArray
+    name: tuple[str, ...]
+    wavelength_um: FloatArray
+    table_band: np.ndarray
+    table_g: np.ndarray
+    wavenumber_per_cm: FloatArray
+    weight_per_cm: FloatArray
 
-    def source(self, temperature_k: ArrayLike) -> FloatArray:
-        """Return S(T) [W m-2 sr-1], shape of the temperature."""
-        temperature = np.asarray(temperature_k, dtype=np.float64)[..., None]
-        return radiance_per_wavenumber(self.bin_wavenumber_per_cm, temperature) @ self.bin_weight_per_cm
+    def ln_absorption(self, weights: Mapping[str, float], co2_ppm: float = CO2_PPM) -> FloatArray:
+        """Return the logarithm of the absorption [1/m] at the tables' levels, shape (g, k).
 
-    def scaled(self, ratio: FloatArray) -> GPoint:
-        """Return the point with its absorption times a ratio at every altitude, shape (n,)."""
-        return replace(self, absorption_per_m=self.absorption_per_m * ratio)
+        Parameters
+        ----------
+        weights : mapping of str to float
+            Climates and their shares, of sum 1: absorption is blended in its logarithm.
+        co2_ppm : float
+            Concentration of CO2 in the lower atmosphere.
+        """
+        per_e = 1.0 / math.log(CO2_PPM / LOW_CO2_PPM)
+        total = np.zeros((len(self.name), len(levels_m())))
+        for name, weight in weights.items():
+            i = climates().index(name)
+            high, low = (_ln_table(key)[i, self.table_band, :, self.table_g] for key in _CO2_TABLES)
+            slope = (high - low) * per_e
+            if co2_ppm >= CO2_PPM:
+                ln_k = high + np.clip(slope, 0.0, 1.0) * math.log(co2_ppm / CO2_PPM)
+            elif co2_ppm <= LOW_CO2_PPM:
+                ln_k = low + np.clip(slope, 0.0, 1.0) * math.log(co2_ppm / LOW_CO2_PPM)
+            else:
+                ln_k = high + slope * math.log(co2_ppm / CO2_PPM)
+            total += weight * ln_k
+        return total
 
-    def weigh(self, per_wavenumber: FloatArray) -> float:
-        """Return the node's share of a spectrum given at the bins [unit / cm-1], shape (m,)."""
-        return float(per_wavenumber @ self.bin_weight_per_cm)
+    def sun_radiance(self, sun_distance_au: float) -> FloatArray:
+        """Return the mean radiance of the Sun's disc in every class [W m-2 sr-1], shape (g,)."""
+        nu = self.wavenumber_per_cm
+        per_cm = sunlight.irradiance(1e4 / nu, sun_distance_au) * 1e4 / nu**2
+        return self.weight_per_cm @ per_cm / sunlight.disc_projected_solid_angle(sun_distance_au)
 
 
-def _bin_response(band: Band) -> tuple[FloatArray, FloatArray]:
-    """Return mean response and response centroid [cm-1] of every 10 cm-1 bin, shapes (89,)."""
+_CO2_TABLES = ("absorption_per_m", "absorption_co2_330ppm_per_m")
+
+
+@cache
+def _ln_table(key: str) -> FloatArray:
+    table = np.log(np.asarray(npz(_TABLE)[key], dtype=np.float64))
+    table.setflags(write=False)
+    return table
+
+
+@cache
+def _share() -> FloatArray:
+    """Return the map F with every row scaled to fill its bin, shape (bins, 16)."""
+    table = npz(_TABLE)
+    share = np.asarray(table["gpoint_spectral_fraction"], dtype=np.float64)
+    bins = np.asarray(table["bin_edges_per_cm"], dtype=np.float64)
+    widths = np.diff(np.asarray(table["band_edges_per_cm"], dtype=np.float64), axis=1)[table["bin_band_index"], 0]
+    filled = share @ np.asarray(table["g_weight"], dtype=np.float64) * widths / np.diff(bins, axis=1)[:, 0]
+    return share / filled[:, None]
+
+
+def _sampled(band: Band) -> tuple[FloatArray, FloatArray, np.ndarray]:
+    """Return wavenumbers [cm-1], quadrature weights with the response in them [cm-1], and the bin each lies in."""
     bins = np.asarray(npz(_TABLE)["bin_edges_per_cm"], dtype=np.float64)
     knots = 1e4 / bands.knots_um(band)
     edges = np.unique(np.concatenate([bins[:, 0], bins[-1:, 1], knots]))
-    edges = edges[(edges >= MIN_PER_CM) & (edges <= MAX_PER_CM)]
-    # R is linear in wavelength: over 10 cm-1 a smooth function of wavenumber for which 6 points are exact to 1e-12.
-    nu, weight = composite_gauss(edges, 6)
-    weight = weight * bands.response(band, 1e4 / nu)
-    owner = np.searchsorted(bins[:, 0], nu[:, 0], side="right") - 1
-    total, moment = np.zeros(len(bins)), np.zeros(len(bins))
-    np.add.at(total, owner, weight.sum(axis=1))
-    np.add.at(moment, owner, (weight * nu).sum(axis=1))
-    centre = bins.mean(axis=1)
-    centroid = np.where(total > 0, moment / np.where(total > 0, total, 1.0), centre)
-    return total / (bins[:, 1] - bins[:, 0]), centroid
+    edges = edges[(edges >= max(knots.min(), MIN_PER_CM)) & (edges <= min(knots.max(), MAX_PER_CM))]
+    nu, weight = composite_gauss(edges, _POINTS)
+    nu, weight = nu.ravel(), weight.ravel()
+    return nu, weight * bands.response(band, 1e4 / nu), np.searchsorted(bins[:, 0], nu, side="right") - 1
 
 
-def g_points(climate: str | Mapping[str, float], band: Band, altitude_m: ArrayLike, *, where: str = "") -> list[GPoint]:
-    """Return the g points that a sensor band needs: 16 for every RRTMG band it touches.
+def g_points(band: Band, *, where: str = "") -> GPoints:
+    """Return the classes that a sensor band needs.
 
     Parameters
     ----------
-    climate : str, or mapping of str to float
-        One of :func:`climates`, or several with weights of sum 1: absorption is blended in its logarithm.
     band : Band
         Response per unit power.
-    altitude_m : array_like, shape (n,)
-        0 to 100 km; k is log-linear between the table's levels (0.5 km to 30 km, 1 km to 70 km, then 2 km).
     where : str, optional
         File and key of the band, for the error message.
 
@@ -132,30 +182,24 @@ def g_points(climate: str | Mapping[str, float], band: Band, altitude_m: ArrayLi
             f"({MIN_PER_CM:g} to {MAX_PER_CM:g} cm-1), where there is an absorption table",
         )
     table = npz(_TABLE)
-    z = np.asarray(altitude_m, dtype=np.float64)
-    levels = np.asarray(table["altitude_m"], dtype=np.float64)
-    weights = {climate: 1.0} if isinstance(climate, str) else climate
-    absorption = np.asarray(table["absorption_per_m"], dtype=np.float64)
-    ln_k = np.asarray(sum(weight * np.log(absorption[climates().index(name)]) for name, weight in weights.items()))
-    edges = np.asarray(table["band_edges_per_cm"], dtype=np.float64)
-    share = np.asarray(table["gpoint_spectral_fraction"], dtype=np.float64)
     g_weight = np.asarray(table["g_weight"], dtype=np.float64)
-    mean_response, centroid = _bin_response(band)
-    points: list[GPoint] = []
-    for b, number in enumerate(table["band_number"]):
-        used = np.flatnonzero((table["bin_band_index"] == b) & (mean_response > 0))
-        if not used.size:
-            continue
-        nu = centroid[used]
-        wavelength_um = 1e4 * mean_response[used].sum() / (mean_response[used] @ nu)
-        for g, w in enumerate(g_weight):
-            points.append(
-                GPoint(
-                    name=f"rrtmg{number}g{g + 1:02d}",
-                    wavelength_um=float(wavelength_um),
-                    absorption_per_m=np.exp(np.interp(z, levels, ln_k[b, :, g])),
-                    bin_wavenumber_per_cm=nu,
-                    bin_weight_per_cm=w * (edges[b, 1] - edges[b, 0]) * share[used, g] * mean_response[used],
-                )
-            )
-    return points
+    bins = np.asarray(table["bin_edges_per_cm"], dtype=np.float64)
+    edges = np.asarray(table["band_edges_per_cm"], dtype=np.float64)
+    nu, weight, bin_of = _sampled(band)
+    band_of = np.asarray(table["bin_band_index"])[bin_of]
+    touched = [b for b in range(len(edges)) if weight[band_of == b].sum() > 0]
+    rows = []
+    for b in touched:
+        # Share of class g per cm-1, times the width it stands for.
+        density = _share()[bin_of] / np.diff(bins, axis=1)[bin_of] * (edges[b, 1] - edges[b, 0])
+        rows.append((density * g_weight * (weight * (band_of == b))[:, None]).T)
+    centroid = [1e4 * weight[band_of == b].sum() / (weight @ (nu * (band_of == b))) for b in touched]
+    g = np.arange(len(g_weight))
+    return GPoints(
+        name=tuple(f"rrtmg{table['band_number'][b]}g{i + 1:02d}" for b in touched for i in g),
+        wavelength_um=np.repeat(centroid, len(g)),
+        table_band=np.repeat(touched, len(g)),
+        table_g=np.tile(g, len(touched)),
+        wavenumber_per_cm=nu,
+        weight_per_cm=np.concatenate(rows),
+    )

@@ -1,0 +1,8 @@
+"""The one type of array that physics is done on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]

@@ -1,0 +1,196 @@
+"""Thermal bands of a scene: from its atmosphere to :class:`horizonval.earth.emission.EmittingBand`.
+
+What the air is decides where its levels are and how its absorption is found:
+
+- the AFGL climates and their blends by latitude and month: the tables' own levels and temperatures;
+- ``us76``, which has no absorption table of its own: that of ``us_standard`` with the temperatures of US76, on 100 m.
+  The two profiles differ by at most 0.8 K up to 47 km and 2.3 K up to 100 km;
+- a profile from a file: the absorption of ``us_standard`` where the pressure is the same, in proportion to the density
+  of the air, on 100 m. Right for mixing ratios that depend on pressure as the standard's do;
+- an atmosphere file: its own absorption, the same throughout a band (grey), on its own nodes;
+- none: nothing absorbs.
+
+Particles absorb at the middle of the g point's band; what they scatter there is left out (at 10 um one part in eight of
+a stratospheric particle's extinction, half of rural air's, which lies below the water vapour). Beyond 18.5 um they
+absorb as at 18.5 um.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from horizonval.earth import aerosol, bands, sunlight, thermal_absorption
+from horizonval.earth.air import TOP_M, Air
+from horizonval.earth.arrays import FloatArray
+from horizonval.earth.emission import EmittingBand
+from horizonval.earth.profiles import profile
+from horizonval.earth.solar_rule import check_sunlight
+from horizonval.earth.thermal_absorption import GPoints
+from horizonval.spec.camera import Band
+
+_STANDARD = "us_standard"
+LEAST_PER_M = 1e-300
+"""Extinction that stands for none where a logarithm is needed."""
+
+
+@dataclass(frozen=True)
+class EmittingAir:
+    """The air of a scene as its thermal bands see it, before a band is chosen.
+
+    Attributes
+    ----------
+    altitude_m : ndarray, shape (n,)
+        The grid to march on.
+    sin_latitude : ndarray, shape (m,)
+    level_m : ndarray, shape (k,)
+    temperature_k : ndarray, shape (m, k)
+    climates : tuple of dict, length m
+        Weights of the climates in each row; empty dicts where the absorption is that of ``us_standard`` at other
+        heights.
+    match_m, ratio : ndarray, shape (k,)
+        Where in ``us_standard`` the absorption is taken, and what it is multiplied by; used without climates.
+    particles : Aerosol
+        On ``level_m``.
+    co2_ppm : float
+    """
+
+    altitude_m: FloatArray
+    sin_latitude: FloatArray
+    level_m: FloatArray
+    temperature_k: FloatArray
+    climates: tuple[dict[str, float], ...]
+    match_m: FloatArray
+    ratio: FloatArray
+    particles: aerosol.Aerosol
+    co2_ppm: float
+
+    def band(self, band: Band, sun_distance_au: float, where: str) -> EmittingBand:
+        """Return a thermal band; errors as :func:`horizonval.earth.thermal_absorption.g_points`."""
+        points = thermal_absorption.g_points(band, where=where)
+        gas = np.stack([self._ln_gas(points, climates) for climates in self.climates], axis=1)
+        return EmittingBand(
+            name=band.name,
+            wavelength_um=points.wavelength_um,
+            altitude_m=self.altitude_m,
+            sin_latitude=self.sin_latitude,
+            level_m=self.level_m,
+            ln_extinction=self._with_particles(gas, points.wavelength_um),
+            temperature_k=self.temperature_k,
+            source_wavenumber_per_cm=points.wavenumber_per_cm,
+            source_weight_per_cm=points.weight_per_cm,
+            sun_radiance=points.sun_radiance(sun_distance_au),
+        )
+
+    def _ln_gas(self, points: GPoints, climates: dict[str, float]) -> FloatArray:
+        if climates:
+            return points.ln_absorption(climates, self.co2_ppm)
+        standard = points.ln_absorption({_STANDARD: 1.0}, self.co2_ppm)
+        rows = [np.interp(self.match_m, thermal_absorption.levels_m(), row) for row in standard]
+        return np.stack(rows) + np.log(self.ratio)
+
+    def _with_particles(self, ln_gas: FloatArray, wavelength_um: FloatArray) -> FloatArray:
+        if not self.particles.kinds:
+            return ln_gas
+        absorbed = {}
+        for wavelength in np.unique(wavelength_um):
+            extinct, scattered, _ = self.particles.at(min(float(wavelength), aerosol.MAX_UM))
+            absorbed[wavelength] = extinct - scattered
+        return np.log(np.exp(ln_gas) + np.stack([absorbed[w] for w in wavelength_um])[:, None, :])
+
+
+def emitting_air(air: Air, aerosol_name: str) -> EmittingAir:
+    """Return the air of a scene that has gases of its own (neither ``none`` nor an atmosphere file).
+
+    Parameters
+    ----------
+    air : Air
+    aerosol_name : str
+        The scene's ``atmosphere.aerosol``.
+    """
+    grid = air.altitude_m
+    if air.climates and air.has_table:
+        level_m = thermal_absorption.levels_m()
+        temperature = thermal_absorption.blended_temperature_k(air.climates)[None, :]
+        match, ratio = level_m, np.ones_like(level_m)
+        climates: tuple[dict[str, float], ...] = (dict(air.climates),)
+    else:
+        level_m, temperature, climates = grid, air.state.temperature_k[None, :], ({},)
+        match, ratio = (grid, np.ones_like(grid)) if air.climates else _matched(air)
+    return EmittingAir(
+        altitude_m=grid,
+        sin_latitude=np.zeros(1),
+        level_m=level_m,
+        temperature_k=temperature,
+        climates=climates,
+        match_m=match,
+        ratio=ratio,
+        particles=aerosol.aerosol(aerosol_name, level_m),
+        co2_ppm=thermal_absorption.CO2_PPM,
+    )
+
+
+def _matched(air: Air) -> tuple[FloatArray, FloatArray]:
+    """Return where ``us_standard`` has the pressures of a profile, and how much denser its air is than there."""
+    standard = profile(_STANDARD)
+    # Pressure falls with altitude; np.interp wants rising abscissae.
+    match_m = np.interp(-np.log(air.state.pressure_pa), -np.log(standard.pressure_pa), standard.altitude_m)
+    match_m = np.minimum(match_m, TOP_M)
+    return match_m, air.state.number_density_air / standard.at(match_m).number_density_air
+
+
+def grey_band(
+    band: Band,
+    altitude_m: FloatArray,
+    temperature_k: FloatArray,
+    absorption_per_m: FloatArray,
+    sun_distance_au: float,
+    where: str,
+    pieces: int = 1,
+) -> EmittingBand:
+    """Return a thermal band with the same absorption at all its wavelengths, one column everywhere.
+
+    Parameters
+    ----------
+    band : Band
+    altitude_m, temperature_k, absorption_per_m : ndarray, shape (n,)
+        Levels and grid to march on in one: absorption and source are linear between.
+    sun_distance_au : float
+    where : str
+        File and key of the band, for the error message.
+    pieces : int
+        Into how many g points the band is cut, for the sake of a ground with a spectrum.
+
+    Raises
+    ------
+    UserError
+        Band reaching beyond the Sun's known spectrum.
+    """
+    check_sunlight(band, where)
+    wavelength, weight_um = bands.sampled(band)
+    sun = sunlight.irradiance(wavelength, sun_distance_au) * weight_um
+    cut = np.linspace(0, len(wavelength), pieces + 1).astype(int)
+    owner = np.searchsorted(cut, np.arange(len(wavelength)), side="right") - 1
+    mine = (owner == np.arange(pieces)[:, None]) & (weight_um > 0)
+    mine = mine[mine.any(axis=1)]
+    count = len(mine)
+    absorbed = np.log(np.maximum(absorption_per_m, LEAST_PER_M))
+    return EmittingBand(
+        name=band.name,
+        wavelength_um=mine @ (weight_um * wavelength) / (mine @ weight_um),
+        altitude_m=altitude_m,
+        sin_latitude=np.zeros(1),
+        level_m=altitude_m,
+        ln_extinction=np.broadcast_to(absorbed, (count, 1, len(altitude_m))).copy(),
+        temperature_k=temperature_k[None, :],
+        source_wavenumber_per_cm=1e4 / wavelength,
+        source_weight_per_cm=mine * weight_um * (1e4 / wavelength**2),
+        sun_radiance=mine @ sun / sunlight.disc_projected_solid_angle(sun_distance_au),
+    )
+
+
+def no_air_band(band: Band, ground_k: float, sun_distance_au: float, where: str, pieces: int = 1) -> EmittingBand:
+    """Return a thermal band over a planet without air; its columns hold nothing up to 100 km."""
+    z = np.array([0.0, TOP_M])
+    return grey_band(band, z, np.full(2, ground_k), np.zeros(2), sun_distance_au, where, pieces)
