@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import Camera, camera_from_spec
-from horizonval.spec.camera import CameraSpec, Cmos
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.detector import Cmos
 
 
 def standard_attributes(truth: FrameTruth, spec: CameraSpec) -> dict[str, Any]:

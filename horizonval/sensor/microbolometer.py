@@ -20,16 +20,44 @@ left after flat-fielding; the lens's own glow, subtracted with the shutter's rea
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.earth import bands, planck
-from horizonval.spec.camera import Band
+from horizonval.geometry.camera import Camera
+from horizonval.sensor import converter, image_plane
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.detector import Microbolometer
 
 FloatArray = NDArray[np.float64]
 
 NETD_SCENE_K = 300.0
 _STEP_K = 0.05
+
+
+def respond(
+    radiance: FloatArray,
+    geometry: Camera,
+    camera: CameraSpec,
+    detector: Microbolometer,
+    band: Band,
+    rng: Callable[[str], np.random.Generator | None],
+) -> tuple[NDArray[np.uint16], dict[str, Any]]:
+    """Return digital numbers, shape (H, W), and the settings that an image carries."""
+    lens = camera.optics
+    signal = image_plane.radiance_on_axis(radiance, geometry, lens)
+    sigma = noise_radiance(band, detector.netd_k, lens.f_number, lens.transmission)
+    thermal_rng = rng("thermal")
+    if thermal_rng is not None:
+        signal = add_noise(signal, sigma, thermal_rng)
+    low = blackbody_radiance(band, detector.scene_min_k)
+    high = blackbody_radiance(band, detector.scene_max_k)
+    step = (high - low) / converter.full_scale(detector.bits)
+    settings = {"radiance_at_zero": low, "radiance_per_dn": step, "sigma_radiance": sigma}
+    return converter.digitise(signal - low, step, 0.0, detector.bits), settings
 
 
 def blackbody_radiance(band: Band, temperature_k: float) -> float:

@@ -2,9 +2,8 @@
 
 The order of the stages is that of the light and the charge::
 
-    cmos             power on the pixel -> point spread -> photoelectrons, dark electrons (Poisson) -> full well
-                     -> read noise -> converter
-    microbolometer   relative illumination -> point spread -> noise -> converter
+    lens        radiance -> power on the pixel, spread and scattered        (image_plane)
+    detector    cmos: electrons, charge, numbers; microbolometer: temperature, voltage, numbers
 
 Every random stage draws from its own stream (:mod:`horizonval.sensor.streams`); the same frame, camera, band and seed
 give the same bytes.
@@ -12,18 +11,16 @@ give the same bytes.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.earth import bands
 from horizonval.errors import UserError
 from horizonval.frame import DetectorImage, Frame
-from horizonval.geometry.camera import Camera, camera_from_spec, check_invertible
-from horizonval.sensor import converter, exposure, microbolometer, optics, point_spread, readout
+from horizonval.geometry.camera import camera_from_spec, check_invertible
+from horizonval.sensor import cmos, converter, microbolometer
 from horizonval.sensor.streams import stream
-from horizonval.spec.camera import Band, CameraSpec, Cmos, Microbolometer
+from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.detector import Cmos, Microbolometer
 
 FloatArray = NDArray[np.float64]
 
@@ -62,11 +59,10 @@ def observe(
 
     if isinstance(camera.detector, Cmos):
         _require_kind(spec, "solar", camera.detector.kind)
-        _require_black_below_white(camera.detector)
-        dn, settings = _cmos(radiance, geometry, camera, camera.detector, spec, rng("photon"), rng("dark"), rng("read"))
+        dn, settings = cmos.respond(radiance, geometry, camera, camera.detector, spec, rng)
     elif isinstance(camera.detector, Microbolometer):
         _require_kind(spec, "thermal", camera.detector.kind)
-        dn, settings = _microbolometer(radiance, geometry, camera, camera.detector, spec, rng("thermal"))
+        dn, settings = microbolometer.respond(radiance, geometry, camera, camera.detector, spec, rng)
     else:
         raise UserError("the camera has no detector", where="detector", expected="a [detector] table")
     return DetectorImage(
@@ -76,53 +72,6 @@ def observe(
         full_scale=converter.full_scale(camera.detector.bits),
         observation={"seed": seed, "noise": noise, "camera": camera.model_dump(mode="json"), **settings},
     )
-
-
-def _cmos(
-    radiance: FloatArray,
-    geometry: Camera,
-    camera: CameraSpec,
-    detector: Cmos,
-    band: Band,
-    photon_rng: np.random.Generator | None,
-    dark_rng: np.random.Generator | None,
-    read_rng: np.random.Generator | None,
-) -> tuple[NDArray[np.uint16], dict[str, Any]]:
-    lens, bits, black = camera.optics, detector.bits, detector.black_level_dn
-    etendue = optics.etendue(geometry, detector.pixel_pitch_um * 1e-6, lens.f_number)
-    power = point_spread.blur(optics.pixel_power_w(radiance, etendue, lens.transmission), lens.psf_sigma_px)
-    electrons = exposure.photoelectrons(
-        power, detector.exposure_s, detector.quantum_efficiency, bands.reference_wavelength_um(band) * 1e-6
-    )
-    dark = np.full_like(electrons, exposure.dark_electrons(detector.dark_current_e_per_s, detector.exposure_s))
-    if photon_rng is not None and dark_rng is not None:
-        electrons = exposure.count(electrons, detector.full_well_e, photon_rng)
-        dark = exposure.count(dark, detector.full_well_e, dark_rng)
-    charge = readout.saturate(electrons + dark, detector.full_well_e)
-    if read_rng is not None:
-        charge = readout.add_read_noise(charge, detector.read_noise_e, read_rng)
-    gain = detector.gain_e_per_dn or converter.default_gain(detector.full_well_e, bits, black)
-    return converter.digitise(charge, gain, black, bits), {"gain_e_per_dn": gain}
-
-
-def _microbolometer(
-    radiance: FloatArray,
-    geometry: Camera,
-    camera: CameraSpec,
-    detector: Microbolometer,
-    band: Band,
-    rng: np.random.Generator | None,
-) -> tuple[NDArray[np.uint16], dict[str, Any]]:
-    lens = camera.optics
-    signal = point_spread.blur(radiance * optics.relative_illumination(geometry), lens.psf_sigma_px)
-    sigma = microbolometer.noise_radiance(band, detector.netd_k, lens.f_number, lens.transmission)
-    if rng is not None:
-        signal = microbolometer.add_noise(signal, sigma, rng)
-    low = microbolometer.blackbody_radiance(band, detector.scene_min_k)
-    high = microbolometer.blackbody_radiance(band, detector.scene_max_k)
-    step = (high - low) / converter.full_scale(detector.bits)
-    settings = {"radiance_at_zero": low, "radiance_per_dn": step, "sigma_radiance": sigma}
-    return converter.digitise(signal - low, step, 0.0, detector.bits), settings
 
 
 def _band(camera: CameraSpec, name: str | None) -> Band:
@@ -176,14 +125,4 @@ def _require_kind(band: Band, kind: str, detector: str) -> None:
             f"a {detector} cannot see band {band.name!r} of kind {band.kind!r}",
             where="detector.kind",
             expected=f"a band of kind {kind!r}",
-        )
-
-
-def _require_black_below_white(detector: Cmos) -> None:
-    white = converter.full_scale(detector.bits)
-    if detector.black_level_dn >= white:
-        raise UserError(
-            f"black_level_dn = {detector.black_level_dn}",
-            where="detector.black_level_dn",
-            expected=f"below {white}, the largest number of {detector.bits} bits",
         )

@@ -7,11 +7,9 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Fraction = Annotated[float, Field(ge=0, le=1)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+from horizonval.spec.detector import Detector
+from horizonval.spec.numbers import Finite, Fraction, Positive
+from horizonval.spec.optics import Optics
 
 
 class CameraGeometry(Model):
@@ -42,14 +40,6 @@ class PlatformPrior(Model):
     """What a user knows of the platform; a prior, never the truth."""
 
     altitude_km: Positive | None = None
-
-
-class Optics(Model):
-    """The lens. ``psf_sigma_px`` is the Gaussian point spread, pixel integration not included."""
-
-    f_number: Positive = 2.8
-    transmission: Annotated[float, Field(gt=0, le=1)] = 1.0
-    psf_sigma_px: NonNegative = 0.0
 
 
 class Band(Model):
@@ -86,42 +76,6 @@ class Band(Model):
         return self
 
 
-class Cmos(Model):
-    """Visible CMOS or CCD. Peak of the quantum efficiency curve is ``quantum_efficiency``."""
-
-    kind: Literal["cmos"] = "cmos"
-    pixel_pitch_um: Positive
-    exposure_s: Positive
-    quantum_efficiency: Annotated[float, Field(gt=0, le=1)]
-    full_well_e: Positive
-    read_noise_e: NonNegative
-    dark_current_e_per_s: NonNegative = 0.0
-    bits: Annotated[int, Field(ge=1, le=16)]
-    black_level_dn: NonNegative = 0.0
-    gain_e_per_dn: Positive | None = None
-
-
-class Microbolometer(Model):
-    """Uncooled infrared array.
-
-    ``netd_k`` is the noise-equivalent temperature difference of a 300 K scene at f/1, and grows with f-number squared.
-    The converter spans the radiances of black bodies between ``scene_min_k`` and ``scene_max_k``.
-    """
-
-    kind: Literal["microbolometer"] = "microbolometer"
-    pixel_pitch_um: Positive
-    netd_k: Positive
-    bits: Annotated[int, Field(ge=1, le=16)]
-    scene_min_k: NonNegative = 0.0
-    scene_max_k: Positive = 400.0
-
-    @model_validator(mode="after")
-    def _range(self) -> Microbolometer:
-        if self.scene_max_k <= self.scene_min_k:
-            raise ValueError(f"scene_max_k = {self.scene_max_k} must be above scene_min_k = {self.scene_min_k}")
-        return self
-
-
 class CameraSpec(Model):
     """One camera file. ``estimate`` needs only ``[camera]``; rendering also ``[[band]]``; observing ``[detector]``."""
 
@@ -129,7 +83,7 @@ class CameraSpec(Model):
     platform: PlatformPrior = PlatformPrior()
     optics: Optics = Optics()
     band: list[Band] = []
-    detector: Annotated[Cmos | Microbolometer, Field(discriminator="kind")] | None = None
+    detector: Detector | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> CameraSpec:

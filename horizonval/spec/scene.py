@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.camera import Fraction, Positive
+from horizonval.spec.numbers import Fraction, Positive
 
 Angle = Annotated[float, Field(ge=-360, le=360)]
 
