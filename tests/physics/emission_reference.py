@@ -53,7 +53,8 @@ def limits_um(interval: str) -> tuple[float, float]:
 def planck_per_cm(nu_per_cm: np.ndarray, temperature_k: np.ndarray) -> np.ndarray:
     """Return B_nu [W m-2 sr-1 / cm-1]."""
     nu = 100.0 * nu_per_cm
-    return 200.0 * H * C**2 * nu**3 / np.expm1(H * C * nu / (K * temperature_k))
+    with np.errstate(over="ignore"):
+        return 200.0 * H * C**2 * nu**3 / np.expm1(H * C * nu / (K * temperature_k))
 
 
 @cache

@@ -2,10 +2,10 @@
 
     python tests/physics/make_emission_limb.py
 
-The first: the absorbers of ``atm_grey_15um.json`` at 10 um over a ground of 300 K and emissivity 0.9 (what it reflects
-is left out). The second: the shipped absorption table, 16 g points of three bands in two climates, each as if
-monochromatic with the Planck function at the middle of its band, over a black ground as warm as the lowest air.
-Absorption is taken from the table log-linearly at the shells and is linear between them.
+The first: the absorbers of ``atm_grey_15um.json`` at 10 um over a black ground of 300 K. The second: the shipped
+absorption table, 16 g points of three bands in two climates, each as if monochromatic with the Planck function at the
+middle of its band, over a black ground as warm as the lowest air. Absorption is taken from the table log-linearly at
+the shells and is linear between them.
 """
 
 from __future__ import annotations
@@ -17,14 +17,13 @@ from typing import Any
 import numpy as np
 from emission_reference import BAND_EDGES_PER_CM, Band
 from reference_rays import DATA, RADIUS_KM
-from sasktran_emission import sasktran_emission
 
 SHELLS_M = np.arange(1001) * 100.0
 HEIGHTS_KM = (0.5, 8.0, 16.0, 25.0, 40.0, 55.0, 70.0, 90.0, -1.0, -20.0)
 CLIMATES = ("tropical", "subarctic_winter")
 BANDS = ("band4", "band5", "band7")
 GREY_HEIGHTS_KM = (0.25, 1, 4, 8, 12, 16, 20, 24, 28, 32, 36, 40, 46, 52, 60, 70, 80, 90, 98, -0.5, -5, -100)
-GREY_GROUND_K, GREY_EMISSIVITY = 300.0, 0.9
+GREY_GROUND_K = 300.0
 
 
 def middle_um(band: str) -> float:
@@ -41,6 +40,8 @@ def absorption(climate: str, band: str) -> tuple[np.ndarray, np.ndarray]:
 
 def correlated_k(climate: str, band: str, heights_km: tuple[float, ...] = HEIGHTS_KM) -> np.ndarray:
     """Return radiances [W m-2 sr-1 um-1], shape (rays, 16)."""
+    from sasktran_emission import sasktran_emission
+
     k, temperature = absorption(climate, band)
     ground_k = float(temperature[0])
     return sasktran_emission(
@@ -50,6 +51,8 @@ def correlated_k(climate: str, band: str, heights_km: tuple[float, ...] = HEIGHT
 
 def grey() -> np.ndarray:
     """Return radiances [W m-2 sr-1 um-1], shape (rays, opacities)."""
+    from sasktran_emission import sasktran_emission
+
     data = json.loads((DATA / "atm_grey_15um.json").read_text())
     return sasktran_emission(
         1e3 * np.array(data["altitude_km"]),
@@ -59,7 +62,6 @@ def grey() -> np.ndarray:
         GREY_HEIGHTS_KM,
         radius_km=RADIUS_KM,
         ground_k=GREY_GROUND_K,
-        emissivity=GREY_EMISSIVITY,
     )
 
 

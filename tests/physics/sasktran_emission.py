@@ -18,9 +18,8 @@ def sasktran_emission(
     *,
     radius_km: float,
     ground_k: float,
-    emissivity: float = 1.0,
 ) -> np.ndarray:
-    """Return radiances [W m-2 sr-1 um-1] from 500 km, shape (rays, g).
+    """Return radiances [W m-2 sr-1 um-1] over a black ground, seen from 500 km, shape (rays, g).
 
     Parameters
     ----------
@@ -62,6 +61,6 @@ def sasktran_emission(
     atmosphere["air"] = sk.constituent.Manual(absorption_per_m, np.zeros_like(absorption_per_m))
     atmosphere["emission"] = sk.constituent.ThermalEmission()
     atmosphere["ground"] = sk.constituent.LambertianSurface(0.0)
-    atmosphere["warm ground"] = sk.constituent.SurfaceThermalEmission(ground_k, np.array([emissivity]))
+    atmosphere["warm ground"] = sk.constituent.SurfaceThermalEmission(ground_k, np.ones(1))
     result = sk.Engine(config, geometry, viewing).calculate_radiance(atmosphere)
     return 1e3 * np.asarray(result["radiance"].isel(stokes=0).transpose("los", "wavelength"))
