@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from horizonval.earth import climate, profile_file, thermal_absorption
+from horizonval.earth import climate, climate_rows, profile_file, thermal_absorption
 from horizonval.earth.aerosol import Aerosol, aerosol
 from horizonval.earth.column import FloatArray
 from horizonval.earth.profiles import Profile, names, profile
@@ -24,7 +24,7 @@ _STANDARD = "us_standard"
 
 @dataclass(frozen=True)
 class Air:
-    """Gases and particles of a scene.
+    """Gases and particles of a scene: one column, for ``by_latitude_month`` that below the satellite.
 
     Attributes
     ----------
@@ -75,11 +75,9 @@ def air_of(scene: SceneSpec, base_dir: Path | None = None) -> Air:
     if atmosphere.profile_file is not None:
         state, climates = profile_file.read_profile((base_dir or Path()) / atmosphere.profile_file), {}
     elif atmosphere.profile == climate.BY_LATITUDE_MONTH:
-        latitude, month = atmosphere.latitude_deg, atmosphere.month
-        climates = climate.climate_weights(
-            scene.platform.latitude_deg if latitude is None else latitude,
-            climate.month_of(scene.platform.epoch_utc) if month is None else month,
-        )
+        latitude = atmosphere.latitude_deg
+        latitude = scene.platform.latitude_deg if latitude is None else latitude
+        climates = climate.climate_weights(latitude, climate_rows.month(scene))
         state = climate.blended(climates)
     else:
         known = [*names(), climate.BY_LATITUDE_MONTH, NO_ATMOSPHERE]

@@ -2,7 +2,8 @@
 
 What the air is decides where its levels are and how its absorption is found:
 
-- the AFGL climates and their blends by latitude and month: the tables' own levels and temperatures;
+- the AFGL climates and their blends by latitude and month: the tables' own levels and temperatures. A blend by latitude
+  has a row for every latitude in sight, see :mod:`horizonval.earth.climate_rows`; all else is the same everywhere;
 - ``us76``, which has no absorption table of its own: that of ``us_standard`` with the temperatures of US76, on 100 m.
   The two profiles differ by at most 0.8 K up to 47 km and 2.3 K up to 100 km;
 - a profile from a file: the absorption of ``us_standard`` where the pressure is the same, in proportion to the density
@@ -21,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizonval.earth import aerosol, bands, sunlight, thermal_absorption
+from horizonval.earth import aerosol, bands, climate_rows, sunlight, thermal_absorption
 from horizonval.earth.air import TOP_M, Air
 from horizonval.earth.arrays import FloatArray
 from horizonval.earth.emission import EmittingBand
@@ -29,6 +30,7 @@ from horizonval.earth.profiles import profile
 from horizonval.earth.solar_rule import check_sunlight
 from horizonval.earth.thermal_absorption import GPoints
 from horizonval.spec.camera import Band
+from horizonval.spec.scene import SceneSpec
 
 _STANDARD = "us_standard"
 LEAST_PER_M = 1e-300
@@ -100,34 +102,41 @@ class EmittingAir:
         return np.log(np.exp(ln_gas) + np.stack([absorbed[w] for w in wavelength_um])[:, None, :])
 
 
-def emitting_air(air: Air, aerosol_name: str) -> EmittingAir:
+def emitting_air(air: Air, scene: SceneSpec) -> EmittingAir:
     """Return the air of a scene that has gases of its own (neither ``none`` nor an atmosphere file).
+
+    For ``by_latitude_month`` without a latitude of its own there is a row of air for every latitude in sight; else one
+    row serves the whole frame.
 
     Parameters
     ----------
     air : Air
-    aerosol_name : str
-        The scene's ``atmosphere.aerosol``.
+        Of the scene: what its solar bands see, the column below the satellite.
+    scene : SceneSpec
     """
     grid = air.altitude_m
-    if air.climates and air.has_table:
+    rows = np.zeros(1)
+    if air.has_table:
         level_m = thermal_absorption.levels_m()
-        temperature = thermal_absorption.blended_temperature_k(air.climates)[None, :]
         match, ratio = level_m, np.ones_like(level_m)
         climates: tuple[dict[str, float], ...] = (dict(air.climates),)
+        if climate_rows.varies(scene):
+            rows = climate_rows.rows_in_sight(scene.platform.latitude_deg, scene.platform.altitude_km * 1e3)
+            climates = climate_rows.weights(rows, climate_rows.month(scene))
+        temperature = np.stack([thermal_absorption.blended_temperature_k(row) for row in climates])
     else:
         level_m, temperature, climates = grid, air.state.temperature_k[None, :], ({},)
         match, ratio = (grid, np.ones_like(grid)) if air.climates else _matched(air)
     return EmittingAir(
         altitude_m=grid,
-        sin_latitude=np.zeros(1),
+        sin_latitude=rows,
         level_m=level_m,
         temperature_k=temperature,
         climates=climates,
         match_m=match,
         ratio=ratio,
-        particles=aerosol.aerosol(aerosol_name, level_m),
-        co2_ppm=thermal_absorption.CO2_PPM,
+        particles=aerosol.aerosol(scene.atmosphere.aerosol, level_m),
+        co2_ppm=scene.atmosphere.co2_ppm,
     )
 
 

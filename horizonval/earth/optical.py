@@ -59,8 +59,9 @@ def optical_model(
     On a grid of 100 m from 0 to 100 km. Densities fall exponentially between levels; taken as linear over 100 m they
     are at most 3e-5 too high for a scale height of 7 km. An atmosphere file keeps its own nodes.
 
-    One column of air serves the whole frame: with ``by_latitude_month`` that of the point below the satellite, though
-    the limb it sees may lie 20 deg and more away from it.
+    One column of air serves the solar bands of the whole frame: with ``by_latitude_month`` that of the point below the
+    satellite, though the limb it sees may lie 20 deg and more away from it. Thermal bands have the air of every
+    latitude in sight.
 
     Parameters
     ----------
@@ -90,7 +91,7 @@ def optical_model(
     if scene.atmosphere.profile_file is None and scene.atmosphere.profile == NO_ATMOSPHERE:
         return _bare(scene, camera, sun_distance_au)
     air = air_of(scene, base_dir)
-    emitting = emitting_air(air, scene.atmosphere.aerosol)
+    emitting = emitting_air(air, scene)
     ground_k = scene.surface.temperature_k or float(emitting.temperature_k[0, 0])
     nodes: list[SpectralNode] = []
     thermal: list[EmittingBand] = []

@@ -53,7 +53,7 @@ def with_sky(
 ) -> OpticalModel:
     """Return the model with limb darkening and moonlight in its solar nodes, and with the night if it is wanted.
 
-    Thermal nodes keep a uniform Sun (the disc's edge is within 10 % of its centre at 10 um, and the Sun there saturates
+    Thermal bands keep a uniform Sun (the disc's edge is within 10 % of its centre at 10 um, and the Sun there saturates
     any horizon sensor), and no Moon.
     """
     nodes = []

@@ -69,11 +69,15 @@ class Earth(Model):
 
 
 class Atmosphere(Model):
-    """What the air is made of. One column of it serves the whole frame.
+    """What the air is made of.
 
     ``profile``: temperature and gases by name (``horizonval list atmospheres``). ``none`` is no atmosphere at all;
-    ``by_latitude_month`` blends the AFGL climates for the point below the satellite and the month of the epoch, or for
-    ``latitude_deg`` and ``month`` (1 to 12) where they are given.
+    ``by_latitude_month`` blends the AFGL climates for the month of the epoch, or for ``month`` (1 to 12) where it is
+    given. Thermal bands then have the air of every latitude in sight, solar bands one column for the whole frame, that
+    of the point below the satellite. With ``latitude_deg`` the climate of that latitude serves everywhere in all bands.
+
+    ``co2_ppm``: carbon dioxide of the lower atmosphere, for thermal bands only; the absorption tables stand at 330 and
+    420 ppm, see :mod:`horizonval.earth.thermal_absorption`.
 
     ``profile_file``: temperature and gases from a CSV or JSON file beside the scene, in place of ``profile``; see
     :mod:`horizonval.earth.profile_file`.
@@ -101,23 +105,30 @@ class Atmosphere(Model):
     month: Annotated[int, Field(ge=1, le=12)] | None = None
     aerosol: Literal["none", "background", "volcanic_moderate", "volcanic_high"] = "none"
     ozone: bool = True
+    co2_ppm: Annotated[float, Field(ge=280, le=560)] = 420.0
     refraction: bool = False
 
     @model_validator(mode="after")
     def _consistent(self) -> Atmosphere:
         if self.file is not None and self.profile_file is not None:
             raise ValueError("give at most one of file and profile_file")
-        if self.profile_file is None and self.file is None and self.profile == "none" and self.aerosol != "none":
+        if self._airless and self.aerosol != "none":
             raise ValueError(f'aerosol = "{self.aerosol}" needs air, but profile = "none"; set aerosol = "none"')
         if self.file is not None and self.aerosol != "none":
             raise ValueError(
                 f'aerosol = "{self.aerosol}" does not go with file, which holds all that scatters; set aerosol = "none"'
             )
+        if self.co2_ppm != 420.0 and (self.file is not None or self._airless):
+            raise ValueError('co2_ppm applies to an atmosphere with gases of its own, not to file or profile = "none"')
         by_place = self.profile == "by_latitude_month" and self.profile_file is None and self.file is None
         for key in ("latitude_deg", "month"):
             if getattr(self, key) is not None and not by_place:
                 raise ValueError(f'{key} applies to profile = "by_latitude_month" only')
         return self
+
+    @property
+    def _airless(self) -> bool:
+        return self.profile_file is None and self.file is None and self.profile == "none"
 
 
 class Surface(Model):

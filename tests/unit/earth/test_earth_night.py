@@ -124,7 +124,7 @@ def test_night_begins_nine_degrees_below_the_farthest_horizon(zenith_deg: float,
     assert sky.night_in_view(math.radians(zenith_deg), math.radians(22.0)) is night
 
 
-def test_only_solar_nodes_know_moon_and_limb_darkening() -> None:
+def test_solar_nodes_know_moon_and_limb_darkening() -> None:
     scene = SceneSpec.model_validate({"camera": {"file": "t"}, "platform": {"altitude_km": 500.0}})
     both = [_band(lo_um=0.5, hi_um=0.6), Band(name="t", kind="thermal", lo_um=10.0, hi_um=11.0)]
     camera = CameraSpec.model_validate({"camera": {"width": 4, "height": 4, "fov_deg": 60.0}, "band": both})
@@ -132,9 +132,11 @@ def test_only_solar_nodes_know_moon_and_limb_darkening() -> None:
     model = sky.with_sky(
         optical_model(scene, camera), both, sun_distance_au=1.0, moon=moon, airglow=True, background=True
     )
+    assert model.nodes
+    assert {node.band for node in model.nodes} == {"n"}
     for node in model.nodes:
-        solar = node.band == "n"
-        assert (len(node.limb_darkening) == 6) is solar
-        assert (node.moon_irradiance > 0.0) is solar
-        assert bool(node.glow_per_m.any()) is solar
-        assert (node.sky_radiance > 0.0) is solar
+        assert len(node.limb_darkening) == 6
+        assert node.moon_irradiance > 0.0
+        assert node.glow_per_m.any()
+        assert node.sky_radiance > 0.0
+    assert [band.name for band in model.thermal] == ["t"]

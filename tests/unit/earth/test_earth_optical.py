@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from horizonval.earth import atmosphere_file, bands, planck, rayleigh, sunlight
-from horizonval.earth.optical import OpticalModel, optical_model
+from horizonval.earth.optical import OpticalModel, node_counts, optical_model
 from horizonval.errors import UserError
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
@@ -39,12 +39,21 @@ def test_grid_and_shapes() -> None:
     assert model.altitude_m[0] == 0
     assert model.altitude_m[-1] == model.top_m == 100e3
     np.testing.assert_allclose(np.diff(model.altitude_m), 100.0)
-    assert [n.band for n in model.nodes] == ["vis"] * 4 + ["tir"] * 48
-    assert len({n.name for n in model.nodes}) == 52
+    assert [n.band for n in model.nodes] == ["vis"] * 4
+    assert [band.name for band in model.thermal] == ["tir"]
+    assert len({n.name for n in model.nodes}) == 4
     for n in model.nodes:
         assert n.extinction_per_m.shape == n.scattering_per_m.shape == n.source.shape == model.altitude_m.shape
         assert (n.extinction_per_m >= n.scattering_per_m).all()
         assert (n.scattering_per_m >= 0).all()
+
+
+def test_bands_keep_the_cameras_order() -> None:
+    model = optical_model(scene(), camera(TIR, VIS))
+    assert model.bands == ("tir", "vis")
+    # 14.0 to 16.3 um touches three bands of 16 g points.
+    assert list(node_counts(model).items()) == [("tir", 48), ("vis", 4)]
+    assert optical_model(scene(), camera(VIS)).emission is None
 
 
 def test_linear_interpolation_of_the_density() -> None:
@@ -99,6 +108,7 @@ def test_sun_distance() -> None:
     assert ratio == pytest.approx((1.02 / 0.98) ** 2, rel=1e-12)
     for a, b in zip(near.nodes, far.nodes, strict=True):
         assert a.sun_radiance == pytest.approx(b.sun_radiance, rel=1e-12)
+    np.testing.assert_allclose(near.thermal[0].sun_radiance, far.thermal[0].sun_radiance, rtol=1e-12)
 
 
 def test_ozone_is_an_option() -> None:
@@ -123,46 +133,71 @@ def test_band_across_the_end_of_the_ozone_table() -> None:
     assert vertical[-1] < 0.0002
 
 
-def test_thermal_nodes_emit_like_their_levels() -> None:
-    model = optical_model(scene(), camera(TIR))
-    total = sum(n.source for n in model.nodes)
-    # Sum of the nodes: Planck of the band at the level's temperature (288.2 K at the ground, 216.7 K at 15 km).
-    assert total[0] == pytest.approx(float(planck.band_radiance(14.0, 16.3, 288.2)), rel=2e-3)
-    assert total[150] == pytest.approx(float(planck.band_radiance(14.0, 16.3, 216.7)), rel=2e-3)
-    assert sum(n.surface_source for n in model.nodes) == pytest.approx(total[0], rel=1e-6)
+def test_thermal_bands_emit_like_their_levels() -> None:
+    (band,) = optical_model(scene(), camera(TIR)).thermal
+    _, source = band.columns()
+    total = source.sum(axis=0)[0]
+    # Planck of the band at the level's temperature: AFGL US standard, 288.2 K at the ground, 216.7 K at 15 km.
+    assert total[0] == pytest.approx(float(planck.band_radiance(14.0, 16.3, 288.2)), rel=1e-6)
+    assert total[150] == pytest.approx(float(planck.band_radiance(14.0, 16.3, 216.7)), rel=1e-6)
     # The Sun's disc at 15 um: brightness temperature 4400 to 5000 K.
-    sun = sum(n.sun_radiance for n in model.nodes)
+    sun = band.sun_radiance.sum()
     assert planck.band_radiance(14.0, 16.3, 4000.0) < sun < planck.band_radiance(14.0, 16.3, 5800.0)
-    assert all(n.weight == 1 and n.solar_irradiance == 0 and not n.scattering_per_m.any() for n in model.nodes)
 
 
 def test_us76_borrows_the_absorption_of_us_standard() -> None:
     borrowed = optical_model(scene(atmosphere={"profile": "us76"}), camera(TIR))
     own = optical_model(scene(), camera(TIR))
-    np.testing.assert_array_equal(borrowed.nodes[5].extinction_per_m, own.nodes[5].extinction_per_m)
-    assert borrowed.nodes[5].surface_source < own.nodes[5].surface_source  # 288.15 and 288.2 K
-    assert not np.array_equal(borrowed.nodes[5].source, own.nodes[5].source)
+    (a,), (b,) = borrowed.thermal, own.thermal
+    np.testing.assert_allclose(a.columns()[0], b.columns()[0], rtol=1e-12)
+    # 288.15 and 288.2 K, of float32.
+    assert borrowed.emission is not None
+    assert own.emission is not None
+    assert borrowed.emission.land_k[0] == pytest.approx(288.15, abs=1e-4)
+    assert own.emission.land_k[0] == pytest.approx(288.2, abs=1e-4)
+    assert 0.01 < np.abs(a.air_k(a.altitude_m) - b.air_k(a.altitude_m)).max() < 2.5
+
+
+def test_carbon_dioxide_raises_the_absorption() -> None:
+    (low,), (high,) = (optical_model(scene(atmosphere={"co2_ppm": ppm}), camera(TIR)).thermal for ppm in (330.0, 420.0))
+    # The strong half of the classes of 14.3 to 15.9 um (the second 16) is CO2 alone at 30 km.
+    strong = slice(24, 32)
+    ratio = (high.extinction_at([30e3]) / low.extinction_at([30e3]))[strong]
+    np.testing.assert_allclose(ratio, 420 / 330, rtol=1e-3)
 
 
 def test_ground_temperature_is_taken_from_the_scene() -> None:
     model = optical_model(scene(surface={"temperature_k": 310.0, "emissivity": 0.95, "albedo": 0.1}), camera(TIR))
-    expected = float(planck.band_radiance(14.0, 16.3, 310.0))
-    assert sum(n.surface_source for n in model.nodes) == pytest.approx(expected, rel=2e-3)
-    assert (model.emissivity, model.albedo) == (0.95, 0.1)
+    assert model.emission is not None
+    assert set(model.emission.land_k + model.emission.water_k + model.emission.snow_k) == {310.0}
+    assert (model.emission.emissivity, model.albedo) == (0.95, 0.1)
 
 
 def test_no_atmosphere() -> None:
     model = optical_model(scene(atmosphere={"profile": "none"}), camera(VIS, TIR))
-    assert [n.band for n in model.nodes] == ["vis", "tir"]
+    assert [n.band for n in model.nodes] == ["vis"]
     assert not any(n.extinction_per_m.any() for n in model.nodes)
+    (empty,) = model.thermal
+    assert empty.count == 1
+    assert empty.columns()[0].max() * model.top_m < 1e-200
     full = optical_model(scene(atmosphere={"profile": "us76"}), camera(VIS, TIR))
     # A white ground seen through nothing has the same band radiance, however many nodes carry it.
     for key in ("solar_irradiance", "sun_radiance"):
         bare = band_sum(model, "vis", [getattr(n, key) for n in model.nodes])
         assert bare == pytest.approx(band_sum(full, "vis", [getattr(n, key) for n in full.nodes]), rel=1e-12)
-    for key in ("surface_source", "sun_radiance"):
-        bare = band_sum(model, "tir", [getattr(n, key) for n in model.nodes])
-        assert bare == pytest.approx(band_sum(full, "tir", [getattr(n, key) for n in full.nodes]), rel=2e-3)
+    # The same integral of the same spectrum by two quadratures; the Sun's is jagged, Planck's is not.
+    assert empty.sun_radiance.sum() == pytest.approx(full.thermal[0].sun_radiance.sum(), rel=1e-5)
+    assert empty.source(288.15).sum() == pytest.approx(full.thermal[0].source(288.15).sum(), rel=1e-9)
+    assert model.emission is not None
+    assert model.emission.land_k == (288.15, 288.15)
+
+
+def test_bare_earth_has_a_few_wavelengths() -> None:
+    model = optical_model(scene(atmosphere={"profile": "none"}, surface={"kind": "earth"}), camera(TIR))
+    (band,) = model.thermal
+    assert band.count == 4
+    assert (np.diff(band.wavelength_um) > 0.4).all()
+    assert band.source(250.0).sum() == pytest.approx(float(planck.band_radiance(14.0, 16.3, 250.0)), rel=1e-9)
 
 
 def file_content() -> dict[str, Any]:
@@ -177,7 +212,8 @@ def test_atmosphere_file_beside_the_scene(tmp_path: Path) -> None:
     data = file_content()
     (tmp_path / "air.json").write_text(json.dumps(data))
     model = optical_model(scene(atmosphere={"file": "air.json"}), camera(TIR, VIS), base_dir=tmp_path)
-    thermal, solar = model.nodes
+    (solar,), (thermal,) = model.nodes, model.thermal
+    assert model.bands == ("tir", "vis")
     assert (solar.asymmetry == 0.5).all()
     assert solar.wavelength_um == pytest.approx(0.55)
     assert solar.weight == pytest.approx(0.2)
@@ -186,8 +222,13 @@ def test_atmosphere_file_beside_the_scene(tmp_path: Path) -> None:
     np.testing.assert_allclose(solar.scattering_per_m, expected, rtol=1e-12)
     temperature = np.interp(model.altitude_m / 1e3, z_km, data["temperature_K"])
     assert np.abs(np.diff(temperature)).max() <= 0.1 + 1e-9
-    np.testing.assert_allclose(thermal.source, planck.band_radiance(14.0, 16.3, temperature), rtol=1e-9)
-    assert thermal.surface_source == pytest.approx(float(planck.band_radiance(14.0, 16.3, 288.15)))
+    extinction, source = thermal.columns()
+    assert extinction.shape == (1, 1, len(model.altitude_m))
+    np.testing.assert_allclose(source[0, 0], planck.band_radiance(14.0, 16.3, temperature), rtol=1e-8)
+    absorption = np.interp(model.altitude_m / 1e3, z_km, data["bands"][1]["absorption_per_m"])
+    np.testing.assert_allclose(extinction[0, 0], absorption, rtol=1e-12)
+    assert model.emission is not None
+    assert model.emission.land_k[0] == pytest.approx(288.15, abs=1e-4)
 
 
 def test_particles_of_an_atmosphere_file(tmp_path: Path) -> None:

@@ -1,0 +1,92 @@
+from typing import Any
+
+import numpy as np
+import pytest
+
+from horizonval.earth import climate_rows, thermal_absorption
+from horizonval.earth.optical import optical_model
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.scene import SceneSpec
+
+CAMERA = CameraSpec.model_validate(
+    {
+        "camera": {"width": 4, "height": 4, "fov_deg": 20},
+        "band": [{"name": "co2", "kind": "thermal", "lo_um": 14.5, "hi_um": 15.5}],
+    }
+)
+
+
+def scene(
+    latitude: float = 0.0, altitude_km: float = 500.0, epoch: str = "2026-01-16T00:00:00Z", **air: Any
+) -> SceneSpec:
+    return SceneSpec.model_validate(
+        {
+            "camera": {"file": "cam.toml"},
+            "platform": {"altitude_km": altitude_km, "latitude_deg": latitude, "epoch_utc": epoch},
+            "atmosphere": {"profile": "by_latitude_month", **air},
+        }
+    )
+
+
+@pytest.mark.parametrize("latitude", [-90.0, -62.0, 0.0, 33.3, 85.0])
+@pytest.mark.parametrize("height_km", [80.0, 500.0, 2000.0, 35_786.0])
+def test_rows_reach_as_far_as_the_rays(latitude: float, height_km: float) -> None:
+    rows = climate_rows.rows_in_sight(latitude, height_km * 1e3)
+    np.testing.assert_allclose(np.diff(rows), 0.02, atol=1e-12)
+    # Rays in all directions from the satellite that graze the ground, followed to where they leave the air at 100 km.
+    radius, top = 6371.0, 6471.0
+    distance = radius + height_km
+    far = np.arccos(radius / distance) + np.arccos(radius / top)
+    azimuth = np.linspace(0, 2 * np.pi, 721)
+    phi = np.radians(latitude)
+    sine = np.sin(phi) * np.cos(far) + np.cos(phi) * np.sin(far) * np.cos(azimuth)
+    assert rows[0] <= sine.min() + 1e-9
+    assert rows[-1] >= sine.max() - 1e-9
+    # And not much further: a degree of margin and one row.
+    reach = np.degrees(far) + 1.0
+    assert rows[0] >= np.sin(np.radians(max(latitude - reach, -90.0))) - 0.0201
+    assert rows[-1] <= np.sin(np.radians(min(latitude + reach, 90.0))) + 0.0201
+
+
+def test_a_row_is_the_climate_of_its_latitude() -> None:
+    (band,) = optical_model(scene(latitude=20.0), CAMERA).thermal
+    tropics = np.flatnonzero(np.abs(band.sin_latitude) < 0.25)
+    north = int(np.argmin(np.abs(band.sin_latitude - np.sin(np.radians(45.0)))))
+    assert band.ln_extinction.shape == (16, len(band.sin_latitude), 116)
+    level = thermal_absorption.levels_m()
+    for row in tropics:
+        np.testing.assert_array_equal(band.temperature_k[row], thermal_absorption.temperature_k("tropical", level))
+    # The row nearest to 45 deg is within 0.6 deg of the climate of the middle latitudes in January.
+    winter = thermal_absorption.temperature_k("midlatitude_winter", level)
+    assert np.abs(band.temperature_k[north] - winter).max() < 0.2
+
+
+def test_seasons_are_opposite_in_the_two_hemispheres() -> None:
+    january, july = (
+        optical_model(scene(altitude_km=35_786.0, epoch=f"2026-0{m}-16T00:00:00Z"), CAMERA).thermal[0] for m in (1, 7)
+    )
+    np.testing.assert_allclose(january.sin_latitude, -january.sin_latitude[::-1], atol=1e-15)
+    assert len(january.sin_latitude) == 101
+    # The middle of January is mid-winter within half a day, that of July mid-summer: half a day is 1e-4 of the swing.
+    np.testing.assert_allclose(january.temperature_k, july.temperature_k[::-1], atol=0.02)
+    assert january.temperature_k[-1, 0] == pytest.approx(257.2, abs=0.1)  # AFGL subarctic winter and summer, ground
+    assert january.temperature_k[0, 0] == pytest.approx(287.2, abs=0.1)
+
+
+def test_a_given_latitude_serves_everywhere() -> None:
+    (band,) = optical_model(scene(latitude=20.0, latitude_deg=60.0, month=1), CAMERA).thermal
+    assert band.sin_latitude.shape == (1,)
+    winter = thermal_absorption.temperature_k("subarctic_winter", thermal_absorption.levels_m())
+    np.testing.assert_allclose(band.temperature_k[0], winter, atol=1e-9)
+
+
+def test_solar_bands_keep_the_column_below() -> None:
+    vis = CameraSpec.model_validate(
+        {
+            "camera": {"width": 4, "height": 4, "fov_deg": 20},
+            "band": [{"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 1}],
+        }
+    )
+    below = optical_model(scene(latitude=52.0), vis).nodes[0]
+    fixed = optical_model(scene(latitude=0.0, latitude_deg=52.0), vis).nodes[0]
+    np.testing.assert_array_equal(below.extinction_per_m, fixed.extinction_per_m)
