@@ -154,7 +154,7 @@ def warp(path: Path, y: Any, c: float) -> Any:
     return path.t_low + dr.select(y < 0.0, -path.length_before, path.length_after) * reach
 
 
-def _unwarp(path: Path, t: Any, c: float) -> Any:
+def unwarp(path: Path, t: Any, c: float) -> Any:
     """Return ``y`` of a ray parameter: the real root of ``c y + (1 - c) y^3 = x``, by the hyperbolic solution."""
     s = t - path.t_low
     length = dr.select(s < 0.0, path.length_before, path.length_after)
@@ -183,8 +183,8 @@ def _umbra(planet: Planet, path: Path, o: Vec, d: Vec, sun: Vec, c: float) -> tu
     # a crossing counts only on the side away from the Sun: look a metre into the cylinder
     real1 = crosses & planet.in_umbra(along(o, d, t1 + 1.0), sun)
     real2 = crosses & planet.in_umbra(along(o, d, t2 - 1.0), sun)
-    y1 = dr.select(real1, dr.clip(_unwarp(path, t1, c), path.y0, path.y1), path.y0)
-    y2 = dr.select(real2, dr.clip(_unwarp(path, t2, c), path.y0, path.y1), path.y1)
+    y1 = dr.select(real1, dr.clip(unwarp(path, t1, c), path.y0, path.y1), path.y0)
+    y2 = dr.select(real2, dr.clip(unwarp(path, t2, c), path.y0, path.y1), path.y1)
     return y1, y2
 
 
@@ -237,8 +237,8 @@ def _share_steps(path: Path, y1: Any, y2: Any, count: int) -> Steps:
 def _share_layer_steps(planet: Planet, path: Path, o: Vec, d: Vec, layer_m: float, count: int, c: float) -> Steps:
     """Give each passage through what lies above ``layer_m`` two fifths of the steps."""
     mid, half, meets = planet.chord(o, d, layer_m)
-    y1 = dr.select(meets, dr.clip(_unwarp(path, mid - half, c), path.y0, path.y1), path.y0)
-    y2 = dr.select(meets, dr.clip(_unwarp(path, mid + half, c), path.y0, path.y1), path.y1)
+    y1 = dr.select(meets, dr.clip(unwarp(path, mid - half, c), path.y0, path.y1), path.y0)
+    y2 = dr.select(meets, dr.clip(unwarp(path, mid + half, c), path.y0, path.y1), path.y1)
     tiny = 1e-9 * dr.maximum(path.y1 - path.y0, 1e-9)
     many = float(round(0.4 * count))
     n1 = dr.select(y1 > path.y0 + tiny, mi.Float64(many), 0.0)
@@ -416,8 +416,8 @@ def march(
             for n in range(width):
                 step = 0.5 * h * (k_a[n] + k_b[n])
                 if chunk.kind != "depth":
-                    gain = _gain(h, k_a[n], k_b[n], j_a[n], j_b[n], step)
-                    radiance[n] = radiance[n] + dr.exp(-tau[n]) * gain
+                    added = gain(h, k_a[n], k_b[n], j_a[n], j_b[n], step)
+                    radiance[n] = radiance[n] + dr.exp(-tau[n]) * added
                 tau[n] = tau[n] + step
             t0 = t1
         return i + stride, t0, after, tau, radiance, turned
@@ -440,7 +440,7 @@ def march(
     ], transmittance
 
 
-def _gain(h: Any, k_a: Any, k_b: Any, j_a: Any, j_b: Any, step: Any) -> Any:
+def gain(h: Any, k_a: Any, k_b: Any, j_a: Any, j_b: Any, step: Any) -> Any:
     """Return what one step adds, seen from its beginning."""
     slope = (k_b - k_a) / (1.0 - 2.0 * GAUSS_LOW)  # of k over the step, per unit of h
     k_0 = k_a - slope * GAUSS_LOW

@@ -65,19 +65,11 @@ def radiance_along_rays(
     UserError
         An observer below the ground; a zero or non-finite vector.
     """
-    direction = _unit(direction, "dir")
-    sun = _unit(sun, "sun")
-    if not np.all(np.isfinite(observer_m)):
-        raise UserError("observer position is not finite", expected="finite kilometres")
-    stretched = observer_m * np.array([1.0, 1.0, radius_m / (polar_radius_m or radius_m)])
-    below = np.linalg.norm(stretched, axis=1) < radius_m * (1.0 - 1e-9)
-    if np.any(below):
-        raise UserError(
-            f"ray {int(np.argmax(below)) + 1} starts below the ground",
-            expected=f"observers at least {radius_m / 1e3:g} km from the centre",
-        )
+    direction = unit_directions(direction, "dir")
+    sun = unit_directions(sun, "sun")
+    check_observers(observer_m, radius_m, polar_radius_m)
     planet = Planet(radius_m, polar_radius_m or radius_m)
-    o, d, s = _vector(observer_m), _vector(direction), _vector(sun)
+    o, d, s = vectors(observer_m), vectors(direction), vectors(sun)
     air = None
     if model.refractivity is not None:
         air = straighten(model, planet)
@@ -94,11 +86,26 @@ def radiance_along_rays(
     return out
 
 
-def _vector(v: FloatArray) -> tuple[Any, Any, Any]:
+def check_observers(observer_m: FloatArray, radius_m: float, polar_radius_m: float | None) -> None:
+    """Refuse observers (n, 3) below the ground."""
+    if not np.all(np.isfinite(observer_m)):
+        raise UserError("observer position is not finite", expected="finite kilometres")
+    stretched = observer_m * np.array([1.0, 1.0, radius_m / (polar_radius_m or radius_m)])
+    below = np.linalg.norm(stretched, axis=1) < radius_m * (1.0 - 1e-9)
+    if np.any(below):
+        raise UserError(
+            f"ray {int(np.argmax(below)) + 1} starts below the ground",
+            expected=f"observers at least {radius_m / 1e3:g} km from the centre",
+        )
+
+
+def vectors(v: FloatArray) -> tuple[Any, Any, Any]:
+    """Return rows (n, 3) as three kernel arrays."""
     return tuple(mi.Float64(np.ascontiguousarray(v[:, k])) for k in range(3))  # type: ignore[return-value]
 
 
-def _unit(v: FloatArray, name: str) -> FloatArray:
+def unit_directions(v: FloatArray, name: str) -> FloatArray:
+    """Return rows (n, 3) with length 1; refuse what has none."""
     norm = np.linalg.norm(v, axis=1)
     bad = ~np.isfinite(norm) | (norm == 0.0)
     if np.any(bad):

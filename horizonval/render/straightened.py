@@ -72,6 +72,8 @@ class StraightAir:
         g of the module text.
     height_m : ndarray, shape (n,)
         True heights of the model's nodes.
+    shrink : ndarray, shape (n,)
+        ``dr/dx``: metres of the bent ray per metre of the straight one, by which the coefficients are multiplied.
     altitude_m, rise_m : ndarray
         True heights, and by how much the apparent radius is larger than the radius.
     unbent : OpticalModel
@@ -84,6 +86,7 @@ class StraightAir:
     planet: Planet
     turn_per_m: FloatArray
     height_m: FloatArray
+    shrink: FloatArray
     altitude_m: FloatArray
     rise_m: FloatArray
     unbent: OpticalModel
@@ -168,6 +171,7 @@ def straighten(model: OpticalModel, planet: Planet) -> StraightAir:
         planet=Planet(planet.a_m + larger, planet.b_m + larger),
         turn_per_m=-excess(at, 1) / (1.0 + excess(at)) * shrink,
         height_m=at,
+        shrink=shrink,
         altitude_m=fine,
         rise_m=excess(fine) * (radius + fine),
         unbent=model,
