@@ -62,28 +62,25 @@ def table(climate: str, interval: str, column: str) -> np.ndarray:
 @pytest.mark.parametrize("co2_ppm", [420, 330])
 @pytest.mark.parametrize("climate", IN_FILE)
 def test_every_interval_and_height_as_published(climate: str, co2_ppm: int) -> None:
-    """0.5 % from the ground to 60 km, both concentrations of CO2.
+    """0.1 % from the nadir to 80 km, 0.2 % in 820 to 980 cm-1, both concentrations of CO2.
 
-    Five figures are printed (5e-5); the file takes the Planck function at the middles of bins (2e-4) and integrates in
-    steps of its own (up to 8e-4 at 60 km, says ``emission_reference``); and the renderer scales the map from g points
-    to wavenumber so that it loses nothing (up to 0.45 % of single bins in 820 to 980 cm-1).
+    Five figures are printed (5e-5); the file takes the Planck function at the middles of bins (2e-4) and steps of its
+    own; the renderer takes extinction and source as linear over 100 m. In 820 to 980 cm-1 the renderer scales the map
+    from g points to wavenumber so that no bin loses anything (0.45 % of one bin, 0.13 % of the band).
     """
     z = np.array(heights_m())
-    low = z <= 60e3
     report = {}
     for interval in INTERVALS:
-        error = np.abs(
-            ours(climate, co2_ppm)[interval] / table(climate, interval, f"radiance_{co2_ppm}ppm_W_m2_sr") - 1
-        )
-        i = int(np.argmax(np.where(low, error, 0.0)))
-        report[interval] = (float(error[i]), float(z[i] / 1e3))
-    worst = max(report, key=lambda name: report[name][0])
-    assert report[worst][0] < 5e-3, f"{climate}, {co2_ppm} ppm: {worst} {report[worst]}; all: {report}"
+        expected = table(climate, interval, f"radiance_{co2_ppm}ppm_W_m2_sr")
+        error = np.abs(ours(climate, co2_ppm)[interval] / expected - 1)
+        i = int(np.argmax(error))
+        report[interval] = f"{error[i]:.1e} at {z[i] / 1e3} km"
+        assert error[i] < (2e-3 if interval == "band6" else 1e-3), f"{climate}, {co2_ppm} ppm: {report}"
 
 
 @pytest.mark.parametrize("climate", CLIMATES)
 def test_every_climate_equals_another_integrator(climate: str) -> None:
-    """0.1 % (820 to 980 cm-1 and what holds it: 0.5 %, as above) up to 95 km, at heights between the table's.
+    """0.1 % (0.2 % in 820 to 980 cm-1, as above) from the nadir to 95 km, at heights between the table's.
 
     Both integrate the same table, and share no code. The renderer takes the extinction as linear over 100 m between
     levels where the table means it to be exponential: 2e-4 for water vapour, and more where the table itself jumps,
@@ -99,7 +96,7 @@ def test_every_climate_equals_another_integrator(climate: str) -> None:
         error = np.abs(found[key(interval)] / expected - 1)
         i = int(np.argmax(error))
         report[interval] = (float(error[i]), heights[i] / 1e3)
-        limit = 5e-3 if interval in ("band6", "8-14um", "10.5-12.5um") else 1e-3
+        limit = 2e-3 if interval == "band6" else 1e-3
         assert error[i] < limit, f"{climate} {interval}: {error[i]:.2e} at {heights[i] / 1e3} km; so far {report}"
 
 
@@ -107,20 +104,30 @@ def test_every_climate_equals_another_integrator(climate: str) -> None:
 def test_lowtran(climate: str) -> None:
     """Another spectroscopy at 330 ppm of CO2: within what the two are known to differ by, where both hold.
 
-    14.0 to 16.3 um: 5 % up to 26 km, 8 % at 30 km. 8 to 14 um: 6 % up to 6 km, 12 % from 8 to 30 km. Everything else
-    prints by ``python tests/physics/print_thermal_ratios.py``, which says why it departs.
+    14.0 to 16.3 um: 5 % from the ground at 20 km below the limb up to 24 km, 5.5 % at 50 km below it and at 26 km (the
+    table itself as published stands 5.2 % above in the tropics, 5.3 % below in the winter), 8 % at 28 and 30 km. 8 to
+    14 um: 6 % up to 6 km, 12 % from 8 to 30 km. In every interval the ratio is the published one to 0.1 % (0.2 % in 820
+    to 980 cm-1). ``python tests/physics/make_thermal_ratios.py`` prints all ratios and says why they depart.
     """
     z = np.array(heights_m())
     limits = {
-        "14.0-16.3um": [(z <= 26e3, 0.05), (z == 30e3, 0.08)],
-        "8-14um": [(z <= 6e3, 0.06), ((z >= 8e3) & (z <= 30e3), 0.12)],
+        "14.0-16.3um": [
+            ((z >= -20e3) & (z <= 24e3), 0.05),
+            ((z == -50e3) | (z == 26e3), 0.055),
+            ((z > 26e3) & (z <= 30e3), 0.08),
+        ],
+        "8-14um": [((z >= -50e3) & (z <= 6e3), 0.06), ((z >= 8e3) & (z <= 30e3), 0.12)],
     }
-    for interval, rules in limits.items():
-        error = np.abs(ours(climate, 330)[interval] / table(climate, interval, "lowtran7_330ppm_W_m2_sr") - 1)
-        for where, limit in rules:
+    for interval in INTERVALS:
+        ratio = ours(climate, 330)[interval] / table(climate, interval, "lowtran7_330ppm_W_m2_sr")
+        drift = np.abs(ratio / table(climate, interval, "ratio_to_lowtran7") - 1)
+        # The ratio is printed with four decimals.
+        room = (2e-3 if interval == "band6" else 1e-3) + 5e-5 / ratio
+        assert np.all(drift < room), f"{climate} {interval}: {np.nanmax(drift):.1e}"
+        for where, limit in limits.get(interval, []):
             assert np.any(where)
-            i = int(np.argmax(np.where(where, error, 0.0)))
-            assert error[i] < limit, f"{climate} {interval}: {error[i]:.3f} at {z[i] / 1e3} km"
+            i = int(np.argmax(np.where(where, np.abs(ratio - 1), 0.0)))
+            assert abs(ratio[i] - 1) < limit, f"{climate} {interval}: {ratio[i]:.4f} at {z[i] / 1e3} km"
 
 
 # 14.0 to 16.3 um, 420 ppm: height of half the plateau [km] and plateau [W m-2 sr-1], the largest of 10 to 24 km.
@@ -170,7 +177,9 @@ def brightness_k(value: float, interval: str) -> float:
 
     def excess(temperature: float) -> float:
         nu_lo, nu_hi = 1e4 / hi, 1e4 / lo
-        return float(quad(lambda nu: float(planck_per_cm(nu, temperature)), nu_lo, nu_hi, epsabs=0)[0]) - value
+        return (
+            float(quad(lambda nu: float(planck_per_cm(nu, np.array(temperature))), nu_lo, nu_hi, epsabs=0)[0]) - value
+        )
 
     return float(brentq(excess, 150.0, 350.0, xtol=1e-4))
 

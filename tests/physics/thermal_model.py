@@ -10,7 +10,7 @@ from emission_reference import RADIUS_M, limits_um
 
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
-from horizonval.render.emission import thermal_radiance
+from horizonval.render.emission import NODES, thermal_radiance
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -40,7 +40,9 @@ def limb_rays(heights_m: Sequence[float], radius_m: float = RADIUS_M) -> tuple[n
     return np.stack([-np.sqrt(distance**2 - b**2), zero, b], axis=1), np.tile([1.0, 0.0, 0.0], (len(b), 1))
 
 
-def radiances(model: OpticalModel, heights_m: Sequence[float], radius_m: float = RADIUS_M) -> dict[str, np.ndarray]:
+def radiances(
+    model: OpticalModel, heights_m: Sequence[float], radius_m: float = RADIUS_M, nodes: int = NODES
+) -> dict[str, np.ndarray]:
     """Return the renderer's radiance [W m-2 sr-1] of every band along such rays."""
     observer, direction = limb_rays(heights_m, radius_m)
-    return thermal_radiance(model, radius_m, observer, direction)
+    return thermal_radiance(model, radius_m, observer, direction, nodes=nodes)
