@@ -39,7 +39,7 @@ def export_scene(scene: SceneSpec, camera: CameraSpec, folder: Path) -> list[Pat
     from horizonval.render.scene_xml import scene_xml
 
     folder.mkdir(exist_ok=True)
-    bands = ", ".join(dict.fromkeys(node.band for node in described.model.nodes))
+    bands = ", ".join(described.model.bands)
     about = f'{SCENE} (needs horizonval): python -c "{LOAD}" gives radiance [W m-2 sr-1] of band {bands}.'
     head = f"horizonval scene {scene.scene.name}: deterministic limb march; W m-2 sr-1; bands {bands}"
     (folder / SCENE).write_text(scene_xml(described.mitsuba, head), encoding="utf-8")

@@ -1,22 +1,19 @@
-"""Images: which cells of a frame see ground, limb or Sun, and the radiance of each.
+"""Images: the radiance of every cell of a frame, and of every pixel.
 
-A pixel is cut into k x k cells. A cell whose outline test is clear is one ray through its centre. A cell on the hard
-edge is two: one through the middle of its covered part, ending at the ground, one through the middle of the rest,
-passing it, mixed by the covered share (see ``coverage``)::
+A cell is one ray, or on the hard edge two that are mixed by the covered share (see ``cells``)::
 
     L_cell = c L_ground + (1 - c) L_limb + discs
 
-What the discs of Sun and Moon add is in ``discs``. Rays above the atmosphere are not marched at all; by night the sky
-behind shines through. Cells are grouped by what they see before the march, so no lane idles and every
-cell's sum has a fixed order: the same bytes for any number of threads.
+What the discs of Sun and Moon add is in ``discs``. By night the sky behind shines through, where no cloud is before it.
+Solar bands are marched cell by cell; thermal ones come from tables (``emission_image``).
 
-Clouds have no such outline: the one ray (or two) of a cell decides whether it ends on a cloud.
+Clouds have no outline: the one ray (or two) of a cell decides whether it ends on a cloud.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,260 +21,62 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.earth.column import SpectralNode
-from horizonval.render.coverage import cell_coverage
-from horizonval.render.discs import SPLIT_HEIGHT_M, Disc, DiscCells, disc_cells
+from horizonval.earth.ground_emission import GroundEmission
+from horizonval.render.cells import Cells, Rays, View, group_cells
+from horizonval.render.discs import DiscCells
+from horizonval.render.emission_image import ThermalFrame
+from horizonval.render.emission_table import ThermalAir
 from horizonval.render.march import Chunk, march
-from horizonval.render.planet import Planet, Vec, dot
-from horizonval.render.radiance import SOLAR_CONCENTRATION, THERMAL_CONCENTRATION
-from horizonval.render.rays import RayCamera
-from horizonval.render.refraction import Turning, true_direction
-from horizonval.render.surface import Ground, Landing, land_on
-
-_NO_DIRECTION: Vec = (None, None, None)
-
-
-@dataclass(frozen=True)
-class Moon:
-    """The Moon of a frame.
-
-    Attributes
-    ----------
-    disc : Disc
-        As the camera sees it.
-    nearness : float
-        Irradiance at the camera over that at the Earth's centre.
-    light : Vec
-        Unit vector from the Earth's centre to the Moon: where moonlight comes from.
-    lights_earth : bool
-        Whether ground and air are to be seen in its light.
-    """
-
-    disc: Disc
-    nearness: float
-    light: Vec
-    lights_earth: bool
-
-
-@dataclass(frozen=True)
-class View:
-    """Everything geometric about one frame. ``origin`` and ``sun`` hold size-1 arrays.
-
-    ``ground`` is None for a Lambert ground without clouds.
-    ``sunless``: all air and ground in view lie in the Earth's shadow. ``glow_top_m``: nothing shines above; at least
-    ``top_m``.
-    With refraction ``planet``, ``top_m`` and ``origin`` are those among which light goes straight, and ``turning``
-    tells by how much it turned.
-    """
-
-    rays: RayCamera
-    width: int
-    height: int
-    origin: Vec
-    sun: Vec
-    sun_radius: Any
-    planet: Planet
-    top_m: float
-    subsamples: int
-    ground: Ground | None = None
-    moon: Moon | None = None
-    sunless: bool = False
-    glow_top_m: float = 0.0
-    turning: Turning | None = None
-
-    @property
-    def highest_m(self) -> float:
-        """Rays that stay above see space alone."""
-        return max(self.top_m, self.glow_top_m)
-
-
-@dataclass(frozen=True)
-class Rays:
-    """Directions of a group of cells, and which cell each belongs to."""
-
-    cell: Any
-    direction: Vec
-    count: int
-
-
-@dataclass(frozen=True)
-class Cells:
-    """All cells of a frame, grouped. ``share``: covered by the Earth; ``space``: cells that see neither it nor air."""
-
-    count: int
-    share: Any
-    ground: Rays
-    limb: Rays
-    space: Any
-    sun: DiscCells | None
-    moon: DiscCells | None
-
-
-def cell_centre(view: View, cell: Any) -> tuple[Any, Any]:
-    """Return pixel coordinates (column, row) of cell centres; the cells of a pixel are neighbours in memory."""
-    k = view.subsamples
-    pixel, sub = cell // (k * k), cell % (k * k)
-    u = mi.Float64(pixel % view.width) + (mi.Float64(sub % k) + 0.5) / k - 0.5
-    v = mi.Float64(pixel // view.width) + (mi.Float64(sub // k) + 0.5) / k - 0.5
-    return u, v
-
-
-def group_cells(view: View) -> Cells:
-    """Find out what every cell sees."""
-    count = view.width * view.height * view.subsamples**2
-    half = 0.5 / view.subsamples
-    cell = dr.arange(mi.UInt32, count)
-    u, v = cell_centre(view, cell)
-    centre = view.rays.direction(u, v)
-    diagonals = [view.rays.direction(u + half, v + half), view.rays.direction(u + half, v - half)]
-    reach = 2.0 * dr.sqrt(dr.maximum(*(_gap(centre, d) for d in diagonals)))
-    depth = _limb_function(view, centre)
-    share = dr.select(depth > 0.0, mi.Float64(1.0), 0.0)
-    clear = dr.abs(depth) >= reach
-    meets_air = view.planet.miss_distance(view.origin, centre, view.highest_m) < 1.0
-    ahead = dot(view.origin, centre) < 0.0
-    inside_air = dot(view.origin, view.origin) < (view.planet.a_m + view.highest_m) ** 2
-    ground = [_through_centres(view, dr.compress(clear & (depth > 0.0)))]
-    in_air = (meets_air & ahead) | inside_air
-    limb = [_through_centres(view, dr.compress(clear & (depth <= 0.0) & in_air))]
-    space = dr.compress(clear & (depth <= 0.0) & ~in_air)
-    edge = dr.compress(~clear)
-    if dr.width(edge):
-        edge_share, inner, outer = _edge_cells(view, edge)
-        dr.scatter(share, edge_share, edge)
-        ground.append(inner)
-        limb.append(outer)
-    dr.eval(share)
-    sun = _disc_cells(view, Disc(view.sun, view.sun_radius), centre, reach)
-    moon = None if view.moon is None else _disc_cells(view, view.moon.disc, centre, reach)
-    return Cells(count, share, _joined(ground), _joined(limb), space, sun, moon)
-
-
-def _edge_cells(view: View, edge: Any) -> tuple[Any, Rays, Rays]:
-    """Return the covered share of cells on the limb, rays through the covered parts and through the free parts."""
-    size = 1.0 / view.subsamples
-
-    def limb(x: Any, y: Any) -> Any:
-        return _limb_function(view, view.rays.direction(x, y))
-
-    u, v = cell_centre(view, edge)
-    share, du, dv = cell_coverage(limb, u, v, size)
-    # signed distance of the cell's centre from the outline along the gradient, in pixels
-    step = 0.25 * size
-    slope = (limb(u + step * du, v + step * dv) - limb(u - step * du, v - step * dv)) / (2.0 * step)
-    offset = limb(u, v) / dr.maximum(slope, 1e-300)
-    dr.eval(share, du, dv, offset)
-
-    def through(pick: Any, depth: Any) -> Rays:
-        """Rays of the picked cells, moved along the gradient to ``depth`` pixels inside the outline."""
-        if not dr.width(pick):
-            return Rays(pick, _NO_DIRECTION, 0)
-        move = dr.clip(depth - offset, -2.0 * size, 2.0 * size)
-        x, y = (dr.gather(mi.Float64, w, pick) for w in (u + move * du, v + move * dv))
-        return Rays(dr.gather(mi.UInt32, edge, pick), view.rays.direction(x, y), dr.width(pick))
-
-    inner = through(dr.compress(share > 0.0), 0.5 * size * share)
-    outer = through(dr.compress(share < 1.0), -0.5 * size * (1.0 - share))
-    return share, inner, outer
-
-
-def _limb_function(view: View, d: Vec) -> Any:
-    """Return a smooth function of directions, positive inside the Earth, close to the angle from the limb [rad]."""
-    planet = view.planet
-    o1 = planet.stretch(view.origin)
-    distance2 = dr.maximum(dot(o1, o1), planet.a_m**2 * (1.0 + 1e-12))
-    per_radian = dr.sqrt(distance2 - planet.a_m**2) / planet.a_m
-    f = (1.0 - planet.miss_distance(view.origin, d)) / per_radian
-    # the line's other half: behind the camera there is no Earth
-    return dr.select(dot(o1, planet.stretch(d)) < 0.0, f, -1.0)
-
-
-def _gap(a: Vec, b: Vec) -> Any:
-    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-    return x * x + y * y + z * z
-
-
-def _through_centres(view: View, index: Any) -> Rays:
-    if not dr.width(index):
-        return Rays(index, _NO_DIRECTION, 0)
-    return Rays(index, view.rays.direction(*cell_centre(view, index)), dr.width(index))
-
-
-def _joined(groups: list[Rays]) -> Rays:
-    filled = [g for g in groups if g.count]
-    if len(filled) < 2:
-        return filled[0] if filled else groups[0]
-    x, y, z = (dr.concat([g.direction[k] for g in filled]) for k in range(3))
-    return Rays(dr.concat([g.cell for g in filled]), (x, y, z), sum(g.count for g in filled))
-
-
-def _disc_cells(view: View, disc: Disc, centre: Vec, reach: Any) -> DiscCells | None:
-    """Return the cells near a disc, split as it needs; None where it is outside the frame.
-
-    With refraction the disc stands where the rays point that have left the air behind.
-    """
-    lift, through = 0.0, None
-    if view.turning is not None:
-        lift = view.turning.most()
-
-        def through(x: Any, y: Any) -> Vec:
-            assert view.turning is not None
-            return true_direction(view.turning, view.origin, view.rays.direction(x, y))
-
-    near: Any = dr.compress(dr.sqrt(_gap(centre, disc.direction)) < disc.radius + reach + lift)
-    if not dr.width(near):
-        return None
-    k = view.subsamples
-    pixel = near // (k * k)
-
-    def limb(x: Any, y: Any) -> Any:
-        return _limb_function(view, view.rays.direction(x, y))
-
-    return disc_cells(
-        disc,
-        near,
-        cell_centre(view, near),
-        (mi.Float64(pixel % view.width), mi.Float64(pixel // view.width)),
-        k,
-        view.rays.direction,
-        limb,
-        _height_at_limb_rad(view, disc),
-        through,
-    )
-
-
-def _height_at_limb_rad(view: View, disc: Disc) -> float | None:
-    """Return the angle of :data:`SPLIT_HEIGHT_M` at the limb, or None for a disc clear of air and ground."""
-    toward, distance2 = float(dot(view.origin, disc.direction)[0]), float(dot(view.origin, view.origin)[0])
-    miss = math.sqrt(max(distance2 - toward * toward, 0.0))
-    radius = float(disc.radius[0])
-    if toward > 0.0 or miss - radius * abs(toward) > view.planet.a_m + view.top_m:
-        return None
-    return SPLIT_HEIGHT_M / max(math.sqrt(max(distance2 - view.planet.b_m**2, 0.0)), SPLIT_HEIGHT_M)
+from horizonval.render.planet import Vec
+from horizonval.render.radiance import SOLAR_CONCENTRATION
+from horizonval.render.surface import Landing, land_on
 
 
 def render_bands(
-    view: View, chunks: Iterable[tuple[list[SpectralNode], Chunk]], bands: list[str], nodes: int
+    view: View,
+    chunks: Iterable[tuple[list[SpectralNode], Chunk]],
+    bands: list[str],
+    nodes: int,
+    thermal: Sequence[ThermalAir] = (),
+    emission: GroundEmission | None = None,
 ) -> dict[str, Any]:
-    """Return the radiance per band as Float64 arrays, one value per pixel in row order."""
+    """Return the radiance per band as Float64 arrays, one value per pixel in row order.
+
+    ``thermal``: the thermal bands among ``bands``; they need to know what the ground emits.
+    """
     cells = group_cells(view)
-    landings = [_land(view, cells, view.sun)]
-    if view.moon is not None and view.moon.lights_earth:
-        landings.append(_land(view, cells, view.moon.light))
-    k2 = view.subsamples**2
     out = {band: dr.zeros(mi.Float64, view.width * view.height) for band in bands}
+
+    def add(band: str, parts: Iterable[tuple[Any, Any, Any]]) -> None:
+        total = dr.zeros(mi.Float64, cells.count)
+        for cell, share, radiance in parts:
+            dr.scatter_add(total, share * radiance, cell, mode=dr.ReduceMode.NoConflicts)
+            # ground and limb share edge cells: left to one launch, their kernels would race for them
+            dr.eval(total)
+        k2 = view.subsamples**2
+        out[band] = out[band] + dr.block_sum(total, k2) / k2
+        dr.eval(out[band])
+
+    landings: list[_Landings] = []
     for group, chunk in chunks:
+        if not landings:
+            landings = [_land(view, cells, view.sun)]
+            if view.moon is not None and view.moon.lights_earth:
+                landings.append(_land(view, cells, view.moon.light))
         parts = list(_parts(view, cells, landings, group, chunk, nodes))
         for band in dict.fromkeys(node.band for node in group):
             weight = [dr.opaque(mi.Float64, n.weight if n.band == band else 0.0, 1) for n in group]
-            total = dr.zeros(mi.Float64, cells.count)
-            for cell, share, radiance in parts:
-                value = share * sum(w * r for w, r in zip(weight, radiance, strict=False))
-                dr.scatter_add(total, value, cell, mode=dr.ReduceMode.NoConflicts)
-                # ground and limb share edge cells: left to one launch, their kernels would race for them
-                dr.eval(total)
-            out[band] = out[band] + dr.block_sum(total, k2) / k2
-            dr.eval(out[band])
+            add(band, ((cell, share, _weighted(weight, radiance)) for cell, share, radiance in parts))
+    if thermal:
+        assert emission is not None
+        frame = ThermalFrame.of(view, cells, emission, thermal[0].columns.top_m, nodes)
+        for air in thermal:
+            add(air.band.name, frame.parts(air))
     return out
+
+
+def _weighted(weight: list[Any], radiance: list[Any]) -> Any:
+    return sum(w * r for w, r in zip(weight, radiance, strict=False))
 
 
 @dataclass(frozen=True)
@@ -311,7 +110,6 @@ def _parts(
 
     ``landings``: under the Sun, and under the Moon where it lights the Earth.
     """
-    c = SOLAR_CONCENTRATION if chunk.kind == "solar" else THERMAL_CONCENTRATION
 
     def marched(
         direction: Vec, to_ground: bool, lit: Chunk, light: Vec, landing: Landing | None
@@ -320,7 +118,9 @@ def _parts(
         top_m, n = (view.highest_m, max(nodes // 2, 8)) if lit.kind == "glow" else (view.top_m, nodes)
         if landing is not None and view.ground is not None:
             landing = landing.at(view.ground.model, [node.wavelength_um for node in group], chunk.width)
-        result = march(view.planet, top_m, lit, view.origin, direction, light, mi.Bool(to_ground), n, c, landing)
+        result = march(
+            view.planet, top_m, lit, view.origin, direction, light, mi.Bool(to_ground), n, SOLAR_CONCENTRATION, landing
+        )
         dr.eval(result)
         return result
 
@@ -354,8 +154,10 @@ def _parts(
         yield cells.ground.cell, covered(cells.ground), through(cells.ground, True, places)[0]
     if cells.limb.count:
         radiance, transmittance = through(cells.limb, False, [places.limb for places in landings])
+        clouds = landings[0].limb
         for k, behind in enumerate(sky):
-            radiance[k] = radiance[k] + behind * transmittance[k]
+            seen = behind * transmittance[k]
+            radiance[k] = radiance[k] + (seen if clouds is None else dr.select(clouds.hit, 0.0, seen))
         yield cells.limb.cell, 1.0 - covered(cells.limb), radiance
     if sky and dr.width(cells.space):
         yield cells.space, mi.Float64(1.0), sky

@@ -18,9 +18,12 @@ import numpy as np
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.surface import GroundModel
 from horizonval.render import camera_plugin
+from horizonval.render.cells import Moon, View
 from horizonval.render.chunks import IMAGE_TABLE, TableProgress, make_chunks
 from horizonval.render.discs import Disc
-from horizonval.render.image import Moon, View, render_bands
+from horizonval.render.emission_columns import AirColumns
+from horizonval.render.emission_table import ThermalAir
+from horizonval.render.image import render_bands
 from horizonval.render.march import Chunk
 from horizonval.render.model_text import dump_model, load_model
 from horizonval.render.multiple_scattering import STANDARD
@@ -40,6 +43,7 @@ class _Prepared:
     model: OpticalModel
     planet: Planet
     chunks: list[tuple[list[SpectralNode], Chunk]]
+    thermal: list[ThermalAir]
     air: StraightAir | None
     turning: Turning | None
 
@@ -64,7 +68,7 @@ def limb_properties(
     ``orders`` of scattering are "single" or "all". Without ``ground`` the model's albedo is all there is.
     ``moon``: ``direction_itrs`` (from the camera), ``angular_radius_rad``, ``to_sun_itrs`` (unit vector from the Moon),
     ``light_itrs`` (unit vector from the Earth's centre), ``nearness`` and ``lights_earth``; see
-    :class:`horizonval.render.image.Moon`. ``sunless``: see :class:`horizonval.render.image.View`.
+    :class:`horizonval.render.cells.Moon`. ``sunless``: see :class:`horizonval.render.cells.View`.
     """
     sun = {"direction_itrs": list(sun_itrs), "angular_radius_rad": sun_angular_radius_rad}
     return {
@@ -118,7 +122,8 @@ def _prepare(text: str, planet: Planet, orders: str, progress: TableProgress | N
         apparent = planet if air is None else air.planet
         scattering = STANDARD if orders == "all" else None
         chunks = list(make_chunks(model, apparent, IMAGE_TABLE, scattering, progress, air))
-        _prepared[key] = _Prepared(model, apparent, chunks, air, turning)
+        thermal = [ThermalAir.of(b, model.emission, AirColumns.of(b, air)) for b in model.thermal if model.emission]
+        _prepared[key] = _Prepared(model, apparent, chunks, thermal, air, turning)
         if len(_prepared) > _KEPT_MODELS:
             _prepared.popitem(last=False)
     _prepared.move_to_end(key)
@@ -140,7 +145,7 @@ def _make_plugin() -> type:
             self.subsamples = int(props.get("subsamples", 2))
             self.nodes = int(props.get("nodes", 64))
             self.ground = load_ground(props.get("ground")) if "ground" in props else None
-            self.bands = list(dict.fromkeys(n.band for n in self.prepared.model.nodes))
+            self.bands = list(self.prepared.model.bands)
 
         def view(self, sensor: Any) -> View:
             """Return the geometry of a frame taken by a ``horizon_camera``, refraction left out."""
@@ -182,7 +187,15 @@ def _make_plugin() -> type:
                 sensor = scene.sensors()[sensor]
             if not hasattr(sensor, "rays"):
                 raise TypeError(f"{PLUGIN} needs a {camera_plugin.PLUGIN} sensor")
-            bands = render_bands(self.apparent_view(sensor), self.prepared.chunks, self.bands, self.nodes)
+            prepared = self.prepared
+            bands = render_bands(
+                self.apparent_view(sensor),
+                prepared.chunks,
+                self.bands,
+                self.nodes,
+                prepared.thermal,
+                prepared.model.emission,
+            )
             stack = np.stack([np.array(bands[b], dtype=np.float32) for b in self.bands], axis=-1)
             return mi.TensorXf(stack.reshape(sensor.camera.height, sensor.camera.width, len(self.bands)))
 

@@ -139,7 +139,7 @@ def land_on(ground: Ground, planet: Planet, o: Vec, d: Vec, sun: Vec, to_ground:
     else:
         _, normal = planet.height_and_normal(along(o, d, end))
         dry = dr.select(is_land(ground.land, normal), clear, 0.0)
-        snow = _snow_share(normal, ground.model.snow_line_deg)
+        snow = snow_share(normal, ground.model.snow_line_deg)
         foam = dr.opaque(mi.Float64, surface.foam_share(ground.model.wind_speed_m_s), 1)
         wet = (clear - dry) * (1.0 - foam)
         shares |= {"land": dry * (1.0 - snow), "snow": dry * snow, "water": wet, "foam": (clear - dry) * foam}
@@ -178,7 +178,8 @@ def is_land(words: Any, normal: Vec) -> Any:
     return dr.lerp(low, high, wy) > 0.5
 
 
-def _snow_share(normal: Vec, line_deg: float) -> Any:
+def snow_share(normal: Vec, line_deg: float) -> Any:
+    """Return :func:`horizonval.earth.surface.snow_share` below unit normals of the ellipsoid."""
     latitude = dr.rad2deg(dr.asin(dr.clip(normal[2], -1.0, 1.0)))
     line = dr.opaque(mi.Float64, line_deg, 1)
     north = dr.clip((latitude - line) * (0.5 / surface.SNOW_EDGE_DEG) + 0.5, 0.0, 1.0)

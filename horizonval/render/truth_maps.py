@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.frame import Hit
+from horizonval.render.cells import View
 from horizonval.render.clouds import first_cloud
-from horizonval.render.image import View
 from horizonval.render.planet import Vec, along, dot
 
 
