@@ -18,6 +18,7 @@ from thermal_model import radiances
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.ground_emission import uniform_ground
 from horizonval.earth.optical import optical_model
+from horizonval.render.emission import thermal_radiance
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -123,15 +124,12 @@ def test_emissivity_between_nothing_and_all(emissivity: float) -> None:
 
 @pytest.mark.parametrize("emissivity", [0.0, 0.5])
 def test_a_cavity(emissivity: float) -> None:
-    """Grey ground under thick isothermal air lit by it: what it does not emit it reflects, so all is black again.
+    """Grey ground under opaque air of its own temperature, seen from half a metre above: it reflects what it does not emit.
 
-    1e-4: a sky that is opaque at every zenith angle, 1 per km, seen from space through a clear gap is not possible on
-    these columns; the test looks from just above the ground instead.
+    1e-4, the quadrature over the sky's directions.
     """
     names = ["co2", "window"]
     thick = with_opacity(even(model(names), 260.0, emissivity), 1e-3)
-    from horizonval.render.emission import thermal_radiance
-
     observer = np.array([[0.0, 0.0, RADIUS_M + 0.5], [0.0, 0.0, RADIUS_M + 0.5]])
     found = thermal_radiance(thick, RADIUS_M, observer, np.array([[0.0, 0.0, -1.0], [0.5, 0.0, -1.0]]))
     for name in names:
