@@ -124,7 +124,7 @@ def test_emissivity_between_nothing_and_all(emissivity: float) -> None:
 
 @pytest.mark.parametrize("emissivity", [0.0, 0.5])
 def test_a_cavity(emissivity: float) -> None:
-    """Grey ground under opaque air of its own temperature, seen from half a metre above: it reflects what it does not emit.
+    """Grey ground under opaque air of its own temperature, seen from half a metre, reflects what it does not emit.
 
     1e-4, the quadrature over the sky's directions.
     """
