@@ -28,7 +28,7 @@ from horizonval.earth.air import NO_ATMOSPHERE, TOP_M, Air, air_of
 from horizonval.earth.column import FloatArray, OpticalModel, SpectralNode
 from horizonval.earth.emission import EmittingBand
 from horizonval.earth.emitting_air import emitting_air, grey_band, no_air_band
-from horizonval.earth.ground_emission import uniform_ground
+from horizonval.earth.emitting_ground import emitting_ground
 from horizonval.earth.node_count import choose_rule
 from horizonval.earth.solar_rule import SolarRule, gauss, solar_measure
 from horizonval.errors import UserError
@@ -92,7 +92,7 @@ def optical_model(
         return _bare(scene, camera, sun_distance_au)
     air = air_of(scene, base_dir)
     emitting = emitting_air(air, scene)
-    ground_k = scene.surface.temperature_k or float(emitting.temperature_k[0, 0])
+    ground_k = float(emitting.temperature_k[0, 0])
     nodes: list[SpectralNode] = []
     thermal: list[EmittingBand] = []
     for i, band in enumerate(camera.band):
@@ -114,7 +114,7 @@ def _model(
     altitude_m: FloatArray,
     nodes: list[SpectralNode],
     thermal: list[EmittingBand],
-    ground_k: float,
+    lowest_air_k: float,
     refractivity: FloatArray | None = None,
 ) -> OpticalModel:
     return OpticalModel(
@@ -125,7 +125,7 @@ def _model(
         emissivity=scene.surface.emissivity,
         refractivity=refractivity,
         thermal=tuple(thermal),
-        emission=uniform_ground(ground_k, scene.surface.emissivity) if thermal else None,
+        emission=emitting_ground(scene, lowest_air_k) if thermal else None,
         band_order=tuple(band.name for band in camera.band),
     )
 
@@ -228,7 +228,7 @@ def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, bas
     known = {band.name: band for band in file.bands}
     z = atmosphere_file.altitudes_m(file, thermal=any(band.kind == "thermal" for band in camera.band))
     temperature = atmosphere_file.column(file, file.temperature_K, z)
-    ground_k = scene.surface.temperature_k or file.surface.temperature_K
+    ground_k = file.surface.temperature_K
     nodes: list[SpectralNode] = []
     thermal: list[EmittingBand] = []
     for i, band in enumerate(camera.band):

@@ -58,6 +58,11 @@ def levels_m() -> FloatArray:
     return np.asarray(npz(_TABLE)["altitude_m"], dtype=np.float64)
 
 
+def g_weights() -> FloatArray:
+    """Return the share of a band that each of its classes holds, from the weakest to the strongest; shape (16,)."""
+    return np.asarray(npz(_TABLE)["g_weight"], dtype=np.float64)
+
+
 def temperature_k(climate: str, altitude_m: ArrayLike) -> FloatArray:
     """Return the temperature the tables were made with, linear between their levels; altitude 0 to 100 km."""
     temperature = np.asarray(npz(_TABLE)["temperature_k"][climates().index(climate)], dtype=np.float64)
@@ -142,7 +147,7 @@ def _share() -> FloatArray:
     share = np.asarray(table["gpoint_spectral_fraction"], dtype=np.float64)
     bins = np.asarray(table["bin_edges_per_cm"], dtype=np.float64)
     widths = np.diff(np.asarray(table["band_edges_per_cm"], dtype=np.float64), axis=1)[table["bin_band_index"], 0]
-    filled = share @ np.asarray(table["g_weight"], dtype=np.float64) * widths / np.diff(bins, axis=1)[:, 0]
+    filled = share @ g_weights() * widths / np.diff(bins, axis=1)[:, 0]
     return share / filled[:, None]
 
 
@@ -182,7 +187,7 @@ def g_points(band: Band, *, where: str = "") -> GPoints:
             f"({MIN_PER_CM:g} to {MAX_PER_CM:g} cm-1), where there is an absorption table",
         )
     table = npz(_TABLE)
-    g_weight = np.asarray(table["g_weight"], dtype=np.float64)
+    g_weight = g_weights()
     bins = np.asarray(table["bin_edges_per_cm"], dtype=np.float64)
     edges = np.asarray(table["band_edges_per_cm"], dtype=np.float64)
     nu, weight, bin_of = _sampled(band)

@@ -2,30 +2,34 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
+import mitsuba as mi
 import numpy as np
+from numpy.typing import NDArray
 
 from horizonval.earth.arrays import FloatArray
 from horizonval.earth.column import OpticalModel
-from horizonval.earth.emission import EmittingBand
-from horizonval.earth.ground_emission import GroundEmission
 from horizonval.earth.surface import GroundModel
 from horizonval.render.backend import activate
 from horizonval.render.emission_columns import AirColumns
 from horizonval.render.emission_ground import (
     GroundSource,
-    emissivities,
     kinds_of,
+    mirrored,
     shares,
     temperatures_k,
 )
 from horizonval.render.emission_march import march_emission
-from horizonval.render.planet import Planet, along
+from horizonval.render.planet import Planet, Vec
 from horizonval.render.radiance import check_observers, unit_directions, vectors
 from horizonval.render.straightened import straighten
 
 NODES = 256
 BATCH = 65536
+
+IntArray = NDArray[np.int64]
 
 
 def thermal_radiance(
@@ -78,46 +82,69 @@ def thermal_radiance(
     out: dict[str, FloatArray] = {}
     for band in model.thermal:
         assert model.emission is not None
-        columns, source = AirColumns.of(band, air), GroundSource.of(band, model.emission)
+        columns, source = AirColumns.of(band, air), GroundSource(band, model.emission)
         chunks = list(columns.chunks())
         radiance = np.zeros(len(direction))
         for first in range(0, len(direction), BATCH):
             part = slice(first, first + BATCH)
             o, d = vectors(observer_m[part]), vectors(direction[part])
             o = o if air is None else air.raised(o)
-            mid, half, meets = apparent.chord(o, d)
+            mid, _, meets = apparent.chord(o, d)
             to_ground = meets & (mid > 0.0)
-            through = []
-            for chunk in chunks:
-                more, passed, _ = march_emission(apparent, columns.top_m, chunk, o, d, to_ground, nodes)
-                radiance[part] += np.array(more)
-                through += [np.array(t) for t in passed]
             ends = np.flatnonzero(np.array(to_ground))
-            if ends.size:
-                _, normal = apparent.height_and_normal(along(o, d, mid - half))
-                dr.eval(normal)
-                up = np.stack([np.array(c) for c in normal], axis=1)[ends]
-                cosine = -np.sum(up * direction[part][ends], axis=1)
-                below = ground_radiance(source, model.emission, ground, up, cosine, sun)
-                radiance[first + ends] += np.sum(np.stack(through)[:, ends] * below, axis=0)
+            p, normal, up = _landings(apparent, o, d, ends)
+            cosine = -np.sum(normal * direction[part][ends], axis=1)
+            first_g = 0
+            for chunk in chunks:
+                more, through, _ = march_emission(apparent, columns.top_m, chunk, o, d, to_ground, nodes)
+                radiance[part] += sum(np.array(m) for m in more)
+                if ends.size:
+                    points = slice(first_g, first_g + chunk.used)
+                    mirror = np.zeros((chunk.used, len(ends)))
+                    if source.mirrors:
+                        above, _, _ = march_emission(apparent, columns.top_m, chunk, p, up, mi.Bool(False), nodes // 2)
+                        mirror = np.stack([np.array(a) for a in above])
+                    below = ground_radiance(source, points, ground, normal, cosine, sun, mirror)
+                    radiance[first + ends] += sum(np.array(t)[ends] * b for t, b in zip(through, below, strict=True))
+                first_g += chunk.used
         out[band.name] = radiance
     return out
 
 
+def _landings(planet: Planet, o: Vec, d: Vec, index: IntArray) -> tuple[Vec, FloatArray, Vec]:
+    """Return points on the ground, normals (n, 3) and mirrored directions of some rays."""
+    at: Any = mi.UInt32(index)
+    if not index.size:
+        return o, np.zeros((0, 3)), d
+
+    def chosen(v: Vec) -> Vec:
+        x, y, z = (dr.gather(mi.Float64, c, at) for c in v)
+        return x, y, z
+
+    p, normal, up = mirrored(planet, chosen(o), chosen(d))
+    dr.eval(p, normal, up)
+    return p, np.stack([np.array(c) for c in normal], axis=1), up
+
+
 def ground_radiance(
     source: GroundSource,
-    emission: GroundEmission,
+    points: slice,
     ground: GroundModel | None,
     normal: FloatArray,
     cosine: FloatArray,
     sun: FloatArray,
+    mirror: FloatArray,
 ) -> FloatArray:
-    """Return what leaves the ground per g point, shape (g, n), at unit normals (n, 3) under view cosines (n,)."""
-    band: EmittingBand = source.band
-    spline, sky = band.source_spline(), source.sky_at(normal[:, 2])
+    """Return what leaves the ground, shape (g, n), for the g points of a slice.
+
+    At unit normals (n, 3) under view cosines (n,); ``mirror`` (g, n) is the air along the reflected rays.
+    """
+    emission = source.emission
+    sky = source.sky_at(normal[:, 2], points)
     kinds, warmth = shares(emission, ground, normal), temperatures_k(emission, normal, sun)
     total = np.zeros_like(sky)
     for kind in kinds_of(emission):
-        e = emissivities(emission, kind, band.wavelength_um, cosine)
-        total += kinds[kind] * (e * spline(warmth[kind]).T + (1.0 - e) * sky)
+        e = source.emissivities(kind, cosine, points)
+        black = source.spline(warmth[kind])[:, points].T
+        total += kinds[kind] * (e * black + (1.0 - e) * (mirror if kind == "water" else sky))
     return total

@@ -1,8 +1,8 @@
 """What the ends of rays emit: kinds of ground, their temperatures, and the sky that they reflect.
 
-Ground of temperature T and emissivity e sends ``sum over g of through_g [e_g S_g(T) + (1 - e_g) sky_g]`` along a ray;
-sky_g is the mean radiance of the air above (downwelling irradiance over pi), that of the row of columns at its
-latitude::
+Ground of temperature T and emissivity e sends ``sum over g of through_g [e_g S_g(T) + (1 - e_g) sky_g]`` along a ray.
+Water mirrors: its sky is the air along the reflected ray. For all else sky_g is the mean radiance of the air above
+(downwelling irradiance over pi), that of the row of columns at its latitude::
 
     sky_g = int S_g 2 E_2(tau) dtau,        layer by layer  S (2 E_3(tau_low) - 2 E_3(tau_high))
 
@@ -12,7 +12,7 @@ of emissivity 0.95 reflects a twentieth. Reflected sunlight is left out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import expn
@@ -20,10 +20,14 @@ from scipy.special import expn
 from horizonval.earth import land, surface
 from horizonval.earth.arrays import FloatArray
 from horizonval.earth.emission import EmittingBand
+from horizonval.earth.emissivity import emissivity, water_emissivity
 from horizonval.earth.ground_emission import LAG_RAD, GroundEmission
 from horizonval.earth.surface import GroundModel
+from horizonval.render.planet import Planet, Vec, along, dot
 
 KINDS = ("land", "snow", "water")
+SKY_LAYERS = 160
+ALL = slice(None)
 
 
 def kinds_of(emission: GroundEmission) -> tuple[str, ...]:
@@ -73,7 +77,12 @@ def temperature_range_k(emission: GroundEmission, kind: str) -> tuple[float, flo
 
 def emissivities(emission: GroundEmission, kind: str, wavelength_um: FloatArray, cosine: FloatArray) -> FloatArray:
     """Return the emissivity of a kind of ground, shape (g, n), at view cosines (n,)."""
-    return np.full((len(wavelength_um), len(cosine)), emission.emissivity)
+    shape = len(wavelength_um), len(cosine)
+    if emission.kind != "earth":
+        return np.full(shape, emission.emissivity)
+    if kind == "water":
+        return water_emissivity(wavelength_um[:, None], cosine)
+    return np.broadcast_to(emissivity(kind, wavelength_um)[:, None], shape)
 
 
 def sky_radiance(extinction: FloatArray, source: FloatArray, altitude_m: FloatArray) -> FloatArray:
@@ -89,19 +98,43 @@ def sky_radiance(extinction: FloatArray, source: FloatArray, altitude_m: FloatAr
     return np.asarray(np.sum(mean * (escaped[..., :-1] - escaped[..., 1:]), axis=-1))
 
 
-@dataclass(frozen=True)
+def mirrored(planet: Planet, o: Vec, d: Vec) -> tuple[Vec, Vec, Vec]:
+    """Return where rays meet the ground, its normals there, and the reflected directions; kernel arrays."""
+    mid, half, _ = planet.chord(o, d)
+    p = along(o, d, mid - half)
+    _, normal = planet.height_and_normal(p)
+    return p, normal, along(d, normal, -2.0 * dot(d, normal))
+
+
 class GroundSource:
-    """What the ground of a band emits and reflects at the ends of some rays."""
+    """What the ground of a band emits and reflects.
 
-    band: EmittingBand
-    emission: GroundEmission
-    sky: FloatArray
+    ``sky``: shape (g, m), of everything but water; computed when first asked for, black ground needs none.
+    """
 
-    @classmethod
-    def of(cls, band: EmittingBand, emission: GroundEmission) -> GroundSource:
-        """Build; ``sky`` has shape (g, m)."""
-        return cls(band, emission, sky_radiance(*band.columns(), band.altitude_m))
+    def __init__(self, band: EmittingBand, emission: GroundEmission) -> None:
+        self.band, self.emission = band, emission
+        self.spline = band.source_spline()
+        self.wavelength_um, self._owner = np.unique(band.wavelength_um, return_inverse=True)
 
-    def sky_at(self, sin_latitude: FloatArray) -> FloatArray:
-        """Return the sky's mean radiance at places (n,), shape (g, n)."""
-        return np.stack([np.interp(sin_latitude, self.band.sin_latitude, row) for row in self.sky])
+    @cached_property
+    def sky(self) -> FloatArray:
+        """Return the mean radiance of the air above, on a grid that is fine at the ground."""
+        band = self.band
+        z = band.altitude_m[-1] * np.linspace(0.0, 1.0, SKY_LAYERS + 1) ** 2
+        return sky_radiance(band.extinction_at(z), np.moveaxis(self.spline(band.air_k(z)), 2, 0), z)
+
+    @property
+    def mirrors(self) -> bool:
+        """Whether there is water."""
+        return self.emission.kind == "earth"
+
+    def emissivities(self, kind: str, cosine: FloatArray, part: slice = ALL) -> FloatArray:
+        """Return the emissivity of some g points at view cosines (n,), shape (g, n)."""
+        return emissivities(self.emission, kind, self.wavelength_um, cosine)[self._owner[part]]
+
+    def sky_at(self, sin_latitude: FloatArray, part: slice = ALL) -> FloatArray:
+        """Return the sky's mean radiance at places (n,) for some g points, shape (g, n)."""
+        if self.emission.kind != "earth" and self.emission.emissivity == 1.0:
+            return np.zeros((len(self.band.wavelength_um[part]), len(sin_latitude)))
+        return np.stack([np.interp(sin_latitude, self.band.sin_latitude, row) for row in self.sky[part]])

@@ -50,7 +50,7 @@ def march_emission(
     to_ground: Any,
     nodes: int,
     stations: Stations | None = None,
-) -> tuple[Any, list[Any], tuple[Any, Any] | None]:
+) -> tuple[list[Any], list[Any], tuple[Any, Any] | None]:
     """Return what the air of a few g points sends along rays.
 
     Parameters
@@ -66,10 +66,8 @@ def march_emission(
 
     Returns
     -------
-    radiance : Float64
-        Summed over the g points.
-    through : list of Float64
-        Transmittance from the observer to the end of the path, per g point that is not filling.
+    radiance, through : lists of Float64
+        Of the air, and transmittance from the observer to the end of the path; per g point that is not filling.
     at_stations : tuple of two Float64, shape (count * rays,), or None
         P and Q, station by station.
     """
@@ -90,8 +88,8 @@ def march_emission(
         height, normal = planet.height_and_normal(along(o, d, t))
         return chunk.at(height, normal[2])
 
-    def body(i: Any, t0: Any, tau: list[Any], radiance: Any) -> tuple[Any, Any, list[Any], Any]:
-        tau = list(tau)
+    def body(i: Any, t0: Any, tau: list[Any], radiance: list[Any]) -> tuple[Any, Any, list[Any], list[Any]]:
+        tau, radiance = list(tau), list(radiance)
         t1 = boundary(i + 1)
         h = t1 - t0
         k_a, s_a = place(t0 + GAUSS_LOW * h)
@@ -99,7 +97,7 @@ def march_emission(
         for n in range(chunk.width):
             step = 0.5 * h * (k_a[n] + k_b[n])
             added = _gain(h, k_a[n], k_b[n], s_a[n], s_b[n], step)
-            radiance = dr.fma(dr.exp(-tau[n]), added, radiance)
+            radiance[n] = dr.fma(dr.exp(-tau[n]), added, radiance[n])
             tau[n] = tau[n] + step
         if stations is not None and kept is not None:
             _, s = place(t1)
@@ -107,18 +105,19 @@ def march_emission(
             past = i + 1 - count
             wanted = (i + 1 >= count) & (past % stations.steps == 0)
             index = past // stations.steps * rays + lane
-            dr.scatter(kept[0], radiance, index, wanted, mode=dr.ReduceMode.NoConflicts)
+            dr.scatter(kept[0], sum(radiance), index, wanted, mode=dr.ReduceMode.NoConflicts)
             dr.scatter(kept[1], black, index, wanted, mode=dr.ReduceMode.NoConflicts)
         return i + 1, t1, tau, radiance
 
     _, _, tau, radiance = dr.while_loop(
-        (mi.UInt32(0), boundary(mi.UInt32(0)) + zero, [zero + 0.0] * chunk.width, zero + 0.0),
+        (mi.UInt32(0), boundary(mi.UInt32(0)) + zero, [zero + 0.0] * chunk.width, [zero + 0.0] * chunk.width),
         lambda i, *_: i < total,
         body,
         labels=("i", "t", "tau", "radiance"),
         label="emission march",
     )
     through = [dr.exp(-v) for v in tau[: chunk.used]]
+    radiance = radiance[: chunk.used]
     dr.eval(radiance, through, kept)
     return radiance, through, kept
 

@@ -29,9 +29,9 @@ from horizonval.earth.arrays import FloatArray
 from horizonval.earth.emission import EmittingBand
 from horizonval.earth.ground_emission import GroundEmission
 from horizonval.render.emission_columns import AirColumns, ColumnChunk
-from horizonval.render.emission_ground import GroundSource, emissivities, kinds_of, temperature_range_k
+from horizonval.render.emission_ground import GroundSource, kinds_of, mirrored, temperature_range_k
 from horizonval.render.emission_march import Stations, march_emission
-from horizonval.render.planet import Planet, Vec, along, dot
+from horizonval.render.planet import Planet, Vec, dot
 from horizonval.render.radiance import vectors
 from horizonval.render.sight import Sight
 from horizonval.render.spline_table import Azimuths, RayTable, StationTable
@@ -48,14 +48,14 @@ class ThermalAir:
     """A thermal band as the renderer keeps it: for all frames of a scene."""
 
     band: EmittingBand
-    columns: AirColumns
+    top_m: float
     chunks: list[ColumnChunk]
     source: GroundSource
 
     @classmethod
     def of(cls, band: EmittingBand, emission: GroundEmission, columns: AirColumns) -> ThermalAir:
         """Build; ``columns`` are the straightened ones with refraction."""
-        return cls(band, columns, list(columns.chunks()), GroundSource.of(band, emission))
+        return cls(band, columns.top_m, list(columns.chunks()), GroundSource(band, emission))
 
 
 @dataclass(frozen=True)
@@ -131,13 +131,12 @@ def make_tables(
     layer_m = 0.0 if cloud_top_m is None else cloud_top_m + ABOVE_TOPS_M
     angle = azimuths.marched()
     o = vectors(sight.origin[None, :])
-    spline = air.band.source_spline()
-    kinds = [WarmKind.of(kind, emission, spline) for kind in kinds_of(emission)]
+    kinds = [WarmKind.of(kind, emission, air.source.spline) for kind in kinds_of(emission)]
     ground = limb = clouds_ground = clouds_limb = None
     if wanted[0]:
         v = sight.ground.nodes()
         d = sight.directions(v, angle, to_ground=True).reshape(-1, 3)
-        values = _ground_values(air, emission, sight.planet, kinds, o, d, nodes, spline)
+        values = _ground_values(air, sight.planet, kinds, o, d, nodes)
         ground = RayTable.of(values.reshape(len(v), len(angle), -1), azimuths)
         if layer_m:
             stations = _station_values(air, sight.planet, o, d, True, nodes, layer_m)
@@ -172,8 +171,8 @@ def _limb_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: 
     out = np.zeros((len(d), 2))
     first = 0
     for chunk in air.chunks:
-        more, through, _ = march_emission(planet, air.columns.top_m, chunk, o, vectors(d), mi.Bool(False), nodes)
-        out[:, 0] += np.array(more)
+        more, through, _ = march_emission(planet, air.top_m, chunk, o, vectors(d), mi.Bool(False), nodes)
+        out[:, 0] += sum(np.array(m) for m in more)
         for passed, sun in zip(through, air.band.sun_radiance[first : first + chunk.used], strict=True):
             out[:, 1] += np.array(passed) * sun
         first += chunk.used
@@ -181,35 +180,29 @@ def _limb_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: 
 
 
 def _ground_values(
-    air: ThermalAir,
-    emission: GroundEmission,
-    planet: Planet,
-    kinds: list[WarmKind],
-    o: Vec,
-    d: FloatArray,
-    nodes: int,
-    spline: CubicSpline,
+    air: ThermalAir, planet: Planet, kinds: list[WarmKind], o: Vec, d: FloatArray, nodes: int
 ) -> FloatArray:
     """Return the radiance of rays that end on every kind of ground at every temperature, shape (rays, kinds x T)."""
-    ray = vectors(d)
-    mid, half, _ = planet.chord(o, ray)
-    _, normal = planet.height_and_normal(along(o, ray, mid - half))
-    cosine = -np.array(dot(normal, ray))
-    sky = air.source.sky_at(np.array(normal[2]))
-    wavelengths, owner = np.unique(air.band.wavelength_um, return_inverse=True)
-    emissive = {k.name: emissivities(emission, k.name, wavelengths, cosine) for k in kinds}
-    black = {k.name: spline(k.temperature_k) for k in kinds}
+    ray, source = vectors(d), air.source
+    p, normal, up = mirrored(planet, o, ray)
+    dr.eval(p, up)
+    cosine, sin_latitude = -np.array(dot(normal, ray)), np.array(normal[2])
+    black = {k.name: source.spline(k.temperature_k) for k in kinds}
     out = np.zeros((sum(len(k.temperature_k) for k in kinds), len(d)))
     first = 0
     for chunk in air.chunks:
-        more, through, _ = march_emission(planet, air.columns.top_m, chunk, o, ray, mi.Bool(True), nodes)
+        more, through, _ = march_emission(planet, air.top_m, chunk, o, ray, mi.Bool(True), nodes)
         part = slice(first, first + chunk.used)
         passed = np.stack([np.array(t) for t in through])
-        out += np.array(more)
+        out += sum(np.array(m) for m in more)
+        sky = mirror = source.sky_at(sin_latitude, part)
+        if source.mirrors:
+            above, _, _ = march_emission(planet, air.top_m, chunk, p, up, mi.Bool(False), nodes // 2)
+            mirror = np.stack([np.array(a) for a in above])
         column = 0
         for k in kinds:
-            e = emissive[k.name][owner[part]]
-            reflected = np.sum(passed * (1.0 - e) * sky[part], axis=0)
+            e = source.emissivities(k.name, cosine, part)
+            reflected = np.sum(passed * (1.0 - e) * (mirror if k.name == "water" else sky), axis=0)
             rows = slice(column, column + len(k.temperature_k))
             out[rows] += black[k.name][:, part] @ (passed * e) + reflected
             column = rows.stop
@@ -236,7 +229,7 @@ def _station_values(
     stations = Stations(start, end, STATIONS, STATION_STEPS)
     total = np.zeros((2, STATIONS, len(d)))
     for chunk in air.chunks:
-        _, _, kept = march_emission(planet, air.columns.top_m, chunk, o, ray, mi.Bool(to_ground), nodes, stations)
+        _, _, kept = march_emission(planet, air.top_m, chunk, o, ray, mi.Bool(to_ground), nodes, stations)
         assert kept is not None
         total += np.stack([np.array(k).reshape(STATIONS, len(d)) for k in kept])
     return np.moveaxis(total, 0, -1).swapaxes(0, 1)

@@ -69,7 +69,7 @@ def render_bands(
             add(band, ((cell, share, _weighted(weight, radiance)) for cell, share, radiance in parts))
     if thermal:
         assert emission is not None
-        frame = ThermalFrame.of(view, cells, emission, thermal[0].columns.top_m, nodes)
+        frame = ThermalFrame.of(view, cells, emission, thermal[0].top_m, nodes)
         for air in thermal:
             add(air.band.name, frame.parts(air))
     return out

@@ -132,11 +132,13 @@ class Atmosphere(Model):
 
 
 class Surface(Model):
-    """The ground. ``temperature_k`` defaults to the profile's lowest level.
+    """The ground.
 
-    ``uniform`` is a Lambert ground of one ``albedo``. ``earth`` has land, seasonal snow and an ocean that glints in the
-    Sun, each with its own spectrum; ``wind_speed_m_s`` roughens the ocean (default 7). Emissivity and temperature are
-    uniform in both.
+    ``uniform`` is a Lambert ground of one ``albedo`` and one ``emissivity``; without ``temperature_k`` it is as warm as
+    the lowest air. ``earth`` has land, seasonal snow and an ocean that glints in the Sun, each with its own spectrum of
+    albedo and emissivity; ``wind_speed_m_s`` roughens the ocean for sunlight (default 7). Land, snow and ocean are as
+    warm as their latitude and month say, land with its day and night
+    (:mod:`horizonval.earth.surface_temperature`); ``temperature_k`` puts one temperature in place of all that.
     """
 
     kind: Literal["uniform", "earth"] = "uniform"
@@ -149,6 +151,8 @@ class Surface(Model):
     def _keys_belong_to_the_kind(self) -> Surface:
         if self.kind == "earth" and "albedo" in self.model_fields_set:
             raise ValueError('albedo applies to kind = "uniform" only')
+        if self.kind == "earth" and "emissivity" in self.model_fields_set:
+            raise ValueError('emissivity applies to kind = "uniform" only')
         if self.kind == "uniform" and self.wind_speed_m_s is not None:
             raise ValueError('wind_speed_m_s applies to kind = "earth" only')
         return self
@@ -162,6 +166,10 @@ class Clouds(Model):
     (default: four tenths of ``top_km``, and 0.3). ``albedo`` is that of the highest tops; lower ones are greyer.
     ``scale_km`` is the size of the largest structures; there are smaller ones down to 3 km. Without a ``seed`` the
     scene's name and seed decide.
+
+    In thermal bands the tops are as warm as the air there and emit ``emissivity`` of a black body: 1, the default, for
+    all but thin clouds (a water cloud of 70 g m-2 or an ice cloud of 190 emits 0.99). What they do not emit they let
+    through from below; they reflect nothing.
     """
 
     cover: Fraction
@@ -170,6 +178,7 @@ class Clouds(Model):
     scale_km: Annotated[float, Field(ge=3, le=5000)] = 300.0
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] | None = None
     albedo: Fraction = 0.8
+    emissivity: Fraction = 1.0
 
     @model_validator(mode="after")
     def _the_mean_is_below_the_highest(self) -> Clouds:
