@@ -67,10 +67,12 @@ def table() -> dict[str, np.ndarray]:
 class Band:
     """The g points of a top hat in one climate.
 
-    ``ln_k`` has shape (levels, g); ``source`` turns temperatures (n,) into (n, g), W m-2 sr-1.
+    ``ln_k`` has shape (levels, g); ``source`` turns temperatures (n,) into (n, g), W m-2 sr-1. ``filled``: the shares
+    of a bin are scaled so that the g points fill it exactly, as the product does (0.45 % of one bin in 820 to 980 cm-1,
+    1e-7 elsewhere), and the published figures do not.
     """
 
-    def __init__(self, climate: str, lo_um: float, hi_um: float, co2_ppm: int = 420) -> None:
+    def __init__(self, climate: str, lo_um: float, hi_um: float, co2_ppm: int = 420, *, filled: bool = False) -> None:
         t = table()
         a = [str(name) for name in t["atmosphere"]].index(climate)
         key = {420: "absorption_per_m", 330: "absorption_co2_330ppm_per_m"}[co2_ppm]
@@ -84,7 +86,10 @@ class Band:
             used = np.flatnonzero((t["bin_band_index"] == b) & (covered > 0.0))
             if used.size:
                 ln_k.append(np.log(t[key][a, b].astype(np.float64)))
-                weight = t["g_weight"] * (nu_hi - nu_lo) * t["gpoint_spectral_fraction"][used] * covered[used, None]
+                weight = t["g_weight"] * (nu_hi - nu_lo) * t["gpoint_spectral_fraction"][used]
+                if filled:
+                    weight = weight * ((bins[used, 1] - bins[used, 0]) / weight.sum(axis=1))[:, None]
+                weight = weight * covered[used, None]
                 nodes.append(((lo[used] + hi[used]) / 2, weight))
         self.ln_k = np.concatenate(ln_k, axis=1)
         grid = np.arange(100.0, 361.0)

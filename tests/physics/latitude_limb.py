@@ -88,7 +88,7 @@ class Climate:
     """A top hat through the blend of a month."""
 
     def __init__(self, lo_um: float, hi_um: float, month: float, co2_ppm: int = 420) -> None:
-        self.parts = [Band(name, lo_um, hi_um, co2_ppm) for name in CLIMATES]
+        self.parts = [Band(name, lo_um, hi_um, co2_ppm, filled=True) for name in CLIMATES]
         self.month = month
 
     def at(self, point_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
