@@ -129,4 +129,5 @@ class Sight:
         if self.inside:
             theta = dr.atan2(miss, -dot(o1, d1) * dr.rsqrt(length2))
             return self.limb.place(theta - _data(math.asin(a / self.distance_m))), azimuth
-        return self.limb.place(miss - a), azimuth
+        # away from the Earth nothing is met: as above the air
+        return self.limb.place(dr.select(dot(o1, d1) < 0.0, miss - a, _data(self.limb.most))), azimuth

@@ -32,7 +32,7 @@ def scene(
 @pytest.mark.parametrize("height_km", [80.0, 500.0, 2000.0, 35_786.0])
 def test_rows_reach_as_far_as_the_rays(latitude: float, height_km: float) -> None:
     rows = climate_rows.rows_in_sight(latitude, height_km * 1e3)
-    np.testing.assert_allclose(np.diff(rows), 0.02, atol=1e-12)
+    np.testing.assert_allclose(np.diff(rows), 0.01, atol=1e-12)
     # Rays in all directions from the satellite that graze the ground, followed to where they leave the air at 100 km.
     radius, top = 6371.0, 6471.0
     distance = radius + height_km
@@ -44,8 +44,8 @@ def test_rows_reach_as_far_as_the_rays(latitude: float, height_km: float) -> Non
     assert rows[-1] >= sine.max() - 1e-9
     # And not much further: a degree of margin and one row.
     reach = np.degrees(far) + 1.0
-    assert rows[0] >= np.sin(np.radians(max(latitude - reach, -90.0))) - 0.0201
-    assert rows[-1] <= np.sin(np.radians(min(latitude + reach, 90.0))) + 0.0201
+    assert rows[0] >= np.sin(np.radians(max(latitude - reach, -90.0))) - 0.0101
+    assert rows[-1] <= np.sin(np.radians(min(latitude + reach, 90.0))) + 0.0101
 
 
 def test_a_row_is_the_climate_of_its_latitude() -> None:
@@ -56,7 +56,7 @@ def test_a_row_is_the_climate_of_its_latitude() -> None:
     level = thermal_absorption.levels_m()
     for row in tropics:
         np.testing.assert_array_equal(band.temperature_k[row], thermal_absorption.temperature_k("tropical", level))
-    # The row nearest to 45 deg is within 0.6 deg of the climate of the middle latitudes in January.
+    # The row nearest to 45 deg is within 0.4 deg of the climate of the middle latitudes in January.
     winter = thermal_absorption.temperature_k("midlatitude_winter", level)
     assert np.abs(band.temperature_k[north] - winter).max() < 0.2
 
@@ -66,7 +66,7 @@ def test_seasons_are_opposite_in_the_two_hemispheres() -> None:
         optical_model(scene(altitude_km=35_786.0, epoch=f"2026-0{m}-16T00:00:00Z"), CAMERA).thermal[0] for m in (1, 7)
     )
     np.testing.assert_allclose(january.sin_latitude, -january.sin_latitude[::-1], atol=1e-15)
-    assert len(january.sin_latitude) == 101
+    assert len(january.sin_latitude) == 201
     # The middle of January is mid-winter within half a day, that of July mid-summer: half a day is 1e-4 of the swing.
     np.testing.assert_allclose(january.temperature_k, july.temperature_k[::-1], atol=0.02)
     assert january.temperature_k[-1, 0] == pytest.approx(257.2, abs=0.1)  # AFGL subarctic winter and summer, ground
@@ -79,16 +79,16 @@ def test_half_way_between_rows() -> None:
     points = thermal_absorption.g_points(CAMERA.band[0])
     at_rows, between = (climate_rows.weights(sines, 1.0) for sines in (rows, middle))
     low = thermal_absorption.levels_m() < 60e3
-    for i in range(30, 50):
+    for i in range(len(middle)):
         k, t = [], []
         for weights in (at_rows[i], at_rows[i + 1], between[i]):
             k.append(np.exp(points.ln_absorption(weights)))
             t.append(thermal_absorption.blended_temperature_k(weights))
-        assert np.abs((t[0] + t[1]) / 2 - t[2]).max() < 0.2
-        # A class whose absorption changes by a third from row to row lies 2.5 % high; those that count, far less.
+        assert np.abs((t[0] + t[1]) / 2 - t[2]).max() < 0.05
+        # A class whose absorption changes by a tenth from row to row lies 0.13 % high; most, far less.
         error = ((k[0] + k[1]) / 2 / k[2] - 1)[:, low]
-        assert np.abs(error).max() < 0.025
-        assert np.median(np.abs(error)) < 1e-3
+        assert np.abs(error).max() < 1.5e-3
+        assert np.median(np.abs(error)) < 4e-4
 
 
 def test_a_given_latitude_serves_everywhere() -> None:

@@ -1,0 +1,144 @@
+"""Thermal radiance through a climate that varies with latitude, over WGS84, by brute force: numpy, 10 m steps.
+
+Read from the table's file by :mod:`emission_reference`; the blend of climates is written down here once more, from its
+description: tropical air at 15 deg, midlatitude at 45, subarctic at 60, between them ``x^2 (3 - 2 x)``, beyond them the
+last; summer's share ``(1 + cos(2 pi (month - 7) / 12)) / 2`` in the north, half a year later in the south;
+temperatures and logarithms of absorption are blended, at the latitude of every step. No rows, no tables, no code of
+the product.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from emission_reference import Band
+
+A_M, B_M = 6378137.0, 6378137.0 * (1 - 1 / 298.257223563)
+TOP_M = 100e3
+STEP_M = 10.0
+BATCH = 20_000
+CLIMATES = ("tropical", "midlatitude_summer", "midlatitude_winter", "subarctic_summer", "subarctic_winter")
+
+
+def geodetic(point_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return height [m] and latitude of points (n, 3), Bowring's formula: a millimetre below 1000 km."""
+    p, z = np.hypot(point_m[:, 0], point_m[:, 1]), point_m[:, 2]
+    beta = np.arctan2(z * A_M, p * B_M)
+    e2, ep2 = 1 - (B_M / A_M) ** 2, (A_M / B_M) ** 2 - 1
+    latitude = np.arctan2(z + ep2 * B_M * np.sin(beta) ** 3, p - e2 * A_M * np.cos(beta) ** 3)
+    sine = np.sin(latitude)
+    return p * np.cos(latitude) + z * sine - A_M * np.sqrt(1 - e2 * sine**2), latitude
+
+
+def position(latitude_deg: float, longitude_deg: float, height_m: float) -> np.ndarray:
+    """Return a place, geodetic."""
+    latitude, longitude = np.radians([latitude_deg, longitude_deg])
+    e2 = 1 - (B_M / A_M) ** 2
+    n = A_M / np.sqrt(1 - e2 * np.sin(latitude) ** 2)
+    around = (n + height_m) * np.cos(latitude)
+    return np.array(
+        [around * np.cos(longitude), around * np.sin(longitude), (n * (1 - e2) + height_m) * np.sin(latitude)]
+    )
+
+
+def look(observer_m: np.ndarray, azimuth_deg: float, depression_rad: float) -> np.ndarray:
+    """Return a direction: azimuth from north through east, depression below the observer's horizontal."""
+    _, latitude = geodetic(observer_m[None, :])
+    longitude = np.arctan2(observer_m[1], observer_m[0])
+    sin_lat, cos_lat = float(np.sin(latitude[0])), float(np.cos(latitude[0]))
+    sin_lon, cos_lon = np.sin(longitude), np.cos(longitude)
+    north = np.array([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat])
+    east = np.array([-sin_lon, cos_lon, 0.0])
+    up = np.array([cos_lat * cos_lon, cos_lat * sin_lon, sin_lat])
+    a = np.radians(azimuth_deg)
+    flat = np.cos(a) * north + np.sin(a) * east
+    return np.asarray(np.cos(depression_rad) * flat - np.sin(depression_rad) * up)
+
+
+def lowest_m(observer_m: np.ndarray, direction: np.ndarray) -> float:
+    """Return the lowest geodetic height of a line; below zero inside the Earth."""
+    middle = -float(observer_m @ direction)
+    for reach in (3e5, 3e3, 30.0):
+        s = middle + np.linspace(-reach, reach, 601)
+        height, _ = geodetic(observer_m + s[:, None] * direction)
+        middle = float(s[np.argmin(height)])
+    return float(height.min())
+
+
+def aim(observer_m: np.ndarray, azimuth_deg: float, height_m: float) -> np.ndarray:
+    """Return the direction whose line has this lowest height, to 1 cm."""
+    lo, hi = 0.0, np.pi / 2 - 0.05
+    while hi - lo > 1e-9:
+        middle = (lo + hi) / 2
+        below = lowest_m(observer_m, look(observer_m, azimuth_deg, middle)) < height_m
+        lo, hi = (lo, middle) if below else (middle, hi)
+    return look(observer_m, azimuth_deg, lo)
+
+
+def shares(latitude: np.ndarray, month: float) -> np.ndarray:
+    """Return the weights of :data:`CLIMATES` at latitudes (n,), shape (n, 5)."""
+    degrees = np.abs(np.degrees(latitude))
+    x, y = np.clip((degrees - 15) / 30, 0, 1), np.clip((degrees - 45) / 15, 0, 1)
+    x, y = x * x * (3 - 2 * x), y * y * (3 - 2 * y)
+    summer = (1 + np.cos(2 * np.pi * (month - 7) / 12) * np.where(latitude >= 0, 1, -1)) / 2
+    middle, north = x * (1 - y), y
+    return np.stack([1 - x, middle * summer, middle * (1 - summer), north * summer, north * (1 - summer)], axis=1)
+
+
+class Climate:
+    """A top hat through the blend of a month."""
+
+    def __init__(self, lo_um: float, hi_um: float, month: float, co2_ppm: int = 420) -> None:
+        self.parts = [Band(name, lo_um, hi_um, co2_ppm, filled=True) for name in CLIMATES]
+        self.month = month
+
+    def at(self, point_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return absorption [1/m] and source [W m-2 sr-1] at points (n, 3), shapes (n, g); vacuum above the top."""
+        height, latitude = geodetic(point_m)
+        weight = shares(latitude, self.month)
+        level = self.parts[0].level_m
+        z = np.clip(height, 0.0, TOP_M)
+        i = np.clip(np.searchsorted(level, z, side="right") - 1, 0, len(level) - 2)
+        w = ((z - level[i]) / (level[i + 1] - level[i]))[:, None]
+        ln_k, temperature = np.zeros((len(z), self.parts[0].ln_k.shape[1])), np.zeros(len(z))
+        for part, share in zip(self.parts, weight.T, strict=True):
+            if share.any():
+                ln_k += share[:, None] * ((1 - w) * part.ln_k[i] + w * part.ln_k[i + 1])
+                temperature += share * part.air_k(z)
+        return np.where((height <= TOP_M)[:, None], np.exp(ln_k), 0.0), self.parts[0].source(temperature)
+
+    def radiance(self, observer_m: np.ndarray, direction: np.ndarray, ground_k: float, step_m: float = STEP_M) -> float:
+        """Return the radiance [W m-2 sr-1] over a black ground, midpoints of equal steps, each isothermal."""
+        start, end, hits = crossing(observer_m, direction)
+        count = int(np.ceil((end - start) / step_m))
+        step = (end - start) / count
+        depth, total = np.zeros(self.parts[0].ln_k.shape[1]), 0.0
+        for first in range(0, count, BATCH):
+            s = start + (np.arange(first, min(first + BATCH, count)) + 0.5) * step
+            k, source = self.at(observer_m + s[:, None] * direction)
+            tau = depth + np.cumsum(k * step, axis=0)
+            before = np.concatenate([depth[None, :], tau[:-1]])
+            total += float(np.sum(np.exp(-before) * -np.expm1(-k * step) * source))
+            depth = tau[-1]
+        if hits:
+            total += float(np.sum(self.parts[0].source(np.array([ground_k]))[0] * np.exp(-depth)))
+        return total
+
+
+def crossing(observer_m: np.ndarray, direction: np.ndarray) -> tuple[float, float, bool]:
+    """Return where a ray enters the air, where it leaves it or meets the ground, and whether it does, to 0.1 mm."""
+    middle = -float(observer_m @ direction)
+
+    def height(s: float) -> float:
+        return float(geodetic(observer_m[None, :] + s * direction[None, :])[0][0])
+
+    def root(outside: float, inside: float, level: float) -> float:
+        while abs(outside - inside) > 1e-4:
+            between = (outside + inside) / 2
+            outside, inside = (between, inside) if height(between) > level else (outside, between)
+        return (outside + inside) / 2
+
+    lowest = min(np.linspace(middle - 3e5, middle + 3e5, 601), key=height)
+    start = root(0.0, lowest, TOP_M) if height(0.0) > TOP_M else 0.0
+    if height(lowest) < 0.0:
+        return start, root(start, lowest, 0.0), True
+    return start, root(lowest + 4e6, lowest, TOP_M), False
