@@ -9,6 +9,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 import pytest
+from emission_models import black, camera, frame_of, isothermal, scene
 from numpy.typing import NDArray
 
 from horizonval.earth.column import OpticalModel
@@ -17,7 +18,6 @@ from horizonval.geometry.ellipsoid import WGS84
 from horizonval.render.backend import activate
 from horizonval.render.frame import render_frame
 from horizonval.render.model_text import dump_model, load_model
-from emission_models import black, camera, frame_of, isothermal, scene
 
 activate()
 
@@ -142,7 +142,7 @@ def _cloudy(air: OpticalModel, emissivity: float, spec: Any, **changes: Any) -> 
 
 @pytest.mark.slow
 def test_clouds_between_opaque_and_invisible() -> None:
-    """Emissivity 0 is a clear sky; one half is the mean of that and opaque clouds, radiance being linear in it: 1e-6."""
+    """Emissivity 0 is a clear sky; a half is the mean of that and opaque clouds, radiance being linear in it: 1e-6."""
     spec = camera(WINDOW)
     clear_scene = scene(render={"subsamples": 1})
     air = optical_model(clear_scene, spec)

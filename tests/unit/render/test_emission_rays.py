@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from emission_models import RADIUS_M, band, black, camera, isothermal, model, scene
 from numpy.typing import NDArray
 from scipy.integrate import quad, trapezoid
 
@@ -16,7 +17,6 @@ from horizonval.geometry.ellipsoid import WGS84
 from horizonval.render.emission import thermal_radiance
 from horizonval.render.emission_ground import sky_radiance
 from horizonval.render.radiance import radiance_along_rays
-from emission_models import RADIUS_M, band, black, camera, isothermal, model, scene
 
 HEIGHT_M = 500e3
 FloatArray = NDArray[np.float64]
