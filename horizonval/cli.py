@@ -324,7 +324,7 @@ def gallery(
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the page; made if need be.")] = Path("gallery"),
 ) -> None:
-    """Colour pictures of the shipped scenes in visible light, on one page."""
+    """Pictures of the shipped scenes on one page: in colour, or as brightness temperatures in the infrared."""
     from horizonval.campaign.gallery import make_gallery
 
     def tell(name: str, number: int, count: int) -> None:

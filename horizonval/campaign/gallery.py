@@ -1,4 +1,4 @@
-"""The gallery: every shipped scene in visible light, rendered in three colours and shown on one page."""
+"""The gallery: the shipped scenes on one page, in three colours of visible light or in the infrared of their camera."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.earth import sunlight
+from horizonval.earth import bands, sunlight
+from horizonval.earth.brightness import brightness_temperature_k
 from horizonval.errors import UserError
+from horizonval.frame import Frame, Hit
 from horizonval.geometry.ephemeris import AU_M, sun_itrs
 from horizonval.report.gallery import Exhibit, write_gallery
+from horizonval.report.infrared import ThermalPanel, infrared_picture
 from horizonval.report.tone import tone_mapped
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.files import shipped_names, shipped_path
@@ -24,9 +27,13 @@ NODES = 2
 """Of each band: 50 nm are narrow."""
 
 
+LOW_LIMB_M = 15e3
+"""Air seen up to here decides the colour scale of an infrared picture together with ground and clouds."""
+
+
 def scenes() -> list[str]:
-    """Return the shipped scenes that are seen in visible light."""
-    return [n for n in shipped_names("scene") if any(b.kind == "solar" for b in load_scene(n)[1].band)]
+    """Return the shipped scenes."""
+    return shipped_names("scene")
 
 
 def make_gallery(folder: Path, names: Sequence[str], tell: Callable[[str, int, int], None]) -> Path:
@@ -45,29 +52,58 @@ def make_gallery(folder: Path, names: Sequence[str], tell: Callable[[str, int, i
     known = scenes()
     for name in names:
         if name not in known:
-            raise UserError(
-                f"no scene {name!r} in visible light", where="SCENE", expected=", ".join(nearest(name, known))
-            )
+            raise UserError(f"no scene {name!r}", where="SCENE", expected=", ".join(nearest(name, known)))
     chosen = list(names) or known
+    halls: dict[str, list[Exhibit]] = {"visible": [], "infrared": []}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        exhibits = []
         for number, name in enumerate(chosen, start=1):
             tell(name, number, len(chosen))
-            exhibits.append(_exhibit(name))
-            (folder / f"{name}.png").write_bytes(exhibits[-1].png)
-        return write_gallery(exhibits, folder)
+            for hall, exhibit in _exhibits(name):
+                halls[hall].append(exhibit)
+                (folder / f"{exhibit.name}.png").write_bytes(exhibit.png)
+        return write_gallery(halls["visible"], halls["infrared"], folder)
     except OSError as e:
         raise UserError(e.strerror or "cannot be written", where=str(folder), expected="a folder to write to") from e
 
 
-def _exhibit(name: str) -> Exhibit:
+def _exhibits(name: str) -> Iterator[tuple[str, Exhibit]]:
+    scene, camera = load_scene(name)
+    text = caption(shipped_path("scene", name))
+    if any(band.kind == "solar" for band in camera.band):
+        yield "visible", _visible(name, text, scene, camera)
+    if any(band.kind == "thermal" for band in camera.band):
+        yield "infrared", _infrared(name, text, scene, camera)
+
+
+def _visible(name: str, text: str, scene: SceneSpec, camera: CameraSpec) -> Exhibit:
+    frame = _render(scene, in_colour(camera))
+    picture = tone_mapped(np.stack(list(_reflectances(scene, frame.radiance)), axis=-1))
+    return Exhibit(name, text, picture.rgb, f"white is {picture.white:.2g} of a white ground under the Sun")
+
+
+def _infrared(name: str, text: str, scene: SceneSpec, camera: CameraSpec) -> Exhibit:
+    thermal = [band for band in camera.band if band.kind == "thermal"]
+    if len(thermal) < len(camera.band):
+        name += "-infrared"
+    frame = _render(scene, camera.model_copy(update={"band": thermal}))
+    return Exhibit(name, text, infrared_picture([_panel(band, frame) for band in thermal]))
+
+
+def _panel(band: Band, frame: Frame) -> ThermalPanel:
+    hit, height = frame.maps["hit"], frame.maps["tangent_height"]
+    counts = (hit == Hit.SURFACE) | (hit == Hit.CLOUD) | ((hit == Hit.ATMOSPHERE) & (height < LOW_LIMB_M))
+    lo, hi = bands.limits_um(band)
+    return ThermalPanel(
+        f"{band.name}: {lo:g} to {hi:g} µm", brightness_temperature_k(band, frame.radiance[band.name]), counts
+    )
+
+
+def _render(scene: SceneSpec, camera: CameraSpec) -> Frame:
+    # Only here: the list of scenes is asked for without a renderer.
     from horizonval.render.frame import render_frame
 
-    scene, camera = load_scene(name)
-    frame = render_frame(scene, in_colour(camera))
-    picture = tone_mapped(np.stack(list(_reflectances(scene, frame.radiance)), axis=-1))
-    return Exhibit(name, caption(shipped_path("scene", name)), picture.rgb, picture.white)
+    return render_frame(scene, camera)
 
 
 def in_colour(camera: CameraSpec) -> CameraSpec:

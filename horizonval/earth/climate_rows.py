@@ -3,8 +3,8 @@
 Seen from a height a the ground reaches ``acos(R / (R + a))`` from the point below; a ray that grazes it goes on through
 the air for another ``acos(R / (R + 100 km)) = 10.1 deg``. Rows of climate stand on one grid of sin(latitude) that is
 the same for all scenes, so that frames taken one after the other see the same air. Between two rows extinction and
-source are linear in sin(latitude). Where the blend changes fastest, in the middle latitudes, water vapour changes by a
-tenth from row to row, and the chord of an exponential lies 0.1 % above it.
+source are linear in sin(latitude). Half way between two rows, where that is worst, the temperature is within 0.2 K of
+the blend of that latitude, and the radiance within 0.17 % of its own in 14.0 to 16.3 um, 0.5 % in the windows.
 
 Latitudes are geodetic; taking geocentric ones for them (0.19 deg at most) shifts the climate by a sixth of a row.
 """

@@ -39,7 +39,7 @@ class EmittingBand:
     altitude_m : ndarray, shape (n,)
         The grid the renderer marches on: between its nodes extinction and source are linear. 0 to the top.
     sin_latitude : ndarray, shape (m,)
-        Rising in equal steps; one value alone means the same air everywhere.
+        Of geodetic latitude, rising in equal steps; one value alone means the same air everywhere.
     level_m : ndarray, shape (k,)
     ln_extinction : ndarray, shape (g, m, k)
         Logarithm of the extinction [1/m] at the levels.

@@ -6,8 +6,8 @@ What the air is decides where its levels are and how its absorption is found:
   has a row for every latitude in sight, see :mod:`horizonval.earth.climate_rows`; all else is the same everywhere;
 - ``us76``, which has no absorption table of its own: that of ``us_standard`` with the temperatures of US76, on 100 m.
   The two profiles differ by at most 0.8 K up to 47 km and 2.3 K up to 100 km;
-- a profile from a file: the absorption of ``us_standard`` where the pressure is the same, in proportion to the density
-  of the air, on 100 m. Right for mixing ratios that depend on pressure as the standard's do;
+- a profile from a file: what all six climates together say for its pressure, temperature and ozone, on 100 m, see
+  :mod:`horizonval.earth.borrowed_absorption`;
 - an atmosphere file: its own absorption, the same throughout a band (grey), on its own nodes;
 - none: nothing absorbs.
 
@@ -22,17 +22,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from horizonval.earth import aerosol, bands, climate_rows, sunlight, thermal_absorption
+from horizonval.earth import aerosol, bands, borrowed_absorption, climate_rows, sunlight, thermal_absorption
 from horizonval.earth.air import TOP_M, Air
 from horizonval.earth.arrays import FloatArray
 from horizonval.earth.emission import EmittingBand
-from horizonval.earth.profiles import profile
+from horizonval.earth.profiles import Profile
 from horizonval.earth.solar_rule import check_sunlight
 from horizonval.earth.thermal_absorption import GPoints
 from horizonval.spec.camera import Band
 from horizonval.spec.scene import SceneSpec
 
-_STANDARD = "us_standard"
 LEAST_PER_M = 1e-300
 """Extinction that stands for none where a logarithm is needed."""
 
@@ -49,10 +48,9 @@ class EmittingAir:
     level_m : ndarray, shape (k,)
     temperature_k : ndarray, shape (m, k)
     climates : tuple of dict, length m
-        Weights of the climates in each row; empty dicts where the absorption is that of ``us_standard`` at other
-        heights.
-    match_m, ratio : ndarray, shape (k,)
-        Where in ``us_standard`` the absorption is taken, and what it is multiplied by; used without climates.
+        Weights of the climates in each row; of no use where there is a ``borrower``.
+    borrower : Profile or None
+        On ``level_m``: air without climates, whose absorption is found from all of them.
     particles : Aerosol
         On ``level_m``.
     co2_ppm : float
@@ -63,8 +61,7 @@ class EmittingAir:
     level_m: FloatArray
     temperature_k: FloatArray
     climates: tuple[dict[str, float], ...]
-    match_m: FloatArray
-    ratio: FloatArray
+    borrower: Profile | None
     particles: aerosol.Aerosol
     co2_ppm: float
 
@@ -86,11 +83,10 @@ class EmittingAir:
         )
 
     def _ln_gas(self, points: GPoints, climates: dict[str, float]) -> FloatArray:
-        if climates:
-            return points.ln_absorption(climates, self.co2_ppm)
-        standard = points.ln_absorption({_STANDARD: 1.0}, self.co2_ppm)
-        rows = [np.interp(self.match_m, thermal_absorption.levels_m(), row) for row in standard]
-        return np.stack(rows) + np.log(self.ratio)
+        if self.borrower is not None:
+            return borrowed_absorption.ln_absorption(points, self.borrower, self.co2_ppm)
+        table = points.ln_absorption(climates, self.co2_ppm)
+        return np.stack([np.interp(self.level_m, thermal_absorption.levels_m(), row) for row in table])
 
     def _with_particles(self, ln_gas: FloatArray, wavelength_um: FloatArray) -> FloatArray:
         if not self.particles.kinds:
@@ -116,37 +112,25 @@ def emitting_air(air: Air, scene: SceneSpec) -> EmittingAir:
     """
     grid = air.altitude_m
     rows = np.zeros(1)
+    climates: tuple[dict[str, float], ...] = (dict(air.climates),)
     if air.has_table:
         level_m = thermal_absorption.levels_m()
-        match, ratio = level_m, np.ones_like(level_m)
-        climates: tuple[dict[str, float], ...] = (dict(air.climates),)
         if climate_rows.varies(scene):
             rows = climate_rows.rows_in_sight(scene.platform.latitude_deg, scene.platform.altitude_km * 1e3)
             climates = climate_rows.weights(rows, climate_rows.month(scene))
         temperature = np.stack([thermal_absorption.blended_temperature_k(row) for row in climates])
     else:
-        level_m, temperature, climates = grid, air.state.temperature_k[None, :], ({},)
-        match, ratio = (grid, np.ones_like(grid)) if air.climates else _matched(air)
+        level_m, temperature = grid, air.state.temperature_k[None, :]
     return EmittingAir(
         altitude_m=grid,
         sin_latitude=rows,
         level_m=level_m,
         temperature_k=temperature,
         climates=climates,
-        match_m=match,
-        ratio=ratio,
+        borrower=None if air.climates else air.state,
         particles=aerosol.aerosol(scene.atmosphere.aerosol, level_m),
         co2_ppm=scene.atmosphere.co2_ppm,
     )
-
-
-def _matched(air: Air) -> tuple[FloatArray, FloatArray]:
-    """Return where ``us_standard`` has the pressures of a profile, and how much denser its air is than there."""
-    standard = profile(_STANDARD)
-    # Pressure falls with altitude; np.interp wants rising abscissae.
-    match_m = np.interp(-np.log(air.state.pressure_pa), -np.log(standard.pressure_pa), standard.altitude_m)
-    match_m = np.minimum(match_m, TOP_M)
-    return match_m, air.state.number_density_air / standard.at(match_m).number_density_air
 
 
 def grey_band(

@@ -14,8 +14,8 @@ linear (ozone's share itself linear where one of the levels has none). Above the
 share stay as they are there, and the pressure goes on falling as it does between the last two levels. Pressure and
 density need not be hydrostatic.
 
-Water vapour and carbon dioxide have their part in thermal bands only, and there the mixing ratios of the AFGL US
-standard; see :func:`horizonval.earth.optical.optical_model`.
+Water vapour and carbon dioxide have their part in thermal bands only, and there go with pressure, temperature and ozone
+as in the AFGL climates: :mod:`horizonval.earth.borrowed_absorption` says how good that is.
 """
 
 from __future__ import annotations

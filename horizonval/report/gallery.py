@@ -1,4 +1,4 @@
-"""A page of colour pictures with captions, one file that needs nothing beside it."""
+"""A page of pictures with captions, one file that needs nothing beside it."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Exhibit:
-    """One picture: its scene's name, what the scene is, and the reflectance that became white."""
+    """One picture: its scene's name, what the scene is, and a remark on the picture itself, if there is one to make."""
 
     name: str
     caption: str
     rgb: NDArray[np.uint8]
-    white: float
+    remark: str = ""
 
     @property
     def png(self) -> bytes:
@@ -35,13 +35,8 @@ class Exhibit:
         """The picture as ``data:`` URI."""
         return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
 
-    @property
-    def exposure(self) -> str:
-        """How bright white is, in words."""
-        return f"white is {self.white:.2g} of a white ground under the Sun"
 
-
-def write_gallery(exhibits: Sequence[Exhibit], folder: Path) -> Path:
+def write_gallery(visible: Sequence[Exhibit], infrared: Sequence[Exhibit], folder: Path) -> Path:
     """Write ``folder/index.html`` and return its path."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
@@ -51,5 +46,7 @@ def write_gallery(exhibits: Sequence[Exhibit], folder: Path) -> Path:
         lstrip_blocks=True,
     )
     path = folder / "index.html"
-    path.write_text(environment.get_template("gallery.html").render(exhibits=exhibits), encoding="utf-8")
+    path.write_text(
+        environment.get_template("gallery.html").render(visible=visible, infrared=infrared), encoding="utf-8"
+    )
     return path

@@ -11,6 +11,8 @@ power per radiance to the detector::
 
     sigma_L = NETD * dL/dT(300 K) * N^2 / tau
 
+with dL/dT that of the band the NETD was measured in. It is a power, the same behind every filter.
+
 The converter's ends are the band radiances of black bodies at ``scene_min_k`` and ``scene_max_k``.
 
 Neglected: photon noise, two orders below; the slow drift of offsets between shutter closings and the pattern that is
@@ -49,7 +51,8 @@ def respond(
     """Return digital numbers, shape (H, W), and the settings that an image carries."""
     lens = camera.optics
     signal = image_plane.radiance_on_axis(radiance, geometry, lens)
-    sigma = noise_radiance(band, detector.netd_k, lens.f_number, lens.transmission)
+    measured_in = next((b for b in camera.band if b.name == detector.netd_band), band)
+    sigma = noise_radiance(measured_in, detector.netd_k, lens.f_number, lens.transmission)
     thermal_rng = rng("thermal")
     if thermal_rng is not None:
         signal = add_noise(signal, sigma, thermal_rng)

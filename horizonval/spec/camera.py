@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.detector import Detector
+from horizonval.spec.detector import Detector, Microbolometer
 from horizonval.spec.numbers import Finite, Fraction, Positive
 from horizonval.spec.optics import Optics
 
@@ -77,7 +77,10 @@ class Band(Model):
 
 
 class CameraSpec(Model):
-    """One camera file. ``estimate`` needs only ``[camera]``; rendering also ``[[band]]``; observing ``[detector]``."""
+    """One camera file. ``estimate`` needs only ``[camera]``; rendering also ``[[band]]``; observing ``[detector]``.
+
+    A detector sees either solar or thermal bands. Without one, a camera may have both.
+    """
 
     camera: CameraGeometry
     platform: PlatformPrior = PlatformPrior()
@@ -90,4 +93,9 @@ class CameraSpec(Model):
         names = [b.name for b in self.band]
         if len(set(names)) != len(names):
             raise ValueError(f"band names must differ, got {names}")
+        if isinstance(self.detector, Microbolometer) and self.detector.netd_band not in (None, *names):
+            raise ValueError(f"detector.netd_band = {self.detector.netd_band!r} is none of the bands {names}")
+        if self.detector is not None and len({b.kind for b in self.band}) > 1:
+            kinds = ", ".join(f"{b.name} ({b.kind})" for b in self.band)
+            raise ValueError(f"one [detector] cannot see solar and thermal bands, got {kinds}; make two camera files")
         return self

@@ -29,12 +29,15 @@ class Microbolometer(Model):
     """Uncooled infrared array.
 
     ``netd_k`` is the noise-equivalent temperature difference of a 300 K scene at f/1, and grows with f-number squared.
-    The converter spans the radiances of black bodies between ``scene_min_k`` and ``scene_max_k``.
+    ``netd_band`` names the band it was measured in: behind another filter the detector's noise is the same power, and
+    a larger temperature difference the less the filter lets through. Left out, ``netd_k`` is that of every band. The
+    converter spans the radiances of black bodies between ``scene_min_k`` and ``scene_max_k``.
     """
 
     kind: Literal["microbolometer"] = "microbolometer"
     pixel_pitch_um: Positive
     netd_k: Positive
+    netd_band: str | None = None
     bits: Annotated[int, Field(ge=1, le=16)]
     scene_min_k: NonNegative = 0.0
     scene_max_k: Positive = 400.0

@@ -214,7 +214,8 @@ def test_a_scene_with_a_profile_of_its_own(written: Callable[..., Path]) -> None
     low = slice(0, 291)
     for a, b in zip(mine.nodes, standard.nodes, strict=True):
         np.testing.assert_allclose(a.extinction_per_m[low], b.extinction_per_m[low], rtol=1e-6)
-    # The standard's own profile finds itself again by its pressure; thermal tables have their own temperatures.
+    # The standard's own profile finds itself again by pressure, temperature and ozone, within 2e-3 between the tables'
+    # levels; thermal tables have their own temperatures.
     (a,), (b,) = mine.thermal, standard.thermal
-    for own, table, tolerance in zip(a.columns(), b.columns(), (1e-6, 0.01), strict=True):
+    for own, table, tolerance in zip(a.columns(), b.columns(), (2e-3, 0.01), strict=True):
         np.testing.assert_allclose(own[..., low], table[..., low], rtol=tolerance)

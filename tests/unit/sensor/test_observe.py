@@ -190,6 +190,23 @@ def test_netd_and_range_of_a_microbolometer(make_frame):
     assert note["sigma_radiance"] > 2 * note["radiance_per_dn"]
 
 
+def test_the_noise_of_a_microbolometer_is_one_power_behind_all_filters(make_frame):
+    wide = THERMAL["band"][0]
+    two = [wide, {"name": "co2", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}]
+    spec = CameraSpec.model_validate(
+        THERMAL | {"band": two, "detector": THERMAL["detector"] | {"netd_band": "lwir", "bits": 16}}
+    )
+    frame = make_frame({"lwir": 40.0, "co2": 5.0}, spec.model_dump(mode="json"))
+    notes = {band: observe(frame, spec, band).observation for band in ("lwir", "co2")}
+    assert notes["co2"]["sigma_radiance"] == notes["lwir"]["sigma_radiance"]
+    clean, noisy = (observe(frame, spec, "co2", noise=noise).dn.astype(float) for noise in (False, True))
+    found = (noisy - clean).std() * notes["co2"]["radiance_per_dn"]
+    # 3072 pixels: 1.3 % of standard error; NETD at f/1.1 of Planck's slope between 8 and 14 um, 0.838 W m-2 sr-1 K-1.
+    assert found == pytest.approx(0.05 * 1.1**2 * 0.838, rel=0.05)
+    with pytest.raises(ValueError, match="netd_band = 'mwir' is none of the bands"):
+        CameraSpec.model_validate(THERMAL | {"detector": THERMAL["detector"] | {"netd_band": "mwir"}})
+
+
 def test_a_microbolometer_sees_the_cosine_fourth_law(make_frame):
     wide = THERMAL | {"camera": {"name": "ir", "width": 64, "height": 48, "fov_deg": 90.0}}
     dn = observe(make_frame(50.0, wide), CameraSpec.model_validate(wide), noise=False).dn.astype(float)

@@ -14,6 +14,8 @@ from horizonval.spec.scene import Atmosphere
 
 CAMERA = '[camera]\nname = "c"\nwidth = 64\nheight = 48\nfov_deg = 60.0\n'
 BAND = '[[band]]\nname = "vis"\nkind = "solar"\nlo_um = 0.5\nhi_um = 0.7\n'
+THERMAL_BAND = '[[band]]\nname = "co2"\nkind = "thermal"\nlo_um = 14.0\nhi_um = 16.3\n'
+BOLOMETER = '[detector]\nkind = "microbolometer"\npixel_pitch_um = 17.0\nnetd_k = 0.05\nbits = 14\n'
 SCENE = '[camera]\nfile = "c.toml"\n[platform]\naltitude_km = 500.0\n'
 SUITE = '[suite]\nname = "s"\nseed = 7\nestimators = ["ideal"]\n[defaults]\ncamera.file = "c.toml"\n'
 
@@ -52,6 +54,13 @@ def _refusal(load, folder, text, name="x.toml"):
         (CAMERA + '[detector]\nkind = "cmos"\nbits = 8\n', ["detector.pixel_pitch_um", "missing", "above 0"]),
         (CAMERA + "[optics]\ntransmission = nan\n", ["optics.transmission", "found nan"]),
         (CAMERA + BAND + BAND, ["band names must differ"]),
+        (
+            CAMERA + BAND + THERMAL_BAND + BOLOMETER,
+            [
+                "one [detector] cannot see solar and thermal bands",
+                "got vis (solar), co2 (thermal); make two camera files",
+            ],
+        ),
         (CAMERA + BAND.replace("0.5", "0.9"), ["band[1]", "lo_um must be below hi_um"]),
         (CAMERA.replace('"c"', "3"), ["camera.name", "found 3", "text in quotes"]),
         ("[camera\n", ["not valid TOML", "line 1"]),
@@ -79,6 +88,13 @@ def test_bad_camera(folder, text, parts):
         (SCENE + "[render]\nnodes = 4\n", ["render.nodes", "found 4", "from 8 to 4096"]),
         (SCENE + '[surface]\nkind = "erth"\n', ["surface.kind", 'found "erth"', '"uniform" or "earth"']),
         (SCENE + '[surface]\nkind = "earth"\nalbedo = 0.2\n', ["surface", 'albedo applies to kind = "uniform" only']),
+        (
+            SCENE + '[surface]\nkind = "earth"\nemissivity = 0.9\n',
+            ["surface", 'emissivity applies to kind = "uniform"'],
+        ),
+        (SCENE + "[clouds]\ncover = 0.5\nemissivity = 1.1\n", ["clouds.emissivity", "from 0 to 1"]),
+        (SCENE + "[atmosphere]\nco2_ppm = 200.0\n", ["atmosphere.co2_ppm", "found 200", "from 280 to 560"]),
+        (SCENE + '[atmosphere]\nprofile = "none"\nco2_ppm = 400.0\n', ["atmosphere:", "co2_ppm applies to"]),
         (SCENE + "[surface]\nwind_speed_m_s = 5.0\n", ["surface", 'wind_speed_m_s applies to kind = "earth" only']),
         (SCENE + '[surface]\nkind = "earth"\nwind_speed_m_s = -1.0\n', ["surface.wind_speed_m_s", "from 0 to 40"]),
         (SCENE + "[clouds]\n", ["clouds.cover", "missing"]),
@@ -228,3 +244,10 @@ def test_deep_merge_leaves_its_arguments_alone():
     below, above = {"a": {"x": 1, "y": [1, 2]}, "b": 1}, {"a": {"y": [3]}, "b": {"z": 2}}
     assert deep_merge(below, above) == {"a": {"x": 1, "y": [3]}, "b": {"z": 2}}
     assert below == {"a": {"x": 1, "y": [1, 2]}, "b": 1}
+
+
+def test_a_camera_without_detector_may_have_both_kinds_of_band(folder):
+    (folder / "both.toml").write_text(CAMERA + BAND + THERMAL_BAND)
+    assert [band.kind for band in load_camera(folder / "both.toml").band] == ["solar", "thermal"]
+    (folder / "one.toml").write_text(CAMERA + THERMAL_BAND + BOLOMETER)
+    assert load_camera(folder / "one.toml").detector is not None
