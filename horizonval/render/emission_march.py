@@ -21,11 +21,15 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.render.emission_columns import ColumnChunk
-from horizonval.render.march import GAUSS_LOW, THICK_STEP, Path, find_path, warp
+from horizonval.render.march import GAUSS_LOW, Path, find_path, warp
 from horizonval.render.planet import Planet, Vec, along
 
 CONCENTRATION = 0.5
 """How the steps crowd at the lowest point: the ``c`` of :mod:`horizonval.render.march`."""
+
+THICK_STEP = 0.02
+"""Optical depth from which the source is integrated against exp(-tau) exactly; emission knows its source everywhere, so
+that this is right for isothermal air of any opacity to 1e-6."""
 
 
 @dataclass(frozen=True)
