@@ -16,14 +16,14 @@ A cloud of emissivity e in front of a ray of radiance L gives ``P + e Q + (1 - e
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline
 
 from horizonval.earth.arrays import FloatArray
 from horizonval.earth.emission import EmittingBand
@@ -66,7 +66,7 @@ class WarmKind:
     temperature_k: FloatArray
 
     @classmethod
-    def of(cls, name: str, emission: GroundEmission, spline: Callable[[ArrayLike], FloatArray]) -> WarmKind:
+    def of(cls, name: str, emission: GroundEmission, spline: CubicSpline) -> WarmKind:
         """Choose the fewest temperatures."""
         low, high = temperature_range_k(emission, name)
         if high - low < 1e-6:
