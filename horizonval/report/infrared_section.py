@@ -37,7 +37,7 @@ def section_of(views: Sequence[View]) -> dict[str, Any] | None:
     kinds = sorted({_stored(v)["kind"] for v in shown})
     caption = (
         "Lowest height of the ray against azimuth about the nadir; solid: half of the plateau, dotted: steepest fall. "
-        f"{count(len(shown), 'frame')}, true and clear-sky; equal curves lie on each other."
+        f"{count(len(shown), 'frame')}, true and clear-sky; (+n): so many more with the same curve."
     )
     stated = [told for v in shown if (told := _stored(v).get("accuracy"))]
     return {
@@ -71,11 +71,12 @@ def _stored(view: View) -> dict[str, Any]:
 
 
 def _around(views: Sequence[View], kinds: Sequence[str]) -> plots.Draw:
-    distinct: dict[tuple[Any, ...], str] = {}
+    cases: dict[tuple[Any, ...], list[str]] = {}
     for view in views:
         stored = _stored(view)
         key = (stored["kind"], *stored["half_plateau_height_m"], *stored["maximum_gradient_height_m"])
-        distinct.setdefault(key, view.case)
+        cases.setdefault(key, []).append(view.case)
+    distinct = {key: own[0] if len(own) == 1 else f"{own[0]} (+{len(own) - 1})" for key, own in cases.items()}
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(len(kinds), 1, sharex=True, squeeze=False)[:, 0]
