@@ -27,6 +27,10 @@ from horizonval.render.planet import Planet, Vec, along
 CONCENTRATION = 0.5
 """How the steps crowd at the lowest point: the ``c`` of :mod:`horizonval.render.march`."""
 
+THICK_STEP = 0.02
+"""Optical depth from which the source is integrated against exp(-tau) exactly; emission knows its source everywhere, so
+that this is right for isothermal air of any opacity to 1e-6."""
+
 
 @dataclass(frozen=True)
 class Stations:
@@ -96,7 +100,7 @@ def march_emission(
         k_b, s_b = place(t0 + (1.0 - GAUSS_LOW) * h)
         for n in range(chunk.width):
             step = 0.5 * h * (k_a[n] + k_b[n])
-            added = gain(h, k_a[n], k_b[n], k_a[n] * s_a[n], k_b[n] * s_b[n], step)
+            added = gain(h, k_a[n], k_b[n], k_a[n] * s_a[n], k_b[n] * s_b[n], step, THICK_STEP)
             radiance[n] = dr.fma(dr.exp(-tau[n]), added, radiance[n])
             tau[n] = tau[n] + step
         if stations is not None and kept is not None:
