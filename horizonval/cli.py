@@ -87,7 +87,7 @@ def run(
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; by default as many as processors.")] = None,
     as_json: Json = False,
 ) -> int:
-    """Main job: render, observe, estimate, score, report.
+    """Main job: render, observe, estimate, score, report; and the study of the infrared horizon a suite asks for.
 
     The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if a frame failed.
     """
@@ -106,10 +106,15 @@ def run(
         _print_json(result.summary)
     else:
         _print_summary(result.summary)
+        if result.summary.get("stability"):
+            _print_study(result.summary["stability"])
         print(f"report: {result.report}")
     if result.failed:
         names = ", ".join(result.failed)
-        print(f"horizonval: {len(result.failed)} of {len(loaded.cases)} frames failed: {names}", file=sys.stderr)
+        study = loaded.stability
+        total = len(loaded.cases) + (len(study.band) * len(study.months) if study else 0)
+        what = "frames and months" if study else "frames"
+        print(f"horizonval: {len(result.failed)} of {total} {what} failed: {names}", file=sys.stderr)
     return 1 if result.failed else 0
 
 
@@ -436,6 +441,15 @@ def _print_summary(summary: dict[str, Any]) -> None:
     widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
     for row in rows:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+def _print_study(digest: dict[str, Any]) -> None:
+    for band in digest["bands"]:
+        half, errors = band["half_km"], [f"{s['name']} {s['max_pitch_deg']:.3f}" for s in band["sensors"]]
+        print(
+            f"infrared horizon, {band['name']}: half plateau {half['min']:.1f} to {half['max']:.1f} km; "
+            f"largest pitch error [deg]: {', '.join(errors)}"
+        )
 
 
 def _arcsec(value: float | None) -> str:

@@ -85,7 +85,8 @@ def _figures(result: Plain, band: Plain) -> list[dict[str, str]]:
             "uri": plots.figure_uri(draw.heights_by_latitude(result), 3.2 * panels, 3.6),
             "title": "Height of the horizon against latitude",
             "text": "Half of the plateau (full) and steepest fall (dotted). The grey band is how far the spectroscopy "
-            "may be off: it would shift all curves alike, which a sensor's calibration takes out.",
+            "may be off: it would shift all curves alike, which a sensor's calibration takes out. Where a limb falls "
+            "evenly over many kilometres, as that of carbon dioxide does, its steepest place jumps: a poor edge.",
         },
         {
             "uri": plots.figure_uri(draw.maps(result, band), 3.2 * panels, 4.0),
