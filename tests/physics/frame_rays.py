@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.earth.optical import optical_model
 from horizonval.frame import Frame, Hit
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
-from horizonval.render.emission import thermal_radiance
+from horizonval.render.emission import NODES, thermal_radiance
 from horizonval.render.frame import render_frame
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
@@ -47,10 +47,10 @@ class Marched:
 
 
 def scene_of(**tables: Any) -> SceneSpec:
-    """Return a scene of one subsample per pixel and 1024 nodes (those of the direct march), Sun from the epoch."""
+    """Return a scene of one subsample per pixel and as many nodes as the direct march has."""
     defaults: dict[str, Any] = {
         "camera": {"file": "test"},
-        "render": {"subsamples": 1, "nodes": 1024},
+        "render": {"subsamples": 1, "nodes": NODES},
         "platform": {"altitude_km": 500.0},
     }
     return SceneSpec.model_validate(defaults | tables)
@@ -71,7 +71,7 @@ def directions(frame: Frame, camera: CameraSpec) -> np.ndarray:
     return np.asarray(turned).reshape(cam.shape)
 
 
-def march_frame(scene: SceneSpec, camera: CameraSpec, nodes: int = 1024) -> Marched:
+def march_frame(scene: SceneSpec, camera: CameraSpec, nodes: int = NODES) -> Marched:
     """Render a frame and march its pixels. For a ground of one kind, without clouds."""
     frame = render_frame(scene, camera)
     truth = frame.truth
