@@ -18,7 +18,7 @@ from horizonval.report.infrared import ThermalPanel, infrared_picture
 from horizonval.report.tone import tone_mapped
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.files import shipped_names, shipped_path
-from horizonval.spec.load import load_scene
+from horizonval.spec.load import load_frames
 from horizonval.spec.scene import SceneSpec
 from horizonval.suggest import nearest
 
@@ -68,7 +68,8 @@ def make_gallery(folder: Path, names: Sequence[str], tell: Callable[[str, int, i
 
 
 def _exhibits(name: str) -> Iterator[tuple[str, Exhibit]]:
-    scene, camera = load_scene(name)
+    first = load_frames(name)[0]
+    scene, camera = first.scene, first.camera
     text = caption(shipped_path("scene", name))
     if any(band.kind == "solar" for band in camera.band):
         yield "visible", _visible(name, text, scene, camera)

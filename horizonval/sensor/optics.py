@@ -9,6 +9,9 @@ For a pinhole ``Omega = cos^3(theta) / (fx fy)``, which makes the cosine-fourth 
 / (4 N^2)``; on the axis that is exact for a lens that obeys Abbe's sine condition, at any f-number. Distortion changes
 Omega, and so is carried by it. (Boyd, *Radiometry and the Detection of Optical Radiation*, 1983, chapter 6.)
 
+A fisheye's front group tilts and swells the pupil towards the field, else it would not see past 90 deg: its A
+cos(theta) is taken as that of the axis.
+
 Neglected: vignetting by the lens barrel and pupil aberration, which cameras of this kind show beyond 30 deg off axis
 and calibrate away; the colour of the transmission, which belongs into the band's response; stray light.
 """
@@ -47,5 +50,7 @@ def pixel_power_w(radiance: FloatArray, etendue_m2_sr: FloatArray, transmission:
 
 
 def _foreshortened_solid_angle(camera: Camera) -> FloatArray:
+    if camera.projection == "fisheye":
+        return pixel_solid_angle(camera)
     # Beyond 90 deg off axis a flat pupil is not seen at all.
     return np.maximum(np.cos(off_axis_angle(camera)), 0.0) * pixel_solid_angle(camera)

@@ -1,39 +1,22 @@
-"""Camera files: geometry, optics, bands and detector of one camera."""
+"""Camera files: geometry, optics, bands, heads and detector of one camera."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from horizonval.errors import UserError
 from horizonval.spec.base import Model
+from horizonval.spec.camera_geometry import CameraGeometry
 from horizonval.spec.detector import Detector, Microbolometer
-from horizonval.spec.numbers import Finite, Fraction, Positive
+from horizonval.spec.numbers import Angle, Fraction, Positive
 from horizonval.spec.optics import Optics
 
-
-class CameraGeometry(Model):
-    """Intrinsics. Either ``fov_deg`` (horizontal, between the outer edges of the first and last column) or ``fx``."""
-
-    name: str = ""
-    source: str = ""
-    width: Annotated[int, Field(ge=1, le=16384)]
-    height: Annotated[int, Field(ge=1, le=16384)]
-    fov_deg: Annotated[float, Field(gt=0, lt=180)] | None = None
-    fx: Positive | None = None
-    fy: Positive | None = None
-    cx: Finite | None = None
-    cy: Finite | None = None
-    distortion: Annotated[list[Finite], Field(max_length=5)] = []
-    projection: Literal["pinhole", "equal_angle"] = "pinhole"
-
-    @model_validator(mode="after")
-    def _one_scale(self) -> CameraGeometry:
-        if (self.fov_deg is None) == (self.fx is None):
-            raise ValueError("give exactly one of fov_deg and fx")
-        if self.projection == "equal_angle" and any(self.distortion):
-            raise ValueError('distortion applies to projection = "pinhole" only')
-        return self
+ALL_HEADS = "all"
+"""In place of a head's name: every head, one frame each."""
+FOCAL_LENGTH_TOLERANCE = 0.01
+"""Data sheets round focal lengths and fields of view to two digits and a half."""
 
 
 class PlatformPrior(Model):
@@ -76,16 +59,41 @@ class Band(Model):
         return self
 
 
+class Head(Model):
+    """One of several equal cameras in a housing, and how it is turned in it.
+
+    The angles turn the housing's axes into those of the head's camera: yaw about z, then pitch about y, then roll about
+    x. The scene's ``camera.mount_*`` angles turn the satellite's body axes into those of the housing; they come first.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+    mount_yaw_deg: Angle = 0.0
+    mount_pitch_deg: Angle = 0.0
+    mount_roll_deg: Angle = 0.0
+
+    @model_validator(mode="after")
+    def _all_is_all_of_them(self) -> Head:
+        if self.name == ALL_HEADS:
+            raise ValueError(f'a head cannot be named "{ALL_HEADS}", which means every head')
+        return self
+
+
 class CameraSpec(Model):
     """One camera file. ``estimate`` needs only ``[camera]``; rendering also ``[[band]]``; observing ``[detector]``.
 
     A detector sees either solar or thermal bands. Without one, a camera may have both.
+
+    With ``[[head]]`` tables the file describes several cameras that differ in nothing but how they are turned; a scene
+    chooses one with ``camera.head``.
     """
+
+    later_keys: ClassVar[frozenset[str]] = frozenset({"head"})
 
     camera: CameraGeometry
     platform: PlatformPrior = PlatformPrior()
     optics: Optics = Optics()
     band: list[Band] = []
+    head: list[Head] = []
     detector: Detector | None = None
 
     @model_validator(mode="after")
@@ -98,4 +106,55 @@ class CameraSpec(Model):
         if self.detector is not None and len({b.kind for b in self.band}) > 1:
             kinds = ", ".join(f"{b.name} ({b.kind})" for b in self.band)
             raise ValueError(f"one [detector] cannot see solar and thermal bands, got {kinds}; make two camera files")
+        heads = [h.name for h in self.head]
+        if len(set(heads)) != len(heads):
+            raise ValueError(f"head names must differ, got {heads}")
         return self
+
+    @model_validator(mode="after")
+    def _one_focal_length(self) -> CameraSpec:
+        geometry = self.camera
+        if geometry.focal_length_mm is None:
+            return self
+        if self.detector is None:
+            if geometry.fx is None and geometry.fov_deg is None:
+                raise ValueError(
+                    "camera.focal_length_mm alone gives no scale in pixels; add detector.pixel_pitch_um, or fov_deg"
+                )
+            return self
+        pitch_um = self.detector.pixel_pitch_um
+        from_lens = geometry.focal_length_mm * 1e3 / pitch_um
+        if geometry.fx is None and geometry.fov_deg is None:
+            # Frozen for everybody else: here the object is still being made.
+            object.__setattr__(self, "camera", geometry.model_copy(update={"fx": from_lens}))
+            return self
+        stated = geometry.focal_px
+        if abs(from_lens - stated) > FOCAL_LENGTH_TOLERANCE * stated:
+            key = f"fx = {geometry.fx:g}" if geometry.fx is not None else f"fov_deg = {geometry.fov_deg:g}"
+            raise ValueError(
+                f"camera.{key} is a focal length of {stated * pitch_um * 1e-3:.4g} mm with detector.pixel_pitch_um = "
+                f"{pitch_um:g}, but camera.focal_length_mm = {geometry.focal_length_mm:g}; mend one of the three"
+            )
+        return self
+
+    def chosen_head(self, name: str | None, where: str = "camera.head") -> Head | None:
+        """Return the head of a name; None where the file has no heads and none is asked for.
+
+        Raises
+        ------
+        UserError
+            If the file has heads and this is none of them, or has none and one is asked for.
+        """
+        if not self.head:
+            if name is None:
+                return None
+            raise UserError(f"found {name!r}, but the camera has no [[head]]", where=where, fix="leave the key out")
+        for head in self.head:
+            if head.name == name:
+                return head
+        raise UserError(
+            "missing" if name is None else f"found {name!r}",
+            where=where,
+            expected="the name of one of the camera's heads: " + ", ".join(head.name for head in self.head),
+            fix=f'set camera.head in the scene, or use --head ("{ALL_HEADS}" makes a frame of each)',
+        )

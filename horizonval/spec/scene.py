@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import Fraction, Positive
-
-Angle = Annotated[float, Field(ge=-360, le=360)]
+from horizonval.spec.numbers import Angle, Fraction, Positive
 
 
 class SceneName(Model):
@@ -24,9 +22,16 @@ class CameraUse(Model):
     """Which camera (a shipped name, or a path beside the scene file), and how it is mounted in the body.
 
     The mounting turns body axes into camera axes: yaw about z, then pitch about y, then roll about x.
+
+    ``head``: which one of a camera file with several ``[[head]]`` tables. The mounting then turns body axes into those
+    of the housing that holds the heads, and the head's own angles turn these into camera axes. ``"all"`` stands for
+    one frame per head, named ``<scene>.<head>``; a suite's frame without the key does the same.
     """
 
+    later_keys: ClassVar[frozenset[str]] = frozenset({"head"})
+
     file: str
+    head: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")] | None = None
     mount_yaw_deg: Angle = 0.0
     mount_pitch_deg: Angle = 0.0
     mount_roll_deg: Angle = 0.0
