@@ -15,6 +15,7 @@ from horizonval.earth import bands
 from horizonval.errors import UserError
 from horizonval.geometry.camera import Camera
 from horizonval.sensor import converter, exposure, image_plane, readout
+from horizonval.sensor.stray_light import Sun
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.detector import Cmos
 
@@ -24,12 +25,18 @@ Streams = Callable[[str], np.random.Generator | None]
 
 
 def respond(
-    radiance: FloatArray, geometry: Camera, camera: CameraSpec, detector: Cmos, band: Band, rng: Streams
+    radiance: FloatArray,
+    geometry: Camera,
+    camera: CameraSpec,
+    detector: Cmos,
+    band: Band,
+    rng: Streams,
+    sun: Sun | None = None,
 ) -> tuple[NDArray[np.uint16], dict[str, Any]]:
     """Return digital numbers, shape (H, W), and the settings that an image carries."""
     _require_black_below_white(detector)
     bits, black = detector.bits, detector.black_level_dn
-    power = image_plane.pixel_power_w(radiance, geometry, camera.optics, detector.pixel_pitch_um * 1e-6)
+    power = image_plane.pixel_power_w(radiance, geometry, camera.optics, detector.pixel_pitch_um * 1e-6, band, sun)
     electrons = exposure.photoelectrons(
         power, detector.exposure_s, detector.quantum_efficiency, bands.reference_wavelength_um(band) * 1e-6
     )

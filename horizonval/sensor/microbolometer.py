@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from horizonval.earth import bands, planck
 from horizonval.geometry.camera import Camera
 from horizonval.sensor import converter, image_plane
+from horizonval.sensor.stray_light import Sun
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.detector import Microbolometer
 
@@ -45,10 +46,11 @@ def respond(
     detector: Microbolometer,
     band: Band,
     rng: Callable[[str], np.random.Generator | None],
+    sun: Sun | None = None,
 ) -> tuple[NDArray[np.uint16], dict[str, Any]]:
     """Return digital numbers, shape (H, W), and the settings that an image carries."""
     lens = camera.optics
-    signal = image_plane.radiance_on_axis(radiance, geometry, lens)
+    signal = image_plane.radiance_on_axis(radiance, geometry, lens, detector.pixel_pitch_um * 1e-6, band, sun)
     sigma = noise_radiance(band, detector.netd_k, lens.f_number, lens.transmission)
     thermal_rng = rng("thermal")
     if thermal_rng is not None:

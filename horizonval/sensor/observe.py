@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from horizonval.errors import UserError
 from horizonval.frame import DetectorImage, Frame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
-from horizonval.sensor import cmos, converter, microbolometer
+from horizonval.sensor import cmos, converter, microbolometer, stray_light
 from horizonval.sensor.streams import stream
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.detector import Cmos, Microbolometer
@@ -57,12 +57,13 @@ def observe(
     def rng(stage: str) -> np.random.Generator | None:
         return stream(frame.truth.scene_id, camera.camera.name, spec.name, stage, seed) if noise else None
 
+    sun = stray_light.sun_of(frame.truth)
     if isinstance(camera.detector, Cmos):
         _require_kind(spec, "solar", camera.detector.kind)
-        dn, settings = cmos.respond(radiance, geometry, camera, camera.detector, spec, rng)
+        dn, settings = cmos.respond(radiance, geometry, camera, camera.detector, spec, rng, sun)
     elif isinstance(camera.detector, Microbolometer):
         _require_kind(spec, "thermal", camera.detector.kind)
-        dn, settings = microbolometer.respond(radiance, geometry, camera, camera.detector, spec, rng)
+        dn, settings = microbolometer.respond(radiance, geometry, camera, camera.detector, spec, rng, sun)
     else:
         raise UserError("the camera has no detector", where="detector", expected="a [detector] table")
     return DetectorImage(

@@ -13,11 +13,12 @@ from horizonval.spec.detector import Detector
 from horizonval.spec.numbers import Angle, Fraction, Positive
 from horizonval.spec.optics import Optics
 
-
 ALL_HEADS = "all"
 """In place of a head's name: every head, one frame each."""
 FOCAL_LENGTH_TOLERANCE = 0.01
 """Data sheets round focal lengths and fields of view to two digits and a half."""
+F_NUMBER_TOLERANCE = 0.03
+"""F-numbers are named after whole stops: f/5.6 is 5.66."""
 
 
 class PlatformPrior(Model):
@@ -128,6 +129,21 @@ class CameraSpec(Model):
             raise ValueError(
                 f"camera.{key} is a focal length of {stated * pitch_um * 1e-3:.4g} mm with detector.pixel_pitch_um = "
                 f"{pitch_um:g}, but camera.focal_length_mm = {geometry.focal_length_mm:g}; mend one of the three"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _one_aperture(self) -> CameraSpec:
+        aperture = self.optics.aperture_mm
+        focal = self.camera.focal_length_mm
+        if focal is None and self.detector is not None:
+            focal = self.camera.focal_px * self.detector.pixel_pitch_um * 1e-3
+        if aperture is None or focal is None:
+            return self
+        if abs(focal / aperture / self.optics.f_number - 1) > F_NUMBER_TOLERANCE:
+            raise ValueError(
+                f"optics.aperture_mm = {aperture:g} and a focal length of {focal:.4g} mm make "
+                f"f/{focal / aperture:.4g}, but optics.f_number = {self.optics.f_number:g}"
             )
         return self
 

@@ -11,6 +11,7 @@ from horizonval.geometry.camera import Camera, pixel_grid
 from horizonval.sensor import converter, exposure, microbolometer, optics, point_spread, readout
 from horizonval.sensor.streams import stream
 from horizonval.spec.camera import Band
+from horizonval.spec.optics import Optics
 
 
 def test_streams_are_the_same_everywhere():
@@ -36,15 +37,15 @@ def test_cosine_fourth_law():
     camera = Camera(width=200, height=150, fx=120.0, fy=120.0, cx=99.5, cy=74.5)
     offset = pixel_grid(camera) - [camera.cx, camera.cy]
     cosine = 120 / np.sqrt(120**2 + (offset**2).sum(axis=-1))
-    np.testing.assert_allclose(optics.relative_illumination(camera), cosine**4, rtol=1e-12)
-    assert optics.relative_illumination(camera).min() < 0.25  # The corners are 46 deg off axis.
+    np.testing.assert_allclose(optics.relative_illumination(camera, Optics()), cosine**4, rtol=1e-12)
+    assert optics.relative_illumination(camera, Optics()).min() < 0.25  # The corners are 46 deg off axis.
 
 
 def test_power_on_the_axis_follows_the_sine_condition():
     """``P = pi tau L p^2 / (4 N^2)``, whatever the focal length."""
     for focal_px in (100.0, 5000.0):
         camera = Camera(width=3, height=3, fx=focal_px, fy=focal_px, cx=1.0, cy=1.0)
-        power = optics.pixel_power_w(np.full((3, 3), 7.0), optics.etendue(camera, 5e-6, 2.8), 0.9)
+        power = optics.pixel_power_w(np.full((3, 3), 7.0), optics.etendue(camera, 5e-6, Optics(f_number=2.8)), 0.9)
         assert power[1, 1] == pytest.approx(math.pi * 0.9 * 7.0 * (5e-6) ** 2 / (4 * 2.8**2), rel=1e-12)
 
 
@@ -55,7 +56,7 @@ def test_distortion_carries_light_with_it():
         camera = Camera(width=601, height=601, fx=400.0, fy=400.0, cx=300.0, cy=300.0, distortion=(k1, 0, 0, 0, 0))
         r = np.hypot(*(pixel_grid(camera) - 300).T) / 400
         inside = r < 0.5 * (1 + k1 * 0.25)  # The image of a disc of tan(theta) = 0.5.
-        return float(optics.etendue(camera, 5e-6, 2.0)[inside].sum())
+        return float(optics.etendue(camera, 5e-6, Optics(f_number=2.0))[inside].sum())
 
     # Exact: A pi sin^2(theta). Tolerance: 1e5 pixels, some hundred on the edge.
     exact = math.pi / 4 * (400 * 5e-6 / 2) ** 2 * math.pi * 0.2
