@@ -9,7 +9,8 @@ power on the axis. Both go through the same stages, in the order of the light::
     stray light  of the Sun outside the image: through the baffle's table, or   (stray_light)
                  through the wings of the lens where no table is given
 
-The last line makes the veil go on as it was when the Sun leaves the image.
+Without a table the veil goes on as it was when the Sun leaves the image. A table is taken as it is: to join the wings at
+the border it must start from :func:`horizonval.sensor.scatter.point_source_transmittance`.
 """
 
 from __future__ import annotations
@@ -91,7 +92,7 @@ def _through(
         return out
     if lens.stray is not None:
         return out + stray_light.detector_irradiance(lens.stray, geometry, band, sun) * per_detector_irradiance
-    if lens.scatter is not None:
+    if lens.scatter is not None or lens.diffraction:
         return out + _wings_of_sun_outside(geometry, lens, pixel_pitch_m, band, sun) * per_source_irradiance
     return out
 

@@ -51,22 +51,12 @@ def spread(
     UserError
         Diffraction or defocus without what they need.
     """
-    out = np.zeros_like(image)
-    parts = _over_field(image, camera, lens)
-    if _has_kernel(lens):
-        radius, pitch, chosen, reach = _core(lens, band, pixel_pitch_m)
-        for sigma, light in parts:
-            kernel = core_spread.kernel(sigma, radius, chosen, lens.f_number, pitch, reach)
-            out = out + convolution.spread_core(light, kernel, border)
-    elif len(parts) == 1:
-        out = point_spread.blur(image, parts[0][0], border)
-    else:
-        for sigma, light in parts:
-            out = out + point_spread.blur(light, sigma, border)
-    if lens.scatter is not None:
-        out = out * (1 - lens.scatter.total)
-    wings = wing_quadrant(camera, lens, band, pixel_pitch_m)
-    return out if wings is None else out + convolution.spread_wings(image, wings)
+    core = None
+    for sigma, share in _over_field(camera, lens):
+        part = _core_of(image if share is None else share * image, sigma, lens, band, pixel_pitch_m, border)
+        core = part if core is None else core + part
+    assert core is not None
+    return _with_wings(core, image, camera, lens, band, pixel_pitch_m)
 
 
 def lost_share(
@@ -74,19 +64,15 @@ def lost_share(
 ) -> FloatArray:
     """Return the share of every pixel's light that leaves the image over its border, shape (H, W).
 
-    A point's light arrives where a point there would send its own, the kernels being even: what stays of a pixel's
-    light is what the same lens makes of an image of ones that is dark outside.
+    The kernels being even, a pixel's light goes where light of its own kernel would come from: what stays of it is what
+    the same kernel makes of an image of ones that is dark outside.
     """
     ones = np.ones((camera.height, camera.width))
-    if not lens.psf_field_deg:
-        return 1 - spread(ones, camera, lens, band, pixel_pitch_m, "dark")
-    table = field_spread.shares(np.degrees(off_axis_angle(camera)), lens.psf_field_deg, lens.psf_field_sigma_px)
-    stays = np.zeros_like(ones)
-    for sigma, share in table:
-        single = lens.model_copy(update={"psf_field_deg": [], "psf_field_sigma_px": [], "psf_sigma_px": sigma})
-        # The reach stays that of the widest, as it is in the image.
-        stays += share * spread(ones, camera, single, band, pixel_pitch_m, "dark")
-    return 1 - stays
+    core = np.zeros_like(ones)
+    for sigma, share in _over_field(camera, lens):
+        part = _core_of(ones, sigma, lens, band, pixel_pitch_m, "dark")
+        core += part if share is None else share * part
+    return 1 - _with_wings(core, ones, camera, lens, band, pixel_pitch_m)
 
 
 def wing_quadrant(camera: Camera, lens: Optics, band: Band | None, pixel_pitch_m: float | None) -> FloatArray | None:
@@ -110,8 +96,8 @@ def wings_of_point(
     y, x = np.arange(camera.height)[:, None] - row, np.arange(camera.width)[None, :] - column
     out = np.zeros((camera.height, camera.width))
     if lens.scatter is not None:
-        distance = np.hypot(x / camera.fx, y / camera.fy)
-        out += scatter.bsdf(lens.scatter, distance) / (camera.fx * camera.fy)
+        rho_squared = (x / camera.fx) ** 2 + (y / camera.fy) ** 2
+        out += scatter.image_share(lens.scatter, rho_squared) / (camera.fx * camera.fy)
     if lens.diffraction:
         _, pitch, chosen, reach = _core(lens, band, pixel_pitch_m)
         assert chosen is not None
@@ -123,19 +109,35 @@ def wings_of_point(
     return out
 
 
-def _has_kernel(lens: Optics) -> bool:
-    return lens.diffraction or lens.defocus_um != 0
+def _with_wings(
+    core: FloatArray, image: FloatArray, camera: Camera, lens: Optics, band: Band | None, pixel_pitch_m: float | None
+) -> FloatArray:
+    """Return what the scatter leaves of the core, and the wings of the image."""
+    if lens.scatter is not None:
+        core = core * (1 - lens.scatter.total)
+    wings = wing_quadrant(camera, lens, band, pixel_pitch_m)
+    return core if wings is None else core + convolution.spread_wings(image, wings)
 
 
-def _over_field(image: FloatArray, camera: Camera, lens: Optics) -> list[tuple[float, FloatArray]]:
-    """Return the sigmas of the Gaussians and the light that each of them spreads."""
+def _over_field(camera: Camera, lens: Optics) -> list[tuple[float, FloatArray | None]]:
+    """Return the sigmas of the Gaussians and the share of every pixel's light that each spreads; None for all of it."""
     if not lens.psf_field_deg:
-        return [(lens.psf_sigma_px, image)]
+        return [(lens.psf_sigma_px, None)]
     angle_deg = np.degrees(off_axis_angle(camera))
     # Pixels outside the image circle have no angle and no light.
     angle_deg = np.where(np.isnan(angle_deg), 180.0, angle_deg)
-    table = field_spread.shares(angle_deg, lens.psf_field_deg, lens.psf_field_sigma_px)
-    return [(sigma, share * image) for sigma, share in table]
+    return [*field_spread.shares(angle_deg, lens.psf_field_deg, lens.psf_field_sigma_px)]
+
+
+def _core_of(
+    light: FloatArray, sigma_px: float, lens: Optics, band: Band | None, pixel_pitch_m: float | None, border: Border
+) -> FloatArray:
+    """Return the light spread by one Gaussian with the diffraction and the defocus."""
+    if not lens.diffraction and lens.defocus_um == 0:
+        return point_spread.blur(light, sigma_px, border)
+    radius, pitch, chosen, reach = _core(lens, band, pixel_pitch_m)
+    kernel = core_spread.kernel(sigma_px, radius, chosen, lens.f_number, pitch, reach)
+    return convolution.spread_core(light, kernel, border)
 
 
 def _core(lens: Optics, band: Band | None, pixel_pitch_m: float | None) -> tuple[float, float, Band | None, int]:

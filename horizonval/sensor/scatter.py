@@ -9,9 +9,14 @@ thesis, University of Arizona, 1976)::
 
     TIS = 2 pi integral BSDF x dx = 2 pi b0 l^2 / (s + 2) ((1 + 1 / l^2)^(s / 2 + 1) - 1)
 
-up to x = 1 (s = -2: ``pi b0 l^2 ln(1 + 1 / l^2)``). On the detector x is the distance over the focal length, so that a
-pixel at offset r gets ``BSDF(r / f) (pitch / f)^2`` of a point's light; the point itself keeps 1 - TIS. Shape and level
-are taken as the same over the field: true to ``cos^3`` of the angle off the axis.
+up to x = 1 (s = -2: ``pi b0 l^2 ln(1 + 1 / l^2)``). On the detector of a pinhole camera, a pixel at the offset
+``rho = r / f`` from a point on the axis gets the share ::
+
+    K(rho) = BSDF(rho / sqrt(1 + rho^2)) / (1 + rho^2)^2 (pitch / f)^2
+
+of its light, the second factor being the projected solid angle of the pixel; over the whole plane that is TIS. The point
+itself keeps 1 - TIS. The same kernel is used over the whole field. From a point at theta off the axis the middle of the
+image then gets ``cos^4(theta)`` of what it should (0.56 at 30 deg, 0.78 at 20 deg); no light is lost or made by it.
 
 Neglected: change of the scatter with the wavelength inside a band (``lambda^-2`` for polish, flat for dust), and light
 that is scattered twice (TIS^2).
@@ -34,9 +39,14 @@ _NEAR_PX = 8
 
 
 def bsdf(scatter: Scatter, x: FloatArray) -> FloatArray:
-    """Return the bidirectional scatter [1/sr], shape of ``x``; 0 beyond 1, where there is no direction."""
-    value = scatter.level * (1 + (x / scatter.l_rad) ** 2) ** (scatter.s / 2)
-    return np.where(x <= 1, value, 0.0)
+    """Return the bidirectional scatter [1/sr] at differences ``x`` of direction cosines, 0 to 1, shape of ``x``."""
+    return scatter.level * (1 + (x / scatter.l_rad) ** 2) ** (scatter.s / 2)
+
+
+def image_share(scatter: Scatter, rho_squared: FloatArray) -> FloatArray:
+    """Return the share of a point's light per area of the image in squared focal lengths, from ``(r / f)^2``."""
+    grown = 1 + rho_squared
+    return bsdf(scatter, np.sqrt(rho_squared / grown)) / grown**2
 
 
 def share_in_rectangle(scatter: Scatter, half_x: float, half_y: float) -> float:
@@ -47,12 +57,10 @@ def share_in_rectangle(scatter: Scatter, half_x: float, half_y: float) -> float:
     corner = math.atan2(half_y, half_x)
     total = 0.0
     for side, end in ((half_x, corner), (half_y, math.pi / 2 - corner)):
-        # A break where the side leaves the unit disc.
-        leaves = math.acos(side) if side < 1 else 0.0
-        angle, weight = composite_gauss(np.unique([0.0, min(leaves, end), end]), 48)
+        angle, weight = composite_gauss(np.array([0.0, end]), 96)
         for a, w in zip(angle.ravel(), weight.ravel(), strict=True):
-            inside = scatter_integral(scatter.l_rad, scatter.s, min(side / math.cos(a), 1.0))
-            total += w * inside / (2 * math.pi)
+            rho = side / math.cos(a)
+            total += w * scatter_integral(scatter.l_rad, scatter.s, rho / math.sqrt(1 + rho * rho)) / (2 * math.pi)
     return 4 * scatter.level * total
 
 
@@ -64,7 +72,7 @@ def quadrant(scatter: Scatter, rows: int, columns: int, fx: float, fy: float) ->
     what the formula scatters into the rectangle of all offsets.
     """
     y, x = np.arange(rows)[:, None] / fy, np.arange(columns)[None, :] / fx
-    share = bsdf(scatter, np.sqrt(x * x + y * y)) / (fx * fy)
+    share = image_share(scatter, x * x + y * y) / (fx * fy)
     share[:_NEAR_PX, :_NEAR_PX] = _pixel_means(scatter, min(rows, _NEAR_PX), min(columns, _NEAR_PX), fx, fy)
     half_x, half_y = (columns - 0.5) / fx, (rows - 0.5) / fy
     share *= share_in_rectangle(scatter, half_x, half_y) / quadrant_sum(share)
@@ -82,8 +90,8 @@ def _pixel_means(scatter: Scatter, rows: int, columns: int, fx: float, fy: float
     point, weight = point.ravel(), weight.ravel()
     y = (np.arange(rows)[:, None] + point) / fy
     x = (np.arange(columns)[:, None] + point) / fx
-    radius = np.sqrt(y[:, :, None, None] ** 2 + x[None, None] ** 2)
-    means = np.einsum("iajb,a,b->ij", bsdf(scatter, radius), weight, weight) / (fx * fy)
+    share = image_share(scatter, y[:, :, None, None] ** 2 + x[None, None] ** 2)
+    means = np.einsum("iajb,a,b->ij", share, weight, weight) / (fx * fy)
     means[0, 0] = share_in_rectangle(scatter, 0.5 / fx, 0.5 / fy)
     return means
 
@@ -91,10 +99,10 @@ def _pixel_means(scatter: Scatter, rows: int, columns: int, fx: float, fy: float
 def point_source_transmittance(
     scatter: Scatter, angle_rad: FloatArray, f_number: float, transmission: float
 ) -> FloatArray:
-    """Return the irradiance on the axis' pixel over that of a far point at angles off the axis, shape of the angles.
+    """Return the irradiance in the middle of the image over that of a far point, below 90 deg off the axis.
 
-    ``PST = tau pi cos(theta) BSDF(sin theta) / (4 N^2)``: the level that a stray-light table of the same lens joins at
-    the edge of the field.
+    ``PST = tau pi / (4 N^2) cos(theta) K(tan theta) (f / pitch)^2``: the level at which a stray-light table joins the
+    wings at the border of the field.
     """
-    cosine = np.maximum(np.cos(angle_rad), 0.0)
-    return transmission * math.pi / (4 * f_number**2) * cosine * bsdf(scatter, np.sin(angle_rad))
+    share = image_share(scatter, np.tan(angle_rad) ** 2)
+    return transmission * math.pi / (4 * f_number**2) * np.cos(angle_rad) * share
