@@ -35,7 +35,7 @@ FloatArray = NDArray[np.float64]
 
 _PIXEL_VARIANCE = 1 / 12
 _CARRIED = 1e-3
-"""Transfer at one cycle per pixel above which whole pixels cannot carry the pattern."""
+"""Transfer beyond one cycle per pixel above which whole pixels cannot carry the pattern."""
 _LEAST_REACH = 16
 _MOST_REACH = 256
 
@@ -80,7 +80,9 @@ def _kernel(
     sigma_px: float, defocus_radius_px: float, band_text: str | None, f_number: float, pitch_m: float, reach: int
 ) -> FloatArray:
     band = None if band_text is None else Band.model_validate_json(band_text)
-    pixel_averaged = _transfer_at(np.array([1.0]), sigma_px, defocus_radius_px, band, f_number, pitch_m)[0] > _CARRIED
+    # Over a whole cycle, not at its start alone: a disc's transfer has zeros.
+    folded = _transfer_at(np.linspace(1.0, 2.0, 201), sigma_px, defocus_radius_px, band, f_number, pitch_m)
+    pixel_averaged = bool(np.abs(folded).max() > _CARRIED)
     sigma = math.sqrt(max(sigma_px**2 - _PIXEL_VARIANCE, 0.0)) if pixel_averaged else sigma_px
     # The period is long against the reach, so that what comes round from the neighbouring period is faint.
     period = fft.next_fast_len(max(256, 6 * reach), real=True)

@@ -9,8 +9,8 @@ power on the axis. Both go through the same stages, in the order of the light::
     stray light  of the Sun outside the image: through the baffle's table, or   (stray_light)
                  through the wings of the lens where no table is given
 
-Without a table the veil goes on as it was when the Sun leaves the image. A table is taken as it is: to join the wings at
-the border it must start from :func:`horizonval.sensor.scatter.point_source_transmittance`.
+Without a table the veil goes on as it was when the Sun leaves the image. A table is taken as it is: to join the wings
+at the border it must start from :func:`horizonval.sensor.scatter.point_source_transmittance`.
 """
 
 from __future__ import annotations

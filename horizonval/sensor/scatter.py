@@ -14,9 +14,10 @@ up to x = 1 (s = -2: ``pi b0 l^2 ln(1 + 1 / l^2)``). On the detector of a pinhol
 
     K(rho) = BSDF(rho / sqrt(1 + rho^2)) / (1 + rho^2)^2 (pitch / f)^2
 
-of its light, the second factor being the projected solid angle of the pixel; over the whole plane that is TIS. The point
-itself keeps 1 - TIS. The same kernel is used over the whole field. From a point at theta off the axis the middle of the
-image then gets ``cos^4(theta)`` of what it should (0.56 at 30 deg, 0.78 at 20 deg); no light is lost or made by it.
+of its light, the second factor being the projected solid angle of the pixel; over the whole plane that is TIS. The
+point itself keeps 1 - TIS. The same kernel is used over the whole field. From a point at theta off the axis the middle
+of the image then gets ``cos^4(theta)`` of what it should (0.56 at 30 deg, 0.78 at 20 deg); no light is lost or made by
+it.
 
 Neglected: change of the scatter with the wavelength inside a band (``lambda^-2`` for polish, flat for dust), and light
 that is scattered twice (TIS^2).

@@ -33,7 +33,7 @@ from horizonval.spec.optics import Stray
 
 FloatArray = NDArray[np.float64]
 
-_DISC_POINTS = 512
+_DISC_POINTS = 2048
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def band_irradiance(band: Band, angular_radius_rad: float) -> float:
 def outside_image(camera: Camera, sun: Sun) -> tuple[float, FloatArray]:
     """Return the share of the Sun's disc outside the image, and the unit vector to the middle of that share.
 
-    Counted on 512 points of equal area: to 0.5 % of the disc.
+    Counted on 2048 points of equal area: to 0.3 % of the disc.
     """
     # Points of a sunflower: the square root makes areas equal, the golden angle spreads them.
     index = np.arange(_DISC_POINTS) + 0.5
