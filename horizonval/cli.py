@@ -29,6 +29,7 @@ archive_app = typer.Typer(help="Look into the archive of a run.", rich_markup_mo
 app.add_typer(archive_app, name="archive")
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
+Head = Annotated[str | None, typer.Option(help="Of a camera with several heads: a name, or all of them (`all`).")]
 
 
 def main() -> None:
@@ -122,28 +123,37 @@ def render(
     reference_size: Annotated[
         str | None, typer.Option(metavar="WxH", help="With --reference: the image in fewer, larger pixels.")
     ] = None,
+    head: Head = None,
 ) -> None:
     """Render one frame: radiance, truth maps, header.
+
+    Of a camera with several heads, the one that the scene or --head names; `all` writes FRAME.<head>.exr for each.
 
     --reference is the cross-check: stock Mitsuba's Monte Carlo with the scene's orders of scattering by molecules and
     particles, ozone, and a uniform Lambert ground; without the Sun's disc and glare, surface map and clouds. Its
     standard error lies beside the radiance.
     """
-    from horizonval.spec.load import load_scene
+    from horizonval.spec.load import load_frames, load_scene
 
-    spec, camera = load_scene(scene)
-    _check_target(out)
     if not reference:
         if spp is not None or reference_size is not None:
             raise UserError("used without --reference", where="--spp" if spp is not None else "--reference-size")
+        frames = load_frames(scene, head)
+        names = [case.scene.camera.head for case in frames]
+        targets = [out] if len(frames) == 1 else [out.with_name(f"{out.stem}.{name}{out.suffix}") for name in names]
+        for target in targets:
+            _check_target(target)
         from horizonval.campaign.progress import Tables
         from horizonval.render.frame import render_frame
 
-        start = time.perf_counter()
-        with Tables() as tables:
-            frame = render_frame(spec, camera, tables.advance)
-        _write_frame(out, frame, start)
+        for case, target in zip(frames, targets, strict=True):
+            start = time.perf_counter()
+            with Tables() as tables:
+                frame = render_frame(case.scene, case.camera, tables.advance)
+            _write_frame(target, frame, start)
         return
+    spec, camera = load_scene(scene, head)
+    _check_target(out)
     from horizonval.campaign.progress import Terminal
     from horizonval.render.reference import DEFAULT_SPP, HOLDS, LEAVES_OUT, check_sunlight, render_reference, resized
 
@@ -163,6 +173,7 @@ def render(
 def mitsuba(
     scene: Annotated[str, typer.Argument(help="A scene file, or the name of a shipped scene.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="A new or empty folder.")],
+    head: Annotated[str | None, typer.Option(help="Of a camera with several heads, the name of one.")] = None,
 ) -> None:
     """Write a scene as files that Mitsuba opens.
 
@@ -170,7 +181,7 @@ def mitsuba(
     """
     from horizonval.spec.load import load_scene
 
-    spec, camera = load_scene(scene)
+    spec, camera = load_scene(scene, head)
     _check_folder(out)
     from horizonval.render.export import export_scene
 

@@ -41,6 +41,9 @@ MAP_UNITS = {
 ``distance``: to the surface or the cloud before it, +inf where the ray misses both. ``tangent_height``: lowest geodetic
 height along the ray; for rays that hit the surface, minus the depth of the chord below it. ``solar_zenith``: at the
 surface point, or at the tangent point. ``hit``: :class:`Hit`.
+
+Pixels beyond the image circle of a camera that has one see nothing: radiance 0, ``hit`` space, distance and tangent
+height +inf, solar zenith 180.
 """
 
 

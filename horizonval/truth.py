@@ -14,7 +14,7 @@ import numpy as np
 
 from horizonval.frame import FRAME_SCHEMA, FrameTruth
 from horizonval.geometry.camera import camera_from_spec, check_invertible
-from horizonval.geometry.ellipsoid import geocentric_nadir, geodetic_nadir
+from horizonval.geometry.ellipsoid import Ellipsoid, geocentric_nadir, geodetic_nadir
 from horizonval.geometry.ephemeris import (
     MOON_RADIUS_M,
     moon_itrs,
@@ -25,7 +25,7 @@ from horizonval.geometry.ephemeris import (
 )
 from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import angular_radius
-from horizonval.geometry.pose import Pose, direction_from_horizontal, pose_from_spec
+from horizonval.geometry.pose import direction_from_horizontal, place_from_spec, pose_from_spec
 from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
 
@@ -42,19 +42,19 @@ def moon_place(scene: SceneSpec) -> Any:
 
     Placed by hand it is seen under that direction from the camera, at its distance of that instant.
     """
-    return _moon_place(scene, pose_from_spec(scene))
+    return _moon_place(scene, *place_from_spec(scene))
 
 
-def _moon_place(scene: SceneSpec, pose: Pose) -> Any:
+def _moon_place(scene: SceneSpec, ellipsoid: Ellipsoid, r_itrs: Any) -> Any:
     if not scene.moon.enabled or (scene.sun is not None and scene.moon.zenith_deg is None):
         return None
     place = moon_itrs(scene.platform.epoch_utc)
     if scene.moon.zenith_deg is None:
         return place
     direction = direction_from_horizontal(
-        math.radians(scene.moon.zenith_deg), math.radians(scene.moon.azimuth_deg), pose.r_itrs, pose.ellipsoid
+        math.radians(scene.moon.zenith_deg), math.radians(scene.moon.azimuth_deg), r_itrs, ellipsoid
     )
-    return np.asarray(pose.r_itrs) + direction * np.linalg.norm(place - pose.r_itrs)
+    return np.asarray(r_itrs) + direction * np.linalg.norm(place - r_itrs)
 
 
 def truth_of(scene: SceneSpec, camera: CameraSpec) -> FrameTruth:
@@ -73,11 +73,11 @@ def truth_of(scene: SceneSpec, camera: CameraSpec) -> FrameTruth:
     Raises
     ------
     UserError
-        If the camera is not above the surface, its distortion folds inside the image, or the epoch is outside 1960 to
-        2099.
+        If the camera is not above the surface, its distortion folds inside the image, the scene does not say which of
+        its heads took the frame, or the epoch is outside 1960 to 2099.
     """
     check_invertible(camera_from_spec(camera.camera))
-    pose = pose_from_spec(scene)
+    pose = pose_from_spec(scene, camera)
     direction, distance_m = sun_itrs(scene.platform.epoch_utc)
     if scene.sun is not None:
         direction = direction_from_horizontal(
@@ -96,7 +96,7 @@ def truth_of(scene: SceneSpec, camera: CameraSpec) -> FrameTruth:
         return tuple(float(x) + 0.0 for x in v)
 
     moon: dict[str, Any] = {}
-    place = _moon_place(scene, pose)
+    place = _moon_place(scene, pose.ellipsoid, pose.r_itrs)
     if place is not None:
         line = place - pose.r_itrs
         distance = float(np.linalg.norm(line))

@@ -15,7 +15,7 @@ from horizonval.report.gallery import Exhibit, write_gallery
 from horizonval.report.tone import tone_mapped
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.files import shipped_names, shipped_path
-from horizonval.spec.load import load_scene
+from horizonval.spec.load import load_frames
 from horizonval.spec.scene import SceneSpec
 from horizonval.suggest import nearest
 
@@ -26,7 +26,7 @@ NODES = 2
 
 def scenes() -> list[str]:
     """Return the shipped scenes that are seen in visible light."""
-    return [n for n in shipped_names("scene") if any(b.kind == "solar" for b in load_scene(n)[1].band)]
+    return [n for n in shipped_names("scene") if any(b.kind == "solar" for b in load_frames(n)[0].camera.band)]
 
 
 def make_gallery(folder: Path, names: Sequence[str], tell: Callable[[str, int, int], None]) -> Path:
@@ -64,7 +64,8 @@ def make_gallery(folder: Path, names: Sequence[str], tell: Callable[[str, int, i
 def _exhibit(name: str) -> Exhibit:
     from horizonval.render.frame import render_frame
 
-    scene, camera = load_scene(name)
+    first = load_frames(name)[0]
+    scene, camera = first.scene, first.camera
     frame = render_frame(scene, in_colour(camera))
     picture = tone_mapped(np.stack(list(_reflectances(scene, frame.radiance)), axis=-1))
     return Exhibit(name, caption(shipped_path("scene", name)), picture.rgb, picture.white)

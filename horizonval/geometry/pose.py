@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from horizonval.errors import UserError
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_height, itrs_from_geodetic, sphere, surface_normal
 from horizonval.geometry.frames import body_from_lvlh, cam_from_body, compose, lvlh_from_itrs
-from horizonval.spec.scene import Earth, SceneSpec
+from horizonval.spec.camera import CameraSpec, Head
+from horizonval.spec.scene import CameraUse, Earth, SceneSpec
 
 FloatArray = NDArray[np.float64]
 
@@ -67,11 +68,10 @@ def canonical_attitude_deg(yaw: float, pitch: float, roll: float) -> tuple[float
     return _wrap_deg(yaw), pitch, _wrap_deg(roll)
 
 
-def pose_from_spec(scene: SceneSpec) -> Pose:
-    """Return the pose of a scene's camera.
+def place_from_spec(scene: SceneSpec) -> tuple[Ellipsoid, FloatArray]:
+    """Return the planet's shape and the camera's position [m], shape (3,).
 
-    Latitude and altitude are geodetic; on a sphere that is the same as geocentric. The heading is the azimuth of the
-    velocity in the geocentric level plane.
+    Latitude and altitude are geodetic; on a sphere that is the same as geocentric.
 
     Raises
     ------
@@ -91,15 +91,37 @@ def pose_from_spec(scene: SceneSpec) -> Pose:
             where="platform.altitude_km",
             expected="a geodetic altitude above the ground",
         )
+    return ellipsoid, r_itrs
+
+
+def pose_from_spec(scene: SceneSpec, camera: CameraSpec | None = None) -> Pose:
+    """Return the pose of a scene's camera.
+
+    The heading is the azimuth of the velocity in the geocentric level plane. From the body outwards the scene's
+    mounting comes first and the head's second: ``q_cam_from_body = q_cam_from_housing q_housing_from_body``.
+
+    Parameters
+    ----------
+    scene : SceneSpec
+    camera : CameraSpec, optional
+        Needed where the scene chooses one of a camera's heads.
+
+    Raises
+    ------
+    UserError
+        If the position is not a finite place above the surface, or the camera has no such head.
+    """
+    if camera is None and scene.camera.head is not None:
+        raise ValueError("a scene that chooses a head has no pose without its camera")
+    ellipsoid, r_itrs = place_from_spec(scene)
     yaw, pitch, roll = canonical_attitude_deg(scene.attitude.yaw_deg, scene.attitude.pitch_deg, scene.attitude.roll_deg)
     yaw, pitch, roll = math.radians(yaw), math.radians(pitch), math.radians(roll)
     q_body_from_lvlh = body_from_lvlh(yaw, pitch, roll)
-    q_cam_from_body = cam_from_body(
-        math.radians(scene.camera.mount_yaw_deg),
-        math.radians(scene.camera.mount_pitch_deg),
-        math.radians(scene.camera.mount_roll_deg),
-    )
-    q_lvlh_from_itrs = lvlh_from_itrs(r_itrs, math.radians(place.heading_deg))
+    q_cam_from_body = _mounting(scene.camera)
+    head = None if camera is None else camera.chosen_head(scene.camera.head)
+    if head is not None:
+        q_cam_from_body = compose(_mounting(head), q_cam_from_body)
+    q_lvlh_from_itrs = lvlh_from_itrs(r_itrs, math.radians(scene.platform.heading_deg))
     return Pose(
         ellipsoid=ellipsoid,
         r_itrs=r_itrs,
@@ -111,6 +133,12 @@ def pose_from_spec(scene: SceneSpec) -> Pose:
         yaw_rad=yaw,
         pitch_rad=pitch,
         roll_rad=roll,
+    )
+
+
+def _mounting(mount: CameraUse | Head) -> FloatArray:
+    return cam_from_body(
+        math.radians(mount.mount_yaw_deg), math.radians(mount.mount_pitch_deg), math.radians(mount.mount_roll_deg)
     )
 
 

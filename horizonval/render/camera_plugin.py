@@ -10,6 +10,7 @@ import json
 from dataclasses import asdict
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,11 @@ def make_plugin() -> type:
             origin = mi.Point3f([float(c) for c in self.r_itrs])
             ray = mi.Ray3f(origin, mi.Vector3f([mi.Float(c) for c in self.rays.direction(u, v)]))
             ray.time = time
-            return ray, mi.Spectrum(1.0)
+            if self.rays.circle is None:
+                return ray, mi.Spectrum(1.0)
+            # by the pixel's centre, as the limb integrator has it
+            lit = self.rays.sees(dr.floor(u + 0.5), dr.floor(v + 0.5))
+            return ray, mi.Spectrum(dr.select(lit, mi.Float(1.0), mi.Float(0.0)))
 
         def sample_ray_differential(
             self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True

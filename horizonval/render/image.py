@@ -133,6 +133,14 @@ def group_cells(view: View) -> Cells:
     depth = _limb_function(view, centre)
     share = dr.select(depth > 0.0, mi.Float64(1.0), 0.0)
     clear = dr.abs(depth) >= reach
+    edge: Any = ~clear
+    lit: Any = None
+    if view.rays.circle is not None:
+        # a pixel beyond the lens's image circle sees nothing, by its centre, as geometry.camera has it
+        pixel = cell // view.subsamples**2
+        lit = view.rays.sees(mi.Float64(pixel % view.width), mi.Float64(pixel // view.width))
+        share = dr.select(lit, share, 0.0)
+        clear, edge = clear & lit, edge & lit
     meets_air = view.planet.miss_distance(view.origin, centre, view.highest_m) < 1.0
     ahead = dot(view.origin, centre) < 0.0
     inside_air = dot(view.origin, view.origin) < (view.planet.a_m + view.highest_m) ** 2
@@ -140,15 +148,15 @@ def group_cells(view: View) -> Cells:
     in_air = (meets_air & ahead) | inside_air
     limb = [_through_centres(view, dr.compress(clear & (depth <= 0.0) & in_air))]
     space = dr.compress(clear & (depth <= 0.0) & ~in_air)
-    edge = dr.compress(~clear)
+    edge = dr.compress(edge)
     if dr.width(edge):
         edge_share, inner, outer = _edge_cells(view, edge)
         dr.scatter(share, edge_share, edge)
         ground.append(inner)
         limb.append(outer)
     dr.eval(share)
-    sun = _disc_cells(view, Disc(view.sun, view.sun_radius), centre, reach)
-    moon = None if view.moon is None else _disc_cells(view, view.moon.disc, centre, reach)
+    sun = _disc_cells(view, Disc(view.sun, view.sun_radius), centre, reach, lit)
+    moon = None if view.moon is None else _disc_cells(view, view.moon.disc, centre, reach, lit)
     return Cells(count, share, _joined(ground), _joined(limb), space, sun, moon)
 
 
@@ -210,8 +218,8 @@ def _joined(groups: list[Rays]) -> Rays:
     return Rays(dr.concat([g.cell for g in filled]), (x, y, z), sum(g.count for g in filled))
 
 
-def _disc_cells(view: View, disc: Disc, centre: Vec, reach: Any) -> DiscCells | None:
-    """Return the cells near a disc, split as it needs; None where it is outside the frame.
+def _disc_cells(view: View, disc: Disc, centre: Vec, reach: Any, lit: Any) -> DiscCells | None:
+    """Return the cells near a disc, split as it needs; None where it is outside the frame. ``lit``: cells to look at.
 
     With refraction the disc stands where the rays point that have left the air behind.
     """
@@ -223,7 +231,8 @@ def _disc_cells(view: View, disc: Disc, centre: Vec, reach: Any) -> DiscCells | 
             assert view.turning is not None
             return true_direction(view.turning, view.origin, view.rays.direction(x, y))
 
-    near: Any = dr.compress(dr.sqrt(_gap(centre, disc.direction)) < disc.radius + reach + lift)
+    touched = dr.sqrt(_gap(centre, disc.direction)) < disc.radius + reach + lift
+    near: Any = dr.compress(touched if lit is None else touched & lit)
     if not dr.width(near):
         return None
     k = view.subsamples

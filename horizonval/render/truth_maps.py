@@ -5,6 +5,7 @@ They describe the picture for a reader; the truth that scores an estimator is an
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import drjit as dr
@@ -23,10 +24,12 @@ def truth_maps(view: View) -> dict[str, NDArray[np.float32]]:
 
     The tangent height of a ray that hits the surface is minus the depth of its chord below it, measured at the point
     of the line nearest to the stretched sphere's centre; within 1e-3 of the depth for the Earth's flattening. Clouds
-    appear in ``hit`` and ``distance``; the other maps are those of the bare ellipsoid.
+    appear in ``hit`` and ``distance``; the other maps are those of the bare ellipsoid. Pixels beyond the lens's image
+    circle see nothing: ``hit`` is space there, distance and tangent height are infinite, and the Sun is at 180 deg.
     """
     pixel = dr.arange(mi.UInt32, view.width * view.height)
-    d = view.rays.direction(mi.Float64(pixel % view.width), mi.Float64(pixel // view.width))
+    u, v = mi.Float64(pixel % view.width), mi.Float64(pixel // view.width)
+    d = view.rays.direction(u, v)
     mid, half, meets = view.planet.chord(view.origin, d)
     ahead = mid > 0.0
     hits = meets & ahead
@@ -53,4 +56,7 @@ def truth_maps(view: View) -> dict[str, NDArray[np.float32]]:
         distance = dr.select(clouded, at, distance)
     shape = (view.height, view.width)
     maps = {"distance": distance, "tangent_height": tangent_height, "solar_zenith": zenith, "hit": hit}
+    if view.rays.circle is not None:
+        lit, nothing = view.rays.sees(u, v), {"hit": float(Hit.SPACE), "solar_zenith": 180.0}
+        maps = {name: dr.select(lit, value, nothing.get(name, math.inf)) for name, value in maps.items()}
     return {name: np.array(value, dtype=np.float32).reshape(shape) for name, value in maps.items()}

@@ -107,5 +107,5 @@ def _wings_of_sun_outside(
         return 0.0
     off_axis = np.arctan2(np.hypot(direction[0], direction[1]), direction[2])
     arriving = stray_light.band_irradiance(band, sun.angular_radius_rad) * sun.visible_fraction * share
-    seen = float(optics.pupil_share(lens, np.asarray(off_axis)))
+    seen = float(optics.pupil_share(geometry, lens, np.asarray(off_axis)))
     return arriving * seen * lens_spread.wings_of_point(geometry, lens, band, pixel_pitch_m, *map(float, place))

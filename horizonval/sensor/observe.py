@@ -99,7 +99,7 @@ def _radiance(frame: Frame, camera: CameraSpec, band: str) -> FloatArray:
         )
     made_for = camera_from_spec(CameraSpec.model_validate(frame.truth.camera).camera)
     wanted = camera_from_spec(camera.camera)
-    for key in ("width", "height", "fx", "fy", "cx", "cy", "distortion", "projection"):
+    for key in ("width", "height", "fx", "fy", "cx", "cy", "distortion", "projection", "image_circle_rad"):
         if getattr(wanted, key) != getattr(made_for, key):
             raise UserError(
                 f"the camera's {key} is {getattr(wanted, key)}, the frame was made for {getattr(made_for, key)}",

@@ -9,8 +9,9 @@ For a pinhole ``Omega = cos^3(theta) / (fx fy)``, which makes the cosine-fourth 
 / (4 N^2)``; on the axis that is exact for a lens that obeys Abbe's sine condition, at any f-number. Distortion changes
 Omega, and so is carried by it. (Boyd, *Radiometry and the Detection of Optical Radiation*, 1983, chapter 6.)
 
-The entrance pupil of a fisheye lens turns towards the light and keeps its area A (``pupil = "constant"``): there the
-factor cos(theta) is left out, and an f-theta lens, ``Omega = sin(theta) / (theta fx fy)``, loses 36 % at 90 deg.
+A fisheye's front group tilts and swells the pupil towards the field, else it would not see past 90 deg: its A cos(theta)
+is taken as A (``pupil = "constant"``, its default), and an f-theta lens, ``Omega = sin(theta) / (theta fx fy)``, loses
+36 % at 90 deg. Any other lens has a flat pupil if the camera file does not say.
 Whatever the law leaves out (vignetting by the barrel, pupil aberration) is a factor ``V(theta)`` from the camera file,
 linear between its entries and constant beyond the last.
 
@@ -51,16 +52,17 @@ def pixel_power_w(radiance: FloatArray, etendue_m2_sr: FloatArray, transmission:
     return transmission * radiance * etendue_m2_sr
 
 
-def pupil_share(lens: Optics, off_axis_rad: FloatArray) -> FloatArray:
+def pupil_share(camera: Camera, lens: Optics, off_axis_rad: FloatArray) -> FloatArray:
     """Return what the pupil shows of its area towards a direction, vignetting included: ``cos(theta) V(theta)``."""
+    pupil = lens.pupil or ("constant" if camera.projection == "fisheye" else "flat")
     # Beyond 90 deg off axis a flat pupil is not seen at all.
-    share = np.maximum(np.cos(off_axis_rad), 0.0) if lens.pupil == "flat" else np.ones_like(off_axis_rad)
+    share = np.maximum(np.cos(off_axis_rad), 0.0) if pupil == "flat" else np.ones_like(off_axis_rad)
     if not lens.vignetting:
         return share
     return share * np.interp(np.degrees(off_axis_rad), lens.vignetting_deg, lens.vignetting)
 
 
 def _foreshortened_solid_angle(camera: Camera, lens: Optics) -> FloatArray:
-    seen = pupil_share(lens, off_axis_angle(camera)) * pixel_solid_angle(camera)
+    seen = pupil_share(camera, lens, off_axis_angle(camera)) * pixel_solid_angle(camera)
     # Pixels outside the image circle have no direction.
     return np.where(np.isnan(seen), 0.0, seen)

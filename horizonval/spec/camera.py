@@ -165,5 +165,6 @@ class CameraSpec(Model):
         raise UserError(
             "missing" if name is None else f"found {name!r}",
             where=where,
-            expected=" or ".join(f'"{head.name}"' for head in self.head) + ": the camera file has several heads",
+            expected="the name of one of the camera's heads: " + ", ".join(head.name for head in self.head),
+            fix=f'set camera.head in the scene, or use --head ("{ALL_HEADS}" makes a frame of each)',
         )

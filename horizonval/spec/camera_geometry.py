@@ -77,8 +77,8 @@ class CameraGeometry(Model):
             value = getattr(self, key)
             if value is not None and value > limit_deg:
                 raise ValueError(
-                    f"{key} = {value:g}, but the lens with distortion = {self.distortion} folds back at a full angle of "
-                    f"{limit_deg:.4g} deg; check the coefficients' order and sign"
+                    f"{key} = {value:g}, but the lens with distortion = {self.distortion} folds back at a full angle "
+                    f"of {limit_deg:.4g} deg; check the coefficients' order and sign"
                 )
         return self
 

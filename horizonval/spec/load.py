@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 from horizonval.errors import UserError
 from horizonval.spec.base import Model
-from horizonval.spec.camera import CameraSpec
+from horizonval.spec.camera import ALL_HEADS, CameraSpec
 from horizonval.spec.explain import explain
 from horizonval.spec.files import find
 from horizonval.spec.scene import SceneSpec
@@ -31,7 +31,11 @@ MAX_FILE_BYTES = 64 * 1024 * 1024
 
 @dataclass(frozen=True)
 class Case:
-    """One frame of a suite: everything a render needs, with every default filled in."""
+    """One frame of a suite: everything a render needs, with every default filled in.
+
+    ``name`` is the scene's own, followed by ``.<head>`` where a scene stands for a frame of every head. The scene keeps
+    its name then: the heads look at the same clouds.
+    """
 
     name: str
     scene: SceneSpec
@@ -63,14 +67,63 @@ def load_camera(path_or_name: str | Path, *, beside: Path | None = None, where: 
     return validate(CameraSpec, read_toml(path), str(path))
 
 
-def load_scene(path_or_name: str | Path) -> tuple[SceneSpec, CameraSpec]:
-    """Read a scene file and the camera it names."""
+def load_scene(path_or_name: str | Path, head: str | None = None) -> tuple[SceneSpec, CameraSpec]:
+    """Read a scene file and the camera it names.
+
+    Parameters
+    ----------
+    path_or_name : str or Path
+    head : str, optional
+        In place of the scene's own ``camera.head``.
+
+    Raises
+    ------
+    UserError
+        Among other mistakes, if the camera has several heads and not exactly one is chosen.
+    """
+    path, scene, camera = _read_scene(path_or_name, head)
+    camera.chosen_head(scene.camera.head, where=_head_key(path, head))
+    return scene, camera
+
+
+def load_frames(path_or_name: str | Path, head: str | None = None) -> tuple[Case, ...]:
+    """Read a scene file and return its frames: one, or where ``camera.head`` is ``"all"`` one for every head.
+
+    Parameters and errors as for :func:`load_scene`.
+    """
+    path, scene, camera = _read_scene(path_or_name, head)
+    if scene.camera.head is None:
+        camera.chosen_head(None, where=_head_key(path, head))
+    return _one_per_head(scene, camera, _head_key(path, head))
+
+
+def _read_scene(path_or_name: str | Path, head: str | None) -> tuple[Path, SceneSpec, CameraSpec]:
     path = find("scene", path_or_name)
-    return _resolve_scene(read_toml(path), path, inside="")
+    scene, camera = _resolve_scene(read_toml(path), path, inside="")
+    return path, scene if head is None else _with_head(scene, head), camera
+
+
+def _head_key(path: Path, head: str | None) -> str:
+    return f"{path}: camera.head" if head is None else "--head"
+
+
+def _with_head(scene: SceneSpec, head: str) -> SceneSpec:
+    return scene.model_copy(update={"camera": scene.camera.model_copy(update={"head": head})})
+
+
+def _one_per_head(scene: SceneSpec, camera: CameraSpec, where: str) -> tuple[Case, ...]:
+    """Return one case, or one for each head where the scene asks for all of them or, of several, for none."""
+    name, chosen = scene.scene.name, scene.camera.head
+    if camera.head and chosen in (None, ALL_HEADS):
+        return tuple(Case(f"{name}.{head.name}", _with_head(scene, head.name), camera) for head in camera.head)
+    camera.chosen_head(chosen, where=where)
+    return (Case(name, scene, camera),)
 
 
 def load_suite(path_or_name: str | Path) -> Suite:
     """Read a suite file, lay every frame over the defaults, and load the cameras.
+
+    A frame whose camera has several heads becomes one case for each of them unless it chooses one.
 
     The suite's seed is the default of every frame's ``scene.seed``. Estimators are checked by who runs them: names
     of plug-ins are not known here.
@@ -78,11 +131,15 @@ def load_suite(path_or_name: str | Path) -> Suite:
     path = find("suite", path_or_name)
     spec = validate(SuiteSpec, read_toml(path), str(path))
     seeded = {"scene": {"seed": spec.suite.seed}}
-    cases = []
+    cases: list[Case] = []
     for i, frame in enumerate(spec.frame, start=1):
         merged = deep_merge(deep_merge(seeded, spec.defaults), frame)
-        scene, camera = _resolve_scene(merged, path, inside=f"frame[{i}] ({frame['scene']['name']})")
-        cases.append(Case(scene.scene.name, scene, camera))
+        inside = f"frame[{i}] ({frame['scene']['name']})"
+        scene, camera = _resolve_scene(merged, path, inside=inside)
+        for case in _one_per_head(scene, camera, f"{path}: {inside}: camera.head"):
+            if case.name in (other.name for other in cases):
+                raise UserError(f"two frames are named {case.name!r}", where=f"{path}: {inside}", fix="rename one")
+            cases.append(case)
     return Suite(spec.suite.name, spec.suite.title, tuple(spec.suite.estimators), tuple(cases), str(path))
 
 

@@ -103,7 +103,7 @@ def test_off_stages_leave_no_trace():
     radiance = scene(1e4)
     short = image_plane.pixel_power_w(radiance, CAMERA, Optics(psf_sigma_px=0.7), PITCH)
     written = Optics.model_validate(
-        {"psf_sigma_px": 0.7, "pupil": "flat", "vignetting": [], "diffraction": False, "defocus_um": 0.0, "ghost": []}
+        {"psf_sigma_px": 0.7, "vignetting": [], "diffraction": False, "defocus_um": 0.0, "ghost": []}
     )
     assert image_plane.pixel_power_w(radiance, CAMERA, written, PITCH, BAND).tobytes() == short.tobytes()
     assert written.model_dump() == {"f_number": 2.8, "transmission": 1.0, "psf_sigma_px": 0.7}

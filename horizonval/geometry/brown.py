@@ -1,0 +1,118 @@
+"""Brown-Conrady distortion of normalised image coordinates, and its inverse.
+
+With OpenCV's coefficients ``k1 k2 p1 p2 k3`` and ``r2 = x^2 + y^2``::
+
+    x' = x (1 + k1 r2 + k2 r2^2 + k3 r2^3) + 2 p1 x y + p2 (r2 + 2 x^2)
+    y' = y (1 + k1 r2 + k2 r2^2 + k3 r2^3) + p1 (r2 + 2 y^2) + 2 p2 x y
+
+It is the gradient of a potential, so its Jacobian is symmetric; where that is positive definite the model is one to
+one. Points beyond the largest such disc are refused, never guessed: there the polynomial folds back over the image.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+FloatArray = NDArray[np.float64]
+Coefficients = tuple[float, float, float, float, float]
+
+
+def distort(coefficients: Coefficients, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    k1, k2, p1, p2, k3 = coefficients
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+
+
+def jacobian(coefficients: Coefficients, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return ``dx'/dx``, ``dx'/dy = dy'/dx`` and ``dy'/dy``: Brown-Conrady is a gradient, its Jacobian symmetric."""
+    k1, k2, p1, p2, k3 = coefficients
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2.0 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
+    xx = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
+    xy = slope * x * y + 2 * p1 * x + 2 * p2 * y
+    yy = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
+    return xx, xy, yy
+
+
+@lru_cache(maxsize=256)
+def invertible_radius(coefficients: Coefficients) -> float:
+    """Return the largest ``r`` such that the Jacobian is positive definite on the open disc ``sqrt(x^2 + y^2) < r``.
+
+    A gradient map whose Jacobian is positive definite on a convex set is one to one there (strict convexity of its
+    potential), so this disc can be undistorted without ambiguity. On a ray at angle ``t`` the determinant is a
+    polynomial in ``r``; its first positive zero is found for 720 angles and bettered by golden section around the
+    smallest. Infinite without distortion.
+    """
+    if not any(coefficients):
+        return math.inf
+    k1, k2, p1, p2, k3 = coefficients
+
+    def first_zero(angle: float) -> float:
+        c, s = math.cos(angle), math.sin(angle)
+        xx = np.array(
+            [k3 * (1 + 6 * c * c), 0, k2 * (1 + 4 * c * c), 0, k1 * (1 + 2 * c * c), 2 * p1 * s + 6 * p2 * c, 1]
+        )
+        yy = np.array(
+            [k3 * (1 + 6 * s * s), 0, k2 * (1 + 4 * s * s), 0, k1 * (1 + 2 * s * s), 6 * p1 * s + 2 * p2 * c, 1]
+        )
+        xy = np.array([6 * k3 * c * s, 0, 4 * k2 * c * s, 0, 2 * k1 * c * s, 2 * p1 * c + 2 * p2 * s, 0])
+        roots = np.roots(np.polysub(np.polymul(xx, yy), np.polymul(xy, xy)))
+        real = roots.real[(np.abs(roots.imag) < 1e-6 * np.abs(roots)) & (roots.real > 0)]
+        return float(real.min()) if real.size else math.inf
+
+    step = math.pi / 360
+    angles = step * np.arange(720)
+    radii = [first_zero(float(t)) for t in angles]
+    best = float(angles[int(np.argmin(radii))])
+    smallest = min(radii)
+    if math.isfinite(smallest):
+        found = minimize_scalar(first_zero, bounds=(best - step, best + step), method="bounded")
+        smallest = min(smallest, float(found.fun))
+    # A double zero of the determinant can hide as a slightly complex pair; the margin keeps to the safe side of it.
+    return smallest * (1.0 - 1e-9)
+
+
+def undistort(coefficients: Coefficients, xd: FloatArray, yd: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the undistorted coordinates; NaN where no point of the invertible disc is distorted to ``(xd, yd)``."""
+    if not any(coefficients):
+        return xd, yd
+    limit = invertible_radius(coefficients)
+    k1, k2, _, _, k3 = coefficients
+    rd = np.hypot(xd, yd)
+    # The radial part alone, inverted by a table, is the start: inside the disc and close to the answer.
+    largest = float(rd.max(initial=0.0, where=np.isfinite(rd)))
+    grid = np.linspace(0.0, min(limit, 4.0 * largest + 1.0), 1025)
+    table = np.maximum.accumulate(grid * (1 + grid**2 * (k1 + grid**2 * (k2 + grid**2 * k3))))
+    start = np.interp(rd, table, grid)
+    factor = np.divide(start, rd, out=np.ones_like(rd), where=rd > 0)
+    x, y = xd * factor, yd * factor
+
+    def residual(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        fx, fy = distort(coefficients, x, y)
+        return fx - xd, fy - yd, np.hypot(fx - xd, fy - yd)
+
+    ex, ey, size = residual(x, y)
+    damping = np.ones_like(size)
+    for _ in range(80):
+        xx, xy, yy = jacobian(coefficients, x, y)
+        det = xx * yy - xy * xy
+        with np.errstate(divide="ignore", invalid="ignore"):
+            dx, dy = (yy * ex - xy * ey) / det, (xx * ey - xy * ex) / det
+            nx, ny = x - damping * dx, y - damping * dy
+            nex, ney, new_size = residual(nx, ny)
+            better = (new_size < size) & (np.hypot(nx, ny) <= limit)
+        x, y = np.where(better, nx, x), np.where(better, ny, y)
+        ex, ey, size = np.where(better, nex, ex), np.where(better, ney, ey), np.where(better, new_size, size)
+        damping = np.where(better, np.minimum(1.0, 2 * damping), damping / 2)
+        # Rounding leaves 1e-16; a point that no longer gains below 1e-13 is there, one stuck above it has no inverse.
+        if not np.any((damping > 1e-6) & ((size > 1e-13) | (better & (size > 4e-16)))):
+            break
+    good = (size <= 1e-12 * (1 + rd)) & (np.hypot(x, y) < limit)
+    return np.where(good, x, np.nan), np.where(good, y, np.nan)
