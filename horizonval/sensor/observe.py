@@ -50,19 +50,21 @@ def observe(
         made for another image geometry, or its radiance is negative or not finite.
     """
     spec = _band(camera, band)
-    radiance = _radiance(frame, camera, spec.name)
     geometry = camera_from_spec(camera.camera)
     check_invertible(geometry)
 
     def rng(stage: str) -> np.random.Generator | None:
         return stream(frame.truth.scene_id, camera.camera.name, spec.name, stage, seed) if noise else None
 
+    def radiance(of: Band) -> FloatArray:
+        return _radiance(frame, camera, of.name)
+
     if isinstance(camera.detector, Cmos):
         _require_kind(spec, "solar", camera.detector.kind)
-        dn, settings = cmos.respond(radiance, geometry, camera, camera.detector, spec, rng)
+        dn, settings = cmos.respond(radiance, frame.truth, geometry, camera, camera.detector, spec, rng)
     elif isinstance(camera.detector, Microbolometer):
         _require_kind(spec, "thermal", camera.detector.kind)
-        dn, settings = microbolometer.respond(radiance, geometry, camera, camera.detector, spec, rng)
+        dn, settings = microbolometer.respond(radiance(spec), geometry, camera, camera.detector, spec, rng)
     else:
         raise UserError("the camera has no detector", where="detector", expected="a [detector] table")
     return DetectorImage(

@@ -13,7 +13,6 @@ from horizonval.spec.detector import Detector
 from horizonval.spec.numbers import Angle, Fraction, Positive
 from horizonval.spec.optics import Optics
 
-
 ALL_HEADS = "all"
 """In place of a head's name: every head, one frame each."""
 FOCAL_LENGTH_TOLERANCE = 0.01
