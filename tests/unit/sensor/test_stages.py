@@ -94,7 +94,6 @@ def test_point_spread_leaves_uniform_images_alone_to_the_border():
 def test_one_watt_of_green_light():
     """One joule at 0.5 um is 2.517e18 photons."""
     assert exposure.photoelectrons(np.array(1.0), 1.0, 1.0, 0.5e-6) == pytest.approx(2.5170e18, rel=1e-4)
-    assert exposure.dark_electrons(125.0, 0.2) == 25.0
 
 
 @pytest.mark.parametrize("full_well", [1.0, 13500.0, 1e9])
