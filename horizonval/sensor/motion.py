@@ -16,6 +16,8 @@ image's border, taken as that of the border; the Sun's motion against the local 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
@@ -30,6 +32,8 @@ FloatArray = NDArray[np.float64]
 GM_M3_PER_S2 = 3.986004418e14
 STILL_PX = 0.01
 """Motion below leaves an image as it is: a hundredth of a pixel changes no edge by more than that."""
+FARTHEST_RAD = 0.05
+"""Turn at which the parabola is fitted at most; beyond it goes on as it is."""
 POINTS_PER_PX = 2
 MOST_POINTS = 64
 
@@ -51,7 +55,7 @@ def rate_cam_rad_s(truth: FrameTruth) -> FloatArray:
 def moved(
     image: FloatArray, camera: Camera, rate_cam_rad_s: FloatArray, exposure_s: float, row_time_s: float = 0.0
 ) -> FloatArray:
-    """Return the mean image over the exposure, shape (H, W).
+    """Return the mean image over an exposure, shape (H, W).
 
     Parameters
     ----------
@@ -63,21 +67,37 @@ def moved(
     exposure_s, row_time_s : float
         ``row_time_s`` is 0 for a global shutter.
     """
+    path_px = float(np.linalg.norm(rate_cam_rad_s)) * exposure_s * max(camera.fx, camera.fy)
+    count = min(max(2, math.ceil(POINTS_PER_PX * path_px)), MOST_POINTS)
+    x, weight = np.polynomial.legendre.leggauss(count)
+    return averaged(image, camera, rate_cam_rad_s, 0.5 * exposure_s * x, 0.5 * weight, row_time_s)
+
+
+def averaged(
+    image: FloatArray,
+    camera: Camera,
+    rate_cam_rad_s: FloatArray,
+    time_s: FloatArray,
+    weight: FloatArray,
+    row_time_s: float = 0.0,
+) -> FloatArray:
+    """Return the weighted mean of what is seen at instants, shape (H, W).
+
+    ``time_s``, ``weight``: shape (k,), against the instant of the frame, for the middle row of a rolling shutter.
+    """
     rows = (np.arange(camera.height) - 0.5 * (camera.height - 1)) * row_time_s
-    longest = 0.5 * exposure_s + float(np.abs(rows).max())
+    longest = float(np.abs(time_s).max() + np.abs(rows).max())
     if longest == 0.0 or not np.any(rate_cam_rad_s):
         return image
     place = pixel_grid(camera)
-    ahead, behind = (_seen_at(camera, place, rate_cam_rad_s * t) for t in (longest, -longest))
-    slope, bend = (ahead - behind) / (2 * longest), (ahead + behind - 2 * place) / (2 * longest**2)
-    if float(np.nanmax(np.hypot(*np.moveaxis(slope, -1, 0)))) * 2 * longest < STILL_PX:
+    end = min(longest, FARTHEST_RAD / float(np.linalg.norm(rate_cam_rad_s)))
+    ahead, behind = (_seen_at(camera, place, rate_cam_rad_s * t) for t in (end, -end))
+    slope, bend = (ahead - behind) / (2 * end), (ahead + behind - 2 * place) / (2 * end**2)
+    if float(np.hypot(slope[..., 0], slope[..., 1]).max()) * longest < STILL_PX:
         return image
-    path_px = float(np.nanmax(np.hypot(*np.moveaxis(slope, -1, 0)))) * exposure_s
-    count = min(max(2, int(np.ceil(POINTS_PER_PX * path_px))), MOST_POINTS)
-    x, weight = np.polynomial.legendre.leggauss(count)
     total = np.zeros_like(image)
-    for offset, share in zip(0.5 * exposure_s * x, 0.5 * weight, strict=True):
-        t = (rows + offset)[:, None, None]
+    for instant, share in zip(time_s, weight, strict=True):
+        t = (rows + instant)[:, None, None]
         at = place + t * (slope + t * bend)
         total += share * map_coordinates(image, [at[..., 1], at[..., 0]], order=1, mode="nearest")
     return total

@@ -3,7 +3,7 @@
 The order of the stages is that of the light and the charge::
 
     lens        radiance -> power on the pixel, spread and scattered        (image_plane)
-    detector    cmos: electrons, charge, numbers; microbolometer: temperature, voltage, numbers
+    detector    cmos: electrons, charge, numbers; thermal: warmth, offsets, numbers
 
 Every random stage draws from its own stream (:mod:`horizonval.sensor.streams`); the same frame, camera, band and seed
 give the same bytes.
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from horizonval.errors import UserError
 from horizonval.frame import DetectorImage, Frame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
-from horizonval.sensor import cmos, converter, microbolometer
+from horizonval.sensor import cmos, converter, thermal
 from horizonval.sensor.streams import stream
 from horizonval.spec.camera import Band, CameraSpec
-from horizonval.spec.detector import Cmos, Microbolometer
+from horizonval.spec.detector import Cmos, ThermalDetector
 
 FloatArray = NDArray[np.float64]
 
@@ -62,9 +62,9 @@ def observe(
     if isinstance(camera.detector, Cmos):
         _require_kind(spec, "solar", camera.detector.kind)
         dn, settings = cmos.respond(radiance, frame.truth, geometry, camera, camera.detector, spec, rng)
-    elif isinstance(camera.detector, Microbolometer):
+    elif isinstance(camera.detector, ThermalDetector):
         _require_kind(spec, "thermal", camera.detector.kind)
-        dn, settings = microbolometer.respond(radiance(spec), geometry, camera, camera.detector, spec, rng)
+        dn, settings = thermal.respond(radiance(spec), frame.truth, geometry, camera, camera.detector, spec, rng)
     else:
         raise UserError("the camera has no detector", where="detector", expected="a [detector] table")
     return DetectorImage(

@@ -7,8 +7,8 @@ from typing import Annotated
 from pydantic import Field
 
 from horizonval.spec.cmos import Cmos
-from horizonval.spec.thermal_detector import Microbolometer
+from horizonval.spec.thermal_detector import LinearArray, Microbolometer, ThermalDetector, Thermopile
 
-__all__ = ["Cmos", "Detector", "Microbolometer"]
+__all__ = ["Cmos", "Detector", "LinearArray", "Microbolometer", "ThermalDetector", "Thermopile"]
 
-Detector = Annotated[Cmos | Microbolometer, Field(discriminator="kind")]
+Detector = Annotated[Cmos | Microbolometer | Thermopile | LinearArray, Field(discriminator="kind")]
