@@ -16,6 +16,7 @@ at the border it must start from :func:`horizonval.sensor.scatter.point_source_t
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +103,8 @@ def _wings_of_sun_outside(
 ) -> FloatArray | float:
     """Return the irradiance [W m-2] across the Sun's rays times the share of it that lands on each pixel."""
     share, direction = stray_light.outside_image(geometry, sun)
-    place, has_image = project(geometry, direction)
+    # Beyond the image circle there is no image, but the light is in the lens.
+    place, has_image = project(replace(geometry, image_circle_rad=None), direction)
     if share == 0 or not has_image:
         return 0.0
     off_axis = np.arctan2(np.hypot(direction[0], direction[1]), direction[2])

@@ -9,9 +9,9 @@ For a pinhole ``Omega = cos^3(theta) / (fx fy)``, which makes the cosine-fourth 
 / (4 N^2)``; on the axis that is exact for a lens that obeys Abbe's sine condition, at any f-number. Distortion changes
 Omega, and so is carried by it. (Boyd, *Radiometry and the Detection of Optical Radiation*, 1983, chapter 6.)
 
-A fisheye's front group tilts and swells the pupil towards the field, else it would not see past 90 deg: its A cos(theta)
-is taken as A (``pupil = "constant"``, its default), and an f-theta lens, ``Omega = sin(theta) / (theta fx fy)``, loses
-36 % at 90 deg. Any other lens has a flat pupil if the camera file does not say.
+A fisheye's front group tilts and swells the pupil towards the field, else it would not see past 90 deg: its
+A cos(theta) is taken as A (``pupil = "constant"``, its default), and an f-theta lens, ``Omega = sin(theta) / (theta fx
+fy)``, loses 36 % at 90 deg. Any other lens has a flat pupil if the camera file does not say.
 Whatever the law leaves out (vignetting by the barrel, pupil aberration) is a factor ``V(theta)`` from the camera file,
 linear between its entries and constant beyond the last.
 

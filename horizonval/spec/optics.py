@@ -114,7 +114,7 @@ class Optics(Model):
 
     ``aperture_mm``: diameter of the entrance pupil, only to check ``f_number`` and the focal length against it.
     ``pupil``: how much of the entrance pupil is seen from off the axis, ``flat`` as the cosine, ``constant`` as in
-    fisheye lenses; by default as the projection. ``vignetting``: illumination beyond that law, against the field angle; 1 on the axis.
+    fisheye lenses; by default as the projection. ``vignetting``: illumination beyond that law, against the field angle.
     ``psf_sigma_px``: Gaussian point spread, pixel integration not included; ``psf_field_sigma_px`` in its place where
     it changes with the field angle. ``diffraction``: of the f-number and the band. ``defocus_um``: of the detector
     along the axis.
