@@ -3,8 +3,8 @@
 Fourier transforms leave rounding errors that are even over the image, some 1e-16 of its root of summed squares: with a
 Sun in it that is much against a faint limb. Two ways round it:
 
-* The core of a point spread is narrow and steep. The few pixels above 1000 times the median are taken out and their
-  kernels added one by one, exact relative to themselves; the rest goes through the transform.
+* The core of a point spread is narrow and steep. The few pixels above 1000 times the median of the lit ones are taken
+  out and their kernels added one by one, exact relative to themselves; the rest goes through the transform.
 * The wings are wide and flat, none of their values above a thousandth or so, and the errors of the transform shrink
   with them: 1e-9 of the limb for that Sun.
 
@@ -12,7 +12,8 @@ Both transforms are padded, so that nothing comes round from the opposite border
 transform leaves a value of either sign at the rounding error; those below 0 are set to 0, and a value farther below
 than rounding explains is an error, not clipped. The transforms run on all cores and give the same bytes on any number.
 
-Light that leaves the image over its border is lost. What comes in from outside it nobody knows: see the two functions.
+Light that leaves the image over its border is lost. What comes in from outside nobody knows. It is guessed: for the
+core the border pixel goes on, for the wings the mean of what they see inside. A bright pixel goes on in neither guess.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ Border = Literal["edge", "dark"]
 """What lies outside the image: the same as in the border pixel, or nothing."""
 
 _BRIGHT = 1e3
+_FEW = 0.01
 _MOST_BRIGHT = 4096
 _ROUNDING = 1e-14
 _ALL_CORES = -1
@@ -62,8 +64,8 @@ def spread_core(image: FloatArray, kernel: FloatArray, border: Border = "edge") 
     return out
 
 
-def spread_wings(image: FloatArray, quadrant: FloatArray) -> FloatArray:
-    """Return the image spread with a kernel as large as itself, shape (H, W); outside the image it is dark.
+def spread_wings(image: FloatArray, quadrant: FloatArray, total: float | None = None) -> FloatArray:
+    """Return the image spread with a kernel as large as itself, shape (H, W).
 
     Parameters
     ----------
@@ -71,7 +73,31 @@ def spread_wings(image: FloatArray, quadrant: FloatArray) -> FloatArray:
         Not below 0.
     quadrant : ndarray, shape (H, W)
         The kernel at offsets (0..H - 1, 0..W - 1), not below 0; even in both offsets.
+    total : float, optional
+        The kernel's sum over the whole plane. Where it is given, the scene outside the image is taken to be, for each
+        pixel, the kernel's mean over what is inside (bright pixels excepted): an even image stays even. Left out, the
+        outside is dark.
     """
+    if total is None:
+        return _dark_outside(image, quadrant)
+    limit = _bright_limit(image)
+    rest = np.where(image > limit, 0.0, image)
+    out = _dark_outside(rest, quadrant) * (total / share_inside(quadrant))
+    bright = image - rest
+    return out + _dark_outside(bright, quadrant) if bright.any() else out
+
+
+def share_inside(quadrant: FloatArray) -> FloatArray:
+    """Return the kernel's sum over the image from each of its pixels, shape (H, W); ``quadrant`` as above."""
+    corner = quadrant.copy()
+    corner[0] /= 2
+    corner[:, 0] /= 2
+    part = corner.cumsum(axis=0).cumsum(axis=1)
+    part += part[::-1]
+    return part + part[:, ::-1]
+
+
+def _dark_outside(image: FloatArray, quadrant: FloatArray) -> FloatArray:
     height, width = image.shape
     shape = tuple(fft.next_fast_len(2 * n - 1, real=True) for n in image.shape)
     kernel = np.zeros(shape)
@@ -83,11 +109,15 @@ def spread_wings(image: FloatArray, quadrant: FloatArray) -> FloatArray:
     return out
 
 
-def _bright_pixels(image: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return rows and columns of the pixels far above the median of what is lit; at most the 4096 brightest."""
+def _bright_limit(image: FloatArray) -> float:
+    """Return 1000 times the median of what is lit; 0 where next to nothing is lit."""
     lit = image[image > 0]
-    limit = _BRIGHT * float(np.median(lit)) if lit.size else 0.0
-    rows, columns = np.divmod(np.flatnonzero(image > limit), image.shape[1])
+    return _BRIGHT * float(np.median(lit)) if lit.size > _FEW * image.size else 0.0
+
+
+def _bright_pixels(image: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return rows and columns of the pixels above the limit; at most the 4096 brightest."""
+    rows, columns = np.divmod(np.flatnonzero(image > _bright_limit(image)), image.shape[1])
     brightest = np.argsort(-image[rows, columns], kind="stable")[:_MOST_BRIGHT]
     return rows[brightest], columns[brightest]
 

@@ -7,7 +7,9 @@ there::
     w = (sigma^2 - sigma_a^2) / (sigma_b^2 - sigma_a^2)
 
 The shares of every pixel sum up to 1 and each Gaussian keeps its light, so that none is lost or made. The mixture's
-shape is not Gaussian between the entries: closer entries, better shape.
+shape is not Gaussian between the entries: closer entries, better shape. An even scene gets a dent or a bump of some
+0.6 % where the widening sets in or ends at once (0.6 to 1.5 pixels over 30 deg of a 200-pixel image), as light that
+spreads unevenly does.
 """
 
 from __future__ import annotations

@@ -5,9 +5,9 @@ changes), the share TIS into the scatter wings over the whole image. What diffra
 joins the wings. A lens with nothing but a Gaussian keeps the direct convolution of
 :mod:`horizonval.sensor.point_spread`.
 
-At the border: the core takes the scene to go on as in the border pixel (a Sun excepted), so that no dark frame appears;
-the wings take it to be dark, so that the veil of an Earth that goes on outside is up to half too low near the border,
-by at most TIS of its radiance. The Sun outside is not forgotten (:mod:`horizonval.sensor.stray_light`).
+Outside the image the core takes the scene to go on as in the border pixel and the wings as the mean of what they see
+inside, a Sun excepted, so that an even scene stays even. The second guess is wrong by at most the contrast of the scene
+times the wings' share outside, half of TIS on the border. The Sun outside: :mod:`horizonval.sensor.stray_light`.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def spread(
     band, pixel_pitch_m : optional
         For diffraction and defocus.
     border : {"edge", "dark"}
-        What the core takes to be outside the image; "dark" for the bookkeeping of light.
+        What is taken to be outside the image: "edge" guesses as above, "dark" is for the bookkeeping of light.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def spread(
         part = _core_of(image if share is None else share * image, sigma, lens, band, pixel_pitch_m, border)
         core = part if core is None else core + part
     assert core is not None
-    return _with_wings(core, image, camera, lens, band, pixel_pitch_m)
+    return _with_wings(core, image, camera, lens, band, pixel_pitch_m, border)
 
 
 def lost_share(
@@ -72,7 +72,7 @@ def lost_share(
     for sigma, share in _over_field(camera, lens):
         part = _core_of(ones, sigma, lens, band, pixel_pitch_m, "dark")
         core += part if share is None else share * part
-    return 1 - _with_wings(core, ones, camera, lens, band, pixel_pitch_m)
+    return 1 - _with_wings(core, ones, camera, lens, band, pixel_pitch_m, "dark")
 
 
 def wing_quadrant(camera: Camera, lens: Optics, band: Band | None, pixel_pitch_m: float | None) -> FloatArray | None:
@@ -110,13 +110,30 @@ def wings_of_point(
 
 
 def _with_wings(
-    core: FloatArray, image: FloatArray, camera: Camera, lens: Optics, band: Band | None, pixel_pitch_m: float | None
+    core: FloatArray,
+    image: FloatArray,
+    camera: Camera,
+    lens: Optics,
+    band: Band | None,
+    pixel_pitch_m: float | None,
+    border: Border,
 ) -> FloatArray:
     """Return what the scatter leaves of the core, and the wings of the image."""
+    scattered = 0.0 if lens.scatter is None else lens.scatter.total
     if lens.scatter is not None:
-        core = core * (1 - lens.scatter.total)
+        core = core * (1 - scattered)
     wings = wing_quadrant(camera, lens, band, pixel_pitch_m)
-    return core if wings is None else core + convolution.spread_wings(image, wings)
+    if wings is None:
+        return core
+    if border == "dark":
+        return core + convolution.spread_wings(image, wings)
+    total = scattered
+    if lens.diffraction:
+        _, pitch, chosen, reach = _core(lens, band, pixel_pitch_m)
+        assert chosen is not None
+        spread_px = core_spread.spread_px(chosen, lens.f_number, pitch)
+        total += (1 - scattered) * diffraction.share_outside(reach + 0.5, reach + 0.5, spread_px)
+    return core + convolution.spread_wings(image, wings, total)
 
 
 def _over_field(camera: Camera, lens: Optics) -> list[tuple[float, FloatArray | None]]:

@@ -94,8 +94,17 @@ def test_the_sun_leaves_the_limb_alone_but_for_its_wings(name):
     point = np.zeros((160, 200))
     point[40:43, 60:63] = 1e9
     point[0, 120:123] = 1e9
-    alone = lens_spread.spread(point, CAMERA, lens, BAND, PITCH)
+    alone = lens_spread.spread(point, CAMERA, lens, BAND, PITCH, "dark")
     np.testing.assert_allclose((added(1e9) - dark)[far], alone[far], rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_an_even_scene_stays_even_to_the_corners(name):
+    """What is outside is guessed to be the same: uniform sources calibrate a camera whatever its wings."""
+    even = lens_spread.spread(np.full((160, 200), 3.0), CAMERA, lens_of(name), BAND, PITCH)
+    # Unequal Gaussians: what goes out of a pixel and what comes in differ by half the curvature of the variance.
+    np.testing.assert_allclose(even, 3.0, rtol=8e-3 if name in ("field", "all") else 1e-9)
+    assert even.mean() == pytest.approx(3.0, rel=1e-3)
 
 
 def test_off_stages_leave_no_trace():
