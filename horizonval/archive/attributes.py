@@ -19,11 +19,12 @@ from horizonval.spec.camera import CameraSpec
 from horizonval.spec.detector import Cmos
 
 
-def standard_attributes(truth: FrameTruth, spec: CameraSpec) -> dict[str, Any]:
+def standard_attributes(truth: FrameTruth, spec: CameraSpec, exposure_s: float | None = None) -> dict[str, Any]:
     """Return the standard attributes that can be filled in truthfully.
 
     ``worldToCamera`` maps ITRS metres, as a row vector with a trailing 1, to the format's camera axes (x right, y up,
     z forward): ``p_camera = p_itrs @ M``. As float32 it holds directions to 0.01 arcsec and the position to 0.5 m.
+    ``exposure_s``: of an image whose camera chose it, in place of the camera file's.
     """
     camera = camera_from_spec(spec.camera)
     attributes: dict[str, Any] = {
@@ -48,7 +49,7 @@ def standard_attributes(truth: FrameTruth, spec: CameraSpec) -> dict[str, Any]:
         if camera.projection == "pinhole":
             attributes["pinholeFocalLength"] = camera.fx * pitch_um * 1e-3
     if isinstance(spec.detector, Cmos):
-        attributes["expTime"] = spec.detector.exposure_s
+        attributes["expTime"] = spec.detector.exposure_s if exposure_s is None else exposure_s
     return attributes
 
 

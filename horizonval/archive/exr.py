@@ -95,7 +95,7 @@ def write_image(path: str | os.PathLike[str], image: DetectorImage) -> None:
     }
     own: dict[str, Any] = {"kind": "image", "bands": image.band, "truth": _dumps(image.truth.to_dict())}
     own |= {"observation": _dumps(image.observation), "full_scale": image.full_scale}
-    _write(Path(path), channels, own, image.truth)
+    _write(Path(path), channels, own, image.truth, image.observation.get("exposure_s"))
 
 
 def read_frame(path: str | os.PathLike[str]) -> Frame:
@@ -228,7 +228,9 @@ def _digest(channels: Channels, own: dict[str, Any]) -> str:
     return digest.hexdigest()
 
 
-def _write(path: Path, channels: Channels, own: dict[str, Any], truth: FrameTruth) -> None:
+def _write(
+    path: Path, channels: Channels, own: dict[str, Any], truth: FrameTruth, exposure_s: float | None = None
+) -> None:
     spec = CameraSpec.model_validate(truth.camera)
     expected = (spec.camera.height, spec.camera.width)
     for name, values in channels.items():
@@ -238,7 +240,7 @@ def _write(path: Path, channels: Channels, own: dict[str, Any], truth: FrameTrut
         if not _BAND.fullmatch(band):
             raise ValueError(f"band name {band!r}: letters, digits, _ and - only")
     own = {"schema": FRAME_SCHEMA, **own, "scene_id": truth.scene_id, "epoch_utc": truth.epoch_utc}
-    _write_sealed(path, channels, own, standard_attributes(truth, spec))
+    _write_sealed(path, channels, own, standard_attributes(truth, spec, exposure_s))
 
 
 def _write_sealed(path: Path, channels: Channels, own: dict[str, Any], standard: dict[str, Any]) -> None:

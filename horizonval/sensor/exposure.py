@@ -5,9 +5,8 @@ over ``lambda_ref`` (:mod:`horizonval.earth.bands`), so that the mean count foll
 
     electrons = P t QE_peak lambda_ref / (h c)
 
-Photoelectrons and dark electrons are Poisson distributed, each from its own stream. The silicon is taken as linear up
-to the full well; neglected are differences between pixels (fixed pattern, which flight cameras calibrate), memory of
-the last exposure, and charge that spills over into neighbours.
+Photoelectrons and dark electrons are Poisson distributed, each from its own stream. The dark current doubles every few
+kelvin. The silicon is taken as linear up to the full well; neglected is its memory of the last exposure.
 """
 
 from __future__ import annotations
@@ -26,9 +25,11 @@ def photoelectrons(
     return power_w * (exposure_s * quantum_efficiency * reference_wavelength_m / (constants.h * constants.c))
 
 
-def dark_electrons(dark_current_e_per_s: float, exposure_s: float) -> float:
-    """Return the expected number of dark electrons, at the temperature the dark current is given for."""
-    return dark_current_e_per_s * exposure_s
+def dark_current_ratio(temperature_c: float | None, reference_c: float | None, doubling_k: float) -> float:
+    """Return the dark current at a temperature relative to that at the reference; 1 without temperatures."""
+    if temperature_c is None or reference_c is None:
+        return 1.0
+    return float(2.0 ** ((temperature_c - reference_c) / doubling_k))
 
 
 def count(expected: FloatArray, full_well_e: float, rng: np.random.Generator) -> FloatArray:

@@ -1,30 +1,113 @@
 """The lens: from the radiance of the scene to what falls on the pixels.
 
 Cameras that count photons want the power on each pixel; those that warm up want the radiance that would give the same
-power on the axis. Both go through the same stages, in the order of the light.
+power on the axis. Both go through the same stages, in the order of the light::
+
+    collected    solid angle, pupil, vignetting                                 (optics)
+    ghosts       added                                                          (ghosts)
+    spread       aberration, diffraction, defocus, scatter                      (lens_spread)
+    stray light  of the Sun outside the image: through the baffle's table, or   (stray_light)
+                 through the wings of the lens where no table is given
+
+Without a table the veil goes on as it was when the Sun leaves the image. A table is taken as it is: to join the wings
+at the border it must start from :func:`horizonval.sensor.scatter.point_source_transmittance`.
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.geometry.camera import Camera
-from horizonval.sensor import optics, point_spread
+from horizonval.geometry.camera import Camera, project
+from horizonval.sensor import ghosts, lens_spread, optics, stray_light
+from horizonval.sensor.stray_light import Sun
+from horizonval.spec.camera import Band
 from horizonval.spec.optics import Optics
 
 FloatArray = NDArray[np.float64]
 
 
-def radiance_on_axis(radiance: FloatArray, geometry: Camera, lens: Optics) -> FloatArray:
+def radiance_on_axis(
+    radiance: FloatArray,
+    geometry: Camera,
+    lens: Optics,
+    pixel_pitch_m: float | None = None,
+    band: Band | None = None,
+    sun: Sun | None = None,
+) -> FloatArray:
     """Return the radiance [W m-2 sr-1] that on the axis would give every pixel the power it gets, shape (H, W).
 
-    The transmission is not in it.
+    The transmission is not in it: stray light, whose table has it, is divided by it.
+
+    Parameters
+    ----------
+    radiance : ndarray, shape (H, W)
+        Band radiance of the scene.
+    geometry, lens
+    pixel_pitch_m, band : optional
+        For diffraction and defocus.
+    sun : Sun, optional
+        Where the Sun is; None leaves out its stray light from outside the image. Needs the band.
     """
-    return point_spread.blur(radiance * optics.relative_illumination(geometry), lens.psf_sigma_px)
+    light = radiance * optics.relative_illumination(geometry, lens)
+    on_axis_power = math.pi * lens.transmission / (4 * lens.f_number**2)
+    return _through(light, geometry, lens, pixel_pitch_m, band, sun, geometry.fx * geometry.fy, 1 / on_axis_power)
 
 
-def pixel_power_w(radiance: FloatArray, geometry: Camera, lens: Optics, pixel_pitch_m: float) -> FloatArray:
-    """Return the power on each pixel [W], shape (H, W)."""
-    etendue = optics.etendue(geometry, pixel_pitch_m, lens.f_number)
-    return point_spread.blur(optics.pixel_power_w(radiance, etendue, lens.transmission), lens.psf_sigma_px)
+def pixel_power_w(
+    radiance: FloatArray,
+    geometry: Camera,
+    lens: Optics,
+    pixel_pitch_m: float,
+    band: Band | None = None,
+    sun: Sun | None = None,
+) -> FloatArray:
+    """Return the power on each pixel [W], shape (H, W); parameters as in :func:`radiance_on_axis`."""
+    light = optics.pixel_power_w(radiance, optics.etendue(geometry, pixel_pitch_m, lens), lens.transmission)
+    pupil = lens.transmission * optics.pupil_area_m2(geometry.fx * pixel_pitch_m, lens.f_number)
+    return _through(light, geometry, lens, pixel_pitch_m, band, sun, pupil, pixel_pitch_m**2)
+
+
+def _through(
+    light: FloatArray,
+    geometry: Camera,
+    lens: Optics,
+    pixel_pitch_m: float | None,
+    band: Band | None,
+    sun: Sun | None,
+    per_source_irradiance: float,
+    per_detector_irradiance: float,
+) -> FloatArray:
+    """Return the light after all that follows the collection, in its own unit.
+
+    The last two numbers turn an irradiance across the Sun's rays, gathered by the pupil into one point, and one on the
+    detector into the light's unit.
+    """
+    if lens.ghost:
+        light = light + sum(ghosts.ghost_image(light, geometry, ghost) for ghost in lens.ghost)
+    out = lens_spread.spread(light, geometry, lens, band, pixel_pitch_m)
+    if sun is None or band is None or sun.visible_fraction == 0:
+        return out
+    if lens.stray is not None:
+        return out + stray_light.detector_irradiance(lens.stray, geometry, band, sun) * per_detector_irradiance
+    if lens.scatter is not None or lens.diffraction:
+        return out + _wings_of_sun_outside(geometry, lens, pixel_pitch_m, band, sun) * per_source_irradiance
+    return out
+
+
+def _wings_of_sun_outside(
+    geometry: Camera, lens: Optics, pixel_pitch_m: float | None, band: Band, sun: Sun
+) -> FloatArray | float:
+    """Return the irradiance [W m-2] across the Sun's rays times the share of it that lands on each pixel."""
+    share, direction = stray_light.outside_image(geometry, sun)
+    # Beyond the image circle there is no image, but the light is in the lens.
+    place, has_image = project(replace(geometry, image_circle_rad=None), direction)
+    if share == 0 or not has_image:
+        return 0.0
+    off_axis = np.arctan2(np.hypot(direction[0], direction[1]), direction[2])
+    arriving = stray_light.band_irradiance(band, sun.angular_radius_rad) * sun.visible_fraction * share
+    seen = float(optics.pupil_share(geometry, lens, np.asarray(off_axis)))
+    return arriving * seen * lens_spread.wings_of_point(geometry, lens, band, pixel_pitch_m, *map(float, place))

@@ -3,7 +3,7 @@
 The order of the stages is that of the light and the charge::
 
     lens        radiance -> power on the pixel, spread and scattered        (image_plane)
-    detector    cmos: electrons, charge, numbers; microbolometer: temperature, voltage, numbers
+    detector    cmos: electrons, charge, numbers; thermal: warmth, offsets, numbers
 
 Every random stage draws from its own stream (:mod:`horizonval.sensor.streams`); the same frame, camera, band and seed
 give the same bytes.
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from horizonval.errors import UserError
 from horizonval.frame import DetectorImage, Frame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
-from horizonval.sensor import cmos, converter, microbolometer
+from horizonval.sensor import cmos, converter, thermal
 from horizonval.sensor.streams import stream
 from horizonval.spec.camera import Band, CameraSpec
-from horizonval.spec.detector import Cmos, Microbolometer
+from horizonval.spec.detector import Cmos, ThermalDetector
 
 FloatArray = NDArray[np.float64]
 
@@ -50,19 +50,21 @@ def observe(
         made for another image geometry, or its radiance is negative or not finite.
     """
     spec = _band(camera, band)
-    radiance = _radiance(frame, camera, spec.name)
     geometry = camera_from_spec(camera.camera)
     check_invertible(geometry)
 
     def rng(stage: str) -> np.random.Generator | None:
         return stream(frame.truth.scene_id, camera.camera.name, spec.name, stage, seed) if noise else None
 
+    def radiance(of: Band) -> FloatArray:
+        return _radiance(frame, camera, of.name)
+
     if isinstance(camera.detector, Cmos):
         _require_kind(spec, "solar", camera.detector.kind)
-        dn, settings = cmos.respond(radiance, geometry, camera, camera.detector, spec, rng)
-    elif isinstance(camera.detector, Microbolometer):
+        dn, settings = cmos.respond(radiance, frame.truth, geometry, camera, camera.detector, spec, rng)
+    elif isinstance(camera.detector, ThermalDetector):
         _require_kind(spec, "thermal", camera.detector.kind)
-        dn, settings = microbolometer.respond(radiance, geometry, camera, camera.detector, spec, rng)
+        dn, settings = thermal.respond(radiance(spec), frame.truth, geometry, camera, camera.detector, spec, rng)
     else:
         raise UserError("the camera has no detector", where="detector", expected="a [detector] table")
     return DetectorImage(
@@ -98,7 +100,7 @@ def _radiance(frame: Frame, camera: CameraSpec, band: str) -> FloatArray:
         )
     made_for = camera_from_spec(CameraSpec.model_validate(frame.truth.camera).camera)
     wanted = camera_from_spec(camera.camera)
-    for key in ("width", "height", "fx", "fy", "cx", "cy", "distortion", "projection", "image_circle_rad"):
+    for key in ("width", "height", "fx", "fy", "cx", "cy", "distortion", "projection"):
         if getattr(wanted, key) != getattr(made_for, key):
             raise UserError(
                 f"the camera's {key} is {getattr(wanted, key)}, the frame was made for {getattr(made_for, key)}",

@@ -9,11 +9,13 @@ For a pinhole ``Omega = cos^3(theta) / (fx fy)``, which makes the cosine-fourth 
 / (4 N^2)``; on the axis that is exact for a lens that obeys Abbe's sine condition, at any f-number. Distortion changes
 Omega, and so is carried by it. (Boyd, *Radiometry and the Detection of Optical Radiation*, 1983, chapter 6.)
 
-A fisheye's front group tilts and swells the pupil towards the field, else it would not see past 90 deg: its A
-cos(theta) is taken as that of the axis.
+A fisheye's front group tilts and swells the pupil towards the field, else it would not see past 90 deg: its
+A cos(theta) is taken as A (``pupil = "constant"``, its default), and an f-theta lens, ``Omega = sin(theta) / (theta fx
+fy)``, loses 36 % at 90 deg. Any other lens has a flat pupil if the camera file does not say.
+Whatever the law leaves out (vignetting by the barrel, pupil aberration) is a factor ``V(theta)`` from the camera file,
+linear between its entries and constant beyond the last.
 
-Neglected: vignetting by the lens barrel and pupil aberration, which cameras of this kind show beyond 30 deg off axis
-and calibrate away; the colour of the transmission, which belongs into the band's response; stray light.
+Neglected: the colour of the transmission, which belongs into the band's response.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.geometry.camera import Camera, off_axis_angle, pixel_solid_angle
+from horizonval.spec.optics import Optics
 
 FloatArray = NDArray[np.float64]
 
@@ -33,15 +36,15 @@ def pupil_area_m2(focal_length_m: float, f_number: float) -> float:
     return math.pi / 4 * (focal_length_m / f_number) ** 2
 
 
-def etendue(camera: Camera, pixel_pitch_m: float, f_number: float) -> FloatArray:
-    """Return every pixel's etendue A cos(theta) Omega [m2 sr], shape (H, W)."""
-    area = pupil_area_m2(camera.fx * pixel_pitch_m, f_number)
-    return area * _foreshortened_solid_angle(camera)
+def etendue(camera: Camera, pixel_pitch_m: float, lens: Optics) -> FloatArray:
+    """Return every pixel's etendue ``A cos(theta) Omega V`` [m2 sr], shape (H, W); 0 where the lens gives no light."""
+    area = pupil_area_m2(camera.fx * pixel_pitch_m, lens.f_number)
+    return area * _foreshortened_solid_angle(camera, lens)
 
 
-def relative_illumination(camera: Camera) -> FloatArray:
-    """Return the etendue relative to the axis, shape (H, W): ``cos^4(theta)`` for a pinhole."""
-    return _foreshortened_solid_angle(camera) * camera.fx * camera.fy
+def relative_illumination(camera: Camera, lens: Optics) -> FloatArray:
+    """Return the etendue relative to the axis, shape (H, W): ``cos^4(theta)`` for a pinhole without vignetting."""
+    return _foreshortened_solid_angle(camera, lens) * camera.fx * camera.fy
 
 
 def pixel_power_w(radiance: FloatArray, etendue_m2_sr: FloatArray, transmission: float) -> FloatArray:
@@ -49,8 +52,17 @@ def pixel_power_w(radiance: FloatArray, etendue_m2_sr: FloatArray, transmission:
     return transmission * radiance * etendue_m2_sr
 
 
-def _foreshortened_solid_angle(camera: Camera) -> FloatArray:
-    if camera.projection == "fisheye":
-        return pixel_solid_angle(camera)
+def pupil_share(camera: Camera, lens: Optics, off_axis_rad: FloatArray) -> FloatArray:
+    """Return what the pupil shows of its area towards a direction, vignetting included: ``cos(theta) V(theta)``."""
+    pupil = lens.pupil or ("constant" if camera.projection == "fisheye" else "flat")
     # Beyond 90 deg off axis a flat pupil is not seen at all.
-    return np.maximum(np.cos(off_axis_angle(camera)), 0.0) * pixel_solid_angle(camera)
+    share = np.maximum(np.cos(off_axis_rad), 0.0) if pupil == "flat" else np.ones_like(off_axis_rad)
+    if not lens.vignetting:
+        return share
+    return share * np.interp(np.degrees(off_axis_rad), lens.vignetting_deg, lens.vignetting)
+
+
+def _foreshortened_solid_angle(camera: Camera, lens: Optics) -> FloatArray:
+    seen = pupil_share(camera, lens, off_axis_angle(camera)) * pixel_solid_angle(camera)
+    # Pixels outside the image circle have no direction.
+    return np.where(np.isnan(seen), 0.0, seen)

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from horizonval.errors import UserError
 from horizonval.spec.base import Model
 from horizonval.spec.camera_geometry import CameraGeometry
-from horizonval.spec.detector import Detector, Microbolometer
+from horizonval.spec.detector import Detector, ThermalDetector
 from horizonval.spec.numbers import Angle, Fraction, Positive
 from horizonval.spec.optics import Optics
 
@@ -17,6 +17,8 @@ ALL_HEADS = "all"
 """In place of a head's name: every head, one frame each."""
 FOCAL_LENGTH_TOLERANCE = 0.01
 """Data sheets round focal lengths and fields of view to two digits and a half."""
+F_NUMBER_TOLERANCE = 0.03
+"""F-numbers are named after whole stops: f/5.6 is 5.66."""
 
 
 class PlatformPrior(Model):
@@ -101,7 +103,7 @@ class CameraSpec(Model):
         names = [b.name for b in self.band]
         if len(set(names)) != len(names):
             raise ValueError(f"band names must differ, got {names}")
-        if isinstance(self.detector, Microbolometer) and self.detector.netd_band not in (None, *names):
+        if isinstance(self.detector, ThermalDetector) and self.detector.netd_band not in (None, *names):
             raise ValueError(f"detector.netd_band = {self.detector.netd_band!r} is none of the bands {names}")
         if self.detector is not None and len({b.kind for b in self.band}) > 1:
             kinds = ", ".join(f"{b.name} ({b.kind})" for b in self.band)
@@ -134,6 +136,21 @@ class CameraSpec(Model):
             raise ValueError(
                 f"camera.{key} is a focal length of {stated * pitch_um * 1e-3:.4g} mm with detector.pixel_pitch_um = "
                 f"{pitch_um:g}, but camera.focal_length_mm = {geometry.focal_length_mm:g}; mend one of the three"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _one_aperture(self) -> CameraSpec:
+        aperture = self.optics.aperture_mm
+        focal = self.camera.focal_length_mm
+        if focal is None and self.detector is not None:
+            focal = self.camera.focal_px * self.detector.pixel_pitch_um * 1e-3
+        if aperture is None or focal is None:
+            return self
+        if abs(focal / aperture / self.optics.f_number - 1) > F_NUMBER_TOLERANCE:
+            raise ValueError(
+                f"optics.aperture_mm = {aperture:g} and a focal length of {focal:.4g} mm make "
+                f"f/{focal / aperture:.4g}, but optics.f_number = {self.optics.f_number:g}"
             )
         return self
 

@@ -1,18 +1,174 @@
-"""The ``[optics]`` table of camera files: what the lens does to the light."""
+"""The ``[optics]`` table of camera files: what the lens does to the light.
+
+Every key has a default that switches its stage off, except ``f_number`` and ``transmission``.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from itertools import pairwise
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import NonNegative, Positive
+from horizonval.spec.numbers import Finite, NonNegative, Positive
+
+FieldAngles = list[Annotated[float, Field(ge=0, le=180)]]
+
+
+class Scatter(Model):
+    """Scatter of the whole lens, ``BSDF = b0 (1 + (x / l_rad)^2)^(s / 2)`` [1/sr] with ``x = |beta - beta0|``.
+
+    Either ``b0`` or ``tis``, the share of the light that is scattered, fixes the level.
+    """
+
+    b0: Positive | None = None
+    tis: Annotated[float, Field(gt=0)] | None = None
+    l_rad: Annotated[float, Field(gt=0, le=1)]
+    s: Annotated[float, Field(ge=-4, lt=0)]
+
+    @model_validator(mode="after")
+    def _below_one(self) -> Scatter:
+        if (self.b0 is None) == (self.tis is None):
+            raise ValueError(f"give exactly one of b0 and tis, got b0 = {self.b0} and tis = {self.tis}")
+        total = self.total
+        if total >= 1:
+            if self.tis is not None:
+                raise ValueError(f"tis = {self.tis} must be below 1, the light there is")
+            raise ValueError(
+                f"b0 = {self.b0} with l_rad = {self.l_rad} and s = {self.s} scatters {total:.4g} of the light, "
+                "must be below 1"
+            )
+        return self
+
+    @property
+    def total(self) -> float:
+        """Total integrated scatter, over the unit disc of direction cosines."""
+        if self.tis is not None:
+            return self.tis
+        assert self.b0 is not None
+        return self.b0 * scatter_integral(self.l_rad, self.s, 1.0)
+
+    @property
+    def level(self) -> float:
+        """``b0`` [1/sr], given or from ``tis``."""
+        if self.b0 is not None:
+            return self.b0
+        assert self.tis is not None
+        return self.tis / scatter_integral(self.l_rad, self.s, 1.0)
+
+
+def scatter_integral(l_rad: float, s: float, x: float) -> float:
+    """Return the integral of ``(1 + (x / l)^2)^(s / 2)`` over the disc up to ``x`` in direction cosines."""
+    grown = math.log1p((x / l_rad) ** 2)
+    power = s / 2 + 1
+    return math.pi * l_rad**2 * (grown if power == 0 else math.expm1(power * grown) / power)
+
+
+class Stray(Model):
+    """Point-source transmittance of the camera with its baffle against the angle between the Sun and the boresight.
+
+    Irradiance on the detector over irradiance across the Sun's rays at the aperture; the transmission is in it. Its
+    logarithm is linear in the angle between entries; the first and the last entry hold outside the table, but from
+    ``cutoff_deg`` on the baffle lets nothing through.
+    """
+
+    angle_deg: Annotated[FieldAngles, Field(min_length=1)]
+    pst: Annotated[list[Positive], Field(min_length=1)]
+    cutoff_deg: Annotated[float, Field(gt=0, le=180)] = 180.0
+
+    @model_validator(mode="after")
+    def _table(self) -> Stray:
+        _check_table("angle_deg", self.angle_deg, "pst", self.pst)
+        for angle, pst in zip(self.angle_deg, self.pst, strict=True):
+            if pst > 1:
+                raise ValueError(f"pst = {pst} at angle_deg = {angle} must not be above 1")
+        if self.angle_deg[-1] > self.cutoff_deg:
+            raise ValueError(
+                f"angle_deg ends at {self.angle_deg[-1]}, beyond cutoff_deg = {self.cutoff_deg} where nothing comes in"
+            )
+        return self
+
+
+class Ghost(Model):
+    """One image of the scene by two reflections inside the lens.
+
+    ``ratio``: its light over the scene's. ``scale``: its size and sense about the principal point, -1 is mirrored
+    through it. ``blur_px``: Gaussian standard deviation.
+    """
+
+    ratio: Annotated[float, Field(gt=0, lt=1)]
+    scale: Finite = -1.0
+    blur_px: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _some_size(self) -> Ghost:
+        if not 0.01 <= abs(self.scale) <= 100:
+            raise ValueError(f"scale = {self.scale} must be between 0.01 and 100 in size")
+        return self
 
 
 class Optics(Model):
-    """The lens. ``psf_sigma_px`` is the Gaussian point spread, pixel integration not included."""
+    """The lens.
+
+    ``aperture_mm``: diameter of the entrance pupil, only to check ``f_number`` and the focal length against it.
+    ``pupil``: how much of the entrance pupil is seen from off the axis, ``flat`` as the cosine, ``constant`` as in
+    fisheye lenses; by default as the projection. ``vignetting``: illumination beyond that law, against the field angle.
+    ``psf_sigma_px``: Gaussian point spread, pixel integration not included; ``psf_field_sigma_px`` in its place where
+    it changes with the field angle. ``diffraction``: of the f-number and the band. ``defocus_um``: of the detector
+    along the axis.
+    """
+
+    later_keys: ClassVar[frozenset[str]] = frozenset(
+        {
+            "aperture_mm",
+            "pupil",
+            "vignetting_deg",
+            "vignetting",
+            "psf_field_deg",
+            "psf_field_sigma_px",
+            "diffraction",
+            "defocus_um",
+            "scatter",
+            "stray",
+            "ghost",
+        }
+    )
 
     f_number: Positive = 2.8
     transmission: Annotated[float, Field(gt=0, le=1)] = 1.0
     psf_sigma_px: NonNegative = 0.0
+    aperture_mm: Positive | None = None
+    pupil: Literal["flat", "constant"] | None = None
+    vignetting_deg: FieldAngles = []
+    vignetting: list[Annotated[float, Field(ge=0, le=1)]] = []
+    psf_field_deg: FieldAngles = []
+    psf_field_sigma_px: list[NonNegative] = []
+    diffraction: bool = False
+    defocus_um: Finite = 0.0
+    scatter: Scatter | None = None
+    stray: Stray | None = None
+    ghost: list[Ghost] = []
+
+    @model_validator(mode="after")
+    def _agrees_with_itself(self) -> Optics:
+        _check_table("vignetting_deg", self.vignetting_deg, "vignetting", self.vignetting)
+        _check_table("psf_field_deg", self.psf_field_deg, "psf_field_sigma_px", self.psf_field_sigma_px)
+        if self.psf_field_sigma_px and self.psf_sigma_px:
+            raise ValueError(
+                f"psf_field_sigma_px = {self.psf_field_sigma_px} stands in place of psf_sigma_px = "
+                f"{self.psf_sigma_px}: give one of them"
+            )
+        ghosts = sum(ghost.ratio for ghost in self.ghost)
+        if ghosts >= 1:
+            raise ValueError(f"the ghosts' ratio add up to {ghosts:.4g}, must be below 1")
+        return self
+
+
+def _check_table(x_name: str, x: list[float], y_name: str, y: list[float]) -> None:
+    if len(x) != len(y):
+        raise ValueError(f"{x_name} has {len(x)} values, {y_name} has {len(y)}: must be equal")
+    for before, after in pairwise(x):
+        if after <= before:
+            raise ValueError(f"{x_name} must rise, got {before} before {after}")

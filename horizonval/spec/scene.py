@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, field_validator, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import Angle, Fraction, Positive
+from horizonval.spec.numbers import Angle, Finite, Fraction, Positive
 
 
 class SceneName(Model):
@@ -53,11 +53,19 @@ class Platform(Model):
 
 
 class Attitude(Model):
-    """Body against lvlh (x to the velocity, z to the geocentric nadir): yaw about z, pitch about y, roll about x."""
+    """Body against lvlh (x to the velocity, z to the geocentric nadir): yaw about z, pitch about y, roll about x.
+
+    ``rate_deg_s``: the body's angular velocity against lvlh, in body axes, which blurs exposures and slants rolling
+    shutters. ``hold = "inertial"`` adds the orbital rate: a body that is fixed among the stars.
+    """
+
+    later_keys: ClassVar[frozenset[str]] = frozenset({"rate_deg_s", "hold"})
 
     yaw_deg: Angle = 0.0
     pitch_deg: Angle = 0.0
     roll_deg: Angle = 0.0
+    rate_deg_s: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    hold: Literal["lvlh", "inertial"] = "lvlh"
 
 
 class Earth(Model):

@@ -78,10 +78,11 @@ def test_without_noise_the_image_is_the_expected_signal(seen):
 
 
 def test_signal_is_proportional_to_exposure_and_inverse_to_f_number_squared(seen):
-    base = seen(radiance=10.0, noise=False, detector__bits=16) - 32
-    longer = seen(radiance=10.0, noise=False, detector__bits=16, detector__exposure_s=4e-4) - 32
-    slower = seen(radiance=10.0, noise=False, detector__bits=16, optics__f_number=8.0) - 32
-    darker = seen(radiance=10.0, noise=False, detector__bits=16, optics__transmission=0.4) - 32
+    fine = {"radiance": 10.0, "noise": False, "detector__bits": 16, "detector__gain_e_per_dn": 13500 / 65503}
+    base = seen(**fine) - 32
+    longer = seen(**fine, detector__exposure_s=4e-4) - 32
+    slower = seen(**fine, optics__f_number=8.0) - 32
+    darker = seen(**fine, optics__transmission=0.4) - 32
     # At least 6600 dn, each rounded to half a dn.
     np.testing.assert_allclose(longer, 2 * base, atol=2)
     np.testing.assert_allclose(slower, base / 4, atol=2)

@@ -1,0 +1,365 @@
+"""The stages of visible arrays, each against its formula, switched on and off."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from horizonval.geometry.camera import Camera, camera_from_spec, project, unproject
+from horizonval.sensor import auto_exposure, bayer, charge, exposure, fixed_pattern, motion, protons
+from horizonval.sensor.observe import observe
+from horizonval.sensor.streams import stream
+from horizonval.spec.camera import CameraSpec
+from horizonval.spec.cmos import AutoExposure
+
+BENCH: dict[str, Any] = {
+    "camera": {"name": "bench", "width": 128, "height": 96, "fov_deg": 0.1},
+    "optics": {"f_number": 4.0, "transmission": 0.8},
+    "band": [{"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6}],
+    "detector": {
+        "kind": "cmos",
+        "pixel_pitch_um": 5.5,
+        "exposure_s": 1e-3,
+        "quantum_efficiency": 0.6,
+        "full_well_e": 60000,
+        "read_noise_e": 2,
+        "bits": 14,
+        "black_level_dn": 100,
+        "gain_e_per_dn": 4.0,
+    },
+}
+
+
+def bench(**detector: Any) -> dict[str, Any]:
+    """Return the bench camera with other detector keys; None leaves a key out."""
+    keys = {k: v for k, v in (BENCH["detector"] | detector).items() if v is not None}
+    return BENCH | {"detector": keys}
+
+
+@pytest.fixture
+def shoot(make_frame):
+    """Observe a scene with the bench camera; return electrons as the numbers stand for them."""
+
+    def run(radiance: Any, *, seed: int = 0, noise: bool = True, truth: Any = None, **detector: Any) -> np.ndarray:
+        tables = bench(**detector)
+        frame = make_frame(radiance, tables, **(truth or {}))
+        spec = CameraSpec.model_validate(tables)
+        assert spec.detector is not None
+        image = observe(frame, spec, seed=seed, noise=noise)
+        gain = image.observation["gain_e_per_dn"]
+        return (image.dn.astype(float) - tables["detector"]["black_level_dn"]) * gain
+
+    return run
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"temperature_c": -10.0},
+        {"temperature_c": -300.0, "dark_reference_c": 20.0},
+        {"row_time_s": 1e-5},
+        {"shutter": "rolling"},
+        {"bits": 16, "gain_e_per_dn": None, "full_well_e": 13500},
+        {"gain_e_per_dn": 500.0},
+        {"read_noise_e": -1.0},
+        {"bayer": "RGBG"},
+        {"auto_exposure": {"min_s": 1.0, "max_s": 0.1}},
+    ],
+)
+def test_contradictions_are_refused(keys):
+    with pytest.raises(ValidationError, match="|".join(keys)):
+        CameraSpec.model_validate(bench(**keys))
+
+
+def test_bits_and_full_well_are_both_named():
+    with pytest.raises(ValidationError, match=r"bits = 16 .* full_well_e = 13500"):
+        CameraSpec.model_validate(bench(bits=16, gain_e_per_dn=None, full_well_e=13500))
+
+
+def test_keys_left_alone_leave_no_trace():
+    """Archives rest on it: a file without the later keys is the same plain data as before there were any."""
+    detector = CameraSpec.model_validate(BENCH).model_dump(mode="json")["detector"]
+    assert set(detector) == set(BENCH["detector"]) | {"dark_current_e_per_s"}
+
+
+def test_dark_current_doubles(shoot):
+    """8 deg C warmer: twice the dark electrons. Mean of 12 288 pixels of 500 e-: 0.2 e- standard error."""
+    settings = {"dark_current_e_per_s": 5e5, "dark_reference_c": 20.0}
+    cold = shoot(0.0, temperature_c=12.0, **settings).mean()
+    same = shoot(0.0, temperature_c=20.0, **settings).mean()
+    warm = shoot(0.0, temperature_c=28.0, **settings).mean()
+    np.testing.assert_allclose([cold, same, warm], [250, 500, 1000], atol=1.5)
+    assert exposure.dark_current_ratio(-40.0, 20.0, 8.0) == pytest.approx(2**-7.5)
+
+
+def test_response_differs_from_pixel_to_pixel_and_stays(shoot):
+    """Variance of a bright image: shot noise and (prnu signal)^2; the pattern is the same in every frame."""
+    settings = {"prnu": 0.02, "full_well_e": 60000}
+    frames = [shoot(20.0, seed=s, **settings) for s in (1, 2)]
+    plain = shoot(20.0, seed=1)
+    mean = plain.mean()
+    assert mean > 5000
+    pattern = np.cov(frames[0].ravel(), frames[1].ravel())[0, 1]
+    # 12 288 pixels: 1.3 % standard error of a variance, times five; the frames share nothing but the pattern.
+    assert pattern == pytest.approx((0.02 * mean) ** 2, rel=0.065)
+    assert frames[0].var() == pytest.approx(mean + 2**2 + 16 / 12 + (0.02 * mean) ** 2, rel=0.065)
+    other = shoot(20.0, seed=2, serial=1, **settings)
+    assert abs(np.corrcoef(frames[0].ravel(), other.ravel())[0, 1]) < 0.05
+
+
+def test_offsets_differ_in_the_dark(shoot):
+    dark = np.mean([shoot(0.0, seed=s, dsnu_e=20.0, black_level_dn=200.0) for s in range(8)], axis=0)
+    # left of the temporal noise: (2^2 + 16/12) / 8 = 0.7; 1.3 % x 5
+    assert dark.var() == pytest.approx(20.0**2 + 0.7, rel=0.065)
+
+
+def test_hot_pixels(shoot):
+    """Their share and their mean; without noise there are none."""
+    keys = {"hot_pixel_fraction": 0.02, "hot_pixel_e_per_s": 2e6, "dark_current_e_per_s": 0.0}
+    image = shoot(0.0, **keys)
+    current = fixed_pattern.hot_dark_current("bench", 0, (96, 128), 0.02, 2e6)
+    hot = current > 0
+    assert hot.mean() == pytest.approx(0.02, abs=0.0064)  # 5 standard errors of 12 288 draws
+    # one in e^5 is below 10 e-
+    np.testing.assert_allclose(image[hot].mean(), (current[hot] * 1e-3).mean(), rtol=0.02)
+    assert np.abs(image[~hot]).max() < 20
+    assert shoot(0.0, noise=False, **keys).max() == 0.0
+
+
+def test_smear_of_a_frame_transfer():
+    rate = np.zeros((60, 5))
+    rate[10, 2] = 1e6
+    smeared = charge.smear_e(rate, 1e-6)
+    expected = np.zeros((60, 5))
+    expected[:, 2] = 1.0
+    expected[10, 2] = 0.0
+    np.testing.assert_allclose(smeared, expected, atol=1e-12)
+
+
+def test_smear_in_an_image(shoot):
+    """A bright spot leaves its row time over exposure in every pixel of its column, nothing beside it."""
+    scene = np.zeros((96, 128))
+    scene[20:24, 50] = 100.0
+    keys = {"noise": False, "full_well_e": 1e6, "gain_e_per_dn": 61.0}
+    sharp = shoot(scene, **keys)
+    smeared = shoot(scene, shutter="frame_transfer", row_time_s=1e-5, **keys)
+    bright = sharp[21, 50]
+    assert bright > 20_000
+    # 4 rows times row time over exposure; each number is rounded to 61 e-
+    assert smeared[80, 50] == pytest.approx(4 * bright * 1e-2, abs=65)
+    assert smeared[:, 49].max() == sharp[:, 49].max() == 0.0
+
+
+def test_blooming_keeps_charge_and_runs_along_the_column():
+    electrons = np.zeros((201, 3))
+    electrons[100, 1] = 10_500.0
+    held = charge.bloom(electrons, 1000.0)
+    assert held.sum() == pytest.approx(10_500.0, rel=1e-12)
+    np.testing.assert_array_equal(np.flatnonzero(held[:, 1] >= 1000.0), np.arange(96, 105))
+    assert held[95, 1] == held[105, 1] == pytest.approx(750.0)
+    assert not held[:, [0, 2]].any()
+
+
+def test_blooming_at_the_edge_loses_charge():
+    electrons = np.zeros((50, 2))
+    electrons[0, 0] = 1e5
+    held = charge.bloom(electrons, 1000.0)
+    # the upper half of the excess leaves the array, the lower half fills 49 rows and leaves too
+    assert held[:, 0].tolist() == [1000.0] * 50
+    assert held.max() <= 1000.0
+
+
+def test_overfull_neighbours_share_the_room():
+    rng = np.random.default_rng(3)
+    electrons = rng.uniform(0, 3000, (300, 7))
+    held = charge.bloom(electrons, 2000.0)
+    assert held.max() <= 2000.0
+    assert held.sum() <= electrons.sum() * (1 + 1e-12)
+    assert held.sum() > electrons.sum() * 0.98  # only what leaves at the ends is lost
+
+
+def test_automatic_exposure():
+    rule = AutoExposure(target=0.5, percentile=90.0, min_s=1e-4, max_s=1e-1)
+    rate = np.concatenate([np.full(95, 1e6), np.full(5, 1e12)])
+    assert auto_exposure.exposure_s(rate, 10_000.0, rule) == pytest.approx(5e-3)
+    assert auto_exposure.exposure_s(rate * 1e6, 10_000.0, rule) == 1e-4
+    assert auto_exposure.exposure_s(rate * 0.0, 10_000.0, rule) == 1e-1
+
+
+def test_a_camera_with_automatic_exposure_says_what_it_chose(make_frame):
+    tables = bench(auto_exposure={"target": 0.5, "percentile": 50.0, "min_s": 1e-6, "max_s": 1.0})
+    spec = CameraSpec.model_validate(tables)
+    for radiance in (0.5, 50.0):
+        image = observe(make_frame(radiance, tables), spec)
+        assert image.dn.mean() == pytest.approx(100 + 0.5 * 60000 / 4, rel=0.002)
+        assert image.observation["exposure_s"] * radiance == pytest.approx(
+            observe(make_frame(1.0, tables), spec).observation["exposure_s"], rel=1e-9
+        )
+
+
+def test_mosaic_pixels_are_where_the_pattern_says():
+    for pattern in ("RGGB", "BGGR", "GRBG", "GBRG"):
+        for colour, share in (("R", 0.25), ("G", 0.5), ("B", 0.25)):
+            seen = bayer.mask(pattern, colour, (6, 8))
+            assert seen.mean() == share
+            for row, column in np.argwhere(seen):
+                assert pattern[2 * (row % 2) + column % 2] == colour
+
+
+def test_interpolated_colours_are_exact_for_planes():
+    """A linear image comes back exactly inside; a band's own pixels stay as they are."""
+    y, x = np.mgrid[0:20, 0:30].astype(float)
+    planes = {"R": 3 + x + 2 * y, "G": 100 - x, "B": 50 + 0.5 * y}
+    raw = bayer.mosaic(planes, "RGGB")
+    for colour, plane in planes.items():
+        found = bayer.plane(raw, "RGGB", colour)
+        np.testing.assert_allclose(found[1:-1, 1:-1], plane[1:-1, 1:-1], rtol=1e-12)
+        own = bayer.mask("RGGB", colour, (20, 30))
+        np.testing.assert_array_equal(found[own], plane[own])
+
+
+def test_a_colour_camera_observes_each_band(make_frame):
+    tables = bench(bayer="RGGB", read_noise_e=0.0) | {
+        "band": [
+            {"name": "red", "kind": "solar", "lo_um": 0.6, "hi_um": 0.7},
+            {"name": "green", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6},
+            {"name": "blue", "kind": "solar", "lo_um": 0.4, "hi_um": 0.5},
+        ]
+    }
+    spec = CameraSpec.model_validate(tables)
+    frame = make_frame({"red": 10.0, "green": 20.0, "blue": 5.0}, tables)
+    means = {b: observe(frame, spec, band=b, noise=False).dn.mean() - 100 for b in ("red", "green", "blue")}
+    # electrons go with radiance times wavelength; numbers are rounded to whole ones
+    assert means["red"] / means["green"] == pytest.approx(10 * 0.65 / (20 * 0.55), abs=2e-3)
+    assert means["blue"] / means["green"] == pytest.approx(5 * 0.45 / (20 * 0.55), abs=2e-3)
+
+
+def test_a_mosaic_wants_three_colours(make_frame):
+    tables = bench(bayer="RGGB")
+    with pytest.raises(Exception, match="three bands whose names begin with r, g and b"):
+        observe(make_frame(1.0, tables), CameraSpec.model_validate(tables))
+
+
+WIDE = Camera(width=160, height=120, fx=200.0, fy=200.0, cx=79.5, cy=59.5)
+
+
+def spot(place: np.ndarray) -> np.ndarray:
+    """Return a smooth spot of 4 px, centred on a pixel position (column, row)."""
+    y, x = np.mgrid[0 : WIDE.height, 0 : WIDE.width].astype(float)
+    return np.exp(-0.5 * ((x - place[0]) ** 2 + (y - place[1]) ** 2) / 16.0)
+
+
+def centroid(image: np.ndarray) -> np.ndarray:
+    y, x = np.mgrid[0 : image.shape[0], 0 : image.shape[1]].astype(float)
+    return np.array([(image * x).sum(), (image * y).sum()]) / image.sum()
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_motion_blur_has_the_length_and_direction_of_the_turn(axis):
+    """A camera turning by 3 deg about an axis: variance of the spot grows by path^2 / 12 along its path."""
+    place = np.array([100.0, 40.0])
+    rate = np.zeros(3)
+    rate[axis] = math.radians(3.0)
+    image = spot(place)
+    blurred = motion.moved(image, WIDE, rate, exposure_s=1.0)
+    # where the spot is seen at both ends of the exposure: the scene turns against the camera
+    direction = unproject(WIDE, place)
+    ends = [
+        project(WIDE, direction - np.cross(rate * t, direction))[0] for t in (-0.5, 0.5)
+    ]  # first order in 1.5 deg: a 30th of a pixel
+    path = ends[1] - ends[0]
+    assert blurred.sum() == pytest.approx(image.sum(), rel=2e-3)
+    np.testing.assert_allclose(centroid(blurred), place, atol=0.1)
+    y, x = np.mgrid[0 : WIDE.height, 0 : WIDE.width].astype(float)
+    along = path / np.linalg.norm(path)
+    s = (x - place[0]) * along[0] + (y - place[1]) * along[1]
+    spread = (blurred * s**2).sum() / blurred.sum()
+    # bilinear sampling adds up to a sixth of a square pixel
+    assert spread == pytest.approx(16.0 + (path @ path) / 12.0, abs=0.35)
+
+
+def test_the_scene_moves_against_the_camera():
+    """Turning right (about y, which points down) moves the scene to the left; the instant is the middle row's."""
+    rate = np.array([0.0, math.radians(0.5), 0.0])
+    early, late = np.array([80.0, 9.5]), np.array([80.0, 109.5])
+    shifts = [
+        centroid(motion.moved(spot(p), WIDE, rate, exposure_s=1e-4, row_time_s=0.01))[0] - p[0] for p in (early, late)
+    ]
+    # 50 rows of 10 ms at 0.5 deg/s and 200 px per radian on the axis
+    expected = 200.0 * math.radians(0.5) * 0.5
+    np.testing.assert_allclose(shifts, [expected, -expected], rtol=0.02)
+
+
+def test_a_camera_at_rest_is_left_alone(make_truth):
+    image = spot(np.array([50.0, 50.0]))
+    assert motion.moved(image, WIDE, np.zeros(3), 1.0, 1e-3) is image
+    truth = make_truth()
+    assert not motion.rate_cam_rad_s(truth).any()
+
+
+def test_a_body_held_inertially_turns_at_the_orbital_rate(make_truth):
+    """500 km above 6371 km: a turn in 94.47 minutes, 2 pi sqrt(r^3 / GM), about lvlh's y axis, pitch up."""
+    scene = {"attitude": {"hold": "inertial"}}
+    rate = motion.rate_cam_rad_s(make_truth(scene=scene))
+    assert 2 * math.pi / np.linalg.norm(rate) / 60 == pytest.approx(94.47, abs=0.01)
+    truth = make_truth(scene=scene, q_body_from_lvlh=(0.0, 0.0, 0.0, 1.0))
+    np.testing.assert_allclose(motion.rate_cam_rad_s(truth)[[0, 2]], 0.0, atol=1e-15)
+    assert motion.rate_cam_rad_s(truth)[1] > 0
+
+
+def test_turning_cameras_blur_images(shoot):
+    scene = np.zeros((96, 128))
+    scene[:, 64:] = 20.0
+    still = shoot(scene, noise=False)
+    turning = shoot(scene, noise=False, truth={"scene": {"attitude": {"rate_deg_s": [0.0, 5.0, 0.0]}}})
+    edge = np.flatnonzero((turning[48] > 100) & (turning[48] < turning[48].max() - 100))
+    # 5 deg/s for 1 ms at 1280 px per degree: 6.4 px
+    assert 5 <= len(edge) <= 8
+    assert np.abs(turning[48] - still[48]).max() > 1000
+
+
+def test_protons_where_the_anomaly_is():
+    assert protons.anomaly(-26.0, -49.0) == 1.0
+    assert protons.anomaly(-26.0, -49.0 + 360.0) == 1.0
+    assert protons.anomaly(50.0, 10.0) < 1e-6
+    assert protons.anomaly(-26.0, -25.0) == pytest.approx(math.exp(-0.5))
+
+
+def test_streaks_carry_the_charge_of_their_length():
+    """Mean charge per hit: depth x charge x mean of 1/cos over the flux through a plane, which is 2."""
+    rng = stream("s", "c", "b", "protons", 0)
+    electrons = protons.streaks_e(20_000.0, (2000, 2000), 5.0, 5.0, 400.0, rng)
+    # 1/cos has a logarithmically divergent variance: 1 % needs some 1e4 hits; the cut at 400 px and the border take 1 %
+    assert electrons.sum() / 20_000.0 == pytest.approx(2 * 5.0 * 400.0, rel=0.06)
+    assert protons.mean_hits(1000.0, (1000, 1000), 5.0, 2.0) == pytest.approx(0.5 * 1000 * 0.25 * 2)
+
+
+def test_protons_over_the_anomaly_only(shoot):
+    keys = {"radiation": {"flux_per_cm2_s": 1e6}, "exposure_s": 1e-2, "read_noise_e": 0.0}
+    r = 6871008.8
+    lat, lon = math.radians(-26), math.radians(-49)
+    inside = {"r_itrs": (r * math.cos(lat) * math.cos(lon), r * math.cos(lat) * math.sin(lon), r * math.sin(lat))}
+    hit = shoot(0.0, truth=inside, **keys)
+    clear = shoot(0.0, **keys)
+    assert (hit > 100).sum() > 10
+    assert clear.max() <= 4.0
+    assert shoot(0.0, truth=inside, noise=False, **keys).max() <= 4.0
+
+
+def test_every_stage_has_its_own_numbers(shoot):
+    """Switching one on does not change what another draws."""
+    plain = shoot(20.0, seed=3)
+    with_offsets = shoot(20.0, seed=3, dsnu_e=20.0)
+    offset = fixed_pattern.dark_offset_e("bench", 0, (96, 128), 20.0)
+    np.testing.assert_allclose(with_offsets - plain, offset, atol=4.0)  # one number of the converter
+
+
+def test_geometry_of_the_bench_is_narrow():
+    """What the tests above rest on: every pixel is on the axis."""
+    camera = camera_from_spec(CameraSpec.model_validate(BENCH).camera)
+    corner = unproject(camera, np.array([0.0, 0.0]))
+    assert corner[2] / np.linalg.norm(corner) > 1 - 1e-6

@@ -1,0 +1,105 @@
+"""The convolution engine against a convolution done pixel by pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import convolve2d
+
+from horizonval.sensor import convolution
+
+RNG = np.random.default_rng(5)
+
+
+def even_kernel(rows: int, columns: int) -> np.ndarray:
+    """Return a kernel over all offsets, shape (2 rows - 1, 2 columns - 1), falling from its centre."""
+    y, x = np.mgrid[:rows, :columns]
+    quadrant = 1e-3 / (1 + np.hypot(x, 1.3 * y)) ** 2
+    right = np.concatenate([quadrant[:, :0:-1], quadrant], axis=1)
+    return np.concatenate([right[:0:-1], right])
+
+
+def with_sun(shape: tuple[int, int], sun: float = 1e9) -> np.ndarray:
+    """Return a scene of the usual sort: space at 0, Earth about 1, the Sun at the border and inside."""
+    image = np.zeros(shape)
+    image[shape[0] // 2 :] = 1 + RNG.random((shape[0] - shape[0] // 2, shape[1]))
+    image[0, 3:6] = sun
+    image[4:7, 11:14] = sun
+    return image
+
+
+def test_core_beside_the_sun():
+    image = with_sun((40, 53))
+    core = np.outer(*[np.exp(-(np.arange(-6, 7) ** 2) / 3.0)] * 2)
+    core /= core.sum()
+    exact = convolve2d(image, core, mode="same")
+    found = convolution.spread_core(image, core, "dark")
+    # 1e-12 of every pixel's own value: the Sun leaves no ripple.
+    np.testing.assert_allclose(found, exact, rtol=1e-12, atol=1e-14)
+    far = convolve2d(image > 1e8, np.ones((13, 13)), mode="same") == 0
+    assert found[far].max() < 2.1
+    assert found.min() >= 0
+
+
+def test_core_keeps_even_images_even_to_the_border():
+    core = np.full((9, 9), 1 / 81)
+    np.testing.assert_allclose(convolution.spread_core(np.full((20, 31), 3.3), core), 3.3, rtol=1e-13)
+    dark = convolution.spread_core(np.full((20, 31), 3.3), core, "dark")
+    assert dark[0, 0] == pytest.approx(3.3 * 25 / 81)
+
+
+def test_a_sun_at_the_border_is_not_repeated_outside():
+    image = np.full((30, 30), 1.0)
+    image[0, 10] = 1e9
+    spread = convolution.spread_core(image, np.full((5, 5), 1 / 25))
+    assert spread[0, 10] == pytest.approx(1e9 / 25, rel=1e-6)
+
+
+def test_kernel_larger_than_the_image():
+    image = RNG.random((7, 5))
+    core = np.full((21, 21), 1 / 441)
+    np.testing.assert_allclose(convolution.spread_core(image, core, "dark"), image.sum() / 441, rtol=1e-12)
+
+
+def test_wings_against_a_direct_sum():
+    image = with_sun((40, 53))
+    kernel = even_kernel(40, 53)
+    exact = convolve2d(image, kernel, mode="full")[39 : 39 + 40, 52 : 52 + 53]
+    found = convolution.spread_wings(image, kernel[39:, 52:])
+    # The Sun's 12 pixels with a kernel of norm 2e-3: rounding leaves 1e-9; on the faintest pixel that is 1e-15.
+    np.testing.assert_allclose(found, exact, rtol=1e-11)
+
+
+def test_nothing_comes_round_from_the_opposite_border():
+    """A narrow kernel and a Sun in the corner: the other corners stay at the rounding error."""
+    quadrant = np.zeros((64, 64))
+    quadrant[:4, :4] = 1e-3
+    image = np.zeros((64, 64))
+    image[0, 0] = 1e9
+    found = convolution.spread_wings(image, quadrant)
+    assert found[:4, :4].sum() == pytest.approx(16e6, rel=1e-12)
+    found[:4, :4] = 0
+    assert found.min() >= 0
+    assert found.max() < 1e-7
+
+
+def test_same_bytes_on_any_number_of_cores(monkeypatch):
+    image = with_sun((211, 307))
+    kernel = even_kernel(211, 307)[210:, 306:]
+    core = np.full((17, 17), 1 / 289)
+    results = set()
+    for cores in (1, 2, 3, 8):
+        monkeypatch.setattr(convolution, "_ALL_CORES", cores)
+        results.add(convolution.spread_wings(image, kernel).tobytes() + convolution.spread_core(image, core).tobytes())
+    assert len(results) == 1
+
+
+def test_values_that_rounding_cannot_explain_are_refused():
+    with pytest.raises(ArithmeticError, match="rounding explains"):
+        convolution.spread_wings(np.ones((8, 8)), np.full((8, 8), -1.0))
+
+
+def test_dark_images_stay_dark():
+    dark = np.zeros((16, 16))
+    assert not convolution.spread_wings(dark, np.ones((16, 16))).any()
+    assert not convolution.spread_core(dark, np.full((3, 3), 1 / 9)).any()

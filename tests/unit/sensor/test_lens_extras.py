@@ -1,0 +1,103 @@
+"""Vignetting, pupil, spread over the field and ghosts, each against its formula."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from horizonval.geometry.camera import Camera, off_axis_angle
+from horizonval.sensor import field_spread, ghosts, lens_spread, optics
+from horizonval.spec.optics import Ghost, Optics
+
+CAMERA = Camera(width=81, height=61, fx=60.0, fy=60.0, cx=40.0, cy=30.0)
+RNG = np.random.default_rng(3)
+
+
+def test_vignetting_multiplies_the_cosine_law():
+    lens = Optics(vignetting_deg=[10, 30], vignetting=[1.0, 0.6])
+    share = optics.relative_illumination(CAMERA, lens) / optics.relative_illumination(CAMERA, Optics())
+    angle = np.degrees(off_axis_angle(CAMERA))
+    assert share[30, 40] == share[30, 45] == 1
+    row, column = 30, 40 + round(60 * math.tan(math.radians(20)))
+    assert share[row, column] == pytest.approx(1 - 0.4 * (angle[row, column] - 10) / 20, rel=1e-12)
+    assert share[0, 0] == pytest.approx(0.6)
+
+
+def test_a_constant_pupil_leaves_the_cosine_out():
+    """180 deg of an equal-angle lens: what is left is its solid angle, with a flat pupil nothing at the border."""
+    camera = Camera(width=201, height=201, fx=63.67, fy=63.67, cx=100.0, cy=100.0, projection="equal_angle")
+    # Along the middle row the equal-angle grid has a solid angle without change; along a column it is the cosine.
+    constant = optics.relative_illumination(camera, Optics(pupil="constant"))
+    flat = optics.relative_illumination(camera, Optics())
+    np.testing.assert_allclose(constant[100], 1.0, rtol=1e-12)
+    angle = (np.arange(201) - 100) / 63.67
+    np.testing.assert_allclose(constant[:, 100], np.cos(angle), atol=1e-12)
+    np.testing.assert_allclose(flat[100], np.maximum(np.cos(angle), 0), atol=1e-12)
+
+
+def test_field_shares_have_the_wanted_variance():
+    angle = np.linspace(0, 50, 101)
+    shares = field_spread.shares(angle, [5, 20, 40], [0.7, 1.0, 2.5])
+    total = sum(share for _, share in shares)
+    variance = sum(sigma**2 * share for sigma, share in shares)
+    np.testing.assert_allclose(total, 1, rtol=1e-14)
+    np.testing.assert_allclose(variance, np.interp(angle, [5, 20, 40], [0.7, 1.0, 2.5]) ** 2, rtol=1e-12)
+    assert min(share.min() for _, share in shares) >= 0
+
+
+@pytest.mark.parametrize("table", [([0.0], [1.5]), ([0.0, 30.0], [1.5, 1.5])])
+def test_a_field_table_of_one_value_is_the_plain_gaussian(table):
+    image = RNG.random((61, 81))
+    plain = lens_spread.spread(image, CAMERA, Optics(psf_sigma_px=1.5))
+    over_field = lens_spread.spread(image, CAMERA, Optics(psf_field_deg=table[0], psf_field_sigma_px=table[1]))
+    np.testing.assert_allclose(over_field, plain, rtol=1e-12)
+
+
+def test_points_far_from_the_axis_are_wider():
+    lens = Optics(psf_field_deg=[0, 30], psf_field_sigma_px=[0.8, 2.0])
+    y, x = np.mgrid[:61, :81]
+    for row, column in ((30, 40), (30, 65), (12, 20)):
+        image = np.zeros((61, 81))
+        image[row, column] = 2.0
+        spread = lens_spread.spread(image, CAMERA, lens)
+        angle = np.degrees(off_axis_angle(CAMERA))[row, column]
+        wanted = np.interp(angle, [0, 30], [0.8, 2.0])
+        # All but what the widest Gaussian throws over the border at 6 sigma.
+        assert spread.sum() == pytest.approx(2, rel=1e-8)
+        # Sampled Gaussians have their variance to 0.3 % from 0.7 pixels on.
+        assert (spread * (x - column) ** 2).sum() / 2 == pytest.approx(wanted**2, rel=4e-3)
+        assert (spread * (y - row) ** 2).sum() / 2 == pytest.approx(wanted**2, rel=4e-3)
+
+
+def test_mirrored_ghost_is_the_image_turned_about_the_principal_point():
+    image = RNG.random((61, 81))
+    found = ghosts.ghost_image(image, CAMERA, Ghost(ratio=0.01))
+    np.testing.assert_allclose(found, 0.01 * image[::-1, ::-1], rtol=1e-12)
+
+
+def test_upright_ghost_of_the_same_size_is_the_image():
+    image = RNG.random((61, 81))
+    np.testing.assert_allclose(ghosts.ghost_image(image, CAMERA, Ghost(ratio=0.5, scale=1.0)), image / 2, rtol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [-0.8, 0.37, 1.7, -2.5, 0.05])
+@pytest.mark.parametrize("blur", [0.0, 1.5])
+def test_ghosts_keep_their_light_and_their_place(scale, blur):
+    image = np.zeros((61, 81))
+    image[28:33, 44:47] = 1e9
+    found = ghosts.ghost_image(image, CAMERA, Ghost(ratio=1e-4, scale=scale, blur_px=blur))
+    assert found.min() >= 0
+    assert found.sum() == pytest.approx(1e-4 * image.sum(), rel=1e-9)
+    y, x = np.mgrid[:61, :81]
+    # Smaller than a pixel, the ghost of a pixel can only be put on the nearest.
+    nearest = 1e-6 if abs(scale) > 0.5 else 0.5
+    assert (found * x).sum() / found.sum() == pytest.approx(40 + 5 * scale, abs=nearest)
+    assert (found * y).sum() / found.sum() == pytest.approx(30, abs=1e-6)
+
+
+def test_ghost_light_off_the_image_is_lost():
+    image = np.zeros((61, 81))
+    image[30, 60] = 1.0
+    assert ghosts.ghost_image(image, CAMERA, Ghost(ratio=0.1, scale=3.0)).sum() == 0

@@ -1,0 +1,141 @@
+"""Diffraction, aberration and defocus against the closed forms of optics books."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.special import j0, j1
+
+from horizonval.sensor import core_spread, diffraction
+from horizonval.spec.camera import Band
+
+GREEN = Band(name="green", kind="solar", lo_um=0.5499, hi_um=0.5501)
+VISIBLE = Band(name="vis", kind="solar", lo_um=0.45, hi_um=0.75)
+INFRARED = Band(name="lwir", kind="thermal", lo_um=8.0, hi_um=14.0)
+
+
+def offsets(kernel: np.ndarray) -> np.ndarray:
+    reach = len(kernel) // 2
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    return np.hypot(x, y)
+
+
+@pytest.fixture(scope="module")
+def airy() -> np.ndarray:
+    """One wavelength with lambda N = 10 pixels: the pattern is carried by whole pixels as it is."""
+    return core_spread.kernel(0.0, 0.0, GREEN, 10.0, 0.55e-6, 150)
+
+
+def test_airy_pattern_of_one_wavelength(airy):
+    r = offsets(airy)
+    x = np.pi * np.maximum(r, 1e-9) / 10
+    exact = np.pi / 4 / 10**2 * (2 * j1(x) / x) ** 2
+    # The kernel's sum is fixed by the mean power law beyond the square; the ring on its border is off that by 3e-4.
+    np.testing.assert_allclose(airy, exact, atol=5e-4 * exact.max())
+
+
+def test_first_dark_ring_and_the_light_inside(airy):
+    r = offsets(airy)
+    profile = airy[150, 150:170]
+    lowest = int(np.argmin(profile))
+    assert lowest == 12  # 1.2197 * 10 = 12.2
+    assert profile[lowest] < 1e-3 * profile[0]
+    # Whole pixels make a ragged circle; its edge lies in the dark.
+    assert airy[r < 12.2].sum() == pytest.approx(0.838, abs=1e-3)
+    assert airy[r < 22.33].sum() == pytest.approx(0.910, abs=1e-3)
+
+
+def test_encircled_energy_far_out(airy):
+    """``1 - J0^2 - J1^2`` (Rayleigh), against the kernel whose share beyond its square is by the power law."""
+    r = offsets(airy)
+    for radius in (60.5, 145.5):
+        x = math.pi * radius / 10
+        exact = 1 - j0(x) ** 2 - j1(x) ** 2
+        # The same 3e-4, and a circle of whole pixels.
+        assert airy[r < radius].sum() == pytest.approx(exact, abs=6e-4)
+
+
+def test_share_outside_a_rectangle_is_the_integral_of_the_power_law():
+    """Polar integration over the angle: outside the border at distance R is ``2 spread / (2 pi^3 R)`` per radian."""
+    angle = np.linspace(0, 2 * np.pi, 200001)
+    border = np.minimum(30 / np.maximum(np.abs(np.cos(angle)), 1e-12), 20 / np.maximum(np.abs(np.sin(angle)), 1e-12))
+    exact = np.trapezoid(0.7 / math.pi**3 / border, angle)
+    assert diffraction.share_outside(30.0, 20.0, 0.7) == pytest.approx(exact, rel=1e-6)
+
+
+def test_transfer_is_the_overlap_of_two_discs():
+    y, x = np.mgrid[-1:1:801j, -1:1:801j]
+    for v in (0.2, 0.5, 0.9):
+        both = (np.hypot(x - v, y) < 1) & (np.hypot(x + v, y) < 1)
+        overlap = both.sum() / (np.hypot(x, y) < 1).sum()
+        assert diffraction.transfer(np.array(v), 1.0) == pytest.approx(overlap, abs=2e-3)
+    assert diffraction.transfer(np.array([0.0, 1.0, 3.0]), 1.0).tolist() == [1.0, 0.0, 0.0]
+
+
+def test_band_is_the_mean_of_its_wavelengths_counted_as_photons():
+    frequency = np.array([5e4, 2e5, 4e5])
+    wavelength = np.linspace(0.45e-6, 0.75e-6, 20001)
+    exact = [np.average(diffraction.transfer(f, wavelength * 4), weights=wavelength) for f in frequency]
+    np.testing.assert_allclose(diffraction.band_transfer(frequency, VISIBLE, 4.0), exact, atol=2e-5)
+    assert diffraction.mean_wavelength_m(INFRARED) == pytest.approx(11e-6, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("sigma", "radius", "band", "f_number", "pitch"),
+    [
+        (0.0, 0.0, VISIBLE, 4.0, 5.5e-6),
+        (0.7, 0.0, VISIBLE, 4.0, 5.5e-6),
+        (0.6, 0.0, INFRARED, 1.1, 12e-6),
+        (0.5, 2.0, VISIBLE, 8.0, 3e-6),
+        (0.0, 3.0, None, 2.0, 5e-6),
+        (1.2, 0.0, None, 2.0, 5e-6),
+    ],
+)
+def test_kernels_hold_all_light_and_none_below_zero(sigma, radius, band, f_number, pitch):
+    spread = 0.0 if band is None else core_spread.spread_px(band, f_number, pitch)
+    reach = core_spread.reach_px(sigma, radius, spread)
+    kernel = core_spread.kernel(sigma, radius, band, f_number, pitch, reach)
+    assert kernel.min() >= 0
+    beyond = diffraction.share_outside(reach + 0.5, reach + 0.5, spread)
+    assert kernel.sum() + beyond == pytest.approx(1, abs=1e-12)
+    np.testing.assert_allclose(kernel, kernel[::-1], rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(kernel, kernel.T, rtol=1e-9, atol=1e-15)
+    if band is not None:
+        # The core goes over into the wings: the mean over the last three columns is the power law's. Rings of the
+        # infrared band are still 2 % there.
+        edge = np.zeros_like(kernel, dtype=bool)
+        edge[:, -3:] = True
+        law = diffraction.far_pattern(offsets(kernel)[edge], spread).mean()
+        assert kernel[edge].mean() == pytest.approx(law, rel=0.05)
+
+
+def test_gaussian_alone_has_its_variance():
+    kernel = core_spread.kernel(1.2, 0.0, None, 2.0, 5e-6, 11)
+    x = np.arange(-11, 12)
+    assert (kernel.sum(axis=0) * x * x).sum() == pytest.approx(1.44, rel=1e-3)
+
+
+@pytest.mark.parametrize("sigma", [0.7, 1.0])
+def test_pixel_average_is_taken_off_the_gaussian(sigma):
+    """A fine Airy pattern adds nothing to the modulation of a coarse Gaussian but its own loss."""
+    kernel = core_spread.kernel(sigma, 0.0, VISIBLE, 4.0, 5.5e-6, 16)
+    x = np.arange(-16, 17)
+    for f in (0.1, 0.2):
+        measured = (kernel.sum(axis=0) * np.cos(2 * math.pi * f * x)).sum()
+        lens = diffraction.band_transfer(np.array([f / 5.5e-6]), VISIBLE, 4.0)[0]
+        wanted = math.exp(-2 * (math.pi * sigma * f) ** 2) * lens
+        # What is beyond the kernel's square, 0.5 %, is missing; box and Gaussian of one variance differ by f^4.
+        assert measured == pytest.approx(wanted, abs=7e-3)
+
+
+def test_defocus_is_an_even_disc():
+    """Radius 12 px: 98 % of the disc's area is evenly lit, the rest is its ragged edge."""
+    kernel = core_spread.kernel(0.0, 12.0, None, 2.0, 5e-6, 16)
+    r = offsets(kernel)
+    np.testing.assert_allclose(kernel[r < 10.5], 1 / (math.pi * 12**2), rtol=0.03)
+    assert kernel[r > 13.5].sum() < 0.005
+    # Second moment of a disc along one axis: a^2 / 4; the pixel adds 1/12.
+    x = np.arange(-16, 17)
+    assert (kernel.sum(axis=0) * x * x).sum() == pytest.approx(12**2 / 4 + 1 / 12, rel=0.01)

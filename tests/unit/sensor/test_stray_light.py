@@ -1,0 +1,161 @@
+"""The veil of a Sun outside the image against the given transmittance, and how it goes on from a Sun inside."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from horizonval.earth import sunlight
+from horizonval.geometry.camera import Camera, pixel_grid, pixel_solid_angle, unproject
+from horizonval.sensor import image_plane, scatter, stray_light
+from horizonval.sensor.stray_light import Sun
+from horizonval.spec.camera import Band
+from horizonval.spec.optics import Optics, Scatter, Stray
+
+CAMERA = Camera(width=121, height=121, fx=104.8, fy=104.8, cx=60.0, cy=60.0)  # 60 deg
+BAND = Band(name="vis", kind="solar", lo_um=0.5, hi_um=0.6)
+RADIUS = math.asin(sunlight.SOLAR_RADIUS_M / sunlight.ASTRONOMICAL_UNIT_M)
+PITCH = 5e-6
+TABLE = {"angle_deg": [30.0, 40.0, 60.0, 85.0], "pst": [1e-3, 1e-5, 3e-7, 1e-8]}
+
+
+def sun_at(angle_deg: float, visible: float = 1.0) -> Sun:
+    """Return the Sun to the right of the boresight."""
+    angle = math.radians(angle_deg)
+    return Sun((math.sin(angle), 0.0, math.cos(angle)), RADIUS, visible)
+
+
+def veil(angle_deg: float, stray: dict[str, object] | None = None, visible: float = 1.0) -> np.ndarray:
+    """Return the power on the pixels of a scene that is dark but for the Sun outside."""
+    lens = Optics(f_number=2.0, stray=Stray.model_validate(stray or TABLE))
+    dark = np.zeros((121, 121))
+    return image_plane.pixel_power_w(dark, CAMERA, lens, PITCH, BAND, sun_at(angle_deg, visible))
+
+
+@pytest.mark.parametrize("angle_deg", [31.0, 33.3, 40.0, 47.0, 59.9, 70.0, 85.0, 90.0])
+def test_veil_is_the_given_transmittance(angle_deg):
+    """Irradiance on the detector over that of the Sun, by hand from the table; bar: 1 %."""
+    knots = [*zip(TABLE["angle_deg"], TABLE["pst"], strict=True), (180.0, TABLE["pst"][-1])]
+    low, high = next(pair for pair in pairwise(knots) if pair[0][0] <= angle_deg <= pair[1][0])
+    along = (angle_deg - low[0]) / (high[0] - low[0])
+    pst = low[1] ** (1 - along) * high[1] ** along
+    # The photon-weighted irradiance differs from the plain one by the spectrum's slope over 0.1 um: 0.1 %.
+    irradiance = sunlight.band_irradiance(0.5, 0.6)
+    np.testing.assert_allclose(veil(angle_deg) / PITCH**2, pst * irradiance, rtol=2e-3)
+
+
+def test_cutoff_and_earth_stop_it():
+    stray = {**TABLE, "cutoff_deg": 88.0}
+    assert veil(87.9, stray).min() > 0
+    assert not veil(88.1, stray).any()
+    assert not veil(50.0, visible=0.0).any()
+    np.testing.assert_allclose(veil(50.0, visible=0.25), 0.25 * veil(50.0), rtol=1e-12)
+
+
+def test_both_kinds_of_detector_get_the_same_veil():
+    lens = Optics(f_number=2.0, transmission=0.8, stray=Stray.model_validate(TABLE))
+    uniform = np.full((121, 121), 3.0)
+    power = image_plane.pixel_power_w(uniform, CAMERA, lens, PITCH, BAND, sun_at(45))
+    signal = image_plane.radiance_on_axis(uniform, CAMERA, lens, PITCH, BAND, sun_at(45))
+    # P = pi tau L p^2 / (4 N^2)
+    np.testing.assert_allclose(power, signal * math.pi * 0.8 * PITCH**2 / 16, rtol=1e-12)
+
+
+def test_no_veil_from_a_sun_inside_and_part_of_it_on_the_border():
+    assert not veil(0.0).any()
+    assert not veil(29.0).any()
+    edge = math.degrees(math.atan(60.5 / 104.8))
+    half, all_of_it = veil(edge)[0, 0], veil(edge + 0.3)[0, 0]
+    # The table falls by a tenth over 0.3 deg; the share is counted on 2048 points.
+    assert half / all_of_it == pytest.approx(0.5 * 10 ** (0.3 / 5), rel=0.02)
+
+
+def test_share_outside_is_a_segment_of_the_disc():
+    edge = math.degrees(math.atan(60.5 / 104.8))
+    radius_deg = math.degrees(RADIUS)
+    for inside in (-0.6, -0.2, 0.3, 0.8):
+        share, middle = stray_light.outside_image(CAMERA, sun_at(edge - inside * radius_deg))
+        segment = (math.acos(inside) - inside * math.sqrt(1 - inside**2)) / math.pi
+        assert share == pytest.approx(segment, abs=3e-3)
+        assert math.degrees(math.atan2(middle[0], middle[2])) > edge
+
+
+def test_irradiance_is_weighted_as_the_band_counts():
+    """Against plain sums over the spectrum's table; at half the distance four times as much."""
+    wavelength = np.linspace(0.4, 0.9, 500001)
+    band = Band(name="a", kind="solar", wavelength_um=[0.4, 0.6, 0.9], response=[0.0, 0.5, 0.2])
+    response = np.interp(wavelength, [0.4, 0.6, 0.9], [0.0, 1.0, 0.4])
+    mean = np.sum(response * wavelength) / response.sum()
+    spectrum = sunlight.irradiance(wavelength)
+    exact = np.trapezoid(response * wavelength / mean * spectrum, wavelength)
+    assert stray_light.band_irradiance(band, RADIUS) == pytest.approx(exact, rel=1e-5)
+    thermal = Band(name="b", kind="thermal", lo_um=8, hi_um=12)
+    assert stray_light.band_irradiance(thermal, RADIUS) == pytest.approx(sunlight.band_irradiance(8, 12), rel=1e-5)
+    near = math.asin(2 * math.sin(RADIUS))
+    assert stray_light.band_irradiance(band, near) == pytest.approx(4 * exact, rel=1e-5)
+
+
+SCATTERING = Optics(f_number=2.0, transmission=0.8, scatter=Scatter(tis=0.01, l_rad=0.01, s=-2.0))
+
+
+def sun_image(angle_deg: float) -> np.ndarray:
+    """Return the power on the pixels of the Sun alone, drawn by its disc's share of every pixel, and scattered."""
+    sun = sun_at(angle_deg)
+    fine = (np.arange(16) - 7.5) / 16
+    share = np.zeros((121, 121))
+    # Only the middle rows have Sun.
+    rows = slice(57, 64)
+    uv = pixel_grid(CAMERA)[rows, :, None, None, :] + np.stack(np.meshgrid(fine, fine), axis=-1)
+    cosine = unproject(CAMERA, uv) @ np.array(sun.direction_cam)
+    share[rows] = (cosine > math.cos(RADIUS)).mean(axis=(2, 3))
+    radiance = share * stray_light.band_irradiance(BAND, RADIUS) / (math.pi * RADIUS**2)
+    return image_plane.pixel_power_w(radiance, CAMERA, SCATTERING, PITCH, BAND, sun)
+
+
+def test_veil_goes_on_as_the_sun_leaves_the_image():
+    """Without a table: from half a degree inside the border to half a degree outside by the slope of the wings."""
+    places = np.array([29.0, 29.5, 29.9, 30.1, 30.5, 31.0])
+    middle = np.array([sun_image(a)[60, 60] for a in places])
+    slope = np.diff(np.log(middle)) / np.diff(places)
+    # K(tan theta) cos(theta) falls by 9 % per degree here: sin^-2 cos^5. The Sun drawn on 16 x 16 points per pixel is
+    # good to 2 %, hence 0.05 per step of 0.4 deg.
+    assert np.all(slope < 0)
+    assert np.all(slope > -0.25)
+
+
+def test_veil_fades_without_a_step_out_to_30_deg_beyond_the_border():
+    """By the formula's own slope, ``(1 + (sin / l)^2)^(s / 2) cos^5``: the image shows no edge and time no jump."""
+    places = np.array([30.5, 31.0, 32.0, 35.0, 40.0, 50.0, 60.0])
+    images = np.array([sun_image(a) for a in places])
+    theta = np.radians(places)
+    law = np.cos(theta) ** 5 / (1 + (np.sin(theta) / 0.01) ** 2)
+    # The disc is cut off its part in the image up to 30.27 deg; beyond, its own size is 1e-4 of the slope.
+    np.testing.assert_allclose(images[:, 60, 60] / images[0, 60, 60], law / law[0], rtol=1e-3)
+    step = np.abs(np.diff(np.log(images), axis=2))
+    assert step[:, :, :100].max() < 0.2
+
+
+@pytest.mark.parametrize("angle_deg", [32.0, 45.0, 60.0])
+def test_wings_of_a_sun_outside_are_the_level_a_table_joins(angle_deg):
+    power = sun_image(angle_deg)
+    assert SCATTERING.scatter is not None
+    level = scatter.point_source_transmittance(SCATTERING.scatter, np.radians(angle_deg), 2.0, 0.8)
+    irradiance = stray_light.band_irradiance(BAND, RADIUS)
+    assert power[60, 60] / PITCH**2 == pytest.approx(level * irradiance, rel=3e-5)
+    assert power[60, 120] > power[60, 0] > 0
+
+
+def test_scattered_level_of_a_sun_on_the_axis():
+    """Scattered radiance behind the lens is ``E BSDF``; a pixel at theta takes it in by ``cos^4``."""
+    power = sun_image(0.0)
+    level = SCATTERING.scatter
+    assert level is not None
+    angle = math.atan(50 / 104.8)
+    exact = stray_light.band_irradiance(BAND, RADIUS) * level.level / (1 + (math.sin(angle) / 0.01) ** 2)
+    exact *= math.pi * 0.8 * PITCH**2 / 16 * math.cos(angle) ** 4
+    # The disc's own size and its drawing on 16 x 16 points per pixel: 2 %.
+    assert power[60, 110] == pytest.approx(exact, rel=0.02)
+    assert pixel_solid_angle(CAMERA)[60, 60] == pytest.approx(104.8**-2)
