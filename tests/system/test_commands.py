@@ -255,6 +255,20 @@ def test_one_pixel_camera_renders(horizonval, scene):
     assert _estimate(done)["status"] != "valid"
 
 
+def test_every_head_of_a_camera_is_a_frame(horizonval, scene):
+    heads = "".join(f'[[head]]\nname = "{n}"\nmount_yaw_deg = {yaw}\n' for n, yaw in (("left", -30.0), ("right", 30.0)))
+    camera = MINI_CAMERA.replace("width = 96", "width = 40").replace("height = 80", "height = 1")
+    (scene / "mini-camera.toml").write_text(camera + heads)
+    assert_one_line(horizonval("render", "one.toml", "-o", "one.exr"), "camera.head", "left, right")
+    assert_one_line(horizonval("render", "one.toml", "--head", "up", "-o", "one.exr"), "--head", "'up'", "left, right")
+    assert horizonval("render", "one.toml", "--head", "all", "-o", "one.exr").returncode == 0
+    assert horizonval("render", "one.toml", "--head", "left", "-o", "again.exr").returncode == 0
+    left, right = (exr.read_frame(scene / f"one.{name}.exr").truth for name in ("left", "right"))
+    assert left.q_cam_from_body != right.q_cam_from_body
+    assert left.q_body_from_lvlh == right.q_body_from_lvlh
+    assert (scene / "again.exr").read_bytes() == (scene / "one.left.exr").read_bytes()
+
+
 def _damages(data):
     flipped = bytearray(data)
     flipped[len(data) // 2] ^= 1

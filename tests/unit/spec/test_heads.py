@@ -1,4 +1,4 @@
-"""Several heads in a camera file: which one a scene means, how it is turned, and what suites and commands make of it."""
+"""Several heads in a camera file: which one a scene means, how it is turned, what suites and commands make of it."""
 
 from __future__ import annotations
 
