@@ -230,6 +230,26 @@ def observe(
 
 
 @app.command()
+def sheet(
+    images: Annotated[
+        list[Path], typer.Argument(metavar="IMAGE...", help="Detector images (EXR), or folders of finished runs.")
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The sheet, a PNG file.")],
+    columns: Annotated[int, typer.Option(min=1, max=40, help="Images in a row.")] = 5,
+) -> None:
+    """Contact sheet: detector images side by side in one picture, to look at."""
+    from horizonval.report.contact_sheet import contact_sheet, tiles_of
+
+    tiles = tiles_of(images)
+    _check_target(out)
+    for image in images:
+        if image.is_file():
+            _check_target(out, image)
+    out.write_bytes(contact_sheet(tiles, columns))
+    print(f"{out}: {len(tiles)} images")
+
+
+@app.command()
 def estimate(
     image: Annotated[Path, typer.Argument(help="EXR, PNG, TIFF or JPEG, 8 or 16 bit.")],
     estimator: Annotated[str, typer.Option(help="Its name; see `horizonval list estimators`.")],

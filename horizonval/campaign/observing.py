@@ -1,7 +1,7 @@
 """Many detector images of one stored frame: seeds, exposures and bands, and a name for each image.
 
 Numbers are written as lists and ranges (``3``, ``0-9``, ``1,4,7-9``). The output is the path of one file; a pattern
-with ``{seed}``, ``{exposure}``, ``{band}`` for several; or a folder (a path without an ending), in which files are named
+with ``{seed}``, ``{exposure}``, ``{band}`` for several; or a folder (a path without an ending), whose files are named
 after what differs.
 """
 
