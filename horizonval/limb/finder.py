@@ -64,7 +64,7 @@ def find_limb(image: FloatArray, camera: Camera, full_scale: float | None = None
     grey = np.asarray(image, dtype=np.float64)
     saturated = saturated_pixels(grey, full_scale)
     rim = half_window(grey.shape) + 1
-    edges = find_edges(scale_to_8_bit(grey, saturated), rim)
+    edges = _inside_image_circle(find_edges(scale_to_8_bit(grey, saturated), rim), camera, rim)
     seed = int.from_bytes(hashlib.sha256(np.ascontiguousarray(grey).tobytes()).digest(), "big")
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     sun = find_sun(saturated)
@@ -92,7 +92,9 @@ def find_edges_only(image: FloatArray, camera: Camera, full_scale: float | None 
     if refusal := _refuse(image, camera, full_scale):
         return refusal
     grey = np.asarray(image, dtype=np.float64)
-    edges = find_edges(scale_to_8_bit(grey, saturated_pixels(grey, full_scale)), half_window(grey.shape) + 1)
+    rim = half_window(grey.shape) + 1
+    edges = find_edges(scale_to_8_bit(grey, saturated_pixels(grey, full_scale)), rim)
+    edges = _inside_image_circle(edges, camera, rim)
     uv, _, _ = refine(grey, edges.uv, edges.gradient)
     los = unproject(camera, uv)
     good = np.isfinite(los).all(axis=1)
@@ -114,6 +116,16 @@ def _refuse(image: FloatArray, camera: Camera, full_scale: float | None) -> NoLi
 
 def _take(edges: Edges, rows: NDArray[np.integer] | NDArray[np.bool_]) -> Edges:
     return Edges(edges.uv[rows], edges.gradient[rows], edges.quiet[rows])
+
+
+def _inside_image_circle(edges: Edges, camera: Camera, rim_px: int) -> Edges:
+    """Leave out the lens's own edge: a perfect cone with nothing outside, everything a limb is."""
+    if camera.image_circle_rad is None:
+        return edges
+    outwards = edges.uv - (camera.cx, camera.cy)
+    length = np.maximum(np.hypot(*outwards.T), 1e-9)[:, None]
+    further = unproject(camera, edges.uv + rim_px * outwards / length)
+    return _take(edges, np.asarray(np.isfinite(further).all(axis=1)))
 
 
 def _no_edges(image: FloatArray, saturated: NDArray[np.bool_], dazzled: bool, full_scale: float | None) -> NoLimb:

@@ -133,7 +133,7 @@ def test_the_whole_earth_fills_its_solid_angle(mi: Any, geometry: dict[str, Any]
     Pixels of 1.0 deg and 1.5 deg: the midpoint rule errs by their square over 24, 1.3e-5 and 2.9e-5; the edges' own
     errors are random and smaller. Looking up the missing part is space: ``2 pi (1 + cos rho)`` less what is not seen.
     """
-    scene = {"camera": {"file": "t", "mount_roll_deg": roll_deg}, "earth": {"shape": "sphere"}}
+    scene: dict[str, Any] = {"camera": {"file": "t", "mount_roll_deg": roll_deg}, "earth": {"shape": "sphere"}}
     frame, camera = frame_of(geometry, THERMAL, **scene)
     share = frame.radiance["lwir"].astype(float) / frame.radiance["lwir"].max()
     rho = math.asin(6371.0088 / 6871.0088)
@@ -185,7 +185,7 @@ def test_the_full_disc_from_the_geostationary_orbit(mi: Any) -> None:
     Pixels of 0.087 deg err by 1e-7 of the midpoint rule; 200 of them across the disc leave 1e-6 of edge errors.
     """
     geometry = {"width": 200, "height": 200, "fov_deg": 17.8, "projection": "equal_angle"}
-    scene = {"earth": {"shape": "sphere"}, "camera": {"file": "t", "mount_yaw_deg": 20.0}}
+    scene: dict[str, Any] = {"earth": {"shape": "sphere"}, "camera": {"file": "t", "mount_yaw_deg": 20.0}}
     frame, camera = frame_of(geometry, THERMAL, altitude_km=35786.0, **scene)
     angle = limb_angle(frame, camera)
     clear = np.abs(angle) > 1e-6
