@@ -192,20 +192,61 @@ def mitsuba(
 @app.command()
 def observe(
     frame: Annotated[Path, typer.Argument(help="A frame, as `render` or a run's archive has them.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="The detector image, an EXR file.")],
-    seed: Annotated[int, typer.Option(min=0, help="Replicate: another seed is another draw of all noise.")] = 0,
-    band: Annotated[str | None, typer.Option(help="Spectral band; the camera's first by default.")] = None,
+    out: Annotated[
+        str,
+        typer.Option("-o", "--out", help="EXR file; of several {seed}, {exposure}, {band} in its name, or a folder."),
+    ],
+    seed: Annotated[
+        list[str] | None,
+        typer.Option("--seed", "--seeds", help="Replicates, such as 3 or 0-9 or 1,4; each another draw of all noise."),
+    ] = None,
+    exposure: Annotated[
+        list[str] | None, typer.Option(help="Seconds, such as 1e-3,2e-3; by default the camera file's own.")
+    ] = None,
+    band: Annotated[list[str] | None, typer.Option(help="Spectral bands; the camera's first by default.")] = None,
+    camera: Annotated[
+        str | None, typer.Option(help="Another camera file or name of the same image geometry and bands.")
+    ] = None,
 ) -> None:
-    """Detector image of a stored frame, without rendering again."""
+    """Detector images of a stored frame, without rendering again: one for every seed, exposure and band."""
     from horizonval.archive.exr import read_frame, write_image
+    from horizonval.campaign.observing import plans
     from horizonval.sensor.observe import observe as observe_frame
     from horizonval.spec.camera import CameraSpec
+    from horizonval.spec.load import load_camera
 
     stored = read_frame(frame)
-    _check_target(out, frame)
-    image = observe_frame(stored, CameraSpec.model_validate(stored.truth.camera), band=band, seed=seed)
-    write_image(out, image)
-    print(f"{out}: band {image.band}, {image.dn.shape[1]} x {image.dn.shape[0]}, full scale {image.full_scale}")
+    spec = CameraSpec.model_validate(stored.truth.camera) if camera is None else load_camera(camera)
+    todo = plans(out, seed or [], exposure or [], band or [], spec)
+    if todo[0].path.parent == Path(out):
+        Path(out).mkdir(exist_ok=True)
+    for plan in todo:
+        _check_target(plan.path, frame)
+    for plan in todo:
+        image = observe_frame(stored, plan.camera(spec), band=plan.band, seed=plan.seed)
+        write_image(plan.path, image)
+        size = f"{image.dn.shape[1]} x {image.dn.shape[0]}"
+        print(f"{plan.path}: band {image.band}, seed {plan.seed}, {size}, full scale {image.full_scale}")
+
+
+@app.command()
+def sheet(
+    images: Annotated[
+        list[Path], typer.Argument(metavar="IMAGE...", help="Detector images (EXR), or folders of finished runs.")
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The sheet, a PNG file.")],
+    columns: Annotated[int, typer.Option(min=1, max=40, help="Images in a row.")] = 5,
+) -> None:
+    """Contact sheet: detector images side by side in one picture, to look at."""
+    from horizonval.report.contact_sheet import contact_sheet, tiles_of
+
+    tiles = tiles_of(images)
+    _check_target(out)
+    for image in images:
+        if image.is_file():
+            _check_target(out, image)
+    out.write_bytes(contact_sheet(tiles, columns))
+    print(f"{out}: {len(tiles)} images")
 
 
 @app.command()

@@ -26,6 +26,8 @@ from horizonval.scoring import limits
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
 
+STRIP_RATIO = 20
+"""Wider images than this are drawn as a strip of their own proportions."""
 _FILES = {"style": "page.css", "code": "page.js"}
 
 
@@ -195,6 +197,8 @@ def _tile(view: View, estimators: Sequence[str], index: int, reduced: bool) -> d
             "width": width,
             "height": height,
             "coarse": max(width, height) <= 320,
+            # A line of pixels would be a hair on the page: it is drawn tall, its rows out of proportion.
+            "strip": width > STRIP_RATIO * height,
             "black": wording.number(made.black_dn),
             "white": wording.number(made.white_dn),
             "full_scale": image.full_scale,

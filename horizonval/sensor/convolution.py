@@ -82,7 +82,10 @@ def spread_wings(image: FloatArray, quadrant: FloatArray, total: float | None = 
         return _dark_outside(image, quadrant)
     limit = _bright_limit(image)
     rest = np.where(image > limit, 0.0, image)
-    out = _dark_outside(rest, quadrant) * (total / share_inside(quadrant))
+    inside = share_inside(quadrant)
+    # A pixel of an image smaller than the core sees none of it through the wings: there they see its mean.
+    seen = inside > 0
+    out = np.where(seen, _dark_outside(rest, quadrant) * (total / np.where(seen, inside, 1.0)), total * rest.mean())
     bright = image - rest
     return out + _dark_outside(bright, quadrant) if bright.any() else out
 

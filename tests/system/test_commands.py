@@ -125,6 +125,37 @@ def test_observe_repeats_the_runs_image(horizonval, frame_path, image_path, tmp_
     assert (tmp_path / "dn.exr").read_bytes() == image_path.read_bytes()
 
 
+def test_observe_many_images_of_one_frame(horizonval, frame_path, tmp_path):
+    done = horizonval("observe", frame_path, "-o", "images", "--seeds", "0-1", "--exposure", "1e-4,2e-4")
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == 4
+    files = sorted((tmp_path / "images").iterdir())
+    assert [file.name for file in files] == ["0.0001-0.exr", "0.0001-1.exr", "0.0002-0.exr", "0.0002-1.exr"]
+    images = [exr.read_image(file) for file in files]
+    assert [image.observation["camera"]["detector"]["exposure_s"] for image in images] == [1e-4, 1e-4, 2e-4, 2e-4]
+    dark = images[0].observation["camera"]["detector"]["black_level_dn"]
+    signal = [image.dn.mean() - dark for image in images]
+    assert signal[2] / signal[0] == pytest.approx(2, rel=0.01), "twice the exposure; the limb saturates in neither"
+    assert horizonval("observe", frame_path, "-o", "one.exr", "--seed", "1", "--exposure", "1e-4").returncode == 0
+    assert (tmp_path / "one.exr").read_bytes() == files[1].read_bytes()
+
+
+def test_observe_with_another_camera(horizonval, scene, frame_path, tmp_path):
+    other = MINI_CAMERA.replace("bits = 10", "bits = 12").replace("full_well_e = 13500.0", "full_well_e = 27000.0")
+    (tmp_path / "other.toml").write_text(other)
+    assert horizonval("observe", frame_path, "-o", "i.exr", "--camera", "other.toml").returncode == 0
+    assert exr.read_image(tmp_path / "i.exr").full_scale == 4095
+    (tmp_path / "wide.toml").write_text(MINI_CAMERA.replace("fov_deg = 60.0", "fov_deg = 70.0"))
+    assert_one_line(horizonval("observe", frame_path, "-o", "i.exr", "--camera", "wide.toml"), "camera's fx", "render")
+    assert_one_line(horizonval("observe", frame_path, "-o", "i.exr", "--camera", "wode.toml"), "no camera named")
+
+
+def test_observe_does_not_overwrite_its_own_images(horizonval, frame_path):
+    assert_one_line(horizonval("observe", frame_path, "-o", "i.exr", "--seed", "0-9"), "10 images", "{seed}")
+    assert_one_line(horizonval("observe", frame_path, "-o", "no/{seed}.exr", "--seed", "0-9"), "no: no such folder")
+    assert_one_line(horizonval("observe", frame_path, "-o", "i.exr", "--seed", "x"), "--seed: found 'x'")
+
+
 def test_outputs_that_cannot_be(horizonval, scene, frame_path):
     assert_one_line(horizonval("render", "one.toml", "-o", "no/where.exr"), "no: no such folder")
     assert_one_line(horizonval("render", "one.toml", "-o", "."), "is a folder")
@@ -222,6 +253,20 @@ def test_one_pixel_camera_renders(horizonval, scene):
     assert horizonval("observe", "one.exr", "-o", "dn.exr").returncode == 0
     done = horizonval("estimate", "dn.exr", "--estimator", "altitude-free", "--json")
     assert _estimate(done)["status"] != "valid"
+
+
+def test_every_head_of_a_camera_is_a_frame(horizonval, scene):
+    heads = "".join(f'[[head]]\nname = "{n}"\nmount_yaw_deg = {yaw}\n' for n, yaw in (("left", -30.0), ("right", 30.0)))
+    camera = MINI_CAMERA.replace("width = 96", "width = 40").replace("height = 80", "height = 1")
+    (scene / "mini-camera.toml").write_text(camera + heads)
+    assert_one_line(horizonval("render", "one.toml", "-o", "one.exr"), "camera.head", "left, right")
+    assert_one_line(horizonval("render", "one.toml", "--head", "up", "-o", "one.exr"), "--head", "'up'", "left, right")
+    assert horizonval("render", "one.toml", "--head", "all", "-o", "one.exr").returncode == 0
+    assert horizonval("render", "one.toml", "--head", "left", "-o", "again.exr").returncode == 0
+    left, right = (exr.read_frame(scene / f"one.{name}.exr").truth for name in ("left", "right"))
+    assert left.q_cam_from_body != right.q_cam_from_body
+    assert left.q_body_from_lvlh == right.q_body_from_lvlh
+    assert (scene / "again.exr").read_bytes() == (scene / "one.left.exr").read_bytes()
 
 
 def _damages(data):
