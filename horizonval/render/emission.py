@@ -145,6 +145,6 @@ def ground_radiance(
     total = np.zeros_like(sky)
     for kind in kinds_of(emission):
         e = source.emissivities(kind, cosine, points)
-        black = source.spline(warmth[kind])[:, points].T
-        total += kinds[kind] * (e * black + (1.0 - e) * (mirror if kind == "water" else sky))
+        above = mirror if kind == "water" else sky
+        total += kinds[kind] * (e * source.black(warmth[kind], points) + (1.0 - e) * above)
     return total

@@ -15,6 +15,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.special import expn
 
 from horizonval.earth import land, surface
@@ -115,7 +116,6 @@ class GroundSource:
     def __init__(self, band: EmittingBand, emission: GroundEmission) -> None:
         self.band, self.emission = band, emission
         self.spline = band.source_spline()
-        self.wavelength_um, self._owner = np.unique(band.wavelength_um, return_inverse=True)
 
     @cached_property
     def sky(self) -> FloatArray:
@@ -129,9 +129,15 @@ class GroundSource:
         """Whether there is water."""
         return self.emission.kind == "earth"
 
+    def black(self, temperature_k: FloatArray, part: slice = ALL) -> FloatArray:
+        """Return S_g(T) of some g points at temperatures (n,), shape (g, n)."""
+        spline = CubicSpline.construct_fast(self.spline.c[:, :, part], self.spline.x)
+        return np.asarray(spline(temperature_k)).T
+
     def emissivities(self, kind: str, cosine: FloatArray, part: slice = ALL) -> FloatArray:
         """Return the emissivity of some g points at view cosines (n,), shape (g, n)."""
-        return emissivities(self.emission, kind, self.wavelength_um, cosine)[self._owner[part]]
+        wavelengths, owner = np.unique(self.band.wavelength_um[part], return_inverse=True)
+        return emissivities(self.emission, kind, wavelengths, cosine)[owner]
 
     def sky_at(self, sin_latitude: FloatArray, part: slice = ALL) -> FloatArray:
         """Return the sky's mean radiance at places (n,) for some g points, shape (g, n)."""

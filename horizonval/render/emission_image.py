@@ -104,7 +104,7 @@ class ThermalFrame:
         assert tables.ground is not None
         d = self.cells.ground.direction
         row, azimuth = tables.sight.place(self.view.origin, d, to_ground=True)
-        radiance = _mixed(tables.ground.look(row, azimuth), tables.kinds, self.ground)
+        radiance = mixed(tables.ground.look(row, azimuth), tables.kinds, self.ground)
         return self._behind_clouds(tables, tables.clouds_ground, self.ground, d, radiance, to_ground=True)
 
     def _limb(self, tables: BandTables) -> Any:
@@ -153,7 +153,7 @@ def _outline(view: View) -> Vec:
     return view.rays.direction(mi.Float64(x), mi.Float64(y))
 
 
-def _mixed(values: Sequence[Any], kinds: list[WarmKind], ends: Ends) -> Any:
+def mixed(values: Sequence[Any], kinds: list[WarmKind], ends: Ends) -> Any:
     """Return the radiance of ground of several kinds, each at its own temperature."""
     total: Any = 0.0
     first = 0
@@ -187,12 +187,12 @@ def _ends(view: View, rays: Rays | DiscCells | None, emission: GroundEmission, t
         dry = dr.select(is_land(view.ground.land, normal), mi.Float64(1.0), 0.0)
         snow = snow_share(normal, view.ground.model.snow_line_deg)
         shares = {"land": dry * (1.0 - snow), "snow": dry * snow, "water": 1.0 - dry}
-    warmth = _warmth(emission, normal, view.sun)
+    warmth = warmth_k(emission, normal, view.sun)
     dr.eval(shares, warmth)
     return Ends(cloud, t, shares, warmth)
 
 
-def _warmth(emission: GroundEmission, normal: Vec, sun: Vec) -> dict[str, Any]:
+def warmth_k(emission: GroundEmission, normal: Vec, sun: Vec) -> dict[str, Any]:
     """Return :func:`horizonval.render.emission_ground.temperatures_k` for the kernel."""
     count = len(emission.sin_latitude)
     low = emission.sin_latitude[0]

@@ -440,8 +440,8 @@ def march(
     ], transmittance
 
 
-def gain(h: Any, k_a: Any, k_b: Any, j_a: Any, j_b: Any, step: Any) -> Any:
-    """Return what one step adds, seen from its beginning."""
+def gain(h: Any, k_a: Any, k_b: Any, j_a: Any, j_b: Any, step: Any, thick_step: float = THICK_STEP) -> Any:
+    """Return what one step adds, seen from its beginning; ``thick_step``: optical depth of the least thick one."""
     slope = (k_b - k_a) / (1.0 - 2.0 * GAUSS_LOW)  # of k over the step, per unit of h
     k_0 = k_a - slope * GAUSS_LOW
     tau_a = dr.maximum(h * GAUSS_LOW * (k_0 + 0.5 * GAUSS_LOW * slope), 0.0)
@@ -453,7 +453,7 @@ def gain(h: Any, k_a: Any, k_b: Any, j_a: Any, j_b: Any, step: Any) -> Any:
     e0 = 1.0 - escaped
     e1 = e0 - step * escaped
     thick = s_a * e0 + (s_b - s_a) * (e1 - tau_a * e0) / dr.maximum(tau_b - tau_a, 1e-30)
-    return dr.select(step < THICK_STEP, thin, dr.maximum(thick, 0.0))
+    return dr.select(step < thick_step, thin, dr.maximum(thick, 0.0))
 
 
 def _ground_radiance(
@@ -470,15 +470,11 @@ def _ground_radiance(
     """Return the radiance of what is at the rays' ends, towards the observer, per node.
 
     Sunlight: ``direct E0 mu T_sun + diffuse E_sky`` with the ground's two reflectances [1/sr] (both are albedo / pi for
-    a Lambert ground). Thermal: the chunk's ground; a cloud is black and as warm as the air at its top.
+    a Lambert ground). Emission: the chunk's ground.
     """
-    height, normal = planet.height_and_normal(along(o, d, path.t_low + path.length_after))
     if chunk.kind != "solar":
-        if landing is None or chunk.kind != "thermal":
-            return chunk.ground
-        i, w, _ = chunk.grid.locate(height)
-        top = interpolate(chunk.emission, i, w, chunk.width)
-        return [dr.select(landing.cloud, c, g) for c, g in zip(top, chunk.ground, strict=True)]
+        return chunk.ground
+    height, normal = planet.height_and_normal(along(o, d, path.t_low + path.length_after))
     height = mi.Float64(0.0) if landing is None else dr.select(landing.cloud, height, 0.0)
     direct, diffuse = (chunk.ground, chunk.ground) if landing is None else landing.reflectance()
     if bent is not None:
