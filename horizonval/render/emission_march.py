@@ -4,8 +4,8 @@ For every g point, with extinction k and source S at a place, seen from the obse
 
     L_air = sum over g of int S_g exp(-tau_g) dtau_g,        through_g = exp(-tau_g at the end)
 
-Steps and their two Gauss points are those of :mod:`horizonval.render.march`; there is no Sun, so that steps are even in
-its ray parameter. The latitude of a place is that of the ellipsoid's normal below it.
+Steps, their two Gauss points and what a step adds are those of :mod:`horizonval.render.march`; there is no Sun, so that
+steps are even in its ray parameter. The latitude of a place is that of the ellipsoid's normal below it.
 
 Asked for stations, the march also writes down what a cloud top between the ends of a ray must know: at every station t
 the radiance P of the air before it, and ``Q = sum over g of exp(-tau_g(t)) S_g(air at t)``, the emission of a black
@@ -21,7 +21,7 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.render.emission_columns import ColumnChunk
-from horizonval.render.march import GAUSS_LOW, Path, find_path, warp
+from horizonval.render.march import GAUSS_LOW, Path, find_path, gain, warp
 from horizonval.render.planet import Planet, Vec, along
 
 CONCENTRATION = 0.5
@@ -100,7 +100,7 @@ def march_emission(
         k_b, s_b = place(t0 + (1.0 - GAUSS_LOW) * h)
         for n in range(chunk.width):
             step = 0.5 * h * (k_a[n] + k_b[n])
-            added = _gain(h, k_a[n], k_b[n], s_a[n], s_b[n], step)
+            added = gain(h, k_a[n], k_b[n], k_a[n] * s_a[n], k_b[n] * s_b[n], step, THICK_STEP)
             radiance[n] = dr.fma(dr.exp(-tau[n]), added, radiance[n])
             tau[n] = tau[n] + step
         if stations is not None and kept is not None:
@@ -124,26 +124,6 @@ def march_emission(
     radiance = radiance[: chunk.used]
     dr.eval(radiance, through, kept)
     return radiance, through, kept
-
-
-def _gain(h: Any, k_a: Any, k_b: Any, s_a: Any, s_b: Any, step: Any) -> Any:
-    """Return what one step adds, seen from its beginning: what it absorbs of a ray times a mean of S.
-
-    Air of one temperature so adds up to ``S (1 - exp(-tau))`` exactly, however few the steps.
-    """
-    slope = (k_b - k_a) / (1.0 - 2.0 * GAUSS_LOW)  # of k over the step, per unit of h
-    k_0 = k_a - slope * GAUSS_LOW
-    tau_a = dr.maximum(h * GAUSS_LOW * (k_0 + 0.5 * GAUSS_LOW * slope), 0.0)
-    tau_b = h * (1.0 - GAUSS_LOW) * (k_0 + 0.5 * (1.0 - GAUSS_LOW) * slope)
-    escaped = dr.exp(-step)
-    absorbed = dr.select(step < 1e-3, step * (1.0 - step * (0.5 - step / 6.0)), 1.0 - escaped)
-    # thin: S weighed by where Gauss's rule sees the absorption
-    w_a, w_b = k_a * dr.exp(-tau_a), k_b * dr.exp(-tau_b)
-    thin = absorbed * (s_a * w_a + s_b * w_b) / dr.maximum(w_a + w_b, 1e-300)
-    # thick: S linear in tau through the two points, integrated against exp(-tau)
-    rest = absorbed - step * escaped
-    thick = s_a * absorbed + (s_b - s_a) * (rest - tau_a * absorbed) / dr.maximum(tau_b - tau_a, 1e-30)
-    return dr.select(step < THICK_STEP, thin, dr.maximum(thick, 0.0))
 
 
 def _boundary(path: Path, i: Any, count: int, stations: Stations | None) -> Any:

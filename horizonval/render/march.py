@@ -416,7 +416,7 @@ def march(
             for n in range(width):
                 step = 0.5 * h * (k_a[n] + k_b[n])
                 if chunk.kind != "depth":
-                    added = _gain(h, k_a[n], k_b[n], j_a[n], j_b[n], step)
+                    added = gain(h, k_a[n], k_b[n], j_a[n], j_b[n], step)
                     radiance[n] = radiance[n] + dr.exp(-tau[n]) * added
                 tau[n] = tau[n] + step
             t0 = t1
@@ -440,8 +440,8 @@ def march(
     ], transmittance
 
 
-def _gain(h: Any, k_a: Any, k_b: Any, j_a: Any, j_b: Any, step: Any) -> Any:
-    """Return what one step adds, seen from its beginning."""
+def gain(h: Any, k_a: Any, k_b: Any, j_a: Any, j_b: Any, step: Any, thick_step: float = THICK_STEP) -> Any:
+    """Return what one step adds, seen from its beginning; ``thick_step``: optical depth of the least thick one."""
     slope = (k_b - k_a) / (1.0 - 2.0 * GAUSS_LOW)  # of k over the step, per unit of h
     k_0 = k_a - slope * GAUSS_LOW
     tau_a = dr.maximum(h * GAUSS_LOW * (k_0 + 0.5 * GAUSS_LOW * slope), 0.0)
@@ -453,7 +453,7 @@ def _gain(h: Any, k_a: Any, k_b: Any, j_a: Any, j_b: Any, step: Any) -> Any:
     e0 = 1.0 - escaped
     e1 = e0 - step * escaped
     thick = s_a * e0 + (s_b - s_a) * (e1 - tau_a * e0) / dr.maximum(tau_b - tau_a, 1e-30)
-    return dr.select(step < THICK_STEP, thin, dr.maximum(thick, 0.0))
+    return dr.select(step < thick_step, thin, dr.maximum(thick, 0.0))
 
 
 def _ground_radiance(

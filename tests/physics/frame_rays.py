@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.earth.optical import optical_model
-from horizonval.frame import Frame, Hit
+from horizonval.frame import Frame
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
 from horizonval.render.emission import NODES, thermal_radiance
 from horizonval.render.frame import render_frame
@@ -89,10 +89,10 @@ def march_frame(scene: SceneSpec, camera: CameraSpec, nodes: int = NODES) -> Mar
         nodes=nodes,
     )
     height = frame.maps["tangent_height"].astype(np.float64)
-    hit = frame.maps["hit"]
-    # the hard limb's pixels are mixtures, and so may be those beside them
-    edge = np.zeros(hit.shape, dtype=bool)
+    # the hard limb's pixels are mixtures, and so may be those beside them; bent rays see it some 2 km higher
+    ground = height < (2e3 if scene.atmosphere.refraction else 0.0)
+    edge = np.zeros(ground.shape, dtype=bool)
     for down in (-2, -1, 0, 1, 2):
         for right in (-2, -1, 0, 1, 2):
-            edge |= (np.roll(hit, (down, right), (0, 1)) == Hit.SURFACE) != (hit == Hit.SURFACE)
-    return Marched(frame, {name: v.reshape(hit.shape) for name, v in found.items()}, height, ~edge)
+            edge |= np.roll(ground, (down, right), (0, 1)) != ground
+    return Marched(frame, {name: v.reshape(height.shape) for name, v in found.items()}, height, ~edge)

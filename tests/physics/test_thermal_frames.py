@@ -26,10 +26,10 @@ VIEWS: dict[str, tuple[dict[str, Any], tuple[int, int, float]]] = {
         {
             "atmosphere": BY_LATITUDE,
             "platform": {"altitude_km": 900.0, "latitude_deg": 52.0, "longitude_deg": 20.0},
-            "attitude": {"roll_deg": 61.0},
+            "attitude": {"roll_deg": 61.0, "yaw_deg": 30.0},
             "surface": {"temperature_k": 285.0},
         },
-        (12, 40, 6.0),
+        (4, 60, 0.25),
     ),
     "36 000 km": (
         {
@@ -96,7 +96,7 @@ def test_pixels_equal_brute_force() -> None:
     heights = frame.maps["tangent_height"]
     for band, shape in BANDS.items():
         climate = Climate(shape["lo_um"], shape["hi_um"], 2)
-        for column, wanted in ((0, 20e3), (6, 35e3), (11, -60e3)):
+        for column, wanted in ((0, 20e3), (2, 35e3), (3, -60e3)):
             row = int(np.argmin(np.abs(heights[:, column] - wanted)))
             expected = climate.radiance(observer, d[row, column], 285.0)
             found = float(frame.radiance[band][row, column])
