@@ -16,17 +16,16 @@ A cloud of emissivity e in front of a ray of radiance L gives ``P + e Q + (1 - e
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from numpy.typing import ArrayLike
 
 from horizonval.earth.arrays import FloatArray
-from horizonval.earth.emission import EmittingBand
+from horizonval.earth.emission import EmittingBand, SourceSpline
 from horizonval.earth.ground_emission import GroundEmission
 from horizonval.render.emission_columns import AirColumns, ColumnChunk
 from horizonval.render.emission_ground import GroundSource, kinds_of, mirrored, temperature_range_k
@@ -66,7 +65,7 @@ class WarmKind:
     temperature_k: FloatArray
 
     @classmethod
-    def of(cls, name: str, emission: GroundEmission, spline: Callable[[ArrayLike], FloatArray]) -> WarmKind:
+    def of(cls, name: str, emission: GroundEmission, spline: SourceSpline) -> WarmKind:
         """Choose the fewest temperatures."""
         low, high = temperature_range_k(emission, name)
         if high - low < 1e-6:
