@@ -36,7 +36,7 @@ from horizonval.render.sight import Sight
 from horizonval.render.spline_table import Azimuths, RayTable, StationTable
 
 TEMPERATURE_ERROR = 2e-5
-STATIONS, STATION_STEPS = 40, 2
+STATIONS, STATION_STEPS = 80, 1
 ABOVE_TOPS_M = 3000.0
 """The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
 root in its height."""

@@ -210,3 +210,41 @@ def test_no_sky_shines_through_clouds_past_the_horizon() -> None:
     space = frame.maps["tangent_height"] > 60e3
     assert cloud.sum() > 100
     assert frame.radiance["b"][cloud].max() < 1e-6 * frame.radiance["b"][space].min()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spectrum", [CO2, WINDOW], ids=["co2", "window"])
+def test_what_a_cloud_top_reads_is_what_the_march_wrote(spectrum: dict[str, Any], monkeypatch: Any) -> None:
+    """P and Q of rays at random, halfway between stations too: 4e-3 of the brightest, 0.4 K of a cloud top.
+
+    The worst is where a top stands at a kink of the temperature, the tropopause.
+
+    Tops at 12 km at most; limb rays that pass below 10 km, and rays to the ground.
+    """
+    from horizonval.render import emission_table
+    from horizonval.render.emission_columns import AirColumns
+    from horizonval.render.emission_table import ThermalAir, make_tables
+    from horizonval.render.planet import Planet
+    from horizonval.render.radiance import vectors
+    from horizonval.render.sight import Sight
+    from horizonval.render.spline_table import Azimuths
+
+    air = optical_model(scene(**VARYING), camera(spectrum))
+    assert air.emission is not None
+    thermal = ThermalAir.of(air.thermal[0], air.emission, AirColumns.of(air.thermal[0]))
+    origin = (WGS84.a_m + 500e3) * np.array([np.cos(0.4), 0.0, np.sin(0.4)])
+    sight = Sight.of(Planet(WGS84.a_m, WGS84.b_m), origin, thermal.top_m)
+    tables = make_tables(thermal, air.emission, sight, Azimuths(96, 0, 96), 128, 12e3, (True, True))
+    rng = np.random.default_rng(np.random.SeedSequence(9))
+    twice = 2 * emission_table.STATIONS - 1
+    monkeypatch.setattr(emission_table, "STATIONS", twice)
+    for to_ground, table, most in ((False, tables.clouds_limb, 10e3), (True, tables.clouds_ground, np.pi / 2)):
+        assert table is not None
+        v, azimuth = rng.uniform(0.0, most, 50), rng.uniform(-np.pi, np.pi, 50)
+        d = np.stack([sight.directions(v[k : k + 1], azimuth[k : k + 1], to_ground)[0, 0] for k in range(50)])
+        o, ray = vectors(origin[None, :]), vectors(d)
+        exact = emission_table._station_values(thermal, sight.planet, o, d, to_ground, 128, tables.layer_m)
+        row, angle = sight.place(o, ray, to_ground)
+        for k in range(twice):
+            looked = np.stack([np.array(x) for x in table.look(row, angle, k / (twice - 1.0) + 0.0 * row)], axis=1)
+            assert np.abs(looked - exact[:, k]).max() < 4e-3 * exact.max(), (to_ground, k)
