@@ -21,9 +21,36 @@ from scipy.special import expn
 from horizonval.earth.arrays import FloatArray
 from horizonval.earth.planck import radiance_per_wavenumber
 
-COLDEST_K, WARMEST_K, STEP_K = 40.0, 1000.0, 1.0
-"""Range and step of the spline through S(T): 1e-7 of S at worst from 120 K on; what is colder emits next to nothing."""
+COLDEST_K, WARMEST_K, STEP_K = 80.0, 400.0, 1.0
+"""Range and step of the spline through S(T); its error is below 1e-8 of S."""
 _OPAQUE, _THIN = 300.0, 1e-3
+
+
+@dataclass(frozen=True)
+class SourceSpline:
+    """S_g(T) by a spline between COLDEST_K and WARMEST_K; beyond them exactly, which takes longer.
+
+    ``wavenumber_per_cm`` (q,) and ``weight_per_cm`` (g, q) are those of an :class:`EmittingBand`.
+    """
+
+    wavenumber_per_cm: FloatArray
+    weight_per_cm: FloatArray
+    spline: CubicSpline
+
+    def __call__(self, temperature_k: ArrayLike) -> FloatArray:
+        """Return S [W m-2 sr-1]; shape of the temperature and (g,) behind it."""
+        temperature = np.asarray(temperature_k, dtype=np.float64)
+        value = np.asarray(self.spline(np.clip(temperature, COLDEST_K, WARMEST_K)))
+        outside = (temperature < COLDEST_K) | (temperature > WARMEST_K)
+        if np.any(outside):
+            planck = radiance_per_wavenumber(self.wavenumber_per_cm, temperature[outside][:, None])
+            value[outside] = planck @ self.weight_per_cm.T
+        return value
+
+    def of(self, part: slice) -> SourceSpline:
+        """Return that of some of the g points."""
+        spline = CubicSpline.construct_fast(self.spline.c[:, :, part], self.spline.x)
+        return SourceSpline(self.wavenumber_per_cm, self.weight_per_cm[part], spline)
 
 
 @dataclass(frozen=True)
@@ -73,10 +100,11 @@ class EmittingBand:
         temperature = np.asarray(temperature_k, dtype=np.float64)[..., None]
         return radiance_per_wavenumber(self.source_wavenumber_per_cm, temperature) @ self.source_weight_per_cm.T
 
-    def source_spline(self) -> CubicSpline:
-        """Return a quick S_g(T) for many temperatures between COLDEST_K and WARMEST_K."""
+    def source_spline(self) -> SourceSpline:
+        """Return a quick S_g(T) for many temperatures."""
         nodes = np.arange(COLDEST_K, WARMEST_K + STEP_K, STEP_K)
-        return CubicSpline(nodes, self.source(nodes))
+        spline = CubicSpline(nodes, self.source(nodes))
+        return SourceSpline(self.source_wavenumber_per_cm, self.source_weight_per_cm, spline)
 
     def columns(self) -> tuple[FloatArray, FloatArray]:
         """Return extinction [1/m] and source function [W m-2 sr-1] on ``altitude_m``, shapes (g, m, n)."""

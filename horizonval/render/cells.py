@@ -164,16 +164,16 @@ def _edge_cells(view: View, edge: Any) -> tuple[Any, Rays, Rays]:
     offset = limb(u, v) / dr.maximum(slope, 1e-300)
     dr.eval(share, du, dv, offset)
 
-    def through(pick: Any, depth: Any) -> Rays:
-        """Rays of the picked cells, moved along the gradient to ``depth`` pixels inside the outline."""
+    def through(pick: Any, depth: Any, whole: Any) -> Rays:
+        """Rays of the picked cells, moved along the gradient to ``depth`` pixels inside the outline unless ``whole``."""
         if not dr.width(pick):
             return Rays(pick, _NO_DIRECTION, 0)
-        move = dr.clip(depth - offset, -2.0 * size, 2.0 * size)
+        move = dr.select(whole, 0.0, dr.clip(depth - offset, -2.0 * size, 2.0 * size))
         x, y = (dr.gather(mi.Float64, w, pick) for w in (u + move * du, v + move * dv))
         return Rays(dr.gather(mi.UInt32, edge, pick), view.rays.direction(x, y), dr.width(pick))
 
-    inner = through(dr.compress(share > 0.0), 0.5 * size * share)
-    outer = through(dr.compress(share < 1.0), -0.5 * size * (1.0 - share))
+    inner = through(dr.compress(share > 0.0), 0.5 * size * share, share >= 1.0)
+    outer = through(dr.compress(share < 1.0), -0.5 * size * (1.0 - share), share <= 0.0)
     return share, inner, outer
 
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.special import expn
 
 from horizonval.earth import land, surface
@@ -131,8 +130,7 @@ class GroundSource:
 
     def black(self, temperature_k: FloatArray, part: slice = ALL) -> FloatArray:
         """Return S_g(T) of some g points at temperatures (n,), shape (g, n)."""
-        spline = CubicSpline.construct_fast(self.spline.c[:, :, part], self.spline.x)
-        return np.asarray(spline(temperature_k)).T
+        return self.spline.of(part)(temperature_k).T
 
     def emissivities(self, kind: str, cosine: FloatArray, part: slice = ALL) -> FloatArray:
         """Return the emissivity of some g points at view cosines (n,), shape (g, n)."""

@@ -23,10 +23,9 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from horizonval.earth.arrays import FloatArray
-from horizonval.earth.emission import EmittingBand
+from horizonval.earth.emission import EmittingBand, SourceSpline
 from horizonval.earth.ground_emission import GroundEmission
 from horizonval.render.emission_columns import AirColumns, ColumnChunk
 from horizonval.render.emission_ground import GroundSource, kinds_of, mirrored, temperature_range_k
@@ -66,7 +65,7 @@ class WarmKind:
     temperature_k: FloatArray
 
     @classmethod
-    def of(cls, name: str, emission: GroundEmission, spline: CubicSpline) -> WarmKind:
+    def of(cls, name: str, emission: GroundEmission, spline: SourceSpline) -> WarmKind:
         """Choose the fewest temperatures."""
         low, high = temperature_range_k(emission, name)
         if high - low < 1e-6:

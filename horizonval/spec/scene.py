@@ -158,7 +158,7 @@ class Surface(Model):
     albedo: Fraction = 0.3
     wind_speed_m_s: Annotated[float, Field(ge=0, le=40)] | None = None
     emissivity: Fraction = 1.0
-    temperature_k: Annotated[float, Field(ge=40, le=1000)] | None = None
+    temperature_k: Positive | None = None
 
     @model_validator(mode="after")
     def _keys_belong_to_the_kind(self) -> Surface:

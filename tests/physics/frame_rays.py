@@ -89,10 +89,10 @@ def march_frame(scene: SceneSpec, camera: CameraSpec, nodes: int = NODES) -> Mar
         nodes=nodes,
     )
     height = frame.maps["tangent_height"].astype(np.float64)
-    # the hard limb's pixels are mixtures, and so may be those beside them; bent rays see it some 2 km higher
+    # the hard limb's pixels are mixtures, and some neighbour of theirs ends elsewhere; bent rays see it some 2 km higher
     ground = height < (2e3 if scene.atmosphere.refraction else 0.0)
     edge = np.zeros(ground.shape, dtype=bool)
-    for down in (-2, -1, 0, 1, 2):
-        for right in (-2, -1, 0, 1, 2):
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
             edge |= np.roll(ground, (down, right), (0, 1)) != ground
     return Marched(frame, {name: v.reshape(height.shape) for name, v in found.items()}, height, ~edge)

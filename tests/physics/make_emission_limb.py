@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 from emission_reference import BAND_EDGES_PER_CM, Band
+from numpy.typing import NDArray
 from reference_rays import DATA, RADIUS_KM
 
-SHELLS_M = np.arange(1001) * 100.0
+SHELLS_M: NDArray[np.float64] = np.linspace(0.0, 100e3, 1001)
 HEIGHTS_KM = (0.5, 8.0, 16.0, 25.0, 40.0, 55.0, 70.0, 90.0, -1.0, -20.0)
 CLIMATES = ("tropical", "subarctic_winter")
 BANDS = ("band4", "band5", "band7")

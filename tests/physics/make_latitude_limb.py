@@ -7,7 +7,6 @@ Seen from 900 km over three places, through the climate of a month by latitude, 
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 from latitude_limb import Climate, aim, lowest_m, position
@@ -47,4 +46,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
