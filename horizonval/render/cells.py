@@ -23,6 +23,8 @@ from horizonval.render.refraction import Turning, true_direction
 from horizonval.render.surface import Ground
 
 _NO_DIRECTION: Vec = (None, None, None)
+WHOLE = 1e-9
+"""Rounding of a cell's covered share: within it of 0 or 1 the outline does not cut the cell."""
 
 
 @dataclass(frozen=True)
@@ -165,15 +167,15 @@ def _edge_cells(view: View, edge: Any) -> tuple[Any, Rays, Rays]:
     dr.eval(share, du, dv, offset)
 
     def through(pick: Any, depth: Any, whole: Any) -> Rays:
-        """Rays of the picked cells, moved along the gradient to ``depth`` pixels inside the outline unless ``whole``."""
+        """Rays of the picked cells, unless they are ``whole`` moved to ``depth`` pixels inside the outline."""
         if not dr.width(pick):
             return Rays(pick, _NO_DIRECTION, 0)
         move = dr.select(whole, 0.0, dr.clip(depth - offset, -2.0 * size, 2.0 * size))
         x, y = (dr.gather(mi.Float64, w, pick) for w in (u + move * du, v + move * dv))
         return Rays(dr.gather(mi.UInt32, edge, pick), view.rays.direction(x, y), dr.width(pick))
 
-    inner = through(dr.compress(share > 0.0), 0.5 * size * share, share >= 1.0)
-    outer = through(dr.compress(share < 1.0), -0.5 * size * (1.0 - share), share <= 0.0)
+    inner = through(dr.compress(share > 0.0), 0.5 * size * share, share > 1.0 - WHOLE)
+    outer = through(dr.compress(share < 1.0), -0.5 * size * (1.0 - share), share < WHOLE)
     return share, inner, outer
 
 

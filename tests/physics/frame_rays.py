@@ -89,7 +89,7 @@ def march_frame(scene: SceneSpec, camera: CameraSpec, nodes: int = NODES) -> Mar
         nodes=nodes,
     )
     height = frame.maps["tangent_height"].astype(np.float64)
-    # the hard limb's pixels are mixtures, and some neighbour of theirs ends elsewhere; bent rays see it some 2 km higher
+    # the hard limb's pixels are mixtures; bent rays see it some 2 km higher
     ground = height < (2e3 if scene.atmosphere.refraction else 0.0)
     edge = np.zeros(ground.shape, dtype=bool)
     for down in (-1, 0, 1):
