@@ -47,7 +47,10 @@ def _refusal(load, folder, text, name="x.toml"):
         (CAMERA + "fx = 50.0\n", ["camera:", "exactly one of fov_deg and fx"]),
         (CAMERA + "cx = inf\n", ["camera.cx", "found inf", "a finite number"]),
         (CAMERA + "distortion = [0.1, 'x']\n", ["camera.distortion[2]", 'found "x"', "a number"]),
-        (CAMERA + '[detector]\nkind = "cmso"\n', ["detector.kind", 'found "cmso"', '"cmos" or "linear" or "microbolometer"']),
+        (
+            CAMERA + '[detector]\nkind = "cmso"\n',
+            ["detector.kind", 'found "cmso"', '"cmos" or "linear" or "microbolometer"'],
+        ),
         (CAMERA + "[detector]\nbits = 8\n", ["detector.kind", "missing", '"cmos" or "linear" or "microbolometer"']),
         (CAMERA + '[detector]\nkind = "cmos"\nbits = 8\n', ["detector.pixel_pitch_um", "missing", "above 0"]),
         (CAMERA + "[optics]\ntransmission = nan\n", ["optics.transmission", "found nan"]),
