@@ -37,7 +37,9 @@ _PIXEL_VARIANCE = 1 / 12
 _CARRIED = 1e-3
 """Transfer beyond one cycle per pixel above which whole pixels cannot carry the pattern."""
 _LEAST_REACH = 16
-_MOST_REACH = 256
+MOST_REACH = 256
+MOST_SPREAD_PX = 64.0
+"""Lambda N beyond which the power law would begin inside the first rings."""
 
 
 def kernel(
@@ -72,7 +74,7 @@ def reach_px(sigma_px: float, defocus_radius_px: float, spread: float) -> int:
     reach = max(8 * sigma_px + defocus_radius_px + 1, 12 * spread + defocus_radius_px)
     if spread:
         reach = max(reach, 4 * defocus_radius_px, _LEAST_REACH)
-    return min(math.ceil(reach), _MOST_REACH)
+    return min(math.ceil(reach), MOST_REACH)
 
 
 @lru_cache(maxsize=32)

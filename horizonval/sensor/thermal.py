@@ -53,9 +53,9 @@ def respond(
     sigma = noise_radiance(band, detector, camera)
     thermal_rng, residue_rng, drift_rng = rng("thermal"), rng("residue"), rng("drift")
     if thermal_rng is not None and residue_rng is not None and drift_rng is not None:
-        name, shape = camera.camera.name, (geometry.height, geometry.width)
+        unit, shape = fixed_pattern.unit(camera.camera.name, truth), (geometry.height, geometry.width)
         if detector.responsivity_rms > 0.0:
-            signal = signal * fixed_pattern.response(name, detector.serial, shape, detector.responsivity_rms)
+            signal = signal * fixed_pattern.response(unit, detector.serial, shape, detector.responsivity_rms)
         signal = signal + offsets_k(detector, shape, residue_rng, drift_rng) * thermal_noise.radiance_per_kelvin(band)
         signal = signal + sigma * thermal_rng.standard_normal(shape)
     low = thermal_noise.blackbody_radiance(band, detector.scene_min_k)

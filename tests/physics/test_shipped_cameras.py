@@ -121,7 +121,7 @@ def check_curve(curve: list[tuple[float, float, float, float]], black: float, va
 
 @pytest.mark.parametrize(("name", "band"), SOLAR)
 def test_photon_transfer(make_frame: Any, name: str, band: str) -> None:
-    """65 536 pixels, in colour a half or a quarter: standard error of a variance 0.55 % (0.8, 1.1), of the gain 0.2 %."""
+    """65 536 pixels, in colour a half or a quarter: standard error of a variance 0.55 % (0.8, 1.1), of gain 0.2 %."""
     detector = load_camera(name).detector
     assert isinstance(detector, Cmos)
     share = own_pixels(detector, band, 2).mean()
@@ -151,7 +151,7 @@ def test_a_sunlit_limb_is_well_exposed(make_frame: Any, name: str, band: str) ->
     assert spec.camera.name == name
     radiance = {b.name: 77 * float(integrate.trapezoid(*reversed(band_grid(b)))) for b in spec.band}
     frame = make_frame(radiance, tables, sun_visible_fraction=0.0)
-    levels = {b.name: observe(frame, spec, b.name, noise=False).dn / (2**_bits(spec) - 1) for b in spec.band}
+    levels = {b.name: observe(frame, spec, b.name, noise=False).dn / (2 ** _bits(spec) - 1) for b in spec.band}
     assert 0.5 < max(np.median(level) for level in levels.values()) < 0.7
     assert 0.35 < np.median(levels[band]) < 0.7
     # Ghosts larger than the image leave its border a little darker; nothing else sees that it is one.
