@@ -121,7 +121,7 @@ def check_curve(curve: list[tuple[float, float, float, float]], black: float, va
 
 @pytest.mark.parametrize(("name", "band"), SOLAR)
 def test_photon_transfer(make_frame: Any, name: str, band: str) -> None:
-    """65 536 pixels, of a colour a half or a quarter: standard error of a variance 0.55 %, of the gain 0.2 %."""
+    """65 536 pixels, in colour a half or a quarter: standard error of a variance 0.55 % (0.8, 1.1), of gain 0.2 %."""
     detector = load_camera(name).detector
     assert isinstance(detector, Cmos)
     share = own_pixels(detector, band, 2).mean()
