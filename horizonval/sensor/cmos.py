@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.earth import bands
-from horizonval.errors import UserError
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import Camera
 from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_from_itrs
@@ -65,20 +64,28 @@ def respond(
     rng : callable
         See :data:`Streams`. Without noise the pixels do not differ either.
     """
-    _require_black_below_white(detector)
     bits, black, full_well = detector.bits, detector.black_level_dn, detector.full_well_e
     shape = (geometry.height, geometry.width)
-    noisy = rng("read") is not None
-    electrons_after = _electrons_after(radiance, truth, geometry, camera, detector, band)
-    dark_rate = _dark_rate(detector, camera.camera.name, shape, noisy)
+    noisy, unit = rng("read") is not None, fixed_pattern.unit(camera.camera.name, truth)
+    colours, pitch_m = _colours(camera, detector, band), detector.pixel_pitch_um * 1e-6
+    power_w = {
+        letter: image_plane.pixel_power_w(radiance(one), geometry, camera.optics, pitch_m, one, sun_of(truth))
+        for letter, one in colours.items()
+    }
+    dark_rate = _dark_rate(detector, unit, shape, noisy)
     seconds = detector.exposure_s
     if detector.auto_exposure is not None:
-        seconds = auto_exposure.exposure_s(electrons_after(1.0) + dark_rate, full_well, detector.auto_exposure)
-    electrons = electrons_after(seconds)
+        # From the camera at rest: how far it turns depends on the exposure, and hardly changes a percentile.
+        rate = _electrons(power_w, colours, detector, 1.0) + dark_rate
+        seconds = auto_exposure.exposure_s(rate, full_well, detector.auto_exposure)
+    turn = motion.rate_cam_rad_s(truth)
+    row_time_s = detector.row_time_s if detector.shutter == "rolling" and detector.row_time_s is not None else 0.0
+    moved_w = {letter: motion.moved(power, geometry, turn, seconds, row_time_s) for letter, power in power_w.items()}
+    electrons = _electrons(moved_w, colours, detector, seconds)
     if detector.shutter == "frame_transfer" and detector.row_time_s is not None:
         electrons = electrons + charge.smear_e(electrons / seconds, detector.row_time_s)
     if noisy and detector.prnu > 0.0:
-        electrons = electrons * fixed_pattern.response(camera.camera.name, detector.serial, shape, detector.prnu)
+        electrons = electrons * fixed_pattern.response(unit, detector.serial, shape, detector.prnu)
     dark = np.broadcast_to(dark_rate * seconds, shape)
     photon_rng, dark_rng, read_rng = rng("photon"), rng("dark"), rng("read")
     if photon_rng is not None and dark_rng is not None:
@@ -86,7 +93,7 @@ def respond(
         dark = exposure.count(dark, full_well, dark_rng)
     collected = electrons + dark
     if noisy and detector.dsnu_e > 0.0:
-        collected = collected + fixed_pattern.dark_offset_e(camera.camera.name, detector.serial, shape, detector.dsnu_e)
+        collected = collected + fixed_pattern.dark_offset_e(unit, detector.serial, shape, detector.dsnu_e)
     collected = _with_protons(collected, detector, truth, seconds, rng("protons"))
     spill = charge.bloom if detector.blooming == "column" else readout.saturate
     held = spill(collected, full_well)
@@ -103,46 +110,20 @@ def respond(
     return dn, settings
 
 
-def _electrons_after(
-    radiance: Callable[[Band], FloatArray],
-    truth: FrameTruth,
-    geometry: Camera,
-    camera: CameraSpec,
-    detector: Cmos,
-    band: Band,
-) -> Callable[[float], FloatArray]:
-    """Return a function from the exposure [s] to the expected photoelectrons of every pixel, shape (H, W)."""
-    power: dict[str, tuple[FloatArray, float]] = {}
-    for letter, one in _colours(camera, detector, band).items():
-        on_pixels = image_plane.pixel_power_w(
-            radiance(one), geometry, camera.optics, detector.pixel_pitch_um * 1e-6, one, sun_of(truth)
-        )
-        power[letter] = on_pixels, bands.reference_wavelength_um(one) * 1e-6
-    turn = motion.rate_cam_rad_s(truth)
-    row_time_s = detector.row_time_s if detector.shutter == "rolling" and detector.row_time_s is not None else 0.0
-
-    def electrons(seconds: float) -> FloatArray:
-        planes = {}
-        for letter, (watt, wavelength_m) in power.items():
-            plane = exposure.photoelectrons(watt, seconds, detector.quantum_efficiency, wavelength_m)
-            planes[letter] = motion.moved(plane, geometry, turn, seconds, row_time_s)
-        return planes[""] if detector.bayer is None else bayer.mosaic(planes, detector.bayer)
-
-    return electrons
-
-
 def _colours(camera: CameraSpec, detector: Cmos, band: Band) -> dict[str, Band]:
-    """Return the bands that pixels see: by letter for a mosaic, else the one asked for."""
-    if detector.bayer is None:
-        return {"": band}
-    colours = {bayer.colour_of(one.name): one for one in camera.band}
-    if set(colours) != set("RGB") or len(camera.band) != 3:
-        raise UserError(
-            f'detector.bayer = "{detector.bayer}", but the bands are ' + ", ".join(b.name for b in camera.band),
-            where="band",
-            expected="three bands whose names begin with r, g and b",
+    """Return the bands that pixels see: by letter for a mosaic, else the one asked for under the empty string."""
+    return {"": band} if detector.bayer is None else {bayer.colour_of(one.name): one for one in camera.band}
+
+
+def _electrons(power_w: dict[str, FloatArray], colours: dict[str, Band], detector: Cmos, seconds: float) -> FloatArray:
+    """Return the expected photoelectrons of every pixel, shape (H, W), from each colour's whole image."""
+    planes = {
+        letter: exposure.photoelectrons(
+            power, seconds, detector.quantum_efficiency, bands.reference_wavelength_um(colours[letter]) * 1e-6
         )
-    return colours
+        for letter, power in power_w.items()
+    }
+    return planes[""] if detector.bayer is None else bayer.mosaic(planes, detector.bayer)
 
 
 def _dark_rate(detector: Cmos, name: str, shape: tuple[int, int], noisy: bool) -> FloatArray | float:
@@ -172,13 +153,3 @@ def _with_protons(
     return electrons + protons.streaks_e(
         hits, shape, detector.pixel_pitch_um, detector.radiation.depth_um, detector.radiation.charge_e_per_um, rng
     )
-
-
-def _require_black_below_white(detector: Cmos) -> None:
-    white = converter.full_scale(detector.bits)
-    if detector.black_level_dn >= white:
-        raise UserError(
-            f"black_level_dn = {detector.black_level_dn}",
-            where="detector.black_level_dn",
-            expected=f"below {white}, the largest number of {detector.bits} bits",
-        )

@@ -5,7 +5,10 @@ The transfer functions of the three multiply::
     T(f) = T_diffraction(f)  exp(-2 pi^2 sigma^2 f^2)  2 J1(2 pi a f) / (2 pi a f),     a = |defocus| / (2 N)
 
 the last being the evenly lit disc of a detector that stands ``defocus`` beside the focus (geometric, without the
-rings of diffraction in it). The kernel is the product's Fourier integral at whole pixels.
+rings of diffraction in it). With W = |defocus| / (8 N^2) this is within 0.06 of the exact modulation of a defocused
+pupil (H. H. Hopkins, Proc. R. Soc. A 231, 91 (1955)) from W = 3 wavelengths on and within 0.07 below a tenth of one;
+between, around half a wavelength, it is too low by up to 0.22. The kernel is the product's Fourier integral at whole
+pixels.
 
 The frame's pixels are means over their area already, so that the kernel has no pixel in it as long as whole pixels can
 carry the pattern, that is, as long as nothing is left of T from one cycle per pixel on. A finer pattern would be caught
@@ -37,7 +40,9 @@ _PIXEL_VARIANCE = 1 / 12
 _CARRIED = 1e-3
 """Transfer beyond one cycle per pixel above which whole pixels cannot carry the pattern."""
 _LEAST_REACH = 16
-_MOST_REACH = 256
+MOST_REACH = 256
+MOST_SPREAD_PX = 64.0
+"""Lambda N beyond which the power law would begin inside the first rings."""
 
 
 def kernel(
@@ -72,7 +77,7 @@ def reach_px(sigma_px: float, defocus_radius_px: float, spread: float) -> int:
     reach = max(8 * sigma_px + defocus_radius_px + 1, 12 * spread + defocus_radius_px)
     if spread:
         reach = max(reach, 4 * defocus_radius_px, _LEAST_REACH)
-    return min(math.ceil(reach), _MOST_REACH)
+    return min(math.ceil(reach), MOST_REACH)
 
 
 @lru_cache(maxsize=32)

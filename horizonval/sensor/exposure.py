@@ -35,8 +35,10 @@ def dark_current_ratio(temperature_c: float | None, reference_c: float | None, d
 def count(expected: FloatArray, full_well_e: float, rng: np.random.Generator) -> FloatArray:
     """Return Poisson counts, shape of ``expected``.
 
-    Expected counts above 100 full wells (the Sun) are drawn as 100 full wells. That changes nothing: the pixel
-    saturates either way, a count below one full well being 99 of ten (for a full well of one electron) or more
-    standard deviations away. It keeps the generator inside the range of its integers.
+    Expected counts above 100 full wells (the Sun) come back as they are. The pixel saturates either way, a count below
+    one full well being 99 of ten (for a full well of one electron) or more standard deviations away, and what spills
+    over is right within 3 %, for wells of 10 000 electrons within 0.1 %. It keeps the generator inside the range of its
+    integers.
     """
-    return rng.poisson(np.minimum(expected, 100 * full_well_e + 1000)).astype(np.float64)
+    limit = 100 * full_well_e + 1000
+    return np.where(expected > limit, expected, rng.poisson(np.minimum(expected, limit)))

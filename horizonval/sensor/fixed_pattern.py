@@ -1,9 +1,9 @@
 """What makes the pixels of one unit differ: response, dark signal, hot pixels.
 
-Each unit of a camera has its pattern for life: the streams depend on the camera's name and serial number, not on the
-scene. Response is ``1 + prnu x``, dark signal ``dsnu_e x`` with x standard normal, as EMVA 1288 (release 4, chapter 8)
-measures both. Hot pixels have a dark current that is higher by an exponentially distributed amount, the shape that
-displacement damage leaves (G. R. Hopkinson, IEEE Trans. Nucl. Sci. 43, 614 (1996)).
+Each unit of a camera has its pattern for life: the streams depend on the camera's name, head and serial number, not on
+the rest of the scene. Response is ``1 + prnu x``, dark signal ``dsnu_e x`` with x standard normal, as EMVA 1288
+(release 4, chapter 8) measures both. Hot pixels have a dark current that is higher by an exponentially distributed
+amount, the shape that displacement damage leaves (G. R. Hopkinson, IEEE Trans. Nucl. Sci. 43, 614 (1996)).
 
 A response below zero is cut at zero: with the largest prnu allowed (0.3) one pixel in 2300.
 """
@@ -13,9 +13,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.frame import FrameTruth
 from horizonval.sensor.streams import stream
 
 FloatArray = NDArray[np.float64]
+
+
+def unit(camera: str, truth: FrameTruth) -> str:
+    """Return the name under which one array has its pattern: the camera's, and the head's where it has several."""
+    head = truth.scene.get("camera", {}).get("head")
+    return camera if head is None else f"{camera}/{head}"
 
 
 def response(camera: str, serial: int, shape: tuple[int, int], prnu: float) -> FloatArray:

@@ -67,8 +67,9 @@ def pixel_power_w(
 ) -> FloatArray:
     """Return the power on each pixel [W], shape (H, W); parameters as in :func:`radiance_on_axis`."""
     light = optics.pixel_power_w(radiance, optics.etendue(geometry, pixel_pitch_m, lens), lens.transmission)
+    pixel_area_m2 = pixel_pitch_m**2 * geometry.fx / geometry.fy
     pupil = lens.transmission * optics.pupil_area_m2(geometry.fx * pixel_pitch_m, lens.f_number)
-    return _through(light, geometry, lens, pixel_pitch_m, band, sun, pupil, pixel_pitch_m**2)
+    return _through(light, geometry, lens, pixel_pitch_m, band, sun, pupil, pixel_area_m2)
 
 
 def _through(

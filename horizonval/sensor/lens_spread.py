@@ -49,7 +49,7 @@ def spread(
     Raises
     ------
     UserError
-        Diffraction or defocus without what they need.
+        Diffraction or defocus without what they need, or wider than a kernel can be.
     """
     core = None
     for sigma, share in _over_field(camera, lens):
@@ -166,6 +166,20 @@ def _core(lens: Optics, band: Band | None, pixel_pitch_m: float | None) -> tuple
     chosen = band if lens.diffraction else None
     spread_px = 0.0 if chosen is None else core_spread.spread_px(chosen, lens.f_number, pixel_pitch_m)
     widest = max([lens.psf_sigma_px, *lens.psf_field_sigma_px])
+    if spread_px > core_spread.MOST_SPREAD_PX:
+        raise UserError(
+            f"diffraction at f_number = {lens.f_number:g} spreads lambda N = {spread_px:.3g} pixels of "
+            f"pixel_pitch_um = {pixel_pitch_m * 1e6:g}",
+            where="optics.diffraction",
+            expected=f"at most {core_spread.MOST_SPREAD_PX:g} pixels",
+        )
+    if 4 * widest + radius > core_spread.MOST_REACH:
+        raise UserError(
+            f"a defocus disc of {radius:.4g} pixels (defocus_um = {lens.defocus_um:g}, f_number = {lens.f_number:g}) "
+            f"and a blur of {widest:g} pixels",
+            where="optics.defocus_um" if lens.defocus_um else "optics.psf_sigma_px",
+            expected=f"radius and four sigma within {core_spread.MOST_REACH} pixels",
+        )
     return radius, pixel_pitch_m, chosen, core_spread.reach_px(widest, radius, spread_px)
 
 

@@ -6,17 +6,20 @@ What a pixel sees at the time t after the frame's instant is what the still fram
     image(t)(u) = image(0)(project(exp(t [omega]x) unproject(u)))
 
 The pixel's path over the exposure is taken as a parabola through its exact places at both ends; the image is averaged
-along it at Gauss's points, bilinear between pixels. Row r of a rolling shutter is exposed
+along it, bilinear between pixels. Row r of a rolling shutter is exposed
 ``(r - (H - 1) / 2) row_time`` after the middle row, whose instant is the frame's.
 
-Neglected: the satellite's own motion along its orbit, which moves the ground (0.9 deg/s below a satellite at 500 km)
-but hardly the limb (its azimuth about the nadir turns by a part of the 0.06 deg/s of the orbit); light beyond the
-image's border, taken as that of the border; the Sun's motion against the local vertical frame, 0.06 deg/s.
+Neglected: that vignetting and stray light stand still on the detector; the satellite's own motion along its orbit,
+which moves the ground (0.9 deg/s below a satellite at 500 km) but hardly the limb (its azimuth about the nadir turns by
+a part of the 0.06 deg/s of the orbit); light beyond the image's border, taken as that of the border; the Sun's motion
+against the local vertical frame, 0.06 deg/s.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +37,10 @@ STILL_PX = 0.01
 """Motion below leaves an image as it is: a hundredth of a pixel changes no edge by more than that."""
 FARTHEST_RAD = 0.05
 """Turn at which the parabola is fitted at most; beyond it goes on as it is."""
-POINTS_PER_PX = 2
-MOST_POINTS = 64
+LONG_PX = 4.0
+"""A path from which on instants stand evenly, a pixel apart at most: bilinear tents at that step add up to an even
+line. Shorter ones take Gauss's points, two to a pixel."""
+MOST_POINTS = 512
 
 
 def rate_cam_rad_s(truth: FrameTruth) -> FloatArray:
@@ -67,40 +72,69 @@ def moved(
     exposure_s, row_time_s : float
         ``row_time_s`` is 0 for a global shutter.
     """
-    path_px = float(np.linalg.norm(rate_cam_rad_s)) * exposure_s * max(camera.fx, camera.fy)
-    count = min(max(2, math.ceil(POINTS_PER_PX * path_px)), MOST_POINTS)
-    x, weight = np.polynomial.legendre.leggauss(count)
-    return averaged(image, camera, rate_cam_rad_s, 0.5 * exposure_s * x, 0.5 * weight, row_time_s)
+    path = _Path.of(camera, rate_cam_rad_s, 0.5 * exposure_s + 0.5 * (camera.height - 1) * row_time_s)
+    if path is None:
+        return image
+    length_px = path.speed_px_per_s * exposure_s
+    if length_px < LONG_PX:
+        x, weight = np.polynomial.legendre.leggauss(max(2, math.ceil(2 * length_px)))
+    else:
+        count = min(math.ceil(length_px), MOST_POINTS)
+        x, weight = (2 * np.arange(count) + 1) / count - 1, np.full(count, 2 / count)
+    return path.mean(image, 0.5 * exposure_s * x, 0.5 * weight, row_time_s)
 
 
 def averaged(
-    image: FloatArray,
-    camera: Camera,
-    rate_cam_rad_s: FloatArray,
-    time_s: FloatArray,
-    weight: FloatArray,
-    row_time_s: float = 0.0,
+    image: FloatArray, camera: Camera, rate_cam_rad_s: FloatArray, time_s: FloatArray, weight: FloatArray
 ) -> FloatArray:
     """Return the weighted mean of what is seen at instants, shape (H, W).
 
-    ``time_s``, ``weight``: shape (k,), against the instant of the frame, for the middle row of a rolling shutter.
+    ``time_s``, ``weight``: shape (k,), against the instant of the frame.
     """
-    rows = (np.arange(camera.height) - 0.5 * (camera.height - 1)) * row_time_s
-    longest = float(np.abs(time_s).max() + np.abs(rows).max())
-    if longest == 0.0 or not np.any(rate_cam_rad_s):
-        return image
-    place = pixel_grid(camera)
-    end = min(longest, FARTHEST_RAD / float(np.linalg.norm(rate_cam_rad_s)))
-    ahead, behind = (_seen_at(camera, place, rate_cam_rad_s * t) for t in (end, -end))
-    slope, bend = (ahead - behind) / (2 * end), (ahead + behind - 2 * place) / (2 * end**2)
-    if float(np.hypot(slope[..., 0], slope[..., 1]).max()) * longest < STILL_PX:
-        return image
-    total = np.zeros_like(image)
-    for instant, share in zip(time_s, weight, strict=True):
-        t = (rows + instant)[:, None, None]
-        at = place + t * (slope + t * bend)
-        total += share * map_coordinates(image, [at[..., 1], at[..., 0]], order=1, mode="nearest")
-    return total
+    path = _Path.of(camera, rate_cam_rad_s, float(np.abs(time_s).max()))
+    return image if path is None else path.mean(image, time_s, weight)
+
+
+@dataclass(frozen=True)
+class _Path:
+    """Every pixel's way over the still image, ``place + t (slope + t bend)``; rows and columns first, (2, H, W)."""
+
+    place: FloatArray
+    slope: FloatArray
+    bend: FloatArray
+
+    @classmethod
+    def of(cls, camera: Camera, rate_cam_rad_s: FloatArray, longest_s: float) -> _Path | None:
+        """Return the way of a turning camera up to a time before and after the frame; None if it is too short."""
+        speed = float(np.linalg.norm(rate_cam_rad_s))
+        if longest_s * speed == 0.0:
+            return None
+        place = pixel_grid(camera)
+        end = min(longest_s, FARTHEST_RAD / speed)
+        ahead, behind = (_seen_at(camera, place, rate_cam_rad_s * t) for t in (end, -end))
+        slope, bend = (ahead - behind) / (2 * end), (ahead + behind - 2 * place) / (2 * end**2)
+        path = cls(*(np.ascontiguousarray(part[..., ::-1].transpose(2, 0, 1)) for part in (place, slope, bend)))
+        return path if path.speed_px_per_s * longest_s >= STILL_PX else None
+
+    @cached_property
+    def speed_px_per_s(self) -> float:
+        """How fast the fastest pixel moves at the frame's instant."""
+        return float(np.hypot(*self.slope).max())
+
+    def mean(self, image: FloatArray, time_s: FloatArray, weight: FloatArray, row_time_s: float = 0.0) -> FloatArray:
+        """Return the weighted mean of the image at instants of the middle row, shape (H, W)."""
+        rows = (np.arange(image.shape[0]) - 0.5 * (image.shape[0] - 1)) * row_time_s
+        total, seen, at = np.zeros_like(image), np.empty_like(image), np.empty_like(self.place)
+        for instant, share in zip(time_s, weight, strict=True):
+            t = (rows + instant)[:, None]
+            np.multiply(self.bend, t, out=at)
+            at += self.slope
+            at *= t
+            at += self.place
+            map_coordinates(image, at, output=seen, order=1, mode="nearest")
+            seen *= share
+            total += seen
+        return total
 
 
 def _seen_at(camera: Camera, place: FloatArray, turn_rad: FloatArray) -> FloatArray:

@@ -53,8 +53,12 @@ def observe(
     geometry = camera_from_spec(camera.camera)
     check_invertible(geometry)
 
+    # The colours of a mosaic are one reading of one array.
+    mosaic = isinstance(camera.detector, Cmos) and camera.detector.bayer is not None
+    reading = "+".join(one.name for one in camera.band) if mosaic else spec.name
+
     def rng(stage: str) -> np.random.Generator | None:
-        return stream(frame.truth.scene_id, camera.camera.name, spec.name, stage, seed) if noise else None
+        return stream(frame.truth.scene_id, camera.camera.name, reading, stage, seed) if noise else None
 
     def radiance(of: Band) -> FloatArray:
         return _radiance(frame, camera, of.name)
@@ -100,7 +104,7 @@ def _radiance(frame: Frame, camera: CameraSpec, band: str) -> FloatArray:
         )
     made_for = camera_from_spec(CameraSpec.model_validate(frame.truth.camera).camera)
     wanted = camera_from_spec(camera.camera)
-    for key in ("width", "height", "fx", "fy", "cx", "cy", "distortion", "projection"):
+    for key in ("width", "height", "fx", "fy", "cx", "cy", "distortion", "projection", "image_circle_rad"):
         if getattr(wanted, key) != getattr(made_for, key):
             raise UserError(
                 f"the camera's {key} is {getattr(wanted, key)}, the frame was made for {getattr(made_for, key)}",

@@ -25,6 +25,7 @@ SPREAD = 0.5
 POINTS_PER_PX = 4
 LONGEST_PX = 400.0
 """Of a streak; one track in 1e4 would be longer at 5 um depth and 2 um pitch."""
+_TRACKS_AT_ONCE = 100_000
 
 
 def anomaly(latitude_deg: float, longitude_deg: float) -> float:
@@ -58,13 +59,18 @@ def streaks_e(
     start = rng.random((n, 2)) * shape - 0.5
     length = np.minimum(depth_um / pitch_um * np.sqrt(1.0 / cosine**2 - 1.0), LONGEST_PX)
     charge = charge_e_per_um * energy * np.hypot(length * pitch_um, depth_um)
-    points = np.ceil(POINTS_PER_PX * length).astype(int) + 1
-    track = np.repeat(np.arange(n), points)
-    along = (
-        (np.arange(points.sum()) - np.repeat(np.cumsum(points) - points, points) + 0.5) / points[track] * length[track]
-    )
-    place = start[track] + along[:, None] * np.stack([np.sin(azimuth), np.cos(azimuth)], axis=1)[track]
-    row, column = np.rint(place).astype(int).T
-    inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
-    np.add.at(out, (row[inside], column[inside]), (charge / points)[track][inside])
+    step = length[:, None] * np.stack([np.sin(azimuth), np.cos(azimuth)], axis=1)
+    for first in range(0, n, _TRACKS_AT_ONCE):
+        some = slice(first, first + _TRACKS_AT_ONCE)
+        _draw(out, start[some], step[some], charge[some])
     return out
+
+
+def _draw(out: FloatArray, start: FloatArray, step: FloatArray, charge: FloatArray) -> None:
+    """Add the charge of tracks, evenly along them; places and steps as rows and columns, shape (n, 2)."""
+    points = np.ceil(POINTS_PER_PX * np.hypot(step[:, 0], step[:, 1])).astype(int) + 1
+    track = np.repeat(np.arange(len(points)), points)
+    along = (np.arange(points.sum()) - np.repeat(np.cumsum(points) - points, points) + 0.5) / points[track]
+    row, column = np.rint(start[track] + along[:, None] * step[track]).astype(int).T
+    inside = (row >= 0) & (row < out.shape[0]) & (column >= 0) & (column < out.shape[1])
+    np.add.at(out, (row[inside], column[inside]), (charge / points)[track][inside])

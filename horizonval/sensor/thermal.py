@@ -34,6 +34,9 @@ FloatArray = NDArray[np.float64]
 
 SIGMA_PER_FWHM = 1.0 / np.sqrt(8.0 * np.log(2.0))
 LAGUERRE_POINTS = 16
+LAGUERRE_PX = 4.0
+SLICE = 2.5e-3
+"""Of an edge's contrast: no step of a dragged edge is higher than this or a pixel's share of the drag."""
 
 
 def respond(
@@ -54,12 +57,11 @@ def respond(
     sigma = noise_radiance(measured_in, detector, camera)
     thermal_rng, residue_rng, drift_rng = rng("thermal"), rng("residue"), rng("drift")
     if thermal_rng is not None and residue_rng is not None and drift_rng is not None:
-        name, shape = camera.camera.name, (geometry.height, geometry.width)
+        unit, shape = fixed_pattern.unit(camera.camera.name, truth), (geometry.height, geometry.width)
         if detector.responsivity_rms > 0.0:
-            signal = signal * fixed_pattern.response(name, detector.serial, shape, detector.responsivity_rms)
-        signal = signal + offsets_k(detector, shape, residue_rng, drift_rng) * thermal_noise.radiance_per_kelvin(
-            measured_in
-        )
+            signal = signal * fixed_pattern.response(unit, detector.serial, shape, detector.responsivity_rms)
+        per_kelvin = thermal_noise.radiance_per_kelvin(measured_in)
+        signal = signal + offsets_k(detector, shape, residue_rng, drift_rng) * per_kelvin
         signal = signal + sigma * thermal_rng.standard_normal(shape)
     low = thermal_noise.blackbody_radiance(band, detector.scene_min_k)
     high = thermal_noise.blackbody_radiance(band, detector.scene_max_k)
@@ -116,12 +118,28 @@ def offsets_k(
 
 
 def dragged(image: FloatArray, geometry: Camera, rate_cam_rad_s: FloatArray, time_constant_s: float) -> FloatArray:
-    """Return the image of a turning camera whose pixels follow with a time constant, shape (H, W).
-
-    Gauss-Laguerre quadrature over the past: exact for an image that changes as a polynomial of degree 31 along the
-    pixel's path.
-    """
+    """Return the image of a turning camera whose pixels follow with a time constant, shape (H, W)."""
     if time_constant_s == 0.0:
         return image
-    x, weight = np.polynomial.laguerre.laggauss(LAGUERRE_POINTS)
-    return motion.averaged(image, geometry, rate_cam_rad_s, -time_constant_s * x, weight)
+    drag_px = float(np.linalg.norm(rate_cam_rad_s)) * time_constant_s * max(geometry.fx, geometry.fy)
+    age, weight = past(drag_px)
+    return motion.averaged(image, geometry, rate_cam_rad_s, -time_constant_s * age, weight)
+
+
+def past(drag_px: float) -> tuple[FloatArray, FloatArray]:
+    """Return ages, in time constants, and weights of sum 1 that stand for ``exp(-age)``.
+
+    A short drag takes Gauss and Laguerre's points. They are too far apart for edges that are dragged over many pixels:
+    those take slices of a pixel of the way, later slices of equal weight, each at its mean age.
+    """
+    if drag_px < LAGUERRE_PX:
+        return np.polynomial.laguerre.laggauss(LAGUERRE_POINTS)
+    even_to = max(0.0, np.log(1.0 / (drag_px * SLICE)))
+    even = np.linspace(0.0, even_to, int(np.ceil(even_to * drag_px)), endpoint=False)
+    left = np.exp(-even_to) * np.linspace(1.0, 0.0, int(np.ceil(np.exp(-even_to) / SLICE)) + 1)
+    start = np.concatenate([np.exp(-even), left[:-1]])
+    end = np.append(start[1:], 0.0)
+    age = -np.log(start)
+    older = np.append(age[1:], 0.0)
+    weight = start - end
+    return ((1.0 + age) * start - (1.0 + older) * end) / weight, weight

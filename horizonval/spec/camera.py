@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from horizonval.errors import UserError
 from horizonval.spec.base import Model
 from horizonval.spec.camera_geometry import CameraGeometry
+from horizonval.spec.cmos import Cmos
 from horizonval.spec.detector import Detector, ThermalDetector
 from horizonval.spec.numbers import Angle, Fraction, Positive
 from horizonval.spec.optics import Optics
@@ -111,6 +112,24 @@ class CameraSpec(Model):
         heads = [h.name for h in self.head]
         if len(set(heads)) != len(heads):
             raise ValueError(f"head names must differ, got {heads}")
+        return self
+
+    @model_validator(mode="after")
+    def _mosaic_of_three_colours(self) -> CameraSpec:
+        if not isinstance(self.detector, Cmos) or self.detector.bayer is None:
+            return self
+        names = [b.name for b in self.band]
+        if names and sorted(name[0].lower() for name in names) != ["b", "g", "r"]:
+            raise ValueError(
+                f'detector.bayer = "{self.detector.bayer}" takes three bands whose names begin with r, g and b, '
+                f"the camera has {names}"
+            )
+        size = self.camera.width, self.camera.height
+        if min(size) < 2:
+            raise ValueError(
+                f'detector.bayer = "{self.detector.bayer}" needs 2 x 2 pixels at least, '
+                f"the camera has width = {size[0]}, height = {size[1]}"
+            )
         return self
 
     @model_validator(mode="after")

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import Finite, NonNegative, Positive
+from horizonval.spec.numbers import NonNegative, Positive
 
 ABSOLUTE_ZERO_C = -273.15
 
@@ -38,9 +38,9 @@ class Radiation(Model):
     ``charge_e_per_um`` the mean charge that a proton frees on its way.
     """
 
-    flux_per_cm2_s: NonNegative
-    depth_um: Positive = 5.0
-    charge_e_per_um: Positive = 400.0
+    flux_per_cm2_s: Annotated[float, Field(ge=0, le=1e7)]
+    depth_um: Annotated[float, Field(gt=0, le=1000)] = 5.0
+    charge_e_per_um: Annotated[float, Field(gt=0, le=1e6)] = 400.0
 
 
 class Cmos(Model):
@@ -84,22 +84,22 @@ class Cmos(Model):
     )
 
     kind: Literal["cmos"] = "cmos"
-    pixel_pitch_um: Positive
-    exposure_s: Positive
+    pixel_pitch_um: Annotated[float, Field(ge=0.1, le=1000)]
+    exposure_s: Annotated[float, Field(gt=0, le=86400)]
     quantum_efficiency: Annotated[float, Field(gt=0, le=1)]
-    full_well_e: Positive
+    full_well_e: Annotated[float, Field(gt=0, le=1e12)]
     read_noise_e: NonNegative
-    dark_current_e_per_s: NonNegative = 0.0
+    dark_current_e_per_s: Annotated[float, Field(ge=0, le=1e12)] = 0.0
     bits: Annotated[int, Field(ge=1, le=16)]
     black_level_dn: NonNegative = 0.0
     gain_e_per_dn: Positive | None = None
-    temperature_c: Finite | None = None
-    dark_reference_c: Finite | None = None
-    dark_doubling_k: Positive = 8.0
+    temperature_c: Annotated[float, Field(ge=ABSOLUTE_ZERO_C, le=200)] | None = None
+    dark_reference_c: Annotated[float, Field(ge=ABSOLUTE_ZERO_C, le=200)] | None = None
+    dark_doubling_k: Annotated[float, Field(ge=1, le=100)] = 8.0
     prnu: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
     dsnu_e: NonNegative = 0.0
     hot_pixel_fraction: Annotated[float, Field(ge=0, le=0.1)] = 0.0
-    hot_pixel_e_per_s: NonNegative = 0.0
+    hot_pixel_e_per_s: Annotated[float, Field(ge=0, le=1e12)] = 0.0
     serial: Annotated[int, Field(ge=0)] = 0
     blooming: Literal["none", "column"] = "none"
     shutter: Literal["global", "rolling", "frame_transfer"] = "global"
@@ -112,10 +112,6 @@ class Cmos(Model):
     def _temperatures(self) -> Cmos:
         if (self.temperature_c is None) != (self.dark_reference_c is None):
             raise ValueError("temperature_c and dark_reference_c go together: give both or neither")
-        for key in ("temperature_c", "dark_reference_c"):
-            value = getattr(self, key)
-            if value is not None and value < ABSOLUTE_ZERO_C:
-                raise ValueError(f"{key} = {value:g} is below absolute zero, {ABSOLUTE_ZERO_C:g} deg C")
         return self
 
     @model_validator(mode="after")
@@ -123,6 +119,16 @@ class Cmos(Model):
         if (self.shutter == "global") != (self.row_time_s is None):
             given = "is missing" if self.row_time_s is None else f"= {self.row_time_s:g} has no use"
             raise ValueError(f'row_time_s {given} with shutter = "{self.shutter}"')
+        return self
+
+    @model_validator(mode="after")
+    def _black_below_white(self) -> Cmos:
+        white = 2**self.bits - 1
+        if self.black_level_dn >= white:
+            raise ValueError(
+                f"black_level_dn = {self.black_level_dn:g} must be below {white}, the largest number of "
+                f"bits = {self.bits}"
+            )
         return self
 
     @model_validator(mode="after")

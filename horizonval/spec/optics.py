@@ -12,9 +12,13 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import Finite, NonNegative, Positive
+from horizonval.spec.numbers import Finite, Positive
 
 FieldAngles = list[Annotated[float, Field(ge=0, le=180)]]
+FNumber = Annotated[float, Field(ge=0.5, le=1000)]
+"""In air no lens is faster than f/0.5 (the sine condition)."""
+Blur = Annotated[float, Field(ge=0, le=100)]
+"""Standard deviation in pixels."""
 
 
 class Scatter(Model):
@@ -100,7 +104,7 @@ class Ghost(Model):
 
     ratio: Annotated[float, Field(gt=0, lt=1)]
     scale: Finite = -1.0
-    blur_px: NonNegative = 0.0
+    blur_px: Blur = 0.0
 
     @model_validator(mode="after")
     def _some_size(self) -> Ghost:
@@ -136,15 +140,15 @@ class Optics(Model):
         }
     )
 
-    f_number: Positive = 2.8
+    f_number: FNumber = 2.8
     transmission: Annotated[float, Field(gt=0, le=1)] = 1.0
-    psf_sigma_px: NonNegative = 0.0
+    psf_sigma_px: Blur = 0.0
     aperture_mm: Positive | None = None
     pupil: Literal["flat", "constant"] | None = None
     vignetting_deg: FieldAngles = []
     vignetting: list[Annotated[float, Field(ge=0, le=1)]] = []
     psf_field_deg: FieldAngles = []
-    psf_field_sigma_px: list[NonNegative] = []
+    psf_field_sigma_px: list[Blur] = []
     diffraction: bool = False
     defocus_um: Finite = 0.0
     scatter: Scatter | None = None

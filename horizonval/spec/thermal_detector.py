@@ -41,12 +41,12 @@ class ThermalDetector(Model):
         }
     )
 
-    pixel_pitch_um: Positive
+    pixel_pitch_um: Annotated[float, Field(ge=0.1, le=1e5)]
     bits: Annotated[int, Field(ge=1, le=16)]
     scene_min_k: NonNegative = 0.0
     scene_max_k: Positive = 400.0
     time_constant_s: NonNegative = 0.0
-    response_fwhm_px: NonNegative = 0.0
+    response_fwhm_px: Annotated[float, Field(ge=0, le=100)] = 0.0
     responsivity_rms: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
     residue_k: NonNegative = 0.0
     drift_k_per_min: NonNegative = 0.0

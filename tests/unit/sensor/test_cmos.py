@@ -65,6 +65,8 @@ def shoot(make_frame):
         {"shutter": "rolling"},
         {"bits": 16, "gain_e_per_dn": None, "full_well_e": 13500},
         {"gain_e_per_dn": 500.0},
+        {"black_level_dn": 16383.0},
+        {"temperature_c": 20.0, "dark_reference_c": 20.0, "dark_doubling_k": 0.01},
         {"read_noise_e": -1.0},
         {"bayer": "RGBG"},
         {"auto_exposure": {"min_s": 1.0, "max_s": 0.1}},
@@ -238,10 +240,13 @@ def test_a_colour_camera_observes_each_band(make_frame):
     assert means["blue"] / means["green"] == pytest.approx(5 * 0.45 / (20 * 0.55), abs=2e-3)
 
 
-def test_a_mosaic_wants_three_colours(make_frame):
-    tables = bench(bayer="RGGB")
-    with pytest.raises(Exception, match="three bands whose names begin with r, g and b"):
-        observe(make_frame(1.0, tables), CameraSpec.model_validate(tables))
+def test_a_mosaic_wants_three_colours_and_a_whole_cell():
+    with pytest.raises(ValidationError, match=r'bayer = "RGGB" takes three bands .* the camera has \[\'vis\'\]'):
+        CameraSpec.model_validate(bench(bayer="RGGB"))
+    colours = [{"name": c, "kind": "solar", "lo_um": 0.5, "hi_um": 0.6} for c in ("red", "green", "blue")]
+    line = bench(bayer="RGGB") | {"band": colours, "camera": BENCH["camera"] | {"height": 1}}
+    with pytest.raises(ValidationError, match=r"needs 2 x 2 pixels at least, the camera has width = 128, height = 1"):
+        CameraSpec.model_validate(line)
 
 
 WIDE = Camera(width=160, height=120, fx=200.0, fy=200.0, cx=79.5, cy=59.5)

@@ -157,7 +157,6 @@ def test_cameras_that_do_not_fit_are_refused(make_frame, camera_tables):
         ("camera", {**camera_tables["camera"], "fov_deg": 50.0}, "camera.fx: the camera's fx is"),
         ("camera", {**camera_tables["camera"], "width": 41}, "camera.width"),
         ("detector", THERMAL["detector"], "detector.kind: a microbolometer cannot see band 'vis'"),
-        ("detector", {**camera_tables["detector"], "black_level_dn": 1023}, "detector.black_level_dn"),
         ("band", [{**camera_tables["band"][0], "name": "red"}], "the frame has no radiance for band 'red'"),
         ("band", [{**camera_tables["band"][0], "kind": "thermal"}], "detector.kind: a cmos cannot see band 'vis'"),
     ]:

@@ -54,7 +54,7 @@ def _refusal(load, folder, text, name="x.toml"):
             ["detector.kind", 'found "cmso"', '"cmos" or "linear" or "microbolometer"'],
         ),
         (CAMERA + "[detector]\nbits = 8\n", ["detector.kind", "missing", '"cmos" or "linear" or "microbolometer"']),
-        (CAMERA + '[detector]\nkind = "cmos"\nbits = 8\n', ["detector.pixel_pitch_um", "missing", "above 0"]),
+        (CAMERA + '[detector]\nkind = "cmos"\nbits = 8\n', ["detector.pixel_pitch_um", "missing", "from 0.1"]),
         (CAMERA + "[optics]\ntransmission = nan\n", ["optics.transmission", "found nan"]),
         (CAMERA + BAND + BAND, ["band names must differ"]),
         (
