@@ -7,7 +7,8 @@ The transfer functions of the three multiply::
 the last being the evenly lit disc of a detector that stands ``defocus`` beside the focus (geometric, without the
 rings of diffraction in it). With W = |defocus| / (8 N^2) this is within 0.06 of the exact modulation of a defocused
 pupil (H. H. Hopkins, Proc. R. Soc. A 231, 91 (1955)) from W = 3 wavelengths on and within 0.07 below a tenth of one;
-between, around half a wavelength, it is too low by up to 0.22. The kernel is the product's Fourier integral at whole pixels.
+between, around half a wavelength, it is too low by up to 0.22. The kernel is the product's Fourier integral at whole
+pixels.
 
 The frame's pixels are means over their area already, so that the kernel has no pixel in it as long as whole pixels can
 carry the pattern, that is, as long as nothing is left of T from one cycle per pixel on. A finer pattern would be caught
