@@ -1,15 +1,16 @@
-"""Contact sheet: detector images side by side in one picture, each under its name.
+"""Contact sheet: detector images side by side in one picture, each above its name.
 
 Grey levels are those of :mod:`horizonval.report.picture`, chosen for each image by itself; the line below the name says
-which digital numbers became black and white, and how much of the image is saturated.
+which digital numbers became black and white, and how much of the image is saturated. Of a run's case in red, green and
+blue the three images make one in colour, as the converter gave them.
 """
 
 from __future__ import annotations
 
-import io
+import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -24,7 +25,7 @@ from horizonval.frame import DetectorImage
 from horizonval.report.load import load_run
 from horizonval.report.picture import tone_mapped
 
-TILE_PX = 300
+TILE_PX = 240
 GAP_PX = 14
 CAPTION_PX = 40
 MARGIN_PX = 10
@@ -35,10 +36,10 @@ LOWEST_TILE_PX = 24
 
 @dataclass(frozen=True)
 class Tile:
-    """One image of a sheet."""
+    """One image of a sheet, or red, green and blue of one."""
 
     name: str
-    image: DetectorImage
+    images: tuple[DetectorImage, ...]
 
 
 def tiles_of(sources: Sequence[Path]) -> list[Tile]:
@@ -54,16 +55,21 @@ def tiles_of(sources: Sequence[Path]) -> list[Tile]:
     tiles = []
     for source in sources:
         if not source.is_dir():
-            tiles.append(Tile(source.stem, read_image(source)))
+            tiles.append(Tile(source.stem, (read_image(source),)))
             continue
         views = [view for view in load_run(source).views if view.image is not None]
-        many = {view.case for view in views if sum(other.case == view.case for other in views) > 1}
-        for view in views:
-            assert view.image is not None
-            tiles.append(Tile(f"{view.case} [{view.band}]" if view.case in many else view.case, view.image))
+        for case, group in itertools.groupby(views, lambda view: view.case):
+            tiles += _tiles_of_case(case, {view.band: view.image for view in group if view.image is not None})
     if not tiles:
         raise UserError("no images", where=", ".join(map(str, sources)), expected="detector images, or a finished run")
     return tiles
+
+
+def _tiles_of_case(case: str, images: dict[str, DetectorImage]) -> list[Tile]:
+    colours = {band[:1].lower(): image for band, image in images.items()}
+    if len(images) == 3 and set(colours) == set("rgb"):
+        return [Tile(case, (colours["r"], colours["g"], colours["b"]))]
+    return [Tile(case if len(images) == 1 else f"{case} [{band}]", (image,)) for band, image in images.items()]
 
 
 def contact_sheet(tiles: Sequence[Tile], columns: int) -> bytes:
@@ -78,7 +84,7 @@ def contact_sheet(tiles: Sequence[Tile], columns: int) -> bytes:
         # A user's own matplotlibrc must not show.
         matplotlib.rcdefaults()
         figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI, facecolor="white")
-        FigureCanvasAgg(figure)
+        canvas = FigureCanvasAgg(figure)
         top = MARGIN_PX
         for row, row_height in zip(drawn, heights, strict=True):
             for column, (grey, captions) in enumerate(row):
@@ -88,23 +94,31 @@ def contact_sheet(tiles: Sequence[Tile], columns: int) -> bytes:
                     y = height - top - grey.shape[0] - 15 - 14 * line
                     figure.text(left / width, y / height, text, fontsize=7.5 - line, color=("black", "0.35")[line])
             top += row_height + GAP_PX
-        stream = io.BytesIO()
-        figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
-    return stream.getvalue()
+        canvas.draw()
+        bgr = np.asarray(canvas.buffer_rgba())[..., 2::-1]
+    done, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    if not done:
+        raise RuntimeError("OpenCV cannot write PNG")
+    return data.tobytes()
 
 
 def _drawn(tile: Tile) -> tuple[NDArray[np.uint8], tuple[str, str]]:
-    """Return the grey picture, as wide as a tile, and its two lines of text."""
-    grey, black, white = tone_mapped(tile.image)
-    scale = TILE_PX / max(grey.shape)
-    size = tuple(max(1, round(side * scale)) for side in reversed(grey.shape))
-    small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST)
+    """Return the picture, as wide as a tile, in grey or in colour, and its two lines of text."""
+    first = tile.images[0]
+    # All colours share the scale, so that white stays white.
+    dn = np.concatenate([image.dn for image in tile.images])
+    level, black, white = tone_mapped(replace(first, dn=dn))
+    planes = np.split(level, len(tile.images))
+    picture = planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
+    scale = TILE_PX / max(first.dn.shape)
+    size = (max(1, round(first.dn.shape[1] * scale)), max(1, round(first.dn.shape[0] * scale)))
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST)
     if small.shape[0] < LOWEST_TILE_PX:
         small = np.repeat(small, math.ceil(LOWEST_TILE_PX / small.shape[0]), axis=0)
-    saturated = float(np.mean(tile.image.dn >= tile.image.full_scale))
-    parts = [f"{black:.0f} to {white:.0f} of {tile.image.full_scale}"]
+    saturated = float(np.mean(dn >= first.full_scale))
+    parts = [f"{black:.0f} to {white:.0f} of {first.full_scale}"]
     if saturated > 0:
         parts.append(f"{100 * saturated:.2g} % saturated")
-    if "exposure_s" in tile.image.observation:
-        parts.append(f"{1e3 * tile.image.observation['exposure_s']:.2g} ms")
+    if "exposure_s" in first.observation:
+        parts.append(f"{1e3 * first.observation['exposure_s']:.2g} ms")
     return np.asarray(small, dtype=np.uint8), (tile.name, ", ".join(parts))

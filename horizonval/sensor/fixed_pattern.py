@@ -2,8 +2,8 @@
 
 Each unit of a camera has its pattern for life: the streams depend on the camera's name, head and serial number, not on
 the rest of the scene. Response is ``1 + prnu x``, dark signal ``dsnu_e x`` with x standard normal, as EMVA 1288
-(release 4, chapter 8) measures both. Hot pixels have a dark current that is higher by an exponentially distributed amount, the
-shape that displacement damage leaves (G. R. Hopkinson, IEEE Trans. Nucl. Sci. 43, 614 (1996)).
+(release 4, chapter 8) measures both. Hot pixels have a dark current that is higher by an exponentially distributed
+amount, the shape that displacement damage leaves (G. R. Hopkinson, IEEE Trans. Nucl. Sci. 43, 614 (1996)).
 
 A response below zero is cut at zero: with the largest prnu allowed (0.3) one pixel in 2300.
 """

@@ -78,6 +78,7 @@ def test_help_and_wrong_use(horizonval):
         "render",
         "mitsuba",
         "observe",
+        "sheet",
         "estimate",
         "radiance",
         "report",
@@ -138,6 +139,11 @@ def test_observe_many_images_of_one_frame(horizonval, frame_path, tmp_path):
     assert signal[2] / signal[0] == pytest.approx(2, rel=0.01), "twice the exposure; the limb saturates in neither"
     assert horizonval("observe", frame_path, "-o", "one.exr", "--seed", "1", "--exposure", "1e-4").returncode == 0
     assert (tmp_path / "one.exr").read_bytes() == files[1].read_bytes()
+    done = horizonval("sheet", *files, "-o", "sheet.png", "--columns", "2")
+    assert done.stdout == "sheet.png: 4 images\n", done.stderr
+    assert cv2.imread(str(tmp_path / "sheet.png")) is not None
+    assert_one_line(horizonval("sheet", "one.exr", "-o", "one.exr"), "the same file")
+    assert_one_line(horizonval("sheet", frame_path, "-o", "s.png"), frame_path.name)
 
 
 def test_observe_with_another_camera(horizonval, scene, frame_path, tmp_path):

@@ -99,12 +99,13 @@ def test_what_the_band_asks_for_is_honoured() -> None:
     assert node_counts(model_of(solar(0.45, 0.75), atmosphere={"profile": "none"})) == {"b": 1}
 
 
-@pytest.mark.parametrize("name", [name for name in shipped_names("camera") if name.startswith("vis-")])
+@pytest.mark.parametrize("name", [name for name in shipped_names("camera") if name.startswith(("vis-", "rgb-"))])
 def test_shipped_cameras_have_four(name: str) -> None:
-    """One launch of the renderer's kernel holds four nodes; a fifth would double its time."""
+    """One launch of the renderer's kernel holds four nodes; a fifth would double its time. A colour needs fewer."""
     camera = load_camera(name)
     for profile in ("us_standard", "tropical", "midlatitude_winter", "subarctic_winter"):
-        assert node_counts(optical_model(scene(atmosphere={"profile": profile}), camera)) == {"vis": 4}
+        counts = node_counts(optical_model(scene(atmosphere={"profile": profile}), camera))
+        assert counts == {"vis": 4} if name.startswith("vis-") else max(counts.values()) <= 4
 
 
 def test_the_same_every_time_and_quick() -> None:

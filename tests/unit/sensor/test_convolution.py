@@ -103,3 +103,13 @@ def test_dark_images_stay_dark():
     dark = np.zeros((16, 16))
     assert not convolution.spread_wings(dark, np.ones((16, 16))).any()
     assert not convolution.spread_core(dark, np.full((3, 3), 1 / 9)).any()
+
+
+def test_an_even_scene_stays_even_in_an_image_smaller_than_the_core():
+    """No pixel sees another through the wings, which begin where the core ends."""
+    quadrant = np.zeros((6, 7))
+    out = convolution.spread_wings(np.full((6, 7), 3.0), quadrant, 0.2)
+    np.testing.assert_allclose(out, 0.6, rtol=1e-12)
+    # Only the outermost offset is in reach: of the corners, that is.
+    quadrant[5, 6] = 0.01
+    np.testing.assert_allclose(convolution.spread_wings(np.full((6, 7), 3.0), quadrant, 0.2), 0.6, rtol=1e-9)
