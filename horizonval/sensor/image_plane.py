@@ -6,11 +6,13 @@ power on the axis. Both go through the same stages, in the order of the light::
     collected    solid angle, pupil, vignetting                                 (optics)
     ghosts       added                                                          (ghosts)
     spread       aberration, diffraction, defocus, scatter                      (lens_spread)
-    stray light  of the Sun outside the image: through the baffle's table, or   (stray_light)
-                 through the wings of the lens where no table is given
+    stray light  of the Sun outside the image: through the wings of the lens,   (stray_light)
+                 brought to the level of the baffle's table where one is given
 
-Without a table the veil goes on as it was when the Sun leaves the image. A table is taken as it is: to join the wings
-at the border it must start from :func:`horizonval.sensor.scatter.point_source_transmittance`.
+Without a table the wings go on as they were when the Sun leaves the image. A table says how bright the middle of the
+image is: wings that are fainter there get an even veil under them, brighter ones are dimmed. So the halo of a Sun just
+outside stays what it was as long as the table is not below
+:func:`horizonval.sensor.scatter.point_source_transmittance` at the border.
 """
 
 from __future__ import annotations
@@ -92,11 +94,21 @@ def _through(
     out = lens_spread.spread(light, geometry, lens, band, pixel_pitch_m)
     if sun is None or band is None or sun.visible_fraction == 0:
         return out
-    if lens.stray is not None:
-        return out + stray_light.detector_irradiance(lens.stray, geometry, band, sun) * per_detector_irradiance
+    wings: FloatArray | float = 0.0
     if lens.scatter is not None or lens.diffraction:
-        return out + _wings_of_sun_outside(geometry, lens, pixel_pitch_m, band, sun) * per_source_irradiance
-    return out
+        wings = _wings_of_sun_outside(geometry, lens, pixel_pitch_m, band, sun) * per_source_irradiance
+    if lens.stray is None:
+        return out + wings
+    veil = stray_light.detector_irradiance(lens.stray, geometry, band, sun) * per_detector_irradiance
+    return out + _at_level(wings, veil)
+
+
+def _at_level(wings: FloatArray | float, veil: float) -> FloatArray | float:
+    """Return wings with an even veil under them, or dimmed, so that the middle of the image has the veil's level."""
+    middle = wings if isinstance(wings, float) else float(wings[wings.shape[0] // 2, wings.shape[1] // 2])
+    if middle <= 0.0:
+        return veil
+    return wings * min(1.0, veil / middle) + max(veil - middle, 0.0)
 
 
 def _wings_of_sun_outside(

@@ -5,9 +5,10 @@ A camera with its baffle is described by its point-source transmittance against 
     PST(theta) = irradiance on the detector / irradiance across the Sun's rays at the aperture
     E_detector = PST(theta) E_sun (share of the disc in view and outside the image)
 
-(E. Fest, *Stray Light Analysis and Control*, SPIE 2013; the lens's transmission is in it.) The veil is taken as even
-over the detector: it has been scattered from baffle and barrel, far from any image. The logarithm of the table is
-linear in the angle.
+(E. Fest, *Stray Light Analysis and Control*, SPIE 2013; the lens's transmission is in it.) It holds in the middle of
+the image. What the wings of the lens do not explain of it is taken as even over the detector: it has been scattered
+from baffle and barrel, far from any image (:mod:`horizonval.sensor.image_plane`). The logarithm of the table is linear
+in the angle.
 
 While the Sun's disc crosses the border of the image, the part inside is rendered and scattered by the lens, and the
 part outside goes through this table.
@@ -101,7 +102,7 @@ def transmittance(stray: Stray, off_axis_rad: float) -> float:
 
 
 def detector_irradiance(stray: Stray, camera: Camera, band: Band, sun: Sun) -> float:
-    """Return the veil's irradiance on the detector [W m-2]."""
+    """Return the stray light's irradiance in the middle of the detector [W m-2]."""
     share, _ = outside_image(camera, sun)
     arriving = band_irradiance(band, sun.angular_radius_rad) * sun.visible_fraction * share
     return transmittance(stray, sun.off_axis_rad) * arriving

@@ -159,3 +159,17 @@ def test_scattered_level_of_a_sun_on_the_axis():
     # The disc's own size and its drawing on 16 x 16 points per pixel: 2 %.
     assert power[60, 110] == pytest.approx(exact, rel=0.02)
     assert pixel_solid_angle(CAMERA)[60, 60] == pytest.approx(104.8**-2)
+
+
+@pytest.mark.parametrize(("angle_deg", "pst"), [(30.5, 3e-5), (31.0, 1e-3), (45.0, 1e-9), (70.0, 1e-6)])
+def test_a_table_sets_the_level_and_the_wings_their_shape(angle_deg, pst):
+    """The middle of the image has the table's level; towards the Sun its halo is left, dimmed where the table is low."""
+    lens = SCATTERING.model_copy(update={"stray": Stray(angle_deg=[angle_deg], pst=[pst])})
+    dark = np.zeros((121, 121))
+    power = image_plane.pixel_power_w(dark, CAMERA, lens, PITCH, BAND, sun_at(angle_deg))
+    wings = image_plane.pixel_power_w(dark, CAMERA, SCATTERING, PITCH, BAND, sun_at(angle_deg))
+    level = pst * stray_light.band_irradiance(BAND, RADIUS) * PITCH**2
+    assert power[60, 60] == pytest.approx(level, rel=1e-9)
+    dimmed = min(1.0, level / wings[60, 60])
+    np.testing.assert_allclose(power - power[60, 60], dimmed * (wings - wings[60, 60]), atol=1e-9 * power.max())
+    assert power[60, 120] > power[60, 60]
