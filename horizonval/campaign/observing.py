@@ -16,6 +16,7 @@ from pathlib import Path
 
 from horizonval.errors import UserError
 from horizonval.spec.camera import CameraSpec
+from horizonval.spec.cmos import LONGEST_EXPOSURE_S
 from horizonval.spec.detector import Cmos
 
 MOST_IMAGES = 10_000
@@ -101,8 +102,12 @@ def _exposures(texts: Sequence[str], camera: CameraSpec) -> list[float]:
             seconds = float(part)
         except ValueError:
             seconds = -1.0
-        if not 0 < seconds < float("inf"):
-            raise UserError(f"found {part!r}", where="--exposure", expected="seconds above 0, such as 1e-3")
+        if not 0 < seconds <= LONGEST_EXPOSURE_S:
+            raise UserError(
+                f"found {part!r}",
+                where="--exposure",
+                expected=f"seconds above 0 and of at most {LONGEST_EXPOSURE_S:g}, such as 1e-3",
+            )
         found[seconds] = None
     if found and not isinstance(camera.detector, Cmos):
         kind = "no detector" if camera.detector is None else f"a detector of kind {camera.detector.kind!r}"

@@ -92,6 +92,7 @@ def check_suite(suite: Suite) -> None:
     """
     from horizonval.earth.optical import optical_model
     from horizonval.estimators import registry
+    from horizonval.sensor.observe import check_camera
     from horizonval.truth import truth_of
 
     for name in suite.estimators:
@@ -115,7 +116,12 @@ def check_suite(suite: Suite) -> None:
             case.scene.render.band_error,
         )
         try:
+<<<<<<< HEAD
             truth_of(case.scene, case.camera, infrared=False)
+=======
+            check_camera(case.camera)
+            truth_of(case.scene, case.camera)
+>>>>>>> sensortests
             if matter not in checked:
                 optical_model(case.scene, case.camera)
                 checked.add(matter)

@@ -59,6 +59,12 @@ def spread(
     return _with_wings(core, image, camera, lens, band, pixel_pitch_m, border)
 
 
+def check(lens: Optics, band: Band, pixel_pitch_m: float) -> None:
+    """Raise :class:`UserError` if the core is wider than a kernel can be."""
+    if lens.diffraction or lens.defocus_um != 0:
+        _core(lens, band, pixel_pitch_m)
+
+
 def lost_share(
     camera: Camera, lens: Optics, band: Band | None = None, pixel_pitch_m: float | None = None
 ) -> FloatArray:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from horizonval.errors import UserError
 from horizonval.frame import DetectorImage, Frame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
-from horizonval.sensor import cmos, converter, thermal
+from horizonval.sensor import cmos, converter, lens_spread, thermal
 from horizonval.sensor.streams import stream
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.detector import Cmos, ThermalDetector
@@ -78,6 +78,22 @@ def observe(
         full_scale=converter.full_scale(camera.detector.bits),
         observation={"seed": seed, "noise": noise, "camera": camera.model_dump(mode="json"), **settings},
     )
+
+
+def check_camera(camera: CameraSpec) -> None:
+    """Raise if any band of a camera cannot be observed, whatever the frame.
+
+    Raises
+    ------
+    UserError
+        No detector, a band that it cannot see, a point spread wider than a kernel can be.
+    """
+    detector = camera.detector
+    if detector is None:
+        raise UserError("the camera has no detector", where="detector", expected="a [detector] table")
+    for band in camera.band:
+        _require_kind(band, "solar" if isinstance(detector, Cmos) else "thermal", detector.kind)
+        lens_spread.check(camera.optics, band, detector.pixel_pitch_um * 1e-6)
 
 
 def _band(camera: CameraSpec, name: str | None) -> Band:

@@ -10,6 +10,7 @@ from horizonval.spec.base import Model
 from horizonval.spec.numbers import NonNegative, Positive
 
 ABSOLUTE_ZERO_C = -273.15
+LONGEST_EXPOSURE_S = 3600.0
 
 
 class AutoExposure(Model):
@@ -21,7 +22,7 @@ class AutoExposure(Model):
     target: Annotated[float, Field(gt=0, le=1)] = 0.7
     percentile: Annotated[float, Field(gt=0, le=100)] = 99.0
     min_s: Positive
-    max_s: Positive
+    max_s: Annotated[float, Field(gt=0, le=LONGEST_EXPOSURE_S)]
 
     @model_validator(mode="after")
     def _range(self) -> AutoExposure:
@@ -85,7 +86,7 @@ class Cmos(Model):
 
     kind: Literal["cmos"] = "cmos"
     pixel_pitch_um: Annotated[float, Field(ge=0.1, le=1000)]
-    exposure_s: Annotated[float, Field(gt=0, le=86400)]
+    exposure_s: Annotated[float, Field(gt=0, le=LONGEST_EXPOSURE_S)]
     quantum_efficiency: Annotated[float, Field(gt=0, le=1)]
     full_well_e: Annotated[float, Field(gt=0, le=1e12)]
     read_noise_e: NonNegative
@@ -103,7 +104,7 @@ class Cmos(Model):
     serial: Annotated[int, Field(ge=0)] = 0
     blooming: Literal["none", "column"] = "none"
     shutter: Literal["global", "rolling", "frame_transfer"] = "global"
-    row_time_s: Positive | None = None
+    row_time_s: Annotated[float, Field(gt=0, le=1)] | None = None
     bayer: Annotated[str, Field(pattern="^(RGGB|BGGR|GRBG|GBRG)$")] | None = None
     auto_exposure: AutoExposure | None = None
     radiation: Radiation | None = None

@@ -73,7 +73,7 @@ def scatter_integral(l_rad: float, s: float, x: float) -> float:
 class Stray(Model):
     """Point-source transmittance of the camera with its baffle against the angle between the Sun and the boresight.
 
-    Irradiance in the middle of the image over that across the Sun's rays at the aperture; the transmission is in it. Its
+    Irradiance in the middle of the image over that across the Sun's rays at the aperture; with the transmission. Its
     logarithm is linear in the angle between entries; the first and the last entry hold outside the table, but from
     ``cutoff_deg`` on the baffle lets nothing through.
     """

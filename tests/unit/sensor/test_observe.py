@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from horizonval.errors import UserError
-from horizonval.sensor.observe import observe
+from horizonval.sensor.observe import check_camera, observe
 from horizonval.spec.camera import CameraSpec
 
 THERMAL: dict[str, Any] = {
@@ -213,3 +213,17 @@ def test_a_microbolometer_sees_the_cosine_fourth_law(make_frame):
     offset = np.mgrid[:48, :64] - np.array([23.5, 31.5])[:, None, None]
     cosine = 32 / np.sqrt(32**2 + (offset**2).sum(axis=0))
     np.testing.assert_allclose(dn / dn.max(), (cosine / cosine.max()) ** 4, atol=3e-4)  # half a dn of 4600, twice
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"detector": None}, "no detector"),
+        ({"detector": THERMAL["detector"]}, "microbolometer cannot see band 'vis' of kind 'solar'"),
+        ({"optics": {"f_number": 2.0, "defocus_um": 1e4}}, "defocus_um = 10000, f_number = 2"),
+        ({"optics": {"f_number": 900.0, "diffraction": True}}, "f_number = 900 .* pixel_pitch_um = 5.5"),
+    ],
+)
+def test_cameras_that_no_frame_would_suit(camera_tables, changes, words):
+    with pytest.raises(UserError, match=words):
+        check_camera(CameraSpec.model_validate(camera_tables | changes))
