@@ -116,12 +116,8 @@ def check_suite(suite: Suite) -> None:
             case.scene.render.band_error,
         )
         try:
-<<<<<<< HEAD
-            truth_of(case.scene, case.camera, infrared=False)
-=======
             check_camera(case.camera)
-            truth_of(case.scene, case.camera)
->>>>>>> sensortests
+            truth_of(case.scene, case.camera, infrared=False)
             if matter not in checked:
                 optical_model(case.scene, case.camera)
                 checked.add(matter)

@@ -163,7 +163,7 @@ def test_scattered_level_of_a_sun_on_the_axis():
 
 @pytest.mark.parametrize(("angle_deg", "pst"), [(30.5, 3e-5), (31.0, 1e-3), (45.0, 1e-9), (70.0, 1e-6)])
 def test_a_table_sets_the_level_and_the_wings_their_shape(angle_deg, pst):
-    """The middle of the image has the table's level; the halo towards the Sun is left, dimmed where the table is low."""
+    """The middle of the image has the table's level; the halo of the Sun is left, dimmed where the table is low."""
     lens = SCATTERING.model_copy(update={"stray": Stray(angle_deg=[angle_deg], pst=[pst])})
     dark = np.zeros((121, 121))
     power = image_plane.pixel_power_w(dark, CAMERA, lens, PITCH, BAND, sun_at(angle_deg))
