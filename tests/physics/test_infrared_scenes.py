@@ -117,8 +117,9 @@ def test_clouds_are_as_cold_in_the_window_as_the_air_at_their_tops(rendered: Ren
     high = below_the_horizon(frame) & (frame.maps["hit"] == Hit.CLOUD) & (height > 10e3)
     assert high.sum() > 200
     assert expected[high].min() < 203.0
-    # Above 10 km the window has hardly any water vapour left: 0.1 K between cloud and camera, and half of that again.
-    np.testing.assert_allclose(brightness_k(frame, "window")[high], expected[high], rtol=0, atol=0.25)
+    # Above 10 km the window has hardly any water vapour left: 0.1 K between cloud and camera. The tables know a top's
+    # temperature along the ray between stations, to 0.4 K where it stands at the tropopause.
+    np.testing.assert_allclose(brightness_k(frame, "window")[high], expected[high], rtol=0, atol=0.5)
 
 
 def test_clouds_do_not_reach_the_limb_of_carbon_dioxide(rendered: Render) -> None:

@@ -7,12 +7,23 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import CAMERA
 
 from horizonval.campaign.observing import plans
 from horizonval.errors import UserError
 from horizonval.spec.camera import CameraSpec
 
+CAMERA: dict[str, Any] = {
+    "camera": {"name": "small", "width": 40, "height": 30, "fov_deg": 60.0},
+    "detector": {
+        "kind": "cmos",
+        "pixel_pitch_um": 5.5,
+        "exposure_s": 2e-4,
+        "quantum_efficiency": 0.6,
+        "full_well_e": 13500,
+        "read_noise_e": 13,
+        "bits": 10,
+    },
+}
 TABLES = copy.deepcopy(CAMERA) | {
     "band": [
         {"name": "red", "kind": "solar", "lo_um": 0.6, "hi_um": 0.7},
