@@ -122,7 +122,10 @@ class RayTable:
         return cls(mi.Float64(full.ravel()), rows, azimuths, quantities, width)
 
     def look(self, row: Any, azimuth: Any) -> list[Any]:
-        """Return all quantities at places ``row`` [steps] and azimuths [rad]."""
+        """Return all quantities at places ``row`` [steps] and azimuths [rad]; what is below 0 counts as 0.
+
+        Light is never negative, but the cubic through it dips below where the air ends.
+        """
         i, w = row_of(row, self.rows)
         j, v = self.azimuths.place(azimuth)
         down, across = cubic_weights(w), cubic_weights(v)
@@ -134,7 +137,7 @@ class RayTable:
                 weight = weight_a * weight_b
                 for q, value in enumerate(self._gather(start + b)):
                     total[q] = dr.fma(weight, value, total[q])
-        return total[: self.quantities]
+        return [dr.maximum(value, 0.0) for value in total[: self.quantities]]
 
     def _gather(self, node: Any) -> list[Any]:
         if self.width <= 2:

@@ -18,6 +18,7 @@ from horizonval.geometry.ellipsoid import WGS84
 from horizonval.render.backend import activate
 from horizonval.render.frame import render_frame
 from horizonval.render.model_text import dump_model, load_model
+from horizonval.spec.load import load_suite
 
 activate()
 
@@ -248,3 +249,11 @@ def test_what_a_cloud_top_reads_is_what_the_march_wrote(spectrum: dict[str, Any]
         for k in range(twice):
             looked = np.stack([np.array(x) for x in table.look(row, angle, k / (twice - 1.0) + 0.0 * row)], axis=1)
             assert np.abs(looked - exact[:, k]).max() < 4e-3 * exact.max(), (to_ground, k)
+
+
+def test_no_radiance_is_negative() -> None:
+    """A frame with cells within metres of the top of the air, where the cubic through its end dips below zero."""
+    (case,) = (case for case in load_suite("cameras").cases if case.name == "ir-thermopile-32-110deg")
+    frame = render_frame(case.scene, case.camera)
+    assert frame.radiance["lwir"].min() == 0.0
+    assert frame.radiance["lwir"].max() > 20.0
