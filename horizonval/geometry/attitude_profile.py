@@ -1,0 +1,187 @@
+"""How a body turns along its orbit: a reference it points at, and what it does about that.
+
+With rotations of the frame, the last one first::
+
+    R_body_from_lvlh(t) = E(t) T(t) S(t) P(t)
+
+``P`` the reference: the local vertical itself, the Sun (an axis of the body towards it, x as near to the velocity as
+that allows), or the stars (the local vertical of the first instant, kept). ``S`` a fixed offset, and a slew from it to
+another attitude, about one axis, with the smooth step 10 s^3 - 15 s^4 + 6 s^5. ``T`` a tumble at a constant rate about
+an axis of the body. ``E`` an error of pointing about each axis: a stationary Gaussian process of correlation
+``exp(-(dt / tau)^2 / 2)``, made of cosines whose frequencies are drawn from its spectrum and whose amplitudes are
+normal, so that it has a value and a rate at every instant, whatever instants are asked for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from horizonval.geometry.orbit import lvlh_matrices
+
+FloatArray = NDArray[np.float64]
+
+States = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""Positions [m] and velocities [m/s], shape (n, 3) each, at times (n,), in axes that keep still among the stars."""
+
+_TONES = 64
+"""Of an error; given the frequencies the process is exactly Gaussian, and they follow the spectrum to 1/sqrt(64)."""
+_RATE_STEP_S = 0.05
+"""Half the interval of central differences: the rate of an error of tau = 1 s is right to 1e-3."""
+
+
+@dataclass(frozen=True)
+class Slew:
+    """A turn from the offset to another attitude; angles yaw, pitch, roll [rad] against the reference."""
+
+    to_rad: tuple[float, float, float]
+    start_s: float
+    duration_s: float
+
+
+@dataclass(frozen=True)
+class PointingError:
+    """One sample of a Gaussian process about yaw, pitch and roll.
+
+    Attributes
+    ----------
+    frequency_rad_s, cosine_rad, sine_rad : ndarray, shape (3, k)
+        Frequencies, and the amplitudes of cosine and sine at each.
+    """
+
+    frequency_rad_s: FloatArray
+    cosine_rad: FloatArray
+    sine_rad: FloatArray
+
+    def at(self, seconds: FloatArray) -> FloatArray:
+        """Return yaw, pitch and roll [rad], shape (n, 3)."""
+        phase = seconds[:, None, None] * self.frequency_rad_s
+        return np.sum(self.cosine_rad * np.cos(phase) + self.sine_rad * np.sin(phase), axis=-1)
+
+
+def pointing_error(
+    rms_rad: tuple[float, float, float], correlation_s: float, rng: np.random.Generator
+) -> PointingError:
+    """Draw a pointing error of given rms about yaw, pitch and roll, and of one correlation time."""
+    frequency = rng.standard_normal((3, _TONES)) / correlation_s
+    scale = np.asarray(rms_rad, dtype=np.float64)[:, None] / math.sqrt(_TONES)
+    cosine, sine = (scale * rng.standard_normal((3, _TONES)) for _ in range(2))
+    return PointingError(frequency, cosine, sine)
+
+
+@dataclass(frozen=True)
+class Profile:
+    """What the body does; see the module.
+
+    Attributes
+    ----------
+    reference : {"nadir", "sun", "inertial"}
+    offset_rad : tuple of float
+        Yaw, pitch, roll against the reference.
+    slew : Slew, optional
+    tumble_rad_s : tuple of float
+        About the body's x, y, z.
+    error : PointingError, optional
+    sun_axis : tuple of float
+        Axis of the reference that points at the Sun.
+    """
+
+    reference: Literal["nadir", "sun", "inertial"] = "nadir"
+    offset_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    slew: Slew | None = None
+    tumble_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    error: PointingError | None = None
+    sun_axis: tuple[float, float, float] = (0.0, 0.0, -1.0)
+
+
+def attitude_against_lvlh(
+    profile: Profile, states: States, sun: FloatArray, seconds: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return attitude and rate of the body at some times.
+
+    Parameters
+    ----------
+    profile : Profile
+    states : callable
+    sun : ndarray, shape (3,)
+        Direction of the Sun in the axes of the states; it stands still.
+    seconds : ndarray, shape (n,)
+
+    Returns
+    -------
+    angles_rad : ndarray, shape (n, 3)
+        Yaw, pitch and roll of ``R = Rx(roll) Ry(pitch) Rz(yaw)``.
+    rates_rad_s : ndarray, shape (n, 3)
+        Angular velocity against ``lvlh``, in body axes.
+    """
+    t = np.asarray(seconds, dtype=np.float64)
+    matrices = _matrices(profile, states, sun, t)
+    before = _matrices(profile, states, sun, t - _RATE_STEP_S)
+    after = _matrices(profile, states, sun, t + _RATE_STEP_S)
+    # A frame that turns by the rate w maps fixed vectors by exp(-w dt).
+    step = Rotation.from_matrix(after @ np.swapaxes(before, -1, -2)).as_rotvec()
+    m = matrices
+    cos_pitch = np.hypot(m[:, 0, 0], m[:, 0, 1])
+    yaw = np.where(cos_pitch < 1e-12, np.arctan2(-m[:, 1, 0], m[:, 1, 1]), np.arctan2(m[:, 0, 1], m[:, 0, 0]))
+    roll = np.where(cos_pitch < 1e-12, 0.0, np.arctan2(m[:, 1, 2], m[:, 2, 2]))
+    return np.stack([yaw, np.arctan2(-m[:, 0, 2], cos_pitch), roll], axis=-1), -step / (2.0 * _RATE_STEP_S)
+
+
+def _matrices(profile: Profile, states: States, sun: FloatArray, t: FloatArray) -> FloatArray:
+    lvlh = lvlh_matrices(*states(t))
+    match profile.reference:
+        case "nadir":
+            reference = np.broadcast_to(np.eye(3), (len(t), 3, 3))
+        case "inertial":
+            reference = lvlh_matrices(*states(np.zeros(1))) @ np.swapaxes(lvlh, -1, -2)
+        case "sun":
+            reference = _towards(np.einsum("nij,j->ni", lvlh, sun), np.asarray(profile.sun_axis, dtype=np.float64))
+    body = _turned(profile, t).as_matrix() @ reference
+    if profile.error is not None:
+        body = _frame_turn(profile.error.at(t)).as_matrix() @ body
+    return np.asarray(body, dtype=np.float64)
+
+
+def _turned(profile: Profile, t: FloatArray) -> Rotation:
+    """Return T S: offset or slew, then tumble, as rotations that act on components."""
+    start = _frame_turn(np.asarray(profile.offset_rad, dtype=np.float64)[None])
+    if profile.slew is None:
+        attitude = start
+    else:
+        end = _frame_turn(np.asarray(profile.slew.to_rad, dtype=np.float64)[None])
+        s = np.clip((t - profile.slew.start_s) / profile.slew.duration_s, 0.0, 1.0)
+        smooth = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        attitude = Rotation.from_rotvec(smooth[:, None] * (end * start.inv()).as_rotvec()) * start
+    tumble = Rotation.from_rotvec(-t[:, None] * np.asarray(profile.tumble_rad_s, dtype=np.float64))
+    return tumble * attitude
+
+
+def _frame_turn(yaw_pitch_roll: FloatArray) -> Rotation:
+    # SciPy rotates vectors; a rotation of the frame is the inverse of it.
+    return Rotation.from_euler("ZYX", yaw_pitch_roll).inv()
+
+
+def _towards(sun_lvlh: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return matrices from lvlh to a reference whose ``axis`` points at the Sun, the rest as near to lvlh as it can be.
+
+    The second direction is the velocity, seen across the Sun's; the axis's own second direction is its counterpart in
+    the reference. Where the Sun stands along the velocity, the orbit's normal takes its place.
+    """
+    axis = axis / np.linalg.norm(axis)
+    helper = np.array([1.0, 0.0, 0.0]) if abs(axis[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    second = np.where(np.abs(sun_lvlh @ helper)[:, None] < 1.0 - 1e-12, helper, np.array([0.0, 0.0, 1.0]))
+
+    def triad(first: FloatArray, other: FloatArray) -> FloatArray:
+        third = np.cross(first, other)
+        third /= np.linalg.norm(third, axis=-1, keepdims=True)
+        return np.stack([first, np.cross(third, first), third], axis=-1)
+
+    here = triad(sun_lvlh, second)
+    there = triad(np.broadcast_to(axis, sun_lvlh.shape), np.broadcast_to(helper, sun_lvlh.shape))
+    return there @ np.swapaxes(here, -1, -2)

@@ -1,0 +1,197 @@
+"""A satellite's way round the Earth from mean elements: two bodies, and the secular drifts of the oblate Earth.
+
+Position and velocity are those of a Kepler ellipse whose node, perigee and mean anomaly drift at the constant rates
+that J2 gives them (Vallado, *Fundamentals of Astrodynamics and Applications*, 4th ed., eqs. 9-37, 9-39, 9-41), with
+p = a (1 - e^2) and n = sqrt(GM / a^3)::
+
+    dOmega/dt = -3/2 n J2 (Re / p)^2 cos i
+    domega/dt =  3/4 n J2 (Re / p)^2 (4 - 5 sin^2 i)
+    dM/dt     =  n + 3/4 n J2 (Re / p)^2 sqrt(1 - e^2) (2 - 3 sin^2 i)
+
+An orbit is Sun-synchronous where the node keeps pace with the mean Sun, 360 deg in a tropical year: its inclination
+follows from dOmega/dt (Vallado, section 11.4.1). The axes are the true equator and equinox of date, ``tod``;
+Earth-fixed axes follow from the apparent sidereal time.
+
+Neglected: the periodic part of J2 (10 km along the orbit and across), drag, the Moon's and the Sun's pull. A scene
+needs a place that such a satellite could be at and an exact truth for that place, and both are kept. Elements that are
+to be those of a real satellite come as two lines, through SGP4 (:mod:`horizonval.geometry.tle`).
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from datetime import datetime
+
+import erfa
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from horizonval.errors import UserError
+from horizonval.geometry.ellipsoid import WGS84
+from horizonval.geometry.rotation import julian_utc
+
+FloatArray = NDArray[np.float64]
+
+GM_M3_PER_S2 = 3.986004418e14
+"""WGS84."""
+J2 = 1.08262668e-3
+"""EGM96."""
+EARTH_RADIUS_M = WGS84.a_m
+TROPICAL_YEAR_S = 365.2421897 * 86400.0
+"""At J2000 (Simon et al. 1994)."""
+
+_KEPLER_STEPS = 30
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Mean elements at an epoch, angles in radians, against the true equator and equinox of that date.
+
+    Attributes
+    ----------
+    semi_major_axis_m, eccentricity, inclination_rad : float
+    raan_rad : float
+        Right ascension of the ascending node.
+    argument_of_perigee_rad, mean_anomaly_rad : float
+    """
+
+    semi_major_axis_m: float
+    eccentricity: float
+    inclination_rad: float
+    raan_rad: float
+    argument_of_perigee_rad: float
+    mean_anomaly_rad: float
+
+    @property
+    def mean_motion_rad_s(self) -> float:
+        """Two-body mean motion."""
+        return math.sqrt(GM_M3_PER_S2 / self.semi_major_axis_m**3)
+
+
+def secular_rates(elements: Elements) -> tuple[float, float, float]:
+    """Return the rates [rad/s] of node, argument of perigee and mean anomaly."""
+    n, e, i = elements.mean_motion_rad_s, elements.eccentricity, elements.inclination_rad
+    p = elements.semi_major_axis_m * (1.0 - e**2)
+    k = 0.75 * n * J2 * (EARTH_RADIUS_M / p) ** 2
+    sin2 = math.sin(i) ** 2
+    return -2.0 * k * math.cos(i), k * (4.0 - 5.0 * sin2), n + k * math.sqrt(1.0 - e**2) * (2.0 - 3.0 * sin2)
+
+
+def sun_synchronous_inclination(semi_major_axis_m: float, eccentricity: float = 0.0) -> float:
+    """Return the inclination [rad] at which the node turns once in a tropical year.
+
+    Raises
+    ------
+    UserError
+        If the orbit is too high for it: above 5 970 km for a circle.
+    """
+    equatorial = Elements(semi_major_axis_m, eccentricity, 0.0, 0.0, 0.0, 0.0)
+    cosine = (2.0 * math.pi / TROPICAL_YEAR_S) / secular_rates(equatorial)[0]
+    if cosine < -1.0:
+        raise UserError(
+            f"no inclination makes an orbit of semi-major axis {semi_major_axis_m / 1e3:g} km Sun-synchronous",
+            expected="a circular orbit below 5 970 km",
+        )
+    return math.acos(cosine)
+
+
+def mean_from_true_anomaly(true_anomaly_rad: float, eccentricity: float) -> float:
+    """Return the mean anomaly [rad] of a true anomaly."""
+    half = math.sqrt((1.0 - eccentricity) / (1.0 + eccentricity)) * math.tan(true_anomaly_rad / 2.0)
+    anomaly = 2.0 * math.atan(half)
+    return anomaly - eccentricity * math.sin(anomaly)
+
+
+def eccentric_anomaly(mean_anomaly_rad: ArrayLike, eccentricity: float) -> FloatArray:
+    """Return the solution [rad] of Kepler's equation ``M = E - e sin E``, by Newton's steps."""
+    mean = np.asarray(mean_anomaly_rad, dtype=np.float64)
+    reduced = np.remainder(mean + np.pi, 2.0 * np.pi) - np.pi
+    # Danby's start, from which Newton's steps converge for every eccentricity below 1.
+    anomaly = reduced + 0.85 * eccentricity * np.sign(np.sin(reduced))
+    for _ in range(_KEPLER_STEPS):
+        step = (anomaly - eccentricity * np.sin(anomaly) - reduced) / (1.0 - eccentricity * np.cos(anomaly))
+        anomaly = anomaly - step
+        if np.all(np.abs(step) < 1e-14):
+            break
+    return np.asarray(anomaly + (mean - reduced), dtype=np.float64)
+
+
+def tod_states(elements: Elements, seconds: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return positions [m] and velocities [m/s], shape (..., 3) each, some seconds after the elements' epoch.
+
+    The velocity is that of the Kepler ellipse; the drift of its plane (below 2e-7 rad/s) is left out of it.
+    """
+    t = np.asarray(seconds, dtype=np.float64)
+    node_rate, perigee_rate, mean_rate = secular_rates(elements)
+    node = elements.raan_rad + node_rate * t
+    perigee = elements.argument_of_perigee_rad + perigee_rate * t
+    e, a = elements.eccentricity, elements.semi_major_axis_m
+    anomaly = eccentric_anomaly(elements.mean_anomaly_rad + mean_rate * t, e)
+    cos_e, sin_e = np.cos(anomaly), np.sin(anomaly)
+    flat = math.sqrt(1.0 - e**2)
+    speed = elements.mean_motion_rad_s * a / (1.0 - e * cos_e)
+    cn, sn, cp, sp = np.cos(node), np.sin(node), np.cos(perigee), np.sin(perigee)
+    ci, si = math.cos(elements.inclination_rad), math.sin(elements.inclination_rad)
+    to_perigee = np.stack([cn * cp - sn * sp * ci, sn * cp + cn * sp * ci, sp * si], axis=-1)
+    across = np.stack([-cn * sp - sn * cp * ci, -sn * sp + cn * cp * ci, cp * si], axis=-1)
+
+    def in_plane(x: FloatArray, y: FloatArray) -> FloatArray:
+        return x[..., None] * to_perigee + y[..., None] * across
+
+    return in_plane(a * (cos_e - e), a * flat * sin_e), in_plane(-speed * sin_e, speed * flat * cos_e)
+
+
+def sidereal_time(epoch_utc: datetime, seconds: ArrayLike = 0.0) -> FloatArray:
+    """Return Greenwich apparent sidereal time [rad], shape (...), some seconds after an epoch (UT1 taken as UTC)."""
+    utc1, utc2 = julian_utc(epoch_utc, seconds)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erfa.ErfaWarning)
+        tt = erfa.taitt(*erfa.utctai(utc1, utc2))
+        ut = erfa.utcut1(utc1, utc2, 0.0)
+        return np.asarray(erfa.gst06a(*ut, *tt), dtype=np.float64)
+
+
+def raan_of_local_time(epoch_utc: datetime, local_time_h: float) -> float:
+    """Return the node [rad] that is passed northwards at a mean local time [h]: UTC and longitude / 15 deg.
+
+    The node's right ascension is its longitude and the sidereal time. The Sun's own hour differs from mean local time
+    by the equation of time, up to 16.5 min.
+    """
+    utc_h = float(julian_utc(epoch_utc)[1]) * 24.0
+    longitude = math.radians(15.0 * (local_time_h - utc_h))
+    return math.remainder(longitude + float(sidereal_time(epoch_utc)), math.tau)
+
+
+def turn_about_pole(angle_rad: ArrayLike) -> FloatArray:
+    """Return matrices, shape (..., 3, 3), that take ``tod`` components to Earth-fixed ones at a sidereal time."""
+    angle = np.asarray(angle_rad, dtype=np.float64)
+    c, s, zero = np.cos(angle), np.sin(angle), np.zeros_like(angle)
+    rows = [[c, s, zero], [-s, c, zero], [zero, zero, zero + 1.0]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def heading(r_itrs: ArrayLike, v_itrs: ArrayLike) -> FloatArray:
+    """Return the azimuth [rad] of velocities, from north to east in the geocentric level plane, shape (...).
+
+    Parameters
+    ----------
+    r_itrs, v_itrs : array_like, shape (..., 3)
+        Along Earth-fixed axes. The velocity among the stars gives the heading of the orbital plane, hence of ``lvlh``.
+    """
+    r, v = np.asarray(r_itrs, dtype=np.float64), np.asarray(v_itrs, dtype=np.float64)
+    longitude = np.arctan2(r[..., 1], r[..., 0])
+    east = np.stack([-np.sin(longitude), np.cos(longitude), np.zeros_like(longitude)], axis=-1)
+    up = r / np.linalg.norm(r, axis=-1, keepdims=True)
+    north = np.cross(up, east)
+    return np.arctan2(np.sum(v * east, axis=-1), np.sum(v * north, axis=-1))
+
+
+def lvlh_matrices(r: ArrayLike, v: ArrayLike) -> FloatArray:
+    """Return matrices, shape (..., 3, 3), from the axes of states, shape (..., 3) each, to ``lvlh``."""
+    r, v = np.asarray(r, dtype=np.float64), np.asarray(v, dtype=np.float64)
+    z = -r / np.linalg.norm(r, axis=-1, keepdims=True)
+    y = np.cross(z, v)
+    y /= np.linalg.norm(y, axis=-1, keepdims=True)
+    return np.stack([np.cross(y, z), y, z], axis=-2)

@@ -1,0 +1,88 @@
+"""Orbits from mean elements: against published inclinations, the equation of time, and conserved quantities."""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from horizonval.errors import UserError
+from horizonval.geometry import orbit
+from horizonval.geometry.ephemeris import sun_itrs
+from horizonval.geometry.frames import lvlh_from_itrs, rotate
+
+EPOCH = datetime(2026, 3, 20, 6, 30, tzinfo=UTC)
+
+
+@pytest.mark.parametrize(("altitude_km", "published_deg"), [(500, 97.4), (600, 97.8), (700, 98.2), (800, 98.6)])
+def test_sun_synchronous_inclinations_are_the_published_ones(altitude_km, published_deg):
+    # Tables of Sun-synchronous orbits give a tenth of a degree.
+    found = orbit.sun_synchronous_inclination(orbit.EARTH_RADIUS_M + altitude_km * 1e3)
+    assert math.degrees(found) == pytest.approx(published_deg, abs=0.05)
+
+
+def test_no_sun_synchronous_orbit_is_higher_than_six_thousand_kilometres():
+    assert math.degrees(orbit.sun_synchronous_inclination(orbit.EARTH_RADIUS_M + 5.9e6)) > 160
+    with pytest.raises(UserError, match="Sun-synchronous"):
+        orbit.sun_synchronous_inclination(orbit.EARTH_RADIUS_M + 6.0e6)
+
+
+@pytest.mark.parametrize(
+    ("month", "day", "equation_of_time_min"), [(2, 11, -14.2), (4, 15, 0.0), (7, 26, -6.5), (11, 3, 16.4)]
+)
+def test_local_time_of_the_node_is_the_mean_suns(month, day, equation_of_time_min):
+    # Almanacs: the true Sun is that much ahead of the mean one on these days, within a day's change of 0.3 min.
+    epoch = datetime(2026, month, day, 7, 30, tzinfo=UTC)
+    sun, _ = sun_itrs(epoch)
+    right_ascension = math.atan2(sun[1], sun[0]) + float(orbit.sidereal_time(epoch))
+    ahead = math.remainder(orbit.raan_of_local_time(epoch, 12.0) - right_ascension, math.tau)
+    assert math.degrees(ahead) * 4 == pytest.approx(equation_of_time_min, abs=0.3)
+
+
+def test_a_sun_synchronous_node_keeps_its_local_time_through_a_year():
+    a = orbit.EARTH_RADIUS_M + 600e3
+    elements = orbit.Elements(a, 0.0, orbit.sun_synchronous_inclination(a), 0.3, 0.0, 0.0)
+    later = datetime(2027, 3, 20, 6, 30, tzinfo=UTC)
+    drifted = 0.3 + orbit.secular_rates(elements)[0] * (later - EPOCH).total_seconds()
+    began, ended = (orbit.raan_of_local_time(epoch, 10.5) for epoch in (EPOCH, later))
+    # Two seconds of time: nutation in right ascension, which apparent sidereal time has and the mean Sun has not.
+    assert abs(math.remainder((drifted - 0.3) - (ended - began), math.tau)) < math.radians(2 * 15 / 3600)
+
+
+@pytest.mark.parametrize("eccentricity", [0.0, 0.1, 0.7])
+def test_states_have_the_energy_and_the_momentum_of_their_ellipse(eccentricity):
+    elements = orbit.Elements(2.5e7, eccentricity, 1.1, 0.4, 2.0, 0.7)
+    r, v = orbit.tod_states(elements, np.linspace(0, 5e4, 40))
+    distance = np.linalg.norm(r, axis=-1)
+    energy = np.sum(v**2, axis=-1) / 2 - orbit.GM_M3_PER_S2 / distance
+    assert energy == pytest.approx(-orbit.GM_M3_PER_S2 / (2 * 2.5e7), rel=1e-12)
+    momentum = np.linalg.norm(np.cross(r, v), axis=-1)
+    assert momentum == pytest.approx(math.sqrt(orbit.GM_M3_PER_S2 * 2.5e7 * (1 - eccentricity**2)), rel=1e-12)
+    assert distance.min() >= 2.5e7 * (1 - eccentricity) * (1 - 1e-12)
+    assert distance.max() <= 2.5e7 * (1 + eccentricity) * (1 + 1e-12)
+
+
+def test_velocity_is_the_derivative_of_position():
+    elements = orbit.Elements(2.5e7, 0.6, 1.1, 0.4, 2.0, 0.7)
+    t = np.linspace(0, 4e4, 9)
+    r0, r1 = (orbit.tod_states(elements, t + dt)[0] for dt in (-0.5, 0.5))
+    # The drift of the plane, left out of the velocity, is 2e-7 rad/s x 40 000 km at most: 8 m/s.
+    assert np.linalg.norm((r1 - r0) - orbit.tod_states(elements, t)[1], axis=-1).max() < 8.0
+
+
+def test_keplers_equation_is_solved():
+    mean = np.linspace(-20, 20, 4001)
+    for e in (0.0, 0.3, 0.95):
+        found = orbit.eccentric_anomaly(mean, e)
+        assert np.abs(found - e * np.sin(found) - mean).max() < 1e-13
+
+
+def test_heading_gives_the_same_lvlh_as_position_and_velocity():
+    elements = orbit.Elements(7.1e6, 0.02, 1.7, 0.4, 2.0, 0.7)
+    r, v = orbit.tod_states(elements, np.linspace(0, 5000, 7))
+    for ri, vi, heading in zip(r, v, orbit.heading(r, v), strict=True):
+        want = orbit.lvlh_matrices(ri[None], vi[None])[0]
+        # Rounding of a turn: 1e-12 rad.
+        assert np.abs(rotate(lvlh_from_itrs(ri, float(heading)), np.eye(3)).T - want).max() < 1e-12
