@@ -6,8 +6,9 @@ Every line of sight ``u`` to the limb makes the angle rho with the nadir ``n``::
 
 so the tips of the sight lines lie in a plane with normal ``n`` at distance ``cos rho`` from the eye. The unknowns
 ``n / cos rho`` enter linearly (``u . m = 1``); the plane is fitted here by orthogonal regression, which is the same
-problem with ``|n| = 1`` kept: it stays finite at rho = 90 deg, where ``m`` does not, and it does not shrink the
-radius of a short noisy arc as ordinary least squares does (Deng et al., Aerospace 10, 371, 2023). Its residual
+problem with ``|n| = 1`` kept: it stays finite at rho = 90 deg, where ``m`` does not, and it shrinks the radius of a
+short noisy arc ``cos^2 rho`` times less than ordinary least squares does (Deng et al., Aerospace 10, 371, 2023; the
+factor: see :func:`noise_bias`). Its residual
 ``u . n - cos rho`` is ``sin rho`` times the angle between the point and the fitted limb, for every point alike.
 
 No starting value, no image-plane ellipse or hyperbola, no special case for wide fields.
@@ -15,7 +16,7 @@ No starting value, no image-plane ellipse or hyperbola, no special case for wide
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,8 +142,50 @@ class ConeUncertainty:
         return float(np.sqrt(self.covariance[2, 2]))
 
 
+def noise_bias(los_cam: FloatArray, axis: FloatArray, rho_rad: float, sigma_rad: float) -> FloatArray:
+    """Return how far noise across the limb pulls the fit by :func:`fit_cone`, in mean: (basis 1, basis 2, half-angle).
+
+    A point off by the angle ``e`` has ``u = u0 + e w - e^2/2 u0``, ``w = cos rho t - sin rho n``. With ``s^2`` the mean
+    of ``e^2``, the normal equations of ``u . n - cos rho`` keep in mean the right-hand side ``s^2 cos rho sin rho (3/2
+    sum t, 1/2 n)``. On a short arc, whose ``t`` spread little, that turns the axis towards it by ``s^2 cot rho mean(t)
+    / var(t)`` and narrows the cone by as much: second order in the noise, but with the arc's fourth power below.
+    Ordinary least squares on ``u . m = 1`` has ``1 / (sin rho cos rho)`` in place of ``cot rho``: ``1 / cos^2 rho``
+    times as much.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+    axis : ndarray, shape (3,)
+    rho_rad : float
+    sigma_rad : float
+        Standard deviation of a point across the limb [rad].
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine a cone.
+    """
+    across = los_cam @ tangent_basis(axis)
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    jacobian = np.column_stack([across, np.ones(len(across))])
+    left = np.append(1.5 * across.sum(axis=0), 0.5 * len(across))
+    return np.asarray(sigma_rad**2 / np.tan(rho_rad) * np.linalg.solve(jacobian.T @ jacobian, left))
+
+
 def cone_uncertainty(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeUncertainty:
-    """Return the covariance of a fitted cone from its own residuals.
+    """Return the covariance of a fitted cone from its own residuals: its scatter and the bias that noise causes.
+
+    The bias (:func:`noise_bias`) is not taken away from the fit; its outer product widens the covariance.
+    Parameters and errors as for :func:`cone_scatter`.
+    """
+    scatter = cone_scatter(los_cam, axis, rho_rad)
+    sigma = float(np.std(off_axis_angle(los_cam, axis) - rho_rad))
+    bias = noise_bias(los_cam, axis, rho_rad, sigma)
+    return replace(scatter, covariance=scatter.covariance + np.outer(bias, bias))
+
+
+def cone_scatter(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeUncertainty:
+    """Return the covariance of a cone fitted by angles, without any bias.
 
     With ``t`` the unit direction from the axis towards a point, the residual angle ``r = angle(u, n) - rho`` changes by
     ``-t . dn - drho``; hence ``C = s^2 (J^T J)^-1`` with ``s^2`` the residual variance for ``n - 3`` degrees of
@@ -162,15 +205,47 @@ def cone_uncertainty(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> C
         If the points do not determine a cone.
     """
     basis = tangent_basis(axis)
-    across = los_cam @ basis
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    jacobian = np.column_stack([-across, -np.ones(len(across))])
+    jacobian = _jacobian(los_cam, basis)
     residual = off_axis_angle(los_cam, axis) - rho_rad
     length = _correlation_length(residual[arc_order(los_cam, axis)])
     # Information of n / length points decides both the variance's degrees of freedom and its size.
     variance = float(residual @ residual) / max(len(residual) - 3.0 * length, 1.0)
     covariance = variance * length * np.linalg.inv(jacobian.T @ jacobian)
     return ConeUncertainty(basis=basis, covariance=0.5 * (covariance + covariance.T), correlation_length=length)
+
+
+SYSTEMATIC_PX = 0.01
+"""What sub-pixel points of a sharp limb are off by without any noise (rms): the lens's blur of shaded ground mostly."""
+SYSTEMATIC_PATTERNS = 4.0
+"""Number of independent values of it along an arc: it varies as slowly as the limb's direction against the pixels."""
+
+
+def with_systematic(uncertainty: ConeUncertainty, los_cam: FloatArray, px_rad: float) -> ConeUncertainty:
+    """Add to a covariance what slow errors of sub-pixel points make of it, which residuals hardly show.
+
+    Parameters
+    ----------
+    uncertainty : ConeUncertainty
+    los_cam : ndarray, shape (n, 3)
+    px_rad : float
+        Angle of a pixel.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine a cone.
+    """
+    jacobian = _jacobian(los_cam, uncertainty.basis)
+    variance = (SYSTEMATIC_PX * px_rad) ** 2 * len(los_cam) / SYSTEMATIC_PATTERNS
+    covariance = uncertainty.covariance + variance * np.linalg.inv(jacobian.T @ jacobian)
+    return replace(uncertainty, covariance=0.5 * (covariance + covariance.T))
+
+
+def _jacobian(los_cam: FloatArray, basis: FloatArray) -> FloatArray:
+    """Return the derivative of every point's angle from the limb by (basis 1, basis 2, half-angle)."""
+    across = los_cam @ basis
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    return np.column_stack([-across, -np.ones(len(across))])
 
 
 def _correlation_length(residual: FloatArray) -> float:

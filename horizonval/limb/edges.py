@@ -78,7 +78,7 @@ def noise_sigma(image: FloatArray) -> float:
     return float(np.median(np.abs(response))) / (6.0 * 0.6745)
 
 
-def find_edges(image8: NDArray[np.uint8], rim_px: int) -> Edges:
+def find_edges(image8: NDArray[np.uint8], rim_px: int, strong_share: float = STRONG_SHARE) -> Edges:
     """Return the Canny points of an eight-bit image, those within ``rim_px`` of its outer rim left out.
 
     Parameters
@@ -86,6 +86,9 @@ def find_edges(image8: NDArray[np.uint8], rim_px: int) -> Edges:
     image8 : ndarray of uint8, shape (H, W)
     rim_px : int
         Edges of a picture's own frame, and points without room for a sub-pixel window, lie there.
+    strong_share : float
+        Of the image's own strong gradients: the upper threshold is at least that. Little, where a later step decides
+        what belongs to the limb.
     """
     smooth = cv2.GaussianBlur(image8, (0, 0), BLUR_SIGMA_PX)
     dx = cv2.Sobel(smooth, cv2.CV_16S, 1, 0)
@@ -93,7 +96,7 @@ def find_edges(image8: NDArray[np.uint8], rim_px: int) -> Edges:
     strength = np.hypot(dx.astype(np.float32), dy.astype(np.float32))
     noise = noise_sigma(image8.astype(np.float64)) * SOBEL_NOISE_GAIN
     strong = float(np.percentile(strength, 99.9))
-    high = max(NOISE_FACTOR * noise, STRONG_SHARE * strong, RAMP_FLOOR)
+    high = max(NOISE_FACTOR * noise, strong_share * strong, RAMP_FLOOR)
     mask = cv2.Canny(dx, dy, LOW_TO_HIGH * high, high, L2gradient=True)
     rows, columns = np.nonzero(mask)
     height, width = image8.shape

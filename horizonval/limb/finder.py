@@ -2,8 +2,9 @@
 
 checks -> eight bits -> Canny -> consensus on cones -> sub-pixel refinement -> verdict
 
-``find_limb`` does all of it. ``find_edges_only`` stops after the sub-pixel step and keeps every edge point, as the
-published altitude-free method does; it is right only where the limb is the one edge in the image.
+``find_limb`` does all of it. ``find_edges_only`` stops after the sub-pixel step and keeps every edge point;
+``find_canny_pixels`` stops before it, as the published altitude-free method does. Both are right only where the limb is
+the one edge in the image.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from horizonval.limb.consensus import Candidate, Sight, find_candidates, to_sigh
 from horizonval.limb.edges import Edges, find_edges, scale_to_8_bit
 from horizonval.limb.result import LimbPoints, NoLimb
 from horizonval.limb.subpixel import half_window, refine
-from horizonval.limb.sun import SunBlob, find_sun
+from horizonval.limb.sun import find_sun
 from horizonval.limb.verdict import Limb, judge
 from horizonval.outcome import Outcome
 
@@ -37,6 +38,9 @@ RIVAL_ANGLE_RAD = float(np.deg2rad(1.0))
 SUN_REACH = 2.0
 LARGEST_SUN_RADIUS_RAD = float(np.deg2rad(3.0))
 FEWEST_POINTS = 8
+LIMB_SHARE = 0.4
+"""Canny's upper threshold over the image's strong gradients, where all edges are taken for limb. On a picture of 50 to
+200 pixels the shading of a whole disc is steep enough for a lower one."""
 DARK_CONTRAST = 0.02
 DARK_LEVEL = 0.2
 """An image without edges below these shares of full scale shows an unlit scene, not a uniformly bright one."""
@@ -101,6 +105,25 @@ def find_edges_only(image: FloatArray, camera: Camera, full_scale: float | None 
     if good.sum() < FEWEST_POINTS:
         return NoLimb(Outcome.NO_LIMB, f"{int(good.sum())} edge points; {FEWEST_POINTS} are needed")
     return LimbPoints(uv[good], los[good])
+
+
+def find_canny_pixels(image: FloatArray, camera: Camera, full_scale: float | None = None) -> LimbPoints | NoLimb:
+    """Return every pixel that Canny marks, as it marks it: no sub-pixel step, no test of whether it is the limb's.
+
+    Nothing after Canny throws an edge away, so its threshold must: see :data:`LIMB_SHARE`.
+
+    Parameters and returns as for :func:`find_limb`.
+    """
+    if refusal := _refuse(image, camera, full_scale):
+        return refusal
+    grey = np.asarray(image, dtype=np.float64)
+    edges = find_edges(scale_to_8_bit(grey, saturated_pixels(grey, full_scale)), 1, LIMB_SHARE)
+    edges = _inside_image_circle(edges, camera, 1)
+    los = unproject(camera, edges.uv)
+    good = np.isfinite(los).all(axis=1)
+    if good.sum() < FEWEST_POINTS:
+        return NoLimb(Outcome.NO_LIMB, f"{int(good.sum())} edge points; {FEWEST_POINTS} are needed")
+    return LimbPoints(edges.uv[good], los[good])
 
 
 def _refuse(image: FloatArray, camera: Camera, full_scale: float | None) -> NoLimb | None:
@@ -171,8 +194,3 @@ def _contradicts(one: Limb, other: Limb) -> bool:
     apart = float(off_axis_angle(one.cone.axis_cam, other.cone.axis_cam))
     sigma = np.hypot(one.uncertainty.sigma_axis_rad, other.uncertainty.sigma_axis_rad)
     return bool(apart > max(RIVAL_ANGLE_RAD, RIVAL_SIGMAS * sigma))
-
-
-def sun_in(image: FloatArray, full_scale: float | None = None) -> SunBlob | None:
-    """Return the Sun's blob in an image, if there is one."""
-    return find_sun(saturated_pixels(image, full_scale))

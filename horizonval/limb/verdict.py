@@ -32,6 +32,7 @@ from horizonval.limb.cone import (
 )
 from horizonval.limb.consensus import Candidate, Sight, off_limb_px, unbroken_px
 from horizonval.limb.result import LimbPoints, NoLimb
+from horizonval.limb.shading import SHARP, unshade
 from horizonval.limb.subpixel import refine
 from horizonval.outcome import Outcome
 
@@ -112,6 +113,7 @@ def judge(
     points = _trim(points.take(sharp), camera)
     if len(points.uv) < FEWEST_POINTS:
         return _short_or_none(candidate.arc_px, shortest)
+    points = _unshaded(points, image, camera)
     uv, los, gradient = points.uv, points.los, points.gradient
     cone = fit_cone(los)
     outside = float(np.sum(off_limb_px(others, cone.axis_cam, cone.cos_rho) < -OUTSIDE_MARGIN_PX)) * others_weight
@@ -154,6 +156,14 @@ class _Points:
 
     def take(self, rows: NDArray[np.integer] | NDArray[np.bool_]) -> _Points:
         return _Points(self.uv[rows], self.los[rows], self.gradient[rows], self.sharpness[rows])
+
+
+def _unshaded(points: _Points, image: FloatArray, camera: Camera) -> _Points:
+    """Return a hard limb's points freed of the shading's bias; a soft limb's as they are."""
+    if np.median(points.sharpness) < SHARP:
+        return points
+    uv, kept = unshade(image, camera, fit_cone(points.los).axis_cam, points.uv, points.gradient)
+    return _Points(uv, unproject(camera, uv), points.gradient[kept], points.sharpness[kept])
 
 
 def _trim(points: _Points, camera: Camera) -> _Points:
