@@ -6,8 +6,9 @@ ends in one line: file, key, what was found, what was expected.
 
 from __future__ import annotations
 
+import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -18,13 +19,22 @@ from pydantic import ValidationError
 from horizonval.errors import UserError
 from horizonval.spec.base import Model
 from horizonval.spec.camera import ALL_HEADS, CameraSpec
+from horizonval.spec.expand import variants
 from horizonval.spec.explain import explain
-from horizonval.spec.files import find
+from horizonval.spec.files import Kind, find
+from horizonval.spec.merge import Plain, deep_merge
+from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.stability import StabilitySpec
-from horizonval.spec.suite import SuiteSpec
+from horizonval.spec.suite import FigureSpec, Keep, ProgramSpec, SuiteSpec
 
 M = TypeVar("M", bound=Model)
+
+Fly = Callable[[OrbitSpec, Plain, int, str, str], list[Plain]]
+"""From an orbit, the scene it is laid over, seed, name and place in the file to a partial scene for every sample."""
+
+CAMERA_TABLES = ("camera", "platform", "optics", "band", "detector")
+"""Tables of the camera file that a scene may change, as ``camera.detector.exposure_s``; a band by its name."""
 
 MAX_FILE_BYTES = 64 * 1024 * 1024
 """No specification is larger; refuses a disk image given by mistake before it is read into memory."""
@@ -45,7 +55,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Suite:
-    """A suite with its frames resolved, in the file's order."""
+    """A suite with its frames resolved, in the file's order.
+
+    ``programs``, ``keep`` and the limits are those of :class:`horizonval.spec.suite.SuiteHead` and ``[[estimator]]``.
+    """
 
     name: str
     title: str
@@ -53,6 +66,11 @@ class Suite:
     cases: tuple[Case, ...]
     source: str
     stability: StabilitySpec | None = None
+    programs: tuple[ProgramSpec, ...] = ()
+    keep: Keep = "all"
+    time_limit_s: float = 60.0
+    memory_limit_mb: int = 4096
+    figures: tuple[FigureSpec, ...] = ()
 
 
 def load_camera(path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> CameraSpec:
@@ -101,7 +119,7 @@ def load_frames(path_or_name: str | Path, head: str | None = None) -> tuple[Case
 
 def _read_scene(path_or_name: str | Path, head: str | None) -> tuple[Path, SceneSpec, CameraSpec]:
     path = find("scene", path_or_name)
-    scene, camera = _resolve_scene(read_toml(path), path, inside="")
+    scene, camera = Shelf(path).resolve(read_toml(path), inside="")
     return path, scene if head is None else _with_head(scene, head), camera
 
 
@@ -122,37 +140,148 @@ def _one_per_head(scene: SceneSpec, camera: CameraSpec, where: str) -> tuple[Cas
     return (Case(name, scene, camera),)
 
 
-def load_suite(path_or_name: str | Path) -> Suite:
+def load_suite(path_or_name: str | Path, *, fly: Fly | None = None) -> Suite:
     """Read a suite file, lay every frame over the defaults, and load the cameras.
 
     A frame whose camera has several heads becomes one case for each of them unless it chooses one.
 
     The suite's seed is the default of every frame's ``scene.seed``. Estimators are checked by who runs them: names
     of plug-ins are not known here.
+
+    Parameters
+    ----------
+    path_or_name : str or Path
+    fly : callable, optional
+        Makes samples of orbits (:func:`horizonval.campaign.suite.load_suite` gives it): this room knows no orbits.
     """
     path = find("suite", path_or_name)
     spec = validate(SuiteSpec, read_toml(path), str(path))
-    seeded = {"scene": {"seed": spec.suite.seed}}
+    seeded = deep_merge({"scene": {"seed": spec.suite.seed}}, spec.defaults)
+    shelf = Shelf(path)
     cases: list[Case] = []
-    for i, frame in enumerate(spec.frame, start=1):
-        merged = deep_merge(deep_merge(seeded, spec.defaults), frame)
-        inside = f"frame[{i}] ({frame['scene']['name']})"
-        scene, camera = _resolve_scene(merged, path, inside=inside)
+    names: set[str] = set()
+    for inside, data in _scenes(spec, path, seeded, fly):
+        scene, camera = shelf.resolve(data, inside=inside)
         for case in _one_per_head(scene, camera, f"{path}: {inside}: camera.head"):
-            if case.name in (other.name for other in cases):
+            if case.name in names:
                 raise UserError(f"two frames are named {case.name!r}", where=f"{path}: {inside}", fix="rename one")
+            names.add(case.name)
             cases.append(case)
     head = spec.suite
-    return Suite(head.name, head.title, tuple(head.estimators), tuple(cases), str(path), spec.stability)
+    return Suite(
+        head.name,
+        head.title,
+        tuple(head.estimators),
+        tuple(cases),
+        str(path),
+        spec.stability,
+        tuple(spec.estimator),
+        head.keep,
+        head.time_limit_s,
+        head.memory_limit_mb,
+        tuple(spec.figure),
+    )
 
 
-def deep_merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``below`` with ``above`` laid over it: tables merge key by key, anything else is replaced."""
-    merged = dict(below)
-    for key, value in above.items():
-        old = merged.get(key)
-        merged[key] = deep_merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
-    return merged
+def _scenes(spec: SuiteSpec, path: Path, seeded: Plain, fly: Fly | None) -> Iterator[tuple[str, Plain]]:
+    """Yield every scene as plain data over the defaults, and the place in the file that makes it."""
+    for i, frame in enumerate(spec.frame, start=1):
+        yield f"frame[{i}] ({frame['scene']['name']})", deep_merge(seeded, frame)
+    for i, table in enumerate(spec.cases, start=1):
+        inside = f"cases[{i}] ({table.name})"
+        for variant in variants(table, spec.suite.seed, f"{path}: {inside}"):
+            whole = deep_merge(seeded, variant.scene)
+            if variant.orbit is None:
+                yield f"{inside}: {variant.name}", deep_merge(whole, {"scene": {"name": variant.name}})
+                continue
+            if fly is None:
+                raise ValueError("a suite with orbits is loaded with horizonval.campaign.suite.load_suite")
+            orbit = validate(OrbitSpec, variant.orbit, str(path), inside=f"{inside}.orbit")
+            samples = fly(orbit, whole, spec.suite.seed, table.name, f"{path}: {inside}")
+            digits = max(3, len(str(len(samples) - 1)))
+            for number, sample in enumerate(samples):
+                name = f"{variant.name}_{number:0{digits}d}"
+                yield f"{inside}: {name}", deep_merge(deep_merge(whole, sample), {"scene": {"name": name}})
+
+
+class Shelf:
+    """The files that the scenes of one file name, each read once."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._cameras: dict[str, CameraSpec] = {}
+        self._files: dict[tuple[Kind, str], Path] = {}
+
+    def resolve(self, data: Plain, *, inside: str) -> tuple[SceneSpec, CameraSpec]:
+        """Return scene and camera of plain data.
+
+        Raises
+        ------
+        UserError
+            Naming the file, the place ``inside`` and the key.
+        """
+        use = data.get("camera")
+        changes = {key: use[key] for key in CAMERA_TABLES if key in use} if isinstance(use, Mapping) else {}
+        if isinstance(use, Mapping) and changes:
+            data = {**data, "camera": {key: value for key, value in use.items() if key not in changes}}
+        scene = validate(SceneSpec, _with_datetime(data), str(self._path), inside=inside)
+        prefix = f"{self._path}: {inside}: " if inside else f"{self._path}: "
+        camera = self._camera(scene.camera.file, changes, inside, prefix)
+        if scene.atmosphere.file is not None:
+            file = self._find("atmosphere", scene.atmosphere.file, prefix + "atmosphere.file")
+            scene = _with_atmosphere(scene, file=str(file.resolve()))
+        if scene.atmosphere.profile_file is not None:
+            file = self._path.parent / Path(scene.atmosphere.profile_file).expanduser()
+            if not file.is_file():
+                raise UserError(
+                    f"no file {file}", where=prefix + "atmosphere.profile_file", expected="a profile (CSV or JSON)"
+                )
+            scene = _with_atmosphere(scene, profile_file=str(file.resolve()))
+        return scene, camera
+
+    def _find(self, kind: Kind, name: str, where: str) -> Path:
+        if (kind, name) not in self._files:
+            self._files[kind, name] = find(kind, name, beside=self._path.parent, where=where)
+        return self._files[kind, name]
+
+    def _camera(self, name: str, changes: Plain, inside: str, prefix: str) -> CameraSpec:
+        key = json.dumps([name, changes], sort_keys=True, default=str)
+        if key in self._cameras:
+            return self._cameras[key]
+        file = self._find("camera", name, prefix + "camera.file")
+        data = read_toml(file)
+        if changes:
+            # The file itself must be right before a change can be at fault.
+            validate(CameraSpec, data, str(file))
+            camera = validate(
+                CameraSpec,
+                _changed(data, changes, prefix),
+                str(self._path),
+                inside=f"{inside}: camera".removeprefix(": "),
+            )
+        else:
+            camera = validate(CameraSpec, data, str(file))
+        if not camera.band:
+            raise UserError(
+                f"camera {name!r} has no spectral band",
+                where=prefix + "camera.file",
+                expected="at least one [[band]] in the camera file",
+            )
+        self._cameras[key] = camera
+        return camera
+
+
+def _changed(camera: Plain, changes: Plain, prefix: str) -> Plain:
+    """Return a camera file's data with a scene's changes; bands are changed by their names."""
+    bands = changes.get("band")
+    if not isinstance(bands, Mapping):
+        return deep_merge(camera, changes)
+    names = [band.get("name") for band in camera.get("band", [])]
+    for name in bands:
+        if name not in names:
+            raise UserError(f"no band {name!r}", where=f"{prefix}camera.band", expected=", ".join(map(str, names)))
+    new = [deep_merge(band, bands.get(band.get("name"), {})) for band in camera["band"]]
+    return deep_merge(camera, {**changes, "band": new})
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -179,29 +308,6 @@ def validate(model: type[M], data: Mapping[str, Any], file: str, *, inside: str 
         return model.model_validate(data, strict=True)
     except ValidationError as e:
         raise explain(e, model, file, inside=inside) from e
-
-
-def _resolve_scene(data: dict[str, Any], path: Path, *, inside: str) -> tuple[SceneSpec, CameraSpec]:
-    scene = validate(SceneSpec, _with_datetime(data), str(path), inside=inside)
-    prefix = f"{path}: {inside}: " if inside else f"{path}: "
-    camera = load_camera(scene.camera.file, beside=path.parent, where=prefix + "camera.file")
-    if not camera.band:
-        raise UserError(
-            f"camera {scene.camera.file!r} has no spectral band",
-            where=prefix + "camera.file",
-            expected="at least one [[band]] in the camera file",
-        )
-    if scene.atmosphere.file is not None:
-        file = find("atmosphere", scene.atmosphere.file, beside=path.parent, where=prefix + "atmosphere.file")
-        scene = _with_atmosphere(scene, file=str(file.resolve()))
-    if scene.atmosphere.profile_file is not None:
-        file = path.parent / Path(scene.atmosphere.profile_file).expanduser()
-        if not file.is_file():
-            raise UserError(
-                f"no file {file}", where=prefix + "atmosphere.profile_file", expected="a profile (CSV or JSON)"
-            )
-        scene = _with_atmosphere(scene, profile_file=str(file.resolve()))
-    return scene, camera
 
 
 def _with_atmosphere(scene: SceneSpec, **changes: str) -> SceneSpec:

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, field_validator, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import Angle, Finite, Fraction, Positive
+from horizonval.spec.numbers import Angle, Finite, Fraction, Listed, Positive
 
 
 class SceneName(Model):
@@ -64,7 +64,7 @@ class Attitude(Model):
     yaw_deg: Angle = 0.0
     pitch_deg: Angle = 0.0
     roll_deg: Angle = 0.0
-    rate_deg_s: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
+    rate_deg_s: Annotated[tuple[Finite, Finite, Finite], Listed] = (0.0, 0.0, 0.0)
     hold: Literal["lvlh", "inertial"] = "lvlh"
 
 

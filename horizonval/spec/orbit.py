@@ -1,0 +1,134 @@
+"""An orbit and how the body turns along it: the table ``[cases.orbit]`` of a suite."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from horizonval.spec.base import Model
+from horizonval.spec.numbers import Angle, Finite, Listed, NonNegative, Positive
+
+Angles = Annotated[tuple[Angle, Angle, Angle], Listed]
+Vector = Annotated[tuple[Finite, Finite, Finite], Listed]
+Hour = Annotated[float, Field(ge=0, le=24)]
+
+MOST_SAMPLES = 100_000
+_SIZES = ("altitude_km", "semi_major_axis_km", "perigee_km")
+
+
+class SlewSpec(Model):
+    """A turn from the offset to other angles (yaw, pitch, roll against the reference)."""
+
+    to_deg: Angles
+    start_s: NonNegative = 0.0
+    duration_s: Positive
+
+
+class ErrorSpec(Model):
+    """A pointing error: Gaussian, of given rms about yaw, pitch and roll, correlated over ``correlation_s``."""
+
+    rms_deg: Annotated[tuple[NonNegative, NonNegative, NonNegative], Listed]
+    correlation_s: Positive = 60.0
+
+
+class OrbitAttitude(Model):
+    """What the body does along the orbit; see :mod:`horizonval.geometry.attitude_profile`.
+
+    ``pointing``: ``nadir`` (the local vertical), ``sun`` (``sun_axis`` towards it) or ``inertial`` (the local vertical
+    of the first instant). ``offset_deg`` is yaw, pitch, roll against that; ``tumble_deg_s`` a rate in body axes.
+    """
+
+    pointing: Literal["nadir", "sun", "inertial"] = "nadir"
+    offset_deg: Angles = (0.0, 0.0, 0.0)
+    slew: SlewSpec | None = None
+    tumble_deg_s: Vector = (0.0, 0.0, 0.0)
+    error: ErrorSpec | None = None
+    sun_axis: Vector = (0.0, 0.0, -1.0)
+
+    @model_validator(mode="after")
+    def _the_axis_has_a_direction(self) -> OrbitAttitude:
+        if not any(self.sun_axis):
+            raise ValueError("sun_axis must not be zero")
+        return self
+
+
+class OrbitSpec(Model):
+    """Samples of an orbit, evenly spread over some revolutions or seconds; the end itself is left out.
+
+    Size: ``altitude_km`` (a circle, above the equator's radius), ``perigee_km`` with ``apogee_km``, or
+    ``semi_major_axis_km`` with ``eccentricity``. Plane: ``inclination_deg``, or ``sun_synchronous = true``; the node by
+    ``raan_deg`` (right ascension, equinox of date), ``node_longitude_deg`` (where the node is passed over at the epoch)
+    or its mean local time ``ltan_h`` (ascending) or ``ltdn_h`` (descending). ``true_anomaly_deg`` from the perigee,
+    which stands ``argument_of_perigee_deg`` after the node.
+
+    Or ``tle``: two lines, or the file beside the suite that holds them; SGP4 then says where the satellite is. Without
+    ``epoch_utc`` the orbit starts at the lines' own epoch.
+    """
+
+    epoch_utc: datetime | None = None
+    altitude_km: Positive | None = None
+    perigee_km: Positive | None = None
+    apogee_km: Positive | None = None
+    semi_major_axis_km: Positive | None = None
+    eccentricity: Annotated[float, Field(ge=0, le=0.95)] | None = None
+    inclination_deg: Annotated[float, Field(ge=0, le=180)] | None = None
+    sun_synchronous: bool = False
+    raan_deg: Angle | None = None
+    node_longitude_deg: Angle | None = None
+    ltan_h: Hour | None = None
+    ltdn_h: Hour | None = None
+    argument_of_perigee_deg: Angle = 0.0
+    true_anomaly_deg: Angle = 0.0
+    tle: Annotated[list[str], Field(min_length=2, max_length=3)] | str | None = None
+    revolutions: Positive | None = None
+    duration_s: Positive | None = None
+    n: Annotated[int, Field(ge=1, le=MOST_SAMPLES)]
+    attitude: OrbitAttitude = OrbitAttitude()
+
+    @field_validator("epoch_utc")
+    @classmethod
+    def _utc(cls, value: datetime | None) -> datetime | None:
+        if value is None:
+            return None
+        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+
+    @model_validator(mode="after")
+    def _one_duration(self) -> OrbitSpec:
+        if self.revolutions is not None and self.duration_s is not None:
+            raise ValueError("give at most one of revolutions and duration_s")
+        return self
+
+    @model_validator(mode="after")
+    def _lines_or_elements(self) -> OrbitSpec:
+        elements = self.model_fields_set - {"epoch_utc", "tle", "revolutions", "duration_s", "n", "attitude"}
+        if self.tle is not None:
+            if elements:
+                raise ValueError(f"tle says the whole orbit; leave out {', '.join(sorted(elements))}")
+            return self
+        if self.epoch_utc is None:
+            raise ValueError("epoch_utc is missing")
+        self._check_size()
+        self._check_plane()
+        return self
+
+    def _check_size(self) -> None:
+        given = [key for key in _SIZES if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise ValueError("give one of altitude_km, perigee_km with apogee_km, semi_major_axis_km with eccentricity")
+        if (self.perigee_km is None) != (self.apogee_km is None):
+            raise ValueError("perigee_km and apogee_km go together")
+        if self.perigee_km is not None and self.apogee_km is not None and self.apogee_km < self.perigee_km:
+            raise ValueError("apogee_km must not be below perigee_km")
+        if self.eccentricity is not None and self.semi_major_axis_km is None:
+            raise ValueError("eccentricity goes with semi_major_axis_km")
+
+    def _check_plane(self) -> None:
+        if self.sun_synchronous == (self.inclination_deg is not None):
+            raise ValueError("give one of inclination_deg and sun_synchronous = true")
+        nodes = [
+            key for key in ("raan_deg", "node_longitude_deg", "ltan_h", "ltdn_h") if getattr(self, key) is not None
+        ]
+        if len(nodes) > 1:
+            raise ValueError(f"give one of {' and '.join(nodes)}")

@@ -1,0 +1,173 @@
+"""Suites that expand: names, numbers, and mistakes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from horizonval.campaign.suite import load_suite
+from horizonval.errors import UserError
+
+HEAD = """
+[suite]
+name = "s"
+seed = 7
+estimators = ["ideal"]
+[defaults]
+camera.file = "c.toml"
+platform.altitude_km = 500.0
+"""
+CAMERA = (
+    '[camera]\nwidth = 64\nheight = 48\nfov_deg = 60.0\n[[band]]\nname="v"\nkind="solar"\nlo_um=0.5\nhi_um=0.7\n'
+    '[detector]\nkind = "cmos"\npixel_pitch_um = 5.5\nexposure_s = 2.2e-4\nquantum_efficiency = 0.6\n'
+    "full_well_e = 13500.0\nread_noise_e = 13.0\nbits = 10\nblack_level_dn = 32.0\n"
+)
+ORBIT = '[[cases]]\nname = "o"\n[cases.orbit]\nepoch_utc = 2026-03-20T00:00:00Z\nn = 8\n'
+TLE = (
+    "1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927",
+    "2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537",
+)
+
+
+@pytest.fixture
+def load(tmp_path):
+    def build(text: str):
+        (tmp_path / "c.toml").write_text(CAMERA)
+        (tmp_path / "s.toml").write_text(HEAD + text)
+        return load_suite(tmp_path / "s.toml")
+
+    return build
+
+
+def test_a_grid_takes_every_value_with_every_other(load):
+    suite = load(
+        '[[cases]]\nname = "g"\n[cases.grid]\nattitude.yaw_deg = { from = -10.0, to = 10.0, step = 10.0 }\n'
+        '"camera.detector.exposure_s" = [1e-4, 1e-3]\ncamera.band.v.nodes = [2]\n'
+    )
+    assert [c.name for c in suite.cases][:2] == [
+        "g_yaw_deg_-10_exposure_s_0.0001_nodes_2",
+        "g_yaw_deg_-10_exposure_s_0.001_nodes_2",
+    ]
+    assert [(c.scene.attitude.yaw_deg, c.camera.detector.exposure_s) for c in suite.cases] == [
+        (yaw, t) for yaw in (-10.0, 0.0, 10.0) for t in (1e-4, 1e-3)
+    ]
+    assert {c.camera.band[0].nodes for c in suite.cases} == {2}
+
+
+def test_steps_and_counts_give_round_numbers(load):
+    suite = load(
+        '[[cases]]\nname = "g"\n[cases.grid]\n'
+        'platform.altitude_km = { from = 400.0, to = 1600.0, n = 3, scale = "log" }\n'
+        "attitude.roll_deg = { from = 0.0, to = 0.3, step = 0.1 }\n"
+    )
+    assert sorted({c.scene.platform.altitude_km for c in suite.cases}) == [400.0, 800.0, 1600.0]
+    assert sorted({c.scene.attitude.roll_deg for c in suite.cases}) == [0.0, 0.1, 0.2, 0.3]
+
+
+def test_a_list_and_a_grid_multiply(load):
+    suite = load(
+        '[[cases]]\nname = "l"\n'
+        'list = [{ scene.name = "low", platform.altitude_km = 300.0 }, { attitude.pitch_deg = 2.0 }]\n'
+        "grid = { attitude.yaw_deg = [0.0, 90.0] }\n"
+    )
+    assert [c.name for c in suite.cases] == [
+        "l_low_yaw_deg_0",
+        "l_low_yaw_deg_90",
+        "l_002_yaw_deg_0",
+        "l_002_yaw_deg_90",
+    ]
+    assert [c.scene.platform.altitude_km for c in suite.cases] == [300.0, 300.0, 500.0, 500.0]
+
+
+def test_sobol_points_fill_their_ranges_and_repeat(load):
+    text = (
+        '[[cases]]\nname = "q"\n[cases.sobol]\nn = 64\n[cases.sobol.ranges]\n'
+        'platform.latitude_deg = { from = -90.0, to = 90.0, scale = "sine" }\nplatform.longitude_deg = [-180, 180]\n'
+        "platform.epoch_utc = [2026-01-01T00:00:00Z, 2027-01-01T00:00:00Z]\n"
+    )
+    first, again = load(text), load(text)
+    assert first.cases == again.cases
+    other = load(text.replace("n = 64", "n = 64\nseed = 1"))
+    assert first.cases[0].scene.platform != other.cases[0].scene.platform
+    sines = np.sin(np.radians([c.scene.platform.latitude_deg for c in first.cases]))
+    # 64 points of a Sobol sequence: one in each 64th of every range.
+    assert sorted(np.floor((sines + 1) * 32).astype(int)) == list(range(64))
+    assert len({c.scene.platform.epoch_utc.month for c in first.cases}) == 12
+
+
+def test_an_orbit_becomes_places_epochs_and_attitudes(load):
+    suite = load(
+        ORBIT + "altitude_km = 500.0\nsun_synchronous = true\nltan_h = 10.5\nattitude.offset_deg = [0, 10.0, 0]\n"
+    )
+    places = [c.scene.platform for c in suite.cases]
+    assert [c.name for c in suite.cases] == [f"o_{i:03d}" for i in range(8)]
+    # The node is passed at 10.5 h local time: at 0 h UTC over 157.5 deg east.
+    assert (places[0].latitude_deg, places[0].longitude_deg) == pytest.approx((0.0, 157.5), abs=1e-6)
+    assert places[0].heading_deg == pytest.approx(-7.402, abs=0.001)
+    # After a quarter of a revolution the satellite is where it turns: 180 - i.
+    assert places[2].latitude_deg == pytest.approx(180 - 97.402, abs=0.2)
+    assert all(500 <= p.altitude_km < 522 for p in places)
+    assert (places[4].epoch_utc - places[0].epoch_utc).total_seconds() == pytest.approx(5677 / 2, abs=10)
+    assert {c.scene.attitude.pitch_deg for c in suite.cases} == {10.0}
+
+
+def test_an_ellipse_goes_up_and_down(load):
+    suite = load(ORBIT + "perigee_km = 500.0\napogee_km = 3000.0\ninclination_deg = 10.0\n")
+    heights = [c.scene.platform.altitude_km for c in suite.cases]
+    assert heights[0] == pytest.approx(500, abs=1)
+    assert heights[4] == pytest.approx(3000, abs=2)
+
+
+def test_two_lines_fly_with_sgp4(load):
+    suite = load(f'[[cases]]\nname = "iss"\n[cases.orbit]\nn = 16\ntle = ["{TLE[0]}", "{TLE[1]}"]\n')
+    places = [c.scene.platform for c in suite.cases]
+    assert places[0].epoch_utc.strftime("%Y-%m-%d %H:%M") == "2008-09-20 12:25"
+    assert all(325 < p.altitude_km < 375 for p in places)
+    # 16 samples of a revolution pass within 11 deg of its highest point.
+    assert 50.6 < max(p.latitude_deg for p in places) < 51.9
+
+
+def test_a_pointing_error_is_common_to_all_points_of_a_grid(load):
+    suite = load(
+        ORBIT + "altitude_km = 500.0\ninclination_deg = 51.6\nattitude.error = { rms_deg = [1.0, 1.0, 1.0] }\n"
+        "[cases.grid]\ncamera.detector.exposure_s = [1e-4, 1e-3]\n"
+    )
+    attitudes = [c.scene.attitude for c in suite.cases]
+    assert attitudes[:8] == attitudes[8:]
+    assert len({a.roll_deg for a in attitudes}) == 8
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ('[[cases]]\nname = "g"\n', ["cases[1]", "give at least one of list, grid"]),
+        (
+            '[[cases]]\nname = "g"\ngrid = { attitude.yaw_deg = 5.0 }\n',
+            ["cases[1] (g).grid.attitude.yaw_deg", "5.0", "list"],
+        ),
+        ('[[cases]]\nname = "g"\ngrid = { attitude.yaw = [5.0] }\n', ["g_yaw_5", "attitude.yaw", "yaw_deg"]),
+        (
+            '[[cases]]\nname = "g"\ngrid = { camera.detector.exposure = [5.0] }\n',
+            ["g_exposure_5: camera: detector.exposure", "exposure_s"],
+        ),
+        ('[[cases]]\nname = "g"\ngrid = { camera.band.x.nodes = [5] }\n', ["camera.band", "'x'", "v"]),
+        ('[[cases]]\nname = "g"\ngrid = { attitude.yaw_deg = { from = 1, to = 2, step = -1 } }\n', ["step = -1"]),
+        (
+            '[[cases]]\nname = "g"\nsobol = { n = 4, ranges = { attitude.yaw_deg = [1, "b"] } }\n',
+            ["sobol.ranges", '"b"'],
+        ),
+        (ORBIT, ["cases[1] (o).orbit", "altitude_km"]),
+        (ORBIT + "altitude_km = 500.0\n", ["cases[1] (o).orbit", "inclination_deg", "sun_synchronous"]),
+        (ORBIT + "altitude_km = 7000.0\nsun_synchronous = true\n", ["cases[1] (o).orbit", "Sun-synchronous"]),
+        (ORBIT.replace("n = 8", 'n = 8\ntle = ["1 2", "2 3"]'), ["cases[1] (o).orbit.tle", "69 columns"]),
+        (ORBIT.replace("n = 8", 'n = 8\ntle = "no.txt"'), ["cases[1] (o).orbit.tle", "no.txt"]),
+        (('[[cases]]\nname = "g"\ngrid = { attitude.yaw_deg = [5.0] }\n') * 2, ["two tables [[cases]] are named 'g'"]),
+    ],
+)
+def test_mistakes_are_one_line(load, text, parts):
+    with pytest.raises(UserError) as e:
+        load(text)
+    line = e.value.line()
+    assert "\n" not in line
+    for part in parts:
+        assert part in line, line
