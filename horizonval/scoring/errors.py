@@ -54,7 +54,12 @@ class Score:
     sigma_nadir_arcsec : float or None
         Claimed root-mean-square nadir error, the square root of the trace of the projected covariance.
     nees_nadir : float or None
-        Normalised error squared of the nadir, 2 degrees of freedom; ``None`` where the claimed covariance is singular.
+        Normalised error squared of the nadir by the claimed covariance of noise alone, 2 degrees of freedom; ``None``
+        where that covariance is singular.
+    nees_nadir_total : float or None
+        The same by noise and claimed model error together; equal to ``nees_nadir`` where no model error is claimed.
+    sigma_systematic_arcsec : float or None
+        Root mean square of the claimed model error of the nadir.
     n_points : int
         Limb points used.
     false_valid : bool
@@ -73,6 +78,8 @@ class Score:
     nees_nadir: float | None
     n_points: int
     false_valid: bool
+    nees_nadir_total: float | None = None
+    sigma_systematic_arcsec: float | None = None
 
 
 def score(
@@ -105,7 +112,13 @@ def score(
         )
     nadir = nadir / norm
     error = angle_between(nadir_true, nadir)
-    sigma, nees = _consistency(nadir, nadir_true, np.asarray(result.covariance_nadir_cam, dtype=np.float64))
+    noise = np.asarray(result.covariance_nadir_cam, dtype=np.float64)
+    total = np.asarray(result.total_covariance_nadir_cam, dtype=np.float64)
+    sigma, nees = _consistency(nadir, nadir_true, noise)
+    _, nees_total = _consistency(nadir, nadir_true, total)
+    systematic = None
+    if result.systematic_nadir_cam is not None:
+        systematic = _finite(sigma_nadir_rad(nadir, np.asarray(result.systematic_nadir_cam, dtype=np.float64)) / ARCSEC)
     roll_error, pitch_error = _attitude_errors(truth, nadir_true, result)
     altitude_error = altitude_error_geodetic = None
     if result.altitude_m is not None:
@@ -127,12 +140,17 @@ def score(
         sigma_nadir_arcsec=_finite(sigma / ARCSEC),
         nees_nadir=nees,
         n_points=len(result.points),
-        false_valid=is_false(error, nees),
+        false_valid=is_false(error, nees_total),
+        nees_nadir_total=nees_total,
+        sigma_systematic_arcsec=systematic,
     )
 
 
 def is_false(nadir_error_rad: float, nees_nadir: float | None) -> bool:
-    """Whether a claimed nadir with this error is a false claim (:mod:`horizonval.scoring.limits`)."""
+    """Whether a claimed nadir with this error is a false claim (:mod:`horizonval.scoring.limits`).
+
+    ``nees_nadir`` is that of all that is claimed, noise and model error.
+    """
     if nadir_error_rad > limits.NADIR_ERROR_LIMIT_RAD:
         return True
     beyond = nees_nadir is not None and nees_nadir > limits.SIGMA_LIMIT**2

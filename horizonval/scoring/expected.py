@@ -1,22 +1,34 @@
 """What should come of a frame, from its truth alone.
 
 A refusal is right or wrong only against what was in view. The exact horizon is sampled evenly around the Earth and
-projected into the image; in solar bands a point of it is lit where the Sun stands above the local horizon,
+projected into the image (:mod:`horizonval.scoring.horizon_view`). A sample is *usable* where
 
-    cos(zenith) = up . sun >= cos(LIT_MAX_SOLAR_ZENITH),
+* it is in view, far enough from the image's rim for its profile to be read,
+* the Sun stands high enough over it and its light stands out of the camera's noise,
+* it does so under the Sun's veil too,
+* and is not saturated (:mod:`horizonval.scoring.limb_signal`; in thermal bands all of it shines, day and night).
 
-with ``up`` the ellipsoid's normal at the tangent point; in thermal bands all of it shines. The first of these that
-holds is expected: ``no_limb`` (no horizon in view), ``short_arc`` (too little of it, or too straight),
-``sun_glare`` (solar bands, the Sun's disc in view), ``dark`` (too little of it lit), else ``valid``.
+Samples are *enough* where they are long and bent enough, and where they determine the nadir: the standard deviation of
+a cone through them, for the scatter of single points and for all that makes the limb no circle
+(:mod:`horizonval.limb.systematic`), must stay below a limit.
 
-Neglected: clouds, saturation and the Sun outside the image. They are properties of the radiance or of the detector and
-not of the geometry; an estimator that refuses because of them counts as unavailable, which is what its user sees.
+The tests are made in this order and the first that leaves too little names the outcome: ``no_limb`` (no horizon in
+view), ``short_arc`` (too little of it), ``sun_glare`` (solar bands, the Sun's disc in view), ``dark``, ``sun_glare``
+again (veil), ``saturated``; else ``valid``.
+
+**Borderline.** All of it is done three times, with the thresholds of :mod:`horizonval.scoring.limits` and with stricter
+and more lenient ones. Frames that are valid by one and not by another are borderline: their expected outcome stands as
+it is, but neither a claim nor a refusal is counted against an estimator. So are frames with the Sun in view whose limb
+would do otherwise: a sensor may refuse them by its rules, and need not. A false claim counts everywhere.
+
+For ``needs = "heads"`` see :func:`expected_of_heads`: every head must have a crossing of its own.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -24,24 +36,33 @@ from numpy.typing import NDArray
 
 from horizonval.errors import UserError
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import Camera, camera_from_spec, project
+from horizonval.geometry.camera import Camera, camera_from_spec
 from horizonval.geometry.ellipsoid import Ellipsoid
-from horizonval.geometry.horizon import horizon_cam, signed_limb_angle, tangency_points
+from horizonval.geometry.horizon import signed_limb_angle
+from horizonval.limb.cone import fit_cone, off_axis_angle, tangent_basis
+from horizonval.limb.systematic import Relief, systematic_covariance
 from horizonval.outcome import Outcome
 from horizonval.scoring import limits
-from horizonval.spec.camera import CameraSpec
+from horizonval.scoring.horizon_view import (
+    HorizonView,
+    extent,
+    horizon_view,
+    inside_image,
+    moon_in_frame,
+    sun_in_frame,
+    usable_margin_px,
+)
+from horizonval.scoring.limb_signal import LimbSignal, limb_signal
+from horizonval.scoring.limits import Thresholds
+from horizonval.spec.camera import Band, CameraSpec
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-_STEPS_ACROSS_FIELD = 1000
-"""Samples of the horizon per field of view, the narrower side: lengths are right to 0.2 %."""
-_SAMPLES_MIN, _SAMPLES_MAX = 21600, 400_000
-
 
 @dataclass(frozen=True)
 class Expected:
-    """Expected outcome of one band of a frame, and the geometry it follows from.
+    """Expected outcome of one band of a frame, and what it follows from.
 
     Attributes
     ----------
@@ -53,7 +74,7 @@ class Expected:
     horizon_sagitta_px : float
         How far the arc in view deviates from a great circle (a straight line in an undistorted image).
     lit_fraction : float or None
-        Share of that length which is lit (1 in thermal bands); ``None`` without horizon in view.
+        Share of that length over which the Sun stands (1 in thermal bands); ``None`` without horizon in view.
     lit_arc_px, lit_sagitta_px : float
         As above, of the lit part.
     sun_in_frame : bool
@@ -62,6 +83,17 @@ class Expected:
         From the Sun's centre to the nearest point of the horizon; negative in front of or behind the Earth.
     sun_zenith_deg : float
         At the point below the satellite.
+    borderline : bool
+        Close to a threshold: neither answer is counted against an estimator.
+    usable_arc_px : float
+        Length of the usable limb.
+    limb_snr : float or None
+        Median signal-to-noise ratio of the limb in view, the Sun's veil included, at most 1e6; None without limb.
+    veil_fraction : float
+        Largest veil on the limb in view, as a share of full scale.
+    determined_deg : float or None
+        Standard deviation, in its worst direction, of the nadir that the usable limb determines; None if it does not.
+    moon_in_frame : bool
     """
 
     outcome: Outcome
@@ -74,10 +106,16 @@ class Expected:
     sun_in_frame: bool
     sun_limb_distance_deg: float
     sun_zenith_deg: float
+    borderline: bool = False
+    usable_arc_px: float = 0.0
+    limb_snr: float | None = None
+    veil_fraction: float = 0.0
+    determined_deg: float | None = None
+    moon_in_frame: bool = False
 
 
 def expected_outcome(
-    truth: FrameTruth, band: str | None = None, *, needs: Literal["image", "pose"] = "image"
+    truth: FrameTruth, band: str | None = None, *, needs: Literal["image", "pose", "heads"] = "image"
 ) -> Expected:
     """Return what an estimator should report for one band of a frame.
 
@@ -86,8 +124,9 @@ def expected_outcome(
     truth : FrameTruth
     band : str, optional
         Name of the band; the camera's first one by default.
-    needs : {"image", "pose"}, optional
-        ``Estimator.needs``: a method that is given the pose can always answer.
+    needs : {"image", "pose", "heads"}, optional
+        ``Estimator.needs``: a method that is given the pose can always answer; one that looks through several heads
+        needs no more than a crossing from each.
 
     Raises
     ------
@@ -96,113 +135,170 @@ def expected_outcome(
     """
     spec = CameraSpec.model_validate(truth.camera)
     camera = camera_from_spec(spec.camera)
-    solar = _is_solar(spec, band)
-    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
-    samples = _samples(camera)
-    uv, _ = project(camera, horizon_cam(truth.r_itrs, truth.q_cam_from_itrs, ellipsoid, samples))
-    in_view = _inside(camera, uv)
-    lit = in_view
-    if solar:
-        lit = in_view & (_cos_solar_zenith(truth, ellipsoid, samples) >= math.cos(_LIT_LIMIT))
-
-    arc_px, sagitta_px = _extent(camera, uv, in_view, truth.angular_radius_rad)
-    lit_px, lit_sagitta_px = _extent(camera, uv, lit, truth.angular_radius_rad)
-    sun_in_frame = _sun_in_frame(camera, truth)
-    enough = limits.MIN_ARC_FRACTION_OF_IMAGE * min(camera.width, camera.height)
-
+    chosen = _band(spec, band)
+    view = horizon_view(truth, camera)
+    signal = limb_signal(truth, spec, chosen, camera, view)
+    scene = _Scene(truth, camera, chosen.kind == "solar", view, signal, sun_in_frame(camera, truth), needs == "heads")
+    outcome = _decide(scene, limits.NOMINAL)
+    others = {_decide(scene, thresholds) is Outcome.VALID for thresholds in (limits.STRICT, limits.LENIENT)}
+    borderline = others != {outcome is Outcome.VALID}
+    if outcome is Outcome.SUN_GLARE and scene.sun:
+        borderline = _decide(replace(scene, sun=False), limits.LENIENT) is Outcome.VALID
     if needs == "pose":
-        outcome = Outcome.VALID
-    elif not in_view.any():
-        outcome = Outcome.NO_LIMB
-    elif arc_px < enough or sagitta_px < limits.MIN_ARC_SAGITTA_PX:
-        outcome = Outcome.SHORT_ARC
-    elif solar and sun_in_frame:
-        outcome = Outcome.SUN_GLARE
-    elif lit_px < enough or lit_sagitta_px < limits.MIN_ARC_SAGITTA_PX:
-        outcome = Outcome.DARK
-    else:
-        outcome = Outcome.VALID
+        outcome, borderline = Outcome.VALID, False
 
+    lit = _lit(scene, limits.NOMINAL)
+    usable = _usable(scene, limits.NOMINAL)
+    rho = truth.angular_radius_rad
+    arc_px, sagitta_px = extent(camera, view.uv, view.in_view, rho)
+    lit_px, lit_sagitta_px = extent(camera, view.uv, lit, rho)
+    determined = _determined_rad(scene, usable, limits.NOMINAL)
+    seen = view.in_view
     up_cam = -np.array(truth.nadir_geodetic_cam)
+    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
     return Expected(
         outcome=outcome,
-        horizon_fraction_in_view=float(in_view.mean()),
+        horizon_fraction_in_view=float(seen.mean()),
         horizon_arc_px=arc_px,
         horizon_sagitta_px=sagitta_px,
         lit_fraction=lit_px / arc_px if arc_px > 0 else None,
         lit_arc_px=lit_px,
         lit_sagitta_px=lit_sagitta_px,
-        sun_in_frame=sun_in_frame,
+        sun_in_frame=scene.sun,
         sun_limb_distance_deg=-math.degrees(float(signed_limb_angle(truth.sun_itrs, truth.r_itrs, ellipsoid))),
         sun_zenith_deg=math.degrees(math.acos(max(-1.0, min(1.0, float(up_cam @ np.array(truth.sun_cam)))))),
+        borderline=borderline,
+        usable_arc_px=extent(camera, view.uv, usable, rho)[0],
+        limb_snr=min(float(np.median(signal.seen[seen])), 1e6) if seen.any() else None,
+        veil_fraction=float(signal.veil_filling[seen].max()) if seen.any() else 0.0,
+        determined_deg=math.degrees(determined) if math.isfinite(determined) else None,
+        moon_in_frame=moon_in_frame(camera, truth),
     )
 
 
-_LIT_LIMIT = math.radians(limits.LIT_MAX_SOLAR_ZENITH_DEG)
+def expected_of_heads(heads: Sequence[Expected]) -> Expected:
+    """Return what a method should report that looks through several heads, from what each head sees.
+
+    All of them must have a crossing: the outcome is that of the first head that has none. The figures are the first
+    head's, but ``borderline`` holds if it holds for any head and no other head makes the outcome certain, and Sun and
+    Moon are in the frame if they are in any head's.
+    """
+    whole = replace(
+        heads[0],
+        sun_in_frame=any(head.sun_in_frame for head in heads),
+        moon_in_frame=any(head.moon_in_frame for head in heads),
+    )
+    failed = [head for head in heads if head.outcome is not Outcome.VALID]
+    if not failed:
+        return replace(whole, borderline=any(head.borderline for head in heads))
+    certain = [head for head in failed if not head.borderline]
+    return replace(whole, outcome=(certain or failed)[0].outcome, borderline=not certain)
 
 
-def _is_solar(spec: CameraSpec, name: str | None) -> bool:
-    bands = {band.name: band.kind for band in spec.band}
+@dataclass(frozen=True)
+class _Scene:
+    truth: FrameTruth
+    camera: Camera
+    solar: bool
+    view: HorizonView
+    signal: LimbSignal
+    sun: bool
+    crossing_only: bool
+
+
+def _decide(scene: _Scene, thresholds: Thresholds) -> Outcome:
+    seen = _in_reach(scene)
+    if not scene.view.in_view.any():
+        return Outcome.NO_LIMB
+    if not _enough(scene, seen, thresholds):
+        return Outcome.SHORT_ARC
+    if scene.solar and scene.sun:
+        return Outcome.SUN_GLARE
+    lit = seen & _lit(scene, thresholds) & (scene.signal.lit >= thresholds.snr)
+    if not _enough(scene, lit, thresholds):
+        return Outcome.DARK
+    clear = lit & (scene.signal.seen >= thresholds.snr) & (scene.signal.veil_filling <= thresholds.veil)
+    if not _enough(scene, clear, thresholds):
+        return Outcome.SUN_GLARE
+    return Outcome.VALID if _enough(scene, _usable(scene, thresholds), thresholds) else Outcome.SATURATED
+
+
+def _usable(scene: _Scene, thresholds: Thresholds) -> BoolArray:
+    signal = scene.signal
+    return np.asarray(
+        _in_reach(scene)
+        & _lit(scene, thresholds)
+        & (signal.seen >= thresholds.snr)
+        & (signal.veil_filling <= thresholds.veil)
+        & (signal.filling <= thresholds.filling)
+    )
+
+
+def _in_reach(scene: _Scene) -> BoolArray:
+    margin = 0.0 if scene.crossing_only else usable_margin_px(scene.camera)
+    return scene.view.in_view & inside_image(scene.camera, scene.view.uv, margin)
+
+
+def _lit(scene: _Scene, thresholds: Thresholds) -> BoolArray:
+    if not scene.solar:
+        return scene.view.in_view
+    return scene.view.in_view & (scene.view.cos_zenith >= math.cos(thresholds.lit_zenith_rad))
+
+
+def _enough(scene: _Scene, member: BoolArray, thresholds: Thresholds) -> bool:
+    if scene.crossing_only:
+        return bool(member.any())
+    arc_px, sagitta_px = extent(scene.camera, scene.view.uv, member, scene.truth.angular_radius_rad)
+    shortest = thresholds.arc_fraction * min(scene.camera.width, scene.camera.height)
+    if arc_px < shortest or sagitta_px < limits.MIN_ARC_SAGITTA_PX:
+        return False
+    return _determined_rad(scene, member, thresholds) <= thresholds.determined_rad
+
+
+def _determined_rad(scene: _Scene, member: BoolArray, thresholds: Thresholds) -> float:
+    """Return the standard deviation of the nadir, worst direction, that samples determine; infinite if they do not."""
+    los = scene.view.los_cam[member]
+    if len(los) < 8:
+        return math.inf
+    los = los[:: max(1, len(los) // limits.DETERMINED_SAMPLES)]
+    cone = fit_cone(los)
+    rho = float(off_axis_angle(los, cone.axis_cam).mean())
+    arc_px, _ = extent(scene.camera, scene.view.uv, member, scene.truth.angular_radius_rad)
+    across = los @ tangent_basis(cone.axis_cam)
+    jacobian = np.column_stack([across / np.linalg.norm(across, axis=1)[:, None], np.ones(len(los))])
+    truth = scene.truth
+    try:
+        covariance = systematic_covariance(
+            los,
+            cone.axis_cam,
+            rho,
+            flattening=1.0 - truth.ellipsoid_b_m / truth.ellipsoid_a_m,
+            reliefs=_reliefs(scene),
+            earth_radius_m=truth.ellipsoid_a_m,
+        )
+        information = np.linalg.inv(jacobian.T @ jacobian)
+    except np.linalg.LinAlgError:
+        return math.inf
+    point = limits.POINT_SIGMA_PX / min(scene.camera.fx, scene.camera.fy)
+    covariance = covariance + point**2 * len(los) / max(arc_px, 1.0) * information
+    sigma = float(np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+    return sigma if math.isfinite(sigma) else math.inf
+
+
+def _reliefs(scene: _Scene) -> tuple[Relief, ...]:
+    # Also where the scene has no air: no sensor can know that.
+    reliefs: tuple[Relief, ...] = limits.SOLAR_RELIEF if scene.solar else limits.THERMAL_RELIEF
+    clouds = scene.truth.scene.get("clouds")
+    if clouds is not None and clouds.get("cover", 0.0) > 0:
+        reliefs = (*reliefs, limits.CLOUD_RELIEF_SOLAR if scene.solar else limits.CLOUD_RELIEF_THERMAL)
+    return reliefs
+
+
+def _band(spec: CameraSpec, name: str | None) -> Band:
+    bands = {band.name: band for band in spec.band}
     if not bands:
         raise UserError("the frame's camera has no bands", where="band", expected="at least one [[band]]")
     chosen = name if name is not None else spec.band[0].name
     if chosen not in bands:
         raise UserError(f"no band {chosen!r}", where="band", expected=f"one of {sorted(bands)}")
-    return bands[chosen] == "solar"
-
-
-def _inside(camera: Camera, uv: FloatArray) -> BoolArray:
-    # Comparisons with NaN, the mark of a direction without an image, are False.
-    inside: BoolArray = (
-        (uv[..., 0] >= -0.5)
-        & (uv[..., 0] <= camera.width - 0.5)
-        & (uv[..., 1] >= -0.5)
-        & (uv[..., 1] <= camera.height - 0.5)
-    )
-    return inside
-
-
-def _samples(camera: Camera) -> int:
-    field = min(camera.width / camera.fx, camera.height / camera.fy)
-    return int(min(max(_STEPS_ACROSS_FIELD * math.tau / field, _SAMPLES_MIN), _SAMPLES_MAX))
-
-
-def _cos_solar_zenith(truth: FrameTruth, ellipsoid: Ellipsoid, samples: int) -> FloatArray:
-    points = tangency_points(truth.r_itrs, ellipsoid, np.arange(samples) * (math.tau / samples))
-    # The gradient of (x/a)^2 + (y/a)^2 + (z/b)^2: the points lie on the surface.
-    normal = points / ellipsoid.axes_m**2
-    cosines: FloatArray = normal @ np.array(truth.sun_itrs) / np.linalg.norm(normal, axis=-1)
-    return cosines
-
-
-def _extent(camera: Camera, uv: FloatArray, member: BoolArray, angular_radius_rad: float) -> tuple[float, float]:
-    """Length [px] of the members of a closed curve, and the sagitta [px] of the circle's part that they span.
-
-    The great circle through two points of a circle of angular radius ``rho``, ``2 h`` of azimuth apart, passes the
-    middle at the polar angle ``atan(tan(rho) cos(h))``; the sagitta is the difference to ``rho``. The span is the
-    circle less its largest gap: two far ends determine a circle as well as the arc between them.
-    """
-    n = len(member)
-    if not member.any():
-        return 0.0, 0.0
-    pair = member & np.roll(member, -1)
-    steps = np.linalg.norm(np.roll(uv, -1, axis=0) - uv, axis=-1)
-    where = np.flatnonzero(member)
-    gaps = np.diff(np.append(where, where[0] + n))
-    half = math.pi * (1 - float(gaps.max()) / n) if len(where) > 1 else 0.0
-    # From a half circle on the chord's middle crosses to the nadir and beyond: nothing straight about it.
-    polar = math.atan(math.tan(angular_radius_rad) * math.cos(min(half, math.pi / 2)))
-    return float(steps[pair].sum()), (angular_radius_rad - polar) * min(camera.fx, camera.fy)
-
-
-def _sun_in_frame(camera: Camera, truth: FrameTruth) -> bool:
-    if truth.sun_visible_fraction <= 0:
-        return False
-    centre = np.array(truth.sun_cam)
-    across = np.cross(centre, np.eye(3)[int(np.argmin(np.abs(centre)))])
-    across /= np.linalg.norm(across)
-    angle = np.linspace(0, math.tau, 64, endpoint=False)[:, None]
-    ring = np.cos(angle) * across + np.sin(angle) * np.cross(centre, across)
-    radius = truth.sun_angular_radius_rad
-    disc = np.concatenate([centre[None, :], math.cos(radius) * centre + math.sin(radius) * ring])
-    return bool(_inside(camera, project(camera, disc)[0]).any())
+    return bands[chosen]

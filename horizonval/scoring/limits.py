@@ -7,6 +7,9 @@ as a change of the product, not as tuning.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+
+from horizonval.limb.systematic import Relief
 
 NADIR_ERROR_LIMIT_RAD = math.radians(0.5)
 """A claimed nadir further off than this is false whatever uncertainty it claims.
@@ -33,19 +36,84 @@ horizon sensors are required to deliver (0.03 to 0.1 deg).
 ROLL_DEFINED_MIN_COS_PITCH = math.sin(math.radians(1.0))
 """Within 1 deg of pitch = +-90 deg roll is not determined by the nadir, and its error is left empty."""
 
-LIT_MAX_SOLAR_ZENITH_DEG = 90.0
-"""A tangent point is lit, for solar bands, where the Sun stands above its geometric horizon.
 
-Beyond that the limb fades through twilight (its lowest sunlit layer is at 6 km at 92.5 deg, at 35 km at 96 deg).
-An estimator that still finds it is welcome, but it is not expected to.
-"""
+@dataclass(frozen=True)
+class Thresholds:
+    """One set of thresholds of the expected outcome (:mod:`horizonval.scoring.expected`).
 
-MIN_ARC_FRACTION_OF_IMAGE = 0.25
-"""Shortest arc in view (and shortest lit arc) that should give an attitude, as a share of the image's shorter side.
+    Attributes
+    ----------
+    arc_fraction : float
+        Shortest usable arc, as a share of the image's shorter side. A limb search needs an unbroken stretch.
+    lit_zenith_rad : float
+        Sun's zenith angle up to which the limb is lit. Beyond 90 deg its lowest sunlit layer rises (6 km at 92.5 deg,
+        35 km at 96 deg) and the edge no longer stands at one height.
+    snr : float
+        Signal-to-noise ratio of a single pixel's step at the limb. Five is Rose's criterion for telling a feature from
+        noise (A. Rose, *Vision: Human and Electronic*, 1973).
+    veil : float
+        Sun's veil at the limb over full scale. A veil of more than this takes the room that the limb's signal needs.
+    filling : float
+        Brightest thing at the limb with veil, over full scale. A clipped profile no longer shows where the limb is.
+    determined_rad : float
+        Standard deviation, worst direction, to which the usable limb must determine the nadir: the limit of a false
+        claim (:data:`NADIR_ERROR_LIMIT_RAD`) over 2.5. An honest sensor that is less sure should not claim.
+    """
 
-A limb search leaves out the image's rim and needs an unbroken stretch, so what it can use is shorter than what is in
-view; frames close to the limit may fairly go either way, and a suite should hold few of them.
-"""
+    arc_fraction: float
+    lit_zenith_rad: float
+    snr: float
+    veil: float
+    filling: float
+    determined_rad: float
+
+
+NOMINAL = Thresholds(
+    arc_fraction=0.25,
+    lit_zenith_rad=math.radians(90.0),
+    snr=5.0,
+    veil=0.6,
+    filling=1.0,
+    determined_rad=math.radians(0.2),
+)
+STRICT = Thresholds(
+    arc_fraction=0.35,
+    lit_zenith_rad=math.radians(81.0),
+    snr=10.0,
+    veil=0.3,
+    filling=0.8,
+    determined_rad=math.radians(0.15),
+)
+"""What every sensor worth the name must answer. Radiances are known from a table to 30 % (by a factor of three in
+twilight), a search loses the ends of an arc, and the scatter of single points differs from method to method."""
+LENIENT = Thresholds(
+    arc_fraction=0.2,
+    lit_zenith_rad=math.radians(97.0),
+    snr=1.5,
+    veil=1.0,
+    filling=1.4,
+    determined_rad=math.radians(0.4),
+)
+"""What no sensor should answer: beyond even these a refusal is the only right outcome."""
+
+RIM_PX = 10.0
+RIM_FULL_AT_PX = 256.0
+"""Width of the rim in which no limb can be followed: a profile across it needs so many pixels to both sides. Smaller
+images have narrower windows in proportion."""
+
+POINT_SIGMA_PX = 0.1
+"""Scatter of single limb points of a sub-pixel search at a signal-to-noise ratio of some ten."""
+DETERMINED_SAMPLES = 240
+
+SOLAR_RELIEF = (Relief(250.0, 0.3), Relief(300.0, 0.05))
+THERMAL_RELIEF = (Relief(800.0, 0.4), Relief(300.0, 0.05))
+CLOUD_RELIEF_SOLAR = Relief(600.0, 0.05)
+CLOUD_RELIEF_THERMAL = Relief(2500.0, 0.05)
+"""How the height of the visible limb varies along it: standard deviation [m] and correlation length [rad]. Air and Sun,
+and clouds beside it: measured on rendered limbs. Window bands see cloud tops, carbon dioxide bands do not."""
+
+ALBEDO_OF_THE_EARTH, ALBEDO_OF_SNOW, ALBEDO_OF_CLOUDS = 0.3, 0.8, 0.8
+COLDEST_LIMB_K = 220.0
 
 MIN_ARC_SAGITTA_PX = 0.5
 """An arc in view must also deviate from a straight line by this much.

@@ -17,6 +17,8 @@ import numpy as np
 from scipy import stats
 
 from horizonval.outcome import Outcome
+from horizonval.scoring.confusion import confusion, in_order, strict_confusion
+from horizonval.scoring.rates import rates
 
 SUMMARY_SCHEMA = 1
 NEES_EXPECTED = 2.0
@@ -53,44 +55,36 @@ def summarise_group(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``n``; ``n_expected_valid``; ``n_valid`` (claims); ``availability`` = claims among the frames expected valid;
+        ``n``; ``n_expected_valid``, borderline frames left out; ``n_valid`` (claims); ``availability``, ``refusal``,
+        ``bonus``, ``false_valid``, ``false_valid_frames``, ``n_borderline`` as :func:`horizonval.scoring.rates.rates`;
         ``nadir_error_arcsec``: ``{n, rms, median, p95, max}``; ``roll_error_arcsec`` and ``pitch_error_arcsec``:
         ``{n, mean, std}``; ``altitude_error_km``: the same; ``refusals``: ``{status: n}``; ``confusion``:
-        ``{expected: {reported: n}}``; ``false_valid``: ``{n, of, rate, interval}``; ``nees_nadir``:
+        ``{expected: {reported: n}}``; ``strict_confusion``: the same with borderline frames and false claims apart;
+        ``nees_nadir`` by the claimed noise and ``nees_nadir_total`` by noise and claimed model error:
         ``{n, mean, expected, interval}`` where ``interval`` holds the mean of an honest covariance with 95 %.
         Proportions carry ``interval``, the Clopper-Pearson 95 % one. ``p95`` interpolates linearly between the ranks.
     """
     claims = [row for row in rows if row["status"] == Outcome.VALID]
-    due = [row for row in rows if row["expected"] == Outcome.VALID]
-    confusion: dict[str, Counter[str]] = {}
-    for row in rows:
-        confusion.setdefault(row["expected"], Counter())[row["status"]] += 1
+    due = [row for row in rows if row["expected"] == Outcome.VALID and not row.get("borderline")]
     return {
         "n": len(rows),
         "n_expected_valid": len(due),
         "n_valid": len(claims),
-        "availability": proportion(sum(row["status"] == Outcome.VALID for row in due), len(due)),
         "nadir_error_arcsec": _magnitude(_column(claims, "nadir_error_arcsec")),
         "roll_error_arcsec": _bias(_column(claims, "roll_error_arcsec")),
         "pitch_error_arcsec": _bias(_column(claims, "pitch_error_arcsec")),
         "altitude_error_km": _bias(_column(claims, "altitude_error_km")),
-        "refusals": _sorted(Counter(row["status"] for row in rows if row["status"] != Outcome.VALID)),
-        "confusion": {expected: _sorted(confusion[expected]) for expected in sorted(confusion, key=_rank)},
-        "false_valid": proportion(sum(bool(row["false_valid"]) for row in claims), len(claims)),
+        "refusals": in_order(Counter(row["status"] for row in rows if row["status"] != Outcome.VALID)),
+        "confusion": confusion(rows),
+        "strict_confusion": strict_confusion(rows),
         "nees_nadir": _nees(_column(claims, "nees_nadir")),
+        "nees_nadir_total": _nees(_column(claims, "nees_nadir_total")),
+        **rates(rows),
     }
 
 
-def proportion(k: int, n: int) -> dict[str, Any]:
-    """``{n: k, of: n, rate, interval}`` with the Clopper-Pearson 95 % interval; ``None`` for 0 of 0."""
-    if n == 0:
-        return {"n": 0, "of": 0, "rate": None, "interval": None}
-    interval = stats.binomtest(k, n).proportion_ci(confidence_level=0.95, method="exact")
-    return {"n": k, "of": n, "rate": k / n, "interval": [float(interval.low), float(interval.high)]}
-
-
 def _column(rows: Sequence[Mapping[str, Any]], name: str) -> np.ndarray:
-    return np.array([row[name] for row in rows if row[name] is not None], dtype=np.float64)
+    return np.array([row[name] for row in rows if row.get(name) is not None], dtype=np.float64)
 
 
 def _magnitude(values: np.ndarray) -> dict[str, Any]:
@@ -122,14 +116,3 @@ def _nees(values: np.ndarray) -> dict[str, Any]:
     low, high = stats.chi2.interval(0.95, NEES_EXPECTED * n)
     mean = math.fsum(values) / n
     return {"n": n, "mean": mean, "expected": NEES_EXPECTED, "interval": [float(low) / n, float(high) / n]}
-
-
-_ORDER = {str(outcome): i for i, outcome in enumerate(Outcome)}
-
-
-def _rank(outcome: str) -> tuple[int, str]:
-    return _ORDER.get(outcome, len(_ORDER)), outcome
-
-
-def _sorted(counts: Counter[str]) -> dict[str, int]:
-    return {outcome: counts[outcome] for outcome in sorted(counts, key=_rank)}

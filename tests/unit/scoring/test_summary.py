@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from horizonval.scoring.summary import proportion, summarise
+from horizonval.scoring.rates import proportion
+from horizonval.scoring.summary import summarise
 
 
 def row(case: str, expected: str, status: str, error: float | None = None, **changes: Any) -> dict[str, Any]:

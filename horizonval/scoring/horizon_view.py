@@ -1,0 +1,132 @@
+"""The exact horizon of a truth as the camera sees it: sampled evenly round the Earth, and what of it is in view."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.frame import FrameTruth
+from horizonval.geometry.camera import Camera, project
+from horizonval.geometry.ellipsoid import Ellipsoid
+from horizonval.geometry.horizon import horizon_cam, tangency_points
+from horizonval.scoring import limits
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+_STEPS_ACROSS_FIELD = 1000
+"""Samples of the horizon per field of view, the narrower side: lengths are right to 0.2 %."""
+_SAMPLES_MIN, _SAMPLES_MAX = 21600, 400_000
+
+
+@dataclass(frozen=True)
+class HorizonView:
+    """Samples of the horizon, n of them, in order.
+
+    Attributes
+    ----------
+    los_cam : ndarray, shape (n, 3)
+    uv : ndarray, shape (n, 2)
+        NaN where the direction has no image.
+    in_view : ndarray of bool, shape (n,)
+    cos_zenith : ndarray, shape (n,)
+        Of the Sun at the tangent point.
+    cos_azimuth : ndarray, shape (n,)
+        Of the angle, there, between the line of sight and the Sun's azimuth: 1 with the Sun ahead.
+    """
+
+    los_cam: FloatArray
+    uv: FloatArray
+    in_view: BoolArray
+    cos_zenith: FloatArray
+    cos_azimuth: FloatArray
+
+
+def horizon_view(truth: FrameTruth, camera: Camera) -> HorizonView:
+    """Sample the horizon of a truth."""
+    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+    samples = _samples(camera)
+    los = horizon_cam(truth.r_itrs, truth.q_cam_from_itrs, ellipsoid, samples)
+    uv, _ = project(camera, los)
+    points = tangency_points(truth.r_itrs, ellipsoid, np.arange(samples) * (math.tau / samples))
+    # The gradient of (x/a)^2 + (y/a)^2 + (z/b)^2: the points lie on the surface.
+    normal = points / ellipsoid.axes_m**2
+    normal /= np.linalg.norm(normal, axis=-1)[:, None]
+    sun = np.array(truth.sun_itrs)
+    cos_zenith = normal @ sun
+    ahead = points - np.array(truth.r_itrs)
+    ahead /= np.linalg.norm(ahead, axis=-1)[:, None]
+    level = sun - cos_zenith[:, None] * normal
+    length = np.linalg.norm(level, axis=-1)
+    # With the Sun in the zenith its azimuth means nothing: any value will do.
+    cos_azimuth = np.einsum("ij,ij->i", level, ahead) / np.where(length > 1e-9, length, 1.0)
+    return HorizonView(los, uv, inside_image(camera, uv), cos_zenith, np.clip(cos_azimuth, -1.0, 1.0))
+
+
+def inside_image(camera: Camera, uv: FloatArray, margin_px: float = 0.0) -> BoolArray:
+    """Return which image points lie on the detector, a margin left out."""
+    # Comparisons with NaN, the mark of a direction without an image, are False.
+    inside: BoolArray = (
+        (uv[..., 0] >= -0.5 + margin_px)
+        & (uv[..., 0] <= camera.width - 0.5 - margin_px)
+        & (uv[..., 1] >= -0.5 + margin_px)
+        & (uv[..., 1] <= camera.height - 0.5 - margin_px)
+    )
+    return inside
+
+
+def extent(camera: Camera, uv: FloatArray, member: BoolArray, angular_radius_rad: float) -> tuple[float, float]:
+    """Length [px] of the members of a closed curve, and the sagitta [px] of the circle's part that they span.
+
+    The great circle through two points of a circle of angular radius ``rho``, ``2 h`` of azimuth apart, passes the
+    middle at the polar angle ``atan(tan(rho) cos(h))``; the sagitta is the difference to ``rho``. The span is the
+    circle less its largest gap: two far ends determine a circle as well as the arc between them.
+    """
+    n = len(member)
+    if not member.any():
+        return 0.0, 0.0
+    pair = member & np.roll(member, -1)
+    steps = np.linalg.norm(np.roll(uv, -1, axis=0) - uv, axis=-1)
+    where = np.flatnonzero(member)
+    gaps = np.diff(np.append(where, where[0] + n))
+    half = math.pi * (1 - float(gaps.max()) / n) if len(where) > 1 else 0.0
+    # From a half circle on the chord's middle crosses to the nadir and beyond: nothing straight about it.
+    polar = math.atan(math.tan(angular_radius_rad) * math.cos(min(half, math.pi / 2)))
+    return float(steps[pair].sum()), (angular_radius_rad - polar) * min(camera.fx, camera.fy)
+
+
+def sun_in_frame(camera: Camera, truth: FrameTruth) -> bool:
+    """Whether any visible part of the Sun's disc lies inside the image."""
+    if truth.sun_visible_fraction <= 0:
+        return False
+    return disc_in_frame(camera, np.array(truth.sun_cam), truth.sun_angular_radius_rad)
+
+
+def moon_in_frame(camera: Camera, truth: FrameTruth) -> bool:
+    """Whether any part of the Moon's disc, lit or not, lies inside the image."""
+    if truth.moon_cam is None or truth.moon_visible_fraction <= 0:
+        return False
+    return disc_in_frame(camera, np.array(truth.moon_cam), truth.moon_angular_radius_rad)
+
+
+def disc_in_frame(camera: Camera, centre: FloatArray, radius_rad: float) -> bool:
+    """Whether a disc's centre or any of 64 points of its rim lies inside the image."""
+    across = np.cross(centre, np.eye(3)[int(np.argmin(np.abs(centre)))])
+    across /= np.linalg.norm(across)
+    angle = np.linspace(0, math.tau, 64, endpoint=False)[:, None]
+    ring = np.cos(angle) * across + np.sin(angle) * np.cross(centre, across)
+    disc = np.concatenate([centre[None, :], math.cos(radius_rad) * centre + math.sin(radius_rad) * ring])
+    return bool(inside_image(camera, project(camera, disc)[0]).any())
+
+
+def usable_margin_px(camera: Camera) -> float:
+    """Return the width of the image's rim in which no search can follow a limb to either side."""
+    return limits.RIM_PX * min(1.0, min(camera.width, camera.height) / limits.RIM_FULL_AT_PX)
+
+
+def _samples(camera: Camera) -> int:
+    field = min(camera.width / camera.fx, camera.height / camera.fy)
+    return int(min(max(_STEPS_ACROSS_FIELD * math.tau / field, _SAMPLES_MIN), _SAMPLES_MAX))

@@ -1,0 +1,142 @@
+"""Signal, veil and saturation decide the expected outcome; the camera's own settings decide them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from synthetic import truth_at
+
+from horizonval.geometry.camera import camera_from_spec
+from horizonval.outcome import Outcome
+from horizonval.scoring.expected import expected_of_heads, expected_outcome
+from horizonval.scoring.horizon_view import horizon_view
+from horizonval.scoring.limb_radiance import brightest_reflectance, limb_reflectance
+from horizonval.scoring.limb_signal import limb_signal
+from horizonval.sensor import optics
+from horizonval.spec.camera import CameraSpec
+
+LIMB_ROLL_DEG = 68.0
+
+
+def camera(exposure_s: float = 1.2e-4, **lens):
+    return {
+        "camera": {"name": "vis", "width": 512, "height": 512, "fov_deg": 60.0},
+        "optics": {"f_number": 4.0, "transmission": 0.7, **lens},
+        "band": [{"name": "vis", "kind": "solar", "lo_um": 0.45, "hi_um": 0.75}],
+        "detector": {
+            "kind": "cmos",
+            "pixel_pitch_um": 5.5,
+            "exposure_s": exposure_s,
+            "quantum_efficiency": 0.6,
+            "full_well_e": 13500.0,
+            "read_noise_e": 13.0,
+            "bits": 10,
+        },
+    }
+
+
+def expected(exposure_s: float = 1.2e-4, lens=None, **pose):
+    return expected_outcome(truth_at(camera(exposure_s, **(lens or {})), roll_deg=LIMB_ROLL_DEG, **pose))
+
+
+def test_a_sunlit_limb_stands_far_out_of_the_noise():
+    e = expected()
+    assert e.outcome == Outcome.VALID
+    # 13500 electrons of full well at best: the shot noise of a well-filled pixel is 116.
+    assert 20 < e.limb_snr < 116
+
+
+def test_too_short_an_exposure_is_dark_and_too_long_a_one_saturates():
+    outcomes = [expected(t).outcome for t in (1e-7, 1.2e-4, 5e-3)]
+    assert outcomes == [Outcome.DARK, Outcome.VALID, Outcome.SATURATED]
+    # 40 times the exposure that lays a sunlit limb on half of full scale: no doubt about it.
+    assert not expected(5e-3).borderline
+    assert expected(1.8e-4).borderline
+
+
+def test_signal_grows_with_the_exposure_as_photons_do():
+    """Without read noise and black level the ratio is the square root of the count, hence of the exposure."""
+    data = camera()
+    data["detector"]["read_noise_e"] = 0.0
+    data["detector"]["bits"] = 16
+    data["detector"]["gain_e_per_dn"] = 0.25
+    short = expected_outcome(truth_at(data, roll_deg=LIMB_ROLL_DEG)).limb_snr
+    data["detector"]["exposure_s"] = 4 * 1.2e-4
+    # The converter's step of 0.25 electrons is 1e-6 of the variance.
+    assert expected_outcome(truth_at(data, roll_deg=LIMB_ROLL_DEG)).limb_snr / short == pytest.approx(2, rel=1e-4)
+
+
+def test_night_and_twilight():
+    night = expected(sun_zenith_deg=150.0, sun_visible_fraction=0.0)
+    assert night.outcome == Outcome.DARK
+    assert not night.borderline
+    assert night.limb_snr < 1
+
+
+def test_the_veil_of_a_sun_outside_the_image_is_glare():
+    # The view is towards azimuth 270, 22 deg below the horizontal, 30 deg to its upper edge: the Sun stands above it.
+    sun = {"sun_zenith_deg": 75.0, "sun_azimuth_deg": 270.0}
+    clean = expected(**sun)
+    assert not clean.sun_in_frame
+    assert clean.outcome == Outcome.VALID
+    baffle = {"angle_deg": [30.0, 60.0], "pst": [1.0e-2, 1.0e-3]}
+    veiled = expected(lens={"stray": baffle}, **sun)
+    assert veiled.outcome == Outcome.SUN_GLARE
+    assert veiled.veil_fraction > 1
+    assert (
+        expected(lens={"stray": {**baffle, "cutoff_deg": 100.0, "pst": [1e-9, 1e-9]}}, **sun).outcome == Outcome.VALID
+    )
+
+
+def test_the_sun_in_the_frame_of_a_clean_lens_may_go_either_way_and_of_a_dirty_one_not():
+    sun = {"sun_zenith_deg": 100.0, "sun_azimuth_deg": 270.0}
+    clean = expected(**sun)
+    assert clean.sun_in_frame
+    assert clean.outcome == Outcome.SUN_GLARE
+    dirty = expected(lens={"scatter": {"tis": 0.95, "l_rad": 0.3, "s": -1.5}}, **sun)
+    assert dirty.outcome == Outcome.SUN_GLARE
+    assert not dirty.borderline
+    assert dirty.veil_fraction > 1
+
+
+def test_the_etendue_on_the_horizon_is_the_sensors():
+    """Against the sensor's whole map, whose pixels' centres lie up to 0.7 px off: the law changes by 0.5 % in that."""
+    data = camera(vignetting_deg=[0.0, 40.0], vignetting=[1.0, 0.7])
+    truth = truth_at(data, roll_deg=LIMB_ROLL_DEG)
+    spec = CameraSpec.model_validate(data)
+    geometry = camera_from_spec(spec.camera)
+    view = horizon_view(truth, geometry)
+    signal = limb_signal(truth, spec, spec.band[0], geometry, view)
+    at = np.rint(view.uv[view.in_view]).astype(int).clip(0, 511)
+    map_m2_sr = optics.etendue(geometry, 5.5e-6, spec.optics)[at[:, 1], at[:, 0]]
+    zenith = np.arccos(view.cos_zenith[view.in_view])
+    bright = brightest_reflectance(zenith, view.cos_azimuth[view.in_view], 0.3, air=True)
+    ratio = signal.filling[view.in_view] / (map_m2_sr * bright)
+    assert np.ptp(ratio) / ratio.mean() < 1e-2
+
+
+def test_reflectance_table():
+    """A Lambert ground without air; a fall by more than ten thousand from day to the end of twilight; bright ahead."""
+    z = np.radians([0.0, 60.0, 100.0])
+    assert limb_reflectance(z, np.ones(3), 0.5, air=False) == pytest.approx([0.5, 0.25, 0.0], abs=1e-12)
+    day, dusk = limb_reflectance(np.radians([30.0, 108.0]), np.zeros(2), 0.3, air=True)
+    assert day / dusk > 1e4
+    # Rayleigh's phase function is (1 + cos^2) times 3/4: twice as bright along the Sun's rays as across them.
+    ahead, side = limb_reflectance(np.full(2, math.radians(70.0)), np.array([1.0, 0.0]), 0.0, air=True)
+    assert 1.3 < ahead / side < 2.0
+
+
+def test_heads_must_all_have_a_crossing():
+    seen = expected()
+    away = expected_outcome(truth_at(camera(), roll_deg=150.0))
+    assert expected_of_heads([seen, seen, seen, seen]).outcome == Outcome.VALID
+    assert expected_of_heads([seen, away, seen, seen]).outcome == Outcome.NO_LIMB
+
+
+def test_a_strip_needs_a_crossing_only():
+    strip = {**camera(), "camera": {"name": "strip", "width": 8, "height": 512, "fov_deg": 0.9}}
+    truth = truth_at(strip, roll_deg=LIMB_ROLL_DEG)
+    assert expected_outcome(truth).outcome == Outcome.SHORT_ARC
+    assert expected_outcome(truth, needs="heads").outcome == Outcome.VALID

@@ -1,0 +1,74 @@
+"""Rates and matrices: intervals against published ones, and who is counted where."""
+
+from __future__ import annotations
+
+import pytest
+
+from horizonval.scoring.confusion import confusion_by_estimator, strict_confusion
+from horizonval.scoring.rates import proportion, rates, upper_bound
+
+
+@pytest.mark.parametrize(
+    ("k", "n", "low", "high"),
+    [(81, 263, 0.2527, 0.3676), (15, 148, 0.0578, 0.1617), (0, 20, 0.0, 0.1684), (1, 29, 0.0009, 0.1776)],
+)
+def test_the_exact_interval_is_the_published_one(k, n, low, high):
+    """R. G. Newcombe, Statistics in Medicine 17, 857 (1998), table I, method 5 (four digits)."""
+    assert proportion(k, n)["interval"] == pytest.approx([low, high], abs=6e-5)
+
+
+def test_none_seen_still_allows_three_over_n():
+    """Hanley and Lippman-Hand 1983: 3 / n; exactly 1 - 0.05^(1/n)."""
+    assert upper_bound(0, 3000) == pytest.approx(3 / 3000, rel=2e-3)
+    assert upper_bound(0, 100) == pytest.approx(1 - 0.05 ** (1 / 100), rel=1e-9)
+    assert upper_bound(0, 0) is None
+    # "Below 0.1 %" is not shown by 2900 frames without a false claim, but by 3000.
+    assert upper_bound(0, 2900) > 1e-3 > upper_bound(0, 2999)
+
+
+def row(expected, status, borderline=False, false=False, estimator="e"):
+    return {
+        "estimator": estimator,
+        "expected": expected,
+        "status": status,
+        "borderline": borderline,
+        "false_valid": false,
+    }
+
+
+ROWS = [
+    row("valid", "valid"),
+    row("valid", "dark"),
+    row("valid", "valid", false=True),
+    row("valid", "short_arc", borderline=True),
+    row("dark", "valid", borderline=True, false=True),
+    row("dark", "valid"),
+    row("dark", "dark"),
+    row("no_limb", "valid", estimator="f"),
+]
+
+
+def test_borderline_frames_are_not_held_against_either_answer():
+    found = rates(ROWS[:7])
+    assert (found["availability"]["n"], found["availability"]["of"]) == (2, 3)
+    assert (found["refusal"]["n"], found["refusal"]["of"]) == (1, 3)
+    assert (found["bonus"]["n"], found["bonus"]["of"]) == (1, 2)
+    assert found["n_borderline"] == 2
+
+
+def test_a_false_claim_counts_on_a_borderline_frame_too():
+    found = rates(ROWS[:7])
+    assert (found["false_valid"]["n"], found["false_valid"]["of"]) == (2, 4)
+    assert (found["false_valid_frames"]["n"], found["false_valid_frames"]["of"]) == (2, 7)
+    assert found["false_valid"]["upper_bound"] > 0.5
+
+
+def test_the_strict_matrix_has_a_line_and_a_column_more():
+    matrix = strict_confusion(ROWS[:7])
+    assert matrix == {
+        "valid": {"valid": 1, "dark": 1, "false_valid": 1},
+        "dark": {"valid": 1, "dark": 1},
+        "borderline": {"short_arc": 1, "false_valid": 1},
+    }
+    assert list(confusion_by_estimator(ROWS)) == ["e", "f"]
+    assert confusion_by_estimator(ROWS)["f"] == {"no_limb": {"valid": 1}}
