@@ -25,12 +25,23 @@ height of the visible limb above the ground go into rho, hence into the altitude
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
-from horizonval.limb.cone import arc_order, cone_uncertainty, cones_through, fit_cone, off_axis_angle
+from horizonval.geometry.frames import nadir_of_roll_pitch, roll_pitch_of_nadir
+from horizonval.limb.cone import (
+    ConeUncertainty,
+    arc_order,
+    cone_uncertainty,
+    cones_through,
+    fit_cone,
+    off_axis_angle,
+    with_systematic,
+)
 from horizonval.limb.finder import find_limb
 from horizonval.limb.result import NoLimb
 from horizonval.outcome import Outcome
@@ -42,12 +53,17 @@ CONVERGED_RAD = 1e-10
 """A Newton step of quadratic convergence below this leaves nothing to gain in float64."""
 
 
-def nadir_of(phi: float, theta: float) -> FloatArray:
-    """Return the nadir direction of roll ``phi`` and pitch ``theta`` [rad]."""
-    return np.array([-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi)])
+Step = Callable[[FloatArray, FloatArray], FloatArray]
+"""From the Jacobian (n, 3) and F (n,) to what Newton's method takes away from the state (3,)."""
 
 
-def newton(los_cam: FloatArray, start: FloatArray) -> FloatArray:
+def step_by_qr(jacobian: FloatArray, f: FloatArray) -> FloatArray:
+    """Return the least-squares step by QR: the paper's step, without squaring the condition number."""
+    q, r = np.linalg.qr(jacobian)
+    return np.asarray(np.linalg.solve(r, q.T @ f))
+
+
+def newton(los_cam: FloatArray, start: FloatArray, step_of: Step = step_by_qr) -> FloatArray:
     """Return the iterates of the published method, shape (k, 3): start first, the solution last.
 
     Parameters
@@ -56,6 +72,8 @@ def newton(los_cam: FloatArray, start: FloatArray) -> FloatArray:
         Unit lines of sight to the limb, n >= 3.
     start : ndarray, shape (3,)
         (phi, theta, rho) [rad].
+    step_of : callable
+        How the linear equations of a step are solved.
 
     Raises
     ------
@@ -65,13 +83,11 @@ def newton(los_cam: FloatArray, start: FloatArray) -> FloatArray:
     steps = [np.asarray(start, dtype=float)]
     for _ in range(MAX_STEPS):
         phi, theta, rho = steps[-1]
-        f = los_cam @ nadir_of(phi, theta) - np.cos(rho)
+        f = los_cam @ nadir_of_roll_pitch(phi, theta) - np.cos(rho)
         by_phi = np.array([0.0, np.cos(theta) * np.cos(phi), -np.cos(theta) * np.sin(phi)])
         by_theta = np.array([-np.cos(theta), -np.sin(theta) * np.sin(phi), -np.sin(theta) * np.cos(phi)])
         jacobian = np.column_stack([los_cam @ by_phi, los_cam @ by_theta, np.full(len(f), np.sin(rho))])
-        # QR instead of the paper's normal equations: the same step, without squaring the condition number
-        q, r = np.linalg.qr(jacobian)
-        step = np.linalg.solve(r, q.T @ f)
+        step = step_of(jacobian, f)
         steps.append(steps[-1] - step)
         if not np.all(np.isfinite(step)):
             raise np.linalg.LinAlgError("the Newton step is not finite")
@@ -112,15 +128,13 @@ def solve(los_cam: FloatArray) -> tuple[FloatArray, float, FloatArray]:
     steps = newton(turn.apply(los_cam), start)
     if np.abs(steps[-1] - steps[-2]).max() > 1e-8:
         raise np.linalg.LinAlgError(f"no convergence in {MAX_STEPS} Newton steps")
-    nadirs = turn.inv().apply(np.array([nadir_of(phi, theta) for phi, theta, _ in steps]))
+    nadirs = turn.inv().apply(np.array([nadir_of_roll_pitch(phi, theta) for phi, theta, _ in steps]))
     rho = float(steps[-1, 2])
     nadir = nadirs[-1]
     if np.cos(rho) < 0.0:
         # cos rho = u.n also holds for (-n, pi - rho); the Earth is the smaller cap
         nadir, rho, nadirs = -nadir, np.pi - rho, -nadirs
-    iterates = np.column_stack(
-        [np.arctan2(nadirs[:, 1], nadirs[:, 2]), -np.arcsin(np.clip(nadirs[:, 0], -1, 1)), steps[:, 2]]
-    )
+    iterates = np.column_stack([*roll_pitch_of_nadir(nadirs), steps[:, 2]])
     return nadir, float(rho), iterates
 
 
@@ -147,24 +161,51 @@ def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) ->
         return NoFit(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
     try:
         nadir, rho, steps = solve(los_cam)
-        uncertainty = cone_uncertainty(los_cam, nadir, rho)
+        pixel = 1.0 / observation.camera.fx
+        uncertainty = with_systematic(cone_uncertainty(los_cam, nadir, rho), los_cam, pixel)
     except np.linalg.LinAlgError as e:
         return NoFit(Outcome.NOT_CONVERGED, str(e), uv)
     if not 0.0 < rho < np.pi / 2:
         return NoFit(Outcome.NOT_CONVERGED, f"angular radius of {np.degrees(rho):.3g} deg is not that of a planet", uv)
-    nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir)
+    return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps)
+
+
+def fit_of_cone(
+    los_cam: FloatArray,
+    uv: FloatArray,
+    nadir_cam: FloatArray,
+    rho_rad: float,
+    uncertainty: ConeUncertainty,
+    observation: Observation,
+    steps: FloatArray | None = None,
+) -> Fit:
+    """Return the fit that a cone of sight lines means: attitude, angular radius, altitude ``R / sin rho - R``.
+
+    Parameters
+    ----------
+    los_cam, uv : ndarray, shape (n, 3) and (n, 2)
+        The points it was fitted to.
+    nadir_cam : ndarray, shape (3,)
+    rho_rad : float
+    uncertainty : ConeUncertainty
+    observation : Observation
+        Mounting and Earth radius are used.
+    steps : ndarray, shape (k, m), optional
+    """
+    nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir_cam)
+    roll, pitch = roll_pitch_of_nadir(nadir_body)
     radius = observation.earth_radius_m
     return Fit(
-        nadir_cam=nadir,
+        nadir_cam=nadir_cam,
         covariance_nadir_cam=uncertainty.covariance_axis,
-        roll_rad=float(np.arctan2(nadir_body[1], nadir_body[2])),
-        pitch_rad=float(-np.arcsin(np.clip(nadir_body[0], -1.0, 1.0))),
-        angular_radius_rad=rho,
-        altitude_m=float(radius / np.sin(rho) - radius),
-        sigma_altitude_m=float(radius * np.cos(rho) / np.sin(rho) ** 2 * uncertainty.sigma_rho_rad),
+        roll_rad=float(roll),
+        pitch_rad=float(pitch),
+        angular_radius_rad=rho_rad,
+        altitude_m=float(radius / np.sin(rho_rad) - radius),
+        sigma_altitude_m=float(radius * np.cos(rho_rad) / np.sin(rho_rad) ** 2 * uncertainty.sigma_rho_rad),
         points=uv,
-        residuals_rad=off_axis_angle(los_cam, nadir) - rho,
-        steps=steps,
+        residuals_rad=off_axis_angle(los_cam, nadir_cam) - rho_rad,
+        steps=np.empty((0, 0)) if steps is None else steps,
     )
 
 
@@ -173,4 +214,5 @@ ESTIMATOR = Estimator(
     title="Altitude-free Newton method (Raeisy and Ghofrani 2021)",
     run=run,
     estimates="geocentric",
+    from_points=fit_points,
 )

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
+from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.outcome import Outcome
 
 FloatArray = NDArray[np.float64]
@@ -85,6 +86,9 @@ def ideal_horizon_sensor(r: FloatArray, q_cam_from_ref: FloatArray, radius_m: fl
         status = ReadingStatus.BORESIGHT_AT_NADIR if at_nadir else ReadingStatus.BORESIGHT_AT_ZENITH
         return HorizonReading(status, undefined)
     across /= size
+    # Next to the nadir the difference above is mostly rounding along it, which would lift H off the horizon.
+    across -= (across @ nadir) * nadir
+    across /= np.linalg.norm(across)
     sin_rho = radius_m / distance
     cos_rho = float(np.sqrt((1.0 - sin_rho) * (1.0 + sin_rho)))
     both = [cos_rho * nadir + side * sin_rho * across for side in (1.0, -1.0)]
@@ -117,11 +121,12 @@ def run(observation: Observation) -> Fit | NoFit:
     nadir = Rotation.from_quat(pose.q_cam_from_itrs).apply(-r / distance)
     nadir /= np.linalg.norm(nadir)
     nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir)
+    roll, pitch = roll_pitch_of_nadir(nadir_body)
     return Fit(
         nadir_cam=nadir,
         covariance_nadir_cam=SIGMA_RAD**2 * (np.eye(3) - np.outer(nadir, nadir)),
-        roll_rad=float(np.arctan2(nadir_body[1], nadir_body[2])),
-        pitch_rad=float(-np.arcsin(np.clip(nadir_body[0], -1.0, 1.0))),
+        roll_rad=float(roll),
+        pitch_rad=float(pitch),
         angular_radius_rad=float(np.arcsin(pose.radius_m / distance)),
         altitude_m=distance - observation.earth_radius_m,
         sigma_altitude_m=1e-6,

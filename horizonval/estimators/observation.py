@@ -6,7 +6,7 @@ the renderer or the truth, with one exception by definition: the ideal sensor mo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -17,6 +17,8 @@ from horizonval.geometry.camera import Camera
 from horizonval.outcome import Outcome
 
 FloatArray = NDArray[np.float64]
+
+WGS84_FLATTENING = 1.0 / 298.257223563
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,19 @@ class Observation:
         Prior altitude, if the user has one. Altitude-free methods ignore it.
     earth_radius_m : float
         Radius of the spherical Earth that the method assumes.
+    flattening : float
+        Of the planet that is looked at; 0 for a sphere. What a spherical method leaves out, for covariances.
+    band_kind : {"solar", "thermal"} or None
+        What the camera sees: scattered sunlight or the Earth's own heat; None if that is not known.
+    sun_cam : ndarray, shape (3,), or None
+        Direction to the Sun in camera axes as a coarse Sun sensor gives it, right to a degree; None where there is no
+        such sensor or it sees no Sun.
     oracle : OraclePose or None
         Only for estimators with ``needs = "pose"``.
+    heads : mapping of str to Observation
+        Only for estimators with ``needs = "heads"``: the images of all heads of one housing at one instant, by the
+        heads' names and in the camera file's order. The fields above are then those of the first head, and
+        ``nadir_cam`` of a fit is in the first head's axes.
     """
 
     image: FloatArray
@@ -59,7 +72,11 @@ class Observation:
     full_scale: float | None = None
     altitude_m: float | None = None
     earth_radius_m: float = 6371008.8
+    flattening: float = WGS84_FLATTENING
+    band_kind: Literal["solar", "thermal"] | None = None
+    sun_cam: FloatArray | None = None
     oracle: OraclePose | None = None
+    heads: Mapping[str, Observation] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -72,7 +89,7 @@ class Fit:
         Unit vector in camera axes towards the Earth's centre, or along the geodetic vertical: see
         ``Estimator.estimates``.
     covariance_nadir_cam : ndarray, shape (3, 3)
-        Covariance [rad^2] of ``nadir_cam``; singular along ``nadir_cam`` itself.
+        Covariance [rad^2] of ``nadir_cam`` from the noise of its points; singular along ``nadir_cam`` itself.
     roll_rad, pitch_rad : float
         Body attitude against lvlh: ``nadir_body = (-sin pitch, cos pitch sin roll, cos pitch cos roll)``.
     angular_radius_rad : float or None
@@ -84,6 +101,9 @@ class Fit:
         Angular distance of each point from the fitted limb.
     steps : ndarray, shape (k, m)
         Iterates of an iterative method (empty for closed forms), for convergence plots.
+    systematic_nadir_cam : ndarray, shape (3, 3), or None
+        Covariance [rad^2] of what the method's model leaves out (oblateness, height of the visible limb), which more
+        points do not reduce; None if nothing is claimed about it.
     """
 
     nadir_cam: FloatArray
@@ -96,10 +116,18 @@ class Fit:
     points: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     residuals_rad: FloatArray = field(default_factory=lambda: np.empty(0))
     steps: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    systematic_nadir_cam: FloatArray | None = None
 
     @property
     def status(self) -> Outcome:
         return Outcome.VALID
+
+    @property
+    def total_covariance_nadir_cam(self) -> FloatArray:
+        """Noise and model error together, shape (3, 3)."""
+        if self.systematic_nadir_cam is None:
+            return self.covariance_nadir_cam
+        return self.covariance_nadir_cam + self.systematic_nadir_cam
 
 
 @dataclass(frozen=True)
@@ -113,10 +141,23 @@ class NoFit:
 
 @dataclass(frozen=True)
 class Estimator:
-    """A named method. ``run`` must not raise for any image."""
+    """A named method. ``run`` must not raise for any image.
+
+    Attributes
+    ----------
+    name, title : str
+    run : callable
+    estimates : {"geocentric", "geodetic"}
+        Which vertical is claimed.
+    needs : {"image", "pose", "heads"}
+    from_points : callable, optional
+        The method behind its own search for points: (lines of sight (n, 3), pixels (n, 2), observation) to a result.
+        A guard that has found limb points it trusts hands them over here.
+    """
 
     name: str
     title: str
     run: Callable[[Observation], Fit | NoFit]
     estimates: Literal["geocentric", "geodetic"] = "geocentric"
-    needs: Literal["image", "pose"] = "image"
+    needs: Literal["image", "pose", "heads"] = "image"
+    from_points: Callable[[FloatArray, FloatArray, Observation], Fit | NoFit] | None = None

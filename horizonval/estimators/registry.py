@@ -70,11 +70,13 @@ def run_safely(estimator: Estimator, observation: Observation) -> Fit | NoFit:
 
 
 def _is_sound(fit: Fit) -> bool:
-    arrays = (fit.nadir_cam, fit.covariance_nadir_cam)
+    arrays = [fit.nadir_cam, fit.covariance_nadir_cam]
+    if fit.systematic_nadir_cam is not None:
+        arrays.append(fit.systematic_nadir_cam)
     scalars = (fit.roll_rad, fit.pitch_rad, fit.angular_radius_rad, fit.altitude_m, fit.sigma_altitude_m)
     return (
         np.shape(fit.nadir_cam) == (3,)
-        and np.shape(fit.covariance_nadir_cam) == (3, 3)
+        and all(np.shape(covariance) == (3, 3) for covariance in arrays[1:])
         and all(bool(np.all(np.isfinite(a))) for a in arrays)
         and all(v is None or math.isfinite(v) for v in scalars)
     )

@@ -1,0 +1,58 @@
+"""Every threshold of the guard, in one place, each with its reason."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from horizonval.limb.systematic import Relief
+
+FEWEST_POINTS = 12
+
+MUCH_LOST = 0.3
+"""Share of the points beyond which what took them is named as the reason of a refusal."""
+
+LOWEST_SUN_RAD = float(np.deg2rad(83.0))
+"""Sun's zenith angle at which the rendered limb has risen by 0.7 km; by 2 km at 86.5 deg, by 5 km at 91 deg."""
+
+TRIMS = 5
+TRIM_SIGMAS = 4.0
+SMALLEST_TRIM_PX = 0.3
+"""Points nearer than this to the cone are kept whatever the spread: the scatter of single points at full contrast."""
+
+SMALLEST_RHO_RAD = float(np.deg2rad(1.0))
+"""The Moon and the Sun measure 0.27 deg, the Earth from the Moon 0.95 deg."""
+
+LARGEST_SIGMA_RAD = float(np.deg2rad(0.2))
+"""A claim further off than 0.5 deg is false (the suite's own limit): two and a half standard deviations of the worst
+direction."""
+
+AGREEMENT = 5.0
+AGREEMENT_FLOOR_RAD = float(np.deg2rad(0.02))
+"""Of methods that use pixels or circles where the guard uses sub-pixels and cones."""
+
+HEAD_RIM_PX = 11.0
+"""A profile across the limb reaches 10 px to either side."""
+HEAD_SCATTER_PX = 2.0
+HEAD_LIMB_SHARE = 0.5
+"""Of the answer's cone in a head's image that must be a limb: what crosses it (Sun, terminator) is a point of it."""
+
+SOLAR_RELIEF = (Relief(250.0, 0.3), Relief(300.0, 0.05))
+"""Steepest place of the sunlit limb, as rendered with the Sun at 0 to 85 deg from the zenith: a slow change with the
+Sun's angle along the arc, and clouds."""
+THERMAL_RELIEF = (Relief(800.0, 0.4), Relief(300.0, 0.05))
+"""The infrared limb follows the temperature of the stratosphere from latitude to latitude."""
+
+SOLAR_HEIGHT_M = (-2e3, 40e3)
+THERMAL_HEIGHT_M = (-2e3, 70e3)
+
+
+def reliefs(band_kind: Literal["solar", "thermal"] | None) -> tuple[Relief, ...]:
+    """Return how the limb's height varies along it; the larger one where the band is not known."""
+    return SOLAR_RELIEF if band_kind == "solar" else THERMAL_RELIEF
+
+
+def limb_height_m(band_kind: Literal["solar", "thermal"] | None) -> tuple[float, float]:
+    """Return the lowest and the highest that the visible limb stands above a sphere of the mean radius, air alone."""
+    return SOLAR_HEIGHT_M if band_kind == "solar" else THERMAL_HEIGHT_M

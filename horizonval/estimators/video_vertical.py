@@ -1,0 +1,196 @@
+"""Video-vertical: the local vertical from the horizon's arcs in two perpendicular cameras.
+
+After Belokonov, Lomaka and others (Samara, about 2015; IFAC-PapersOnLine 2016). The axes of both cameras lie in the
+plane across the satellite's longitudinal axis. Per image: Canny edges, horizon arc, circle through it, end points of
+the arc. The vector that joins the end points is perpendicular to the vertical; the cross product of the two cameras'
+vectors is the vertical, and its angle to the longitudinal axis is the output.
+
+**Which vector.** Every line of sight to a spherical horizon makes the angle rho with the nadir n, so for *any* two unit
+lines of sight ::
+
+    (u1 - u2) . n = cos rho - cos rho = 0
+
+exactly, whatever the camera's turn. The equation is linear: it holds for means of lines of sight as well, so that an
+end of the arc is taken here as the mean over its last pixels, which rounds less than one pixel does. The difference of
+the end points in the image plane instead is perpendicular to n only if both lie equally far from the principal point;
+in a camera that is turned about its boresight they do not, and the vertical is off by degrees. Likewise the end points
+are taken where the edge *is*: moved onto the fitted circle they would leave the horizon, which is a conic. The circle's
+part is to tell the arc from what hangs on it, to put its pixels into order from end to end, and to say on which side
+the Earth lies: that of its centre. :class:`Ends` has the other readings of the text; single end pixels are the one that
+comes to the published model error.
+
+**Uncertainty.** With the chords ``c1``, ``c2`` the vertical solves ``c . n = 0``, so that an error ``e`` of ``c . n``
+moves it by ``-pinv([c1; c2]) e``. Each ``e`` is the difference of two ends' errors across the horizon: few pixels bear
+the result. How far a pixel strays is measured on all pixels of both arcs, as their departure from the cone about the
+vertical that was found, and so is over how many neighbours their departures are one.
+
+Spherical Earth. A limb whose ends are lit differently, and the ellipsoid, bias the result by more than that departure
+shows. No image is refused for what it shows: see :mod:`horizonval.limb.arc`.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
+from horizonval.geometry.camera import Camera, project, unproject
+from horizonval.geometry.frames import roll_pitch_of_nadir
+from horizonval.limb.arc import Arc, find_arc
+from horizonval.limb.cone import cone_uncertainty, off_axis_angle
+from horizonval.limb.result import NoLimb
+from horizonval.outcome import Outcome
+
+FloatArray = NDArray[np.float64]
+
+HEADS = 2
+SMALLEST_SINE = 1e-3
+"""Of the angle between the chords: below it their cross product is noise."""
+PIXEL_SIGMA_PX = 12.0**-0.5
+"""Of a position that is rounded to whole pixels."""
+END_PIXELS = 8
+"""Pixels that make an end of the arc: a third of the shortest arc there is."""
+
+
+class Ends(StrEnum):
+    """Readings of "the vector that joins the end points of the arc"."""
+
+    SIGHT = "mean lines of sight to the arc's last pixels"
+    PIXEL = "lines of sight to the arc's two end pixels"
+    CIRCLE = "lines of sight to the fitted circle's end points"
+    PLANE = "end points in the image plane"
+
+
+def chord(arc: Arc, camera: Camera, ends: Ends = Ends.SIGHT) -> FloatArray:
+    """Return the vector in camera axes, shape (3,), that joins an arc's end points."""
+    if ends is Ends.SIGHT:
+        first, last = (unproject(camera, uv).mean(axis=0) for uv in (arc.uv[:END_PIXELS], arc.uv[-END_PIXELS:]))
+        return np.asarray(last - first)
+    uv = arc.uv[[0, -1]]
+    if ends is not Ends.PIXEL:
+        uv = arc.circle.nearest(uv)
+    if ends is Ends.PLANE:
+        across = (uv[1] - uv[0]) / (camera.fx, camera.fy)
+        return np.array([across[0], across[1], 0.0])
+    los = unproject(camera, uv)
+    return np.asarray(los[1] - los[0])
+
+
+def vertical(chords_body: FloatArray) -> FloatArray | None:
+    """Return the unit vector, shape (3,), across two chords, shape (2, 3); None where they are parallel or none."""
+    across = np.cross(chords_body[0], chords_body[1])
+    length = float(np.linalg.norm(across))
+    lengths = float(np.prod(np.linalg.norm(chords_body, axis=1)))
+    if not np.isfinite(length) or length <= SMALLEST_SINE * lengths:
+        return None
+    return np.asarray(across / length)
+
+
+def run(observation: Observation) -> Fit | NoFit:
+    """Estimate the nadir from the images of two heads."""
+    return solve(observation)
+
+
+def solve(observation: Observation, ends: Ends = Ends.SIGHT) -> Fit | NoFit:
+    """Estimate the nadir from the images of two heads, with one of the readings of the end points."""
+    if len(observation.heads) != HEADS:
+        return NoFit(Outcome.BAD_INPUT, f"{len(observation.heads)} heads; the method has {HEADS}")
+    arcs: list[Arc] = []
+    for name, head in observation.heads.items():
+        if np.shape(head.image) != (head.camera.height, head.camera.width):
+            return NoFit(Outcome.BAD_INPUT, f"head {name}: the image is not of its camera's size")
+        found = find_arc(head.image, head.full_scale)
+        if isinstance(found, NoLimb):
+            return NoFit(found.status, f"head {name}: {found.reason}")
+        arcs.append(found)
+    return fit_arcs(arcs, list(observation.heads.values()), observation.earth_radius_m, ends)
+
+
+def fit_arcs(arcs: list[Arc], heads: list[Observation], earth_radius_m: float, ends: Ends = Ends.SIGHT) -> Fit | NoFit:
+    """Return the vertical of two arcs: the method behind the search for arcs."""
+    body_from_head = [Rotation.from_quat(head.q_cam_from_body).inv() for head in heads]
+    chords = [
+        turn.apply(chord(arc, head.camera, ends)) for turn, arc, head in zip(body_from_head, arcs, heads, strict=True)
+    ]
+    chords_body = np.array(chords)
+    nadir_body = vertical(chords_body)
+    if nadir_body is None:
+        return NoFit(Outcome.SHORT_ARC, "the two chords are parallel: they span no plane", arcs[0].uv)
+    los_body = []
+    earthwards = 0.0
+    for turn, arc, head in zip(body_from_head, arcs, heads, strict=True):
+        los = unproject(head.camera, arc.uv)
+        los_body.append(turn.apply(los))
+        earthwards += float(turn.apply(_towards_centre(arc, head.camera)) @ nadir_body)
+    if not np.isfinite(earthwards) or earthwards == 0.0:
+        return NoFit(Outcome.AMBIGUOUS, "the arcs do not tell on which side the Earth lies", arcs[0].uv)
+    if earthwards < 0.0:
+        nadir_body = -nadir_body
+    angles = [off_axis_angle(los, nadir_body) for los in los_body]
+    rho = float(np.mean([angle.mean() for angle in angles]))
+    # in pixels, not angles: off the axis a pixel is a smaller angle, and that is where the ends are
+    px_per_rad = [
+        _px_per_rad(arc, head.camera, turn.inv().apply(nadir_body))
+        for turn, arc, head in zip(body_from_head, arcs, heads, strict=True)
+    ]
+    off_px = np.concatenate([(angle - rho) * scale for angle, scale in zip(angles, px_per_rad, strict=True)])
+    variance_px = max(float(np.mean(off_px**2)), PIXEL_SIGMA_PX**2)
+    if ends is Ends.SIGHT:
+        alike = max(_pixels_alike(los, nadir_body, rho) for los in los_body)
+        variance_px *= min(1.0, alike / END_PIXELS)
+    variance = np.array([variance_px * float(np.sum(scale[[0, -1]] ** -2.0)) for scale in px_per_rad])
+    to_nadir = np.linalg.pinv(chords_body) * np.sin(rho)
+    covariance_body = (to_nadir * variance) @ to_nadir.T
+    first = body_from_head[0].inv()
+    turn_matrix = first.as_matrix()
+    sine = np.sin(rho)
+    altitude = earth_radius_m / sine - earth_radius_m if rho < np.pi / 2 else None
+    roll, pitch = roll_pitch_of_nadir(nadir_body)
+    return Fit(
+        nadir_cam=first.apply(nadir_body),
+        covariance_nadir_cam=turn_matrix @ covariance_body @ turn_matrix.T,
+        roll_rad=float(roll),
+        pitch_rad=float(pitch),
+        angular_radius_rad=rho,
+        altitude_m=None if altitude is None else float(altitude),
+        points=arcs[0].uv,
+        residuals_rad=angles[0] - rho,
+    )
+
+
+def _pixels_alike(los: FloatArray, nadir: FloatArray, rho_rad: float) -> float:
+    """Return over how many neighbours along an arc the departures from the cone are one."""
+    try:
+        return cone_uncertainty(los, nadir, rho_rad).correlation_length
+    except np.linalg.LinAlgError:
+        return float(END_PIXELS)
+
+
+def _px_per_rad(arc: Arc, camera: Camera, nadir_cam: FloatArray) -> FloatArray:
+    """Return by how many pixels each of an arc's points moves per radian towards the nadir, shape (n,)."""
+    los = unproject(camera, arc.uv)
+    towards = nadir_cam - (los @ nadir_cam)[:, None] * los
+    towards /= np.linalg.norm(towards, axis=1)[:, None]
+    step = 1e-5
+    moved, _ = project(camera, los + step * towards)
+    return np.asarray(np.hypot(*(moved - arc.uv).T) / step)
+
+
+def _towards_centre(arc: Arc, camera: Camera) -> FloatArray:
+    """Return how the line of sight to the arc's middle turns one pixel towards the circle's centre, shape (3,)."""
+    middle = arc.uv[len(arc.uv) // 2]
+    inwards = arc.circle.centre - middle
+    los = unproject(camera, np.array([middle, middle + inwards / np.hypot(*inwards)]))
+    return np.asarray(los[1] - los[0])
+
+
+ESTIMATOR = Estimator(
+    name="video-vertical",
+    title="Local vertical from two perpendicular cameras (Belokonov and others 2016)",
+    run=run,
+    estimates="geocentric",
+    needs="heads",
+)
