@@ -1,0 +1,1 @@
+"""Where a satellite is, from the directions in which two ground stations see it."""
