@@ -1,39 +1,41 @@
-"""One case: render, archive, observe, estimate, score. A pure function of the case's identity, plus timings.
+"""One case: render, observe, estimate, score, archive. A pure function of the case's identity, plus timings.
 
 What a case has already is used again: a finished case file is kept if everything it names is still in the archive and
 undamaged; a frame that was rendered before the run was cut off is not rendered again.
+
+The heads of one scene are made together where an estimator needs all of them: every head has its own record, and the
+scene one more, whose rows are those of that estimator.
 """
 
 from __future__ import annotations
 
+import contextlib
+import faulthandler
 import hashlib
+import math
+import os
 import time
 import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import Any, Literal
 
 from horizonval.archive.store import Store
 from horizonval.campaign.folder import RunFolder, read_json, write_json
-from horizonval.campaign.identity import case_identity, code_version, frame_identity
-from horizonval.campaign.observation import method_radius_m, observation_of
+from horizonval.campaign.identity import frame_identity, unit_identity
+from horizonval.campaign.observation import method_radius_m, observation_of, observation_of_heads
+from horizonval.campaign.plan import Plan, Unit
+from horizonval.campaign.record import Record, camera_name, details_of, failed_record, is_failure, record_of
+from horizonval.campaign.sandbox import sandbox_of
 from horizonval.errors import UserError
-from horizonval.estimators.observation import Fit, NoFit
-from horizonval.frame import Frame, FrameTruth
-from horizonval.outcome import Outcome
+from horizonval.estimators.observation import Fit, NoFit, Observation
+from horizonval.frame import DetectorImage, Frame, FrameTruth
 from horizonval.scoring.errors import score
-from horizonval.scoring.expected import expected_outcome
-from horizonval.scoring.table import COLUMNS, make_row
+from horizonval.scoring.expected import Expected, expected_of_heads, expected_outcome
+from horizonval.scoring.table import make_row
 from horizonval.spec.load import Case
-
-CASE_SCHEMA = 1
-MAX_POINTS = 2000
-
-Record = dict[str, Any]
 
 
 @dataclass
@@ -52,147 +54,217 @@ class Stopwatch:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
 
-def run_case(case: Case, estimators: tuple[str, ...], folder: RunFolder) -> tuple[Record, dict[str, float]]:
-    """Run one case, write its file, and return its record and the seconds each stage took.
+@dataclass(frozen=True)
+class Brief:
+    """What a run keeps of a record in memory: its rows, and why there is no result."""
+
+    rows: list[dict[str, Any]]
+    error: str | None
+
+
+@dataclass
+class _Taken:
+    """One case on its way: frame, images, results by band and estimator, or why it failed."""
+
+    frame: Frame
+    frame_address: str | None
+    images: dict[str, DetectorImage]
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    details: dict[str, Any] = field(default_factory=dict)
+    expected: dict[tuple[str, str], Expected] = field(default_factory=dict)
+
+    def expected_of(self, band: str, needs: Literal["image", "pose", "heads"]) -> Expected:
+        """Return the expected outcome, worked out once for all estimators that need the same."""
+        if (band, needs) not in self.expected:
+            self.expected[band, needs] = expected_outcome(self.frame.truth, band, needs=needs)
+        return self.expected[band, needs]
+
+
+def run_unit(unit: Unit, plan: Plan, folder: RunFolder) -> tuple[dict[str, Brief], dict[str, float]]:
+    """Make a unit, write its files, and return what became of each result and the seconds each stage took.
 
     A defect anywhere is recorded in the case (``error``, rows with ``bad_input``), so that one bad frame does not cost
-    the others.
+    the others. A frame that takes longer than the plan allows ends this process.
     """
     watch = Stopwatch()
-    try:
-        record = _run(case, estimators, folder, watch)
-    except UserError as e:
-        record = failed_record(case, estimators, e.line())
-    except Exception as e:
-        frame = traceback.extract_tb(e.__traceback__)[-1]
-        # The file's name only: where the package is installed must not show in a result.
-        place = f"{Path(frame.filename).name}:{frame.lineno}"
-        record = failed_record(case, estimators, f"{type(e).__name__} at {place}: {e}")
-    write_json(folder.case(case.name), record, indent=None)
-    return record, {stage: round(seconds, 4) for stage, seconds in watch.seconds.items()}
+    with _ended_after(plan.frame_limit_s * len(unit.cases)):
+        records = _records(unit, plan, folder, watch)
+    for name, record in records.items():
+        write_json(folder.case(name), record, indent=None)
+    seconds = {stage: round(spent, 4) for stage, spent in watch.seconds.items()}
+    return {name: Brief(record["rows"], record["error"]) for name, record in records.items()}, seconds
 
 
-def finished_record(case: Case, estimators: tuple[str, ...], folder: RunFolder) -> Record | None:
-    """Return the record of a case that needs no work, or ``None``."""
-    record = read_json(folder.case(case.name))
-    if record is None or record.get("identity") != case_identity(case, estimators) or record.get("error") is not None:
-        return None
+def finished(unit: Unit, plan: Plan, folder: RunFolder) -> dict[str, Brief] | None:
+    """Return what is finished of a unit that needs no work, or ``None``."""
+    identity = unit_identity(unit, plan)
     store = Store(folder.archive)
-    addresses = (record["truth_frame"], *record["images"].values())
-    return record if all(_is_intact(store, address) for address in addresses) else None
+    found = {}
+    for name in unit.names:
+        record = read_json(folder.case(name))
+        if record is None or record.get("identity") != identity or record.get("error") is not None:
+            return None
+        addresses = [a for a in (record["truth_frame"], *record["images"].values()) if a is not None]
+        if not all(_is_intact(store, address) for address in addresses):
+            return None
+        found[name] = Brief(record["rows"], None)
+    return found
 
 
-def failed_record(case: Case, estimators: tuple[str, ...], error: str) -> Record:
-    """Return the record of a case that has no result because something broke."""
-    from horizonval.estimators import registry
-
-    truth = _truth_or_none(case)
-    camera = camera_name(case)
-    reason = " ".join(error.split())
-    rows = []
-    for band in case.camera.band:
-        for estimator in estimators:
-            expected = Outcome.BAD_INPUT
-            if truth is not None:
-                expected = expected_outcome(truth, band.name, needs=registry.get(estimator).needs).outcome
-            row = dict.fromkeys(COLUMNS) | {
-                "case": case.name,
-                "camera": camera,
-                "band": band.name,
-                "estimator": estimator,
-                "expected": str(expected),
-                "status": str(Outcome.BAD_INPUT),
-                "reason": reason,
-                "n_points": 0,
-                "false_valid": False,
-            }
-            rows.append(row)
-    return {
-        "schema": CASE_SCHEMA,
-        "case": case.name,
-        "scene_id": truth.scene_id if truth else None,
-        "version": code_version(),
-        "identity": case_identity(case, estimators),
-        "truth_frame": None,
-        "image": None,
-        "images": {},
-        "rows": rows,
-        "details": {},
-        "error": reason,
-    }
+def give_up(unit: Unit, plan: Plan, folder: RunFolder, error: str) -> dict[str, Brief]:
+    """Write records for a unit that cannot be made, and return what became of it."""
+    briefs = {}
+    for name, record in _failed(unit, plan, dict.fromkeys(unit.names, error)).items():
+        write_json(folder.case(name), record, indent=None)
+        briefs[name] = Brief(record["rows"], record["error"])
+    return briefs
 
 
-def camera_name(case: Case) -> str:
-    """Return the camera's own name, else its file's."""
-    return case.camera.camera.name or case.scene.camera.file.rsplit("/", 1)[-1].removesuffix(".toml")
+def _records(unit: Unit, plan: Plan, folder: RunFolder, watch: Stopwatch) -> dict[str, Record]:
+    taken: dict[str, _Taken] = {}
+    errors: dict[str, str] = {}
+    for case in unit.cases:
+        with _recorded(errors, case.name):
+            taken[case.name] = _take(case, plan, folder, watch)
+    scene: _Taken | None = None
+    if unit.heads:
+        if errors:
+            first = next(iter(errors))
+            errors[unit.name] = f"{first} failed: {errors[first]}"
+        else:
+            with _recorded(errors, unit.name):
+                scene = _take_together(unit, taken, plan, watch)
+    results = [*taken.values(), *([scene] if scene is not None else [])]
+    kept = plan.keep == "all" or (plan.keep == "failures" and any(is_failure(r) for t in results for r in t.rows))
+    records: dict[str, Record] = {}
+    addresses: dict[str, dict[str, str]] = {}
+    identity = unit_identity(unit, plan)
+    for case in unit.cases:
+        if case.name in taken:
+            with _recorded(errors, case.name):
+                one = taken[case.name]
+                addresses[case.name] = _archive(one, folder, watch) if kept else {}
+                records[case.name] = record_of(
+                    case.name, identity, one.frame.truth, one.rows, one.details if kept else {}, addresses[case.name]
+                )
+    if scene is not None:
+        first = unit.cases[0].name
+        with _recorded(errors, unit.name):
+            records[unit.name] = record_of(
+                unit.name, identity, scene.frame.truth, scene.rows, scene.details if kept else {}, addresses[first]
+            )
+    return records | _failed(unit, plan, errors)
 
 
-def _run(case: Case, estimators: tuple[str, ...], folder: RunFolder, watch: Stopwatch) -> Record:
-    from horizonval.estimators import registry
+def _failed(unit: Unit, plan: Plan, errors: Mapping[str, str]) -> dict[str, Record]:
+    identity = unit_identity(unit, plan)
+    cases = {case.name: case for case in unit.cases}
+    records = {}
+    for name, error in errors.items():
+        whole = unit.heads and name == unit.name
+        case = unit.cases[0] if whole else cases[name]
+        records[name] = failed_record(name, identity, case, plan.together if whole else plan.alone, plan, error)
+    return records
+
+
+def _take(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> _Taken:
     from horizonval.sensor.observe import observe
 
-    store = Store(folder.archive)
-    frame, frame_address = _frame(case, store, folder, watch)
-    images: dict[str, str] = {}
-    rows: list[Mapping[str, Any]] = []
-    details: dict[str, Any] = {}
-    for band in case.camera.band:
+    frame, address = _frame(case, plan, folder, watch)
+    taken = _Taken(frame, address, {})
+    for number, band in enumerate(case.camera.band):
         with watch.stage("observe"):
-            image = observe(frame, case.camera, band=band.name)
-        with watch.stage("archive"):
-            images[band.name] = store.add_image(image)
-        for name in estimators:
-            estimator = registry.get(name)
-            with watch.stage(f"estimate {name}"):
-                result = registry.run_safely(estimator, observation_of(image, estimator))
-            with watch.stage("score"):
-                rows.append(
-                    make_row(
-                        case=case.name,
-                        camera=camera_name(case),
-                        band=band.name,
-                        estimator=name,
-                        truth=frame.truth,
-                        expected=expected_outcome(frame.truth, band.name, needs=estimator.needs),
-                        score=score(frame.truth, estimator, result, earth_radius_m=method_radius_m(frame.truth)),
-                        frame_address=frame_address,
-                        image_address=images[band.name],
-                    )
-                )
-            # The report draws the first band; further bands keep their own entry beside it.
-            key = name if band is case.camera.band[0] else f"{name} [{band.name}]"
-            details[key] = _details(result)
-    return {
-        "schema": CASE_SCHEMA,
-        "case": case.name,
-        "scene_id": frame.truth.scene_id,
-        "version": code_version(),
-        "identity": case_identity(case, estimators),
-        "truth_frame": frame_address,
-        "image": images[case.camera.band[0].name],
-        "images": images,
-        "rows": rows,
-        "details": details,
-        "error": None,
-    }
+            taken.images[band.name] = image = observe(frame, case.camera, band=band.name)
+        for name in plan.alone:
+            observation = observation_of(image, plan.estimator(name))
+            _score(taken, case.name, case, band.name, number, name, observation, plan, watch)
+    return taken
 
 
-def _frame(case: Case, store: Store, folder: RunFolder, watch: Stopwatch) -> tuple[Frame, str]:
-    """Return the frame and its address: from the archive if it was rendered before, else rendered and stored."""
+def _take_together(unit: Unit, taken: Mapping[str, _Taken], plan: Plan, watch: Stopwatch) -> _Taken:
+    """Run the estimators that need all heads; frame and images are then the first head's."""
+    case = unit.cases[0]
+    first = taken[case.name]
+    scene = _Taken(first.frame, first.frame_address, first.images)
+    for number, band in enumerate(case.camera.band):
+        images = {str(other.scene.camera.head): taken[other.name].images[band.name] for other in unit.cases}
+        seen = [taken[other.name].expected_of(band.name, "heads") for other in unit.cases]
+        scene.expected[band.name, "heads"] = expected_of_heads(seen)
+        for name in plan.together:
+            observation = observation_of_heads(images, plan.estimator(name))
+            _score(scene, unit.name, case, band.name, number, name, observation, plan, watch)
+    # The Sun troubles the head it is nearest to, which need not be the first.
+    nearest = min(_sun_boresight_deg(taken[other.name].frame.truth) for other in unit.cases)
+    for row in scene.rows:
+        row["sun_boresight_deg"] = nearest
+    return scene
+
+
+def _sun_boresight_deg(truth: FrameTruth) -> float:
+    return math.degrees(math.acos(max(-1.0, min(1.0, truth.sun_cam[2]))))
+
+
+def _score(
+    taken: _Taken,
+    name: str,
+    case: Case,
+    band: str,
+    band_number: int,
+    estimator_name: str,
+    observation: Observation,
+    plan: Plan,
+    watch: Stopwatch,
+) -> None:
+    """Run one estimator on one observation and add its row."""
+    estimator, truth = plan.estimator(estimator_name), taken.frame.truth
+    with watch.stage(f"estimate {estimator_name}"):
+        result: Fit | NoFit = sandbox_of(plan.limits).run(estimator_name, observation)
+    with watch.stage("score"):
+        taken.rows.append(
+            make_row(
+                case=name,
+                camera=camera_name(case),
+                band=band,
+                estimator=estimator_name,
+                truth=truth,
+                expected=taken.expected_of(band, estimator.needs),
+                score=score(truth, estimator, result, earth_radius_m=method_radius_m(truth)),
+            )
+        )
+    # The report draws the first band; further bands keep their own entry beside it.
+    taken.details[estimator_name if band_number == 0 else f"{estimator_name} [{band}]"] = details_of(result)
+
+
+def _frame(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> tuple[Frame, str | None]:
+    """Return the frame and its address: from the archive if it was rendered before, else rendered.
+
+    Where everything is kept it is stored at once, so that a run that is cut off has it.
+    """
     from horizonval.render.frame import render_frame
 
-    pointer_path = folder.frame_pointer(case.name)
+    store, pointer_path = Store(folder.archive), folder.frame_pointer(case.name)
     identity = frame_identity(case)
-    pointer = read_json(pointer_path)
+    pointer = read_json(pointer_path) if plan.keep == "all" else None
     if pointer is not None and pointer.get("identity") == identity and _is_intact(store, str(pointer.get("frame"))):
         with watch.stage("read"):
             return store.read_frame(pointer["frame"]), pointer["frame"]
     with watch.stage("render"):
         frame = render_frame(case.scene, case.camera)
+    if plan.keep != "all":
+        return frame, None
     with watch.stage("archive"):
         address = store.add_frame(frame)
         write_json(pointer_path, {"identity": identity, "frame": address})
     return frame, address
+
+
+def _archive(taken: _Taken, folder: RunFolder, watch: Stopwatch) -> dict[str, str]:
+    """Store frame and images, write their addresses into the rows, and return them; the frame's is under ``""``."""
+    store = Store(folder.archive)
+    with watch.stage("archive"):
+        address = taken.frame_address or store.add_frame(taken.frame)
+        images = {band: store.add_image(image) for band, image in taken.images.items()}
+    return {"": address, **images}
 
 
 def _is_intact(store: Store, address: str) -> bool:
@@ -204,25 +276,25 @@ def _is_intact(store: Store, address: str) -> bool:
         return False
 
 
-def _details(result: Fit | NoFit) -> dict[str, Any]:
-    """What the report draws over the image: limb points, evenly thinned, and the fitted limb."""
-    points = np.asarray(result.points, dtype=np.float64).reshape(-1, 2)
-    points = points[np.isfinite(points).all(axis=1)]
-    if len(points) > MAX_POINTS:
-        points = points[np.linspace(0, len(points) - 1, MAX_POINTS).round().astype(int)]
-    fit = None
-    if isinstance(result, Fit):
-        fit = {
-            "nadir_cam": [float(x) for x in result.nadir_cam],
-            "angular_radius_rad": None if result.angular_radius_rad is None else float(result.angular_radius_rad),
-        }
-    return {"points": points.round(3).tolist(), "fit": fit}
-
-
-def _truth_or_none(case: Case) -> FrameTruth | None:
-    from horizonval.truth import truth_of
-
+@contextlib.contextmanager
+def _recorded(errors: dict[str, str], name: str) -> Iterator[None]:
+    """Turn whatever goes wrong inside into one line under a name."""
     try:
-        return truth_of(case.scene, case.camera, infrared=False)
-    except Exception:  # Whatever broke the case may break its truth as well; the error is reported already.
-        return None
+        yield
+    except UserError as e:
+        errors[name] = e.line()
+    except Exception as e:
+        frame = traceback.extract_tb(e.__traceback__)[-1]
+        # The file's name only: where the package is installed must not show in a result.
+        errors[name] = f"{type(e).__name__} at {Path(frame.filename).name}:{frame.lineno}: {e}"
+
+
+@contextlib.contextmanager
+def _ended_after(limit_s: float) -> Iterator[None]:
+    """End this process after a time, also inside foreign code that never comes back."""
+    with open(os.devnull, "w") as nowhere:
+        faulthandler.dump_traceback_later(limit_s, exit=True, file=nowhere)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()

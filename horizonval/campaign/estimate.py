@@ -1,19 +1,21 @@
-"""One estimator on one image file, as the ``estimate`` command reports it."""
+"""One estimator on one image file, or on those of all heads of a housing, as the ``estimate`` command reports it."""
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from horizonval.campaign.observation import observation_of
+from horizonval.campaign.observation import observation_of, observation_of_heads
 from horizonval.campaign.picture import Picture, read_picture
 from horizonval.errors import UserError
 from horizonval.estimators import registry
 from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
+from horizonval.frame import DetectorImage, Frame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.scoring.errors import ARCSEC, sigma_nadir_rad
 from horizonval.spec.camera import CameraSpec
@@ -43,6 +45,60 @@ def estimate_file(path: Path, estimator_name: str, camera: CameraSpec | None, ca
     start = time.perf_counter()
     result = registry.run_safely(estimator, observation)
     return _report(estimator, result, time.perf_counter() - start)
+
+
+def estimate_heads(paths: Sequence[Path], estimator_name: str) -> dict[str, Any]:
+    """Return the estimate from the images of all heads of one housing, with the keys of :func:`estimate_file`.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Our own EXR files, which say which head took them, one for every head.
+    estimator_name : str
+
+    Raises
+    ------
+    UserError
+        Unknown estimator, or one that takes a single image; a picture that is none of ours, two of one head, or images
+        of different housings or instants.
+    """
+    estimator = registry.get(estimator_name)
+    if estimator.needs != "heads":
+        raise UserError(
+            f"estimator {estimator.name!r} takes one image, not {len(paths)}", where=", ".join(map(str, paths))
+        )
+    sources: dict[str, DetectorImage | Frame] = {}
+    housing = None
+    for path in paths:
+        source = read_picture(path).source
+        head = None if source is None else source.truth.scene.get("camera", {}).get("head")
+        if source is None or head is None:
+            raise UserError(
+                "this image does not say which head took it",
+                where=str(path),
+                expected="an EXR file written by horizonval",
+            )
+        if head in sources:
+            raise UserError(f"a second image of the head {head!r}", where=str(path), expected="one image for each head")
+        angles = (source.truth.roll_rad, source.truth.pitch_rad, source.truth.yaw_rad)
+        own = (source.truth.camera, source.truth.r_itrs, source.truth.epoch_utc, angles)
+        housing = own if housing is None else housing
+        if own != housing:
+            raise UserError(
+                "another camera, place, time or attitude than the first image's",
+                where=str(path),
+                expected="one housing's heads",
+            )
+        sources[head] = source
+    start = time.perf_counter()
+    result = registry.run_safely(estimator, observation_of_heads(_in_order(sources), estimator))
+    return _report(estimator, result, time.perf_counter() - start)
+
+
+def _in_order(sources: Mapping[str, DetectorImage | Frame]) -> dict[str, DetectorImage | Frame]:
+    """Return images in the camera file's order of heads, which decides whose camera frame the answer is in."""
+    heads = [head["name"] for head in next(iter(sources.values())).truth.camera.get("head", [])]
+    return {name: sources[name] for name in sorted(sources, key=heads.index)}
 
 
 def _observation(
@@ -78,8 +134,15 @@ def _observation(
         full_scale=_full_scale(picture, camera),
         altitude_m=None if prior is None else prior * 1e3,
         earth_radius_m=Observation.earth_radius_m if own is None else own.earth_radius_m,
+        flattening=Observation.flattening if own is None else own.flattening,
+        band_kind=_band_kind(camera) if own is None else own.band_kind,
         oracle=None if own is None else own.oracle,
     )
+
+
+def _band_kind(camera: CameraSpec) -> Literal["solar", "thermal"] | None:
+    kinds = {band.kind for band in camera.band}
+    return kinds.pop() if len(kinds) == 1 else None
 
 
 def _full_scale(picture: Picture, camera: CameraSpec) -> float | None:

@@ -8,7 +8,7 @@
     state/<name>.json  address of a frame that is rendered, whether or not it is scored yet
     stability/, stability.csv   the study of the infrared horizon, where the suite asks for one
     results.parquet, summary.json, report/     made of the cases at the end
-    timings.json       seconds; the only file that two equal runs do not share
+    timings*.json      seconds; the only files that two equal runs do not share
 """
 
 from __future__ import annotations
@@ -60,6 +60,9 @@ class RunFolder:
     def timings(self) -> Path:
         return self.root / "timings.json"
 
+    def shard_timings(self, shard: tuple[int, int]) -> Path:
+        return self.root / f"timings-{shard[0]}-of-{shard[1]}.json"
+
     @property
     def stability(self) -> Path:
         return self.root / "stability"
@@ -97,22 +100,30 @@ class RunFolder:
             path.unlink(missing_ok=True)
 
     @contextlib.contextmanager
-    def locked(self) -> Iterator[None]:
-        """Keep a second run out. The system drops the lock with the process, so a killed run leaves none."""
+    def locked(self, shard: tuple[int, int] | None = None) -> Iterator[None]:
+        """Keep a second run out. The system drops the lock with the process, so a killed run leaves none.
+
+        Different shards work beside each other; none of them does beside a run of the whole.
+        """
         try:
             import fcntl
         except ImportError:  # Windows: two runs in one folder are then the user's care.
             yield
             return
-        with open(self.root / ".lock", "w") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as e:
-                raise UserError(
-                    "another run is working in this folder",
-                    where=str(self.root),
-                    fix="wait until it ends, or choose another --out",
-                ) from e
+        wanted = [(".lock", fcntl.LOCK_EX if shard is None else fcntl.LOCK_SH)]
+        if shard is not None:
+            wanted.append((f".lock-{shard[0]}-of-{shard[1]}", fcntl.LOCK_EX))
+        with contextlib.ExitStack() as files:
+            for name, kind in wanted:
+                file = files.enter_context(open(self.root / name, "w"))
+                try:
+                    fcntl.flock(file, kind | fcntl.LOCK_NB)
+                except OSError as e:
+                    raise UserError(
+                        "another run is working in this folder",
+                        where=str(self.root),
+                        fix="wait until it ends, or choose another --out",
+                    ) from e
             yield
 
 

@@ -14,6 +14,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import horizonval
+from horizonval.campaign.plan import Plan, Unit, plan_of
 from horizonval.errors import UserError
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
@@ -38,10 +39,17 @@ def case_identity(case: Case, estimators: tuple[str, ...]) -> str:
     return _digest(_scene_content(case), json.dumps(estimators), code_version())
 
 
+def unit_identity(unit: Unit, plan: Plan) -> str:
+    """Return the digest of what the results of a unit depend on: all its cases, the estimators, what is kept."""
+    return _digest(*(_scene_content(case) for case in unit.cases), plan.content, code_version())
+
+
 def suite_identity(suite: Suite) -> str:
     """Return the digest of a suite's frames, estimators and study, whatever code runs them."""
-    study = () if suite.stability is None else (suite.stability.model_dump_json(),)
-    return _digest(suite.name, json.dumps(suite.estimators), *(_scene_content(case) for case in suite.cases), *study)
+    more = [] if suite.stability is None else [suite.stability.model_dump_json()]
+    if suite.programs or suite.keep != "all":
+        more.append(plan_of(suite).content)
+    return _digest(suite.name, json.dumps(suite.estimators), *(_scene_content(case) for case in suite.cases), *more)
 
 
 def stability_identity(case: StabilityCase) -> str:

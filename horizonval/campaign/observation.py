@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from horizonval.estimators.observation import Estimator, Observation, OraclePose
 from horizonval.frame import DetectorImage, Frame, FrameTruth
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.spec.camera import CameraSpec
+
+FloatArray = NDArray[np.float64]
 
 EARTH_RADIUS_M = Observation.earth_radius_m
 
@@ -22,10 +27,11 @@ def observation_of(source: DetectorImage | Frame, estimator: Estimator, *, band:
     """
     truth = source.truth
     spec = CameraSpec.model_validate(truth.camera)
+    name = source.band if isinstance(source, DetectorImage) else band or next(iter(source.radiance))
     if isinstance(source, DetectorImage):
         grey, full_scale = source.dn.astype(np.float64), float(source.full_scale)
     else:
-        grey, full_scale = source.radiance[band or next(iter(source.radiance))].astype(np.float64), None
+        grey, full_scale = source.radiance[name].astype(np.float64), None
     prior = spec.platform.altitude_km
     return Observation(
         image=grey,
@@ -34,8 +40,39 @@ def observation_of(source: DetectorImage | Frame, estimator: Estimator, *, band:
         full_scale=full_scale,
         altitude_m=None if prior is None else prior * 1e3,
         earth_radius_m=method_radius_m(truth),
+        flattening=1.0 - truth.ellipsoid_b_m / truth.ellipsoid_a_m,
+        band_kind=next((one.kind for one in spec.band if one.name == name), None),
+        sun_cam=coarse_sun_cam(truth),
         oracle=oracle_pose(truth) if estimator.needs == "pose" else None,
     )
+
+
+def observation_of_heads(sources: Mapping[str, DetectorImage | Frame], estimator: Estimator) -> Observation:
+    """Return the observation of all heads of one housing at one instant.
+
+    Parameters
+    ----------
+    sources : mapping of str to DetectorImage or Frame
+        By the heads' names, in the camera file's order; at least one.
+    estimator : Estimator
+
+    Returns
+    -------
+    Observation
+        That of the first head, with every head's own in ``heads``.
+    """
+    heads = {name: observation_of(source, estimator) for name, source in sources.items()}
+    return replace(next(iter(heads.values())), heads=heads)
+
+
+def coarse_sun_cam(truth: FrameTruth) -> FloatArray | None:
+    """Return what a coarse Sun sensor reads: the Sun's two angles in whole degrees; None where the Sun is not seen."""
+    if truth.sun_visible_fraction <= 0.0:
+        return None
+    x, y, z = truth.sun_cam
+    off_axis, around = round(math.degrees(math.atan2(math.hypot(x, y), z))), round(math.degrees(math.atan2(y, x)))
+    sine, turn = math.sin(math.radians(off_axis)), math.radians(around)
+    return np.array([sine * math.cos(turn), sine * math.sin(turn), math.cos(math.radians(off_axis))])
 
 
 def method_radius_m(truth: FrameTruth) -> float:

@@ -6,19 +6,24 @@ unfinished ones are made, and the outcome is the same bytes as of a run that was
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from horizonval.campaign.case import Record, failed_record, finished_record, run_case
+from horizonval.campaign.axes import figure_plans
+from horizonval.campaign.case import Brief, finished, give_up, run_unit
+from horizonval.campaign.check import check_suite
 from horizonval.campaign.folder import RunFolder, read_json, write_json
 from horizonval.campaign.identity import code_version, suite_identity
+from horizonval.campaign.plan import Plan, Unit, plan_of, shard_of, units_of
 from horizonval.campaign.pool import available_cpus, run_cases
 from horizonval.campaign.progress import Progress, Silent
-from horizonval.campaign.stability import StudyOutcome, check_stability, run_stability
+from horizonval.campaign.shards import adopt
+from horizonval.campaign.stability import StudyOutcome, run_stability
 from horizonval.errors import UserError
 from horizonval.spec.load import Suite
 
@@ -32,19 +37,50 @@ class RunResult:
     Attributes
     ----------
     summary : dict
-        The content of ``summary.json``.
+        The content of ``summary.json``; empty as long as other shards are missing.
     failed : dict
         Cases without a result, by name, and why; those of a study as ``stability/<name>``.
-    report : Path
+    report : Path or None
         The report's first page.
+    missing : int
+        Cases that other shards have yet to make.
     """
 
     summary: dict[str, Any]
     failed: dict[str, str]
-    report: Path
+    report: Path | None
+    missing: int = 0
 
 
-def run_suite(suite: Suite, out_dir: Path, workers: int | None = None, progress: Progress | None = None) -> RunResult:
+@dataclass(frozen=True)
+class Where:
+    """Where the work is done.
+
+    Attributes
+    ----------
+    workers : int, optional
+        Processes on this machine; :func:`default_workers` by default. The number does not change any result.
+    shard : (int, int), optional
+        (i, n): only every n-th unit of the suite, from the i-th on. Shards can share a folder, also at the same time.
+    dask : str, optional
+        Address of a Dask scheduler, or ``local:N``; its workers must see the run's folder.
+    merge : tuple of Path
+        Folders of other runs of this suite, whose results are taken over.
+    """
+
+    workers: int | None = None
+    shard: tuple[int, int] | None = None
+    dask: str | None = None
+    merge: tuple[Path, ...] = field(default=())
+
+
+def run_suite(
+    suite: Suite,
+    out_dir: Path,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    where: Where | None = None,
+) -> RunResult:
     """Run a suite into a folder, or finish what an earlier run left there.
 
     Parameters
@@ -53,8 +89,9 @@ def run_suite(suite: Suite, out_dir: Path, workers: int | None = None, progress:
     out_dir : Path
         Made if need be.
     workers : int, optional
-        Processes; :func:`default_workers` by default. The number does not change any result.
+        Short for ``Where(workers)``.
     progress : Progress, optional
+    where : Where, optional
 
     Raises
     ------
@@ -63,18 +100,30 @@ def run_suite(suite: Suite, out_dir: Path, workers: int | None = None, progress:
         another suite's run or in which another run is working.
     """
     progress = progress or Silent()
-    check_suite(suite)
+    where = where or Where(workers)
+    plan = plan_of(suite)
+    check_suite(suite, plan)
+    units = units_of(suite.cases, plan)
     folder = RunFolder(out_dir)
     folder.create(stability=suite.stability is not None)
-    with folder.locked():
-        _claim(folder, suite)
-        folder.remove_temporary_files()
-        records, seconds = _run_cases(suite, folder, workers, progress)
+    with folder.locked(where.shard):
+        _claim(folder, suite, units)
+        if where.shard is None:
+            # Shards may be at work beside each other: what is temporary may be theirs.
+            folder.remove_temporary_files()
+        for other in where.merge:
+            adopt(RunFolder(other), folder, suite)
+        briefs, seconds = _run_units(shard_of(units, where.shard), plan, folder, where, progress)
+        if where.shard is not None:
+            _add_timings(folder, seconds, where.shard)
+            missing = sum(not folder.case(name).is_file() for unit in units for name in unit.names)
+            failed = {name: brief.error for name, brief in briefs.items() if brief.error is not None}
+            return RunResult({}, failed, None, missing)
         study: StudyOutcome | None = None
         if suite.stability is not None:
-            study = run_stability(suite.stability, folder, workers or default_workers(), progress)
+            study = run_stability(suite.stability, folder, where.workers or default_workers(), progress)
         folder.remove_temporary_files()
-        return _conclude(suite, folder, records, seconds, study)
+        return _conclude(suite, units, folder, briefs, seconds, study)
 
 
 def default_workers() -> int:
@@ -82,56 +131,7 @@ def default_workers() -> int:
     return available_cpus()
 
 
-def check_suite(suite: Suite) -> None:
-    """Find mistakes that the files' models cannot know: estimators, atmospheres, detectors, positions.
-
-    Raises
-    ------
-    UserError
-        Naming the suite, the frame and the key.
-    """
-    from horizonval.earth.optical import optical_model
-    from horizonval.estimators import registry
-    from horizonval.sensor.observe import check_camera
-    from horizonval.truth import truth_of
-
-    for name in suite.estimators:
-        try:
-            registry.get(name)
-        except UserError as e:
-            raise _placed(e, f"{suite.source}: suite.estimators") from e
-    checked = set()
-    for case in suite.cases:
-        where = f"{suite.source}: {case.name}"
-        if case.camera.detector is None:
-            raise UserError(
-                f"camera {case.scene.camera.file!r} has no detector",
-                where=f"{where}: camera.file",
-                expected="a [detector] table in the camera file",
-            )
-        matter = (
-            case.scene.atmosphere.model_dump_json(),
-            case.scene.camera.file,
-            case.camera.model_dump_json(),
-            case.scene.render.band_error,
-        )
-        try:
-            check_camera(case.camera)
-            truth_of(case.scene, case.camera, infrared=False)
-            if matter not in checked:
-                optical_model(case.scene, case.camera)
-                checked.add(matter)
-        except UserError as e:
-            raise _placed(e, where) from e
-    check_stability(suite)
-
-
-def _placed(error: UserError, where: str) -> UserError:
-    inner = f"{where}: {error.where}" if error.where and error.where not in where else where
-    return UserError(error.what, where=inner, expected=error.expected, fix=error.fix)
-
-
-def _claim(folder: RunFolder, suite: Suite) -> None:
+def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
     """Write down which suite this folder belongs to; refuse if it belongs to another."""
     identity = suite_identity(suite)
     before = read_json(folder.suite)
@@ -153,48 +153,60 @@ def _claim(folder: RunFolder, suite: Suite) -> None:
             "suite_sha256": identity,
             "version": code_version(),
             "estimators": list(suite.estimators),
-            "cases": [case.name for case in suite.cases],
+            "cases": [name for unit in units for name in unit.names],
+            "keep": suite.keep,
+            "figures": figure_plans(suite),
         },
     )
 
 
-def _run_cases(
-    suite: Suite, folder: RunFolder, workers: int | None, progress: Progress
-) -> tuple[dict[str, Record], dict[str, dict[str, float]]]:
+def _run_units(
+    units: Sequence[Unit], plan: Plan, folder: RunFolder, where: Where, progress: Progress
+) -> tuple[dict[str, Brief], dict[str, dict[str, float]]]:
     from horizonval.render.backend import probe
 
-    records: dict[str, Record] = {}
-    for case in suite.cases:
-        record = finished_record(case, suite.estimators, folder)
-        if record is not None:
-            records[case.name] = record
+    briefs: dict[str, Brief] = {}
+    missing = []
+    for unit in units:
+        found = finished(unit, plan, folder)
+        if found is None:
+            missing.append(unit)
+        else:
+            briefs |= found
+    total = sum(len(unit.cases) for unit in units)
+    progress.start(total, total - sum(len(unit.cases) for unit in missing))
     seconds: dict[str, dict[str, float]] = {}
-    missing = [case for case in suite.cases if case.name not in records]
-    progress.start(len(suite.cases), len(records))
     if not missing:
-        return records, seconds
-    if probe().chosen is None:
-        raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
-    work = partial(run_case, estimators=suite.estimators, folder=folder)
-    results = run_cases(work, missing, workers or default_workers())
-    try:
-        for case, result in results:
+        return briefs, seconds
+    work = partial(run_unit, plan=plan, folder=folder)
+    if where.dask is not None:
+        from horizonval.campaign.cluster import run_on_cluster
+
+        results = run_on_cluster(work, missing, where.dask, folder)
+    else:
+        if probe().chosen is None:
+            raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
+        results = run_cases(work, missing, where.workers or default_workers())
+    with contextlib.closing(results):
+        for unit, result in results:
             if result is None:
-                record = failed_record(case, suite.estimators, "the worker process died (out of memory, or a crash)")
-                write_json(folder.case(case.name), record, indent=None)
+                limit = plan.frame_limit_s * len(unit.cases)
+                why = f"the worker process died (out of memory, a crash, or more than {limit:g} s)"
+                made = give_up(unit, plan, folder, why)
             else:
-                record, seconds[case.name] = result
-            records[case.name] = record
-            progress.done(case.name, failed=record["error"])
-    finally:
-        results.close()
-    return records, seconds
+                made, seconds[unit.name] = result
+            briefs |= made
+            for name in unit.names:
+                if name != unit.name or not unit.heads:
+                    progress.done(name, failed=made[name].error)
+    return briefs, seconds
 
 
 def _conclude(
     suite: Suite,
+    units: Sequence[Unit],
     folder: RunFolder,
-    records: dict[str, Record],
+    briefs: dict[str, Brief],
     seconds: dict[str, dict[str, float]],
     study: StudyOutcome | None,
 ) -> RunResult:
@@ -203,10 +215,10 @@ def _conclude(
     from horizonval.scoring.table import write_results
 
     start = time.perf_counter()
-    ordered: Sequence[Record] = [records[case.name] for case in suite.cases]
-    failed = {record["case"]: record["error"] for record in ordered if record["error"] is not None}
-    rows = [row for record in ordered for row in record["rows"]]
-    summary = {"suite": suite.name, "version": code_version(), "failed": failed, **summarise(rows)}
+    ordered = {name: briefs[name] for unit in units for name in unit.names}
+    failed = {name: brief.error for name, brief in ordered.items() if brief.error is not None}
+    rows = [row for brief in ordered.values() for row in brief.rows]
+    summary = {"suite": suite.name, "version": code_version(), "failed": dict(failed), **summarise(rows)}
     if study is not None:
         failed |= {f"stability/{name}": why for name, why in study.failed.items()}
         summary["stability"] = study.digest
@@ -214,7 +226,18 @@ def _conclude(
     write_results(rows, folder.results)
     write_json(folder.summary, summary)
     report = build_report(folder.root)
-    timings = read_json(folder.timings) or {}
-    cases = {**timings.get("cases", {}), **seconds}
-    write_json(folder.timings, {"cases": cases, "conclude": round(time.perf_counter() - start, 4)})
+    _add_timings(folder, seconds, conclude=round(time.perf_counter() - start, 4))
     return RunResult(summary, failed, report)
+
+
+def _add_timings(
+    folder: RunFolder,
+    seconds: dict[str, dict[str, float]],
+    shard: tuple[int, int] | None = None,
+    conclude: float | None = None,
+) -> None:
+    """Add seconds to what earlier runs left; every shard has a file of its own."""
+    path = folder.timings if shard is None else folder.shard_timings(shard)
+    timings = read_json(path) or {}
+    cases = {**timings.get("cases", {}), **seconds}
+    write_json(path, {"cases": cases, **({} if conclude is None else {"conclude": conclude})})

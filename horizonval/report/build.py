@@ -18,7 +18,7 @@ import jinja2
 
 from horizonval.frame import FrameTruth
 from horizonval.outcome import Outcome
-from horizonval.report import infrared_section, overlay, picture, plots, rerun, stability, wording
+from horizonval.report import campaign_page, infrared_section, overlay, picture, plots, rerun, stability, wording
 from horizonval.report.accuracy import accuracy_of
 from horizonval.report.load import Run, View, load_run
 from horizonval.report.verdict import VERDICTS, verdict_of
@@ -28,6 +28,8 @@ from horizonval.scoring.summary import summarise
 
 STRIP_RATIO = 20
 """Wider images than this are drawn as a strip of their own proportions."""
+MOST_CASES_SHOWN = 300
+"""With a picture each; the page of a longer run would not open."""
 _FILES = {"style": "page.css", "code": "page.js"}
 
 
@@ -46,7 +48,7 @@ def build_report(run_dir: Path) -> Path:
     UserError
         There is no run in the folder, or its files cannot be read or written.
     """
-    run = load_run(run_dir)
+    run = load_run(run_dir, MOST_CASES_SHOWN)
     folder = Path(__file__).parent
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(folder),
@@ -65,13 +67,19 @@ def build_report(run_dir: Path) -> Path:
     parts = {name: (folder / file).read_text(encoding="utf-8") for name, file in _FILES.items()}
     result = stability.load_result(run_dir)
     study = None if result is None else {"page": stability.PAGE, "text": stability.headline(result)}
-    texts = {"index.html": environment.get_template("page.html").render(**page_of(run), study=study, **parts)}
+    campaign = campaign_page.headline(run) if run.figures else None
+    shown = environment.get_template("page.html").render(**page_of(run), study=study, campaign=campaign, **parts)
+    texts = {"index.html": shown}
     if result is not None:
         template = environment.get_template("stability.html")
         texts[stability.PAGE] = template.render(run=run, **stability.page_of(result), **parts)
+    if run.figures:
+        template = environment.get_template("campaign.html")
+        texts[campaign_page.PAGE] = template.render(run=run, **campaign_page.page_of(run), **parts)
     pages = run_dir / "report"
     pages.mkdir(exist_ok=True)
-    (pages / stability.PAGE).unlink(missing_ok=True)
+    for name in (stability.PAGE, campaign_page.PAGE):
+        (pages / name).unlink(missing_ok=True)
     for name, text in texts.items():
         _write(pages / name, text)
     return pages / "index.html"
@@ -89,7 +97,8 @@ def page_of(run: Run) -> dict[str, Any]:
     broken = sum(view.broken for view in run.views)
     pixels = sum(view.image.dn.size for view in run.views if view.image is not None)
     reduced = pixels > picture.LOSSLESS_BUDGET_PX
-    tiles = [_tile(view, run.estimators, index, reduced) for index, view in enumerate(run.views)]
+    shown_views = [view for view in run.views if view.shown]
+    tiles = [_tile(view, run.estimators, index, reduced) for index, view in enumerate(shown_views)]
     shown = {tile_row["verdict"] for tile in tiles for tile_row in tile["rows"]}
     cameras = sorted({tile["camera"] for tile in tiles})
     return {
@@ -103,6 +112,7 @@ def page_of(run: Run) -> dict[str, Any]:
         "figures": _figures(run),
         "tiles": tiles,
         "reduced": reduced,
+        "hidden": len({view.case for view in run.views if not view.shown}),
         "verdicts": [verdict for verdict in VERDICTS if verdict in shown],
         "limit_deg": f"{math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}",
         "floor_deg": f"{math.degrees(limits.SIGMA_TEST_FLOOR_RAD):g}",
@@ -110,7 +120,7 @@ def page_of(run: Run) -> dict[str, Any]:
         "gamma": f"{picture.GAMMA:g}",
         "percentiles": [f"{value:g}" for value in picture.PERCENTILES],
         "accuracy": accuracy_of(view.image.truth for view in run.views if view.image is not None),
-        "infrared": infrared_section.section_of(run.views),
+        "infrared": infrared_section.section_of(shown_views),
     }
 
 
@@ -308,8 +318,15 @@ def _facts(expected: Expected, truth: FrameTruth) -> list[tuple[str, str]]:
     ]
 
 
+def rerun_of_view(view: View, truth: FrameTruth, estimators: Sequence[str]) -> rerun.Rerun:
+    """Return how to make a view's image, or those of all heads, and the results again."""
+    ran = [name for name in estimators if name in view.rows] or list(estimators)
+    paths = view.head_paths or ({"": view.image_path} if view.image_path else {})
+    return rerun.rerun_of(truth, view.case, view.band, paths, ran)
+
+
 def _rerun(view: View, truth: FrameTruth, estimators: Sequence[str]) -> dict[str, Any]:
-    made = rerun.rerun_of(truth, view.case, view.band, view.image_path, estimators)
+    made = rerun_of_view(view, truth, estimators)
     files = [
         {"name": name, "text": text, "uri": f"data:application/toml;charset=utf-8,{quote(text)}"}
         for name, text in made.files

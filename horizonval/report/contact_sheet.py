@@ -30,6 +30,7 @@ GAP_PX = 14
 CAPTION_PX = 40
 MARGIN_PX = 10
 DPI = 100
+MOST_CASES = 400
 LOWEST_TILE_PX = 24
 """A row of detectors is drawn as a strip of this height."""
 
@@ -48,7 +49,7 @@ def tiles_of(sources: Sequence[Path]) -> list[Tile]:
     Raises
     ------
     UserError
-        No such file, no image, or a run without a single one.
+        No such file, no image, a run without a single one, or with too many for a sheet.
     """
     from horizonval.archive.exr import read_image
 
@@ -57,7 +58,15 @@ def tiles_of(sources: Sequence[Path]) -> list[Tile]:
         if not source.is_dir():
             tiles.append(Tile(source.stem, (read_image(source),)))
             continue
-        views = [view for view in load_run(source).views if view.image is not None]
+        run = load_run(source, MOST_CASES)
+        if any(not view.shown for view in run.views):
+            raise UserError(
+                f"a run of {len(run.cases)} frames",
+                where=str(source),
+                expected=f"at most {MOST_CASES} on one sheet",
+                fix="name the images, see `horizonval archive ls`",
+            )
+        views = [view for view in run.views if view.image is not None]
         for case, group in itertools.groupby(views, lambda view: view.case):
             tiles += _tiles_of_case(case, {view.band: view.image for view in group if view.image is not None})
     if not tiles:

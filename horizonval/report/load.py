@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from horizonval.archive.store import Store
 from horizonval.errors import DamagedFileError, UserError
 from horizonval.frame import DetectorImage
+from horizonval.outcome import Outcome
 
 
 @dataclass(frozen=True)
 class View:
     """One band of one case: what a tile of the report shows.
 
-    ``image`` is ``None`` where there is none; ``problem`` then says why. ``broken`` tells that the frame itself failed.
+    ``image`` is ``None`` where there is none; ``problem`` then says why. ``broken`` tells that the frame itself failed,
+    ``shown`` that it is one of those a long report shows; of the others neither image nor details are read. A view of
+    all heads of a scene shows the first one's image; ``head_paths`` has every head's, empty where it was not kept.
     """
 
     case: str
@@ -27,11 +30,16 @@ class View:
     problem: str
     broken: bool
     image_path: str
+    shown: bool = True
+    head_paths: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run as the report needs it: views in the suite's order, and the cases without result."""
+    """A run as the report needs it: views in the suite's order, the cases without result, the figures asked for.
+
+    ``figures`` are what :func:`horizonval.campaign.axes.figure_plans` says.
+    """
 
     suite: str
     title: str
@@ -40,6 +48,7 @@ class Run:
     cases: tuple[str, ...]
     missing: tuple[str, ...]
     views: tuple[View, ...]
+    figures: tuple[dict[str, Any], ...] = ()
 
     @property
     def rows(self) -> list[dict[str, Any]]:
@@ -47,10 +56,17 @@ class Run:
         return [row for view in self.views for row in view.rows.values()]
 
 
-def load_run(run_dir: Path) -> Run:
+def load_run(run_dir: Path, most: int | None = None) -> Run:
     """Read ``run.json``, the case files and the detector images.
 
     A missing case, a missing image and a damaged image are part of what a report tells.
+
+    Parameters
+    ----------
+    run_dir : Path
+    most : int, optional
+        Cases whose images are read; half of them at most are failures and unexpected outcomes, which go first, the rest
+        evenly spread over the others. All by default.
 
     Raises
     ------
@@ -64,13 +80,16 @@ def load_run(run_dir: Path) -> Run:
         raise UserError("no run.json", where=str(run_dir), expected="the folder of a run")
     head = _read(path, ("suite", "estimators", "cases"))
     store = Store(run_dir / "archive")
+    shown = _shown(run_dir, head["cases"], most)
+    names = head["cases"]
     missing, views = [], []
-    for name in head["cases"]:
+    for name in names:
         case_path = run_dir / "cases" / f"{name}.json"
         if case_path.is_file():
             record = _read(case_path, ("case", "rows", "details"))
             try:
-                views += _views(record, store)
+                heads = _head_images(run_dir, name, names) if name in shown else {}
+                views += _views(record, store, name in shown, heads)
             except (KeyError, TypeError, AttributeError) as error:
                 raise DamagedFileError(f"not a case's results ({error!r})", where=str(case_path)) from error
         else:
@@ -83,6 +102,7 @@ def load_run(run_dir: Path) -> Run:
         cases=tuple(head["cases"]),
         missing=tuple(missing),
         views=tuple(views),
+        figures=tuple(head.get("figures") or ()),
     )
 
 
@@ -98,7 +118,41 @@ def _read(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
     return result
 
 
-def _views(record: dict[str, Any], store: Store) -> list[View]:
+def _shown(run_dir: Path, names: list[str], most: int | None) -> set[str]:
+    if most is None or len(names) <= most:
+        return set(names)
+    striking = [name for name in names if _is_striking(run_dir / "cases" / f"{name}.json")]
+    first = _spread(striking, most // 2)
+    return {*first, *_spread([name for name in names if name not in set(striking)], most - len(first))}
+
+
+def _spread(names: list[str], most: int) -> list[str]:
+    """Return at most so many of them, evenly spread."""
+    return names if len(names) <= most else [names[i * len(names) // most] for i in range(most)]
+
+
+def _is_striking(path: Path) -> bool:
+    """Whether a case failed, or an outcome was false or not the one expected."""
+    if not path.is_file():
+        return False
+    record = _read(path, ("rows",))
+    valid = str(Outcome.VALID)
+    return bool(record.get("error")) or any(
+        row["false_valid"] or (row["status"] == valid) != (row["expected"] == valid) for row in record["rows"]
+    )
+
+
+def _head_images(run_dir: Path, name: str, names: list[str]) -> dict[str, dict[str, str]]:
+    """Return the addresses of images by head and band, if the case is that of all heads of a scene together."""
+    found = {}
+    for other in names:
+        if other.startswith(f"{name}."):
+            path = run_dir / "cases" / f"{other}.json"
+            found[other.removeprefix(f"{name}.")] = dict(_read(path, ()).get("images") or {}) if path.is_file() else {}
+    return found
+
+
+def _views(record: dict[str, Any], store: Store, shown: bool, heads: dict[str, dict[str, str]]) -> list[View]:
     images: dict[str, str] = dict(record.get("images") or {})
     if not images and record.get("image"):
         images = {"": record["image"]}
@@ -107,12 +161,12 @@ def _views(record: dict[str, Any], store: Store) -> list[View]:
     views = []
     for i, band in enumerate(bands):
         address = images.get(band) or (images.get("") if i == 0 else None)
-        image, problem = _image(store, address, record.get("error"))
+        image, problem = _image(store, address, record.get("error")) if shown else (None, "")
         names = {row["estimator"] for row in record["rows"]} | set(record["details"])
         details = {
             name: found
             for name in sorted(names)
-            if (found := record["details"].get(name if i == 0 else f"{name} [{band}]")) is not None
+            if shown and (found := record["details"].get(name if i == 0 else f"{name} [{band}]")) is not None
         }
         views.append(
             View(
@@ -123,17 +177,27 @@ def _views(record: dict[str, Any], store: Store) -> list[View]:
                 image=image,
                 problem=problem,
                 broken=bool(record.get("error")),
-                image_path=store.path(address).relative_to(store.root.parent).as_posix() if image and address else "",
+                image_path=_path(store, address) if image else "",
+                shown=shown,
+                head_paths={head: _path(store, images.get(band)) for head, images in heads.items()},
             )
         )
     return views
+
+
+def _path(store: Store, address: str | None) -> str:
+    """Return the path of an image in the archive from the run's folder on, if it is there."""
+    try:
+        return store.path(address).relative_to(store.root.parent).as_posix() if address else ""
+    except UserError:
+        return ""
 
 
 def _image(store: Store, address: str | None, error: str | None) -> tuple[DetectorImage | None, str]:
     if error:
         return None, f"This frame failed: {error}"
     if not address:
-        return None, "No image was made of this frame."
+        return None, "The image was not kept."
     try:
         return store.read_image(address), ""
     except DamagedFileError as damage:

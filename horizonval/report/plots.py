@@ -5,7 +5,8 @@ from __future__ import annotations
 import base64
 import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import matplotlib
@@ -44,12 +45,18 @@ _MOST_NAMES = 45
 Draw = Callable[[Figure], None]
 
 
-def figure_uri(draw: Draw, width_in: float, height_in: float) -> str:
-    """Draw a figure and return it as ``data:`` URI; the same data give the same bytes."""
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Set the look of all figures; a user's own matplotlibrc does not show."""
     with matplotlib.rc_context():
-        # A user's own matplotlibrc must not show.
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_STYLE)
+        yield
+
+
+def figure_uri(draw: Draw, width_in: float, height_in: float) -> str:
+    """Draw a figure and return it as ``data:`` URI; the same data give the same bytes."""
+    with house_style():
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         FigureCanvasSVG(figure)
         draw(figure)

@@ -26,20 +26,43 @@ class Rerun:
     commands: tuple[str, ...]
 
 
-def rerun_of(truth: FrameTruth, case: str, band: str, image_path: str, estimators: Sequence[str]) -> Rerun:
-    """Return how to render, observe and estimate one image again, and how to estimate the archived one."""
+def rerun_of(
+    truth: FrameTruth,
+    case: str,
+    band: str,
+    image_paths: Mapping[str, str],
+    estimators: Sequence[str],
+) -> Rerun:
+    """Return how to render, observe and estimate one image again, and how to estimate the archived one.
+
+    Parameters
+    ----------
+    truth : FrameTruth
+    case, band : str
+    image_paths : mapping of str to str
+        Of the archived images by head: all heads of the scene where they were estimated together, else the one image
+        under any name; empty where nothing was kept, with an empty path where one head was not.
+    estimators : sequence of str
+        Those that were run on it.
+    """
     files = [(f"{case}.toml", toml(truth.scene))]
     camera_file = str(truth.scene.get("camera", {}).get("file", ""))
     if camera_file.endswith(".toml"):
         files.append((camera_file, toml(truth.camera)))
-    quoted = shlex.quote(case)
-    commands = [
-        f"horizonval render {quoted}.toml -o {quoted}.frame.exr",
-        f"horizonval observe {quoted}.frame.exr -o {quoted}.image.exr --band {shlex.quote(band)}",
+    quoted, word = shlex.quote(case), shlex.quote(band)
+    heads = list(image_paths) if len(image_paths) > 1 else []
+    whole = " --head all" if heads else ""
+    commands = [f"horizonval render {quoted}.toml -o {quoted}.frame.exr{whole}"]
+    endings = [f".{head}" for head in heads] or [""]
+    # A rendered head's file is named by its target: FRAME.<head>.exr.
+    commands += [
+        f"horizonval observe {quoted}.frame{end}.exr -o {quoted}{end}.image.exr --band {word}" for end in endings
     ]
-    commands += [f"horizonval estimate {quoted}.image.exr --estimator {shlex.quote(name)}" for name in estimators]
-    if image_path:
-        commands += [f"horizonval estimate RUN/{image_path} --estimator {shlex.quote(name)}" for name in estimators[:1]]
+    made = " ".join(f"{quoted}{end}.image.exr" for end in endings)
+    commands += [f"horizonval estimate {made} --estimator {shlex.quote(name)}" for name in estimators]
+    if image_paths and all(image_paths.values()):
+        kept = " ".join(f"RUN/{path}" for path in image_paths.values())
+        commands += [f"horizonval estimate {kept} --estimator {shlex.quote(name)}" for name in estimators[:1]]
     return Rerun(tuple(files), tuple(commands))
 
 

@@ -240,7 +240,7 @@ def test_the_written_scene_gives_the_same_frame(tmp_path):
         "attitude.roll_deg = 66.1\nsun = { zenith_deg = 33.3 }\n"
     )
     truth = truth_of(*load_scene(tmp_path / "scene.toml"))
-    again = rerun.rerun_of(truth, "x", "red", "archive/ab/abc.exr", ["one", "two"])
+    again = rerun.rerun_of(truth, "x", "red", {"": "archive/ab/abc.exr"}, ["one", "two"])
     folder = tmp_path / "again"
     folder.mkdir()
     for name, text in again.files:

@@ -1,0 +1,81 @@
+"""Mistakes in a suite that the files' models cannot know, found before anything is rendered."""
+
+from __future__ import annotations
+
+from horizonval.campaign.plan import Plan
+from horizonval.campaign.stability import check_stability
+from horizonval.errors import UserError
+from horizonval.geometry.camera import camera_from_spec, check_invertible
+from horizonval.geometry.pose import place_from_spec
+from horizonval.geometry.rotation import julian_utc
+from horizonval.spec.load import Case, Suite
+
+
+def check_suite(suite: Suite, plan: Plan) -> None:
+    """Find mistakes that the files' models cannot know: estimators, atmospheres, detectors, positions.
+
+    Thousands of cases share few cameras and atmospheres, and each of those is looked at once.
+
+    Raises
+    ------
+    UserError
+        Naming the suite, the frame and the key.
+    """
+    for program in suite.programs:
+        if program.name not in suite.estimators:
+            raise UserError(
+                f"the program {program.name!r} is not among the estimators",
+                where=f"{suite.source}: suite.estimators",
+                fix="add its name, or take the [[estimator]] table away",
+            )
+    for name in suite.estimators:
+        try:
+            plan.estimator(name)
+        except UserError as e:
+            raise _placed(e, f"{suite.source}: suite.estimators") from e
+    if plan.together and not any(case.name != case.scene.scene.name for case in suite.cases):
+        raise UserError(
+            f"the estimator {plan.together[0]!r} needs the images of all heads",
+            where=f"{suite.source}: suite.estimators",
+            expected="a frame with a camera of several heads and without camera.head",
+        )
+    cameras: set[int] = set()
+    matters: set[tuple[str, int, float]] = set()
+    for case in suite.cases:
+        try:
+            _check_case(case, cameras, matters)
+        except UserError as e:
+            raise _placed(e, f"{suite.source}: {case.name}") from e
+    check_stability(suite)
+
+
+def _check_case(case: Case, cameras: set[int], matters: set[tuple[str, int, float]]) -> None:
+    from horizonval.earth.optical import optical_model
+    from horizonval.sensor.observe import check_camera
+
+    # Cases of one camera file share the object.
+    camera = id(case.camera)
+    if camera not in cameras:
+        if case.camera.detector is None:
+            raise UserError(
+                f"camera {case.scene.camera.file!r} has no detector",
+                where="camera.file",
+                expected="a [detector] table in the camera file",
+            )
+        check_camera(case.camera)
+        check_invertible(camera_from_spec(case.camera.camera))
+        cameras.add(camera)
+    place_from_spec(case.scene)
+    try:
+        julian_utc(case.scene.platform.epoch_utc)
+    except UserError as e:
+        raise UserError(e.what, where="platform.epoch_utc", expected=e.expected) from e
+    matter = (case.scene.atmosphere.model_dump_json(), camera, case.scene.render.band_error)
+    if matter not in matters:
+        optical_model(case.scene, case.camera)
+        matters.add(matter)
+
+
+def _placed(error: UserError, where: str) -> UserError:
+    inner = f"{where}: {error.where}" if error.where and error.where not in where else where
+    return UserError(error.what, where=inner, expected=error.expected, fix=error.fix)

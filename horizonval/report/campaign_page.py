@@ -1,0 +1,192 @@
+"""The page of a campaign: the figures that the suite asks for, rates with their intervals, and the worst frames.
+
+Made of the run's folder alone. Every mark of a frame links to that frame's card on the report's first page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import Any
+from urllib.parse import quote
+
+from horizonval.outcome import Outcome
+from horizonval.report import campaign_plots as draw
+from horizonval.report.campaign_plots import Row, Span, inline_svg
+from horizonval.report.load import Run
+from horizonval.report.plots import Draw
+from horizonval.report.verdict import FALSE_VALID, MISSED, verdict_of
+from horizonval.report.wording import count, interval, number, percent
+from horizonval.scoring.exclusion import exclusion_angle_deg, is_right
+from horizonval.scoring.summary import summarise
+
+PAGE = "campaign.html"
+WORST = 6
+
+Plain = dict[str, Any]
+
+
+def headline(run: Run) -> Plain:
+    """Return the page's name and the campaign in one sentence."""
+    rows = run.rows
+    false = sum(verdict_of(row) is FALSE_VALID for row in rows)
+    claims = sum(row["status"] == Outcome.VALID for row in rows)
+    return {"page": PAGE, "text": f"{count(len(run.figures), 'figure')}; {false} of {claims} claims are false."}
+
+
+def page_of(run: Run) -> Plain:
+    """Return everything the template shows."""
+    rows = run.rows
+    return {
+        "headline": headline(run)["text"],
+        "sections": [_section(run, plan, number) for number, plan in enumerate(run.figures)],
+        "tails": inline_svg(draw.error_distribution(rows, run.estimators), 6.2, 4.4, "tails"),
+        "bias": inline_svg(draw.bias_and_noise(rows, run.estimators), 7.4, 0.9 + 0.42 * len(run.estimators), "bias"),
+        "rates": [_rates(group) for group in summarise(rows)["groups"]],
+        "worst": _worst(rows),
+    }
+
+
+def link(row: Row) -> str:
+    """Return the address of a row's frame."""
+    return f"index.html#{quote(row['case'])}"
+
+
+def _section(run: Run, plan: Plain, index: int) -> Plain:
+    rows = [row for row in run.rows if row["case"] in plan["cases"]]
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row["camera"], row["band"]), []).append(row)
+    figures = []
+    for (camera, band), own in sorted(groups.items()):
+        names = [name for name in run.estimators if any(row["estimator"] == name for row in own)]
+        for k, (title, drawn, width, height) in enumerate(_drawings(plan, own, names)):
+            salt = f"figure-{index}-{camera}-{band}-{k}"
+            figures.append({"title": f"{camera}, {band}{title}", "svg": inline_svg(drawn, width, height, salt)})
+    return {"title": plan["title"], "kind": plan["kind"], "figures": figures, "n": len({row["case"] for row in rows})}
+
+
+def _drawings(plan: Plain, rows: Sequence[Row], names: Sequence[str]) -> list[tuple[str, Draw, float, float]]:
+    first = {case: values[0] for case, values in plan["cases"].items() if values}
+    match plan["kind"]:
+        case "timeline":
+            minutes = _minutes(rows)
+            height = 1.4 + 1.25 * len(names) + 0.2 * len(names)
+            return [("", draw.timeline(rows, names, minutes, _spans(rows, minutes), link), 10.0, height)]
+        case "map":
+            second = {case: values[1] for case, values in plan["cases"].items()}
+            labels = (_label(plan["x"]), _label(plan["y"]))
+            return [
+                (
+                    f", {name}",
+                    draw.heat_map([r for r in rows if r["estimator"] == name], first, second, labels),
+                    5.4,
+                    4.2,
+                )
+                for name in names
+            ]
+        case "sweep":
+            height = 4.2 + 0.22 * len(names)
+            return [("", draw.sweep(rows, names, first, _label(plan["x"]), link), 8.0, height)]
+        case _:
+            angles = {row["case"]: row["sun_boresight_deg"] for row in rows}
+            found = {
+                name: exclusion_angle_deg([angles[r["case"]] for r in own], [is_right(r) for r in own])
+                for name in names
+                if (own := [row for row in rows if row["estimator"] == name])
+            }
+            height = 4.6 + 0.22 * len(names)
+            return [("", draw.exclusion_curves(rows, names, angles, found, link), 8.0, height)]
+
+
+def _label(key: str) -> str:
+    """Return an axis' words: the last part of its key, the unit in brackets."""
+    word = key.rpartition(".")[2]
+    for ending, unit in UNITS.items():
+        if word.endswith(ending):
+            return f"{word.removesuffix(ending).replace('_', ' ')} [{unit}]"
+    return word.replace("_", " ")
+
+
+UNITS = {"_deg": "deg", "_km": "km", "_um": "µm", "_s": "s", "_c": "°C", "_k": "K", "_px": "px", "_e": "e", "_h": "h"}
+
+
+def _minutes(rows: Sequence[Row]) -> dict[str, float]:
+    times = {row["case"]: datetime.fromisoformat(row["epoch_utc"]) for row in rows if row["epoch_utc"]}
+    start = min(times.values())
+    return {case: (time - start).total_seconds() / 60.0 for case, time in times.items()}
+
+
+def _spans(rows: Sequence[Row], minutes: Mapping[str, float]) -> list[Span]:
+    """Return the stretches of eclipse, Sun in frame and terminator in view, from half-way to the next frame on."""
+    by_case = {row["case"]: row for row in rows}
+    order = sorted(by_case, key=lambda case: minutes[case])
+    times = [minutes[case] for case in order]
+    tests = {
+        "eclipse": lambda row: row["sun_visible_fraction"] == 0.0,
+        "Sun in the frame": lambda row: bool(row["sun_in_frame"]),
+        "terminator in view": lambda row: row["lit_fraction"] is not None and 0.0 < row["lit_fraction"] < 1.0,
+    }
+    spans = []
+    for label, test in tests.items():
+        start: float | None = None
+        for i, case in enumerate(order):
+            before = times[i] if i == 0 else (times[i - 1] + times[i]) / 2
+            if test(by_case[case]):
+                start = before if start is None else start
+            elif start is not None:
+                spans.append(Span(label, start, before))
+                start = None
+        if start is not None:
+            spans.append(Span(label, start, times[-1]))
+    return spans
+
+
+def _rates(group: Mapping[str, Any]) -> Plain:
+    available, false = group["availability"], group["false_valid"]
+    return {
+        "estimator": group["estimator"],
+        "camera": group["camera"],
+        "n": group["n"],
+        "available": percent(available["rate"]),
+        "available_of": f"{available['n']} of {available['of']}",
+        "available_interval": interval(available["interval"], as_percent=True),
+        "false": percent(false["rate"]),
+        "false_of": f"{false['n']} of {false['of']}",
+        "false_interval": interval(false["interval"], as_percent=True),
+        "median": number(_degrees(group["nadir_error_arcsec"]["median"])),
+        "p95": number(_degrees(group["nadir_error_arcsec"]["p95"])),
+        "max": number(_degrees(group["nadir_error_arcsec"]["max"])),
+    }
+
+
+def _degrees(arcsec: float | None) -> float | None:
+    return None if arcsec is None else arcsec / 3600.0
+
+
+def _worst(rows: Sequence[Row]) -> list[Plain]:
+    """Return the worst frames of each kind: false claims by their error, and usable frames that were refused."""
+    false = sorted(
+        (row for row in rows if verdict_of(row) is FALSE_VALID), key=lambda row: -(row["nadir_error_arcsec"] or 0.0)
+    )
+    missed = sorted((row for row in rows if verdict_of(row) is MISSED), key=lambda row: -(row["lit_fraction"] or 0.0))
+    return [
+        {
+            "kind": kind.label,
+            "glyph": kind.glyph,
+            "total": len(found),
+            "lines": [
+                {
+                    "case": row["case"],
+                    "estimator": row["estimator"],
+                    "link": link(row),
+                    "text": f"{number(_degrees(row['nadir_error_arcsec']))}° off"
+                    if kind is FALSE_VALID
+                    else f"{row['status'].replace('_', ' ')}: {row['reason'] or ''}",
+                }
+                for row in found[:WORST]
+            ],
+        }
+        for kind, found in ((FALSE_VALID, false), (MISSED, missed))
+        if found
+    ]

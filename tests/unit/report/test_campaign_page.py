@@ -1,0 +1,88 @@
+"""The page of a campaign: its figures, its links, its worst frames."""
+
+from __future__ import annotations
+
+import re
+
+from horizonval.report import campaign_page
+from horizonval.report.load import Run, View
+
+NAMES = ("shy", "bold")
+
+
+def _row(case: str, estimator: str, error: float | None, **more) -> dict:
+    row = {
+        "case": case,
+        "estimator": estimator,
+        "camera": "cam",
+        "band": "vis",
+        "expected": "valid",
+        "status": "dark" if error is None else "valid",
+        "reason": None,
+        "nadir_error_arcsec": error,
+        "sigma_nadir_arcsec": 20.0,
+        "nees_nadir": 2.0,
+        "altitude_error_km": None,
+        "roll_error_arcsec": error,
+        "pitch_error_arcsec": error,
+        "false_valid": error is not None and error > 1800.0,
+        "epoch_utc": f"2026-03-20T00:{int(case[1:]):02d}:00+00:00",
+        "sun_visible_fraction": 0.0 if 3 <= int(case[1:]) < 6 else 1.0,
+        "sun_in_frame": case == "c1",
+        "lit_fraction": 0.5 if case == "c2" else 1.0,
+        "sun_boresight_deg": 10.0 * int(case[1:]),
+    }
+    return row | more
+
+
+def _run(*plans: dict) -> Run:
+    views = []
+    for k in range(8):
+        case = f"c{k}"
+        rows = {
+            "shy": _row(case, "shy", None if 3 <= k < 6 else 30.0),
+            "bold": _row(case, "bold", 7200.0 if 3 <= k < 6 else 20.0),
+        }
+        views.append(View(case, "vis", rows, {}, None, "", False, ""))
+    return Run("s", "A suite", "1", NAMES, tuple(v.case for v in views), (), tuple(views), plans)
+
+
+def _plan(kind: str, axes: int) -> dict:
+    cases = {f"c{k}": [float(k % 4), float(k // 4)][:axes] for k in range(8)}
+    return {"kind": kind, "title": kind, "x": "attitude.yaw_deg", "y": "attitude.pitch_deg", "cases": cases}
+
+
+def test_every_mark_of_a_timeline_links_to_its_frame():
+    page = campaign_page.page_of(_run(_plan("timeline", 0)))
+    svg = page["sections"][0]["figures"][0]["svg"]
+    links = re.findall(r'xlink:href="(index.html#c\d)"', svg)
+    assert set(links) == {f"index.html#c{k}" for k in range(8)}
+
+
+def test_spans_reach_half_way_to_the_next_frame():
+    rows = _run(_plan("timeline", 0)).rows
+    minutes = {f"c{k}": float(k) for k in range(8)}
+    spans = {span.label: (span.start, span.end) for span in campaign_page._spans(rows, minutes)}
+    assert spans == {"eclipse": (2.5, 5.5), "Sun in the frame": (0.5, 1.5), "terminator in view": (1.5, 2.5)}
+
+
+def test_a_map_for_every_estimator_and_one_figure_for_curves():
+    run = _run(_plan("map", 2), _plan("sweep", 1), _plan("exclusion", 0))
+    sections = campaign_page.page_of(run)["sections"]
+    assert [len(section["figures"]) for section in sections] == [2, 1, 1]
+    ids = re.findall(r' id="(m[0-9a-f]+|p[0-9a-f]{6,})"', "".join(f["svg"] for s in sections for f in s["figures"]))
+    assert len(ids) == len(set(ids)), "marks of one figure must not show in another"
+    # bold errs at 30, 40 and 50 deg; shy refuses there
+    assert "exclusion angle 60°" in sections[2]["figures"][0]["svg"]
+
+
+def test_the_worst_frames_are_false_claims_first_and_by_their_error():
+    worst = campaign_page.page_of(_run(_plan("timeline", 0)))["worst"]
+    assert [kind["total"] for kind in worst] == [3, 3]
+    assert worst[0]["lines"][0]["text"] == "2.00° off"
+    assert all(line["link"].startswith("index.html#c") for kind in worst for line in kind["lines"])
+
+
+def test_the_same_run_gives_the_same_page():
+    pages = [campaign_page.page_of(_run(_plan("map", 2), _plan("timeline", 0))) for _ in range(2)]
+    assert pages[0] == pages[1]
