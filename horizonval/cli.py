@@ -86,25 +86,47 @@ def run(
     suite: Annotated[str, typer.Argument(help="A suite file, or the name of a shipped suite.")] = "quick",
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the run; made if need be.")] = ...,  # type: ignore[assignment]
     workers: Annotated[int | None, typer.Option(min=1, help="Processes; by default as many as processors.")] = None,
+    shard: Annotated[
+        str | None, typer.Option(metavar="I/N", help="Only every N-th frame from the I-th on; then run without it.")
+    ] = None,
+    merge: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="DIR", help="Take over the results of another folder's run; repeatable."),
+    ] = None,
+    dask: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler in place of own processes, or local:N.")
+    ] = None,
+    time_limit: Annotated[
+        float | None, typer.Option(min=0.1, metavar="S", help="Of one estimate; in place of the suite's time_limit_s.")
+    ] = None,
+    keep: Annotated[
+        str | None, typer.Option(metavar="WHAT", help="Frames in the archive: all, failures or none; see suite.keep.")
+    ] = None,
     as_json: Json = False,
 ) -> int:
     """Main job: render, observe, estimate, score, report; and the study of the infrared horizon a suite asks for.
 
-    The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if a frame failed.
+    The same command again, after whatever interrupted it, finishes what is missing. Shards (`--shard 2/8`) may share a
+    folder, at the same time or not; the command without --shard then makes what is missing and the report. Exit status
+    1 if a frame failed.
     """
+    from horizonval.campaign.plan import parse_shard
     from horizonval.campaign.progress import Terminal
-    from horizonval.campaign.run import run_suite
-    from horizonval.spec.load import load_suite
+    from horizonval.campaign.run import Where, run_suite
+    from horizonval.campaign.suite import load_suite, with_options
 
-    loaded = load_suite(suite)
+    where = Where(workers, None if shard is None else parse_shard(shard), dask, tuple(merge or ()))
+    loaded = with_options(load_suite(suite), time_limit, keep)
     try:
         with Terminal(f"suite {loaded.name}") as progress:
-            result = run_suite(loaded, out, workers, progress)
+            result = run_suite(loaded, out, progress=progress, where=where)
     except KeyboardInterrupt:
         print("horizonval: interrupted; finished frames are kept, the same command goes on from here", file=sys.stderr)
         raise SystemExit(130) from None
     if as_json:
         _print_json(result.summary)
+    elif result.report is None:
+        print(f"shard {shard} is done, {result.missing} results of others are missing; run without --shard to conclude")
     else:
         _print_summary(result.summary)
         if result.summary.get("stability"):
@@ -256,7 +278,10 @@ def sheet(
 
 @app.command()
 def estimate(
-    image: Annotated[Path, typer.Argument(help="EXR, PNG, TIFF or JPEG, 8 or 16 bit.")],
+    image: Annotated[
+        list[Path],
+        typer.Argument(help="EXR, PNG, TIFF or JPEG, 8 or 16 bit; for a method of several heads one EXR for each."),
+    ],
     estimator: Annotated[str, typer.Option(help="Its name; see `horizonval list estimators`.")],
     camera: Annotated[str | None, typer.Option(help="Camera file or shipped name; our own EXR carry theirs.")] = None,
     as_json: Json = False,
@@ -265,11 +290,16 @@ def estimate(
 
     A refusal (any status other than `valid`) is a result like any other: exit status 0.
     """
-    from horizonval.campaign.estimate import estimate_file
+    from horizonval.campaign.estimate import estimate_file, estimate_heads
     from horizonval.spec.load import load_camera
 
     spec = load_camera(camera) if camera is not None else None
-    report = estimate_file(image, estimator, spec, camera or "")
+    if len(image) == 1:
+        report = estimate_file(image[0], estimator, spec, camera or "")
+    elif spec is not None:
+        raise UserError("used with several images", where="--camera", expected="our own EXR, which carry theirs")
+    else:
+        report = estimate_heads(image, estimator)
     if as_json:
         _print_json(report)
         return
@@ -337,6 +367,41 @@ def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folde
     if not run_folder.is_dir():
         raise UserError("no such folder", where=str(run_folder), expected="the folder of a run")
     print(f"report: {build_report(run_folder)}")
+
+
+@app.command()
+def reproduce(
+    systems: Annotated[
+        list[str] | None, typer.Argument(metavar="[A|B|C|D|E|all]...", help="Published systems; all by default.")
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the pages; made if need be.")] = ...,  # type: ignore[assignment]
+    seed: Annotated[int, typer.Option(min=0, help="Of all noise in the experiments.")] = 0,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; by default as many as processors.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Published experiments done again: OUT/<X>.json and a page for each, published figures beside measured ones.
+
+    The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if a bar is missed.
+    """
+    from horizonval.campaign.progress import Terminal
+    from horizonval.reproduce.book import printed_rows
+    from horizonval.reproduce.run import reproduce_systems
+
+    done = {}
+    try:
+        with Terminal("reproduce", unit="items") as progress:
+            for content in reproduce_systems(systems or [], out, seed=seed, workers=workers, progress=progress):
+                done[content["system"]] = content
+                if not as_json:
+                    print("\n".join(printed_rows(content)), flush=True)
+    except KeyboardInterrupt:
+        print("horizonval: interrupted; the same command goes on from here", file=sys.stderr)
+        raise SystemExit(130) from None
+    if as_json:
+        _print_json(done)
+    else:
+        print(f"pages: {out / 'README.md'}")
+    return int(any(row["holds"] is False for content in done.values() for row in content["rows"]))
 
 
 @archive_app.command("ls")

@@ -137,21 +137,28 @@ def is_stock(camera: Camera) -> bool:
 
 def perspective(camera: Camera, place: Placement) -> dict[str, Any]:
     """Return the stock pinhole; distortion, unequal ``fy`` and equal-angle projection are left out."""
+    sensor = pinhole(camera, (place.camera_m - place.origin_m) * KM, place.itrs_from_cam, 1.0, 1e7)
+    return sensor | {"sampler": {"type": "independent", "sample_count": 64}}
+
+
+def pinhole(
+    camera: Camera, position: FloatArray, world_from_cam: FloatArray, near: float, far: float
+) -> dict[str, Any]:
+    """Return the stock pinhole anywhere, all lengths in the scene's unit; what it leaves out: see above."""
     to_world = np.eye(4)
     # Mitsuba's camera: x left, y up, z forward
-    to_world[:3, :3] = place.itrs_from_cam @ np.diag([-1.0, -1.0, 1.0])
-    to_world[:3, 3] = (place.camera_m - place.origin_m) * KM
+    to_world[:3, :3] = world_from_cam @ np.diag([-1.0, -1.0, 1.0])
+    to_world[:3, 3] = position
     return {
         "type": "perspective",
         "fov": math.degrees(2.0 * math.atan(0.5 * camera.width / camera.fx)),
         "fov_axis": "x",
         "principal_point_offset_x": 0.5 - (camera.cx + 0.5) / camera.width,
         "principal_point_offset_y": 0.5 - (camera.cy + 0.5) / camera.height,
-        "near_clip": 1.0,
-        "far_clip": 1e7,
+        "near_clip": near,
+        "far_clip": far,
         "to_world": mi.ScalarTransform4f(to_world.tolist()),
         "film": film(camera),
-        "sampler": {"type": "independent", "sample_count": 64},
     }
 
 

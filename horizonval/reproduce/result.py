@@ -1,0 +1,102 @@
+"""What the reproduction of a published system gives: rows of published against measured, tables, figures.
+
+Everything here is plain data (but for the figures' drawing functions), so that the JSON file, the readable page and
+the printed table all say the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MplFigure
+
+Cell = str | int | float | None
+
+
+@dataclass(frozen=True)
+class Row:
+    """One published figure beside ours.
+
+    Attributes
+    ----------
+    name : str
+        What the figure is, with its conditions: unique within the system.
+    published : float or str or None
+        As printed in the source; a text such as ``"< 1"``; None where the source's figure did not survive.
+    measured : float
+        Ours, from this run.
+    unit : str
+    why : str
+        One sentence: why the two differ, or what makes them agree.
+    limit : float or None
+        The largest ``|measured|`` (or, with ``against``, the largest departure) that still counts as reproduced.
+    against : float or None
+        What ``measured`` is compared with; None compares with zero.
+    at_least : bool
+        ``measured`` must reach ``limit`` instead of staying below it.
+    """
+
+    name: str
+    published: float | str | None
+    measured: float
+    unit: str
+    why: str
+    limit: float | None = None
+    against: float | None = None
+    at_least: bool = False
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether the limit is met; None without one."""
+        if self.limit is None:
+            return None
+        departure = self.measured - (self.against or 0.0)
+        return bool(departure >= self.limit if self.at_least else abs(departure) <= self.limit)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table for the page: as published where ``columns`` say so, with ours beside."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture for the page; ``name`` is its file's stem, ``draw`` makes it (a matplotlib figure, at its own size)."""
+
+    name: str
+    caption: str
+    draw: Callable[[], MplFigure]
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """One system's experiment, done again.
+
+    Attributes
+    ----------
+    system : str
+        The letter of the command: A to E.
+    title, source : str
+        What the system is, and who published it.
+    summary : str
+        A few sentences for people: what was done and what came of it; may hold Markdown, and figures of this run.
+    rows, tables, figures
+        See there.
+    """
+
+    system: str
+    title: str
+    source: str
+    summary: str
+    rows: tuple[Row, ...]
+    tables: tuple[Table, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    settings: dict[str, Any] = field(default_factory=dict)
