@@ -20,7 +20,7 @@ from horizonval.render.refraction import Turning, aim_at_sun
 from horizonval.render.source_store import multiple_scattering
 from horizonval.render.source_table import SourceTable
 from horizonval.render.straightened import Bending, StraightAir, SunAim, mean_radius
-from horizonval.render.tables import TAU_FLOOR, AltitudeGrid, SunTable
+from horizonval.render.tables import TAU_FLOOR, AltitudeGrid, SunTable, table_of
 
 SKY_POLAR_NODES = 24
 
@@ -214,7 +214,7 @@ def _interleave(columns: Sequence[NDArray[np.float64]], width: int) -> Any:
     table = np.zeros((len(columns[0]), width))
     for k, column in enumerate(columns):
         table[:, k] = column
-    return mi.Float64(np.ascontiguousarray(table).ravel())
+    return table_of(mi.Float64, table)
 
 
 def _fill_sun_table(
@@ -238,8 +238,7 @@ def _sun_depth(
 ) -> Any:
     """Return ``ln(tau + tau_0)`` from heights (n_height,) in directions of zenith cosine ``mu`` (n_height, n_mu)."""
     radius = mean_radius(planet)
-    height = mi.Float64(np.repeat(height_m, mu.shape[1]))
-    cosine = mi.Float64(np.ascontiguousarray(mu).ravel())
+    height, cosine = table_of(mi.Float64, np.repeat(height_m, mu.shape[1])), table_of(mi.Float64, mu)
     zero = mi.Float64(0.0)
     depth = Chunk("depth", width, grid, extinction, None, None, [], [], [])
     o = (zero, zero, height + radius)
@@ -260,9 +259,9 @@ def _downwelling(planet: Planet, top_m: float, chunk: Chunk, nodes: int, behind:
     mu, w = 0.5 * (x + 1.0), 0.5 * w
     radius = mean_radius(planet)
     zero = mi.Float64(0.0)
-    cosine = mi.Float64(mu)
+    cosine, sine = table_of(mi.Float64, mu), table_of(mi.Float64, np.sqrt(1.0 - mu**2))
     o = (zero, zero, mi.Float64(radius))
-    d = (mi.Float64(np.sqrt(1.0 - mu**2)), zero, cosine)
+    d = (sine, zero, cosine)
     sphere = Planet(radius, radius)
     sky, through = march(sphere, top_m, chunk, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), nodes, 0.15)
     for k, radiance in enumerate(behind):

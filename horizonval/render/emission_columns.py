@@ -18,7 +18,7 @@ import numpy as np
 from horizonval.earth.arrays import FloatArray
 from horizonval.earth.emission import EmittingBand
 from horizonval.render.straightened import StraightAir
-from horizonval.render.tables import AltitudeGrid, gather_chunk
+from horizonval.render.tables import AltitudeGrid, gather_chunk, table_of
 
 WIDTH = 4
 """g points per kernel launch; they share all geometry."""
@@ -77,7 +77,7 @@ class AirColumns:
             packed[:, :, 0, : part.stop - first] = np.moveaxis(self.extinction[part], 0, -1)
             packed[:, :, 1, : part.stop - first] = np.moveaxis(self.source[part], 0, -1)
             yield ColumnChunk(
-                mi.Float64(packed.ravel()),
+                table_of(mi.Float64, packed),
                 grid,
                 width,
                 part.stop - first,

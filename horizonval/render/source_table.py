@@ -25,7 +25,7 @@ from horizonval.render.harmonics import cosines, pairs, polar_parts
 from horizonval.render.multiple_scattering import SMALLEST, DiffuseField
 from horizonval.render.planet import Vec, dot
 from horizonval.render.sun_angles import sun_angle_position
-from horizonval.render.tables import interpolate
+from horizonval.render.tables import interpolate, table_of
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ class SourceTable:
                     moments[..., p, k] = field.moments[..., pairs(field.degree).index(pair)] / total
             irradiance[:, k] = np.log(np.maximum(field.irradiance, SMALLEST))
         return cls(
-            mi.Float32(moments.ravel()),
-            mi.Float32(irradiance.ravel()),
+            table_of(mi.Float32, moments),
+            table_of(mi.Float32, irradiance),
             used,
             n_height,
             n_sun,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.earth.arrays import FloatArray
-from horizonval.render.tables import gather_chunk
+from horizonval.render.tables import gather_chunk, table_of
 
 
 def cubic_weights(w: Any) -> list[Any]:
@@ -119,7 +119,7 @@ class RayTable:
         padded = azimuths.padded(with_ghosts(values))
         full = np.zeros((*padded.shape[:2], width))
         full[..., :quantities] = padded
-        return cls(mi.Float64(full.ravel()), rows, azimuths, quantities, width)
+        return cls(table_of(mi.Float64, full), rows, azimuths, quantities, width)
 
     def look(self, row: Any, azimuth: Any) -> list[Any]:
         """Return all quantities at places ``row`` [steps] and azimuths [rad]; what is below 0 counts as 0.
@@ -171,7 +171,7 @@ class StationTable:
         padded = with_ghosts(azimuths.padded(with_ghosts(values)), axis=2)
         following = np.concatenate([padded[:, :, 1:], padded[:, :, -1:]], axis=2)
         packed = np.concatenate([padded, following], axis=-1)
-        return cls(mi.Float64(np.ascontiguousarray(packed).ravel()), len(values), azimuths, values.shape[2])
+        return cls(table_of(mi.Float64, packed), len(values), azimuths, values.shape[2])
 
     def look(self, row: Any, azimuth: Any, along: Any) -> tuple[Any, Any]:
         """Return both quantities; ``along`` from 0 at the first station to 1 at the last."""

@@ -138,7 +138,7 @@ def straighten(model: OpticalModel, planet: Planet) -> StraightAir:
         at[-1] = z[-1]
     else:
         wanted = apparent(nodes)
-    wanted[0] = 0.0
+    wanted[0], wanted[-1] = 0.0, round(float(wanted[-1]), 6)
     shrink = 1.0 / slope(at)
 
     def column(values: FloatArray) -> FloatArray:
@@ -155,10 +155,11 @@ def straighten(model: OpticalModel, planet: Planet) -> StraightAir:
         )
         for node in model.nodes
     )
-    larger = float(excess(0.0)) * radius
+    # Whole micrometres: lengths are constants of the kernels, their last bits would make every frame compile its own.
+    larger = round(float(excess(0.0)) * radius, 6)
     # above the top the air goes on shining but no longer bends
     glow = np.minimum(model.glow_altitude_m, z[-1])
-    glow = np.where(glow > 0.0, apparent(glow), 0.0) + model.glow_altitude_m - glow
+    glow = np.round(np.where(glow > 0.0, apparent(glow), 0.0) + model.glow_altitude_m - glow, 6)
     return StraightAir(
         model=replace(
             model,

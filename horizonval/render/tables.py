@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 
 TAU_FLOOR = 1e-12
 
+_ALIGNMENT = 128
+
 
 def gather_chunk(table: Any, index: Any, width: int) -> list[Any]:
     """Return the ``width`` neighbouring entries of a flat table at row ``index``."""
@@ -31,6 +33,20 @@ def gather_chunk(table: Any, index: Any, width: int) -> list[Any]:
         packet = dr.gather(packet_type(type(table)), table, index)
         return [packet[k] for k in range(4)]
     return [dr.gather(type(table), table, index * width + k) for k in range(width)]
+
+
+def table_of(scalar: Any, values: NDArray[np.floating[Any]]) -> Any:
+    """Return values as a flat array of the type ``scalar`` (Float32 or Float64), fit for :func:`gather_chunk`.
+
+    Dr.Jit reads NumPy's memory in place, and gathers packets and loads vectors with one instruction only where they are
+    aligned. NumPy's arrays are by chance, and every combination of chances would be a kernel of its own to compile.
+    """
+    dtype = np.dtype(np.float32 if dr.type_v(scalar) == dr.VarType.Float32 else np.float64)
+    room = np.empty(values.size * dtype.itemsize + _ALIGNMENT, dtype=np.uint8)
+    first = -room.ctypes.data % _ALIGNMENT
+    aligned = room[first : first + values.size * dtype.itemsize].view(dtype)
+    aligned[:] = values.ravel()
+    return scalar(aligned)
 
 
 def packet_type(scalar: Any) -> Any:
