@@ -20,13 +20,13 @@ from horizonval.errors import UserError
 from horizonval.spec.base import Model
 from horizonval.spec.camera import ALL_HEADS, CameraSpec
 from horizonval.spec.expand import variants
-from horizonval.spec.explain import explain
+from horizonval.spec.explain import explain, show
 from horizonval.spec.files import Kind, find
 from horizonval.spec.merge import Plain, deep_merge
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.stability import StabilitySpec
-from horizonval.spec.suite import CasesSpec, FigureSpec, Keep, ProgramSpec, SuiteSpec
+from horizonval.spec.suite import FigureSpec, Keep, ProgramSpec, SuiteSpec
 from horizonval.suggest import nearest
 
 M = TypeVar("M", bound=Model)
@@ -204,10 +204,12 @@ def _scenes(
 ) -> Iterator[tuple[str, Plain, tuple[str, ...] | None]]:
     """Yield the place in the file that makes a scene, the scene as plain data over the defaults, its estimators."""
     for i, frame in enumerate(spec.frame, start=1):
-        yield f"frame[{i}] ({frame['scene']['name']})", deep_merge(seeded, frame), None
+        inside = f"frame[{i}] ({frame['scene']['name']})"
+        chosen = _chosen_estimators(frame.get("estimators"), spec.suite.estimators, f"{path}: {inside}.estimators")
+        yield inside, deep_merge(seeded, {key: frame[key] for key in frame if key != "estimators"}), chosen
     for i, table in enumerate(spec.cases, start=1):
         inside = f"cases[{i}] ({table.name})"
-        chosen = _chosen_estimators(table, spec.suite.estimators, f"{path}: {inside}.estimators")
+        chosen = _chosen_estimators(table.estimators, spec.suite.estimators, f"{path}: {inside}.estimators")
         for variant in variants(table, spec.suite.seed, f"{path}: {inside}", spec.suite.frames):
             whole = deep_merge(seeded, variant.scene)
             if variant.orbit is None:
@@ -223,16 +225,20 @@ def _scenes(
                 yield f"{inside}: {name}", deep_merge(deep_merge(whole, sample), {"scene": {"name": name}}), chosen
 
 
-def _chosen_estimators(table: CasesSpec, known: Sequence[str], where: str) -> tuple[str, ...] | None:
-    """Return the estimators of a table in the suite's order, ``None`` for all."""
-    if table.estimators is None:
+def _chosen_estimators(names: Any, known: Sequence[str], where: str) -> tuple[str, ...] | None:
+    """Return the estimators of a frame or table in the suite's order, ``None`` for all."""
+    if names is None:
         return None
-    for name in table.estimators:
+    if not isinstance(names, list) or not names:
+        raise UserError(f"found {show(names)}", where=where, expected=f"a list with some of {', '.join(known)}")
+    for name in names:
         if name not in known:
             raise UserError(
-                f"{name!r} is not among the suite's", where=where, expected=f"some of {', '.join(nearest(name, known))}"
+                f"{show(name)} is not among the suite's",
+                where=where,
+                expected=f"some of {', '.join(nearest(str(name), known))}",
             )
-    return tuple(name for name in known if name in table.estimators)
+    return tuple(name for name in known if name in names)
 
 
 class Shelf:

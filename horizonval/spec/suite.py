@@ -125,9 +125,9 @@ class SuiteSpec(Model):
     """One suite file.
 
     ``[defaults]`` is a partial scene; every ``[[frame]]`` is a partial scene laid over it, with a unique
-    ``scene.name``; every ``[[cases]]`` table makes many. ``[[estimator]]`` adds programs to the estimators that are
-    known by name. ``[[figure]]`` asks for figures on a page of their own, ``[stability]`` for a study of the infrared
-    horizon beside the frames.
+    ``scene.name`` and, if it wants, ``estimators`` of its own; every ``[[cases]]`` table makes many. ``[[estimator]]``
+    adds programs to the estimators that are known by name. ``[[figure]]`` asks for figures on a page of their own,
+    ``[stability]`` for a study of the infrared horizon beside the frames.
     """
 
     suite: SuiteHead

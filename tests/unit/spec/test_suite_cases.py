@@ -186,10 +186,16 @@ def test_a_table_names_the_methods_that_run_on_it(tmp_path):
     table = '[[cases]]\nname = "{}"\ngrid = {{ attitude.yaw_deg = [5.0] }}\n'
     text = table.format("all") + table.format("one") + 'estimators = ["altitude-free"]\n'
     text += table.format("both") + 'estimators = ["altitude-free", "ideal"]\n'
+    text += '[[frame]]\nscene.name = "f"\nestimators = ["altitude-free"]\n'
     (tmp_path / "s.toml").write_text(HEAD.replace('["ideal"]', '["ideal", "altitude-free"]') + text)
     cases = load_suite(tmp_path / "s.toml").cases
     # In the suite's order, so that the order in a table changes nothing.
-    assert [case.estimators for case in cases] == [None, ("altitude-free",), ("ideal", "altitude-free")]
+    assert [(case.name, case.estimators) for case in cases] == [
+        ("f", ("altitude-free",)),
+        ("all_yaw_deg_5", None),
+        ("one_yaw_deg_5", ("altitude-free",)),
+        ("both_yaw_deg_5", ("ideal", "altitude-free")),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -197,7 +203,11 @@ def test_a_table_names_the_methods_that_run_on_it(tmp_path):
     [
         (
             '[[cases]]\nname = "g"\nestimators = ["idael"]\ngrid = { attitude.yaw_deg = [5.0] }\n',
-            ["s.toml: cases[1] (g).estimators", "'idael'", "some of ideal"],
+            ["s.toml: cases[1] (g).estimators", '"idael"', "some of ideal"],
+        ),
+        (
+            '[[frame]]\nscene.name = "f"\nestimators = "ideal"\n',
+            ["s.toml: frame[1] (f).estimators", 'found "ideal"', "list"],
         ),
         (
             '[[cases]]\nname = "g"\nestimators = []\ngrid = { attitude.yaw_deg = [5.0] }\n',
