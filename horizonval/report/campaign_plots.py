@@ -15,9 +15,11 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
 from horizonval.report.plots import ESTIMATOR_COLOURS, ESTIMATOR_MARKERS, FLOOR_ARCSEC, Draw, house_style
@@ -27,11 +29,17 @@ from horizonval.scoring.exclusion import is_right
 
 FloatArray = NDArray[np.float64]
 Row = Mapping[str, Any]
-Link = Callable[[Row], str]
+Link = Callable[[Row], str | None]
 
 THIN_CELL = 3
 """A cell of a map with fewer frames than this is hatched: its number is no statistics."""
 LINE_STYLES = ("-", "--", ":", "-.")
+MOST_WORDY_CELLS = 60
+"""Maps of more cells have no numbers in them."""
+TAIL = 20
+"""So many of the largest errors of an estimator are marked in the figure of its tail."""
+LIMIT_DEG = math.degrees(limits.NADIR_ERROR_LIMIT_RAD)
+PAIR_COLOURS = {"roll": "#0072b2", "pitch": "#d55e00"}
 
 
 @dataclass(frozen=True)
@@ -128,7 +136,7 @@ def _error_panel(axes: Axes, x: Sequence[float], rows: Sequence[Row], index: int
     claimed = [k for k, row in enumerate(rows) if row["nadir_error_arcsec"] is not None]
     axes.set_yscale("log")
     axes.set_ylabel("error [deg]")
-    axes.axhline(math.degrees(limits.NADIR_ERROR_LIMIT_RAD), color="#b34700", lw=1.1, ls="--")
+    axes.axhline(LIMIT_DEG, color="#b34700", lw=1.1, ls="--")
     if not claimed:
         axes.text(0.5, 0.5, "no answer", transform=axes.transAxes, ha="center", va="center", color="#555555")
         axes.set_ylim(1e-3, 1.0)
@@ -175,50 +183,67 @@ def heat_map(
         axes = figure.subplots()
         xs = np.array(sorted({x_of[row["case"]] for row in rows}))
         ys = np.array(sorted({y_of[row["case"]] for row in rows}))
-        median, answers, frames = _cells(rows, x_of, y_of, xs, ys)
-        limit = math.degrees(limits.NADIR_ERROR_LIMIT_RAD)
+        median, answers, frames, false = _cells(rows, x_of, y_of, xs, ys)
         known = median[np.isfinite(median)]
         if known.size:
-            low = min(float(known.min()), limit / 10)
-            norm = LogNorm(low, max(float(known.max()), limit))
+            low = min(float(known.min()), LIMIT_DEG / 10)
+            norm = LogNorm(low, max(float(known.max()), LIMIT_DEG))
             mesh = axes.pcolormesh(_edges(xs), _edges(ys), np.ma.masked_invalid(median), cmap="viridis_r", norm=norm)
             bar = figure.colorbar(mesh, ax=axes)
             bar.set_label("median nadir error [deg]")
-            bar.ax.axhline(limit, color="#b34700", lw=1.5)
+            bar.ax.axhline(LIMIT_DEG, color="#b34700", lw=1.5)
         for i, j in np.argwhere(np.ones_like(median, dtype=bool)):
             if frames[i, j] == 0:
                 continue
-            if answers[i, j] == 0:
-                axes.text(xs[j], ys[i], "×", ha="center", va="center", color="#555555", fontsize=9)
-            elif frames[i, j] < THIN_CELL:
+            if frames[i, j] < THIN_CELL:
                 _hatch(axes, _edges(xs)[j : j + 2], _edges(ys)[i : i + 2])
+            if answers[i, j] == 0:
+                axes.text(xs[j], ys[i], "×", ha="center", va="center", color="#333333", fontsize=9)
+            elif median.size <= MOST_WORDY_CELLS:
+                _cell_text(axes, xs[j], ys[i], (median[i, j], answers[i, j], frames[i, j], false[i, j]))
         if min(median.shape) > 1 and np.isfinite(median).any():
-            beyond = np.where(np.isfinite(median), median, np.inf) > limit
+            beyond = np.where(np.isfinite(median), median, np.inf) > LIMIT_DEG
             _outline(axes, beyond, _edges(xs), _edges(ys))
         axes.set(xlabel=labels[0], ylabel=labels[1])
         axes.grid(visible=False)
         least = int(frames[frames > 0].min()) if frames.any() else 0
         thin = f"hatched: fewer than {THIN_CELL} frames; " if least < THIN_CELL else ""
-        axes.set_title(f"n = {int(frames.sum())}, {thin}× no answer", loc="left", fontsize=8.5)
+        axes.set_title(
+            f"n = {int(frames.sum())}, {thin}× no answer, 2/3 answered, ✖ false claims", loc="left", fontsize=8.5
+        )
 
     return draw
 
 
 def _cells(
     rows: Sequence[Row], x_of: Mapping[str, float], y_of: Mapping[str, float], xs: FloatArray, ys: FloatArray
-) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     found: dict[tuple[int, int], list[float]] = {}
     frames = np.zeros((len(ys), len(xs)), dtype=np.int64)
+    false = np.zeros_like(frames)
     for row in rows:
         at = int(np.searchsorted(ys, y_of[row["case"]])), int(np.searchsorted(xs, x_of[row["case"]]))
         frames[at] += 1
+        false[at] += bool(row["false_valid"])
         if row["nadir_error_arcsec"] is not None:
             found.setdefault(at, []).append(max(row["nadir_error_arcsec"], FLOOR_ARCSEC) / 3600.0)
     median = np.full(frames.shape, np.nan)
     answers = np.zeros_like(frames)
     for at, errors in found.items():
         median[at], answers[at] = float(np.median(errors)), len(errors)
-    return median, answers, frames
+    return median, answers, frames, false
+
+
+def _cell_text(axes: Axes, x: float, y: float, cell: tuple[float, int, int, int]) -> None:
+    """Write a cell's median error, how many were answered if not all were, and how many claims are false."""
+    median, answers, frames, false = cell
+    lines = [f"{median:.2g}"]
+    if answers < frames:
+        lines.append(f"{answers}/{frames}")
+    if false:
+        lines.append(f"✖{false}")
+    text = axes.text(x, y, "\n".join(lines), ha="center", va="center", color="#111111", fontsize=7.5, linespacing=1.0)
+    text.set_bbox({"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "boxstyle": "round,pad=0.15"})
 
 
 def _edges(values: FloatArray) -> FloatArray:
@@ -232,7 +257,7 @@ def _hatch(axes: Axes, x: FloatArray, y: FloatArray) -> None:
     from matplotlib.patches import Rectangle
 
     axes.add_patch(
-        Rectangle((x[0], y[0]), x[1] - x[0], y[1] - y[0], fill=False, hatch="///", edgecolor="#ffffff80", lw=0)
+        Rectangle((x[0], y[0]), x[1] - x[0], y[1] - y[0], fill=False, hatch="///", edgecolor="#00000066", lw=0)
     )
 
 
@@ -300,7 +325,7 @@ def _curves(
             marks = below.scatter(x[claimed], errors, **_mark(i))
             marks.set_urls([link(own[k]) for k in claimed])
         above.set(ylabel="right answers [%]", ylim=(-4, 104))
-        below.axhline(math.degrees(limits.NADIR_ERROR_LIMIT_RAD), color="#b34700", lw=1.1, ls="--")
+        below.axhline(LIMIT_DEG, color="#b34700", lw=1.1, ls="--")
         below.set(yscale="log", ylabel="nadir error [deg]", xlabel=label)
         # Names with an angle behind them are long: in two columns they would run out of the figure.
         columns = 2 if max((len(name) + len(words.get(name, "")) for name in estimators), default=0) < 32 else 1
@@ -309,64 +334,91 @@ def _curves(
     return draw
 
 
-def error_distribution(rows: Sequence[Row], estimators: Sequence[str]) -> Draw:
-    """Share of claims with a larger nadir error, both axes logarithmic: tails are what matters."""
+def error_distribution(rows: Sequence[Row], estimators: Sequence[str], link: Link) -> Draw:
+    """Share of claims with a larger nadir error, both axes logarithmic: tails are what matters.
+
+    The largest errors of every estimator, :data:`TAIL` of them, are marks that link to their frames.
+    """
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         for i, name in enumerate(estimators):
-            errors = sorted(
-                max(row["nadir_error_arcsec"], FLOOR_ARCSEC) / 3600
-                for row in rows
-                if row["estimator"] == name and row["nadir_error_arcsec"] is not None
+            own = sorted(
+                (row for row in rows if row["estimator"] == name and row["nadir_error_arcsec"] is not None),
+                key=lambda row: row["nadir_error_arcsec"],
             )
-            if errors:
-                share = 1.0 - np.arange(len(errors)) / len(errors)
-                axes.step(
-                    errors,
-                    100 * share,
-                    where="post",
-                    color=ESTIMATOR_COLOURS[i % len(ESTIMATOR_COLOURS)],
-                    ls=LINE_STYLES[i % len(LINE_STYLES)],
-                    label=f"{name} (n = {len(errors)})",
-                )
-        limit = math.degrees(limits.NADIR_ERROR_LIMIT_RAD)
-        axes.axvline(limit, color="#b34700", lw=1.1, ls="--", label=f"false claim beyond {limit:g}°")
-        axes.set(xscale="log", yscale="log", xlabel="nadir error [deg]", ylabel="claims with a larger error [%]")
-        axes.legend(loc="lower left", fontsize=8.5)
+            if not own:
+                continue
+            errors = np.array([max(row["nadir_error_arcsec"], FLOOR_ARCSEC) / 3600 for row in own])
+            share = 100 * (1.0 - np.arange(len(errors)) / len(errors))
+            look: dict[str, Any] = {
+                "color": ESTIMATOR_COLOURS[i % len(ESTIMATOR_COLOURS)],
+                "ls": LINE_STYLES[i % len(LINE_STYLES)],
+            }
+            axes.step(errors, share, where="post", **look)
+            marks = axes.scatter(errors[-TAIL:], share[-TAIL:], **_mark(i))
+            marks.set_urls([link(row) for row in own[-TAIL:]])
+            axes.plot([], [], marker=ESTIMATOR_MARKERS[i % len(ESTIMATOR_MARKERS)], ms=4.5, **look, label=_n(name, own))
+        axes.axvline(LIMIT_DEG, color="#b34700", lw=1.1, ls="--", label=f"false claim beyond {LIMIT_DEG:g}°")
+        axes.set(xscale="log", yscale="log", xlabel="nadir error [deg]", ylabel="claims with at least this error [%]")
+        _plain_ticks(axes.yaxis)
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2, fontsize=8.5)
 
     return draw
 
 
-def bias_and_noise(rows: Sequence[Row], estimators: Sequence[str]) -> Draw:
-    """Mean (bias) and standard deviation (noise) of roll and pitch errors side by side, with 95 % bars on the mean."""
+def bias_and_noise(groups: Sequence[Mapping[str, Any]]) -> Draw:
+    """Mean (bias) and standard deviation (noise) of roll and pitch errors side by side, with 95 % bars on the mean.
+
+    ``groups`` are those of :func:`horizonval.scoring.summary.summarise`: a line for every estimator and camera.
+    """
 
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2, sharey=True)
-        for i, name in enumerate(estimators):
-            for key, shift, marker in (("roll", -0.12, "o"), ("pitch", 0.12, "s")):
-                values = np.array(
-                    [
-                        row[f"{key}_error_arcsec"] / 3600
-                        for row in rows
-                        if row["estimator"] == name and row[f"{key}_error_arcsec"] is not None
-                    ]
-                )
-                if len(values) < 2:
+        means: list[float] = []
+        for i, group in enumerate(groups):
+            for key, shift, marker in (("roll", -0.14, "o"), ("pitch", 0.14, "s")):
+                found = group[f"{key}_error_arcsec"]
+                if found["n"] < 2:
                     continue
-                spread = float(values.std(ddof=1))
-                colour = ESTIMATOR_COLOURS[i % len(ESTIMATOR_COLOURS)]
-                half = 1.96 * spread / math.sqrt(len(values))
-                left.errorbar(values.mean(), i + shift, xerr=half, fmt=marker, ms=5, color=colour, capsize=3)
+                mean, spread = found["mean"] / 3600, found["std"] / 3600
+                colour = PAIR_COLOURS[key]
+                half = 1.96 * spread / math.sqrt(found["n"])
+                means.append(mean)
+                left.errorbar(mean, i + shift, xerr=half, fmt=marker, ms=5, color=colour, capsize=3)
                 right.plot(max(spread, FLOOR_ARCSEC / 3600), i + shift, marker, ms=5, color=colour)
         left.axvline(0.0, color="#333333", lw=0.8)
-        left.set(xlabel="bias [deg]", yticks=range(len(estimators)), yticklabels=list(estimators))
-        left.set_ylim(len(estimators) - 0.5, -0.5)
+        # One wild method must not squeeze the others into a line: linear to a tenth of a degree, then logarithmic.
+        left.set_xscale("symlog", linthresh=0.1)
+        left.set_xticks(_symlog_ticks(max((abs(mean) for mean in means), default=0.1)))
+        _plain_ticks(left.xaxis)
+        names = [f"{g['estimator']}, {g['camera']} (n = {g['roll_error_arcsec']['n']})" for g in groups]
+        left.set(xlabel="bias [deg]", yticks=range(len(groups)), yticklabels=names)
+        left.tick_params(axis="y", labelsize=8)
+        left.set_ylim(len(groups) - 0.5, -0.5)
         right.set(xlabel="standard deviation [deg]", xscale="log")
-        handles = [left.plot([], [], m, color="#333333", ls="", label=k)[0] for k, m in (("roll", "o"), ("pitch", "s"))]
-        figure.legend(handles=handles, loc="outside upper left", ncols=2, fontsize=8.5)
+        _plain_ticks(right.xaxis)
+        handles = [
+            left.plot([], [], m, color=PAIR_COLOURS[k], ls="", label=k)[0] for k, m in (("roll", "o"), ("pitch", "s"))
+        ]
+        figure.legend(handles=handles, loc="outside upper right", ncols=2, fontsize=8.5)
 
     return draw
+
+
+def _symlog_ticks(largest: float) -> list[float]:
+    beyond = [value for value in (1.0, 10.0, 100.0) if value <= 1.2 * largest]
+    return [*(-value for value in beyond[::-1]), -0.1, 0.0, 0.1, *beyond]
+
+
+def _n(name: str, rows: Sequence[Row]) -> str:
+    return f"{name} (n = {len(rows)})"
+
+
+def _plain_ticks(axis: Axis) -> None:
+    """Write 0.1 and 100, not powers of ten."""
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _mark(index: int) -> dict[str, Any]:
