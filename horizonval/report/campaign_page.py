@@ -43,6 +43,8 @@ def page_of(run: Run) -> Plain:
     """Return everything the template shows."""
     rows, link = run.rows, links_of(run)
     groups = summarise(rows)["groups"]
+    # One claim has no spread.
+    spread = [group for group in groups if group["roll_error_arcsec"]["n"] > 1]
     return {
         "headline": headline(run)["text"],
         "sections": [_section(run, plan, number, link) for number, plan in enumerate(run.figures)],
@@ -51,7 +53,7 @@ def page_of(run: Run) -> Plain:
         "rates": [_rates(group["estimator"], group["camera"], group, group["n"]) for group in groups],
         "errors": [_errors(group) for group in groups],
         "tails": inline_svg(draw.error_distribution(rows, run.estimators, link), 6.2, 4.8, "tails"),
-        "bias": inline_svg(draw.bias_and_noise(groups), 7.4, 1.1 + 0.36 * len(groups), "bias"),
+        "bias": inline_svg(draw.bias_and_noise(spread), 7.4, 1.1 + 0.42 * len(spread), "bias"),
         "worst": _worst(rows, link),
         "limit_deg": f"{math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}",
         "sigmas": f"{limits.SIGMA_LIMIT:g}",
@@ -93,7 +95,7 @@ def _drawings(
     match plan["kind"]:
         case "timeline":
             minutes = _minutes(rows)
-            height = 1.4 + 1.25 * len(names) + 0.2 * len(names)
+            height = draw.timeline_height_in(rows, names)
             return [("", draw.timeline(rows, names, minutes, _spans(rows, minutes), link), 10.0, height)]
         case "map":
             second = {case: values[1] for case, values in plan["cases"].items()}
@@ -181,7 +183,7 @@ def _rates(name: str, camera: str, found: Mapping[str, Any], n: int) -> Plain:
 
 def _share(found: Mapping[str, Any]) -> Plain:
     if not found["of"]:
-        return {"rate": "\N{EN DASH}", "of": "none", "interval": ""}
+        return {"rate": number(None), "of": "none", "interval": ""}
     return {
         "rate": percent(found["rate"]),
         "of": f"{found['n']} of {found['of']}",
@@ -209,13 +211,18 @@ def _errors(group: Mapping[str, Any]) -> Plain:
 
 
 def _bias(found: Mapping[str, Any]) -> Plain:
-    return {"mean": number(_degrees(found["mean"])), "std": number(_degrees(found["std"]))}
+    return {"mean": _signed(_degrees(found["mean"])), "std": number(_degrees(found["std"]))}
+
+
+def _signed(degrees: float | None) -> str:
+    """Return a bias to a thousandth of a degree; below that it is nothing to anyone."""
+    return number(None) if degrees is None else f"{degrees:+.3f}".replace("-", "\N{MINUS SIGN}")
 
 
 def _consistency(found: Mapping[str, Any]) -> Plain:
     """Return the words of a mean normalised error squared, per degree of freedom."""
     if not found["n"]:
-        return {"mean": "\N{EN DASH}", "n": 0, "interval": "", "glyph": ""}
+        return {"mean": number(None), "n": 0, "interval": "", "glyph": ""}
     dof = found["expected"]
     mean = found["mean"] / dof
     glyph = "" if 0.5 <= mean <= 2.0 else ("\N{UPWARDS ARROW}" if mean > 1.0 else "\N{DOWNWARDS ARROW}")

@@ -54,8 +54,13 @@ class Span:
 SPAN_LOOKS: dict[str, dict[str, Any]] = {
     "eclipse": {"color": "#555555", "alpha": 0.25},
     "Sun in the frame": {"color": "#e69f00", "alpha": 0.35},
-    "terminator in view": {"facecolor": "none", "edgecolor": "#0072b2", "hatch": "///", "alpha": 0.35, "lw": 0},
+    "terminator in view": {"facecolor": "none", "edgecolor": "#0072b2", "hatch": "////", "alpha": 0.75, "lw": 0},
 }
+LIMIT_LOOK: dict[str, Any] = {"color": "#b34700", "lw": 1.1, "ls": "--"}
+SIGMA_LOOK: dict[str, Any] = {"marker": "_", "s": 60, "color": "#333333", "lw": 1.3}
+STRIP_IN, PANEL_IN, EMPTY_IN = 0.2, 1.05, 0.25
+LEAST_SHOWN_DEG = 1e-3
+"""Smaller errors are drawn here in timelines: 4 arcsec, far below what any of these cameras can do."""
 OTHER_SPAN: dict[str, Any] = {"color": "#999999", "alpha": 0.2}
 
 
@@ -92,20 +97,23 @@ def timeline(
     """
 
     def draw(figure: Figure) -> None:
-        heights = [0.14 * len(estimators) + 0.1, *([1.0] * len(estimators))]
+        heights = [STRIP_IN, *(PANEL_IN if answered(rows, name) else EMPTY_IN for name in estimators)]
+        heights[0] *= len(estimators)
         strip, *panels = figure.subplots(1 + len(estimators), 1, sharex=True, gridspec_kw={"height_ratios": heights})
         for axes in (strip, *panels):
             _shade(axes, spans)
+        ends = _error_ends(rows)
         for i, name in enumerate(estimators):
             own = sorted((row for row in rows if row["estimator"] == name), key=lambda row: minutes[row["case"]])
             _strip_line(strip, [minutes[row["case"]] for row in own], own, i, link)
-            _error_panel(panels[i], [minutes[row["case"]] for row in own], own, i, link)
-            panels[i].set_title(name, loc="left", fontsize=9.5)
+            claims = [row for row in own if row["nadir_error_arcsec"] is not None]
+            _error_panel(panels[i], [minutes[row["case"]] for row in claims], claims, ends, i, link)
+            panels[i].set_title(f"{name}, {len(claims)} claims of {len(own)} frames", loc="left", fontsize=9.5)
         strip.set(yticks=range(len(estimators)), yticklabels=list(estimators))
         strip.set_ylim(len(estimators) - 0.4, -0.6)
         strip.grid(axis="y", visible=False)
         panels[-1].set_xlabel("time from the first frame [min]")
-        handles = _verdict_handles(strip, rows) + _span_handles(strip, spans)
+        handles = _verdict_handles(strip, rows) + _span_handles(strip, spans) + _error_handles(panels[0])
         figure.legend(handles=handles, loc="outside upper left", ncols=4, fontsize=8.5)
 
     return draw
@@ -132,22 +140,54 @@ def _fill(verdict: Verdict) -> dict[str, Any]:
     return {"facecolors": verdict.colour if solid else "none", "edgecolors": verdict.colour, "linewidths": 1.0}
 
 
-def _error_panel(axes: Axes, x: Sequence[float], rows: Sequence[Row], index: int, link: Link) -> None:
-    claimed = [k for k, row in enumerate(rows) if row["nadir_error_arcsec"] is not None]
-    axes.set_yscale("log")
-    axes.set_ylabel("error [deg]")
-    axes.axhline(LIMIT_DEG, color="#b34700", lw=1.1, ls="--")
-    if not claimed:
+def _error_panel(
+    axes: Axes, x: Sequence[float], claims: Sequence[Row], ends: tuple[float, float], index: int, link: Link
+) -> None:
+    if not claims:
         axes.text(0.5, 0.5, "no answer", transform=axes.transAxes, ha="center", va="center", color="#555555")
-        axes.set_ylim(1e-3, 1.0)
+        axes.set(yticks=[])
         return
-    at = np.array([x[k] for k in claimed])
-    error = np.array([max(rows[k]["nadir_error_arcsec"], FLOOR_ARCSEC) for k in claimed]) / 3600.0
-    sigma = np.array([max(3.0 * (rows[k]["sigma_nadir_arcsec"] or 0.0), FLOOR_ARCSEC) for k in claimed]) / 3600.0
-    marks = axes.scatter(at, error, **_mark(index), label=f"error (n = {len(at)})")
-    marks.set_urls([link(rows[k]) for k in claimed])
-    axes.scatter(at, sigma, marker="_", s=22, color="#333333", lw=1.0, label="3 sigma claimed")
-    axes.legend(loc="best", fontsize=8.5)
+    axes.set(yscale="log", ylim=ends, ylabel="error [deg]")
+    _plain_ticks(axes.yaxis)
+    axes.axhline(LIMIT_DEG, **LIMIT_LOOK)
+    sigma = [max(3.0 * _claimed_deg(row), ends[0]) for row in claims]
+    axes.scatter(x, sigma, **SIGMA_LOOK)
+    marks = axes.scatter(x, [_error_deg(row) for row in claims], **_mark(index))
+    marks.set_urls([link(row) for row in claims])
+
+
+def _error_ends(rows: Sequence[Row]) -> tuple[float, float]:
+    """Return the ends of the axis that all panels share, so that they can be compared."""
+    errors = [_error_deg(row) for row in rows if row["nadir_error_arcsec"] is not None]
+    return max(min([*errors, LIMIT_DEG]) / 2, LEAST_SHOWN_DEG), 2 * max([*errors, LIMIT_DEG])
+
+
+def _claimed_deg(row: Row) -> float:
+    """Return the claimed standard deviation of noise and model error together."""
+    return math.hypot(row["sigma_nadir_arcsec"] or 0.0, row.get("sigma_systematic_arcsec") or 0.0) / 3600.0
+
+
+def _error_deg(row: Row) -> float:
+    return float(max(row["nadir_error_arcsec"] / 3600.0, LEAST_SHOWN_DEG))
+
+
+def answered(rows: Sequence[Row], estimator: str) -> bool:
+    """Whether an estimator made any claim."""
+    return any(row["estimator"] == estimator and row["nadir_error_arcsec"] is not None for row in rows)
+
+
+def timeline_height_in(rows: Sequence[Row], estimators: Sequence[str]) -> float:
+    """Return a height at which a timeline is drawn well."""
+    panels = sum(PANEL_IN if answered(rows, name) else EMPTY_IN for name in estimators)
+    return 1.3 + STRIP_IN * len(estimators) + panels + 0.3 * len(estimators)
+
+
+def _error_handles(axes: Axes) -> list[Any]:
+    return [
+        axes.scatter([], [], **(_mark(0) | {"color": "#555555"}), label="error (mark of the method)"),
+        axes.scatter([], [], **SIGMA_LOOK, label="3 sigma claimed (noise and model error)"),
+        axes.plot([], [], **LIMIT_LOOK, label=f"false claim beyond {LIMIT_DEG:g}°")[0],
+    ]
 
 
 def _verdict_handles(axes: Axes, rows: Sequence[Row]) -> list[Any]:
@@ -327,6 +367,7 @@ def _curves(
         above.set(ylabel="right answers [%]", ylim=(-4, 104))
         below.axhline(LIMIT_DEG, color="#b34700", lw=1.1, ls="--")
         below.set(yscale="log", ylabel="nadir error [deg]", xlabel=label)
+        _plain_ticks(below.yaxis)
         # Names with an angle behind them are long: in two columns they would run out of the figure.
         columns = 2 if max((len(name) + len(words.get(name, "")) for name in estimators), default=0) < 32 else 1
         figure.legend(*above.get_legend_handles_labels(), loc="outside upper left", ncols=columns, fontsize=8.5)
@@ -361,6 +402,7 @@ def error_distribution(rows: Sequence[Row], estimators: Sequence[str], link: Lin
             axes.plot([], [], marker=ESTIMATOR_MARKERS[i % len(ESTIMATOR_MARKERS)], ms=4.5, **look, label=_n(name, own))
         axes.axvline(LIMIT_DEG, color="#b34700", lw=1.1, ls="--", label=f"false claim beyond {LIMIT_DEG:g}°")
         axes.set(xscale="log", yscale="log", xlabel="nadir error [deg]", ylabel="claims with at least this error [%]")
+        _plain_ticks(axes.xaxis)
         _plain_ticks(axes.yaxis)
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2, fontsize=8.5)
 
@@ -392,7 +434,7 @@ def bias_and_noise(groups: Sequence[Mapping[str, Any]]) -> Draw:
         left.set_xscale("symlog", linthresh=0.1)
         left.set_xticks(_symlog_ticks(max((abs(mean) for mean in means), default=0.1)))
         _plain_ticks(left.xaxis)
-        names = [f"{g['estimator']}, {g['camera']} (n = {g['roll_error_arcsec']['n']})" for g in groups]
+        names = [f"{g['estimator']}\n{g['camera']} (n = {g['roll_error_arcsec']['n']})" for g in groups]
         left.set(xlabel="bias [deg]", yticks=range(len(groups)), yticklabels=names)
         left.tick_params(axis="y", labelsize=8)
         left.set_ylim(len(groups) - 0.5, -0.5)
@@ -401,7 +443,7 @@ def bias_and_noise(groups: Sequence[Mapping[str, Any]]) -> Draw:
         handles = [
             left.plot([], [], m, color=PAIR_COLOURS[k], ls="", label=k)[0] for k, m in (("roll", "o"), ("pitch", "s"))
         ]
-        figure.legend(handles=handles, loc="outside upper right", ncols=2, fontsize=8.5)
+        figure.legend(handles=handles, loc="outside upper left", ncols=2, fontsize=8.5)
 
     return draw
 
