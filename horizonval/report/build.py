@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,9 @@ _FILES = {"style": "page.css", "code": "page.js"}
 
 
 def build_report(run_dir: Path) -> Path:
-    """Write ``run_dir/report/index.html`` and return its path; beside it the page of a study, if the run has one.
+    """Write ``run_dir/report/index.html`` and return its path; beside it the pages of a study and a campaign, if any.
+
+    The figures that a suite asks for are there as files, too.
 
     A run that is not finished, or whose archive is damaged, gets a report that says so.
 
@@ -85,9 +88,13 @@ def build_report(run_dir: Path) -> Path:
         texts[stability.PAGE] = template.render(run=run, **stability.page_of(result), **parts)
     if run.figures:
         template = environment.get_template("campaign.html")
-        texts[campaign_page.PAGE] = template.render(run=run, **campaign_page.page_of(run), **parts)
+        page = campaign_page.page_of(run)
+        texts[campaign_page.PAGE] = template.render(run=run, **page, **parts)
+        texts |= {figure["file"]: figure["svg"] for section in page["sections"] for figure in section["figures"]}
     pages = run_dir / "report"
-    pages.mkdir(exist_ok=True)
+    shutil.rmtree(pages / campaign_page.FIGURES, ignore_errors=True)
+    for place in {(pages / name).parent for name in texts}:
+        place.mkdir(parents=True, exist_ok=True)
     for name in (stability.PAGE, campaign_page.PAGE):
         (pages / name).unlink(missing_ok=True)
     for name, text in texts.items():

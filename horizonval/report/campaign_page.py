@@ -6,6 +6,7 @@ Made of the run's folder alone. Every mark of a frame links to that frame's card
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
@@ -25,6 +26,8 @@ from horizonval.scoring.rates import rates
 from horizonval.scoring.summary import summarise
 
 PAGE = "campaign.html"
+FIGURES = "figures"
+"""Folder beside the page with its figures as files."""
 WORST = 6
 GUARDED = "guarded-"
 
@@ -84,7 +87,14 @@ def _section(run: Run, plan: Plain, index: int, link: draw.Link) -> Plain:
         names = [name for name in run.estimators if any(row["estimator"] == name for row in own)]
         for k, (title, drawn, width, height) in enumerate(_drawings(plan, own, names, link)):
             salt = f"figure-{index}-{camera}-{band}-{k}"
-            figures.append({"title": f"{camera}, {band}{title}", "svg": inline_svg(drawn, width, height, salt)})
+            name = "-".join([str(index + 1), plan["kind"], camera, band, *filter(None, [title.removeprefix(", ")])])
+            figures.append(
+                {
+                    "title": f"{camera}, {band}{title}",
+                    "svg": inline_svg(drawn, width, height, salt),
+                    "file": f"{FIGURES}/{re.sub(r'[^A-Za-z0-9._-]+', '-', name)}.svg",
+                }
+            )
     return {"title": plan["title"], "kind": plan["kind"], "figures": figures, "n": len({row["case"] for row in rows})}
 
 

@@ -19,7 +19,7 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from horizonval.report.plots import ESTIMATOR_COLOURS, ESTIMATOR_MARKERS, FLOOR_ARCSEC, Draw, house_style
@@ -231,6 +231,8 @@ def heat_map(
             mesh = axes.pcolormesh(_edges(xs), _edges(ys), np.ma.masked_invalid(median), cmap="viridis_r", norm=norm)
             bar = figure.colorbar(mesh, ax=axes)
             bar.set_label("median nadir error [deg]")
+            bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            _plain_ticks(bar.ax.yaxis)
             bar.ax.axhline(LIMIT_DEG, color="#b34700", lw=1.5)
         for i, j in np.argwhere(np.ones_like(median, dtype=bool)):
             if frames[i, j] == 0:
@@ -247,10 +249,10 @@ def heat_map(
         axes.set(xlabel=labels[0], ylabel=labels[1])
         axes.grid(visible=False)
         least = int(frames[frames > 0].min()) if frames.any() else 0
-        thin = f"hatched: fewer than {THIN_CELL} frames; " if least < THIN_CELL else ""
-        axes.set_title(
-            f"n = {int(frames.sum())}, {thin}× no answer, 2/3 answered, ✖ false claims", loc="left", fontsize=8.5
-        )
+        words = ["× no answer", "2/3 answered" if median.size <= MOST_WORDY_CELLS else "", "✖ false claims"]
+        thin = f"\nhatched: fewer than {THIN_CELL} frames" if least < THIN_CELL else ""
+        head = ", ".join([f"n = {int(frames.sum())}", *filter(None, words)])
+        axes.set_title(head + thin, loc="left", fontsize=8.5)
 
     return draw
 
