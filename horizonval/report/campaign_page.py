@@ -120,8 +120,8 @@ def _drawings(
                 for name in names
             ]
         case "sweep":
-            height = 4.2 + 0.22 * len(names)
-            return [("", draw.sweep(rows, names, first, _label(plan["x"]), link), 8.0, height)]
+            height = draw.curves_height_in(names)
+            return [("", draw.sweep(rows, names, first, _label(plan["x"]), link), 9.0, height)]
         case _:
             angles = {row["case"]: row["sun_boresight_deg"] for row in rows}
             found = {
@@ -129,8 +129,8 @@ def _drawings(
                 for name in names
                 if (own := [row for row in rows if row["estimator"] == name])
             }
-            height = 4.6 + 0.22 * len(names)
-            return [("", draw.exclusion_curves(rows, names, angles, found, link), 8.0, height)]
+            height = draw.curves_height_in(names)
+            return [("", draw.exclusion_curves(rows, names, angles, found, link), 9.0, height)]
 
 
 def _label(key: str) -> str:

@@ -109,9 +109,7 @@ def timeline(
             claims = [row for row in own if row["nadir_error_arcsec"] is not None]
             _error_panel(panels[i], [minutes[row["case"]] for row in claims], claims, ends, i, link)
             panels[i].set_title(f"{name}, {len(claims)} claims of {len(own)} frames", loc="left", fontsize=9.5)
-        strip.set(yticks=range(len(estimators)), yticklabels=list(estimators))
-        strip.set_ylim(len(estimators) - 0.4, -0.6)
-        strip.grid(axis="y", visible=False)
+        _strip_names(strip, estimators)
         panels[-1].set_xlabel("time from the first frame [min]")
         handles = _verdict_handles(strip, rows) + _span_handles(strip, spans) + _error_handles(panels[0])
         figure.legend(handles=handles, loc="outside upper left", ncols=4, fontsize=8.5)
@@ -124,7 +122,7 @@ def _shade(axes: Axes, spans: Sequence[Span]) -> None:
         axes.axvspan(span.start, span.end, zorder=0, **{"lw": 0, **SPAN_LOOKS.get(span.label, OTHER_SPAN)})
 
 
-def _strip_line(axes: Axes, x: Sequence[float], rows: Sequence[Row], line: int, link: Link) -> None:
+def _strip_line(axes: Axes, x: Sequence[float] | FloatArray, rows: Sequence[Row], line: int, link: Link) -> None:
     by_verdict: dict[Verdict, list[int]] = {}
     for k, row in enumerate(rows):
         by_verdict.setdefault(verdict_of(row), []).append(k)
@@ -133,6 +131,17 @@ def _strip_line(axes: Axes, x: Sequence[float], rows: Sequence[Row], line: int, 
             [x[k] for k in which], [line] * len(which), marker=verdict.marker, s=24, zorder=3, **_fill(verdict)
         )
         marks.set_urls([link(rows[k]) for k in which])
+
+
+def _strip_names(axes: Axes, estimators: Sequence[str]) -> None:
+    axes.set(yticks=range(len(estimators)), yticklabels=list(estimators))
+    axes.set_ylim(len(estimators) - 0.4, -0.6)
+    axes.grid(axis="y", visible=False)
+
+
+def curves_height_in(estimators: Sequence[str]) -> float:
+    """Return a height at which curves over an axis are drawn well."""
+    return 5.2 + (0.25 + STRIP_IN) * len(estimators)
 
 
 def _fill(verdict: Verdict) -> dict[str, Any]:
@@ -312,7 +321,7 @@ def _outline(axes: Axes, beyond: NDArray[np.bool_], x: FloatArray, y: FloatArray
 
 
 def sweep(rows: Sequence[Row], estimators: Sequence[str], x_of: Mapping[str, float], label: str, link: Link) -> Draw:
-    """Share of frames answered rightly, and the errors, over one axis."""
+    """Outcome strip, share of frames answered rightly, and the errors, over one axis."""
     return _curves(rows, estimators, x_of, label, dict.fromkeys(estimators, ""), {}, link)
 
 
@@ -323,7 +332,7 @@ def exclusion_curves(
     exclusion_deg: Mapping[str, float | None],
     link: Link,
 ) -> Draw:
-    """Share of frames answered rightly, and the errors, over the Sun's distance from the boresight."""
+    """Outcome strip, share of frames answered rightly, and the errors, over the Sun's distance from the boresight."""
     words = {
         name: ", exclusion angle " + ("none found" if edge is None else f"{edge:.3g}°")
         for name, edge in exclusion_deg.items()
@@ -342,10 +351,12 @@ def _curves(
     link: Link,
 ) -> Draw:
     def draw(figure: Figure) -> None:
-        above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [1, 1.2]})
+        heights = [STRIP_IN * len(estimators), 1.4, 1.8]
+        strip, above, below = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": heights})
         for i, name in enumerate(estimators):
             own = sorted((row for row in rows if row["estimator"] == name), key=lambda row: x_of[row["case"]])
             x = np.array([x_of[row["case"]] for row in own])
+            _strip_line(strip, x, own, i, link)
             right = np.array([is_right(row) for row in own], dtype=float)
             at = np.unique(x)
             look = {
@@ -366,6 +377,7 @@ def _curves(
             errors = [max(own[k]["nadir_error_arcsec"], FLOOR_ARCSEC) / 3600 for k in claimed]
             marks = below.scatter(x[claimed], errors, **_mark(i))
             marks.set_urls([link(own[k]) for k in claimed])
+        _strip_names(strip, estimators)
         above.set(ylabel="right answers [%]", ylim=(-4, 104))
         below.axhline(LIMIT_DEG, color="#b34700", lw=1.1, ls="--")
         below.set(yscale="log", ylabel="nadir error [deg]", xlabel=label)
@@ -373,6 +385,7 @@ def _curves(
         # Names with an angle behind them are long: in two columns they would run out of the figure.
         columns = 2 if max((len(name) + len(words.get(name, "")) for name in estimators), default=0) < 32 else 1
         figure.legend(*above.get_legend_handles_labels(), loc="outside upper left", ncols=columns, fontsize=8.5)
+        figure.legend(handles=_verdict_handles(strip, rows), loc="outside lower left", ncols=3, fontsize=8.5)
 
     return draw
 
