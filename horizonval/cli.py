@@ -102,6 +102,10 @@ def run(
     keep: Annotated[
         str | None, typer.Option(metavar="WHAT", help="Frames in the archive: all, failures or none; see suite.keep.")
     ] = None,
+    frames: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="In place of suite.frames, of a suite that draws shares of it."),
+    ] = None,
     as_json: Json = False,
 ) -> int:
     """Main job: render, observe, estimate, score, report; and the study of the infrared horizon a suite asks for.
@@ -116,7 +120,7 @@ def run(
     from horizonval.campaign.suite import load_suite, with_options
 
     where = Where(workers, None if shard is None else parse_shard(shard), dask, tuple(merge or ()))
-    loaded = with_options(load_suite(suite), time_limit, keep)
+    loaded = with_options(load_suite(suite, frames), time_limit, keep)
     try:
         with Terminal(f"suite {loaded.name}") as progress:
             result = run_suite(loaded, out, progress=progress, where=where)

@@ -163,7 +163,8 @@ def _failed(unit: Unit, plan: Plan, errors: Mapping[str, str]) -> dict[str, Reco
     for name, error in errors.items():
         whole = unit.heads and name == unit.name
         case = unit.cases[0] if whole else cases[name]
-        records[name] = failed_record(name, identity, case, plan.together if whole else plan.alone, plan, error)
+        estimators = plan.together(case) if whole else plan.alone(case)
+        records[name] = failed_record(name, identity, case, estimators, plan, error)
     return records
 
 
@@ -175,7 +176,7 @@ def _take(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> _Taken
     for number, band in enumerate(case.camera.band):
         with watch.stage("observe"):
             taken.images[band.name] = image = observe(frame, case.camera, band=band.name)
-        for name in plan.alone:
+        for name in plan.alone(case):
             observation = observation_of(image, plan.estimator(name))
             _score(taken, case.name, case, band.name, number, name, observation, plan, watch)
     return taken
@@ -190,7 +191,7 @@ def _take_together(unit: Unit, taken: Mapping[str, _Taken], plan: Plan, watch: S
         images = {str(other.scene.camera.head): taken[other.name].images[band.name] for other in unit.cases}
         seen = [taken[other.name].expected_of(band.name, "heads") for other in unit.cases]
         scene.expected[band.name, "heads"] = expected_of_heads(seen)
-        for name in plan.together:
+        for name in plan.together(case):
             observation = observation_of_heads(images, plan.estimator(name))
             _score(scene, unit.name, case, band.name, number, name, observation, plan, watch)
     # The Sun troubles the head it is nearest to, which need not be the first.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from horizonval.campaign.plan import Plan
+from horizonval.campaign.plan import Plan, of_heads
 from horizonval.campaign.stability import check_stability
 from horizonval.errors import UserError
 from horizonval.geometry.camera import camera_from_spec, check_invertible
@@ -33,12 +33,7 @@ def check_suite(suite: Suite, plan: Plan) -> None:
             plan.estimator(name)
         except UserError as e:
             raise _placed(e, f"{suite.source}: suite.estimators") from e
-    if plan.together and not any(case.name != case.scene.scene.name for case in suite.cases):
-        raise UserError(
-            f"the estimator {plan.together[0]!r} needs the images of all heads",
-            where=f"{suite.source}: suite.estimators",
-            expected="a frame with a camera of several heads and without camera.head",
-        )
+    _check_heads(suite, plan)
     cameras: set[int] = set()
     matters: set[tuple[str, int, float]] = set()
     for case in suite.cases:
@@ -47,6 +42,33 @@ def check_suite(suite: Suite, plan: Plan) -> None:
         except UserError as e:
             raise _placed(e, f"{suite.source}: {case.name}") from e
     check_stability(suite)
+
+
+def _check_heads(suite: Suite, plan: Plan) -> None:
+    """Every estimator has a frame to run on, and those that see all heads are not asked for on a camera of one."""
+    run: set[str] = set()
+    for case in suite.cases:
+        together = plan.together(case)
+        if together and case.estimators is not None and not of_heads(case):
+            raise _without_heads(together[0], f"{suite.source}: {case.name}: estimators")
+        run.update(plan.alone(case), together if of_heads(case) else ())
+    for name in plan.estimators:
+        if name in run:
+            continue
+        where = f"{suite.source}: suite.estimators"
+        if plan.estimator(name).needs == "heads":
+            raise _without_heads(name, where)
+        raise UserError(
+            f"no frame runs {name!r}", where=where, fix="name it in a [[cases]] table's estimators, or take it away"
+        )
+
+
+def _without_heads(name: str, where: str) -> UserError:
+    return UserError(
+        f"the estimator {name!r} needs the images of all heads",
+        where=where,
+        expected="a frame with a camera of several heads and without camera.head",
+    )
 
 
 def _check_case(case: Case, cameras: set[int], matters: set[tuple[str, int, float]]) -> None:

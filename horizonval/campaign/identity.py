@@ -40,15 +40,18 @@ def case_identity(case: Case, estimators: tuple[str, ...]) -> str:
 
 
 def unit_identity(unit: Unit, plan: Plan) -> str:
-    """Return the digest of what the results of a unit depend on: all its cases, the estimators, what is kept."""
-    return _digest(*(_scene_content(case) for case in unit.cases), plan.content, code_version())
+    """Return the digest of what the results of a unit depend on: all its cases, their estimators, what is kept."""
+    content = plan.content(plan.of(unit.cases[0]))
+    return _digest(*(_scene_content(case) for case in unit.cases), content, code_version())
 
 
 def suite_identity(suite: Suite) -> str:
     """Return the digest of a suite's frames, estimators and study, whatever code runs them."""
     more = [] if suite.stability is None else [suite.stability.model_dump_json()]
     if suite.programs or suite.keep != "all":
-        more.append(plan_of(suite).content)
+        more.append(plan_of(suite).content())
+    if any(case.estimators is not None for case in suite.cases):
+        more.append(json.dumps([case.estimators for case in suite.cases]))
     return _digest(suite.name, json.dumps(suite.estimators), *(_scene_content(case) for case in suite.cases), *more)
 
 

@@ -52,23 +52,30 @@ class Plan:
                 return external(spec, self.limits.folder, self.limits.time_s)
         return registry.get(name)
 
-    @property
-    def alone(self) -> tuple[str, ...]:
-        """Estimators that see one image."""
-        return tuple(name for name in self.estimators if self.estimator(name).needs != "heads")
+    def of(self, case: Case) -> tuple[str, ...]:
+        """Return the estimators of a case, in the suite's order."""
+        return self.estimators if case.estimators is None else case.estimators
 
-    @property
-    def together(self) -> tuple[str, ...]:
-        """Estimators that see the images of all heads at once."""
-        return tuple(name for name in self.estimators if self.estimator(name).needs == "heads")
+    def alone(self, case: Case) -> tuple[str, ...]:
+        """Return the estimators of a case that see one image."""
+        return tuple(name for name in self.of(case) if self.estimator(name).needs != "heads")
 
-    @property
-    def content(self) -> str:
-        """What of the plan results depend on: not the limits, which only cut off what would not end."""
+    def together(self, case: Case) -> tuple[str, ...]:
+        """Return the estimators of a case that see the images of all heads at once."""
+        return tuple(name for name in self.of(case) if self.estimator(name).needs == "heads")
+
+    def content(self, estimators: Sequence[str] | None = None) -> str:
+        """Return what of the plan results depend on: not the limits, which only cut off what would not end.
+
+        ``estimators`` are those that run, all by default.
+        """
+        names = self.estimators if estimators is None else estimators
         programs = [
-            [spec.model_dump(mode="json"), _digests(spec.command, self.limits.folder)] for spec in self.limits.programs
+            [spec.model_dump(mode="json"), _digests(spec.command, self.limits.folder)]
+            for spec in self.limits.programs
+            if spec.name in names
         ]
-        return json.dumps([self.estimators, self.keep, programs])
+        return json.dumps([names, self.keep, programs])
 
 
 def plan_of(suite: Suite) -> Plan:
@@ -106,18 +113,19 @@ class Unit:
 
 def units_of(cases: Iterable[Case], plan: Plan) -> list[Unit]:
     """Return the units of cases, in their order."""
-    if not plan.together:
-        return [Unit(case.name, (case,)) for case in cases]
     units: list[Unit] = []
-    for (name, of_all_heads), group in itertools.groupby(
-        cases, lambda case: (case.scene.scene.name, case.name != case.scene.scene.name)
-    ):
+    for (name, of_all_heads), group in itertools.groupby(cases, lambda case: (case.scene.scene.name, of_heads(case))):
         members = tuple(group)
-        if of_all_heads:
+        if of_all_heads and plan.together(members[0]):
             units.append(Unit(name, members, heads=True))
         else:
             units += [Unit(case.name, (case,)) for case in members]
     return units
+
+
+def of_heads(case: Case) -> bool:
+    """Whether a case is that of one head of a scene that has all of them."""
+    return case.name != case.scene.scene.name
 
 
 def shard_of(units: Sequence[Unit], shard: tuple[int, int] | None) -> list[Unit]:

@@ -19,15 +19,17 @@ from horizonval.spec.scene import Earth
 from horizonval.spec.suite import Keep
 
 
-def load_suite(path_or_name: str | Path) -> Suite:
+def load_suite(path_or_name: str | Path, frames: int | None = None) -> Suite:
     """Read a suite file as :func:`horizonval.spec.load.load_suite` does; ``[cases.orbit]`` becomes scenes.
+
+    ``frames`` stands in place of ``suite.frames``.
 
     Raises
     ------
     UserError
         Naming the file, the key, and what was expected.
     """
-    return load.load_suite(path_or_name, fly=_fly)
+    return load.load_suite(path_or_name, fly=_fly, frames=frames)
 
 
 def with_options(suite: Suite, time_limit_s: float | None, keep: str | None) -> Suite:

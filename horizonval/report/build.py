@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,17 @@ import jinja2
 
 from horizonval.frame import FrameTruth
 from horizonval.outcome import Outcome
-from horizonval.report import campaign_page, infrared_section, overlay, picture, plots, rerun, stability, wording
+from horizonval.report import (
+    campaign_page,
+    confusion_section,
+    infrared_section,
+    overlay,
+    picture,
+    plots,
+    rerun,
+    stability,
+    wording,
+)
 from horizonval.report.accuracy import accuracy_of
 from horizonval.report.load import Run, View, load_run
 from horizonval.report.verdict import VERDICTS, verdict_of
@@ -34,7 +45,9 @@ _FILES = {"style": "page.css", "code": "page.js"}
 
 
 def build_report(run_dir: Path) -> Path:
-    """Write ``run_dir/report/index.html`` and return its path; beside it the page of a study, if the run has one.
+    """Write ``run_dir/report/index.html`` and return its path; beside it the pages of a study and a campaign, if any.
+
+    The figures that a suite asks for are there as files, too.
 
     A run that is not finished, or whose archive is damaged, gets a report that says so.
 
@@ -75,9 +88,13 @@ def build_report(run_dir: Path) -> Path:
         texts[stability.PAGE] = template.render(run=run, **stability.page_of(result), **parts)
     if run.figures:
         template = environment.get_template("campaign.html")
-        texts[campaign_page.PAGE] = template.render(run=run, **campaign_page.page_of(run), **parts)
+        page = campaign_page.page_of(run)
+        texts[campaign_page.PAGE] = template.render(run=run, **page, **parts)
+        texts |= {figure["file"]: figure["svg"] for section in page["sections"] for figure in section["figures"]}
     pages = run_dir / "report"
-    pages.mkdir(exist_ok=True)
+    shutil.rmtree(pages / campaign_page.FIGURES, ignore_errors=True)
+    for place in {(pages / name).parent for name in texts}:
+        place.mkdir(parents=True, exist_ok=True)
     for name in (stability.PAGE, campaign_page.PAGE):
         (pages / name).unlink(missing_ok=True)
     for name, text in texts.items():
@@ -108,7 +125,7 @@ def page_of(run: Run) -> dict[str, Any]:
         "headline": _headline(summary, run, broken),
         "broken": broken,
         "cameras": cameras,
-        "confusions": [_confusion(run.rows, name) for name in run.estimators],
+        "confusions": confusion_section.matrices_of(run.rows, run.estimators),
         "figures": _figures(run),
         "tiles": tiles,
         "reduced": reduced,
@@ -166,34 +183,10 @@ def _figures(run: Run) -> list[dict[str, str]]:
     ]
 
 
-def _confusion(rows: Sequence[Mapping[str, Any]], estimator: str) -> dict[str, Any]:
-    """Expected (lines) against reported (columns) outcomes of one estimator, all cameras together."""
-    own = [row for row in rows if row["estimator"] == estimator]
-    order = [str(outcome) for outcome in Outcome]
-    used = {row["expected"] for row in own} | {row["status"] for row in own}
-    names = [name for name in order if name in used]
-    counts = {
-        (expected, reported): sum(row["expected"] == expected and row["status"] == reported for row in own)
-        for expected in names
-        for reported in names
-    }
-    expected_names = [name for name in names if any(counts[name, other] for other in names)]
-    reported_names = [name for name in names if any(counts[other, name] for other in names)]
-    lines = []
-    for expected in expected_names:
-        total = sum(counts[expected, reported] for reported in reported_names)
-        cells = [
-            {"n": counts[expected, reported], "same": expected == reported, "share": counts[expected, reported] / total}
-            for reported in reported_names
-        ]
-        lines.append({"expected": expected, "meaning": wording.meaning(expected), "cells": cells, "total": total})
-    return {"estimator": estimator, "n": len(own), "reported": reported_names, "lines": lines}
-
-
 def _tile(view: View, estimators: Sequence[str], index: int, reduced: bool) -> dict[str, Any]:
     image = view.image
     # A frame without any row says so once.
-    rows = [_tile_row(view, name) for name in estimators] if view.rows else []
+    rows = [_tile_row(view, name) for name in estimators if name in view.rows]
     some = next(iter(view.rows.values()), None)
     expected = expected_outcome(image.truth, view.band) if image is not None else None
     camera = some["camera"] if some else (image.truth.camera["camera"].get("name") or "" if image else "")
@@ -235,46 +228,43 @@ def _tile(view: View, estimators: Sequence[str], index: int, reduced: bool) -> d
 
 
 def _tile_row(view: View, estimator: str) -> dict[str, Any]:
-    row = view.rows.get(estimator)
+    row = view.rows[estimator]
     verdict = verdict_of(row, broken=view.broken)
-    values: list[tuple[str, str]] = []
-    text = "was not run on this frame"
-    if row is not None:
-        number = wording.number
-        expected = wording.meaning(row["expected"])
-        if row["status"] == Outcome.VALID:
-            text = f"{number(row['nadir_error_arcsec'])} arcsec off"
-            if row["sigma_nadir_arcsec"]:
-                text += f", claims {number(row['sigma_nadir_arcsec'])} arcsec (1 sigma)"
-            if row["expected"] != Outcome.VALID:
-                text += f"; expected to refuse: {expected}"
-        else:
-            text = f"refused, {wording.outcome(row['status'])}"
-            if row["status"] != row["expected"] and not view.broken:
-                usable = row["expected"] == Outcome.VALID
-                text += f"; expected {'an attitude' if usable else wording.outcome(row['expected'])}"
-            if row["reason"] and not view.broken:
-                text += f". Its reason: {row['reason']}"
-        values = [
-            ("reported", wording.outcome(row["status"])),
-            ("expected", f"{wording.outcome(row['expected'])} ({expected})"),
-            ("reason given", row["reason"] or ""),
-            ("nadir error", f"{number(row['nadir_error_arcsec'])} arcsec"),
-            ("claimed (1 sigma)", f"{number(row['sigma_nadir_arcsec'])} arcsec"),
-            ("normalised error squared", f"{number(row['nees_nadir'])} (2 expected)"),
-            ("roll error", f"{number(row['roll_error_arcsec'])} arcsec"),
-            ("pitch error", f"{number(row['pitch_error_arcsec'])} arcsec"),
-            ("altitude error", f"{number(row['altitude_error_km'])} km"),
-            ("angular radius error", f"{number(row['angular_radius_error_arcsec'])} arcsec"),
-            ("limb points", str(row["n_points"] if row["n_points"] is not None else 0)),
-        ]
-        values = [(key, value) for key, value in values if value and not value.startswith("–")]
+    number = wording.number
+    expected = wording.meaning(row["expected"])
+    if row["status"] == Outcome.VALID:
+        text = f"{number(row['nadir_error_arcsec'])} arcsec off"
+        if row["sigma_nadir_arcsec"]:
+            text += f", claims {number(row['sigma_nadir_arcsec'])} arcsec (1 sigma)"
+        if row["expected"] != Outcome.VALID:
+            text += f"; expected to refuse: {expected}"
+    else:
+        text = f"refused, {wording.outcome(row['status'])}"
+        if row["status"] != row["expected"] and not view.broken:
+            usable = row["expected"] == Outcome.VALID
+            text += f"; expected {'an attitude' if usable else wording.outcome(row['expected'])}"
+        if row["reason"] and not view.broken:
+            text += f". Its reason: {row['reason']}"
+    values = [
+        ("reported", wording.outcome(row["status"])),
+        ("expected", f"{wording.outcome(row['expected'])} ({expected})"),
+        ("reason given", row["reason"] or ""),
+        ("nadir error", f"{number(row['nadir_error_arcsec'])} arcsec"),
+        ("claimed (1 sigma)", f"{number(row['sigma_nadir_arcsec'])} arcsec"),
+        ("normalised error squared", f"{number(row['nees_nadir'])} (2 expected)"),
+        ("roll error", f"{number(row['roll_error_arcsec'])} arcsec"),
+        ("pitch error", f"{number(row['pitch_error_arcsec'])} arcsec"),
+        ("altitude error", f"{number(row['altitude_error_km'])} km"),
+        ("angular radius error", f"{number(row['angular_radius_error_arcsec'])} arcsec"),
+        ("limb points", str(row["n_points"] if row["n_points"] is not None else 0)),
+    ]
+    values = [(key, value) for key, value in values if value and not value.startswith("–")]
     return {
         "estimator": estimator,
         "verdict": verdict,
         "text": text,
         "values": values,
-        "error": row["nadir_error_arcsec"] if row is not None else None,
+        "error": row["nadir_error_arcsec"],
     }
 
 

@@ -66,7 +66,8 @@ def tiles_of(sources: Sequence[Path]) -> list[Tile]:
                 expected=f"at most {MOST_CASES} on one sheet",
                 fix="name the images, see `horizonval archive ls`",
             )
-        views = [view for view in run.views if view.image is not None]
+        # All heads of a scene together show the first one's image, which has a tile of its own.
+        views = [view for view in run.views if view.image is not None and not view.head_paths]
         for case, group in itertools.groupby(views, lambda view: view.case):
             tiles += _tiles_of_case(case, {view.band: view.image for view in group if view.image is not None})
     if not tiles:

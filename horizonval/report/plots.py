@@ -16,7 +16,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from horizonval.report.load import View
-from horizonval.report.verdict import BROKEN, MISSED, NONE, OTHER, REFUSED, verdict_of
+from horizonval.report.verdict import BROKEN, FAIR, MISSED, NONE, OTHER, REFUSED, verdict_of
 from horizonval.report.wording import count
 from horizonval.scoring import limits
 
@@ -84,7 +84,7 @@ def error_by_frame(views: Sequence[View], estimators: Sequence[str]) -> Draw:
                     y.append(max(row["nadir_error_arcsec"], FLOOR_ARCSEC))
                 elif verdict is not NONE:
                     used.add(verdict)
-                    hollow = "none" if verdict in (REFUSED, OTHER) else verdict.colour
+                    hollow = "none" if verdict in (REFUSED, OTHER, FAIR) else verdict.colour
                     strip.scatter(
                         j, i, marker=verdict.marker, s=26, facecolors=hollow, edgecolors=verdict.colour, lw=1.1
                     )
@@ -93,8 +93,8 @@ def error_by_frame(views: Sequence[View], estimators: Sequence[str]) -> Draw:
         strip.set_ylim(len(estimators) - 0.4, -0.6)
         strip.tick_params(bottom=False, labelbottom=False)
         strip.grid(axis="y", visible=False)
-        for verdict in (v for v in (MISSED, OTHER, REFUSED, BROKEN) if v in used):
-            hollow = "none" if verdict in (REFUSED, OTHER) else verdict.colour
+        for verdict in (v for v in (MISSED, OTHER, FAIR, REFUSED, BROKEN) if v in used):
+            hollow = "none" if verdict in (REFUSED, OTHER, FAIR) else verdict.colour
             strip.scatter(
                 [], [], marker=verdict.marker, s=26, facecolors=hollow, edgecolors=verdict.colour, label=verdict.label
             )

@@ -27,18 +27,22 @@ class Verdict:
 FALSE_VALID = Verdict("false", "✖", "false claim", "#b34700", "X")
 MISSED = Verdict("missed", "▼", "refused, though the limb is usable", "#8a6100", "v")
 OTHER = Verdict("other", "◇", "refused, for another reason than expected", "#555555", "D")
+FAIR = Verdict("fair", "▽", "refused, on a borderline frame", "#555555", "v")
 REFUSED = Verdict("refused", "○", "refused, as expected", "#555555", "o")
 BONUS = Verdict("bonus", "◐", "valid, though a refusal was expected", "#0072b2", "s")
 VALID = Verdict("valid", "●", "valid", "#0072b2", "o")
 BROKEN = Verdict("broken", "!", "the frame failed", "#b34700", "P")
 NONE = Verdict("none", "–", "no result", "#555555", "_")
 
-VERDICTS = (FALSE_VALID, MISSED, OTHER, REFUSED, BONUS, VALID, BROKEN, NONE)
+VERDICTS = (FALSE_VALID, MISSED, OTHER, FAIR, REFUSED, BONUS, VALID, BROKEN, NONE)
 """Worst first."""
 
 
 def verdict_of(row: Mapping[str, Any] | None, *, broken: bool = False) -> Verdict:
-    """Return the verdict on one row; ``broken``: the frame itself failed, so the row is not the estimator's doing."""
+    """Return the verdict on one row; ``broken``: the frame itself failed, so the row is not the estimator's doing.
+
+    On a borderline frame a refusal is as fair as a claim that is not false.
+    """
     if broken:
         return BROKEN
     if row is None:
@@ -46,8 +50,11 @@ def verdict_of(row: Mapping[str, Any] | None, *, broken: bool = False) -> Verdic
     expected, status = row["expected"], row["status"]
     if row["false_valid"]:
         return FALSE_VALID
+    fair = bool(row.get("borderline"))
     if status == Outcome.VALID:
-        return VALID if expected == Outcome.VALID else BONUS
+        return VALID if fair or expected == Outcome.VALID else BONUS
+    if fair:
+        return FAIR
     if expected == Outcome.VALID:
         return MISSED
     return REFUSED if status == expected else OTHER

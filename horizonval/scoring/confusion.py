@@ -1,17 +1,38 @@
-"""Expected against reported outcomes: who says no, and for the right reason?"""
+"""Expected against reported outcomes: who says no, and for the right reason?
+
+Counted strictly, a claim that is false is no valid answer, whatever was expected, and is told apart by what makes it
+false; frames that may fairly go either way have a line of their own.
+"""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from horizonval.outcome import Outcome
+from horizonval.scoring.limits import NADIR_ERROR_LIMIT_RAD
 
+LIMIT_ARCSEC = math.degrees(NADIR_ERROR_LIMIT_RAD) * 3600.0
 BORDERLINE = "borderline"
 """Line of a matrix for frames that may fairly go either way."""
-FALSE_VALID = "false_valid"
-"""Column of a matrix for claims that are false; the column ``valid`` holds the others."""
+BEYOND_LIMIT = "false_beyond_limit"
+BEYOND_SIGMA = "false_beyond_sigma"
+"""Columns of a matrix for claims that are false; the column ``valid`` holds the others."""
+
+
+def why_false(row: Mapping[str, Any]) -> str | None:
+    """Return what makes a claim false: its error, else an error beyond its own sigma; ``None`` where it is not.
+
+    A claim whose error is no number is beyond every limit.
+    """
+    if not row["false_valid"]:
+        return None
+    error = row.get("nadir_error_arcsec")
+    if error is None or error > LIMIT_ARCSEC:
+        return BEYOND_LIMIT
+    return BEYOND_SIGMA
 
 
 def confusion(rows: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
@@ -27,7 +48,7 @@ def strict_confusion(rows: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, i
     return confusion(
         {
             "expected": BORDERLINE if row.get("borderline") else row["expected"],
-            "status": FALSE_VALID if row["false_valid"] else row["status"],
+            "status": why_false(row) or row["status"],
         }
         for row in rows
     )
@@ -40,12 +61,14 @@ def confusion_by_estimator(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[
 
 
 def in_order(counts: Mapping[str, int]) -> dict[str, int]:
-    """Return counts in the order of the outcomes; anything else behind them by name."""
+    """Return counts in the order of the outcomes, false claims behind the valid ones; anything else last by name."""
     return {outcome: counts[outcome] for outcome in sorted(counts, key=_rank)}
 
 
-_ORDER = {str(outcome): i for i, outcome in enumerate(Outcome)}
+_FIRST = (str(Outcome.VALID), BEYOND_LIMIT, BEYOND_SIGMA)
+_NAMES = (*_FIRST, *(str(outcome) for outcome in Outcome if str(outcome) not in _FIRST), BORDERLINE)
+_ORDER = {name: i for i, name in enumerate(_NAMES)}
 
 
-def _rank(outcome: str) -> tuple[int, str]:
-    return _ORDER.get(outcome, len(_ORDER)), outcome
+def _rank(name: str) -> tuple[int, str]:
+    return _ORDER.get(name, len(_ORDER)), name

@@ -10,12 +10,14 @@ counts wherever it is made.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from scipy import stats
 
 from horizonval.outcome import Outcome
+from horizonval.scoring.confusion import BEYOND_LIMIT, BEYOND_SIGMA, why_false
 
 CONFIDENCE = 0.95
 
@@ -44,7 +46,8 @@ def rates(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     dict
         ``availability``: claims among the frames that should give an attitude. ``refusal``: the rest of them.
         ``bonus``: claims among the frames that should not. ``false_valid``: false ones among all claims, with
-        ``upper_bound``; ``false_valid_frames``: the same among all frames. ``n_borderline``: frames not counted in the
+        ``upper_bound`` and, of them, how many are ``beyond_limit`` and ``beyond_sigma``; ``false_valid_frames``: false
+        ones among all frames. ``n_borderline``: frames not counted in the
         first three.
     """
     claims = [row for row in rows if row["status"] == Outcome.VALID]
@@ -52,12 +55,15 @@ def rates(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     due = [row for row in clear if row["expected"] == Outcome.VALID]
     others = [row for row in clear if row["expected"] != Outcome.VALID]
     answered = sum(row["status"] == Outcome.VALID for row in due)
-    false = sum(bool(row["false_valid"]) for row in claims)
+    reasons = Counter(why_false(row) for row in claims if row["false_valid"])
+    false = reasons.total()
     return {
         "availability": proportion(answered, len(due)),
         "refusal": proportion(len(due) - answered, len(due)),
         "bonus": proportion(sum(row["status"] == Outcome.VALID for row in others), len(others)),
-        "false_valid": proportion(false, len(claims)) | {"upper_bound": upper_bound(false, len(claims))},
+        "false_valid": proportion(false, len(claims))
+        | {"upper_bound": upper_bound(false, len(claims))}
+        | {"beyond_limit": reasons[BEYOND_LIMIT], "beyond_sigma": reasons[BEYOND_SIGMA]},
         "false_valid_frames": proportion(false, len(rows)) | {"upper_bound": upper_bound(false, len(rows))},
         "n_borderline": len(rows) - len(clear),
     }

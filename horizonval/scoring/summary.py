@@ -32,7 +32,8 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> Summary:
     Returns
     -------
     dict
-        Plain data: ``schema``, ``n_cases``, ``n_rows`` and ``groups``, a list sorted by estimator and camera of what
+        Plain data: ``schema``, ``n_cases``, ``n_rows``, ``rates`` of all rows together as
+        :func:`horizonval.scoring.rates.rates`, and ``groups``, a list sorted by estimator and camera of what
         :func:`summarise_group` returns.
     """
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
@@ -42,6 +43,7 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> Summary:
         "schema": SUMMARY_SCHEMA,
         "n_cases": len({row["case"] for row in rows}),
         "n_rows": len(rows),
+        "rates": rates(rows),
         "groups": [
             {"estimator": estimator, "camera": camera, **summarise_group(groups[estimator, camera])}
             for estimator, camera in sorted(groups)

@@ -40,7 +40,7 @@ class Variant:
     orbit: Plain | None
 
 
-def variants(table: CasesSpec, seed: int, where: str) -> Iterator[Variant]:
+def variants(table: CasesSpec, seed: int, where: str, frames: int | None = None) -> Iterator[Variant]:
     """Yield what a table makes, orbits not yet flown.
 
     Parameters
@@ -50,6 +50,8 @@ def variants(table: CasesSpec, seed: int, where: str) -> Iterator[Variant]:
         The suite's.
     where : str
         File and table, for errors.
+    frames : int, optional
+        Number of scenes that a table with a ``share`` makes its part of.
 
     Raises
     ------
@@ -58,7 +60,8 @@ def variants(table: CasesSpec, seed: int, where: str) -> Iterator[Variant]:
     """
     bases = _listed(table, where)
     axes = [(key, _axis(value, f"{where}.grid.{key}")) for key, value in _leaves(table.grid or {})]
-    points = _sobol(table, seed, where)
+    others = len(bases) * math.prod(len(values) for _, values in axes) * _samples(table)
+    points = _sobol(table, seed, where, others, frames)
     total = len(bases) * math.prod(len(values) for _, values in axes) * len(points)
     if total > MOST_CASES:
         raise UserError(f"{total} cases", where=where, expected=f"at most {MOST_CASES}")
@@ -165,13 +168,25 @@ def _spread(first: Any, last: Any, scale: str, share: NDArray[np.float64]) -> li
     return [float(f"{v:.12g}") for v in values]
 
 
-def _sobol(table: CasesSpec, seed: int, where: str) -> Sequence[tuple[list[str], list[tuple[str, Any]]]]:
-    """Return points as (parts of the name, keys with values); a single empty one without a sequence."""
+def _samples(table: CasesSpec) -> int:
+    """Return how many scenes the table's orbit makes of each of the others."""
+    n = 1 if table.orbit is None else table.orbit.get("n")
+    # A count that is none is found with the rest of the orbit.
+    return n if isinstance(n, int) and n > 0 else 1
+
+
+def _sobol(
+    table: CasesSpec, seed: int, where: str, others: int, frames: int | None
+) -> Sequence[tuple[list[str], list[tuple[str, Any]]]]:
+    """Return points as (parts of the name, keys with values); a single empty one without a sequence.
+
+    A share of ``frames`` counts scenes, of which each point makes ``others``; one point at least.
+    """
     if table.sobol is None:
         return [([], [])]
     from scipy.stats import qmc
 
-    n, ranges = table.sobol.n, []
+    n, ranges = table.sobol.n or max(1, round((table.sobol.share or 0.0) * (frames or 0) / others)), []
     for key, value in _leaves(table.sobol.ranges):
         place = f"{where}.sobol.ranges.{key}"
         ends = value

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,13 +20,14 @@ from horizonval.errors import UserError
 from horizonval.spec.base import Model
 from horizonval.spec.camera import ALL_HEADS, CameraSpec
 from horizonval.spec.expand import variants
-from horizonval.spec.explain import explain
+from horizonval.spec.explain import explain, show
 from horizonval.spec.files import Kind, find
 from horizonval.spec.merge import Plain, deep_merge
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.stability import StabilitySpec
 from horizonval.spec.suite import FigureSpec, Keep, ProgramSpec, SuiteSpec
+from horizonval.suggest import nearest
 
 M = TypeVar("M", bound=Model)
 
@@ -45,12 +46,14 @@ class Case:
     """One frame of a suite: everything a render needs, with every default filled in.
 
     ``name`` is the scene's own, followed by ``.<head>`` where a scene stands for a frame of every head. The scene keeps
-    its name then: the heads look at the same clouds.
+    its name then: the heads look at the same clouds. ``estimators`` are those of the suite's that run on it, ``None``
+    all of them.
     """
 
     name: str
     scene: SceneSpec
     camera: CameraSpec
+    estimators: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,7 @@ class Suite:
     time_limit_s: float = 60.0
     memory_limit_mb: int = 4096
     figures: tuple[FigureSpec, ...] = ()
+    frames: int | None = None
 
 
 def load_camera(path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> CameraSpec:
@@ -140,7 +144,7 @@ def _one_per_head(scene: SceneSpec, camera: CameraSpec, where: str) -> tuple[Cas
     return (Case(name, scene, camera),)
 
 
-def load_suite(path_or_name: str | Path, *, fly: Fly | None = None) -> Suite:
+def load_suite(path_or_name: str | Path, *, fly: Fly | None = None, frames: int | None = None) -> Suite:
     """Read a suite file, lay every frame over the defaults, and load the cameras.
 
     A frame whose camera has several heads becomes one case for each of them unless it chooses one.
@@ -153,16 +157,27 @@ def load_suite(path_or_name: str | Path, *, fly: Fly | None = None) -> Suite:
     path_or_name : str or Path
     fly : callable, optional
         Makes samples of orbits (:func:`horizonval.campaign.suite.load_suite` gives it): this room knows no orbits.
+    frames : int, optional
+        In place of ``suite.frames``.
     """
     path = find("suite", path_or_name)
     spec = validate(SuiteSpec, read_toml(path), str(path))
+    if frames is not None:
+        if spec.suite.frames is None:
+            raise UserError(
+                f"the suite {spec.suite.name!r} draws no share of a number of frames",
+                where="--frames",
+                expected="a suite with suite.frames, such as strict",
+            )
+        spec = spec.model_copy(update={"suite": spec.suite.model_copy(update={"frames": frames})})
     seeded = deep_merge({"scene": {"seed": spec.suite.seed}}, spec.defaults)
     shelf = Shelf(path)
     cases: list[Case] = []
     names: set[str] = set()
-    for inside, data in _scenes(spec, path, seeded, fly):
+    for inside, data, estimators in _scenes(spec, path, seeded, fly):
         scene, camera = shelf.resolve(data, inside=inside)
         for case in _one_per_head(scene, camera, f"{path}: {inside}: camera.head"):
+            case = replace(case, estimators=estimators)
             if case.name in names:
                 raise UserError(f"two frames are named {case.name!r}", where=f"{path}: {inside}", fix="rename one")
             names.add(case.name)
@@ -180,19 +195,25 @@ def load_suite(path_or_name: str | Path, *, fly: Fly | None = None) -> Suite:
         head.time_limit_s,
         head.memory_limit_mb,
         tuple(spec.figure),
+        spec.suite.frames,
     )
 
 
-def _scenes(spec: SuiteSpec, path: Path, seeded: Plain, fly: Fly | None) -> Iterator[tuple[str, Plain]]:
-    """Yield every scene as plain data over the defaults, and the place in the file that makes it."""
+def _scenes(
+    spec: SuiteSpec, path: Path, seeded: Plain, fly: Fly | None
+) -> Iterator[tuple[str, Plain, tuple[str, ...] | None]]:
+    """Yield the place in the file that makes a scene, the scene as plain data over the defaults, its estimators."""
     for i, frame in enumerate(spec.frame, start=1):
-        yield f"frame[{i}] ({frame['scene']['name']})", deep_merge(seeded, frame)
+        inside = f"frame[{i}] ({frame['scene']['name']})"
+        chosen = _chosen_estimators(frame.get("estimators"), spec.suite.estimators, f"{path}: {inside}.estimators")
+        yield inside, deep_merge(seeded, {key: frame[key] for key in frame if key != "estimators"}), chosen
     for i, table in enumerate(spec.cases, start=1):
         inside = f"cases[{i}] ({table.name})"
-        for variant in variants(table, spec.suite.seed, f"{path}: {inside}"):
+        chosen = _chosen_estimators(table.estimators, spec.suite.estimators, f"{path}: {inside}.estimators")
+        for variant in variants(table, spec.suite.seed, f"{path}: {inside}", spec.suite.frames):
             whole = deep_merge(seeded, variant.scene)
             if variant.orbit is None:
-                yield f"{inside}: {variant.name}", deep_merge(whole, {"scene": {"name": variant.name}})
+                yield f"{inside}: {variant.name}", deep_merge(whole, {"scene": {"name": variant.name}}), chosen
                 continue
             if fly is None:
                 raise ValueError("a suite with orbits is loaded with horizonval.campaign.suite.load_suite")
@@ -201,7 +222,23 @@ def _scenes(spec: SuiteSpec, path: Path, seeded: Plain, fly: Fly | None) -> Iter
             digits = max(3, len(str(len(samples) - 1)))
             for number, sample in enumerate(samples):
                 name = f"{variant.name}_{number:0{digits}d}"
-                yield f"{inside}: {name}", deep_merge(deep_merge(whole, sample), {"scene": {"name": name}})
+                yield f"{inside}: {name}", deep_merge(deep_merge(whole, sample), {"scene": {"name": name}}), chosen
+
+
+def _chosen_estimators(names: Any, known: Sequence[str], where: str) -> tuple[str, ...] | None:
+    """Return the estimators of a frame or table in the suite's order, ``None`` for all."""
+    if names is None:
+        return None
+    if not isinstance(names, list) or not names:
+        raise UserError(f"found {show(names)}", where=where, expected=f"a list with some of {', '.join(known)}")
+    for name in names:
+        if name not in known:
+            raise UserError(
+                f"{show(name)} is not among the suite's",
+                where=where,
+                expected=f"some of {', '.join(nearest(str(name), known))}",
+            )
+    return tuple(name for name in known if name in names)
 
 
 class Shelf:

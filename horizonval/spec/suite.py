@@ -13,6 +13,8 @@ from horizonval.spec.stability import StabilitySpec
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]
 Keep = Literal["all", "failures", "none"]
 Scenes = list[dict[str, Any]]
+Names = list[str]
+SHARE_TOLERANCE = 1e-6
 
 
 class SuiteHead(Model):
@@ -20,13 +22,15 @@ class SuiteHead(Model):
 
     ``keep``: which frames and images stay in the archive: ``all``, ``failures`` (of frames with an outcome that was not
     the expected one, or false) or ``none``. What is not kept can be made again from the suite and the case's name.
-    ``time_limit_s`` and ``memory_limit_mb`` are those of one estimate.
+    ``time_limit_s`` and ``memory_limit_mb`` are those of one estimate. ``frames`` is the number of scenes that Sobol
+    points with a ``share`` divide among them.
     """
 
     name: Name
     title: str = ""
     seed: Annotated[int, Field(ge=0)] = 0
     estimators: Annotated[list[str], Field(min_length=1)]
+    frames: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
     keep: Keep = "all"
     time_limit_s: Positive = 60.0
     memory_limit_mb: Annotated[int, Field(ge=64)] = 4096
@@ -47,13 +51,23 @@ class ProgramSpec(Model):
 class SobolSpec(Model):
     """``n`` points of a scrambled Sobol sequence over ranges of keys; the suite's seed and the table's name draw it.
 
+    In place of ``n`` a ``share`` of ``suite.frames`` can be given: so many scenes all that the table makes of them are
+    to be, so that one number sets the size of a suite. Fewer points are the first of more.
+
     A range is ``[from, to]``, or a table ``{from, to, scale}`` with the scale ``linear``, ``log`` or ``sine`` (evenly
     in the sine of an angle in degrees: latitudes evenly over the globe). Epochs can be ranges.
     """
 
-    n: Annotated[int, Field(ge=1, le=1_000_000)]
+    n: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+    share: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     seed: Annotated[int, Field(ge=0)] = 0
     ranges: Annotated[dict[str, Any], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _one_count(self) -> SobolSpec:
+        if (self.n is None) == (self.share is None):
+            raise ValueError("give one of n and share")
+        return self
 
 
 class CasesSpec(Model):
@@ -63,9 +77,12 @@ class CasesSpec(Model):
     a list of values or ``{from, to, step}`` or ``{from, to, n}``. Where several are given, every one of the first goes
     with every one of the next. Keys of grid and sobol are dotted: a key of the scene, ``camera.<table>.<key>`` for one
     of the camera file (``camera.band.<name>.<key>`` of a band), ``orbit.<key>`` for one of the orbit.
+
+    ``estimators``: those of the suite's that run on these frames; all of them by default.
     """
 
     name: Name
+    estimators: Annotated[Names, Field(min_length=1)] | None = None
     base: dict[str, Any] = {}
     list: Annotated[Scenes, Field(min_length=1)] | None = None
     grid: Annotated[dict[str, Any], Field(min_length=1)] | None = None
@@ -108,9 +125,9 @@ class SuiteSpec(Model):
     """One suite file.
 
     ``[defaults]`` is a partial scene; every ``[[frame]]`` is a partial scene laid over it, with a unique
-    ``scene.name``; every ``[[cases]]`` table makes many. ``[[estimator]]`` adds programs to the estimators that are
-    known by name. ``[[figure]]`` asks for figures on a page of their own, ``[stability]`` for a study of the infrared
-    horizon beside the frames.
+    ``scene.name`` and, if it wants, ``estimators`` of its own; every ``[[cases]]`` table makes many. ``[[estimator]]``
+    adds programs to the estimators that are known by name. ``[[figure]]`` asks for figures on a page of their own,
+    ``[stability]`` for a study of the infrared horizon beside the frames.
     """
 
     suite: SuiteHead
@@ -139,6 +156,13 @@ class SuiteSpec(Model):
         ):
             if twice := sorted({name for name in names if names.count(name) > 1}):
                 raise ValueError(f"two tables [[{kind}]] are named {twice[0]!r}")
+        shares = [
+            table.sobol.share for table in self.cases if table.sobol is not None and table.sobol.share is not None
+        ]
+        if shares and abs(sum(shares) - 1.0) > SHARE_TOLERANCE:
+            raise ValueError(f"the shares of the [[cases]] tables are {sum(shares):g} together, not 1")
+        if bool(shares) != (self.suite.frames is not None):
+            raise ValueError("suite.frames and sobol.share go together")
         tables = {table.name for table in self.cases}
         for figure in self.figure:
             if figure.cases is not None and figure.cases not in tables:

@@ -65,6 +65,7 @@ def test_every_figure_holds_the_rows_of_one_image_and_of_all_heads(run):
         # A mark of a scene of all heads leads to the scene's card, a mark of one image to the head's.
         for ending in ("", *(f".{head}" for head in HEADS)):
             assert f'"index.html#tilt_roll_deg_5_pitch_deg_0{ending}"' in figure["svg"]
+        assert (run / "report" / figure["file"]).read_text() == figure["svg"]
 
 
 def test_the_page_opens_and_complains_of_nothing(run, tmp_path):

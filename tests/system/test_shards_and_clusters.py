@@ -12,6 +12,7 @@ from conftest import MINI_CAMERA, assert_one_line, outcome_of
 from horizonval.campaign.progress import Silent
 from horizonval.campaign.run import Where, run_suite
 from horizonval.campaign.suite import load_suite
+from horizonval.scoring.table import read_results
 
 SUITE = """
 [suite]
@@ -21,13 +22,22 @@ estimators = ["altitude-free", "ideal"]
 camera = { file = "mini-camera.toml", mount_roll_deg = 65.0 }
 render = { orders = "single", nodes = 32, subsamples = 1 }
 [[cases]]
-name = "day"
+name = "one-method"
+estimators = ["altitude-free"]
 [cases.orbit]
 epoch_utc = 2026-03-20T00:00:00Z
 altitude_km = 500.0
 sun_synchronous = true
 ltan_h = 10.5
-n = 6
+n = 4
+[[cases]]
+name = "all-methods"
+[cases.orbit]
+epoch_utc = 2026-03-20T00:00:00Z
+altitude_km = 500.0
+sun_synchronous = true
+ltan_h = 6.0
+n = 2
 """
 
 
@@ -44,6 +54,12 @@ def whole(suite_file, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str
     out = tmp_path_factory.mktemp("whole") / "out"
     assert not run_suite(load_suite(suite_file), out, 2).failed
     return outcome_of(out)
+
+
+def test_a_table_runs_the_methods_it_names(whole, suite_file, tmp_path_factory):
+    out = next(tmp_path_factory.getbasetemp().glob("whole*")) / "out"
+    ran = {(row["case"].rpartition("_")[0], row["estimator"]) for row in read_results(out / "results.parquet")}
+    assert ran == {("one-method", "altitude-free"), ("all-methods", "altitude-free"), ("all-methods", "ideal")}
 
 
 def test_shards_make_the_whole(suite_file, whole, tmp_path):

@@ -7,6 +7,7 @@ import json
 import pytest
 
 from horizonval.campaign import identity
+from horizonval.campaign.plan import plan_of, units_of
 from horizonval.spec.load import Suite, load_suite
 from horizonval.stability.case import cases_of
 
@@ -79,6 +80,29 @@ def test_estimators_do_not_change_a_frame(load):
     assert frame[0] == frame[1]
     assert case[0] != case[1]
     assert suite[0] != suite[1]
+
+
+CASES = SUITE + '[[cases]]\nname = "g"\ngrid = { attitude.yaw_deg = [0.0, 1.0] }\n'
+
+
+def test_estimators_of_a_table_count_for_its_cases_and_the_suite(load):
+    two = CASES.replace('["ideal"]', '["ideal", "altitude-free"]')
+    one = two.replace('name = "g"', 'name = "g"\nestimators = ["ideal"]')
+    before, after = load(two), load(one)
+    assert identity.suite_identity(before) != identity.suite_identity(after)
+    units = [units_of(suite.cases, plan_of(suite)) for suite in (before, after)]
+    same = [
+        identity.unit_identity(old, plan_of(before)) == identity.unit_identity(new, plan_of(after))
+        for old, new in zip(*units, strict=True)
+    ]
+    assert same == [True, False, False]
+
+
+def test_a_method_more_in_another_table_leaves_a_case_as_it_is(load):
+    one = CASES.replace('name = "g"', 'name = "g"\nestimators = ["ideal"]')
+    more = one.replace('["ideal"]', '["ideal", "altitude-free"]', 1)
+    units = [(plan_of(suite), units_of(suite.cases, plan_of(suite))[1]) for suite in (load(one), load(more))]
+    assert len({identity.unit_identity(unit, plan) for plan, unit in units}) == 1
 
 
 STUDY = """

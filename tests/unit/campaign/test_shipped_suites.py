@@ -8,7 +8,7 @@ import pytest
 
 from horizonval.campaign.axes import figure_plans
 from horizonval.campaign.check import check_suite
-from horizonval.campaign.plan import plan_of
+from horizonval.campaign.plan import of_heads, plan_of, units_of
 from horizonval.campaign.suite import load_suite
 from horizonval.errors import UserError
 
@@ -45,7 +45,17 @@ def test_every_figure_has_frames_and_every_method_its_guarded_twin(name):
     bare = {estimator for estimator in suite.estimators if not estimator.startswith("guarded-")}
     assert {f"guarded-{estimator}" for estimator in bare} <= set(suite.estimators)
     # A minute or three on two processors; a suite of thousands belongs to who enlarges it.
-    assert len(suite.cases) <= 150
+    assert len(units_of(suite.cases, plan_of(suite))) <= 200
+
+
+@pytest.mark.parametrize("name", OF_FAILURES)
+def test_methods_run_only_where_they_belong(name):
+    suite = load_suite(name)
+    plan = plan_of(suite)
+    for case in suite.cases:
+        # A method of one camera says nothing about a head of a pair, nor the other way round.
+        assert bool(plan.alone(case)) != bool(plan.together(case)), case.name
+        assert bool(plan.together(case)) == of_heads(case), case.name
 
 
 def test_an_estimator_that_is_not_there_is_noticed(tmp_path):

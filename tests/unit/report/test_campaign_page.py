@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 from horizonval.report import campaign_page
 from horizonval.report.load import Run, View
@@ -25,6 +26,8 @@ def _row(case: str, estimator: str, error: float | None, **more) -> dict:
         "altitude_error_km": None,
         "roll_error_arcsec": error,
         "pitch_error_arcsec": error,
+        "nees_nadir_total": 1.0,
+        "borderline": case == "c7",
         "false_valid": error is not None and error > 1800.0,
         "epoch_utc": f"2026-03-20T00:{int(case[1:]):02d}:00+00:00",
         "sun_visible_fraction": 0.0 if 3 <= int(case[1:]) < 6 else 1.0,
@@ -81,6 +84,45 @@ def test_the_worst_frames_are_false_claims_first_and_by_their_error():
     assert [kind["total"] for kind in worst] == [3, 3]
     assert worst[0]["lines"][0]["text"] == "2.00° off"
     assert all(line["link"].startswith("index.html#c") for kind in worst for line in kind["lines"])
+
+
+def test_what_is_counted_strictly_is_shown_so():
+    page = campaign_page.page_of(_run(_plan("timeline", 0)))
+    bold = page["confusions"][1]
+    assert bold["reported"] == ["valid", "false: more than 0.5° off"]
+    cells = {line["expected"]: [(cell["n"], cell["glyph"]) for cell in line["cells"]] for line in bold["lines"]}
+    assert cells == {"valid": [(4, "●"), (3, "✖")], "borderline": [(1, ""), (0, "")]}
+    assert [line["apart"] for line in bold["lines"]] == [False, True]
+    shy = page["rates"][1]
+    assert (shy["estimator"], shy["n"], shy["borderline"]) == ("shy", 8, 1)
+    # Seven are due, three of them refused; five claims, none false: below 1 - 0.05^(1/5) = 45.07 %, rounded up.
+    assert (shy["availability"]["of"], shy["refusal"]["of"]) == ("4 of 7", "3 of 7")
+    assert (shy["false_valid"]["of"], shy["bound"]) == ("0 of 5", "45.1 %")
+    errors = page["errors"][1]
+    assert (errors["nees_nadir"]["mean"], errors["nees_nadir_total"]["mean"]) == ("1.00", "0.500")
+
+
+def test_a_refusal_of_a_borderline_frame_is_fair():
+    refused = _row("c7", "shy", None)
+    assert campaign_page.verdict_of(refused).key == "fair"
+    assert campaign_page.verdict_of(refused | {"borderline": False}).key == "missed"
+
+
+def test_bare_and_guarded_methods_are_put_together():
+    assert [line["estimator"] for line in campaign_page.page_of(_run())["together"]] == ["all bare methods"]
+    rows = [_row("c1", name, 20.0) for name in ("a", "guarded-a", "guarded-b")]
+    assert [(name, len(own)) for name, own in campaign_page._together(rows)] == [
+        ("all bare methods", 1),
+        ("all guarded methods", 2),
+    ]
+
+
+def test_a_frame_that_is_not_shown_is_not_linked():
+    run = _run(_plan("timeline", 0))
+    hidden = replace(run, views=tuple(replace(view, shown=view.case != "c3") for view in run.views))
+    svg = campaign_page.page_of(hidden)["sections"][0]["figures"][0]["svg"]
+    assert "index.html#c2" in svg
+    assert "index.html#c3" not in svg
 
 
 def test_the_same_run_gives_the_same_page():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from horizonval.scoring.confusion import confusion_by_estimator, strict_confusion
+from horizonval.scoring.confusion import confusion_by_estimator, strict_confusion, why_false
 from horizonval.scoring.rates import proportion, rates, upper_bound
 
 
@@ -26,22 +26,23 @@ def test_none_seen_still_allows_three_over_n():
     assert upper_bound(0, 2900) > 1e-3 > upper_bound(0, 2999)
 
 
-def row(expected, status, borderline=False, false=False, estimator="e"):
+def row(expected, status, borderline=False, false=False, estimator="e", error=None):
     return {
         "estimator": estimator,
         "expected": expected,
         "status": status,
         "borderline": borderline,
         "false_valid": false,
+        "nadir_error_arcsec": error,
     }
 
 
 ROWS = [
     row("valid", "valid"),
     row("valid", "dark"),
-    row("valid", "valid", false=True),
+    row("valid", "valid", false=True, error=1801.0),
     row("valid", "short_arc", borderline=True),
-    row("dark", "valid", borderline=True, false=True),
+    row("dark", "valid", borderline=True, false=True, error=1799.0),
     row("dark", "valid"),
     row("dark", "dark"),
     row("no_limb", "valid", estimator="f"),
@@ -61,14 +62,21 @@ def test_a_false_claim_counts_on_a_borderline_frame_too():
     assert (found["false_valid"]["n"], found["false_valid"]["of"]) == (2, 4)
     assert (found["false_valid_frames"]["n"], found["false_valid_frames"]["of"]) == (2, 7)
     assert found["false_valid"]["upper_bound"] > 0.5
+    assert (found["false_valid"]["beyond_limit"], found["false_valid"]["beyond_sigma"]) == (1, 1)
+
+
+def test_a_claim_that_is_no_number_is_beyond_the_limit():
+    assert why_false(row("valid", "valid", false=True)) == "false_beyond_limit"
+    assert why_false(row("valid", "valid", error=1799.0)) is None
 
 
 def test_the_strict_matrix_has_a_line_and_a_column_more():
     matrix = strict_confusion(ROWS[:7])
     assert matrix == {
-        "valid": {"valid": 1, "dark": 1, "false_valid": 1},
+        "valid": {"valid": 1, "dark": 1, "false_beyond_limit": 1},
         "dark": {"valid": 1, "dark": 1},
-        "borderline": {"short_arc": 1, "false_valid": 1},
+        "borderline": {"short_arc": 1, "false_beyond_sigma": 1},
     }
+    assert list(matrix["valid"]) == ["valid", "false_beyond_limit", "dark"]
     assert list(confusion_by_estimator(ROWS)) == ["e", "f"]
     assert confusion_by_estimator(ROWS)["f"] == {"no_limb": {"valid": 1}}

@@ -78,4 +78,6 @@ def test_a_summary_is_plain_json_in_any_order_of_rows():
 
 
 def test_nothing_at_all():
-    assert summarise([]) == {"schema": 1, "n_cases": 0, "n_rows": 0, "groups": []}
+    nothing = summarise([])
+    assert nothing.pop("rates")["false_valid"]["rate"] is None
+    assert nothing == {"schema": 1, "n_cases": 0, "n_rows": 0, "groups": []}

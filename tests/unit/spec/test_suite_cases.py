@@ -137,9 +137,82 @@ def test_a_pointing_error_is_common_to_all_points_of_a_grid(load):
     assert len({a.roll_deg for a in attitudes}) == 8
 
 
+SHARES = (
+    '[[cases]]\nname = "a"\nsobol = { share = 0.75, ranges = { attitude.yaw_deg = [-5.0, 5.0] } }\n'
+    '[[cases]]\nname = "b"\nlist = [{ }, { attitude.roll_deg = 1.0 }]\n'
+    "sobol = { share = 0.25, ranges = { attitude.yaw_deg = [-5.0, 5.0] } }\n"
+)
+
+
+@pytest.fixture
+def shared(tmp_path):
+    def build(text: str = SHARES, head: str = "frames = 40", **options):
+        (tmp_path / "c.toml").write_text(CAMERA)
+        (tmp_path / "s.toml").write_text(HEAD.replace("seed = 7", f"seed = 7\n{head}") + text)
+        return load_suite(tmp_path / "s.toml", **options)
+
+    return build
+
+
+def test_one_number_sets_the_size_of_a_suite(shared):
+    few, many = shared(), shared(frames=400)
+    for suite, n in ((few, 40), (many, 400)):
+        assert len(suite.cases) == suite.frames == n
+        assert sum(case.name.startswith("a_") for case in suite.cases) == 3 * n // 4
+    yaws = [
+        [case.scene.attitude.yaw_deg for case in suite.cases if case.name.startswith("a_")] for suite in (few, many)
+    ]
+    # Fewer points are the first of more: a short run looks at what a long one looks at first.
+    assert yaws[1][:30] == yaws[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "head", "options", "parts"),
+    [
+        (SHARES.replace("0.75", "0.5"), "frames = 40", {}, ["s.toml", "shares", "0.75 together"]),
+        (SHARES, "", {}, ["s.toml", "suite.frames and sobol.share"]),
+        (SHARES.replace("share = 0.75", "share = 0.75, n = 4"), "frames = 40", {}, ["cases[1].sobol", "n and share"]),
+        (ORBIT + "altitude_km = 500.0\nsun_synchronous = true\n", "", {"frames": 4}, ["--frames", "'s'"]),
+    ],
+)
+def test_mistakes_with_shares_are_one_line(shared, text, head, options, parts):
+    with pytest.raises(UserError) as e:
+        shared(text, head, **options)
+    assert all(part in e.value.line() for part in parts), e.value.line()
+
+
+def test_a_table_names_the_methods_that_run_on_it(tmp_path):
+    (tmp_path / "c.toml").write_text(CAMERA)
+    table = '[[cases]]\nname = "{}"\ngrid = {{ attitude.yaw_deg = [5.0] }}\n'
+    text = table.format("all") + table.format("one") + 'estimators = ["altitude-free"]\n'
+    text += table.format("both") + 'estimators = ["altitude-free", "ideal"]\n'
+    text += '[[frame]]\nscene.name = "f"\nestimators = ["altitude-free"]\n'
+    (tmp_path / "s.toml").write_text(HEAD.replace('["ideal"]', '["ideal", "altitude-free"]') + text)
+    cases = load_suite(tmp_path / "s.toml").cases
+    # In the suite's order, so that the order in a table changes nothing.
+    assert [(case.name, case.estimators) for case in cases] == [
+        ("f", ("altitude-free",)),
+        ("all_yaw_deg_5", None),
+        ("one_yaw_deg_5", ("altitude-free",)),
+        ("both_yaw_deg_5", ("ideal", "altitude-free")),
+    ]
+
+
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
+        (
+            '[[cases]]\nname = "g"\nestimators = ["idael"]\ngrid = { attitude.yaw_deg = [5.0] }\n',
+            ["s.toml: cases[1] (g).estimators", '"idael"', "some of ideal"],
+        ),
+        (
+            '[[frame]]\nscene.name = "f"\nestimators = "ideal"\n',
+            ["s.toml: frame[1] (f).estimators", 'found "ideal"', "list"],
+        ),
+        (
+            '[[cases]]\nname = "g"\nestimators = []\ngrid = { attitude.yaw_deg = [5.0] }\n',
+            ["s.toml: cases[1].estimators", "at least 1"],
+        ),
         ('[[cases]]\nname = "g"\n', ["cases[1]", "give at least one of list, grid"]),
         (
             '[[cases]]\nname = "g"\ngrid = { attitude.yaw_deg = 5.0 }\n',
