@@ -30,6 +30,7 @@ shows. No image is refused for what it shows: see :mod:`horizonval.limb.arc`.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 
 import numpy as np
@@ -40,6 +41,7 @@ from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
 from horizonval.geometry.camera import Camera, project, unproject
 from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.limb.arc import Arc, find_arc
+from horizonval.limb.circle import fit_circle
 from horizonval.limb.cone import cone_uncertainty, off_axis_angle
 from horizonval.limb.result import NoLimb
 from horizonval.outcome import Outcome
@@ -51,6 +53,8 @@ SMALLEST_SINE = 1e-3
 """Of the angle between the chords: below it their cross product is noise."""
 PIXEL_SIGMA_PX = 12.0**-0.5
 """Of a position that is rounded to whole pixels."""
+SUB_PIXEL_SIGMA_PX = 0.01
+"""What sub-pixel points of a sharp limb are off by without any noise."""
 END_PIXELS = 8
 """Pixels that make an end of the arc: a third of the shortest arc there is."""
 
@@ -109,8 +113,35 @@ def solve(observation: Observation, ends: Ends = Ends.SIGHT) -> Fit | NoFit:
     return fit_arcs(arcs, list(observation.heads.values()), observation.earth_radius_m, ends)
 
 
-def fit_arcs(arcs: list[Arc], heads: list[Observation], earth_radius_m: float, ends: Ends = Ends.SIGHT) -> Fit | NoFit:
-    """Return the vertical of two arcs: the method behind the search for arcs."""
+def from_heads(points: Mapping[str, FloatArray], observation: Observation) -> Fit | NoFit:
+    """Return the vertical from limb points, shape (n, 2) by the heads' names, that another search has found.
+
+    They are no whole pixels: their scatter is what they show.
+    """
+    if len(points) != HEADS or any(len(uv) < 2 * END_PIXELS for uv in points.values()):
+        return NoFit(Outcome.BAD_INPUT, f"the method needs {2 * END_PIXELS} points in each of {HEADS} heads")
+    arcs = []
+    for name, uv in points.items():
+        circle = fit_circle(uv)
+        if circle is None:
+            return NoFit(Outcome.SHORT_ARC, f"head {name}: the limb is straight: it has no circle")
+        arcs.append(Arc(uv[np.argsort(circle.along(uv), kind="stable")], circle))
+    heads = [observation.heads[name] for name in points]
+    return fit_arcs(arcs, heads, observation.earth_radius_m, least_sigma_px=SUB_PIXEL_SIGMA_PX)
+
+
+def fit_arcs(
+    arcs: list[Arc],
+    heads: list[Observation],
+    earth_radius_m: float,
+    ends: Ends = Ends.SIGHT,
+    *,
+    least_sigma_px: float = PIXEL_SIGMA_PX,
+) -> Fit | NoFit:
+    """Return the vertical of two arcs: the method behind the search for arcs.
+
+    ``least_sigma_px``: the least that is claimed of a point's scatter across the limb.
+    """
     body_from_head = [Rotation.from_quat(head.q_cam_from_body).inv() for head in heads]
     chords = [
         turn.apply(chord(arc, head.camera, ends)) for turn, arc, head in zip(body_from_head, arcs, heads, strict=True)
@@ -137,7 +168,7 @@ def fit_arcs(arcs: list[Arc], heads: list[Observation], earth_radius_m: float, e
         for turn, arc, head in zip(body_from_head, arcs, heads, strict=True)
     ]
     off_px = np.concatenate([(angle - rho) * scale for angle, scale in zip(angles, px_per_rad, strict=True)])
-    variance_px = max(float(np.mean(off_px**2)), PIXEL_SIGMA_PX**2)
+    variance_px = max(float(np.mean(off_px**2)), least_sigma_px**2)
     if ends is Ends.SIGHT:
         alike = max(_pixels_alike(los, nadir_body, rho) for los in los_body)
         variance_px *= min(1.0, alike / END_PIXELS)
@@ -193,4 +224,5 @@ ESTIMATOR = Estimator(
     run=run,
     estimates="geocentric",
     needs="heads",
+    from_heads=from_heads,
 )

@@ -191,9 +191,9 @@ def expected_outcome(
 def expected_of_heads(heads: Sequence[Expected]) -> Expected:
     """Return what a method should report that looks through several heads, from what each head sees.
 
-    All of them must have an arc or a crossing: the outcome is that of the first head that has none. The figures are the first
-    head's, but ``borderline`` holds if it holds for any head and no other head makes the outcome certain, and Sun and
-    Moon are in the frame if they are in any head's.
+    All of them must have an arc or a crossing: the outcome is that of the first head that has none. The figures are
+    the first head's, but ``borderline`` holds if it holds for any head and no other head makes the outcome certain, and
+    Sun and Moon are in the frame if they are in any head's.
     """
     whole = replace(
         heads[0],
