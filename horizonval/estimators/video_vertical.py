@@ -42,7 +42,7 @@ from horizonval.geometry.camera import Camera, project, unproject
 from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.limb.arc import Arc, find_arc
 from horizonval.limb.circle import fit_circle
-from horizonval.limb.cone import cone_uncertainty, off_axis_angle
+from horizonval.limb.cone import cone_uncertainty, fit_cone, off_axis_angle
 from horizonval.limb.result import NoLimb
 from horizonval.outcome import Outcome
 
@@ -127,7 +127,7 @@ def from_heads(points: Mapping[str, FloatArray], observation: Observation) -> Fi
             return NoFit(Outcome.SHORT_ARC, f"head {name}: the limb is straight: it has no circle")
         arcs.append(Arc(uv[np.argsort(circle.along(uv), kind="stable")], circle))
     heads = [observation.heads[name] for name in points]
-    return fit_arcs(arcs, heads, observation.earth_radius_m, least_sigma_px=SUB_PIXEL_SIGMA_PX)
+    return fit_arcs(arcs, heads, observation.earth_radius_m, sub_pixel=True)
 
 
 def fit_arcs(
@@ -136,11 +136,12 @@ def fit_arcs(
     earth_radius_m: float,
     ends: Ends = Ends.SIGHT,
     *,
-    least_sigma_px: float = PIXEL_SIGMA_PX,
+    sub_pixel: bool = False,
 ) -> Fit | NoFit:
     """Return the vertical of two arcs: the method behind the search for arcs.
 
-    ``least_sigma_px``: the least that is claimed of a point's scatter across the limb.
+    ``sub_pixel``: the arcs' points are no whole pixels. Their scatter is then taken about each arc's own cone: about
+    that of the vertical it would be mostly the error of the vertical itself, which few pixels bear.
     """
     body_from_head = [Rotation.from_quat(head.q_cam_from_body).inv() for head in heads]
     chords = [
@@ -167,10 +168,19 @@ def fit_arcs(
         _px_per_rad(arc, head.camera, turn.inv().apply(nadir_body))
         for turn, arc, head in zip(body_from_head, arcs, heads, strict=True)
     ]
-    off_px = np.concatenate([(angle - rho) * scale for angle, scale in zip(angles, px_per_rad, strict=True)])
-    variance_px = max(float(np.mean(off_px**2)), least_sigma_px**2)
+    about = [(nadir_body, rho)] * len(los_body)
+    if sub_pixel:
+        axes = [fit_cone(los).axis_cam for los in los_body]
+        about = [(axis, float(off_axis_angle(los, axis).mean())) for los, axis in zip(los_body, axes, strict=True)]
+    off_px = np.concatenate(
+        [
+            (off_axis_angle(los, axis) - radius) * scale
+            for los, (axis, radius), scale in zip(los_body, about, px_per_rad, strict=True)
+        ]
+    )
+    variance_px = max(float(np.mean(off_px**2)), (SUB_PIXEL_SIGMA_PX if sub_pixel else PIXEL_SIGMA_PX) ** 2)
     if ends is Ends.SIGHT:
-        alike = max(_pixels_alike(los, nadir_body, rho) for los in los_body)
+        alike = max(_pixels_alike(los, *one) for los, one in zip(los_body, about, strict=True))
         variance_px *= min(1.0, alike / END_PIXELS)
     variance = np.array([variance_px * float(np.sum(scale[[0, -1]] ** -2.0)) for scale in px_per_rad])
     to_nadir = np.linalg.pinv(chords_body) * np.sin(rho)
