@@ -42,7 +42,7 @@ from horizonval.geometry.camera import Camera, project, unproject
 from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.limb.arc import Arc, find_arc
 from horizonval.limb.circle import fit_circle
-from horizonval.limb.cone import cone_uncertainty, fit_cone, off_axis_angle
+from horizonval.limb.cone import SYSTEMATIC_PX, cone_uncertainty, fit_cone, off_axis_angle
 from horizonval.limb.result import NoLimb
 from horizonval.outcome import Outcome
 
@@ -53,8 +53,6 @@ SMALLEST_SINE = 1e-3
 """Of the angle between the chords: below it their cross product is noise."""
 PIXEL_SIGMA_PX = 12.0**-0.5
 """Of a position that is rounded to whole pixels."""
-SUB_PIXEL_SIGMA_PX = 0.01
-"""What sub-pixel points of a sharp limb are off by without any noise."""
 END_PIXELS = 8
 """Pixels that make an end of the arc: a third of the shortest arc there is."""
 
@@ -178,10 +176,13 @@ def fit_arcs(
             for los, (axis, radius), scale in zip(los_body, about, px_per_rad, strict=True)
         ]
     )
-    variance_px = max(float(np.mean(off_px**2)), (SUB_PIXEL_SIGMA_PX if sub_pixel else PIXEL_SIGMA_PX) ** 2)
+    variance_px = float(np.mean(off_px**2)) if sub_pixel else max(float(np.mean(off_px**2)), PIXEL_SIGMA_PX**2)
     if ends is Ends.SIGHT:
         alike = max(_pixels_alike(los, *one) for los, one in zip(los_body, about, strict=True))
         variance_px *= min(1.0, alike / END_PIXELS)
+    if sub_pixel:
+        # Slow errors are one over an end: its pixels do not average them out, and their scatter does not show them.
+        variance_px += SYSTEMATIC_PX**2
     variance = np.array([variance_px * float(np.sum(scale[[0, -1]] ** -2.0)) for scale in px_per_rad])
     to_nadir = np.linalg.pinv(chords_body) * np.sin(rho)
     covariance_body = (to_nadir * variance) @ to_nadir.T
