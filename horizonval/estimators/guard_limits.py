@@ -38,6 +38,34 @@ HEAD_SCATTER_PX = 2.0
 HEAD_LIMB_SHARE = 0.5
 """Of the answer's cone in a head's image that must be a limb: what crosses it (Sun, terminator) is a point of it."""
 
+HEAD_ARC_SHARE = 0.15
+"""Of the image's shorter side that an arc must measure in every head: less is a chord of a few pixels."""
+HEADS_MISFIT_RAD = float(np.deg2rad(0.25))
+HEADS_MISFIT_PX = 1.5
+"""Root mean square by which the limbs of all heads may miss one cone: oblateness, and the search's scatter."""
+HEAD_KNOTS = 6
+"""Places along a head's arc at which the limb is moved to see what the method makes of it."""
+
+ROW_PX = 16
+"""An image whose shorter side has no more pixels is a linear array."""
+ROW_SATURATED = 0.97
+"""Of full scale, as for images."""
+ROW_NEAR_PX = 10.0
+ROW_NEAR_WIDTHS = 4.0
+"""How far the limb itself reaches to either side of its half level, in widths from 20 to 80 %: a plateau bends over."""
+ROW_FEWEST_PX = 4
+ROW_SMOOTHING_PX = 1.0
+ROW_SIGMAS = 5.0
+"""Of the smoothed row's noise, the largest of 160 pixels: one row of a million by chance."""
+ROW_SPACE_SHARE = 0.1
+ROW_EARTH_SHARES = (0.6, 1.5)
+"""Levels beyond and within the limb, of its step: carbon dioxide's disc is 0.9 to 1.1 of its plateau, space a hundredth
+of it; what comes near half of the step is another edge."""
+MISFIT_CHANCE = 1e-6
+"""Probability of the crossings' misfit below which they are not of one limb."""
+LARGEST_RHO_RAD = float(np.deg2rad(82.0))
+"""From 60 km up; nothing orbits there."""
+
 SOLAR_RELIEF = (Relief(250.0, 0.3), Relief(300.0, 0.05))
 """Steepest place of the sunlit limb, as rendered with the Sun at 0 to 85 deg from the zenith: a slow change with the
 Sun's angle along the arc, and clouds."""

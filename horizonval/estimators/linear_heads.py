@@ -37,7 +37,6 @@ from horizonval.outcome import Outcome
 FloatArray = NDArray[np.float64]
 
 QUARTER_TOLERANCE_RAD = np.radians(1.0)
-QUANTUM_SIGMA_PX = 1.0 / np.sqrt(12.0)
 DISAGREEMENT_SIGMA = 6.0
 DISAGREEMENT_RAD = np.radians(1.0)
 """Four crossings of one cone have one condition to spare. The air's latitude and the oblateness spend a tenth of a
@@ -110,11 +109,12 @@ def run_published(observation: Observation) -> Fit | NoFit:
     located = [sub_pixel_crossing(r.row) for r in rows]
     if refusal := _missing(rows, located):
         return refusal
-    columns = np.array([published_crossing(r.row).fine for r in rows])
+    crossings = [published_crossing(r.row) for r in rows]
+    columns = np.array([c.fine for c in crossings])
     ifov = float(np.mean([r.pixel_rad(c) for r, c in zip(rows, columns, strict=True)]))
     pitch, roll = published_angles(columns, ifov)
     nadir_body = Rotation.from_euler("z", forward).apply(nadir_of_roll_pitch(roll, pitch))
-    sigma = np.array([np.hypot(QUANTUM_SIGMA_PX, c.sigma_px) for c in located if not isinstance(c, NoLimb)])
+    sigma = np.array([c.sigma_px for c in crossings])
     # P and R each weigh the four crossings with +-IFOV / (2 sqrt 2).
     variance = ifov**2 / 8.0 * float(sigma @ sigma)
     # What the formula neglects is known on board: the cone through the same crossings neglects nothing.

@@ -153,6 +153,8 @@ class Estimator:
     from_points : callable, optional
         The method behind its own search for points: (lines of sight (n, 3), pixels (n, 2), observation) to a result.
         A guard that has found limb points it trusts hands them over here.
+    from_heads : callable, optional
+        The same of a method of several heads: (pixels (n, 2) by the heads' names, observation) to a result.
     """
 
     name: str
@@ -161,3 +163,4 @@ class Estimator:
     estimates: Literal["geocentric", "geodetic"] = "geocentric"
     needs: Literal["image", "pose", "heads"] = "image"
     from_points: Callable[[FloatArray, FloatArray, Observation], Fit | NoFit] | None = None
+    from_heads: Callable[[Mapping[str, FloatArray], Observation], Fit | NoFit] | None = None

@@ -30,6 +30,7 @@ shows. No image is refused for what it shows: see :mod:`horizonval.limb.arc`.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 
 import numpy as np
@@ -40,7 +41,8 @@ from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
 from horizonval.geometry.camera import Camera, project, unproject
 from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.limb.arc import Arc, find_arc
-from horizonval.limb.cone import cone_uncertainty, off_axis_angle
+from horizonval.limb.circle import fit_circle
+from horizonval.limb.cone import SYSTEMATIC_PX, cone_uncertainty, fit_cone, off_axis_angle
 from horizonval.limb.result import NoLimb
 from horizonval.outcome import Outcome
 
@@ -109,8 +111,36 @@ def solve(observation: Observation, ends: Ends = Ends.SIGHT) -> Fit | NoFit:
     return fit_arcs(arcs, list(observation.heads.values()), observation.earth_radius_m, ends)
 
 
-def fit_arcs(arcs: list[Arc], heads: list[Observation], earth_radius_m: float, ends: Ends = Ends.SIGHT) -> Fit | NoFit:
-    """Return the vertical of two arcs: the method behind the search for arcs."""
+def from_heads(points: Mapping[str, FloatArray], observation: Observation) -> Fit | NoFit:
+    """Return the vertical from limb points, shape (n, 2) by the heads' names, that another search has found.
+
+    They are no whole pixels: their scatter is what they show.
+    """
+    if len(points) != HEADS or any(len(uv) < 2 * END_PIXELS for uv in points.values()):
+        return NoFit(Outcome.BAD_INPUT, f"the method needs {2 * END_PIXELS} points in each of {HEADS} heads")
+    arcs = []
+    for name, uv in points.items():
+        circle = fit_circle(uv)
+        if circle is None:
+            return NoFit(Outcome.SHORT_ARC, f"head {name}: the limb is straight: it has no circle")
+        arcs.append(Arc(uv[np.argsort(circle.along(uv), kind="stable")], circle))
+    heads = [observation.heads[name] for name in points]
+    return fit_arcs(arcs, heads, observation.earth_radius_m, sub_pixel=True)
+
+
+def fit_arcs(
+    arcs: list[Arc],
+    heads: list[Observation],
+    earth_radius_m: float,
+    ends: Ends = Ends.SIGHT,
+    *,
+    sub_pixel: bool = False,
+) -> Fit | NoFit:
+    """Return the vertical of two arcs: the method behind the search for arcs.
+
+    ``sub_pixel``: the arcs' points are no whole pixels. Their scatter is then taken about each arc's own cone: about
+    that of the vertical it would be mostly the error of the vertical itself, which few pixels bear.
+    """
     body_from_head = [Rotation.from_quat(head.q_cam_from_body).inv() for head in heads]
     chords = [
         turn.apply(chord(arc, head.camera, ends)) for turn, arc, head in zip(body_from_head, arcs, heads, strict=True)
@@ -136,11 +166,23 @@ def fit_arcs(arcs: list[Arc], heads: list[Observation], earth_radius_m: float, e
         _px_per_rad(arc, head.camera, turn.inv().apply(nadir_body))
         for turn, arc, head in zip(body_from_head, arcs, heads, strict=True)
     ]
-    off_px = np.concatenate([(angle - rho) * scale for angle, scale in zip(angles, px_per_rad, strict=True)])
-    variance_px = max(float(np.mean(off_px**2)), PIXEL_SIGMA_PX**2)
+    about = [(nadir_body, rho)] * len(los_body)
+    if sub_pixel:
+        axes = [fit_cone(los).axis_cam for los in los_body]
+        about = [(axis, float(off_axis_angle(los, axis).mean())) for los, axis in zip(los_body, axes, strict=True)]
+    off_px = np.concatenate(
+        [
+            (off_axis_angle(los, axis) - radius) * scale
+            for los, (axis, radius), scale in zip(los_body, about, px_per_rad, strict=True)
+        ]
+    )
+    variance_px = float(np.mean(off_px**2)) if sub_pixel else max(float(np.mean(off_px**2)), PIXEL_SIGMA_PX**2)
     if ends is Ends.SIGHT:
-        alike = max(_pixels_alike(los, nadir_body, rho) for los in los_body)
+        alike = max(_pixels_alike(los, *one) for los, one in zip(los_body, about, strict=True))
         variance_px *= min(1.0, alike / END_PIXELS)
+    if sub_pixel:
+        # Slow errors are one over an end: its pixels do not average them out, and their scatter does not show them.
+        variance_px += SYSTEMATIC_PX**2
     variance = np.array([variance_px * float(np.sum(scale[[0, -1]] ** -2.0)) for scale in px_per_rad])
     to_nadir = np.linalg.pinv(chords_body) * np.sin(rho)
     covariance_body = (to_nadir * variance) @ to_nadir.T
@@ -193,4 +235,5 @@ ESTIMATOR = Estimator(
     run=run,
     estimates="geocentric",
     needs="heads",
+    from_heads=from_heads,
 )

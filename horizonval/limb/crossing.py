@@ -36,6 +36,8 @@ FloatArray = NDArray[np.float64]
 
 FINE_STEP = 0.1
 FINE_REACH = 2
+NOISE_REACH = 6
+"""Pixels to either side of the steepest one in which noise may make another one the steepest."""
 RESOLVED_PX = 2.0
 """Distance of the 20 % and 80 % levels from which a limb counts as resolved. A step on an array with a spread of half a
 pixel has 1.2."""
@@ -62,10 +64,14 @@ or more, and the lens's fall-off within the window."""
 
 @dataclass(frozen=True)
 class PublishedCrossing:
-    """Crossing as published [pixels]; ``fine`` lies between the pixels ``coarse`` and ``coarse + 1``."""
+    """Crossing as published [pixels]; ``fine`` lies between the pixels ``coarse`` and ``coarse + 1``.
+
+    ``sigma_px``: of rounding to a pixel, and of noise that makes another difference the largest one.
+    """
 
     coarse: int
     fine: float
+    sigma_px: float
 
 
 @dataclass(frozen=True)
@@ -104,7 +110,23 @@ def published_crossing(row: FloatArray) -> PublishedCrossing:
     difference = np.abs(np.diff(np.interp(samples, np.arange(len(smooth)), smooth)))
     # Equal differences differ in the last bits of the interpolation.
     first = int(np.argmax(difference >= difference.max() * (1.0 - 1e-9)))
-    return PublishedCrossing(coarse, float(samples[first] + 0.5 * FINE_STEP))
+    return PublishedCrossing(coarse, float(samples[first] + 0.5 * FINE_STEP), _published_sigma_px(row, smooth, coarse))
+
+
+def _published_sigma_px(row: FloatArray, smooth: FloatArray, coarse: int) -> float:
+    """Return the standard deviation of the pixel of the largest difference.
+
+    A limb of several pixels has neighbours that are nearly as steep. Each is weighed with ``exp(-(d / s)^2)``, ``d``
+    what it lacks to the largest and ``s`` the noise of a pixel: within 15 % of the scatter of drawn limbs with 20 to
+    80 % over 1 to 5 pixels and noise of 0.3 to 4 % of the step.
+    """
+    step = np.abs(np.diff(smooth))
+    near = np.arange(max(coarse - NOISE_REACH, 0), min(coarse + NOISE_REACH + 1, len(step)))
+    lacking = step[coarse] - step[near]
+    noise = row_noise(np.asarray(row, dtype=np.float64), coarse)
+    weight = np.exp(-((lacking / noise) ** 2)) if noise > 0.0 else (lacking == 0.0).astype(np.float64)
+    weight /= weight.sum()
+    return float(np.sqrt(weight @ (near - weight @ near) ** 2 + 1.0 / 12.0))
 
 
 def sub_pixel_crossing(row: FloatArray) -> Crossing | NoLimb:

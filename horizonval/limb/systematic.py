@@ -57,6 +57,7 @@ def systematic_covariance(
     reliefs: tuple[Relief, ...],
     earth_radius_m: float,
     estimates: Literal["geocentric", "geodetic"] = "geocentric",
+    gain: FloatArray | None = None,
 ) -> FloatArray:
     """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
 
@@ -75,30 +76,65 @@ def systematic_covariance(
     earth_radius_m : float
     estimates : {"geocentric", "geodetic"}
         Which vertical the axis is compared with: what is left of oblateness depends on it.
+    gain : ndarray, shape (3, n), optional
+        How far a limb that is seen one radian further out at each of the points moves (axis 1, axis 2, half-angle) of a
+        method that is no fit of a cone; all points are then used.
 
     Raises
     ------
     numpy.linalg.LinAlgError
         If the points do not determine a cone.
     """
-    some = los_cam[:: max(1, -(-len(los_cam) // MOST_POINTS))] if len(los_cam) > 3 else los_cam
+    thin = gain is None and len(los_cam) > 3
+    some = los_cam[:: max(1, -(-len(los_cam) // MOST_POINTS))] if thin else los_cam
     basis = tangent_basis(axis_cam)
     across = some @ basis
     across = across / np.linalg.norm(across, axis=1)[:, None]
-    jacobian = np.column_stack([across, np.ones(len(some))])
-    gain = np.linalg.inv(jacobian.T @ jacobian) @ jacobian.T
-    angle_per_m = np.tan(rho_rad) / earth_radius_m
-    azimuth = np.arctan2(across[:, 1], across[:, 0])
-    apart = np.abs(azimuth[:, None] - azimuth[None, :])
-    apart = np.minimum(apart, 2.0 * np.pi - apart)
-    heights = np.zeros((len(some), len(some)))
-    for relief in reliefs:
-        heights += relief.sigma_m**2 * np.exp(-0.5 * (apart / relief.correlation_rad) ** 2)
-    covariance = angle_per_m**2 * gain @ heights @ gain.T
+    if gain is None:
+        jacobian = np.column_stack([across, np.ones(len(some))])
+        gain = np.linalg.inv(jacobian.T @ jacobian) @ jacobian.T
+    covariance = gain @ relief_covariance(across, rho_rad, reliefs, earth_radius_m) @ gain.T
     if flattening != 0.0:
         moved = _oblate_moves(across, gain, rho_rad, flattening, estimates)
         covariance = covariance + moved @ moved.T / moved.shape[1]
     return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def relief_covariance(
+    across: FloatArray, rho_rad: float, reliefs: tuple[Relief, ...], earth_radius_m: float
+) -> FloatArray:
+    """Return the covariance [rad^2], shape (n, n), of how far outside of the cone the relief lets a limb be seen.
+
+    Parameters
+    ----------
+    across : ndarray, shape (n, 2)
+        Unit directions from the axis towards the points, in its tangent basis.
+    rho_rad : float
+    reliefs : tuple of Relief
+    earth_radius_m : float
+    """
+    azimuth = np.arctan2(across[:, 1], across[:, 0])
+    apart = np.abs(azimuth[:, None] - azimuth[None, :])
+    apart = np.minimum(apart, 2.0 * np.pi - apart)
+    heights = np.zeros((len(across), len(across)))
+    for relief in reliefs:
+        heights += relief.sigma_m**2 * np.exp(-0.5 * (apart / relief.correlation_rad) ** 2)
+    return np.asarray((np.tan(rho_rad) / earth_radius_m) ** 2 * heights)
+
+
+def oblate_limbs(across: FloatArray, rho_rad: float, flattening: float) -> FloatArray:
+    """Return how far outside of a cone [rad] an ellipsoid's limb is seen, shape (n, poles), for poles spread evenly.
+
+    Parameters
+    ----------
+    across : ndarray, shape (n, 2)
+        As for :func:`relief_covariance`.
+    rho_rad, flattening : float
+    """
+    # From the Earth's centre a tangent point lies 90 deg - rho from the sub-satellite point, which is opposite to the
+    # nadir.
+    points = np.column_stack([np.cos(rho_rad) * across, np.full(len(across), -np.sin(rho_rad))])
+    return np.asarray(-flattening * np.tan(rho_rad) * (points @ _poles().T) ** 2)
 
 
 def _oblate_moves(
@@ -106,11 +142,7 @@ def _oblate_moves(
 ) -> FloatArray:
     """Return the errors (3, poles) of (axis 1, axis 2, half-angle), in axes (basis 1, basis 2, nadir)."""
     pole = _poles()
-    # From the Earth's centre a tangent point lies 90 deg - rho from the sub-satellite point, which is opposite to the
-    # nadir.
-    points = np.column_stack([np.cos(rho_rad) * across, np.full(len(across), -np.sin(rho_rad))])
-    delta = -flattening * np.tan(rho_rad) * (points @ pole.T) ** 2
-    moved = gain @ delta
+    moved = gain @ oblate_limbs(across, rho_rad, flattening)
     if estimates == "geodetic":
         # The normal at the foot leans from the radius towards the pole by f sin(2 lat) R / (R + H): down leans away.
         moved[:2] -= 2.0 * flattening * np.sin(rho_rad) * pole[:, 2] * pole[:, :2].T

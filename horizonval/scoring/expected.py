@@ -21,7 +21,16 @@ and more lenient ones. Frames that are valid by one and not by another are borde
 it is, but neither a claim nor a refusal is counted against an estimator. So are frames with the Sun in view whose limb
 would do otherwise: a sensor may refuse them by its rules, and need not. A false claim counts everywhere.
 
-For ``needs = "heads"`` see :func:`expected_of_heads`: every head must have a crossing of its own.
+**Heads** (``needs = "heads"``, see :func:`expected_of_heads`). A head need not determine the nadir by itself.
+
+* A camera must show an arc as long as a single one's, curved or not: one pixel of limb in a corner, or a limb that runs
+  along the rim, gives no direction. Two such arcs, or more, seen in directions far apart determine the nadir.
+* A linear array must be crossed with some pixels to spare at both ends, or the levels of the step are not known. In
+  thermal bands what crosses it is the infrared horizon of the truth (:mod:`horizonval.infrared_horizon`): that of
+  carbon dioxide stands 40 km above the ground, ten pixels of 0.1 deg, and leaves the row where the ground's edge is
+  still in it.
+* The Sun's disc in a thermal linear array is a step that saturates, far larger than the limb's, and a single row does
+  not show that it is a disc: ``sun_glare``, and borderline where the limb would do otherwise, as in solar bands.
 """
 
 from __future__ import annotations
@@ -36,9 +45,10 @@ from numpy.typing import NDArray
 
 from horizonval.errors import UserError
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import Camera, camera_from_spec
+from horizonval.geometry.camera import Camera, camera_from_spec, project
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import signed_limb_angle
+from horizonval.infrared_horizon.curve import curve_cam
 from horizonval.limb.cone import fit_cone, off_axis_angle, tangent_basis
 from horizonval.limb.systematic import Relief, systematic_covariance
 from horizonval.outcome import Outcome
@@ -126,7 +136,7 @@ def expected_outcome(
         Name of the band; the camera's first one by default.
     needs : {"image", "pose", "heads"}, optional
         ``Estimator.needs``: a method that is given the pose can always answer; one that looks through several heads
-        needs no more than a crossing from each.
+        needs from each no more than an arc, from a linear array a crossing.
 
     Raises
     ------
@@ -137,6 +147,8 @@ def expected_outcome(
     camera = camera_from_spec(spec.camera)
     chosen = _band(spec, band)
     view = horizon_view(truth, camera)
+    if needs == "heads" and _linear(camera) and chosen.name in truth.infrared_horizon:
+        view = _infrared_view(truth, camera, chosen.name, view)
     signal = limb_signal(truth, spec, chosen, camera, view)
     scene = _Scene(truth, camera, chosen.kind == "solar", view, signal, sun_in_frame(camera, truth), needs == "heads")
     outcome = _decide(scene, limits.NOMINAL)
@@ -179,9 +191,9 @@ def expected_outcome(
 def expected_of_heads(heads: Sequence[Expected]) -> Expected:
     """Return what a method should report that looks through several heads, from what each head sees.
 
-    All of them must have a crossing: the outcome is that of the first head that has none. The figures are the first
-    head's, but ``borderline`` holds if it holds for any head and no other head makes the outcome certain, and Sun and
-    Moon are in the frame if they are in any head's.
+    All of them must have an arc or a crossing: the outcome is that of the first head that has none. The figures are
+    the first head's, but ``borderline`` holds if it holds for any head and no other head makes the outcome certain, and
+    Sun and Moon are in the frame if they are in any head's.
     """
     whole = replace(
         heads[0],
@@ -203,16 +215,20 @@ class _Scene:
     view: HorizonView
     signal: LimbSignal
     sun: bool
-    crossing_only: bool
+    one_of_several: bool
+
+    @property
+    def crossing_only(self) -> bool:
+        return self.one_of_several and _linear(self.camera)
 
 
 def _decide(scene: _Scene, thresholds: Thresholds) -> Outcome:
-    seen = _in_reach(scene)
+    seen = _in_reach(scene, thresholds)
     if not scene.view.in_view.any():
         return Outcome.NO_LIMB
     if not _enough(scene, seen, thresholds):
         return Outcome.SHORT_ARC
-    if scene.solar and scene.sun:
+    if (scene.solar or scene.crossing_only) and scene.sun:
         return Outcome.SUN_GLARE
     lit = seen & _lit(scene, thresholds) & (scene.signal.lit >= thresholds.snr)
     if not _enough(scene, lit, thresholds):
@@ -226,7 +242,7 @@ def _decide(scene: _Scene, thresholds: Thresholds) -> Outcome:
 def _usable(scene: _Scene, thresholds: Thresholds) -> BoolArray:
     signal = scene.signal
     return np.asarray(
-        _in_reach(scene)
+        _in_reach(scene, thresholds)
         & _lit(scene, thresholds)
         & (signal.seen >= thresholds.snr)
         & (signal.veil_filling <= thresholds.veil)
@@ -234,9 +250,25 @@ def _usable(scene: _Scene, thresholds: Thresholds) -> BoolArray:
     )
 
 
-def _in_reach(scene: _Scene) -> BoolArray:
-    margin = 0.0 if scene.crossing_only else usable_margin_px(scene.camera)
-    return scene.view.in_view & inside_image(scene.camera, scene.view.uv, margin)
+def _linear(camera: Camera) -> bool:
+    return min(camera.width, camera.height) <= limits.LINEAR_PX
+
+
+def _infrared_view(truth: FrameTruth, camera: Camera, band: str, hard: HorizonView) -> HorizonView:
+    """Return the view with the infrared horizon in place of the ground's; thermal bands do not ask for the Sun."""
+    los, _ = curve_cam(truth, band, len(hard.in_view))
+    uv, _ = project(camera, los)
+    return replace(hard, los_cam=los, uv=uv, in_view=inside_image(camera, uv))
+
+
+def _in_reach(scene: _Scene, thresholds: Thresholds) -> BoolArray:
+    camera, uv = scene.camera, scene.view.uv
+    if not scene.crossing_only:
+        return scene.view.in_view & inside_image(camera, uv, usable_margin_px(camera))
+    along, length = (uv[:, 0], camera.width) if camera.width >= camera.height else (uv[:, 1], camera.height)
+    # Comparisons with NaN, the mark of a direction without an image, are False.
+    spared = (along >= thresholds.row_px - 0.5) & (along <= length - 0.5 - thresholds.row_px)
+    return np.asarray(scene.view.in_view & spared)
 
 
 def _lit(scene: _Scene, thresholds: Thresholds) -> BoolArray:
@@ -250,7 +282,11 @@ def _enough(scene: _Scene, member: BoolArray, thresholds: Thresholds) -> bool:
         return bool(member.any())
     arc_px, sagitta_px = extent(scene.camera, scene.view.uv, member, scene.truth.angular_radius_rad)
     shortest = thresholds.arc_fraction * min(scene.camera.width, scene.camera.height)
-    if arc_px < shortest or sagitta_px < limits.MIN_ARC_SAGITTA_PX:
+    if arc_px < shortest:
+        return False
+    if scene.one_of_several:
+        return True
+    if sagitta_px < limits.MIN_ARC_SAGITTA_PX:
         return False
     return _determined_rad(scene, member, thresholds) <= thresholds.determined_rad
 

@@ -58,6 +58,9 @@ class Thresholds:
     determined_rad : float
         Standard deviation, worst direction, to which the usable limb must determine the nadir: the limit of a false
         claim (:data:`NADIR_ERROR_LIMIT_RAD`) over 2.5. An honest sensor that is less sure should not claim.
+    row_px : float
+        Pixels that a linear array must have to either side of the limb that crosses it, to know both levels of the
+        step. The infrared limb falls from a plateau to space over some eight.
     """
 
     arc_fraction: float
@@ -66,6 +69,7 @@ class Thresholds:
     veil: float
     filling: float
     determined_rad: float
+    row_px: float
 
 
 NOMINAL = Thresholds(
@@ -75,6 +79,7 @@ NOMINAL = Thresholds(
     veil=0.6,
     filling=1.0,
     determined_rad=math.radians(0.2),
+    row_px=6.0,
 )
 STRICT = Thresholds(
     arc_fraction=0.35,
@@ -83,6 +88,7 @@ STRICT = Thresholds(
     veil=0.3,
     filling=0.8,
     determined_rad=math.radians(0.15),
+    row_px=12.0,
 )
 """What every sensor worth the name must answer. Radiances are known from a table to 30 % (by a factor of three in
 twilight), a search loses the ends of an arc, and the scatter of single points differs from method to method."""
@@ -93,6 +99,7 @@ LENIENT = Thresholds(
     veil=1.0,
     filling=1.4,
     determined_rad=math.radians(0.4),
+    row_px=3.0,
 )
 """What no sensor should answer: beyond even these a refusal is the only right outcome."""
 
@@ -100,6 +107,9 @@ RIM_PX = 10.0
 RIM_FULL_AT_PX = 256.0
 """Width of the rim in which no limb can be followed: a profile across it needs so many pixels to both sides. Smaller
 images have narrower windows in proportion."""
+
+LINEAR_PX = 16
+"""An image whose shorter side has no more pixels is a linear array: it shows a crossing, never an arc."""
 
 POINT_SIGMA_PX = 0.1
 """Scatter of single limb points of a sub-pixel search at a signal-to-noise ratio of some ten."""

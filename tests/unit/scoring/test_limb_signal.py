@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -133,6 +134,71 @@ def test_heads_must_all_have_a_crossing():
     away = expected_outcome(truth_at(camera(), roll_deg=150.0))
     assert expected_of_heads([seen, seen, seen, seen]).outcome == Outcome.VALID
     assert expected_of_heads([seen, away, seen, seen]).outcome == Outcome.NO_LIMB
+
+
+LINE = {
+    "camera": {"name": "line", "width": 8, "height": 160, "fov_deg": 0.8},
+    "band": [{"name": "co2", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.0}],
+}
+"""160 pixels of 0.1 deg across the limb, which stands 68 deg off the nadir."""
+
+
+def line(roll_deg: float, above_deg: float | None = None, **pose):
+    """Return what is expected of a linear array; ``above_deg``: of the infrared horizon over the ground's edge."""
+    truth = truth_at(LINE, roll_deg=roll_deg, **pose)
+    if above_deg is not None:
+        hard = [truth.angular_radius_rad] * 36
+        curve = {
+            "azimuth_deg": [10.0 * i for i in range(36)],
+            "geometric_angle_rad": hard,
+            "half_plateau_angle_rad": [angle + math.radians(above_deg) for angle in hard],
+            "half_plateau_height_m": [40e3] * 36,
+        }
+        truth = replace(truth, infrared_horizon={"co2": curve})
+    return expected_outcome(truth, needs="heads")
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_linear_array_must_be_crossed_with_room_to_both_sides(side):
+    """20 px to the end, 7 px, 1 px."""
+    certain, close, too_close = (line(LIMB_ROLL_DEG + side * off_deg) for off_deg in (6.0, 7.3, 7.85))
+    assert (certain.outcome, certain.borderline) == (Outcome.VALID, False)
+    assert (close.outcome, close.borderline) == (Outcome.VALID, True)
+    assert (too_close.outcome, too_close.borderline) == (Outcome.SHORT_ARC, False)
+
+
+def test_what_crosses_a_thermal_linear_array_is_the_infrared_horizon():
+    """40 km above the ground are a degree: out of the row where the ground's edge is still 20 px within it."""
+    assert line(LIMB_ROLL_DEG - 6.0, 1.0).borderline
+    assert line(LIMB_ROLL_DEG - 7.0, 1.0).outcome is not Outcome.VALID
+    lower = line(LIMB_ROLL_DEG + 7.85, 1.0)
+    assert lower.outcome is Outcome.VALID
+
+
+def test_the_sun_in_a_thermal_linear_array_may_be_refused():
+    east = {"sun_zenith_deg": 109.0, "sun_azimuth_deg": 90.0}
+    seen = [line(LIMB_ROLL_DEG, **{**east, "sun_azimuth_deg": azimuth}) for azimuth in (90.0, 270.0)]
+    with_sun, without = sorted(seen, key=lambda e: not e.sun_in_frame)
+    assert with_sun.sun_in_frame
+    assert (with_sun.outcome, with_sun.borderline) == (Outcome.SUN_GLARE, True)
+    assert (without.outcome, without.borderline) == (Outcome.VALID, False)
+    # An image shows that the Sun is a disc.
+    image = {**LINE, "camera": {"name": "image", "width": 160, "height": 160, "fov_deg": 30.0}}
+    found = expected_outcome(
+        truth_at(image, roll_deg=LIMB_ROLL_DEG, **{**east, "sun_azimuth_deg": 90.0}), needs="heads"
+    )
+    assert found.outcome is Outcome.VALID
+
+
+def test_a_camera_of_several_must_show_an_arc():
+    """Almost out of the frame of 60 deg a few pixels of limb are left, along the rim."""
+    outcomes = {}
+    for off_deg in (0.0, 20.0, 32.0):
+        truth = truth_at(camera(), roll_deg=LIMB_ROLL_DEG - off_deg)
+        found = expected_outcome(truth, needs="heads")
+        outcomes[off_deg] = found.outcome
+        assert found.horizon_arc_px > 20 or off_deg < 32.0
+    assert outcomes == {0.0: Outcome.VALID, 20.0: Outcome.VALID, 32.0: Outcome.SHORT_ARC}
 
 
 def test_a_strip_needs_a_crossing_only():
