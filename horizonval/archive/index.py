@@ -177,7 +177,9 @@ class Index:
             if not write:
                 yield connection
                 return
-            connection.execute("PRAGMA synchronous = NORMAL")
+            # A killed process leaves the file whole. A power cut may not, and then it is made again from the headers;
+            # to wait for the disc at every addition would cost more than writing a small entry.
+            connection.execute("PRAGMA synchronous = OFF")
             connection.execute("BEGIN IMMEDIATE")
             try:
                 if not _is_current(connection):
