@@ -186,7 +186,7 @@ def _world_to_camera(truth: FrameTruth, *, y_up: bool = True) -> FloatArray:
     matrix = np.eye(4)
     matrix[:3, :3] = rotation.T
     matrix[3, :3] = -rotation @ np.array(truth.r_itrs)
-    return np.ascontiguousarray(matrix)
+    return matrix + 0.0  # No -0.0, which is not equal in bytes.
 
 
 def _camera_to_ndc(camera: Camera) -> FloatArray:
@@ -207,7 +207,7 @@ def _screen_window(camera: Camera) -> dict[str, Any]:
     up = -((camera.height - 1) / 2 - camera.cy) / camera.fy
     return {
         "screenWindowWidth": camera.width / camera.fx,
-        "screenWindowCenter": np.array([right, up], dtype=np.float32),
+        "screenWindowCenter": np.array([right + 0.0, up + 0.0], dtype=np.float32),
         "pixelAspectRatio": camera.fy / camera.fx,
     }
 

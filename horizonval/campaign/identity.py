@@ -31,17 +31,17 @@ def code_version() -> str:
 
 def frame_identity(case: Case) -> str:
     """Return the digest of what a frame depends on; detectors, estimators and scores do not change a frame."""
-    return _digest(_scene_content(case), _code_digest(_FRAME_ROOMS))
+    return digest(_scene_content(case), _code_digest(_FRAME_ROOMS))
 
 
 def case_identity(case: Case, estimators: tuple[str, ...]) -> str:
     """Return the digest of what a case's results depend on."""
-    return _digest(_scene_content(case), json.dumps(estimators), code_version())
+    return digest(_scene_content(case), json.dumps(estimators), code_version())
 
 
 def unit_identity(unit: Unit, plan: Plan) -> str:
     """Return the digest of what the results of a unit depend on: all its cases, the estimators, what is kept."""
-    return _digest(*(_scene_content(case) for case in unit.cases), plan.content, code_version())
+    return digest(*(_scene_content(case) for case in unit.cases), plan.content, code_version())
 
 
 def suite_identity(suite: Suite) -> str:
@@ -49,12 +49,12 @@ def suite_identity(suite: Suite) -> str:
     more = [] if suite.stability is None else [suite.stability.model_dump_json()]
     if suite.programs or suite.keep != "all":
         more.append(plan_of(suite).content)
-    return _digest(suite.name, json.dumps(suite.estimators), *(_scene_content(case) for case in suite.cases), *more)
+    return digest(suite.name, json.dumps(suite.estimators), *(_scene_content(case) for case in suite.cases), *more)
 
 
 def stability_identity(case: StabilityCase) -> str:
     """Return the digest of what the profiles of a study's case depend on."""
-    return _digest(case.spec.model_dump_json(), case.name, _code_digest(_STABILITY_ROOMS))
+    return digest(case.spec.model_dump_json(), case.name, _code_digest(_STABILITY_ROOMS))
 
 
 def _scene_content(case: Case) -> str:
@@ -97,7 +97,8 @@ def _code_digest(rooms: tuple[str, ...]) -> str:
     return digest.hexdigest()
 
 
-def _digest(*parts: str) -> str:
+def digest(*parts: str) -> str:
+    """Return the sha256 of texts, whose borders count."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(hashlib.sha256(part.encode()).digest())

@@ -12,6 +12,9 @@ from horizonval.archive.store import Store
 from horizonval.campaign.folder import RunFolder, read_json
 from horizonval.errors import DamagedFileError, UserError
 
+_NAMING = {"frame", "truth_frame", "image", "images", "frame_address", "image_address"}
+"""Keys of records that hold addresses."""
+
 
 @dataclass(frozen=True)
 class Garbage:
@@ -39,7 +42,7 @@ def named_addresses(folder: RunFolder, *, strict: bool = False) -> dict[str, str
     ----------
     folder : RunFolder
     strict : bool
-        Raise for a file that cannot be read; without, it names nothing.
+        To remove what is not named: raise for a file that cannot be read, and take other digests for addresses too.
 
     Raises
     ------
@@ -57,21 +60,20 @@ def named_addresses(folder: RunFolder, *, strict: bool = False) -> dict[str, str
                         fix="make the run again, or delete this file",
                     )
                 continue
-            named |= dict.fromkeys(_addresses(content), f"{what} {path.stem!r}")
+            named |= dict.fromkeys(_addresses(content, strict), f"{what} {path.stem!r}")
     return named
 
 
-def _addresses(record: dict[str, Any]) -> Iterator[str]:
-    """Yield every address anywhere in a record: whatever a later version names there is kept as well."""
-    waiting: list[Any] = [record]
+def _addresses(record: dict[str, Any], everywhere: bool) -> Iterator[str]:
+    """Yield the addresses in a record; ``everywhere`` takes whatever looks like one, other digests included."""
+    waiting: list[tuple[bool, Any]] = [(everywhere, record)]
     while waiting:
-        value = waiting.pop()
+        counts, value = waiting.pop()
         if isinstance(value, dict):
-            # The identity of a result is a digest as well; it is the address of nothing.
-            waiting += [v for key, v in value.items() if key != "details"]
+            waiting += [(counts or key in _NAMING, v) for key, v in value.items()]
         elif isinstance(value, list):
-            waiting += value
-        elif isinstance(value, str) and is_address(value):
+            waiting += [(counts, v) for v in value]
+        elif counts and isinstance(value, str) and is_address(value):
             yield value
 
 
