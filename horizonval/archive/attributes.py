@@ -102,7 +102,7 @@ def standard_attributes(truth: FrameTruth, spec: CameraSpec, exposure_s: float |
     attributes |= {"longitude": float(np.degrees(longitude)), "latitude": float(np.degrees(latitude))}
     if camera.projection == "pinhole":
         attributes |= _screen_window(camera)
-        attributes["worldToNDC"] = (world_to_camera @ _camera_to_ndc(camera)).astype(np.float32)
+        attributes["worldToNDC"] = _times(world_to_camera, _camera_to_ndc(camera)).astype(np.float32)
     if spec.camera.focal_length_mm is not None:
         attributes["nominalFocalLength"] = spec.camera.focal_length_mm
     if spec.detector is not None:
@@ -182,11 +182,19 @@ def _ends_um(band: Band) -> tuple[float, float]:
 
 
 def _world_to_camera(truth: FrameTruth, *, y_up: bool = True) -> FloatArray:
-    rotation = np.diag([1.0, -1.0 if y_up else 1.0, 1.0]) @ Rotation.from_quat(truth.q_cam_from_itrs).as_matrix()
+    rotation = Rotation.from_quat(truth.q_cam_from_itrs).as_matrix()
+    rotation[1] *= -1.0 if y_up else 1.0
     matrix = np.eye(4)
     matrix[:3, :3] = rotation.T
-    matrix[3, :3] = -rotation @ np.array(truth.r_itrs)
+    matrix[3] = -_times(np.array([*truth.r_itrs, 0.0])[None], matrix)[0]
+    matrix[3, 3] = 1.0
     return matrix + 0.0  # No -0.0, which is not equal in bytes.
+
+
+def _times(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the matrix product, its sums in one order on every processor: the bytes of a file depend on it."""
+    product: FloatArray = (a[:, :, None] * b[None, :, :]).sum(axis=1)
+    return product
 
 
 def _camera_to_ndc(camera: Camera) -> FloatArray:

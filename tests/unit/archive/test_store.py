@@ -139,3 +139,19 @@ def test_two_writers_lose_nothing(store, make_frame):
     known = store.index.known()
     assert known is not None
     assert list(known.values()) == entries
+
+
+def test_an_index_built_anew_meanwhile_loses_nothing_either(store, make_frame):
+    context = multiprocessing.get_context("fork")
+    worker = context.Process(target=_add_many, args=(store.root, make_frame, 0))
+    worker.start()
+    rebuilt = 0
+    while worker.is_alive():
+        if store.root.is_dir():
+            rebuilt = max(rebuilt, store.index.rebuild())
+    worker.join(60)
+    assert (worker.exitcode, rebuilt > 0) == (0, True)
+    known = store.index.known()
+    assert known is not None
+    assert list(known.values()) == list(store.entries())
+    assert len(known) == 12
