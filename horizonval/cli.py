@@ -729,10 +729,13 @@ def _store(folder: Path, *, follow: bool = True) -> Any:
     if isinstance(elsewhere, str):
         inside = folder / elsewhere
     root = inside if inside.is_dir() else folder
+    expected = "an archive, or the folder of a run"
     if not root.is_dir():
-        what = "is a file" if root.exists() else "no such folder"
-        raise UserError(what, where=str(folder), expected="an archive, or the folder of a run")
-    return Store(root)
+        raise UserError("is a file" if root.exists() else "no such folder", where=str(folder), expected=expected)
+    store = Store(root)
+    if root.resolve().name != "archive" and not store.is_one():
+        raise UserError("holds no archive", where=str(folder), expected=expected)
+    return store
 
 
 def _file(folder: Path, address: str | None) -> Path:

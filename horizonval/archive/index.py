@@ -25,7 +25,7 @@ from horizonval.errors import DamagedFileError, UserError
 NAME = f"{INDEX_PREFIX}sqlite"
 VERSION = 1
 """Of the table; an index of another version is made anew."""
-PATIENCE_S = 30.0
+PATIENCE_S = 10.0
 """How long to wait for another process that is writing: a transaction takes milliseconds."""
 
 _NO_DAMAGE = {
@@ -114,10 +114,10 @@ class Index:
             return {entry.address: entry for entry in _select(connection)}
 
     def update(self, tell: Tell | None = None) -> None:
-        """Add the rows of entries that are not in the index; nothing is dropped."""
+        """Add the rows of entries that are not in the index; nothing is dropped, and no index made of no entries."""
         known = self.known()
         new = [path for path in places(self.root) if known is None or path.stem not in known]
-        if known is not None and not new:
+        if not new and (known is not None or not self.path.exists()):
             return
         entries = list(_described(new, tell))
         with self._reported(), self._open() as connection:

@@ -9,6 +9,7 @@ is said in :mod:`horizonval.archive.entry`; the index beside the entries is that
 from __future__ import annotations
 
 import os
+import re
 import secrets
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -76,6 +77,12 @@ class Store:
         if sha256(path) != address:
             raise DamagedFileError("its bytes are not those of its address", where=str(path))
         return path
+
+    def is_one(self) -> bool:
+        """Whether the folder looks like an archive: an entry's folder, an index, or nothing at all in it."""
+        inside = [path.name for path in self.root.iterdir()]
+        hexadecimal = re.compile("[0-9a-f]{2}")
+        return not inside or self.index.path.name in inside or any(hexadecimal.fullmatch(name) for name in inside)
 
     def find(self, start: str) -> str:
         """Return the one address that begins so; ``UserError`` if there is none, or several."""

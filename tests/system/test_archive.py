@@ -43,6 +43,7 @@ def test_filters_of_the_list(horizonval, out):
     assert_one_line(horizonval("archive", "ls", "out", "--kind", "film"), "--kind", "frame or image")
     assert_one_line(horizonval("archive", "ls", "out", "--since", "now"), "--since", "'now'")
     assert_one_line(horizonval("archive", "ls", "out/summary.json"), "is a file")
+    assert_one_line(horizonval("archive", "verify", "out/cases"), "holds no archive")
 
 
 def test_the_index_of_a_run_is_complete_and_can_be_built_again(horizonval, out):

@@ -139,3 +139,9 @@ def test_where_no_index_can_be_made_the_headers_are_read(store, monkeypatch):
     store.index.path.unlink()
     store.index.path.mkdir()  # Nothing can be opened here.
     assert store.index.select(Filter(kind="frame")) == [e for e in before if e.kind == "frame"]
+
+
+def test_a_folder_without_entries_is_left_as_it_is(tmp_path):
+    assert Index(tmp_path).select() == []
+    assert Index(tmp_path / "none").select() == []
+    assert list(tmp_path.iterdir()) == []
