@@ -146,12 +146,12 @@ class Index:
             return []
         try:
             self.update(tell)
-            opened: Any = self._open(write=False)
-        except UserError as error:
-            if isinstance(error, DamagedFileError):
-                raise
-            opened = self._in_memory(tell)
-        with self._reported(), opened as connection:
+            in_memory = not self.path.is_file()
+        except DamagedFileError:
+            raise
+        except UserError:
+            in_memory = True
+        with self._reported(), self._in_memory(tell) if in_memory else self._open(write=False) as connection:
             entries = list(_select(connection, wanted))
         there = {path.stem for path in places(self.root)}
         return [entry if entry.address in there else replace(entry, kind="missing") for entry in entries]
