@@ -605,7 +605,7 @@ def archive_rescore(
 
     wanted = _filter("image", scene, camera, head, band, seed, since, until)
     try:
-        with Terminal("rescore", "images") as progress:
+        with Terminal("rescore", "cases") as progress:
             done = rescore(
                 _store(folder),
                 out,

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 from conftest import assert_one_line
 
@@ -195,7 +196,6 @@ def test_scoring_again_says_what_it_cannot(horizonval, out):
 
 def test_the_horizon_is_where_a_foreign_reader_projects_it(mini_run):
     """OpenImageIO opens every archived file; the exact horizon, projected with its attributes, is on height 0."""
-    oiio = pytest.importorskip("OpenImageIO")
     seen = 0
     for path in sorted((mini_run / "archive").rglob("*.exr")):
         buffer = oiio.ImageBuf(str(path))

@@ -9,6 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 from scipy.spatial.transform import Rotation
 from synthetic import SOLAR_CAMERA, toy_image, truth_at
@@ -18,8 +19,6 @@ from horizonval.archive.store import Store
 from horizonval.frame import DetectorImage
 from horizonval.geometry.camera import camera_from_spec, project
 from horizonval.spec.camera import CameraSpec
-
-oiio = pytest.importorskip("OpenImageIO")
 
 TOLERANCE_PX = 0.25
 PITCH_UM = 5.5
