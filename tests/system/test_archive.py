@@ -9,7 +9,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import OpenImageIO as oiio
+import OpenImageIO
 import pytest
 from conftest import assert_one_line
 
@@ -198,14 +198,14 @@ def test_the_horizon_is_where_a_foreign_reader_projects_it(mini_run):
     """OpenImageIO opens every archived file; the exact horizon, projected with its attributes, is on height 0."""
     seen = 0
     for path in sorted((mini_run / "archive").rglob("*.exr")):
-        buffer = oiio.ImageBuf(str(path))
+        buffer = OpenImageIO.ImageBuf(str(path))
         assert not buffer.has_error, buffer.geterror()
         spec = buffer.spec()
         found = {a.name: a.value for a in spec.extra_attribs}
         assert (spec.width, spec.height, found["horizonval:schema"]) == (96, 80, 4)
         if found["horizonval:kind"] != "frame":
             continue
-        values = buffer.get_pixels(oiio.FLOAT)
+        values = buffer.get_pixels(OpenImageIO.FLOAT)
         height = values[..., spec.channelnames.index("truth.tangent_height")]
         points = tangency_points(found["horizonval:camera_position_m"], WGS84, np.linspace(0, 2 * np.pi, 720))
         across, down, _, depth = (

@@ -9,7 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-import OpenImageIO as oiio
+import OpenImageIO
 import pytest
 from scipy.spatial.transform import Rotation
 from synthetic import SOLAR_CAMERA, toy_image, truth_at
@@ -25,16 +25,16 @@ PITCH_UM = 5.5
 
 
 def attributes(path: Path) -> tuple[Any, dict[str, Any]]:
-    opened = oiio.ImageInput.open(str(path))
-    assert opened is not None, oiio.geterror()
+    opened = OpenImageIO.ImageInput.open(str(path))
+    assert opened is not None, OpenImageIO.geterror()
     spec = opened.spec()
     opened.close()
     return spec, {a.name: a.value for a in spec.extra_attribs}
 
 
 def pixels(path: Path) -> dict[str, np.ndarray]:
-    buffer = oiio.ImageBuf(str(path))
-    values = buffer.get_pixels(oiio.FLOAT)
+    buffer = OpenImageIO.ImageBuf(str(path))
+    values = buffer.get_pixels(OpenImageIO.FLOAT)
     return {name: values[..., i] for i, name in enumerate(buffer.spec().channelnames)}
 
 
