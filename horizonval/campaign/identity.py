@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterable
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -31,17 +32,17 @@ def code_version() -> str:
 
 def frame_identity(case: Case) -> str:
     """Return the digest of what a frame depends on; detectors, estimators and scores do not change a frame."""
-    return digest(_scene_content(case), _code_digest(_FRAME_ROOMS))
+    return _digest(_scene_content(case), _code_digest(_FRAME_ROOMS))
 
 
 def case_identity(case: Case, estimators: tuple[str, ...]) -> str:
     """Return the digest of what a case's results depend on."""
-    return digest(_scene_content(case), json.dumps(estimators), code_version())
+    return _digest(_scene_content(case), json.dumps(estimators), code_version())
 
 
 def unit_identity(unit: Unit, plan: Plan) -> str:
     """Return the digest of what the results of a unit depend on: all its cases, the estimators, what is kept."""
-    return digest(*(_scene_content(case) for case in unit.cases), plan.content, code_version())
+    return _digest(*(_scene_content(case) for case in unit.cases), plan.content, code_version())
 
 
 def suite_identity(suite: Suite) -> str:
@@ -49,12 +50,17 @@ def suite_identity(suite: Suite) -> str:
     more = [] if suite.stability is None else [suite.stability.model_dump_json()]
     if suite.programs or suite.keep != "all":
         more.append(plan_of(suite).content)
-    return digest(suite.name, json.dumps(suite.estimators), *(_scene_content(case) for case in suite.cases), *more)
+    return _digest(suite.name, json.dumps(suite.estimators), *(_scene_content(case) for case in suite.cases), *more)
 
 
 def stability_identity(case: StabilityCase) -> str:
     """Return the digest of what the profiles of a study's case depend on."""
-    return digest(case.spec.model_dump_json(), case.name, _code_digest(_STABILITY_ROOMS))
+    return _digest(case.spec.model_dump_json(), case.name, _code_digest(_STABILITY_ROOMS))
+
+
+def rescored_identity(addresses: Iterable[str], estimators: Iterable[str]) -> str:
+    """Return the digest of what the results of archived images depend on: their bytes, the estimators, the code."""
+    return _digest(json.dumps([*addresses]), json.dumps([*estimators]), code_version())
 
 
 def _scene_content(case: Case) -> str:
@@ -97,8 +103,7 @@ def _code_digest(rooms: tuple[str, ...]) -> str:
     return digest.hexdigest()
 
 
-def digest(*parts: str) -> str:
-    """Return the sha256 of texts, whose borders count."""
+def _digest(*parts: str) -> str:
     digest = hashlib.sha256()
     for part in parts:
         digest.update(hashlib.sha256(part.encode()).digest())

@@ -20,7 +20,7 @@ from horizonval.archive.entry import Entry
 from horizonval.archive.index import Filter
 from horizonval.archive.store import Store
 from horizonval.campaign.folder import RunFolder, read_json, write_json
-from horizonval.campaign.identity import code_version, digest
+from horizonval.campaign.identity import code_version, rescored_identity
 from horizonval.campaign.named import run_folder_of
 from horizonval.campaign.observation import method_radius_m, observation_of, observation_of_heads
 from horizonval.campaign.progress import Progress, Silent
@@ -252,7 +252,7 @@ def _record(
 ) -> dict[str, Any] | str:
     estimators = [one for one in chosen if (one.needs == "heads") == item.together]
     addresses = [address for images in item.images.values() for address in images.values()]
-    identity = digest(code_version(), *(one.name for one in estimators), *addresses, *item.frames.values())
+    identity = rescored_identity([*addresses, *item.frames.values()], [one.name for one in estimators])
     path = folder.case(item.name)
     before = read_json(path)
     if before is not None and before.get("identity") == identity and before.get("error") is None:
