@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 FRAME_SCHEMA = 3
-READABLE_SCHEMAS = (1, 2, 3)
-"""What an archive may hold. 1: before there was a Moon; 2: before the infrared horizon. Fields that an older truth does
-not have take their defaults."""
+"""Of the truth's fields. 1: before there was a Moon; 2: before the infrared horizon. Fields that an older truth lacks
+take their defaults. It is part of a scene's identity, hence of its noise; the layout of files has a number of its own.
+"""
 
 
 class Hit(IntEnum):

@@ -6,10 +6,12 @@ said otherwise, ZIP compressed, which every reader knows and which keeps every b
     Y                   the first band once more, so that any viewer shows something
     radiance.<band>     W m-2 sr-1
     truth.<map>         see horizonval.frame.MAP_UNITS
+    mask.<name>         0 or 1, float16: earth and sunlit, of an image saturated (horizonval.archive.masks)
     dn.<band>           digital numbers, uint32 (the format has no 16-bit integers)
 
-Header keys: the standard ones (:mod:`horizonval.archive.attributes`) and ours, named ``horizonval:*``. Numbers travel
-in JSON strings, because the format's own attributes turn Python floats into float32 and integers from 2^31 into 0.
+Header keys: the standard ones and ours, named ``horizonval:*`` (:mod:`horizonval.archive.attributes`). What is read
+back travels in JSON strings, because the format's own attributes turn Python floats into float32 and integers from 2^31
+into 0; the typed keys and the masks are made from it, for other programs.
 
 Two guards, for two dangers. The seal (:mod:`horizonval.archive.seal`) covers the file's bytes: damage on the disk.
 ``horizonval:sha256`` is the digest of the arrays and JSON as they were before they went into the library: damage by
@@ -30,7 +32,7 @@ import re
 import secrets
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -39,10 +41,16 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from horizonval.archive import seal
-from horizonval.archive.attributes import standard_attributes
+from horizonval.archive.attributes import camera_of, own_attributes, standard_attributes
+from horizonval.archive.masks import earth, saturated, sunlit
 from horizonval.errors import DamagedFileError, UserError
-from horizonval.frame import FRAME_SCHEMA, MAP_UNITS, READABLE_SCHEMAS, DetectorImage, Frame, FrameTruth
+from horizonval.frame import MAP_UNITS, DetectorImage, Frame, FrameTruth
 from horizonval.spec.camera import CameraSpec
+
+FILE_SCHEMA = 4
+"""Of the files' layout. 1 to 3 went with the truth's own schema (:data:`horizonval.frame.FRAME_SCHEMA`): 1 before there
+was a Moon, 2 before the infrared horizon. 4: masks, typed keys, the camera of an image in its standard attributes."""
+READABLE_SCHEMAS = (1, 2, 3, 4)
 
 Kind = Literal["frame", "image", "foreign"]
 
@@ -71,15 +79,19 @@ def write_frame(path: str | os.PathLike[str], frame: Frame) -> None:
     if missing := sorted(set(MAP_UNITS) - set(frame.maps)):
         raise ValueError(f"truth maps missing: {missing}")
     bands = list(frame.radiance)
-    channels = {f"radiance.{band}": _float32(values, f"radiance.{band}") for band, values in frame.radiance.items()}
+    channels: Channels = {
+        f"radiance.{band}": _float32(values, f"radiance.{band}") for band, values in frame.radiance.items()
+    }
     for band, values in frame.radiance.items():
         if not np.isfinite(values).all():
             raise ValueError(f"radiance of band {band!r} is not finite everywhere")
     channels |= {f"truth.{name}": _float32(values, f"truth.{name}") for name, values in frame.maps.items()}
     channels["Y"] = channels[f"radiance.{bands[0]}"]
+    channels |= {"mask.earth": earth(frame.maps), "mask.sunlit": sunlit(frame.maps, frame.truth)}
     own = {"kind": "frame", "bands": ",".join(bands), "truth": _dumps(frame.truth.to_dict())}
     own |= {"render": _dumps(frame.render), "radiance_unit": "W m-2 sr-1"}
-    _write(Path(path), channels, own, frame.truth)
+    own |= {"renderer": _words(frame.render.get(key) for key in ("kind", "version", "variant"))}
+    _write(Path(path), channels, own, frame.truth, camera_of(frame.truth))
 
 
 def write_image(path: str | os.PathLike[str], image: DetectorImage) -> None:
@@ -92,10 +104,13 @@ def write_image(path: str | os.PathLike[str], image: DetectorImage) -> None:
     channels: Channels = {
         f"dn.{image.band}": np.ascontiguousarray(dn, dtype=np.uint32),
         "Y": np.ascontiguousarray(dn, dtype=np.float32),
+        "mask.saturated": saturated(dn, image.full_scale),
     }
     own: dict[str, Any] = {"kind": "image", "bands": image.band, "truth": _dumps(image.truth.to_dict())}
     own |= {"observation": _dumps(image.observation), "full_scale": image.full_scale}
-    _write(Path(path), channels, own, image.truth, image.observation.get("exposure_s"))
+    own |= {"seed": str(image.observation.get("seed", ""))}
+    camera = camera_of(image.truth, image.observation)
+    _write(Path(path), channels, own, image.truth, camera, image.observation.get("exposure_s"))
 
 
 def read_frame(path: str | os.PathLike[str]) -> Frame:
@@ -217,7 +232,10 @@ def _float32(values: NDArray[Any], name: str) -> NDArray[np.float32]:
 
 
 def _digest(channels: Channels, own: dict[str, Any]) -> str:
-    """Return the sha256 of content: every channel's name, type, shape and bytes, then every key of ours."""
+    """Return the sha256 of content: every channel's name, type, shape and bytes, then every text and integer of ours.
+
+    The other keys are made from these.
+    """
     digest = hashlib.sha256()
     for name in sorted(channels):
         values = channels[name]
@@ -229,9 +247,13 @@ def _digest(channels: Channels, own: dict[str, Any]) -> str:
 
 
 def _write(
-    path: Path, channels: Channels, own: dict[str, Any], truth: FrameTruth, exposure_s: float | None = None
+    path: Path,
+    channels: Channels,
+    own: dict[str, Any],
+    truth: FrameTruth,
+    spec: CameraSpec,
+    exposure_s: float | None = None,
 ) -> None:
-    spec = CameraSpec.model_validate(truth.camera)
     expected = (spec.camera.height, spec.camera.width)
     for name, values in channels.items():
         if values.shape != expected:
@@ -239,8 +261,15 @@ def _write(
     for band in own["bands"].split(","):
         if not _BAND.fullmatch(band):
             raise ValueError(f"band name {band!r}: letters, digits, _ and - only")
-    own = {"schema": FRAME_SCHEMA, **own, "scene_id": truth.scene_id, "epoch_utc": truth.epoch_utc}
-    _write_sealed(path, channels, own, standard_attributes(truth, spec, exposure_s))
+    own = {"schema": FILE_SCHEMA, **own, "scene_id": truth.scene_id, "epoch_utc": truth.epoch_utc}
+    own |= {"scene": str(truth.scene.get("scene", {}).get("name", "")), "world_frame": "ITRS"}
+    own |= {"projection": spec.camera.projection}
+    typed = {_PREFIX + key: value for key, value in own_attributes(truth, spec, exposure_s).items()}
+    _write_sealed(path, channels, own, standard_attributes(truth, spec, exposure_s) | typed)
+
+
+def _words(parts: Iterable[Any]) -> str:
+    return " ".join(str(part) for part in parts if part is not None)
 
 
 def _write_sealed(path: Path, channels: Channels, own: dict[str, Any], standard: dict[str, Any]) -> None:
@@ -334,7 +363,7 @@ def _read(path: Path, wanted: Literal["frame", "image"]) -> tuple[dict[str, Any]
     own = {
         name.removeprefix(_PREFIX): attribute.integer() if attribute.type == "int" else attribute.text()
         for name, attribute in header.attributes.items()
-        if name.startswith(_PREFIX)
+        if name.startswith(_PREFIX) and attribute.type in ("int", "string")
     }
     if _digest(channels, own) != content["sha256"]:
         raise DamagedFileError("the pixels or the truth do not match their sha256", where=str(path))

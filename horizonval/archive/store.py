@@ -1,53 +1,25 @@
 """Content-addressed folder of frames and detector images.
 
-The address of an entry is the sha256 of its file's bytes; the file lies at ``ab/<address>.exr``, where ``ab`` are the
-address's first two digits. Because equal content gives equal bytes (:mod:`horizonval.archive.exr`), a frame rendered
-twice is stored once, and two processes that add at the same time can only write the same bytes to the same name: no
-lock is needed. Everything is written beside its place and renamed, so that a crash leaves a temporary file, never a
-broken entry.
-
-Files at the root named ``index.*`` are tolerated: they are made from the headers and may be made again.
+Because equal content gives equal bytes (:mod:`horizonval.archive.exr`), a frame rendered twice is stored once, and two
+processes that add at the same time can only write the same bytes to the same name: no lock is needed. Everything is
+written beside its place and renamed, so that a crash leaves a temporary file, never a broken entry. Where an entry lies
+is said in :mod:`horizonval.archive.entry`; the index beside the entries is that of :mod:`horizonval.archive.index`.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 import secrets
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Literal
 
 from horizonval.archive import exr
+from horizonval.archive.entry import Entry, describe, place, places, sha256
+from horizonval.archive.index import Index
+from horizonval.archive.verify import Finding, Tell, verify
 from horizonval.errors import DamagedFileError, UserError
 from horizonval.frame import DetectorImage, Frame
-
-_ADDRESS = re.compile(r"[0-9a-f]{64}")
-_TEMPORARY = ".tmp"
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One stored file, described by its header. ``kind = "damaged"`` leaves the rest empty."""
-
-    address: str
-    kind: Literal["frame", "image", "damaged"]
-    size_bytes: int
-    scene: str = ""
-    scene_id: str = ""
-    camera: str = ""
-    bands: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing in the folder that should not be so; ``message`` is one line."""
-
-    path: Path
-    problem: Literal["damaged", "misplaced", "leftover", "foreign"]
-    message: str
 
 
 class Store:
@@ -55,6 +27,7 @@ class Store:
 
     def __init__(self, root: str | os.PathLike[str]) -> None:
         self.root = Path(root)
+        self.index = Index(self.root)
 
     def add_frame(self, frame: Frame) -> str:
         """Store ``frame`` and return its address; an intact entry stays untouched, a damaged one is mended."""
@@ -69,23 +42,22 @@ class Store:
             self.root.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UserError(f"cannot be made: {error.strerror}", where=str(self.root)) from None
-        temporary = self.root / f".{secrets.token_hex(8)}{_TEMPORARY}"
+        temporary = self.root / f".{secrets.token_hex(8)}.tmp"
         try:
             write(temporary)
-            address = _sha256(temporary)
-            place = self.path(address)
-            if not place.is_file() or _sha256(place) != address:
-                place.parent.mkdir(exist_ok=True)
-                temporary.replace(place)
+            address = sha256(temporary)
+            path = self.path(address)
+            if not path.is_file() or sha256(path) != address:
+                path.parent.mkdir(exist_ok=True)
+                temporary.replace(path)
         finally:
             temporary.unlink(missing_ok=True)
+        self.index.record(describe(path))
         return address
 
     def path(self, address: str) -> Path:
         """Return where the entry with this address lies (or would lie)."""
-        if not _ADDRESS.fullmatch(address):
-            raise UserError(f"{address!r} is no address", where=str(self.root), expected="64 hexadecimal digits")
-        return self.root / address[:2] / f"{address}.exr"
+        return place(self.root, address)
 
     def __contains__(self, address: str) -> bool:
         return self.path(address).is_file()
@@ -102,70 +74,31 @@ class Store:
         path = self.path(address)
         if not path.is_file():
             raise UserError(f"no entry {address}", where=str(self.root), fix="see `horizonval archive ls`")
-        if _sha256(path) != address:
+        if sha256(path) != address:
             raise DamagedFileError("its bytes are not those of its address", where=str(path))
         return path
 
+    def is_one(self) -> bool:
+        """Whether the folder looks like an archive: an entry's folder, an index, or nothing at all in it."""
+        inside = [path.name for path in self.root.iterdir()]
+        hexadecimal = re.compile("[0-9a-f]{2}")
+        return not inside or self.index.path.name in inside or any(hexadecimal.fullmatch(name) for name in inside)
+
+    def find(self, start: str) -> str:
+        """Return the one address that begins so; ``UserError`` if there is none, or several."""
+        found = [path.stem for path in places(self.root) if path.stem.startswith(start.lower())]
+        if len(found) != 1 or not start:
+            what = (
+                f"{len(found)} entries begin with {start!r}" if start and found else f"no entry begins with {start!r}"
+            )
+            raise UserError(what, where=str(self.root), fix="see `horizonval archive ls`")
+        return found[0]
+
     def entries(self) -> Iterator[Entry]:
         """Yield every entry in the order of addresses, read from the headers alone."""
-        for path in self._places():
-            yield _describe(path)
+        for path in places(self.root):
+            yield describe(path)
 
-    def verify(self) -> list[Finding]:
-        """Read everything and return what is wrong, in the order of paths; nothing is changed."""
-        findings = []
-        for path in sorted(p for p in self.root.rglob("*") if not p.is_dir()):
-            if finding := self._examine(path):
-                findings.append(finding)
-        return findings
-
-    def _places(self) -> list[Path]:
-        return sorted(p for p in self.root.glob("??/*.exr") if _ADDRESS.fullmatch(p.stem) and p == self.path(p.stem))
-
-    def _examine(self, path: Path) -> Finding | None:
-        shown = path.relative_to(self.root)
-        if path.name.endswith(_TEMPORARY):
-            return Finding(path, "leftover", f"{shown}: left by an interrupted write; delete it")
-        if path.parent == self.root and path.name.startswith("index."):
-            return None
-        if path.suffix != ".exr" or not _ADDRESS.fullmatch(path.stem) or not path.is_file():
-            return Finding(path, "foreign", f"{shown}: does not belong here")
-        if (place := self.path(path.stem)) != path:
-            return Finding(path, "misplaced", f"{shown}: belongs at {place.relative_to(self.root)}")
-        try:
-            reason = _damage(path)
-        except UserError as error:
-            reason = error.what
-        return Finding(path, "damaged", f"{shown}: {reason}") if reason else None
-
-
-def _damage(path: Path) -> str:
-    """Return why the file is not what was added, or nothing; a reading error says more and goes first."""
-    if exr.kind(path) == "image":
-        exr.read_image(path)
-    else:
-        exr.read_frame(path)
-    return "" if _sha256(path) == path.stem else "its bytes are not those of its address"
-
-
-def _describe(path: Path) -> Entry:
-    size = path.stat().st_size
-    try:
-        header = exr.read_header(path)
-    except DamagedFileError:
-        return Entry(address=path.stem, kind="damaged", size_bytes=size)
-    truth = header["truth"]
-    return Entry(
-        address=path.stem,
-        kind=header["kind"],
-        size_bytes=size,
-        scene=truth.get("scene", {}).get("scene", {}).get("name", ""),
-        scene_id=truth.get("scene_id", ""),
-        camera=truth.get("camera", {}).get("camera", {}).get("name", ""),
-        bands=tuple(header["bands"]),
-    )
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    def verify(self, named: Mapping[str, str] | None = None, tell: Tell | None = None) -> list[Finding]:
+        """Read everything and return what is wrong; see :func:`horizonval.archive.verify.verify`."""
+        return verify(self.root, named, tell)

@@ -8,7 +8,7 @@
     state/<name>.json  address of a frame that is rendered, whether or not it is scored yet
     stability/, stability.csv   the study of the infrared horizon, where the suite asks for one
     results.parquet, summary.json, report/     made of the cases at the end
-    timings*.json      seconds; the only files that two equal runs do not share
+    timings*.json      seconds; with the archive's index the only files that two equal runs do not share
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterable
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -58,6 +59,11 @@ def suite_identity(suite: Suite) -> str:
 def stability_identity(case: StabilityCase) -> str:
     """Return the digest of what the profiles of a study's case depend on."""
     return _digest(case.spec.model_dump_json(), case.name, _code_digest(_STABILITY_ROOMS))
+
+
+def rescored_identity(addresses: Iterable[str], estimators: Iterable[str]) -> str:
+    """Return the digest of what the results of archived images depend on: their bytes, the estimators, the code."""
+    return _digest(json.dumps([*addresses]), json.dumps([*estimators]), code_version())
 
 
 def _scene_content(case: Case) -> str:

@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from horizonval.archive.index import Index
 from horizonval.campaign.axes import figure_plans
 from horizonval.campaign.case import Brief, finished, give_up, run_unit
 from horizonval.campaign.check import check_suite
@@ -225,6 +226,8 @@ def _conclude(
         seconds = seconds | {f"stability/{name}": {"march": spent} for name, spent in study.seconds.items()}
     write_results(rows, folder.results)
     write_json(folder.summary, summary)
+    with contextlib.suppress(UserError):  # An index that cannot be written is made by whoever asks for it.
+        Index(folder.archive).update()
     report = build_report(folder.root)
     _add_timings(folder, seconds, conclude=round(time.perf_counter() - start, 4))
     return RunResult(summary, failed, report)

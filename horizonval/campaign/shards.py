@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+from horizonval.archive.entry import INDEX_PREFIX
 from horizonval.campaign.folder import RunFolder, read_json
 from horizonval.campaign.identity import suite_identity
 from horizonval.errors import UserError
@@ -16,7 +17,8 @@ ROOMS = ("archive", "cases", "state", "stability")
 def adopt(source: RunFolder, target: RunFolder, suite: Suite) -> None:
     """Copy the results of a run of the same suite that ``target`` does not have.
 
-    They are looked at like the folder's own: what is damaged or of other code is made again.
+    They are looked at like the folder's own: what is damaged or of other code is made again. The archive's index is not
+    copied; that of ``target`` catches up with the files.
 
     Raises
     ------
@@ -34,7 +36,7 @@ def adopt(source: RunFolder, target: RunFolder, suite: Suite) -> None:
         )
     for room in ROOMS:
         for path in sorted((source.root / room).rglob("*")):
-            if path.is_file() and not path.name.startswith("."):
+            if path.is_file() and not path.name.startswith((".", INDEX_PREFIX)):
                 _copy(path, target.root / path.relative_to(source.root))
 
 

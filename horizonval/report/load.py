@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -79,7 +80,8 @@ def load_run(run_dir: Path, most: int | None = None) -> Run:
     if not path.is_file():
         raise UserError("no run.json", where=str(run_dir), expected="the folder of a run")
     head = _read(path, ("suite", "estimators", "cases"))
-    store = Store(run_dir / "archive")
+    # The images of a run that was scored again lie elsewhere.
+    store = Store(run_dir / head.get("archive", "archive"))
     shown = _shown(run_dir, head["cases"], most)
     names = head["cases"]
     missing, views = [], []
@@ -89,7 +91,7 @@ def load_run(run_dir: Path, most: int | None = None) -> Run:
             record = _read(case_path, ("case", "rows", "details"))
             try:
                 heads = _head_images(run_dir, name, names) if name in shown else {}
-                views += _views(record, store, name in shown, heads)
+                views += _views(record, store, run_dir, name in shown, heads)
             except (KeyError, TypeError, AttributeError) as error:
                 raise DamagedFileError(f"not a case's results ({error!r})", where=str(case_path)) from error
         else:
@@ -152,7 +154,9 @@ def _head_images(run_dir: Path, name: str, names: list[str]) -> dict[str, dict[s
     return found
 
 
-def _views(record: dict[str, Any], store: Store, shown: bool, heads: dict[str, dict[str, str]]) -> list[View]:
+def _views(
+    record: dict[str, Any], store: Store, run_dir: Path, shown: bool, heads: dict[str, dict[str, str]]
+) -> list[View]:
     images: dict[str, str] = dict(record.get("images") or {})
     if not images and record.get("image"):
         images = {"": record["image"]}
@@ -177,18 +181,18 @@ def _views(record: dict[str, Any], store: Store, shown: bool, heads: dict[str, d
                 image=image,
                 problem=problem,
                 broken=bool(record.get("error")),
-                image_path=_path(store, address) if image else "",
+                image_path=_path(store, run_dir, address) if image else "",
                 shown=shown,
-                head_paths={head: _path(store, images.get(band)) for head, images in heads.items()},
+                head_paths={head: _path(store, run_dir, images.get(band)) for head, images in heads.items()},
             )
         )
     return views
 
 
-def _path(store: Store, address: str | None) -> str:
+def _path(store: Store, run_dir: Path, address: str | None) -> str:
     """Return the path of an image in the archive from the run's folder on, if it is there."""
     try:
-        return store.path(address).relative_to(store.root.parent).as_posix() if address else ""
+        return Path(os.path.relpath(store.path(address), run_dir)).as_posix() if address else ""
     except UserError:
         return ""
 

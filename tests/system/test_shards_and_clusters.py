@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from conftest import MINI_CAMERA, assert_one_line, outcome_of
 
+from horizonval.archive.store import Store
 from horizonval.campaign.progress import Silent
 from horizonval.campaign.run import Where, run_suite
 from horizonval.campaign.suite import load_suite
@@ -70,6 +71,9 @@ def test_shards_make_the_whole(suite_file, whole, tmp_path):
     done = run_suite(suite, tmp_path / "a", where=Where(workers=1, merge=(tmp_path / "b",)))
     assert done.missing == 0
     assert outcome_of(tmp_path / "a") == whole
+    # The other folder's index is not taken over, its entries are.
+    archive = Store(tmp_path / "a" / "archive")
+    assert list((archive.index.known() or {}).values()) == list(archive.entries())
 
 
 @pytest.mark.parametrize("shard", ["0/2", "3/2", "1", "a/b", "1/2/3"])

@@ -44,7 +44,7 @@ def test_adding_twice_touches_nothing(store, make_frame):
     assert store.add_frame(make_frame()) == address
     after = os.stat(store.path(address))
     assert (before.st_ino, before.st_mtime_ns) == (after.st_ino, after.st_mtime_ns)
-    assert len([p for p in store.root.rglob("*") if p.is_file()]) == 1
+    assert len(list(store.root.rglob("*.exr"))) == 1
 
 
 def test_adding_again_mends_a_damaged_entry(store, make_frame):
@@ -134,4 +134,24 @@ def test_two_writers_lose_nothing(store, make_frame):
         worker.join(60)
         assert worker.exitcode == 0
     assert store.verify() == []
-    assert len(list(store.entries())) == 18
+    entries = list(store.entries())
+    assert len(entries) == 18
+    known = store.index.known()
+    assert known is not None
+    assert list(known.values()) == entries
+
+
+def test_an_index_built_anew_meanwhile_loses_nothing_either(store, make_frame):
+    context = multiprocessing.get_context("fork")
+    worker = context.Process(target=_add_many, args=(store.root, make_frame, 0))
+    worker.start()
+    rebuilt = 0
+    while worker.is_alive():
+        if store.root.is_dir():
+            rebuilt = max(rebuilt, store.index.rebuild())
+    worker.join(60)
+    assert (worker.exitcode, rebuilt > 0) == (0, True)
+    known = store.index.known()
+    assert known is not None
+    assert list(known.values()) == list(store.entries())
+    assert len(known) == 12
