@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from horizonval.estimators.altitude_free import fit_of_cone, newton
 from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
+from horizonval.geometry.camera import unproject
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.limb.cone import ConeUncertainty, cone_uncertainty
 from horizonval.limb.finder import find_canny_pixels
@@ -72,6 +73,24 @@ def fit_pixels(los_cam: FloatArray, uv: FloatArray, observation: Observation) ->
     return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps)
 
 
+def fit_found_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | NoFit:
+    """Fit limb points that another search has found, as this method knows points: at the centres of their pixels.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+        Lines of sight; they may have been moved since they were seen at ``uv``.
+    uv : ndarray, shape (n, 2)
+    observation : Observation
+    """
+    pixels = np.rint(uv)
+    _, first = np.unique(pixels, axis=0, return_index=True)
+    rows = np.sort(first)
+    camera = observation.camera
+    los = los_cam[rows] + unproject(camera, pixels[rows]) - unproject(camera, uv[rows])
+    return fit_pixels(los / np.linalg.norm(los, axis=1)[:, None], pixels[rows], observation)
+
+
 def with_common_offset(uncertainty: ConeUncertainty, pixel_rad: float) -> ConeUncertainty:
     """Add to a covariance what the residuals cannot show: an offset of all points together.
 
@@ -87,4 +106,5 @@ ESTIMATOR = Estimator(
     title="Altitude-free Newton method exactly as published (Raeisy and Ghofrani 2021)",
     run=run,
     estimates="geocentric",
+    from_points=fit_found_points,
 )

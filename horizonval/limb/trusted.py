@@ -7,8 +7,8 @@ A point is as good as the two sides of its profile. Read across the limb, outsid
 * *faded*: towards the terminator the limb darkens and rises (its lowest lit layer is the Earth's shadow), so points
   where the step is a small share of what it is elsewhere on the limb are left out. The terminator itself bounds nothing
   but darkness: the step across it is no edge;
-* *low Sun*: where the Sun's direction is known, by a coarse sensor, the terminator is told by it and not by brightness,
-  which looking towards the Sun hardly falls while the limb rises already;
+* *faint*: where the Sun's direction is known, by a coarse sensor, the limb's height towards the terminator is too
+  (:mod:`horizonval.limb.sunlit`), and a point need only stand out of the noise;
 * *restless*: where the outer side varies (Sun's halo, Moon, ghost) by more than a share of the step;
 * *alone*: points that no longer belong to an unbroken stretch of some length.
 
@@ -34,6 +34,8 @@ SATURATED_SHARE = 0.97
 """Of full scale: a pixel of a converter with noise may stay a little below."""
 FADED_SHARE = 0.3
 """Of the limb's own strong steps (their 90th percentile)."""
+FAINT_SIGMAS = 5.0
+"""Rose's criterion for telling a feature from noise."""
 RESTLESS_SHARE = 0.25
 SMOOTHED_RAD = float(np.deg2rad(4.0))
 """Length of limb, by azimuth, over which the step is averaged first: clouds vary faster along it than sunlight."""
@@ -95,20 +97,9 @@ def faded(sides: Sides) -> BoolArray:
     return np.asarray(step < FADED_SHARE * np.percentile(step, 90.0))
 
 
-def low_sun(los_cam: FloatArray, axis_cam: FloatArray, sun_cam: FloatArray, zenith_rad: float) -> BoolArray:
-    """Return which limb points have the Sun lower than a zenith angle.
-
-    The vertical at a tangent point is across the line of sight, away from the cone's axis.
-
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-    axis_cam, sun_cam : ndarray, shape (3,)
-    zenith_rad : float
-    """
-    up = los_cam * (los_cam @ axis_cam)[:, None] - axis_cam
-    up /= np.linalg.norm(up, axis=1)[:, None]
-    return np.asarray(up @ sun_cam < np.cos(zenith_rad))
+def faint(sides: Sides, noise: float) -> BoolArray:
+    """Return which points have a limb that does not stand out of the noise of a pixel, averaged over a piece of limb."""
+    return np.asarray(_smoothed(sides.peak - sides.outer, sides.azimuth) < FAINT_SIGMAS * noise)
 
 
 def restless(sides: Sides) -> BoolArray:

@@ -1,0 +1,74 @@
+"""What the model of a circular cone leaves out of a limb, as a covariance that any method of one limb may claim.
+
+Oblateness, uneven height of the limb, its change with the Sun, and slow errors of sub-pixel points: none of it gets
+less with more points or other noise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.estimators import guard_limits as limits
+from horizonval.estimators.observation import Observation
+from horizonval.limb.bow import moves, unknown_sun_covariance
+from horizonval.limb.cone import slow_error, tangent_basis
+from horizonval.limb.steepest import SIGMA_PX
+from horizonval.limb.sunlit import blur_rad
+from horizonval.limb.systematic import systematic_covariance
+
+FloatArray = NDArray[np.float64]
+
+
+def model_covariance(
+    los_cam: FloatArray,
+    axis_cam: FloatArray,
+    rho_rad: float,
+    observation: Observation,
+    estimates: str = "geocentric",
+    patterns_m: FloatArray | None = None,
+) -> FloatArray:
+    """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
+
+    The basis is :func:`horizonval.limb.cone.tangent_basis` of the axis.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+    axis_cam : ndarray, shape (3,)
+    rho_rad : float
+    observation : Observation
+    estimates : {"geocentric", "geodetic"}
+    patterns_m : ndarray, shape (k, n), optional
+        Errors of a known height of the limb, where the points have been lowered by one. Without, the Sun of a solar
+        band is taken to be anywhere.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine a cone.
+    """
+    camera, radius = observation.camera, observation.earth_radius_m
+    covariance = systematic_covariance(
+        los_cam,
+        axis_cam,
+        rho_rad,
+        flattening=observation.flattening,
+        reliefs=limits.reliefs(observation.band_kind),
+        earth_radius_m=radius,
+        estimates="geodetic" if estimates == "geodetic" else "geocentric",
+    )
+    covariance = covariance + slow_error(los_cam, tangent_basis(axis_cam), 1.0 / max(camera.fx, camera.fy))
+    if patterns_m is not None:
+        moved = moves(los_cam, axis_cam, rho_rad, patterns_m, radius)
+        return np.asarray(covariance + moved.T @ moved)
+    if observation.band_kind == "solar":
+        blur = blur_of(los_cam, axis_cam, observation)
+        return covariance + unknown_sun_covariance(los_cam, axis_cam, rho_rad, blur, radius)
+    return covariance
+
+
+def blur_of(los_cam: FloatArray, axis_cam: FloatArray, observation: Observation) -> FloatArray:
+    """Return the blur of a search for the steepest place across the limb [rad], shape (n,)."""
+    camera = observation.camera
+    return blur_rad(camera, los_cam, axis_cam, SIGMA_PX / max(camera.fx, camera.fy))
