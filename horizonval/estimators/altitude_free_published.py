@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from horizonval.estimators.altitude_free import fit_of_cone, newton
 from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
-from horizonval.geometry.camera import unproject
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.limb.cone import ConeUncertainty, cone_uncertainty
 from horizonval.limb.finder import find_canny_pixels
@@ -56,6 +55,10 @@ def run(observation: Observation) -> Fit | NoFit:
 
 def fit_pixels(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | NoFit:
     """Fit given whole-pixel points, shapes (n, 3) and (n, 2): the method behind the edge detector."""
+    return _fit(los_cam, uv, observation, whole=True)
+
+
+def _fit(los_cam: FloatArray, uv: FloatArray, observation: Observation, *, whole: bool) -> Fit | NoFit:
     if len(los_cam) < 4:
         return NoFit(Outcome.SHORT_ARC, f"{len(los_cam)} edge points; at least 4 are needed", uv)
     try:
@@ -67,28 +70,25 @@ def fit_pixels(los_cam: FloatArray, uv: FloatArray, observation: Observation) ->
         # cos rho = u.n is periodic in rho, and also holds for (-n, pi - rho); the Earth is the smaller cap
         nadir = nadir if np.cos(rho) > 0.0 else -nadir
         rho = float(np.arcsin(np.abs(np.sin(rho))))
-        uncertainty = with_common_offset(cone_uncertainty(los_cam, nadir, rho), 1.0 / observation.camera.fx)
+        uncertainty = cone_uncertainty(los_cam, nadir, rho)
+        if whole:
+            uncertainty = with_common_offset(uncertainty, 1.0 / observation.camera.fx)
     except np.linalg.LinAlgError as e:
         return NoFit(Outcome.NOT_CONVERGED, str(e), uv)
     return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps)
 
 
 def fit_found_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | NoFit:
-    """Fit limb points that another search has found, as this method knows points: at the centres of their pixels.
+    """Fit limb points that another search has found: the method without its whole pixels.
 
     Parameters
     ----------
     los_cam : ndarray, shape (n, 3)
-        Lines of sight; they may have been moved since they were seen at ``uv``.
     uv : ndarray, shape (n, 2)
+        Where they were seen, as a fraction of a pixel.
     observation : Observation
     """
-    pixels = np.rint(uv)
-    _, first = np.unique(pixels, axis=0, return_index=True)
-    rows = np.sort(first)
-    camera = observation.camera
-    los = los_cam[rows] + unproject(camera, pixels[rows]) - unproject(camera, uv[rows])
-    return fit_pixels(los / np.linalg.norm(los, axis=1)[:, None], pixels[rows], observation)
+    return _fit(los_cam, uv, observation, whole=False)
 
 
 def with_common_offset(uncertainty: ConeUncertainty, pixel_rad: float) -> ConeUncertainty:

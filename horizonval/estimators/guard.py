@@ -50,7 +50,7 @@ from horizonval.limb.finder import find_limb
 from horizonval.limb.result import NoLimb
 from horizonval.limb.steepest import NEEDED_PX, SIGMA_PX, to_steepest
 from horizonval.limb.sunlit import SunlitLimb, sun_angles, sunlit_limb
-from horizonval.limb.trusted import faded, faint, read_sides, restless, saturated
+from horizonval.limb.trusted import alone, faded, faint, read_sides, restless, saturated
 from horizonval.outcome import Outcome
 
 FloatArray = NDArray[np.float64]
@@ -127,6 +127,8 @@ def trusted_limb(observation: Observation, estimates: str = "geocentric") -> Tru
     bad = np.any(list(tests.values()), axis=0)
     worst = max(tests, key=lambda outcome: int(tests[outcome].sum()))
     los = los[~bad]
+    if len(los) >= limits.FEWEST_POINTS:
+        los = los[~alone(los, camera)]
     if len(los) < limits.FEWEST_POINTS:
         return NoFit(worst, f"{bad.mean():.0%} of the limb points are not to be trusted", project(camera, los)[0])
     cause = worst if bad.mean() > limits.MUCH_LOST else None

@@ -50,6 +50,9 @@ Sun's angle along the arc, and clouds."""
 THERMAL_RELIEF = (Relief(800.0, 0.4), Relief(300.0, 0.05))
 """The infrared limb follows the temperature of the stratosphere from latitude to latitude."""
 
+SEEN_RELIEF_RAD = 0.15
+"""Correlation length of the relief that an image shows of itself: clouds and coasts of some hundred kilometres."""
+
 SOLAR_HEIGHT_M = (-2e3, 40e3)
 THERMAL_HEIGHT_M = (-2e3, 70e3)
 

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from horizonval.estimators import guard_limits as limits
 from horizonval.estimators.observation import Observation
 from horizonval.limb.bow import moves, unknown_sun_covariance
-from horizonval.limb.cone import slow_error, tangent_basis
+from horizonval.limb.cone import off_axis_angle, slow_error, tangent_basis
 from horizonval.limb.steepest import SIGMA_PX
 from horizonval.limb.sunlit import blur_rad
-from horizonval.limb.systematic import systematic_covariance
+from horizonval.limb.systematic import Relief, systematic_covariance
+from horizonval.limb.trusted import smoothed
 
 FloatArray = NDArray[np.float64]
 
@@ -54,7 +55,7 @@ def model_covariance(
         axis_cam,
         rho_rad,
         flattening=observation.flattening,
-        reliefs=limits.reliefs(observation.band_kind),
+        reliefs=(*limits.reliefs(observation.band_kind), _seen_relief(los_cam, axis_cam, rho_rad, radius)),
         earth_radius_m=radius,
         estimates="geodetic" if estimates == "geodetic" else "geocentric",
     )
@@ -66,6 +67,18 @@ def model_covariance(
         blur = blur_of(los_cam, axis_cam, observation)
         return covariance + unknown_sun_covariance(los_cam, axis_cam, rho_rad, blur, radius)
     return covariance
+
+
+def _seen_relief(los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, earth_radius_m: float) -> Relief:
+    """Return the relief that the points themselves show: their smoothed distances from the cone.
+
+    Clouds, coasts and haze are known by it. The cone has followed the longest waves already; what is left of a relief
+    with this correlation length is most of it.
+    """
+    off = off_axis_angle(los_cam, axis_cam) - rho_rad
+    across = los_cam @ tangent_basis(axis_cam)
+    waves = smoothed(off - off.mean(), np.arctan2(across[:, 1], across[:, 0]))
+    return Relief(float(np.std(waves)) * earth_radius_m / float(np.tan(rho_rad)), limits.SEEN_RELIEF_RAD)
 
 
 def blur_of(los_cam: FloatArray, axis_cam: FloatArray, observation: Observation) -> FloatArray:

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.geometry.camera import Camera, project
-from horizonval.limb.cone import tangent_basis
+from horizonval.limb.cone import arc_order, fit_cone, tangent_basis
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -39,6 +39,9 @@ FAINT_SIGMAS = 5.0
 RESTLESS_SHARE = 0.25
 SMOOTHED_RAD = float(np.deg2rad(4.0))
 """Length of limb, by azimuth, over which the step is averaged first: clouds vary faster along it than sunlight."""
+GAP_PX = 6.0
+SHORTEST_STRETCH_PX = 20.0
+"""Two profiles long: over less the bright and dark sides of a cloud's edge decide."""
 NEAR_PX = (3.0, 4.0, 5.0, 6.0)
 DEEP_PX = (6.0, 8.0, 10.0, 12.0)
 
@@ -93,13 +96,13 @@ def saturated(sides: Sides, full_scale: float) -> BoolArray:
 
 def faded(sides: Sides) -> BoolArray:
     """Return which points have a step, averaged over a piece of limb, far below what it is elsewhere."""
-    step = _smoothed(np.abs(sides.inner - sides.outer), sides.azimuth)
+    step = smoothed(np.abs(sides.inner - sides.outer), sides.azimuth)
     return np.asarray(step < FADED_SHARE * np.percentile(step, 90.0))
 
 
 def faint(sides: Sides, noise: float) -> BoolArray:
     """Return which points have a limb that does not stand out of the noise of a pixel, averaged over a piece of limb."""
-    return np.asarray(_smoothed(sides.peak - sides.outer, sides.azimuth) < FAINT_SIGMAS * noise)
+    return np.asarray(smoothed(sides.peak - sides.outer, sides.azimuth) < FAINT_SIGMAS * noise)
 
 
 def restless(sides: Sides) -> BoolArray:
@@ -127,7 +130,26 @@ def _nanpick(what: Callable[..., FloatArray], values: FloatArray) -> FloatArray:
     return np.asarray(what(np.where(empty[None, :], 0.0, values), axis=0))
 
 
-def _smoothed(values: FloatArray, azimuth: FloatArray) -> FloatArray:
+def alone(los_cam: FloatArray, camera: Camera) -> BoolArray:
+    """Return which points, in any order, belong to no unbroken stretch of some length: spots between what was left out.
+
+    What took the neighbours, clouds that saturate mostly, is not far from those either.
+    """
+    uv, _ = project(camera, los_cam)
+    order = arc_order(los_cam, fit_cone(los_cam).axis_cam)
+    step = np.hypot(*np.diff(np.vstack([uv[order], uv[order[:1]]]), axis=0).T)
+    breaks = np.flatnonzero(step > GAP_PX)
+    bad = np.zeros(len(los_cam), dtype=bool)
+    if not len(breaks):
+        return bad
+    # A stretch runs from behind one break to the next, round the circle.
+    piece = np.searchsorted(breaks, np.arange(len(order)), side="left") % len(breaks)
+    length = np.bincount(piece, weights=np.where(step > GAP_PX, 0.0, step), minlength=len(breaks))
+    bad[order] = length[piece] < SHORTEST_STRETCH_PX
+    return bad
+
+
+def smoothed(values: FloatArray, azimuth: FloatArray) -> FloatArray:
     """Return the mean of values over the neighbours within half of SMOOTHED_RAD of azimuth."""
     order = np.argsort(azimuth, kind="stable")
     a = azimuth[order]
