@@ -35,6 +35,8 @@ from horizonval.estimators.limb_model import model_covariance
 from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
 from horizonval.geometry.frames import nadir_of_roll_pitch, roll_pitch_of_nadir
 from horizonval.limb.cone import (
+    SLOW_PX,
+    SOFT_SLOW_PX,
     ConeUncertainty,
     arc_order,
     cone_uncertainty,
@@ -143,10 +145,10 @@ def run(observation: Observation) -> Fit | NoFit:
     found = find_limb(observation.image, observation.camera, observation.full_scale)
     if isinstance(found, NoLimb):
         return NoFit(found.status, found.reason)
-    return fit_points(found.los_cam, found.uv, observation)
+    return fit_points(found.los_cam, found.uv, observation, SOFT_SLOW_PX)
 
 
-def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | NoFit:
+def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation, slow_px: float = SLOW_PX) -> Fit | NoFit:
     """Fit given limb points: the method behind the search for points.
 
     Parameters
@@ -155,14 +157,16 @@ def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) ->
     uv : ndarray, shape (n, 2)
         The same points in pixels.
     observation : Observation
-        Mounting and Earth radius are used.
+        Mounting, Earth radius and what is known of the limb's shape are used.
+    slow_px : float
+        As for :func:`horizonval.limb.cone.slow_error`.
     """
     if len(los_cam) < 4:
         return NoFit(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
     try:
         nadir, rho, steps = solve(los_cam)
         uncertainty = cone_uncertainty(los_cam, nadir, rho)
-        model = model_covariance(los_cam, nadir, rho, observation)
+        model = model_covariance(los_cam, nadir, rho, observation, slow_px=slow_px)
     except np.linalg.LinAlgError as e:
         return NoFit(Outcome.NOT_CONVERGED, str(e), uv)
     if not 0.0 < rho < np.pi / 2:

@@ -1,9 +1,9 @@
 """An image with one edge: the limb that is trusted.
 
 For methods that take every edge of an image. Within a band about the limb the image stays as it is; further in, each
-direction from the nadir has the level that the band ends with there, further out all is the level of space. Where the
-limb is not trusted, nothing is but that level, and the limb sinks to it slowly: a step at the end of a piece would be an
-edge of its own, and so would a limb drawn where there is none be a made-up one.
+direction from the nadir has the level that the band ends with there, and deep inside all have the same; further out all
+is the level of space. A piece of limb that is not trusted is painted over with that level, and its neighbours sink to
+it slowly: a step at the end of a piece would be an edge of its own.
 """
 
 from __future__ import annotations

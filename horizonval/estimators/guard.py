@@ -48,7 +48,7 @@ from horizonval.limb.cone import (
 from horizonval.limb.edges import noise_sigma
 from horizonval.limb.finder import find_limb
 from horizonval.limb.result import NoLimb
-from horizonval.limb.steepest import NEEDED_PX, SIGMA_PX, to_steepest
+from horizonval.limb.steepest import NEEDED_PX, to_steepest
 from horizonval.limb.sunlit import SunlitLimb, sun_angles, sunlit_limb
 from horizonval.limb.trusted import alone, faded, faint, read_sides, restless, saturated
 from horizonval.outcome import Outcome
@@ -268,7 +268,7 @@ def _run(estimator: Estimator, observation: Observation) -> Fit | NoFit:
 
 
 def _turned(fit: Fit, seen: Cone, ground: Cone, observation: Observation) -> Fit:
-    """Return the fit of a method that saw the limb itself, turned as the cone turns when the limb's height is taken away."""
+    """Return the fit of a method that saw the limb itself, turned as the cone turns when the limb is lowered."""
     turn, _ = Rotation.align_vectors(ground.axis_cam[None, :], seen.axis_cam[None, :])
     nadir = turn.apply(fit.nadir_cam)
     roll, pitch = roll_pitch_of_nadir(Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir))

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from horizonval.estimators import guard_limits as limits
 from horizonval.estimators.observation import Observation
 from horizonval.limb.bow import moves, unknown_sun_covariance
-from horizonval.limb.cone import off_axis_angle, slow_error, tangent_basis
+from horizonval.limb.cone import SLOW_PX, off_axis_angle, slow_error, tangent_basis
 from horizonval.limb.steepest import SIGMA_PX
 from horizonval.limb.sunlit import blur_rad
 from horizonval.limb.systematic import Relief, systematic_covariance
-from horizonval.limb.trusted import smoothed
+from horizonval.limb.trusted import SMOOTHED_RAD, smoothed
 
 FloatArray = NDArray[np.float64]
 
@@ -28,6 +28,7 @@ def model_covariance(
     observation: Observation,
     estimates: str = "geocentric",
     patterns_m: FloatArray | None = None,
+    slow_px: float = SLOW_PX,
 ) -> FloatArray:
     """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
 
@@ -43,6 +44,8 @@ def model_covariance(
     patterns_m : ndarray, shape (k, n), optional
         Errors of a known height of the limb, where the points have been lowered by one. Without, the Sun of a solar
         band is taken to be anywhere.
+    slow_px : float
+        As for :func:`horizonval.limb.cone.slow_error`.
 
     Raises
     ------
@@ -59,7 +62,7 @@ def model_covariance(
         earth_radius_m=radius,
         estimates="geodetic" if estimates == "geodetic" else "geocentric",
     )
-    covariance = covariance + slow_error(los_cam, tangent_basis(axis_cam), 1.0 / max(camera.fx, camera.fy))
+    covariance = covariance + slow_error(los_cam, tangent_basis(axis_cam), 1.0 / max(camera.fx, camera.fy), slow_px)
     if patterns_m is not None:
         moved = moves(los_cam, axis_cam, rho_rad, patterns_m, radius)
         return np.asarray(covariance + moved.T @ moved)
@@ -77,8 +80,13 @@ def _seen_relief(los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, eart
     """
     off = off_axis_angle(los_cam, axis_cam) - rho_rad
     across = los_cam @ tangent_basis(axis_cam)
-    waves = smoothed(off - off.mean(), np.arctan2(across[:, 1], across[:, 0]))
-    return Relief(float(np.std(waves)) * earth_radius_m / float(np.tan(rho_rad)), limits.SEEN_RELIEF_RAD)
+    azimuth = np.arctan2(across[:, 1], across[:, 0])
+    waves = smoothed(off - off.mean(), azimuth)
+    # A mean over k points keeps a k-th of their noise; k - 1 times that is what it took away.
+    k = float((np.abs(azimuth[:, None] - azimuth[None, :]) <= 0.5 * SMOOTHED_RAD).sum(axis=1).mean())
+    noise = float(np.var(off - waves)) / max(k - 1.0, 1.0)
+    sigma = float(np.sqrt(max(float(np.var(waves)) - noise, 0.0)))
+    return Relief(sigma * earth_radius_m / float(np.tan(rho_rad)), limits.SEEN_RELIEF_RAD)
 
 
 def blur_of(los_cam: FloatArray, axis_cam: FloatArray, observation: Observation) -> FloatArray:

@@ -220,11 +220,14 @@ def cone_scatter(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeU
 
 SLOW_PX = 0.01
 """What sub-pixel points of a sharp limb are off by without any noise (rms): the lens's blur of shaded ground mostly."""
+SOFT_SLOW_PX = 0.07
+"""The same of points by the area under a profile on limbs with air, over a bank of visible and infrared frames from 300
+to 36 000 km: how much of the air's tail and of the ground's shading counts depends on the slant of a column."""
 SLOW_PATTERNS = 4.0
 """Number of independent values of it along an arc: it varies as slowly as the limb's direction against the pixels."""
 
 
-def slow_error(los_cam: FloatArray, basis: FloatArray, px_rad: float) -> FloatArray:
+def slow_error(los_cam: FloatArray, basis: FloatArray, px_rad: float, slow_px: float = SLOW_PX) -> FloatArray:
     """Return the covariance [rad^2], shape (3, 3), that slow errors of sub-pixel points make of a fitted cone.
 
     Neither more points nor another draw of the noise changes them, and residuals hardly show them: they belong to what
@@ -237,6 +240,8 @@ def slow_error(los_cam: FloatArray, basis: FloatArray, px_rad: float) -> FloatAr
         Tangent directions at the axis, as of :class:`ConeUncertainty`.
     px_rad : float
         Angle of a pixel.
+    slow_px : float
+        What single points are off by, rms.
 
     Raises
     ------
@@ -244,7 +249,7 @@ def slow_error(los_cam: FloatArray, basis: FloatArray, px_rad: float) -> FloatAr
         If the points do not determine a cone.
     """
     jacobian = _jacobian(los_cam, basis)
-    variance = (SLOW_PX * px_rad) ** 2 * len(los_cam) / SLOW_PATTERNS
+    variance = (slow_px * px_rad) ** 2 * len(los_cam) / SLOW_PATTERNS
     covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
     return np.asarray(0.5 * (covariance + covariance.T))
 

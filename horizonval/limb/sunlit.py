@@ -89,9 +89,7 @@ def sunlit_limb(
         there = _height_km(rho_rad, sigma_km, *sun_angles(los_cam, axis_cam, moved / np.linalg.norm(moved)))
         patterns.append(there - height)
     known = np.isfinite(height) & np.isfinite(patterns).all(axis=0)
-    return SunlitLimb(
-        np.where(known, 1e3 * height, np.nan), np.where(known, 1e3 * np.array(patterns), np.nan), zenith
-    )
+    return SunlitLimb(np.where(known, 1e3 * height, np.nan), np.where(known, 1e3 * np.array(patterns), np.nan), zenith)
 
 
 def height_under(

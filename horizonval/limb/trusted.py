@@ -101,7 +101,7 @@ def faded(sides: Sides) -> BoolArray:
 
 
 def faint(sides: Sides, noise: float) -> BoolArray:
-    """Return which points have a limb that does not stand out of the noise of a pixel, averaged over a piece of limb."""
+    """Return which points have a limb, averaged over a piece of it, that does not stand out of the noise of a pixel."""
     return np.asarray(smoothed(sides.peak - sides.outer, sides.azimuth) < FAINT_SIGMAS * noise)
 
 

@@ -29,7 +29,9 @@ OTHERS_FROM_KM = 500.0
 SIGMA_KM = np.geomspace(0.5, 512.0, 21)
 ZENITH_DEG = np.array([0, 30, 50, 60, 70, 75, 80, 83, 85, 87, 88, 89, 90, 91, 92, 93, 94, 95, 96.0])
 AZIMUTH_DEG = np.array([0, 30, 60, 90, 120, 150, 180.0])
-TANGENT_KM = np.concatenate([-np.geomspace(2.0, 4000.0, 32)[::-1], np.arange(0.0, 60.0, 1.5), np.arange(60.0, 150.1, 5)])
+TANGENT_KM = np.concatenate(
+    [-np.geomspace(2.0, 4000.0, 32)[::-1], np.arange(0.0, 60.0, 1.5), np.arange(60.0, 150.1, 5)]
+)
 HAZE = "volcanic_moderate"
 SEARCH_SIGMAS = 5.0
 """As far as the guard looks for the steepest place: six pixels, of 1.25 pixels of blur."""
