@@ -61,6 +61,8 @@ def fit_pixels(los_cam: FloatArray, uv: FloatArray, observation: Observation) ->
 def _fit(los_cam: FloatArray, uv: FloatArray, observation: Observation, *, whole: bool) -> Fit | NoFit:
     if len(los_cam) < 4:
         return NoFit(Outcome.SHORT_ARC, f"{len(los_cam)} edge points; at least 4 are needed", uv)
+    if np.linalg.matrix_rank(los_cam) < 3:
+        return NoFit(Outcome.NOT_CONVERGED, "the points do not determine a cone", uv)
     try:
         steps = newton(los_cam, START, step_by_pseudo_inverse)
         phi, theta, rho = steps[-1]

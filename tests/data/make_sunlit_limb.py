@@ -36,6 +36,7 @@ HAZE = "volcanic_moderate"
 SEARCH_SIGMAS = 5.0
 """As far as the guard looks for the steepest place: six pixels, of 1.25 pixels of blur."""
 TYPICAL_KM = 20.0
+LEAST_REACH_KM = 35.0
 NODES = 192
 
 
@@ -72,7 +73,7 @@ def steepest_km(radiance: FloatArray) -> FloatArray:
     out = np.full((len(SIGMA_KM), *radiance.shape[:2]), np.nan)
     for i, sigma in enumerate(SIGMA_KM):
         step = sigma / 10.0
-        reach = SEARCH_SIGMAS * sigma
+        reach = max(SEARCH_SIGMAS * sigma, LEAST_REACH_KM)
         height = np.arange(TYPICAL_KM - 2.0 * reach, TYPICAL_KM + 2.0 * reach, step)
         at = np.array([np.interp(height, TANGENT_KM, row, right=0.0) for row in radiance.reshape(-1, len(TANGENT_KM))])
         slope = -gaussian_filter1d(at, sigma / step, axis=1, order=1, mode="nearest")
