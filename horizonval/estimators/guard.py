@@ -6,9 +6,13 @@ where it cannot:
 1. *The limb itself*: consensus on cones of sight lines decides which edges are one limb and which side of it is space
    (:mod:`horizonval.limb.finder`); the Sun's blob is left out.
 2. *Points*: moved to the steepest place of the soft limb (:mod:`horizonval.limb.steepest`); those on a saturated, faded
-   or restless piece are left out (:mod:`horizonval.limb.trusted`), so are outliers from the cone through the rest.
+   or restless piece are left out, spots between such pieces, and outliers from the cone through the rest
+   (:mod:`horizonval.limb.trusted`). Where the Sun's direction is known the sunlit limb is followed towards the
+   terminator, and its height there, which is known too, taken away (:mod:`horizonval.limb.sunlit`); points are used as
+   far as they make the nadir better known.
 3. *Enough*: the pieces that are left must determine the nadir, for noise and for all that makes the limb no circle
-   (:mod:`horizonval.limb.systematic`), to what a claim needs; and the body must be large enough not to be the Moon.
+   (:mod:`horizonval.estimators.limb_model`), to what a claim needs; and the body must be large enough not to be the
+   Moon.
 4. *The method* runs on what is left: on the points where it can take points
    (``Estimator.from_points``), else on an image from which all but that limb has been cleaned.
 5. *The answer*: must lie where the guard's own cone lies, within the uncertainty of both; its residuals must be those
