@@ -129,13 +129,15 @@ def trusted_limb(observation: Observation, estimates: str = "geocentric") -> Tru
     if observation.full_scale is not None:
         tests[Outcome.SATURATED] = saturated(sides, observation.full_scale)
     bad = np.any(list(tests.values()), axis=0)
-    worst = max(tests, key=lambda outcome: int(tests[outcome].sum()))
-    los = los[~bad]
-    if len(los) >= limits.FEWEST_POINTS:
-        los = los[~alone(los, camera)]
+    worst = max(tests, key=lambda outcome: int(tests[outcome].sum())) if bad.any() else Outcome.SHORT_ARC
+    trusted = los[~bad]
+    if len(trusted) >= limits.FEWEST_POINTS:
+        trusted = trusted[~alone(trusted, camera)]
+    lost = 1.0 - len(trusted) / len(los)
+    los = trusted
     if len(los) < limits.FEWEST_POINTS:
-        return NoFit(worst, f"{bad.mean():.0%} of the limb points are not to be trusted", project(camera, los)[0])
-    cause = worst if bad.mean() > limits.MUCH_LOST else None
+        return NoFit(worst, f"{lost:.0%} of the limb points are not to be trusted", project(camera, los)[0])
+    cause = worst if lost > limits.MUCH_LOST else None
     if sun is None:
         return _determined(_Points(los, los, None), observation, estimates, cause)
     return _best_reach(los, observation, sun, estimates, cause)
