@@ -168,7 +168,7 @@ def _report(estimator: Estimator, result: Fit | NoFit, seconds: float) -> dict[s
     }
     if isinstance(result, NoFit):
         return report | {"reason": result.reason}
-    sigma = sigma_nadir_rad(result.nadir_cam, result.covariance_nadir_cam) / ARCSEC
+    sigma = sigma_nadir_rad(result.nadir_cam, result.total_covariance_nadir_cam) / ARCSEC
     return report | {
         "nadir_cam": [float(x) for x in result.nadir_cam],
         "roll_deg": math.degrees(result.roll_rad),

@@ -31,16 +31,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from horizonval.estimators.limb_model import model_covariance
 from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
 from horizonval.geometry.frames import nadir_of_roll_pitch, roll_pitch_of_nadir
 from horizonval.limb.cone import (
+    SLOW_PX,
+    SOFT_SLOW_PX,
     ConeUncertainty,
     arc_order,
     cone_uncertainty,
     cones_through,
     fit_cone,
     off_axis_angle,
-    with_systematic,
 )
 from horizonval.limb.finder import find_limb
 from horizonval.limb.result import NoLimb
@@ -143,10 +145,10 @@ def run(observation: Observation) -> Fit | NoFit:
     found = find_limb(observation.image, observation.camera, observation.full_scale)
     if isinstance(found, NoLimb):
         return NoFit(found.status, found.reason)
-    return fit_points(found.los_cam, found.uv, observation)
+    return fit_points(found.los_cam, found.uv, observation, SOFT_SLOW_PX)
 
 
-def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | NoFit:
+def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation, slow_px: float = SLOW_PX) -> Fit | NoFit:
     """Fit given limb points: the method behind the search for points.
 
     Parameters
@@ -155,19 +157,21 @@ def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) ->
     uv : ndarray, shape (n, 2)
         The same points in pixels.
     observation : Observation
-        Mounting and Earth radius are used.
+        Mounting, Earth radius and what is known of the limb's shape are used.
+    slow_px : float
+        As for :func:`horizonval.limb.cone.slow_error`.
     """
     if len(los_cam) < 4:
         return NoFit(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
     try:
         nadir, rho, steps = solve(los_cam)
-        pixel = 1.0 / observation.camera.fx
-        uncertainty = with_systematic(cone_uncertainty(los_cam, nadir, rho), los_cam, pixel)
+        uncertainty = cone_uncertainty(los_cam, nadir, rho)
+        model = model_covariance(los_cam, nadir, rho, observation, slow_px=slow_px)
     except np.linalg.LinAlgError as e:
         return NoFit(Outcome.NOT_CONVERGED, str(e), uv)
     if not 0.0 < rho < np.pi / 2:
         return NoFit(Outcome.NOT_CONVERGED, f"angular radius of {np.degrees(rho):.3g} deg is not that of a planet", uv)
-    return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps)
+    return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps, model)
 
 
 def fit_of_cone(
@@ -178,6 +182,7 @@ def fit_of_cone(
     uncertainty: ConeUncertainty,
     observation: Observation,
     steps: FloatArray | None = None,
+    model: FloatArray | None = None,
 ) -> Fit:
     """Return the fit that a cone of sight lines means: attitude, angular radius, altitude ``R / sin rho - R``.
 
@@ -191,10 +196,14 @@ def fit_of_cone(
     observation : Observation
         Mounting and Earth radius are used.
     steps : ndarray, shape (k, m), optional
+    model : ndarray, shape (3, 3), optional
+        What the cone leaves out: :func:`horizonval.estimators.limb_model.model_covariance`.
     """
     nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir_cam)
     roll, pitch = roll_pitch_of_nadir(nadir_body)
     radius = observation.earth_radius_m
+    basis = uncertainty.basis
+    variance_rho = uncertainty.covariance[2, 2] + (0.0 if model is None else model[2, 2])
     return Fit(
         nadir_cam=nadir_cam,
         covariance_nadir_cam=uncertainty.covariance_axis,
@@ -202,10 +211,11 @@ def fit_of_cone(
         pitch_rad=float(pitch),
         angular_radius_rad=rho_rad,
         altitude_m=float(radius / np.sin(rho_rad) - radius),
-        sigma_altitude_m=float(radius * np.cos(rho_rad) / np.sin(rho_rad) ** 2 * uncertainty.sigma_rho_rad),
+        sigma_altitude_m=float(radius * np.cos(rho_rad) / np.sin(rho_rad) ** 2 * np.sqrt(variance_rho)),
         points=uv,
         residuals_rad=off_axis_angle(los_cam, nadir_cam) - rho_rad,
         steps=np.empty((0, 0)) if steps is None else steps,
+        systematic_nadir_cam=None if model is None else basis @ model[:2, :2] @ basis.T,
     )
 
 

@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.estimators.altitude_free import fit_of_cone
+from horizonval.estimators.limb_model import model_covariance
 from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
-from horizonval.limb.cone import ConeUncertainty, cone_scatter, off_axis_angle, with_systematic
+from horizonval.limb.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, cone_scatter, off_axis_angle
 from horizonval.limb.finder import find_limb
 from horizonval.limb.result import NoLimb
 from horizonval.outcome import Outcome
@@ -94,20 +95,20 @@ def run(observation: Observation) -> Fit | NoFit:
     found = find_limb(observation.image, observation.camera, observation.full_scale)
     if isinstance(found, NoLimb):
         return NoFit(found.status, found.reason)
-    return fit_points(found.los_cam, found.uv, observation)
+    return fit_points(found.los_cam, found.uv, observation, SOFT_SLOW_PX)
 
 
-def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | NoFit:
+def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation, slow_px: float = SLOW_PX) -> Fit | NoFit:
     """Fit given limb points, shapes (n, 3) and (n, 2): the method behind the search for points."""
     if len(los_cam) < 4:
         return NoFit(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
     try:
         nadir, rho = solve(los_cam)
-        pixel = 1.0 / observation.camera.fx
-        uncertainty = with_systematic(uncertainty_of(los_cam, nadir, rho), los_cam, pixel)
+        uncertainty = uncertainty_of(los_cam, nadir, rho)
+        model = model_covariance(los_cam, nadir, rho, observation, slow_px=slow_px)
     except np.linalg.LinAlgError as e:
         return NoFit(Outcome.NOT_CONVERGED, str(e), uv)
-    return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation)
+    return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, model=model)
 
 
 ESTIMATOR = Estimator(

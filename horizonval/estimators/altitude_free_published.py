@@ -55,8 +55,14 @@ def run(observation: Observation) -> Fit | NoFit:
 
 def fit_pixels(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | NoFit:
     """Fit given whole-pixel points, shapes (n, 3) and (n, 2): the method behind the edge detector."""
+    return _fit(los_cam, uv, observation, whole=True)
+
+
+def _fit(los_cam: FloatArray, uv: FloatArray, observation: Observation, *, whole: bool) -> Fit | NoFit:
     if len(los_cam) < 4:
         return NoFit(Outcome.SHORT_ARC, f"{len(los_cam)} edge points; at least 4 are needed", uv)
+    if np.linalg.matrix_rank(los_cam) < 3:
+        return NoFit(Outcome.NOT_CONVERGED, "the points do not determine a cone", uv)
     try:
         steps = newton(los_cam, START, step_by_pseudo_inverse)
         phi, theta, rho = steps[-1]
@@ -66,10 +72,25 @@ def fit_pixels(los_cam: FloatArray, uv: FloatArray, observation: Observation) ->
         # cos rho = u.n is periodic in rho, and also holds for (-n, pi - rho); the Earth is the smaller cap
         nadir = nadir if np.cos(rho) > 0.0 else -nadir
         rho = float(np.arcsin(np.abs(np.sin(rho))))
-        uncertainty = with_common_offset(cone_uncertainty(los_cam, nadir, rho), 1.0 / observation.camera.fx)
+        uncertainty = cone_uncertainty(los_cam, nadir, rho)
+        if whole:
+            uncertainty = with_common_offset(uncertainty, 1.0 / observation.camera.fx)
     except np.linalg.LinAlgError as e:
         return NoFit(Outcome.NOT_CONVERGED, str(e), uv)
     return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps)
+
+
+def fit_found_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | NoFit:
+    """Fit limb points that another search has found: the method without its whole pixels.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+    uv : ndarray, shape (n, 2)
+        Where they were seen, as a fraction of a pixel.
+    observation : Observation
+    """
+    return _fit(los_cam, uv, observation, whole=False)
 
 
 def with_common_offset(uncertainty: ConeUncertainty, pixel_rad: float) -> ConeUncertainty:
@@ -87,4 +108,5 @@ ESTIMATOR = Estimator(
     title="Altitude-free Newton method exactly as published (Raeisy and Ghofrani 2021)",
     run=run,
     estimates="geocentric",
+    from_points=fit_found_points,
 )

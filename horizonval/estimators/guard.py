@@ -6,9 +6,13 @@ where it cannot:
 1. *The limb itself*: consensus on cones of sight lines decides which edges are one limb and which side of it is space
    (:mod:`horizonval.limb.finder`); the Sun's blob is left out.
 2. *Points*: moved to the steepest place of the soft limb (:mod:`horizonval.limb.steepest`); those on a saturated, faded
-   or restless piece are left out (:mod:`horizonval.limb.trusted`), so are outliers from the cone through the rest.
+   or restless piece are left out, spots between such pieces, and outliers from the cone through the rest
+   (:mod:`horizonval.limb.trusted`). Where the Sun's direction is known the sunlit limb is followed towards the
+   terminator, and its height there, which is known too, taken away (:mod:`horizonval.limb.sunlit`); points are used as
+   far as they make the nadir better known.
 3. *Enough*: the pieces that are left must determine the nadir, for noise and for all that makes the limb no circle
-   (:mod:`horizonval.limb.systematic`), to what a claim needs; and the body must be large enough not to be the Moon.
+   (:mod:`horizonval.estimators.limb_model`), to what a claim needs; and the body must be large enough not to be the
+   Moon.
 4. *The method* runs on what is left: on the points where it can take points
    (``Estimator.from_points``), else on an image from which all but that limb has been cleaned.
 5. *The answer*: must lie where the guard's own cone lies, within the uncertainty of both; its residuals must be those
@@ -27,17 +31,30 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from horizonval.estimators import guard_limits as limits
 from horizonval.estimators.clean_image import cleaned
 from horizonval.estimators.guard_heads import run_heads
+from horizonval.estimators.limb_model import blur_of, model_covariance
 from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
-from horizonval.limb.cone import Cone, ConeUncertainty, cone_uncertainty, fit_cone, off_axis_angle, tangent_basis
+from horizonval.geometry.camera import project
+from horizonval.geometry.frames import roll_pitch_of_nadir
+from horizonval.limb.cone import (
+    Cone,
+    ConeUncertainty,
+    cone_uncertainty,
+    fit_cone,
+    limb_directions,
+    off_axis_angle,
+    tangent_basis,
+)
+from horizonval.limb.edges import noise_sigma
 from horizonval.limb.finder import find_limb
 from horizonval.limb.result import NoLimb
-from horizonval.limb.steepest import to_steepest
-from horizonval.limb.systematic import systematic_covariance
-from horizonval.limb.trusted import faded, low_sun, read_sides, restless, saturated
+from horizonval.limb.steepest import NEEDED_PX, to_steepest
+from horizonval.limb.sunlit import SunlitLimb, sun_angles, sunlit_limb
+from horizonval.limb.trusted import alone, faded, faint, read_sides, restless, saturated
 from horizonval.outcome import Outcome
 
 FloatArray = NDArray[np.float64]
@@ -49,21 +66,31 @@ class TrustedLimb:
 
     Attributes
     ----------
+    seen_cam : ndarray, shape (n, 3)
+        Lines of sight as the image has them.
     los_cam : ndarray, shape (n, 3)
+        The same without the known height of a sunlit limb.
     uv : ndarray, shape (n, 2)
     cone : Cone
+        Through ``los_cam``, of half-angle ``rho_rad``.
     rho_rad : float
     noise : ConeUncertainty
     systematic : ndarray, shape (3, 3)
-        As :func:`horizonval.limb.systematic.systematic_covariance`.
+        Covariance of what is not known of the limb's shape, as of (axis, axis, half-angle).
     """
 
+    seen_cam: FloatArray
     los_cam: FloatArray
     uv: FloatArray
     cone: Cone
     rho_rad: float
     noise: ConeUncertainty
     systematic: FloatArray
+
+    @property
+    def sigma_rad(self) -> float:
+        """Standard deviation of the nadir in its worst direction."""
+        return float(np.sqrt(np.linalg.eigvalsh((self.noise.covariance + self.systematic)[:2, :2])[-1]))
 
 
 def guarded(estimator: Estimator) -> Estimator:
@@ -82,75 +109,149 @@ def trusted_limb(observation: Observation, estimates: str = "geocentric") -> Tru
     found = find_limb(observation.image, observation.camera, observation.full_scale)
     if isinstance(found, NoLimb):
         return NoFit(found.status, found.reason)
-    image = np.asarray(observation.image, dtype=np.float64)
+    image, camera = np.asarray(observation.image, dtype=np.float64), observation.camera
     cone = fit_cone(found.los_cam)
-    sides = read_sides(image, observation.camera, found.los_cam, cone.axis_cam)
+    sides = read_sides(image, camera, found.los_cam, cone.axis_cam)
     bright_inside = bool(np.median(sides.inner - sides.outer) > 0.0)
-    los, kept = to_steepest(image, observation.camera, found.los_cam, cone.axis_cam, bright_inside)
-    uv = found.uv[kept]
+    los, _ = to_steepest(image, camera, found.los_cam, cone.axis_cam, bright_inside)
     if len(los) < limits.FEWEST_POINTS:
-        return NoFit(Outcome.SHORT_ARC, f"{len(los)} limb points have their profile in view", uv)
-    sides = read_sides(image, observation.camera, los, fit_cone(los).axis_cam)
-    tests = {Outcome.DARK: faded(sides), Outcome.SUN_GLARE: restless(sides)}
-    if observation.sun_cam is not None and observation.band_kind == "solar":
-        axis = fit_cone(los).axis_cam
-        tests[Outcome.DARK] |= low_sun(los, axis, observation.sun_cam, limits.LOWEST_SUN_RAD)
+        return NoFit(Outcome.SHORT_ARC, f"{len(los)} limb points have their profile in view", found.uv)
+    sun = observation.sun_cam if observation.band_kind == "solar" else None
+    if sun is not None:
+        los = _into_twilight(los, image, observation, sun)
+    axis = fit_cone(los).axis_cam
+    sides = read_sides(image, camera, los, axis)
+    tests = {Outcome.SUN_GLARE: restless(sides)}
+    if sun is None:
+        tests[Outcome.DARK] = faded(sides)
+    else:
+        tests[Outcome.DARK] = faint(sides, noise_sigma(image)) | ~np.isfinite(_sunlit(los, observation, sun).height_m)
     if observation.full_scale is not None:
         tests[Outcome.SATURATED] = saturated(sides, observation.full_scale)
     bad = np.any(list(tests.values()), axis=0)
-    los, uv = los[~bad], uv[~bad]
-    los, uv = _without_outliers(los, uv, observation)
-    worst = max(tests, key=lambda outcome: int(tests[outcome].sum()))
+    worst = max(tests, key=lambda outcome: int(tests[outcome].sum())) if bad.any() else Outcome.SHORT_ARC
+    trusted = los[~bad]
+    if len(trusted) >= limits.FEWEST_POINTS:
+        trusted = trusted[~alone(trusted, camera)]
+    lost = 1.0 - len(trusted) / len(los)
+    los = trusted
     if len(los) < limits.FEWEST_POINTS:
-        return NoFit(worst, f"{bad.mean():.0%} of the limb points are not to be trusted", uv)
-    return _determined(los, uv, observation, estimates, worst if bad.mean() > limits.MUCH_LOST else None)
+        return NoFit(worst, f"{lost:.0%} of the limb points are not to be trusted", project(camera, los)[0])
+    cause = worst if lost > limits.MUCH_LOST else None
+    if sun is None:
+        return _determined(_Points(los, los, None), observation, estimates, cause)
+    return _best_reach(los, observation, sun, estimates, cause)
 
 
-def _without_outliers(los: FloatArray, uv: FloatArray, observation: Observation) -> tuple[FloatArray, FloatArray]:
+@dataclass(frozen=True)
+class _Points:
+    """Points on their way through the guard: as seen, as they would be on the ground, and what is not known of that."""
+
+    seen: FloatArray
+    los: FloatArray
+    patterns: FloatArray | None
+
+    def take(self, rows: NDArray[np.bool_]) -> _Points:
+        patterns = None if self.patterns is None else self.patterns[:, rows]
+        return _Points(self.seen[rows], self.los[rows], patterns)
+
+
+def _into_twilight(los: FloatArray, image: FloatArray, observation: Observation, sun: FloatArray) -> FloatArray:
+    """Return the points under a high Sun and, where it is low, whatever lies on the cone through all of them.
+
+    A search for edges loses the limb where it gets faint; where it must be is known from the rest of it.
+    """
+    cone = fit_cone(los)
+    rho = float(off_axis_angle(los, cone.axis_cam).mean())
+    on_cone = limb_directions(observation.camera, cone.axis_cam, rho, NEEDED_PX)
+    low = sun_angles(on_cone, cone.axis_cam, sun)[0] > limits.LOW_SUN_RAD
+    followed, _ = to_steepest(image, observation.camera, on_cone[low], cone.axis_cam, bright_inside=True)
+    off = np.abs(off_axis_angle(followed, cone.axis_cam) - rho)
+    followed = followed[off * max(observation.camera.fx, observation.camera.fy) < limits.FOLLOWED_PX]
+    high = sun_angles(los, cone.axis_cam, sun)[0] <= limits.LOW_SUN_RAD
+    return np.concatenate([los[high], followed])
+
+
+def _sunlit(los: FloatArray, observation: Observation, sun: FloatArray) -> SunlitLimb:
+    cone = fit_cone(los)
+    rho = float(off_axis_angle(los, cone.axis_cam).mean())
+    blur = blur_of(los, cone.axis_cam, observation)
+    return sunlit_limb(los, cone.axis_cam, rho, sun, blur, limits.SUN_SIGMA_RAD)
+
+
+def _best_reach(
+    los: FloatArray, observation: Observation, sun: FloatArray, estimates: str, cause: Outcome | None
+) -> TrustedLimb | NoFit:
+    """Lower the points to the ground, and use those up to the Sun's zenith angle that determines the nadir best.
+
+    More limb determines more, but what is known of it gets less towards the terminator.
+    """
+    limb = _sunlit(los, observation, sun)
+    cone = fit_cone(los)
+    rho = float(off_axis_angle(los, cone.axis_cam).mean())
+    drop = limb.height_m * np.tan(rho) / observation.earth_radius_m
+    inwards = cone.axis_cam - los * (los @ cone.axis_cam)[:, None]
+    inwards /= np.linalg.norm(inwards, axis=1)[:, None]
+    ground = np.cos(drop)[:, None] * los + np.sin(drop)[:, None] * inwards
+    points = _Points(los, ground, limb.patterns_m)
+    best: TrustedLimb | NoFit | None = None
+    tried = -1
+    for reach in limits.REACHES_RAD:
+        within = limb.zenith_rad <= reach
+        if int(within.sum()) == tried:
+            continue
+        tried = int(within.sum())
+        lost = cause or (Outcome.DARK if within.mean() < 1.0 - limits.MUCH_LOST else None)
+        result = _determined(points.take(within), observation, estimates, lost)
+        if best is None or (isinstance(result, TrustedLimb) and _is_better(result, best)):
+            best = result
+    assert best is not None
+    return best
+
+
+def _is_better(one: TrustedLimb, other: TrustedLimb | NoFit) -> bool:
+    return isinstance(other, NoFit) or one.sigma_rad < other.sigma_rad
+
+
+def _without_outliers(points: _Points, observation: Observation) -> _Points:
     smallest = limits.SMALLEST_TRIM_PX / max(observation.camera.fx, observation.camera.fy)
     for _ in range(limits.TRIMS):
-        if len(los) < limits.FEWEST_POINTS:
+        if len(points.los) < limits.FEWEST_POINTS:
             break
-        cone = fit_cone(los)
-        off = off_axis_angle(los, cone.axis_cam)
+        cone = fit_cone(points.los)
+        off = off_axis_angle(points.los, cone.axis_cam)
         off = np.abs(off - np.median(off))
         good = off <= max(limits.TRIM_SIGMAS * 1.4826 * float(np.median(off)), smallest)
         if good.all():
             break
-        los, uv = los[good], uv[good]
-    return los, uv
+        points = points.take(good)
+    return points
 
 
 def _determined(
-    los: FloatArray,
-    uv: FloatArray,
-    observation: Observation,
-    estimates: str,
-    cause: Outcome | None,
+    points: _Points, observation: Observation, estimates: str, cause: Outcome | None
 ) -> TrustedLimb | NoFit:
     """Refuse points that leave the nadir open; ``cause``: what took the points that are missing."""
+    points = _without_outliers(points, observation)
+    uv = project(observation.camera, points.seen)[0]
+    status = cause or Outcome.SHORT_ARC
+    if len(points.los) < limits.FEWEST_POINTS:
+        return NoFit(status, f"{len(points.los)} limb points are left", uv)
+    los = points.los
     cone = fit_cone(los)
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
-    status = cause or Outcome.SHORT_ARC
     if rho < limits.SMALLEST_RHO_RAD:
         return NoFit(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is not the Earth", uv)
     try:
         noise = cone_uncertainty(los, cone.axis_cam, rho)
-        systematic = systematic_covariance(
-            los,
-            cone.axis_cam,
-            rho,
-            flattening=observation.flattening,
-            reliefs=limits.reliefs(observation.band_kind),
-            earth_radius_m=observation.earth_radius_m,
-            estimates="geodetic" if estimates == "geodetic" else "geocentric",
-        )
+        systematic = model_covariance(los, cone.axis_cam, rho, observation, estimates, points.patterns)
     except np.linalg.LinAlgError:
         return NoFit(status, "the points do not determine a cone", uv)
-    sigma = float(np.sqrt(np.linalg.eigvalsh((noise.covariance + systematic)[:2, :2])[-1]))
-    if not sigma <= limits.LARGEST_SIGMA_RAD:
-        return NoFit(status, f"the limb that can be trusted determines the nadir to {np.degrees(sigma):.2f} deg", uv)
-    return TrustedLimb(los, uv, cone, rho, noise, systematic)
+    limb = TrustedLimb(points.seen, los, uv, cone, rho, noise, systematic)
+    if not limb.sigma_rad <= limits.LARGEST_SIGMA_RAD:
+        sigma = np.degrees(limb.sigma_rad)
+        return NoFit(status, f"the limb that can be trusted determines the nadir to {sigma:.2f} deg", uv)
+    return limb
 
 
 def _run(estimator: Estimator, observation: Observation) -> Fit | NoFit:
@@ -160,13 +261,26 @@ def _run(estimator: Estimator, observation: Observation) -> Fit | NoFit:
     if estimator.from_points is not None:
         result = estimator.from_points(limb.los_cam, limb.uv, observation)
     else:
-        image = cleaned(observation.image, observation.camera, limb.cone, limb.los_cam)
+        seen = fit_cone(limb.seen_cam)
+        image = cleaned(observation.image, observation.camera, seen, limb.seen_cam)
         result = estimator.run(replace(observation, image=image))
+        if isinstance(result, Fit):
+            result = _turned(result, seen, limb.cone, observation)
     if isinstance(result, NoFit):
         return result
     basis = limb.noise.basis
     result = replace(result, systematic_nadir_cam=basis @ limb.systematic[:2, :2] @ basis.T)
     return check_fit(result, limb, observation) or result
+
+
+def _turned(fit: Fit, seen: Cone, ground: Cone, observation: Observation) -> Fit:
+    """Return the fit of a method that saw the limb itself, turned as the cone turns when the limb is lowered."""
+    turn, _ = Rotation.align_vectors(ground.axis_cam[None, :], seen.axis_cam[None, :])
+    nadir = turn.apply(fit.nadir_cam)
+    roll, pitch = roll_pitch_of_nadir(Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir))
+    matrix = turn.as_matrix()
+    covariance = matrix @ fit.covariance_nadir_cam @ matrix.T
+    return replace(fit, nadir_cam=nadir, covariance_nadir_cam=covariance, roll_rad=float(roll), pitch_rad=float(pitch))
 
 
 def check_fit(fit: Fit, limb: TrustedLimb, observation: Observation) -> NoFit | None:
@@ -188,7 +302,7 @@ def check_fit(fit: Fit, limb: TrustedLimb, observation: Observation) -> NoFit | 
     if observation.altitude_m is not None:
         radius = observation.earth_radius_m
         expected = np.arcsin(radius / (radius + observation.altitude_m))
-        off = limb.rho_rad - expected
+        off = float(off_axis_angle(limb.seen_cam, limb.cone.axis_cam).mean()) - expected
         height = limits.limb_height_m(observation.band_kind)
         low, high = (h * np.tan(expected) / radius for h in height)
         slack = limits.AGREEMENT * float(np.sqrt(limb.noise.covariance[2, 2] + limb.systematic[2, 2]))

@@ -13,8 +13,14 @@ FEWEST_POINTS = 12
 MUCH_LOST = 0.3
 """Share of the points beyond which what took them is named as the reason of a refusal."""
 
-LOWEST_SUN_RAD = float(np.deg2rad(83.0))
-"""Sun's zenith angle at which the rendered limb has risen by 0.7 km; by 2 km at 86.5 deg, by 5 km at 91 deg."""
+LOW_SUN_RAD = float(np.deg2rad(75.0))
+"""Sun's zenith angle from which the limb is followed along the cone: a search for edges begins to lose it there."""
+FOLLOWED_PX = 3.0
+"""Farthest that a followed point may lie from the cone: the limb rises by two pixels of 20 km."""
+REACHES_RAD = tuple(float(np.deg2rad(angle)) for angle in (83.0, 86.0, 88.0, 90.0, 91.0, 92.0, 93.0, 94.0))
+"""Sun's zenith angles up to which points may be used; the one that determines the nadir best is taken."""
+SUN_SIGMA_RAD = float(np.deg2rad(0.5))
+"""Of a coarse Sun sensor, right to a degree."""
 
 TRIMS = 5
 TRIM_SIGMAS = 4.0
@@ -71,6 +77,9 @@ SOLAR_RELIEF = (Relief(250.0, 0.3), Relief(300.0, 0.05))
 Sun's angle along the arc, and clouds."""
 THERMAL_RELIEF = (Relief(800.0, 0.4), Relief(300.0, 0.05))
 """The infrared limb follows the temperature of the stratosphere from latitude to latitude."""
+
+SEEN_RELIEF_RAD = 0.15
+"""Correlation length of the relief that an image shows of itself: clouds and coasts of some hundred kilometres."""
 
 SOLAR_HEIGHT_M = (-2e3, 40e3)
 THERMAL_HEIGHT_M = (-2e3, 70e3)

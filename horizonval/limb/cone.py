@@ -21,7 +21,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.geometry.camera import Camera, project
+
 FloatArray = NDArray[np.float64]
+
+AZIMUTHS = 7200
 
 
 @dataclass(frozen=True)
@@ -214,31 +218,63 @@ def cone_scatter(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeU
     return ConeUncertainty(basis=basis, covariance=0.5 * (covariance + covariance.T), correlation_length=length)
 
 
-SYSTEMATIC_PX = 0.01
+SLOW_PX = 0.01
 """What sub-pixel points of a sharp limb are off by without any noise (rms): the lens's blur of shaded ground mostly."""
-SYSTEMATIC_PATTERNS = 4.0
+SOFT_SLOW_PX = 0.07
+"""The same of points by the area under a profile on limbs with air, over a bank of visible and infrared frames from 300
+to 36 000 km: how much of the air's tail and of the ground's shading counts depends on the slant of a column."""
+SLOW_PATTERNS = 4.0
 """Number of independent values of it along an arc: it varies as slowly as the limb's direction against the pixels."""
 
 
-def with_systematic(uncertainty: ConeUncertainty, los_cam: FloatArray, px_rad: float) -> ConeUncertainty:
-    """Add to a covariance what slow errors of sub-pixel points make of it, which residuals hardly show.
+def slow_error(los_cam: FloatArray, basis: FloatArray, px_rad: float, slow_px: float = SLOW_PX) -> FloatArray:
+    """Return the covariance [rad^2], shape (3, 3), that slow errors of sub-pixel points make of a fitted cone.
+
+    Neither more points nor another draw of the noise changes them, and residuals hardly show them: they belong to what
+    a fit claims of its model, beside the noise.
 
     Parameters
     ----------
-    uncertainty : ConeUncertainty
     los_cam : ndarray, shape (n, 3)
+    basis : ndarray, shape (3, 2)
+        Tangent directions at the axis, as of :class:`ConeUncertainty`.
     px_rad : float
         Angle of a pixel.
+    slow_px : float
+        What single points are off by, rms.
 
     Raises
     ------
     numpy.linalg.LinAlgError
         If the points do not determine a cone.
     """
-    jacobian = _jacobian(los_cam, uncertainty.basis)
-    variance = (SYSTEMATIC_PX * px_rad) ** 2 * len(los_cam) / SYSTEMATIC_PATTERNS
-    covariance = uncertainty.covariance + variance * np.linalg.inv(jacobian.T @ jacobian)
-    return replace(uncertainty, covariance=0.5 * (covariance + covariance.T))
+    jacobian = _jacobian(los_cam, basis)
+    variance = (slow_px * px_rad) ** 2 * len(los_cam) / SLOW_PATTERNS
+    covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def limb_directions(camera: Camera, axis_cam: FloatArray, rho_rad: float, rim_px: float) -> FloatArray:
+    """Return lines of sight on a cone, shape (n, 3), one for every pixel of its limb in view, in order of azimuth.
+
+    Parameters
+    ----------
+    camera : Camera
+    axis_cam : ndarray, shape (3,)
+    rho_rad : float
+    rim_px : float
+        Width of the image's rim that is left out.
+    """
+    turn = np.linspace(0.0, 2.0 * np.pi, AZIMUTHS, endpoint=False)
+    basis = tangent_basis(axis_cam)
+    around = np.cos(turn)[:, None] * basis[:, 0] + np.sin(turn)[:, None] * basis[:, 1]
+    los = np.cos(rho_rad) * axis_cam + np.sin(rho_rad) * around
+    uv, in_front = project(camera, los)
+    with np.errstate(invalid="ignore"):
+        inside = in_front & ((uv >= rim_px) & (uv <= (camera.width - 1 - rim_px, camera.height - 1 - rim_px))).all(1)
+    los, uv = los[inside], uv[inside]
+    _, first = np.unique(np.rint(uv).astype(np.int64), axis=0, return_index=True)
+    return los[np.sort(first)]
 
 
 def _jacobian(los_cam: FloatArray, basis: FloatArray) -> FloatArray:

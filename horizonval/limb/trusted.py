@@ -7,8 +7,8 @@ A point is as good as the two sides of its profile. Read across the limb, outsid
 * *faded*: towards the terminator the limb darkens and rises (its lowest lit layer is the Earth's shadow), so points
   where the step is a small share of what it is elsewhere on the limb are left out. The terminator itself bounds nothing
   but darkness: the step across it is no edge;
-* *low Sun*: where the Sun's direction is known, by a coarse sensor, the terminator is told by it and not by brightness,
-  which looking towards the Sun hardly falls while the limb rises already;
+* *faint*: where the Sun's direction is known, by a coarse sensor, the limb's height towards the terminator is too
+  (:mod:`horizonval.limb.sunlit`), and a point need only stand out of the noise;
 * *restless*: where the outer side varies (Sun's halo, Moon, ghost) by more than a share of the step;
 * *alone*: points that no longer belong to an unbroken stretch of some length.
 
@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.geometry.camera import Camera, project
-from horizonval.limb.cone import tangent_basis
+from horizonval.limb.cone import arc_order, fit_cone, tangent_basis
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -34,9 +34,14 @@ SATURATED_SHARE = 0.97
 """Of full scale: a pixel of a converter with noise may stay a little below."""
 FADED_SHARE = 0.3
 """Of the limb's own strong steps (their 90th percentile)."""
+FAINT_SIGMAS = 5.0
+"""Rose's criterion for telling a feature from noise."""
 RESTLESS_SHARE = 0.25
 SMOOTHED_RAD = float(np.deg2rad(4.0))
 """Length of limb, by azimuth, over which the step is averaged first: clouds vary faster along it than sunlight."""
+GAP_PX = 6.0
+SHORTEST_STRETCH_PX = 20.0
+"""Two profiles long: over less the bright and dark sides of a cloud's edge decide."""
 NEAR_PX = (3.0, 4.0, 5.0, 6.0)
 DEEP_PX = (6.0, 8.0, 10.0, 12.0)
 
@@ -91,24 +96,13 @@ def saturated(sides: Sides, full_scale: float) -> BoolArray:
 
 def faded(sides: Sides) -> BoolArray:
     """Return which points have a step, averaged over a piece of limb, far below what it is elsewhere."""
-    step = _smoothed(np.abs(sides.inner - sides.outer), sides.azimuth)
+    step = smoothed(np.abs(sides.inner - sides.outer), sides.azimuth)
     return np.asarray(step < FADED_SHARE * np.percentile(step, 90.0))
 
 
-def low_sun(los_cam: FloatArray, axis_cam: FloatArray, sun_cam: FloatArray, zenith_rad: float) -> BoolArray:
-    """Return which limb points have the Sun lower than a zenith angle.
-
-    The vertical at a tangent point is across the line of sight, away from the cone's axis.
-
-    Parameters
-    ----------
-    los_cam : ndarray, shape (n, 3)
-    axis_cam, sun_cam : ndarray, shape (3,)
-    zenith_rad : float
-    """
-    up = los_cam * (los_cam @ axis_cam)[:, None] - axis_cam
-    up /= np.linalg.norm(up, axis=1)[:, None]
-    return np.asarray(up @ sun_cam < np.cos(zenith_rad))
+def faint(sides: Sides, noise: float) -> BoolArray:
+    """Return which points have a limb, averaged over a piece of it, that does not stand out of the noise of a pixel."""
+    return np.asarray(smoothed(sides.peak - sides.outer, sides.azimuth) < FAINT_SIGMAS * noise)
 
 
 def restless(sides: Sides) -> BoolArray:
@@ -136,7 +130,26 @@ def _nanpick(what: Callable[..., FloatArray], values: FloatArray) -> FloatArray:
     return np.asarray(what(np.where(empty[None, :], 0.0, values), axis=0))
 
 
-def _smoothed(values: FloatArray, azimuth: FloatArray) -> FloatArray:
+def alone(los_cam: FloatArray, camera: Camera) -> BoolArray:
+    """Return which points, in any order, belong to no unbroken stretch of some length: spots between what was left out.
+
+    What took the neighbours, clouds that saturate mostly, is not far from those either.
+    """
+    uv, _ = project(camera, los_cam)
+    order = arc_order(los_cam, fit_cone(los_cam).axis_cam)
+    step = np.hypot(*np.diff(np.vstack([uv[order], uv[order[:1]]]), axis=0).T)
+    breaks = np.flatnonzero(step > GAP_PX)
+    bad = np.zeros(len(los_cam), dtype=bool)
+    if not len(breaks):
+        return bad
+    # A stretch runs from behind one break to the next, round the circle.
+    piece = np.searchsorted(breaks, np.arange(len(order)), side="left") % len(breaks)
+    length = np.bincount(piece, weights=np.where(step > GAP_PX, 0.0, step), minlength=len(breaks))
+    bad[order] = length[piece] < SHORTEST_STRETCH_PX
+    return bad
+
+
+def smoothed(values: FloatArray, azimuth: FloatArray) -> FloatArray:
     """Return the mean of values over the neighbours within half of SMOOTHED_RAD of azimuth."""
     order = np.argsort(azimuth, kind="stable")
     a = azimuth[order]

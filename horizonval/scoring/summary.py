@@ -3,7 +3,9 @@
 Four questions are kept apart. *Availability*: of the frames that should give an attitude, how many did. *Accuracy*: the
 errors of all claimed attitudes. *Integrity*: how many claims were false, with the exact (Clopper-Pearson 1934) 95 %
 interval, because none seen in n frames still allows 3/n. *Consistency*: the mean normalised error squared, 2 for an
-honest covariance.
+honest covariance. ``nees_nadir_total`` is the test of a claim: all errors by all that is claimed. ``nees_nadir`` is the
+same errors by the claimed noise alone: above 2 by what atmosphere and oblateness add, it is no test of the noise. That
+takes several draws of the noise of one frame, see :mod:`horizonval.scoring.repeats`.
 """
 
 from __future__ import annotations

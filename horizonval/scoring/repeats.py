@@ -1,0 +1,48 @@
+"""Consistency where only noise acts: one frame, many draws of the detector's noise.
+
+``nees_nadir`` of a row (:mod:`horizonval.scoring.errors`) has all errors in it, those of atmosphere and oblateness too,
+over the covariance of noise alone, and ``nees_nadir_total`` has the same errors over all that is claimed. Neither says
+whether the *noise* part is honest. Fits of the same frame that differ in nothing but the noise do: their scatter about
+their own mean is noise alone, whatever they are all off by. With N draws the deviation from the mean has the share
+(N - 1) / N of one draw's covariance, hence
+
+    nees_i = N / (N - 1)  (n_i - mean n)^T C_i^-1 (n_i - mean n)
+
+in the plane across the mean nadir: 2 on average for an honest covariance C_i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.estimators.observation import Fit
+from horizonval.limb.cone import tangent_basis
+
+FloatArray = NDArray[np.float64]
+
+
+def noise_nees(fits: Sequence[Fit]) -> FloatArray:
+    """Return the normalised error squared of every draw by its ``covariance_nadir_cam``, 2 degrees of freedom.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+        Of one frame, N >= 2.
+
+    Raises
+    ------
+    ValueError
+        With fewer than two.
+    """
+    if len(fits) < 2:
+        raise ValueError(f"{len(fits)} draws have no scatter; at least 2 are needed")
+    nadirs = np.array([fit.nadir_cam for fit in fits])
+    mean = nadirs.mean(axis=0)
+    basis = tangent_basis(mean / np.linalg.norm(mean))
+    off = (nadirs - mean) @ basis
+    covariances = np.array([basis.T @ fit.covariance_nadir_cam @ basis for fit in fits])
+    squares = np.einsum("ij,ij->i", off, np.linalg.solve(covariances, off[..., None])[..., 0])
+    return np.asarray(squares * len(fits) / (len(fits) - 1))
