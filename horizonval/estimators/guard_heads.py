@@ -33,8 +33,9 @@ from horizonval.limb.cone import arc_order, cone_uncertainty, fit_cone, off_axis
 from horizonval.limb.finder import find_limb
 from horizonval.limb.result import NoLimb
 from horizonval.limb.steepest import to_steepest
+from horizonval.limb.sunlit import sun_angles
 from horizonval.limb.systematic import systematic_covariance
-from horizonval.limb.trusted import faded, low_sun, read_sides, restless, saturated
+from horizonval.limb.trusted import faded, read_sides, restless, saturated
 from horizonval.outcome import Outcome
 
 FloatArray = NDArray[np.float64]
@@ -175,7 +176,7 @@ def _arc_in_head(head: Observation) -> FloatArray | NoFit:
     sides = read_sides(image, head.camera, los, axis)
     tests = {Outcome.DARK: faded(sides), Outcome.SUN_GLARE: restless(sides)}
     if head.sun_cam is not None and head.band_kind == "solar":
-        tests[Outcome.DARK] |= low_sun(los, axis, head.sun_cam, limits.LOWEST_SUN_RAD)
+        tests[Outcome.DARK] |= sun_angles(los, axis, head.sun_cam)[0] > limits.HEAD_LOWEST_SUN_RAD
     if head.full_scale is not None:
         tests[Outcome.SATURATED] = saturated(sides, head.full_scale)
     bad = np.any(list(tests.values()), axis=0)

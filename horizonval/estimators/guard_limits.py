@@ -44,6 +44,9 @@ HEAD_SCATTER_PX = 2.0
 HEAD_LIMB_SHARE = 0.5
 """Of the answer's cone in a head's image that must be a limb: what crosses it (Sun, terminator) is a point of it."""
 
+HEAD_LOWEST_SUN_RAD = float(np.deg2rad(83.0))
+"""Sun's zenith angle at which the rendered limb has risen by 0.7 km; by 2 km at 86.5 deg, by 5 km at 91 deg. Heads see
+pieces too short to tell such a rise from a tilt."""
 HEAD_ARC_SHARE = 0.15
 """Of the image's shorter side that an arc must measure in every head: less is a chord of a few pixels."""
 HEADS_MISFIT_RAD = float(np.deg2rad(0.25))

@@ -42,7 +42,7 @@ from horizonval.geometry.camera import Camera, project, unproject
 from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.limb.arc import Arc, find_arc
 from horizonval.limb.circle import fit_circle
-from horizonval.limb.cone import SYSTEMATIC_PX, cone_uncertainty, fit_cone, off_axis_angle
+from horizonval.limb.cone import SLOW_PX, cone_uncertainty, fit_cone, off_axis_angle
 from horizonval.limb.result import NoLimb
 from horizonval.outcome import Outcome
 
@@ -182,7 +182,7 @@ def fit_arcs(
         variance_px *= min(1.0, alike / END_PIXELS)
     if sub_pixel:
         # Slow errors are one over an end: its pixels do not average them out, and their scatter does not show them.
-        variance_px += SYSTEMATIC_PX**2
+        variance_px += SLOW_PX**2
     variance = np.array([variance_px * float(np.sum(scale[[0, -1]] ** -2.0)) for scale in px_per_rad])
     to_nadir = np.linalg.pinv(chords_body) * np.sin(rho)
     covariance_body = (to_nadir * variance) @ to_nadir.T
