@@ -19,15 +19,17 @@ from horizonval.spec.scene import Earth
 from horizonval.spec.suite import Keep
 
 
-def load_suite(path_or_name: str | Path) -> Suite:
+def load_suite(path_or_name: str | Path, seed: int | None = None) -> Suite:
     """Read a suite file as :func:`horizonval.spec.load.load_suite` does; ``[cases.orbit]`` becomes scenes.
+
+    ``seed`` stands in place of the suite's own.
 
     Raises
     ------
     UserError
         Naming the file, the key, and what was expected.
     """
-    return load.load_suite(path_or_name, fly=_fly)
+    return load.load_suite(path_or_name, fly=_fly, seed=seed)
 
 
 def with_options(suite: Suite, time_limit_s: float | None, keep: str | None) -> Suite:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
@@ -24,6 +24,7 @@ from horizonval.spec.explain import explain
 from horizonval.spec.files import Kind, find
 from horizonval.spec.merge import Plain, deep_merge
 from horizonval.spec.orbit import OrbitSpec
+from horizonval.spec.regression import RegressionSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.stability import StabilitySpec
 from horizonval.spec.suite import FigureSpec, Keep, ProgramSpec, SuiteSpec
@@ -58,6 +59,7 @@ class Suite:
     """A suite with its frames resolved, in the file's order.
 
     ``programs``, ``keep`` and the limits are those of :class:`horizonval.spec.suite.SuiteHead` and ``[[estimator]]``.
+    ``tables`` names the ``[[cases]]`` table of every case that comes from one.
     """
 
     name: str
@@ -71,6 +73,8 @@ class Suite:
     time_limit_s: float = 60.0
     memory_limit_mb: int = 4096
     figures: tuple[FigureSpec, ...] = ()
+    regression: RegressionSpec | None = None
+    tables: Mapping[str, str] = field(default_factory=dict)
 
 
 def load_camera(path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> CameraSpec:
@@ -140,7 +144,7 @@ def _one_per_head(scene: SceneSpec, camera: CameraSpec, where: str) -> tuple[Cas
     return (Case(name, scene, camera),)
 
 
-def load_suite(path_or_name: str | Path, *, fly: Fly | None = None) -> Suite:
+def load_suite(path_or_name: str | Path, *, fly: Fly | None = None, seed: int | None = None) -> Suite:
     """Read a suite file, lay every frame over the defaults, and load the cameras.
 
     A frame whose camera has several heads becomes one case for each of them unless it chooses one.
@@ -153,20 +157,27 @@ def load_suite(path_or_name: str | Path, *, fly: Fly | None = None) -> Suite:
     path_or_name : str or Path
     fly : callable, optional
         Makes samples of orbits (:func:`horizonval.campaign.suite.load_suite` gives it): this room knows no orbits.
+    seed : int, optional
+        In place of the suite's own: other Sobol points, other draws of everything random.
     """
     path = find("suite", path_or_name)
     spec = validate(SuiteSpec, read_toml(path), str(path))
+    if seed is not None:
+        spec = spec.model_copy(update={"suite": spec.suite.model_copy(update={"seed": seed})})
     seeded = deep_merge({"scene": {"seed": spec.suite.seed}}, spec.defaults)
     shelf = Shelf(path)
     cases: list[Case] = []
     names: set[str] = set()
-    for inside, data in _scenes(spec, path, seeded, fly):
+    tables: dict[str, str] = {}
+    for inside, table, data in _scenes(spec, path, seeded, fly):
         scene, camera = shelf.resolve(data, inside=inside)
         for case in _one_per_head(scene, camera, f"{path}: {inside}: camera.head"):
             if case.name in names:
                 raise UserError(f"two frames are named {case.name!r}", where=f"{path}: {inside}", fix="rename one")
             names.add(case.name)
             cases.append(case)
+            if table is not None:
+                tables[case.name] = table
     head = spec.suite
     return Suite(
         head.name,
@@ -180,19 +191,21 @@ def load_suite(path_or_name: str | Path, *, fly: Fly | None = None) -> Suite:
         head.time_limit_s,
         head.memory_limit_mb,
         tuple(spec.figure),
+        spec.regression,
+        tables,
     )
 
 
-def _scenes(spec: SuiteSpec, path: Path, seeded: Plain, fly: Fly | None) -> Iterator[tuple[str, Plain]]:
-    """Yield every scene as plain data over the defaults, and the place in the file that makes it."""
+def _scenes(spec: SuiteSpec, path: Path, seeded: Plain, fly: Fly | None) -> Iterator[tuple[str, str | None, Plain]]:
+    """Yield the place in the file that makes a scene, its table, and the scene as plain data over the defaults."""
     for i, frame in enumerate(spec.frame, start=1):
-        yield f"frame[{i}] ({frame['scene']['name']})", deep_merge(seeded, frame)
+        yield f"frame[{i}] ({frame['scene']['name']})", None, deep_merge(seeded, frame)
     for i, table in enumerate(spec.cases, start=1):
         inside = f"cases[{i}] ({table.name})"
         for variant in variants(table, spec.suite.seed, f"{path}: {inside}"):
             whole = deep_merge(seeded, variant.scene)
             if variant.orbit is None:
-                yield f"{inside}: {variant.name}", deep_merge(whole, {"scene": {"name": variant.name}})
+                yield f"{inside}: {variant.name}", table.name, deep_merge(whole, {"scene": {"name": variant.name}})
                 continue
             if fly is None:
                 raise ValueError("a suite with orbits is loaded with horizonval.campaign.suite.load_suite")
@@ -201,7 +214,8 @@ def _scenes(spec: SuiteSpec, path: Path, seeded: Plain, fly: Fly | None) -> Iter
             digits = max(3, len(str(len(samples) - 1)))
             for number, sample in enumerate(samples):
                 name = f"{variant.name}_{number:0{digits}d}"
-                yield f"{inside}: {name}", deep_merge(deep_merge(whole, sample), {"scene": {"name": name}})
+                scene = deep_merge(deep_merge(whole, sample), {"scene": {"name": name}})
+                yield f"{inside}: {name}", table.name, scene
 
 
 class Shelf:
