@@ -76,7 +76,9 @@ def displacement_px(base: FloatArray, now: FloatArray, limb: NDArray[np.bool_]) 
     return float(np.sqrt(np.average(np.square(found), weights=weights)))
 
 
-def noise_in_space(dn: NDArray[np.integer], noise_free: NDArray[np.integer], regions: NDArray[np.uint8]) -> float | None:
+def noise_in_space(
+    dn: NDArray[np.integer], noise_free: NDArray[np.integer], regions: NDArray[np.uint8]
+) -> float | None:
     """Return the standard deviation [DN] of a detector image about the same without noise, in space."""
     space = regions == SPACE
     if space.sum() < 100:
