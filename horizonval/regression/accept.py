@@ -118,8 +118,8 @@ def difference_table(before: Baseline | None, now: Results, scenes: Mapping[str,
             "",
         ]
     lines += [
-        "Before and after, on the same scenes and noise seeds; availability among the images that clearly should give an "
-        "attitude, errors where both claim one.",
+        "Before and after, on the same scenes and noise seeds; availability among the images that clearly should give "
+        "an attitude, errors where both claim one.",
         "",
         "| estimator | scenes | images | available [%] | false claims [%] | median nadir error [arcsec] "
         "| 95 % below [arcsec] | changed outcomes |",

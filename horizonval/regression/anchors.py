@@ -3,8 +3,8 @@
 ================  =====================================================================================================
 furnace           air and black ground of one temperature shine as a black body on every ray
 planck            the integral of Planck's law over all wavelengths is sigma T^4 / pi, in a band it is its quadrature
-exact limb        points of the horizon lie on the ellipsoid with the line of sight in the tangent plane; seen from above
-                  a sphere the horizon's angle is asin(R / r); an estimator given exact points finds the nadir
+exact limb        points of the horizon lie on the ellipsoid with the line of sight in the tangent plane; above a
+                  sphere the horizon's angle is asin(R / r); an estimator given exact points finds the nadir
 photon transfer   variance against mean of flat fields is (electrons + read noise^2) / gain^2 + 1 / 12
 single scatter    radiances of a Rayleigh limb, against another code's (SASKTRAN2), whose table ships with this room
 ================  =====================================================================================================

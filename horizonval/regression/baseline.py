@@ -2,8 +2,8 @@
 
 ``NAME.json`` holds rows, digests, what each scene is like, where it came from and why it was accepted; ``NAME.npz`` the
 frozen images (:mod:`horizonval.regression.pack`); ``NAME.md`` the table of differences, for the one who reviews the
-change. ``NAME.release.json`` and ``NAME.release.npz`` are the same of the last release, without detector images: drift of
-one percent a night passes every comparison with yesterday.
+change. ``NAME.release.json`` and ``NAME.release.npz`` are the same of the last release, without detector images: drift
+of one percent a night passes every comparison with yesterday.
 
 A baseline is never changed but by ``horizonval baseline accept``, with a reason.
 """

@@ -21,9 +21,9 @@ import numpy as np
 
 from horizonval.campaign.folder import read_json, write_json
 from horizonval.campaign.identity import code_version
+from horizonval.campaign.plan import Plan
 from horizonval.campaign.pool import run_cases
 from horizonval.campaign.progress import Progress
-from horizonval.campaign.plan import Plan
 from horizonval.regression.units import render_scene, replay_scene
 from horizonval.spec.load import Case
 
@@ -70,13 +70,13 @@ def work(tasks: Mapping[str, Task], plan: Plan, folder: Path, workers: int, prog
     if missing:
         results = run_cases(partial(_safely, plan=plan), missing, workers)
         with contextlib.closing(results):
-            for (task, place), error in results:
+            for (task, stem), error in results:
                 why = "its process died (a crash, or out of memory)" if error is None else error
-                record = read_json(Path(place).with_suffix(".json")) if why == "" else None
+                record = read_json(Path(stem).with_suffix(".json")) if why == "" else None
                 if record is None:
                     found[task.name] = Done({}, None, why or "its result cannot be read")
                 else:
-                    arrays = Path(place).with_suffix(".npz")
+                    arrays = Path(stem).with_suffix(".npz")
                     found[task.name] = Done(record, arrays if arrays.is_file() else None, None)
                 progress.done(task.name, failed=found[task.name].error)
     return {name: found[name] for name in tasks}

@@ -14,7 +14,7 @@ from horizonval.outcome import Outcome
 from horizonval.regression.estimate import Estimate
 from horizonval.regression.means import independent_difference, paired_difference
 from horizonval.regression.proportions import independent_loss, paired_loss
-from horizonval.spec.regression import IMAGE_METRICS, TWO_SIDED, GateSpec
+from horizonval.spec.regression import IMAGE_METRICS, GateSpec
 
 Row = Mapping[str, Any]
 PERCENT = 100.0
@@ -184,8 +184,3 @@ def _scaled(estimate: Estimate | None) -> Estimate | None:
     e, p = estimate, PERCENT
     bounds = (e.lower95 * p, e.upper95 * p, e.lower99 * p, e.upper99 * p)
     return Estimate(e.value * p, *bounds, e.p_worse, e.p_better, e.n, e.clusters)
-
-
-def is_two_sided(gate: GateSpec) -> bool:
-    """Whether neither sign of the gate's metric is better."""
-    return gate.metric in TWO_SIDED

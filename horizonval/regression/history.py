@@ -6,6 +6,7 @@ import json
 import os
 import secrets
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -76,7 +77,7 @@ def steps_of(nights: Sequence[Mapping[str, Any]]) -> list[Plain]:
     found = []
     for name, one in series(nights).items():
         parts = pieces(one["values"])
-        for old, new in zip(parts, parts[1:], strict=False):
+        for old, new in pairwise(parts):
             found.append(
                 {
                     "figure": name,

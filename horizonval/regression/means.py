@@ -51,7 +51,7 @@ def paired_difference(differences: Sequence[float], clusters: Sequence[Hashable]
 def independent_difference(
     now: Sequence[float], now_clusters: Sequence[Hashable], base: Sequence[float], base_clusters: Sequence[Hashable]
 ) -> Estimate | None:
-    """Return the difference of two means over different scenes (B. L. Welch, Biometrika 34, 28, 1947); None as above."""
+    """Return the difference of means over different scenes (B. L. Welch, Biometrika 34, 28, 1947); None as above."""
     a, b = cluster_means(now, now_clusters), cluster_means(base, base_clusters)
     if min(len(a), len(b)) < FEWEST_CLUSTERS:
         return None

@@ -30,10 +30,11 @@ from horizonval.errors import UserError
 from horizonval.regression import history
 from horizonval.regression.baseline import Baseline, frames_of, read_baseline, release_path
 from horizonval.regression.bench import Done, Task, work
-from horizonval.regression.decide import Verdict, decide, night_verdict
+from horizonval.regression.decide import Verdict, night_verdict
 from horizonval.regression.environment import environment
-from horizonval.regression.gates import Measured, Results, changed, is_two_sided, measure, pairs_of
+from horizonval.regression.gates import Measured, Results, changed, measure, pairs_of
 from horizonval.regression.images import compare_images
+from horizonval.regression.judge import judge
 from horizonval.regression.junit import write_junit
 from horizonval.regression.units import is_due
 from horizonval.spec.load import Case, Suite
@@ -239,33 +240,7 @@ class _Gathered:
             about, found = self._against(name, base, reference if name == "accepted" else None)
             comparisons.append(about)
             measured += [(name, one) for one in found]
-        decided = decide(
-            [one.estimate for _, one in measured],
-            [one.gate.margin for _, one in measured],
-            [is_two_sided(one.gate) for _, one in measured],
-            looks=self.spec.most_batches,
-        )
-        gates = []
-        for (name, one), (verdict, p) in zip(measured, decided, strict=True):
-            gate = one.gate
-            gates.append(
-                {
-                    "against": name,
-                    "name": gate.name,
-                    "lane": gate.lane,
-                    "metric": gate.metric,
-                    "margin": gate.margin,
-                    "unit": gate.unit,
-                    "reason": gate.reason,
-                    "two_sided": is_two_sided(gate),
-                    "paired": one.paired,
-                    "verdict": str(verdict),
-                    "p_adjusted": p,
-                    "estimate": None if one.estimate is None else one.estimate.to_dict(),
-                    "scenes": list(one.scenes[:12]),
-                    "n_scenes": len(one.scenes),
-                }
-            )
+        gates = judge(measured, looks=self.spec.most_batches)
         return comparisons, gates
 
     def _against(self, name: str, base: Baseline, reference: Results | None) -> tuple[Plain, list[Measured]]:

@@ -49,7 +49,7 @@ class FrozenImage:
 
 @dataclass(frozen=True)
 class FrozenFrame:
-    """Radiance (H, W) to 12 bits, the regions of :mod:`horizonval.regression.regions`, and the digest of the float32."""
+    """Radiance (H, W) to 12 bits, the regions (:mod:`horizonval.regression.regions`), the digest of the float32."""
 
     scene: str
     band: str
@@ -174,7 +174,8 @@ def _planes(values: NDArray[np.uint16]) -> tuple[NDArray[np.uint8], NDArray[np.u
 
 
 def _from_planes(high: NDArray[np.uint8], low: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    return (high.astype(np.uint16) << 8) | low
+    joined: NDArray[np.uint16] = high.astype(np.uint16) * np.uint16(256) + low
+    return joined
 
 
 def _encode(radiance: NDArray[np.floating], scale: float) -> NDArray[np.uint16]:

@@ -6,8 +6,8 @@ The Potts functional
 
 is minimised exactly by dynamic programming over where the last piece begins (F. Friedrich et al., J. Comput. Graph.
 Statist. 17, 201, 2008); medians, so that a single bad night is no step. The number of pieces is that of the smallest
-Bayesian information criterion under Laplace noise, ``2 n ln(cost / n) + k ln n``, with k = 3 for each further piece (its
-level, its place, and one more, because a place is searched for among n).
+Bayesian information criterion under Laplace noise, ``2 n ln(cost / n) + k ln n``, with k = 3 for each further piece
+(its level, its place, and one more, because a place is searched for among n).
 """
 
 from __future__ import annotations

@@ -69,14 +69,12 @@ def render_scene(
     Returns
     -------
     record : dict
-        ``scene``, ``table``, ``camera``, ``truth`` (plain), ``bands``: by name ``{radiance_sha256, expected, borderline,
-        full_scale, images, noise_dn}``, and ``rows`` as :func:`estimate_image` returns them.
+        ``scene``, ``table``, ``camera``, ``truth`` (plain), ``bands``: by name ``{radiance_sha256, expected,
+        borderline, full_scale, images, noise_dn}``, and ``rows`` as :func:`estimate_image` returns them.
     arrays : dict of ndarray
         ``radiance.<band>`` (float32), ``regions``, ``dn.<band>.<seed>``.
     """
-    if render is None:
-        from horizonval.render.frame import render_frame as render
-    frame = render(case.scene, case.camera)
+    frame = (render or _renderer())(case.scene, case.camera)
     regions = regions_of(frame.maps["hit"], frame.maps["tangent_height"])
     arrays: dict[str, np.ndarray] = {"regions": regions}
     bands: dict[str, Any] = {}
@@ -113,6 +111,12 @@ def render_scene(
         "rows": rows,
     }
     return record, arrays
+
+
+def _renderer() -> Render:
+    from horizonval.render.frame import render_frame
+
+    return render_frame
 
 
 def plain_truth(truth: FrameTruth) -> dict[str, Any]:

@@ -37,11 +37,11 @@ TWO_SIDED = ("limb_radiance", "disc_radiance", "noise")
 class GateSpec(Model):
     """One gate: a metric in one lane, the largest change for the worse that does not matter, and why.
 
-    ``nadir_error``: mean change of the angle between claimed and true nadir where both runs claim one. ``availability``:
-    loss among frames that should give an attitude. ``false_valid``: gain of false claims among all frames.
-    ``limb_radiance``, ``disc_radiance``: bias of the region's mean. ``limb_displacement``: root mean square, along the
-    limb. ``noise``: change of the detector noise's standard deviation, in space and on the limb. ``estimators`` and
-    ``cases`` (tables of the suite) narrow a gate down; empty is all.
+    ``nadir_error``: mean change of the angle between claimed and true nadir where both runs claim one.
+    ``availability``: loss among frames that should give an attitude. ``false_valid``: gain of false claims among all
+    frames. ``limb_radiance``, ``disc_radiance``: bias of the region's mean. ``limb_displacement``: root mean square,
+    along the limb. ``noise``: change of the detector noise's standard deviation, in space. ``estimators`` and ``cases``
+    (tables of the suite) narrow a gate down; empty is all.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]
