@@ -6,7 +6,7 @@ also split, in blocks along it, into a gain and a displacement along the gradien
     L_now - L_base = a L_base - s |grad L_base|
 
 by least squares for ``a`` and ``s``, so that a brighter limb is not mistaken for a moved one. First order in ``s``:
-half a pixel is found to a few percent, several pixels only as "far off".
+half a pixel is found to a fifth of it, several pixels only as "far off".
 """
 
 from __future__ import annotations

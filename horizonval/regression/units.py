@@ -124,25 +124,19 @@ def plain_truth(truth: FrameTruth) -> dict[str, Any]:
     return replace(truth, infrared_horizon={}).to_dict()
 
 
-def replay_scene(
-    pack: Path, scene: str, plan: Plan, *, run: Run | None = None, images: Iterable[FrozenImage] | None = None
-) -> list[Row]:
-    """Return the rows of all frozen images of a scene.
-
-    Parameters
-    ----------
-    pack : Path
-    scene : str
-    plan : Plan
-    run : callable, optional
-        In place of the estimators, for experiments with faults.
-    images : iterable of FrozenImage, optional
-        In place of the pack's.
-    """
+def replay_scene(pack: Path, scene: str, plan: Plan) -> list[Row]:
+    """Return the rows of all frozen images of a scene."""
     content = read_pack(pack)
     truth = FrameTruth.from_dict(dict(content.truths[scene]))
+    return estimate_frozen(truth, scene, (image for image in content.images if image.scene == scene), plan)
+
+
+def estimate_frozen(
+    truth: FrameTruth, scene: str, images: Iterable[FrozenImage], plan: Plan, *, run: Run | None = None
+) -> list[Row]:
+    """Return the rows of some frozen images; ``run`` in place of the estimators, for experiments with faults."""
     rows: list[Row] = []
-    for frozen in images if images is not None else (i for i in content.images if i.scene == scene):
+    for frozen in images:
         image = DetectorImage(frozen.dn, frozen.band, truth, frozen.full_scale)
         rows += estimate_image(scene, frozen.replicate, image, plan, run)
     return rows
