@@ -76,7 +76,7 @@ def test_accepting_writes_rows_images_and_the_table(accepted):
     assert all(len(row["image"]) == 64 for row in base.results.rows)
     table = accepted.baseline.with_suffix(".md").read_text()
     assert "There was no baseline before." in table
-    assert "| altitude-free | day | 8 | 100 |" in table
+    assert "| altitude-free | day | 8 |" in table
     release = read_baseline(release_path(accepted.baseline), "tiny")
     assert release.images.images == ()
     assert release.results == base.results
@@ -106,8 +106,9 @@ def test_a_changed_estimator_is_a_regression_with_names(accepted, second, here, 
     """The baseline's errors are made smaller: the present ones are then worse, in every scene."""
     data = json.loads(accepted.baseline.read_text())
     rows = from_columns(data["rows"])
-    for row in rows:
-        row["nadir_error_arcsec"] /= 1.2
+    claims = [row for row in rows if row["nadir_error_arcsec"] is not None]
+    for row in claims:
+        row["nadir_error_arcsec"] -= 60.0
     changed = accepted.baseline.with_name("better.json")
     changed.write_text(json.dumps(data | {"rows": to_columns(rows)}))
     os.link(pack_path(accepted.baseline), pack_path(changed))
@@ -120,7 +121,7 @@ def test_a_changed_estimator_is_a_regression_with_names(accepted, second, here, 
     # The last release is another than the accepted one now, and has gates of its own.
     assert {gate["against"] for gate in verdict["gates"]} == {"accepted", "release"}
     (gate,) = [g for g in verdict["gates"] if g["verdict"] == "FAIL"]
-    assert len(gate["scenes"]) == 8
+    assert set(gate["scenes"]) == {row["scene"] for row in claims}
     page = (accepted.out / "index.html").read_text()
     assert "Regression: accuracy (against the accepted baseline)" in page
     assert gate["scenes"][0] in page
