@@ -75,8 +75,11 @@ def pairs_of(now: Iterable[Row], base: Iterable[Row]) -> list[tuple[Row, Row]]:
 
 
 def changed(pairs: Iterable[tuple[Row, Row]]) -> list[dict[str, Any]]:
-    """Return every change of a status, and of an angle beyond :data:`ANGLE_LIMIT_ARCSEC`, with what it was and is."""
-    found = []
+    """Return every change of a status, and of an angle beyond :data:`ANGLE_LIMIT_ARCSEC`, with what it was and is.
+
+    Changed statuses come first, then the largest changes of the nadir error.
+    """
+    found: list[tuple[tuple[bool, float], dict[str, Any]]] = []
     for now, base in pairs:
         what = []
         if now["status"] != base["status"]:
@@ -89,8 +92,10 @@ def changed(pairs: Iterable[tuple[Row, Row]]) -> list[dict[str, Any]]:
                 what.append(f"{key.removesuffix('_error_arcsec')} error {before:.4g} -> {after:.4g} arcsec")
         if what:
             names = {key: now[key] for key in ("scene", "band", "replicate", "estimator")}
-            found.append({**names, "what": "; ".join(what)})
-    return found
+            moved = abs((now["nadir_error_arcsec"] or 0.0) - (base["nadir_error_arcsec"] or 0.0))
+            same = now["status"] == base["status"] and now["false_valid"] == base["false_valid"]
+            found.append(((same, -moved), {**names, "what": "; ".join(what)}))
+    return [one for _, one in sorted(found, key=lambda item: item[0])]
 
 
 def _key(row: Row) -> tuple[str, str, int, str]:

@@ -11,7 +11,7 @@ from typing import Any
 import jinja2
 
 from horizonval.regression import history, trend_plots
-from horizonval.regression.words import anchor_sentence, figure, scenes
+from horizonval.regression.words import figure, scenes
 from horizonval.report.plots import figure_uri
 
 GLYPHS = {"PASS": "●", "FAIL": "✖", "IMPROVED": "▲", "INCONCLUSIVE": "○"}
@@ -28,7 +28,7 @@ def write_page(path: Path, verdict: Mapping[str, Any], nights: Sequence[Mapping[
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"figure": figure, "scenes": scenes, "anchor": anchor_sentence}
+    environment.filters |= {"figure": figure, "scenes": scenes, "short": _short}
     style = (Path(str(files("horizonval"))) / "report" / "page.css").read_text(encoding="utf-8")
     text = environment.get_template("night.html").render(
         v=verdict,
@@ -61,6 +61,10 @@ def headline(verdict: Mapping[str, Any]) -> str:
     if better:
         return "Better than the baseline: " + ", ".join(better) + ". Accept a new one to hold what was won."
     return f"All {len(verdict['gates'])} comparisons and {len(verdict['anchors'])} physics anchors hold."
+
+
+def _short(unit: str) -> str:
+    return "pp" if unit == "percentage points" else unit
 
 
 def _groups(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
