@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -58,7 +58,7 @@ def work(tasks: Mapping[str, Task], plan: Plan, folder: Path, workers: int, prog
     Nothing that is finished in the folder is made again.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    places = {name: folder / _identity(task, plan) for name, task in tasks.items()}
+    places = {name: folder / identity(task, plan) for name, task in tasks.items()}
     found: dict[str, Done] = {}
     for name, place in places.items():
         record = read_json(place.with_suffix(".json"))
@@ -80,6 +80,14 @@ def work(tasks: Mapping[str, Task], plan: Plan, folder: Path, workers: int, prog
                     found[task.name] = Done(record, arrays if arrays.is_file() else None, None)
                 progress.done(task.name, failed=found[task.name].error)
     return {name: found[name] for name in tasks}
+
+
+def sweep(folder: Path, kept: Iterable[str]) -> None:
+    """Delete the files of units that are not among the identities ``kept``: those of earlier nights and older code."""
+    names = frozenset(kept)
+    for path in folder.iterdir():
+        if path.suffix in (".json", ".npz") and path.stem not in names:
+            path.unlink(missing_ok=True)
 
 
 def _safely(task: tuple[Task, str], plan: Plan) -> str:
@@ -109,7 +117,8 @@ def _do(task: Task, plan: Plan) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return render_scene(task.case, task.table, plan, task.replicates, task.known)
 
 
-def _identity(task: Task, plan: Plan) -> str:
+def identity(task: Task, plan: Plan) -> str:
+    """Return the digest of what a unit's result depends on: the name of its files."""
     case = None
     if task.case is not None:
         case = [task.case.scene.model_dump(mode="json"), task.case.camera.model_dump(mode="json")]

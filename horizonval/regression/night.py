@@ -29,7 +29,7 @@ from horizonval.campaign.suite import load_suite
 from horizonval.errors import UserError
 from horizonval.regression import history
 from horizonval.regression.baseline import Baseline, frames_of, read_baseline, release_path
-from horizonval.regression.bench import Done, Task, work
+from horizonval.regression.bench import Done, Task, identity, sweep, work
 from horizonval.regression.decide import Verdict, night_verdict
 from horizonval.regression.environment import environment
 from horizonval.regression.gates import Measured, Results, changed, measure, pairs_of
@@ -108,6 +108,8 @@ def run_night(wanted: Wanted, progress: Progress | None = None) -> Plain:
         gathered = _Gathered(suite, spec, plan, wanted, accepted, progress or Silent())
         verdict = gathered.verdict(release, reference)
         write_json(wanted.out / "night.json", gathered.content(), indent=None)
+        # A folder that serves every night must not grow with them.
+        sweep(wanted.out / WORK, gathered.identities)
         history.append(wanted.out / history.FILE, verdict)
         verdict["trend"] = history.steps_of(history.read(wanted.out / history.FILE))
         write_json(wanted.out / "verdict.json", verdict)
@@ -136,6 +138,7 @@ class _Gathered:
     ) -> None:
         self.suite, self.spec, self.plan, self.wanted, self.accepted = suite, spec, plan, wanted, accepted
         self._progress = progress
+        self.identities: set[str] = set()
         self.failed: dict[str, str] = {}
         self.replayed: list[Plain] = []
         self.scenes: dict[str, Plain] = {}
@@ -178,6 +181,7 @@ class _Gathered:
 
     def _work(self, tasks: Mapping[str, Task]) -> None:
         done = work(tasks, self.plan, self.wanted.out / WORK, self.wanted.workers or available_cpus(), self._progress)
+        self.identities |= {identity(task, self.plan) for task in tasks.values()}
         for name, result in done.items():
             if result.error is not None:
                 self.failed[name] = result.error

@@ -165,6 +165,11 @@ def test_an_interrupted_night_goes_on(accepted, here, monkeypatch, tmp_path):
     assert run_night(wanted)["verdict"] == "PASS"
     assert len(rest) == 9 - 3
     assert not set(rest) & set(seen)
+    # Files of other nights are swept out, those of this one stay.
+    (wanted.out / nights.WORK / f"{'0' * 64}.npz").touch()
+    assert run_night(wanted)["verdict"] == "PASS"
+    assert len(list((wanted.out / nights.WORK).glob("[0-9a-f]*"))) == 9
+    assert len(rest) == 9 - 3
 
 
 def test_baselines_that_are_not_right_are_refused(accepted, tmp_path):
@@ -184,6 +189,21 @@ def test_baselines_that_are_not_right_are_refused(accepted, tmp_path):
     copy.write_text("{}")
     with pytest.raises(DamagedFileError):
         read_baseline(copy, "tiny")
+
+
+def test_a_reference_must_be_of_the_same_night(accepted, here, tmp_path):
+    reference = tmp_path / "reference"
+    wanted = replace(accepted, out=tmp_path / "out", lanes=("replay",), reference=reference)
+    with pytest.raises(UserError, match=r"no night\.json"):
+        run_night(wanted)
+    reference.mkdir()
+    rows = [dict(row) for row in read_baseline(accepted.baseline, "tiny").results.rows]
+    night = {"suite": "tiny", "night": "another", "fresh": rows}
+    (reference / "night.json").write_text(json.dumps(night))
+    with pytest.raises(UserError, match="is night 'another'"):
+        run_night(wanted)
+    (reference / "night.json").write_text(json.dumps(night | {"night": wanted.night}))
+    assert run_night(wanted)["verdict"] == "PASS"
 
 
 def test_failed_anchors_cannot_be_accepted(accepted, tmp_path):

@@ -191,8 +191,8 @@ def test_steps_are_the_best_of_all_partitions():
     flat[30] = 50.0
     assert len(pieces(flat)) == 1
     assert len(pieces([3.25] * 60)) == 1
-    false = sum(len(pieces(np.random.default_rng(s).normal(size=60))) > 1 for s in range(60))
-    assert false <= 4
+    false = sum(len(pieces(np.random.default_rng(s).normal(size=60))) > 1 for s in range(30))
+    assert false <= 2
     assert pieces([]) == []
     assert len(pieces([1.0, 5.0])) == 1
 
