@@ -10,7 +10,7 @@ def figure(value: float | None, digits: int = 3) -> str:
     """Return a number with so many digits; an en dash for none."""
     if value is None:
         return "–"
-    return f"{value:.{digits}g}" if abs(value) < 1e4 else f"{value:.0f}"
+    return f"{value:.{digits}g}" if abs(value) < 999.5 else f"{value:.0f}"
 
 
 def gate_sentence(gate: Mapping[str, Any]) -> str:
