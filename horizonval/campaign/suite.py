@@ -19,17 +19,17 @@ from horizonval.spec.scene import Earth
 from horizonval.spec.suite import Keep
 
 
-def load_suite(path_or_name: str | Path, frames: int | None = None) -> Suite:
+def load_suite(path_or_name: str | Path, frames: int | None = None, seed: int | None = None) -> Suite:
     """Read a suite file as :func:`horizonval.spec.load.load_suite` does; ``[cases.orbit]`` becomes scenes.
 
-    ``frames`` stands in place of ``suite.frames``.
+    ``frames`` stands in place of ``suite.frames``, ``seed`` in place of the suite's own.
 
     Raises
     ------
     UserError
         Naming the file, the key, and what was expected.
     """
-    return load.load_suite(path_or_name, fly=_fly, frames=frames)
+    return load.load_suite(path_or_name, fly=_fly, frames=frames, seed=seed)
 
 
 def with_options(suite: Suite, time_limit_s: float | None, keep: str | None) -> Suite:

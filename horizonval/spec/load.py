@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
@@ -24,6 +24,7 @@ from horizonval.spec.explain import explain, show
 from horizonval.spec.files import Kind, find
 from horizonval.spec.merge import Plain, deep_merge
 from horizonval.spec.orbit import OrbitSpec
+from horizonval.spec.regression import RegressionSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.stability import StabilitySpec
 from horizonval.spec.suite import FigureSpec, Keep, ProgramSpec, SuiteSpec
@@ -61,6 +62,7 @@ class Suite:
     """A suite with its frames resolved, in the file's order.
 
     ``programs``, ``keep`` and the limits are those of :class:`horizonval.spec.suite.SuiteHead` and ``[[estimator]]``.
+    ``tables`` names the ``[[cases]]`` table of every case that comes from one.
     """
 
     name: str
@@ -75,6 +77,8 @@ class Suite:
     memory_limit_mb: int = 4096
     figures: tuple[FigureSpec, ...] = ()
     frames: int | None = None
+    regression: RegressionSpec | None = None
+    tables: Mapping[str, str] = field(default_factory=dict)
 
 
 def load_camera(path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> CameraSpec:
@@ -144,7 +148,9 @@ def _one_per_head(scene: SceneSpec, camera: CameraSpec, where: str) -> tuple[Cas
     return (Case(name, scene, camera),)
 
 
-def load_suite(path_or_name: str | Path, *, fly: Fly | None = None, frames: int | None = None) -> Suite:
+def load_suite(
+    path_or_name: str | Path, *, fly: Fly | None = None, frames: int | None = None, seed: int | None = None
+) -> Suite:
     """Read a suite file, lay every frame over the defaults, and load the cameras.
 
     A frame whose camera has several heads becomes one case for each of them unless it chooses one.
@@ -159,6 +165,8 @@ def load_suite(path_or_name: str | Path, *, fly: Fly | None = None, frames: int 
         Makes samples of orbits (:func:`horizonval.campaign.suite.load_suite` gives it): this room knows no orbits.
     frames : int, optional
         In place of ``suite.frames``.
+    seed : int, optional
+        In place of the suite's own: other Sobol points, other draws of everything random.
     """
     path = find("suite", path_or_name)
     spec = validate(SuiteSpec, read_toml(path), str(path))
@@ -170,11 +178,14 @@ def load_suite(path_or_name: str | Path, *, fly: Fly | None = None, frames: int 
                 expected="a suite with suite.frames, such as strict",
             )
         spec = spec.model_copy(update={"suite": spec.suite.model_copy(update={"frames": frames})})
+    if seed is not None:
+        spec = spec.model_copy(update={"suite": spec.suite.model_copy(update={"seed": seed})})
     seeded = deep_merge({"scene": {"seed": spec.suite.seed}}, spec.defaults)
     shelf = Shelf(path)
     cases: list[Case] = []
     names: set[str] = set()
-    for inside, data, estimators in _scenes(spec, path, seeded, fly):
+    tables: dict[str, str] = {}
+    for inside, table, data, estimators in _scenes(spec, path, seeded, fly):
         scene, camera = shelf.resolve(data, inside=inside)
         for case in _one_per_head(scene, camera, f"{path}: {inside}: camera.head"):
             case = replace(case, estimators=estimators)
@@ -182,6 +193,8 @@ def load_suite(path_or_name: str | Path, *, fly: Fly | None = None, frames: int 
                 raise UserError(f"two frames are named {case.name!r}", where=f"{path}: {inside}", fix="rename one")
             names.add(case.name)
             cases.append(case)
+            if table is not None:
+                tables[case.name] = table
     head = spec.suite
     return Suite(
         head.name,
@@ -196,24 +209,28 @@ def load_suite(path_or_name: str | Path, *, fly: Fly | None = None, frames: int 
         head.memory_limit_mb,
         tuple(spec.figure),
         spec.suite.frames,
+        spec.regression,
+        tables,
     )
 
 
 def _scenes(
     spec: SuiteSpec, path: Path, seeded: Plain, fly: Fly | None
-) -> Iterator[tuple[str, Plain, tuple[str, ...] | None]]:
-    """Yield the place in the file that makes a scene, the scene as plain data over the defaults, its estimators."""
+) -> Iterator[tuple[str, str | None, Plain, tuple[str, ...] | None]]:
+    """Yield the place in the file that makes a scene, its table, the scene over the defaults, its estimators."""
     for i, frame in enumerate(spec.frame, start=1):
         inside = f"frame[{i}] ({frame['scene']['name']})"
         chosen = _chosen_estimators(frame.get("estimators"), spec.suite.estimators, f"{path}: {inside}.estimators")
-        yield inside, deep_merge(seeded, {key: frame[key] for key in frame if key != "estimators"}), chosen
+        plain = {key: frame[key] for key in frame if key != "estimators"}
+        yield inside, None, deep_merge(seeded, plain), chosen
     for i, table in enumerate(spec.cases, start=1):
         inside = f"cases[{i}] ({table.name})"
         chosen = _chosen_estimators(table.estimators, spec.suite.estimators, f"{path}: {inside}.estimators")
         for variant in variants(table, spec.suite.seed, f"{path}: {inside}", spec.suite.frames):
             whole = deep_merge(seeded, variant.scene)
             if variant.orbit is None:
-                yield f"{inside}: {variant.name}", deep_merge(whole, {"scene": {"name": variant.name}}), chosen
+                scene = deep_merge(whole, {"scene": {"name": variant.name}})
+                yield f"{inside}: {variant.name}", table.name, scene, chosen
                 continue
             if fly is None:
                 raise ValueError("a suite with orbits is loaded with horizonval.campaign.suite.load_suite")
@@ -222,7 +239,8 @@ def _scenes(
             digits = max(3, len(str(len(samples) - 1)))
             for number, sample in enumerate(samples):
                 name = f"{variant.name}_{number:0{digits}d}"
-                yield f"{inside}: {name}", deep_merge(deep_merge(whole, sample), {"scene": {"name": name}}), chosen
+                scene = deep_merge(deep_merge(whole, sample), {"scene": {"name": name}})
+                yield f"{inside}: {name}", table.name, scene, chosen
 
 
 def _chosen_estimators(names: Any, known: Sequence[str], where: str) -> tuple[str, ...] | None:

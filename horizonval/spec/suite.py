@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
 from horizonval.spec.numbers import Positive
+from horizonval.spec.regression import RegressionSpec
 from horizonval.spec.stability import StabilitySpec
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]
@@ -127,7 +128,8 @@ class SuiteSpec(Model):
     ``[defaults]`` is a partial scene; every ``[[frame]]`` is a partial scene laid over it, with a unique
     ``scene.name`` and, if it wants, ``estimators`` of its own; every ``[[cases]]`` table makes many. ``[[estimator]]``
     adds programs to the estimators that are known by name. ``[[figure]]`` asks for figures on a page of their own,
-    ``[stability]`` for a study of the infrared horizon beside the frames.
+    ``[stability]`` for a study of the infrared horizon beside the frames, ``[regression]`` says how
+    `horizonval regress` compares nights.
     """
 
     suite: SuiteHead
@@ -137,6 +139,7 @@ class SuiteSpec(Model):
     estimator: list[ProgramSpec] = []
     figure: list[FigureSpec] = []
     stability: StabilitySpec | None = None
+    regression: RegressionSpec | None = None
 
     @model_validator(mode="after")
     def _unique_names(self) -> SuiteSpec:
@@ -167,4 +170,9 @@ class SuiteSpec(Model):
         for figure in self.figure:
             if figure.cases is not None and figure.cases not in tables:
                 raise ValueError(f"a figure asks for the table [[cases]] {figure.cases!r}, which is not there")
+        for gate in self.regression.gate if self.regression is not None else ():
+            if unknown := sorted(set(gate.cases) - tables):
+                raise ValueError(f"gate {gate.name!r} asks for the table [[cases]] {unknown[0]!r}, which is not there")
+            if unknown := sorted(set(gate.estimators) - {*self.suite.estimators, *(p.name for p in self.estimator)}):
+                raise ValueError(f"gate {gate.name!r} asks for the estimator {unknown[0]!r}, which the suite has not")
         return self

@@ -13,7 +13,7 @@ import horizonval
 PACKAGE = Path(horizonval.__file__).parent
 
 ROOMS = [
-    "cli", "reproduce", "study", "campaign", "localisation", "stability", "regression", "report", "scoring", "archive",
+    "cli", "reproduce", "study", "regression", "campaign", "localisation", "stability", "report", "scoring", "archive",
     "sensor", "render", "estimators", "limb", "truth", "infrared_horizon", "frame", "earth", "geometry", "spec",
     "suggest", "outcome", "errors",
 ]  # fmt: skip

@@ -1,0 +1,82 @@
+"""The ``[regression]`` table of a suite: what a night compares, and the margins it allows.
+
+This is the one place for margins. Each is in the unit of its metric, with the engineering reason beside it.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from horizonval.spec.base import Model
+from horizonval.spec.numbers import Positive
+
+MOST_GATES = 10
+"""More gates are more chances for a false alarm, paid for with power by all."""
+
+Lane = Literal["replay", "rerender", "fresh"]
+Metric = Literal[
+    "nadir_error", "availability", "false_valid", "limb_radiance", "disc_radiance", "limb_displacement", "noise"
+]
+
+UNITS: dict[str, str] = {
+    "nadir_error": "arcsec",
+    "availability": "percentage points",
+    "false_valid": "percentage points",
+    "limb_radiance": "%",
+    "disc_radiance": "%",
+    "limb_displacement": "px",
+    "noise": "%",
+}
+IMAGE_METRICS = ("limb_radiance", "disc_radiance", "limb_displacement", "noise")
+TWO_SIDED = ("limb_radiance", "disc_radiance", "noise")
+"""Metrics of which neither sign is better."""
+
+
+class GateSpec(Model):
+    """One gate: a metric in one lane, the largest change for the worse that does not matter, and why.
+
+    ``nadir_error``: mean change of the angle between claimed and true nadir where both runs claim one.
+    ``availability``: loss among frames that should give an attitude. ``false_valid``: gain of false claims among all
+    frames. ``limb_radiance``, ``disc_radiance``: bias of the region's mean. ``limb_displacement``: root mean square,
+    along the limb. ``noise``: change of the detector noise's standard deviation, in space. ``estimators`` and ``cases``
+    (tables of the suite) narrow a gate down; empty is all.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]
+    lane: Lane
+    metric: Metric
+    margin: Positive
+    unit: str
+    reason: Annotated[str, Field(min_length=20)]
+    estimators: list[str] = []
+    cases: list[str] = []
+
+    @model_validator(mode="after")
+    def _sense(self) -> GateSpec:
+        if self.unit != UNITS[self.metric]:
+            raise ValueError(f'unit of {self.metric} is "{UNITS[self.metric]}"')
+        if self.metric in IMAGE_METRICS and self.lane != "rerender":
+            raise ValueError(f'{self.metric} compares images; lane must be "rerender"')
+        return self
+
+
+class RegressionSpec(Model):
+    """What a night does with the suite.
+
+    ``replicates``: detector images of every frame, each with noise of its own. The fresh lane draws the suite's Sobol
+    tables again with a seed of the night; where its gates are inconclusive it takes further batches, up to
+    ``most_batches`` in all.
+    """
+
+    replicates: Annotated[int, Field(ge=1, le=1000)] = 4
+    most_batches: Annotated[int, Field(ge=1, le=10)] = 2
+    gate: Annotated[list[GateSpec], Field(min_length=1, max_length=MOST_GATES)]
+
+    @model_validator(mode="after")
+    def _unique_names(self) -> RegressionSpec:
+        names = [gate.name for gate in self.gate]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"two gates are named {twice[0]!r}")
+        return self
