@@ -122,10 +122,13 @@ def trusted_limb(observation: Observation, estimates: str = "geocentric") -> Tru
     axis = fit_cone(los).axis_cam
     sides = read_sides(image, camera, los, axis)
     tests = {Outcome.SUN_GLARE: restless(sides)}
-    if sun is None:
-        tests[Outcome.DARK] = faded(sides)
-    else:
+    if sun is not None:
         tests[Outcome.DARK] = faint(sides, noise_sigma(image)) | ~np.isfinite(_sunlit(los, observation, sun).height_m)
+    elif observation.band_kind == "thermal":
+        # The infrared limb shines all round; what fades is the lens towards the corners of a wide field.
+        tests[Outcome.DARK] = faint(sides, noise_sigma(image))
+    else:
+        tests[Outcome.DARK] = faded(sides)
     if observation.full_scale is not None:
         tests[Outcome.SATURATED] = saturated(sides, observation.full_scale)
     bad = np.any(list(tests.values()), axis=0)

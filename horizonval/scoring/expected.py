@@ -309,7 +309,7 @@ def _determined_rad(scene: _Scene, member: BoolArray, thresholds: Thresholds) ->
             cone.axis_cam,
             rho,
             flattening=1.0 - truth.ellipsoid_b_m / truth.ellipsoid_a_m,
-            reliefs=_reliefs(scene),
+            reliefs=_reliefs(scene, rho),
             earth_radius_m=truth.ellipsoid_a_m,
         )
         information = np.linalg.inv(jacobian.T @ jacobian)
@@ -321,12 +321,15 @@ def _determined_rad(scene: _Scene, member: BoolArray, thresholds: Thresholds) ->
     return sigma if math.isfinite(sigma) else math.inf
 
 
-def _reliefs(scene: _Scene) -> tuple[Relief, ...]:
+def _reliefs(scene: _Scene, rho_rad: float) -> tuple[Relief, ...]:
     # Also where the scene has no air: no sensor can know that.
     reliefs: tuple[Relief, ...] = limits.SOLAR_RELIEF if scene.solar else limits.THERMAL_RELIEF
     clouds = scene.truth.scene.get("clouds")
     if clouds is not None and clouds.get("cover", 0.0) > 0:
-        reliefs = (*reliefs, limits.CLOUD_RELIEF_SOLAR if scene.solar else limits.CLOUD_RELIEF_THERMAL)
+        relief = limits.CLOUD_RELIEF_SOLAR if scene.solar else limits.CLOUD_RELIEF_THERMAL
+        to_limb_m = scene.truth.ellipsoid_a_m / math.tan(rho_rad)
+        texture_m = limits.CLOUD_TEXTURE_PX * to_limb_m / min(scene.camera.fx, scene.camera.fy)
+        reliefs = (*reliefs, relief, Relief(texture_m, relief.correlation_rad))
     return reliefs
 
 

@@ -121,6 +121,9 @@ CLOUD_RELIEF_SOLAR = Relief(600.0, 0.05)
 CLOUD_RELIEF_THERMAL = Relief(2500.0, 0.05)
 """How the height of the visible limb varies along it: standard deviation [m] and correlation length [rad]. Air and Sun,
 and clouds beside it: measured on rendered limbs. Window bands see cloud tops, carbon dioxide bands do not."""
+CLOUD_TEXTURE_PX = 0.15
+"""What the pattern of clouds behind the limb moves a sub-pixel edge by, of the pixel on the axis, with the correlation
+of the clouds: 0.1 to 0.25 on twenty rendered limbs with pixels of 20 and 55 km, tops of 6 to 16 km."""
 
 ALBEDO_OF_THE_EARTH, ALBEDO_OF_SNOW, ALBEDO_OF_CLOUDS = 0.3, 0.8, 0.8
 COLDEST_LIMB_K = 220.0
