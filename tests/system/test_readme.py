@@ -17,7 +17,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```sh\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
 COMMANDS = [line for block in BLOCKS for line in block.splitlines() if line]
 
-INSTALL_AND_TEST = {"pip install .", 'pip install ".[test]"', "pytest"}
+INSTALL_AND_TEST = {"pip install .", 'pip install ".[test]"', "pytest -n auto --dist loadfile"}
 """Run by ``.ci/run``; a test cannot install its own package or start itself."""
 
 QUICK_SECONDS = 180
