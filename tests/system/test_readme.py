@@ -6,7 +6,6 @@ import json
 import os
 import re
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
@@ -20,19 +19,20 @@ COMMANDS = [line for block in BLOCKS for line in block.splitlines() if line]
 INSTALL_AND_TEST = {"pip install .", 'pip install ".[test]"', "pytest -n auto --dist loadfile"}
 """Run by ``.ci/run``; a test cannot install its own package or start itself."""
 
-QUICK_SECONDS = 180
+QUICK_SECONDS = 2 * 180
+"""Of processor time: three minutes on two processors. By the clock it depends on what else the machine does."""
 
 
 @pytest.fixture(scope="module")
 def transcript(tmp_path_factory):
-    """Run every command in order, in one empty folder; ``(folder, {command: (result, seconds)})``."""
+    """Run every command in order, in one empty folder; ``(folder, {command: (result, processor seconds)})``."""
     folder = tmp_path_factory.mktemp("readme")
     path = os.pathsep.join([str(PROGRAM.parent), os.environ["PATH"]])
     done = {}
     for command in COMMANDS:
         if command in INSTALL_AND_TEST:
             continue
-        start = time.monotonic()
+        before = os.times()
         result = subprocess.run(
             command,
             shell=True,
@@ -42,7 +42,9 @@ def transcript(tmp_path_factory):
             text=True,
             check=False,
         )
-        done[command] = (result, time.monotonic() - start)
+        after = os.times()
+        spent = after.children_user + after.children_system - before.children_user - before.children_system
+        done[command] = (result, spent)
     return folder, done
 
 
@@ -60,7 +62,6 @@ def test_every_command_succeeds(transcript):
 
 def test_the_default_run_is_quick_and_makes_what_is_promised(transcript):
     folder, done = transcript
-    # The promise is for two processors; this machine may be busier than a quiet one, but not have fewer.
     assert done["horizonval run --out out"][1] < QUICK_SECONDS
     out = folder / "out"
     summary = json.loads((out / "summary.json").read_text())
