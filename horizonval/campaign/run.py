@@ -132,10 +132,14 @@ def default_workers() -> int:
 
 
 def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
-    """Write down which suite this folder belongs to; refuse if it belongs to another."""
+    """Write down which suite this folder belongs to; refuse if it belongs to another.
+
+    A study's frames may change with its designs: every case is known by its own identity, and kept if that is the same.
+    """
     identity = suite_identity(suite)
     before = read_json(folder.suite)
-    if before is not None and before.get("suite_sha256") != identity:
+    grown = before is not None and suite.study and before.get("study") and before.get("suite") == suite.name
+    if before is not None and before.get("suite_sha256") != identity and not grown:
         other = before.get("suite")
         same = "other frames, cameras or estimators of " if other == suite.name else ""
         raise UserError(
@@ -156,6 +160,7 @@ def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
             "cases": [name for unit in units for name in unit.names],
             "keep": suite.keep,
             "figures": figure_plans(suite),
+            "study": suite.study,
         },
     )
 

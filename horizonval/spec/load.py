@@ -61,6 +61,7 @@ class Suite:
     """A suite with its frames resolved, in the file's order.
 
     ``programs``, ``keep`` and the limits are those of :class:`horizonval.spec.suite.SuiteHead` and ``[[estimator]]``.
+    ``study``: the frames of a trade study, whose list of designs may change in the folder of a run.
     """
 
     name: str
@@ -75,6 +76,7 @@ class Suite:
     memory_limit_mb: int = 4096
     figures: tuple[FigureSpec, ...] = ()
     frames: int | None = None
+    study: bool = False
 
 
 def load_camera(path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> CameraSpec:
@@ -170,6 +172,11 @@ def load_suite(path_or_name: str | Path, *, fly: Fly | None = None, frames: int 
                 expected="a suite with suite.frames, such as strict",
             )
         spec = spec.model_copy(update={"suite": spec.suite.model_copy(update={"frames": frames})})
+    return suite_of(spec, path, fly)
+
+
+def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None) -> Suite:
+    """Return the suite of a specification; ``path`` is the file that other files lie beside. Errors as above."""
     seeded = deep_merge({"scene": {"seed": spec.suite.seed}}, spec.defaults)
     shelf = Shelf(path)
     cases: list[Case] = []
