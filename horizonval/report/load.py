@@ -38,7 +38,7 @@ class View:
 class Run:
     """A run as the report needs it: views in the suite's order, the cases without result, the figures asked for.
 
-    ``figures`` are what :func:`horizonval.campaign.axes.figure_plans` says; ``study`` tells the frames of a trade study.
+    ``figures`` are what :func:`horizonval.campaign.axes.figure_plans` says; ``study``: of a trade study.
     """
 
     suite: str

@@ -11,6 +11,8 @@ from horizonval.spec.numbers import Positive
 from horizonval.spec.suite import Keep, Name, ProgramSpec, Scenes, SobolSpec
 
 Price = Literal["pixel_rate", "processor"]
+LIST_AXIS = "design"
+"""The axis of ``design.list``; its values are the entries' names."""
 
 
 class Requirement(Model):
@@ -44,30 +46,40 @@ class StudyHead(Model):
 
 
 class DesignSpec(Model):
-    """What is varied between designs: every scene of ``list`` with every point of ``grid``.
+    """What is varied between designs: every entry of ``list`` and of each of ``choices`` with every point of ``grid``.
 
     ``grid`` has an axis for each dotted key, as in a suite's ``[[cases]]``: of the scene, of the camera file
     (``camera.<table>.<key>``), of the frames' orbit (``orbit.<key>``; the season is ``orbit.epoch_utc`` or
     ``platform.epoch_utc``). ``list`` holds partial scenes with a ``name``; ``estimators`` in one stands in place of the
-    study's.
+    study's. ``choices`` holds several such lists by name, each an axis: keys that belong together change together.
     """
 
     list: Annotated[Scenes, Field(min_length=1)] | None = None
+    choices: dict[Name, Annotated[Scenes, Field(min_length=1)]] = {}
     grid: Annotated[dict[str, Any], Field(min_length=1)] | None = None
+
+    @property
+    def lists(self) -> dict[str, Scenes]:
+        """All lists by the name of their axis; that of ``list`` is ``design``."""
+        return ({LIST_AXIS: self.list} if self.list is not None else {}) | self.choices
 
     @model_validator(mode="after")
     def _named(self) -> DesignSpec:
-        names = [item.get("name") for item in self.list or []]
-        for i, name in enumerate(names, start=1):
-            if not isinstance(name, str) or not name:
-                raise ValueError(f'list[{i}] has no name = "..."')
-            if names.count(name) > 1:
-                raise ValueError(f"two entries of list are named {name!r}")
+        if self.list is not None and LIST_AXIS in self.choices:
+            raise ValueError(f"choices.{LIST_AXIS} and list are the same axis; rename the first")
+        for axis, items in self.lists.items():
+            where = "list" if axis == LIST_AXIS and self.list is not None else f"choices.{axis}"
+            names = [item.get("name") for item in items]
+            for i, name in enumerate(names, start=1):
+                if not isinstance(name, str) or not name:
+                    raise ValueError(f'{where}[{i}] has no name = "..."')
+                if names.count(name) > 1:
+                    raise ValueError(f"two entries of {where} are named {name!r}")
         return self
 
 
 class FramesSpec(Model):
-    """The conditions that every design meets: ``base`` with what ``list``, ``grid``, ``sobol`` and ``orbit`` make of it.
+    """The conditions that every design meets: ``base`` with all that the other tables make of it.
 
     The keys are those of a suite's ``[[cases]]``. Every design meets the same conditions, with the same draw of clouds
     and noise, so that two designs can be compared frame by frame.
