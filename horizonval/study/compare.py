@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from horizonval.study.effects import FLOOR_DEG
-from horizonval.study.measures import rms
+from horizonval.study.measures import FEWEST_DRAWN, rms
 from horizonval.study.sample import FloatArray, Sample, interval_of
 
 Plain = dict[str, Any]
@@ -35,17 +35,17 @@ def compare(a: Sample, b: Sample, draws: FloatArray, error_deg: float) -> Plain:
     weights = draws[:, a.cluster[ia]] if pairs else np.zeros((len(draws), 0))
     ea, eb = a.error_deg[ia], b.error_deg[ib]
     both = np.isfinite(ea) & np.isfinite(eb)
-    own = weights[:, both]
+    own, n = weights[:, both], int(both.sum())
     la, lb = (np.log10(np.maximum(e[both], FLOOR_DEG)) for e in (ea, eb))
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = rms(eb[both], own) / rms(ea[both], own)
     varied = both.sum() > 2 and np.ptp(la) > 0 and np.ptp(lb) > 0
     return {
         "n": len(pairs),
-        "both": int(both.sum()),
-        "mean_difference_deg": _with_interval(_mean(eb[both] - ea[both], own)),
-        "rms_ratio": _with_interval(ratio),
-        "typical_ratio": _with_interval(10.0 ** _mean(lb - la, own)),
+        "both": n,
+        "mean_difference_deg": _with_interval(_mean(eb[both] - ea[both], own), n),
+        "rms_ratio": _with_interval(ratio, n),
+        "typical_ratio": _with_interval(10.0 ** _mean(lb - la, own), n),
         "correlation": float(np.corrcoef(la, lb)[0, 1]) if varied else None,
         "answered": _discordant(a.claimed[ia], b.claimed[ib], weights),
         "within": _discordant(a.within(error_deg)[ia], b.within(error_deg)[ib], weights),
@@ -59,11 +59,11 @@ def _mean(values: FloatArray, weights: FloatArray) -> FloatArray:
     return mean
 
 
-def _with_interval(values: FloatArray) -> Plain:
+def _with_interval(values: FloatArray, n: int) -> Plain:
     value = float(values[0])
     if not math.isfinite(value):
         return {"value": None, "interval": None}
-    return {"value": value, "interval": interval_of(values)}
+    return {"value": value, "interval": interval_of(values) if n >= FEWEST_DRAWN else None}
 
 
 def _discordant(a: NDArray[np.bool_], b: NDArray[np.bool_], weights: FloatArray) -> Plain:
@@ -71,7 +71,7 @@ def _discordant(a: NDArray[np.bool_], b: NDArray[np.bool_], weights: FloatArray)
     difference = _mean(b.astype(np.float64) - a.astype(np.float64), weights)
     odd = only_a + only_b
     p = float(stats.binomtest(only_b, odd, 0.5).pvalue) if odd else None
-    found = _with_interval(difference)
+    found = _with_interval(difference, len(a))
     return {
         "only_a": only_a,
         "only_b": only_b,

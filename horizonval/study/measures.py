@@ -24,6 +24,8 @@ from horizonval.study.sample import CONFIDENCE, FloatArray, Sample, interval_of
 THREE_SIGMA = 0.997
 P95 = 0.95
 FEWEST_CLAIMS = 2
+FEWEST_DRAWN = 5
+"""Drawing fewer than this anew says nothing about their scatter: no interval then."""
 
 Plain = dict[str, Any]
 
@@ -133,7 +135,7 @@ def exclusion_angle(angle: FloatArray, right: NDArray[np.bool_], weights: FloatA
 
 def _measure(values: FloatArray, n: int, clusters: int) -> Plain:
     value = float(values[0]) if math.isfinite(values[0]) else None
-    known = value is not None and clusters > FEWEST_CLAIMS
+    known = value is not None and min(n, clusters) >= FEWEST_DRAWN
     return {"value": value, "interval": interval_of(values) if known else None, "n": n}
 
 

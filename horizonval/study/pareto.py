@@ -20,7 +20,7 @@ def front(points: Sequence[Sequence[float | None]]) -> list[bool]:
     """
     known = [i for i, point in enumerate(points) if all(value is not None for value in point)]
     found = [False] * len(points)
-    values = np.array([points[i] for i in known], dtype=np.float64).reshape(len(known), -1)
+    values = np.array([points[i] for i in known], dtype=np.float64)
     for i, own in zip(known, values, strict=True):
         beaten = (values <= own).all(axis=1) & (values < own).any(axis=1)
         found[i] = not bool(beaten.any())
