@@ -15,6 +15,8 @@ from horizonval.report.wording import count, interval, number, percent
 RESULT, COSTS, PAGE = "study.json", "study-costs.json", "study.html"
 GLYPHS = {"meets": "●", "open": "○", "fails": "✕"}
 VERDICTS = {"meets": "meets", "open": "too few frames to say", "fails": "fails"}
+MOST_LEVELS = 7
+"""As many as there are markers."""
 DASH = "\N{EN DASH}"
 ERROR_COLUMNS = ("bias_deg", "noise_deg", "rms_deg", "p95_deg", "three_sigma_deg")
 UNITS = {"_deg": "deg", "_px": "px", "_um": "µm", "_mm": "mm", "_s": "s", "_km": "km", "_h": "h", "_k": "K"}
@@ -61,7 +63,9 @@ def page_of(result: Plain, costs: Plain) -> dict[str, Any]:
         + (f" from {count(result['clusters'], 'flight')}" if clustered else ""),
         "required": f"{required['error_deg']:g} deg in {100 * required['availability']:g} % of all conditions",
         "error_deg": f"{required['error_deg']:g}",
-        "answers": [(text[0].upper() + text[1:]) for text in (result["query"]["text"], costs["query"]["text"])],
+        "answers": list(
+            dict.fromkeys(text[0].upper() + text[1:] for text in (result["query"]["text"], costs["query"]["text"]))
+        ),
         "needed": result["query"]["needed"],
         "figures": _figures(result, costs, words),
         "effects": _effects(result["effects"], words),
@@ -92,7 +96,8 @@ def _word(key: str) -> str:
 def _figures(result: Plain, costs: Plain, words: Mapping[str, str]) -> list[dict[str, str]]:
     designs, head = result["designs"], result["study"]
     limit, availability = head["requirement"]["error_deg"], head["requirement"]["availability"]
-    groups = {d["name"]: _group(d, result["axes"]) for d in designs}
+    groups = _groups(result, words)
+    few = len(designs) <= draw.MOST_WORDY
     rows = 1 + len(dict.fromkeys(groups.values())) // 2
     rate = {d["name"]: {"value": d["pixel_rate"], "interval": None} for d in designs}
     unanswered = {
@@ -119,14 +124,17 @@ def _figures(result: Plain, costs: Plain, words: Mapping[str, str]) -> list[dict
         {
             "uri": plots.figure_uri(drawn, 5.6, 4.4 + 0.2 * rows),
             "title": title,
-            "text": "Numbers are those of the designs in the tables below; bars hold 95 %.",
+            "text": "Numbers are those of the designs in the tables below; bars hold 95 %."
+            + ("" if few else " Designs behind the front have neither."),
             "wide": "",
         }
         for title, drawn in fronts
     ]
     made.append(
         {
-            "uri": plots.figure_uri(draw.by_design(designs, limit, availability), 10.0, 1.6 + 0.34 * len(designs)),
+            "uri": plots.figure_uri(
+                draw.by_design(designs, limit, availability), 10.0, 1.6 + (0.34 if few else 0.21) * len(designs)
+            ),
             "title": "Errors and shares by design",
             "text": "Left: the errors of claims; right: shares of all frames. Dashed: what is required.",
             "wide": " wide",
@@ -156,13 +164,16 @@ def _figures(result: Plain, costs: Plain, words: Mapping[str, str]) -> list[dict
     return made
 
 
-def _group(design: Plain, axes: Sequence[str]) -> str:
-    """Return the word whose marker a design carries: its entry of the list, else its estimator, else one for all."""
-    settings = design["settings"]
-    for key in ("design", "estimator"):
-        if key in axes:
-            return str(settings.get(key))
-    return "designs"
+def _groups(result: Plain, words: Mapping[str, str]) -> dict[str, str]:
+    """Return the word whose marker each design carries: its level on the axis that matters most, of few levels."""
+    designs, effects = result["designs"], result["effects"]
+    terms = effects["terms"] if effects is not None else []
+    axes = [term["axes"][0] for term in terms if len(term["axes"]) == 1 and term["axes"][0] in result["axes"]]
+    for key in (*axes, "estimator"):
+        levels = {d["name"]: draw.level_words(d["settings"].get(key)) for d in designs}
+        if 1 < len(set(levels.values())) <= MOST_LEVELS:
+            return {name: f"{words.get(key, key)} = {level}" for name, level in levels.items()}
+    return {d["name"]: "designs" for d in designs}
 
 
 def _effects(effects: Plain | None, words: Mapping[str, str]) -> dict[str, Any] | None:
@@ -191,7 +202,7 @@ def _effects(effects: Plain | None, words: Mapping[str, str]) -> dict[str, Any] 
 
 
 def _line(d: Plain, cost: Plain, words: Mapping[str, str]) -> dict[str, Any]:
-    settings = ", ".join(f"{words.get(key, key)} = {value}" for key, value in d["settings"].items())
+    settings = ", ".join(f"{words.get(key, key)} = {draw.level_words(value)}" for key, value in d["settings"].items())
     return {
         "number": d["number"],
         "name": d["name"],
@@ -200,13 +211,18 @@ def _line(d: Plain, cost: Plain, words: Mapping[str, str]) -> dict[str, Any]:
         "n": d["n"],
         "claims": d["claims"],
         "errors": [(key, _measure(d[key])) for key in ERROR_COLUMNS],
-        "exclusion": _measure(d["exclusion_deg"]),
+        "exclusion": _measure(d["exclusion_deg"]) | _none_right(d["exclusion_deg"]),
         "shares": {key: _share(d[key]) for key in ("availability", "answered_due", "within", "false_valid")},
         "pixels": f"{d['pixels']:,}".replace(",", "\N{NARROW NO-BREAK SPACE}"),
         "pixel_rate": number(d["pixel_rate"], 4),
         "cost": _measure(cost),
         "verdict": f"{GLYPHS[d['verdict']]} {VERDICTS[d['verdict']]}",
     }
+
+
+def _none_right(found: Plain) -> dict[str, str]:
+    """Say it where even the widest angle has a wrong answer."""
+    return {"value": "none"} if found["value"] is None and found["n"] else {}
 
 
 def _measure(found: Plain) -> dict[str, Any]:

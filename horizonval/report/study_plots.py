@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -17,6 +18,8 @@ from horizonval.report.plots import ESTIMATOR_COLOURS, ESTIMATOR_MARKERS, Draw
 
 Plain = Mapping[str, Any]
 
+MOST_WORDY = 20
+"""Among more designs only those on the front have their numbers and bars."""
 _GREY = "#8d949c"
 _LIMIT = "#b34700"
 ERRORS = (
@@ -58,15 +61,25 @@ def pareto(
         axes.set_yscale("log")
         if log_x:
             axes.set_xscale("log")
+            _plain_ticks(axes.xaxis)
+        _plain_ticks(axes.yaxis)
         words = list(dict.fromkeys(groups.values()))
         shown = [d for d in designs if d["p95_deg"]["value"] is not None and x_of[d["name"]]["value"] is not None]
+        places = {x_of[d["name"]]["value"] for d in shown}
+        if log_x and len(places) == 1:
+            # A log axis has no room of its own round a single place.
+            axes.set_xlim(min(places) / 2.0, max(places) * 2.0)
         for d in shown:
             x, y = x_of[d["name"]], d["p95_deg"]
             i = words.index(groups[d["name"]])
             on = d["name"] in front
-            axes.errorbar(
-                x["value"], y["value"], xerr=_arms(x), yerr=_arms(y), fmt="none", ecolor=_GREY, elinewidth=0.8, zorder=1
-            )
+            if on or len(shown) <= MOST_WORDY:
+                axes.errorbar(
+                    x["value"], y["value"], xerr=_arms(x), yerr=_arms(y), fmt="none", ecolor=_GREY, lw=0.8, zorder=1
+                )
+                axes.annotate(
+                    str(d["number"]), (x["value"], y["value"]), xytext=(5, 4), textcoords="offset points", fontsize=8
+                )
             axes.scatter(
                 x["value"],
                 y["value"],
@@ -75,9 +88,6 @@ def pareto(
                 facecolors=ESTIMATOR_COLOURS[i % len(ESTIMATOR_COLOURS)] if on else "white",
                 edgecolors=ESTIMATOR_COLOURS[i % len(ESTIMATOR_COLOURS)],
                 zorder=3,
-            )
-            axes.annotate(
-                str(d["number"]), (x["value"], y["value"]), xytext=(5, 4), textcoords="offset points", fontsize=8
             )
         steps = sorted((x_of[d["name"]]["value"], d["p95_deg"]["value"]) for d in shown if d["name"] in front)
         if len(steps) > 1:
@@ -106,6 +116,7 @@ def by_design(designs: Sequence[Plain], limit_deg: float, availability: float) -
         for k, (key, word, marker) in enumerate(ERRORS):
             _dots(left, lines, [d[key] for d in designs], "value", k, marker, word)
         left.set_xscale("log")
+        _plain_ticks(left.xaxis)
         left.axvline(limit_deg, color=_LIMIT, lw=1.1, ls="--")
         left.set_xlabel("error of claims [deg]")
         for k, (key, word, marker) in enumerate(SHARES):
@@ -159,13 +170,12 @@ def level_factors(effects: Plain, words: Mapping[str, str]) -> Draw:
                 axes.scatter(
                     line["factor"], at, color=colour, marker=ESTIMATOR_MARKERS[k % len(ESTIMATOR_MARKERS)], s=30
                 )
-                names.append(f"{words.get(key, key)} = {line['level']}")
+                names.append(f"{words.get(key, key)} = {level_words(line['level'])}")
                 at += 1
             if at < sum(len(v) for v in effects["levels"].values()):
                 axes.axhline(at - 0.5, color="#d9dde2", lw=0.8)
         axes.set_xscale("log")
-        axes.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
-        axes.xaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" else "")
+        _plain_ticks(axes.xaxis)
         axes.axvline(1.0, color="#555555", lw=0.9)
         axes.set(yticks=range(at), yticklabels=names, xlabel="factor on the error, against the mean of all designs")
         axes.set_ylim(at - 0.5, -0.5)
@@ -177,6 +187,17 @@ def level_factors(effects: Plain, words: Mapping[str, str]) -> Draw:
 def term_words(term: Plain, words: Mapping[str, str]) -> str:
     """Return a term's axes as words."""
     return " × ".join(words.get(key, key) for key in term["axes"])
+
+
+def level_words(level: Any) -> str:
+    """Return a value on an axis as text."""
+    return f"{level:g}" if isinstance(level, float) else str(level)
+
+
+def _plain_ticks(axis: Axis) -> None:
+    """Label a log axis with plain numbers, between the powers of ten at 2 and 5."""
+    axis.set_major_formatter(lambda x, _: f"{x:g}")
+    axis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" else "")
 
 
 def _arms(found: Plain) -> list[list[float]] | None:
