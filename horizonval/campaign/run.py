@@ -113,7 +113,13 @@ def run_suite(
             folder.remove_temporary_files()
         for other in where.merge:
             adopt(RunFolder(other), folder, suite)
-        briefs, seconds = _run_units(shard_of(units, where.shard), plan, folder, where, progress)
+        seconds: dict[str, dict[str, float]] = {}
+        try:
+            briefs = _run_units(shard_of(units, where.shard), plan, folder, where, progress, seconds)
+        except BaseException:
+            # The times of what is finished cannot be had again.
+            _add_timings(folder, seconds, where.shard)
+            raise
         if where.shard is not None:
             _add_timings(folder, seconds, where.shard)
             missing = sum(not folder.case(name).is_file() for unit in units for name in unit.names)
@@ -166,8 +172,14 @@ def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
 
 
 def _run_units(
-    units: Sequence[Unit], plan: Plan, folder: RunFolder, where: Where, progress: Progress
-) -> tuple[dict[str, Brief], dict[str, dict[str, float]]]:
+    units: Sequence[Unit],
+    plan: Plan,
+    folder: RunFolder,
+    where: Where,
+    progress: Progress,
+    seconds: dict[str, dict[str, float]],
+) -> dict[str, Brief]:
+    """Make what is missing of the units and return what became of all; the times that it took go into ``seconds``."""
     from horizonval.render.backend import probe
 
     briefs: dict[str, Brief] = {}
@@ -180,9 +192,8 @@ def _run_units(
             briefs |= found
     total = sum(len(unit.cases) for unit in units)
     progress.start(total, total - sum(len(unit.cases) for unit in missing))
-    seconds: dict[str, dict[str, float]] = {}
     if not missing:
-        return briefs, seconds
+        return briefs
     work = partial(run_unit, plan=plan, folder=folder)
     if where.dask is not None:
         from horizonval.campaign.cluster import run_on_cluster
@@ -204,7 +215,7 @@ def _run_units(
             for name in unit.names:
                 if name != unit.name or not unit.heads:
                     progress.done(name, failed=made[name].error)
-    return briefs, seconds
+    return briefs
 
 
 def _conclude(

@@ -65,10 +65,10 @@ def pareto(
         _plain_ticks(axes.yaxis)
         words = list(dict.fromkeys(groups.values()))
         shown = [d for d in designs if d["p95_deg"]["value"] is not None and x_of[d["name"]]["value"] is not None]
-        places = {x_of[d["name"]]["value"] for d in shown}
-        if log_x and len(places) == 1:
-            # A log axis has no room of its own round a single place.
-            axes.set_xlim(min(places) / 2.0, max(places) * 2.0)
+        places = [v for d in shown for v in (x_of[d["name"]]["value"], *(x_of[d["name"]]["interval"] or ())) if v]
+        if log_x and places:
+            # A log axis finds no room of its own round a single place.
+            axes.set_xlim(min(places) / 1.5, max(places) * 1.5)
         for d in shown:
             x, y = x_of[d["name"]], d["p95_deg"]
             i = words.index(groups[d["name"]])

@@ -9,7 +9,7 @@ import pytest
 from browser import Browser, chromium_path
 
 from horizonval.errors import DamagedFileError
-from horizonval.report.study_page import axis_words, page_of, write_page
+from horizonval.report.study_page import axis_words, write_page
 
 NONE = {"n": 0, "of": 0, "rate": None, "interval": None, "lower": None, "upper": None, "effective": None}
 
@@ -102,11 +102,12 @@ COSTS = {
 }
 
 
-@pytest.fixture
-def page(tmp_path):
-    (tmp_path / "study.json").write_text(json.dumps(RESULT))
-    (tmp_path / "study-costs.json").write_text(json.dumps(COSTS))
-    return write_page(tmp_path)
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study-page")
+    (folder / "study.json").write_text(json.dumps(RESULT))
+    (folder / "study-costs.json").write_text(json.dumps(COSTS))
+    return write_page(folder)
 
 
 def test_what_is_said(page):
@@ -129,11 +130,13 @@ def test_the_same_data_give_the_same_page(page):
     assert write_page(page.parents[1]).read_bytes() == text
 
 
-def test_designs_without_an_answer_have_dashes():
-    line = page_of(RESULT, COSTS)["lines"][2]
-    assert {found["value"] for _, found in line["errors"]} == {"–"}
-    assert line["shares"]["false_valid"]["of"] == "none"
-    assert line["exclusion"]["value"] == "none"
+def test_designs_without_an_answer_have_dashes(page):
+    accuracy, costs = page.read_text().split("<h2>Accuracy of claims</h2>")[1].split("<h2>Shares and costs</h2>")
+    line = accuracy.split("3 &middot; width [px] = 200")[1].split("</tr>")[0]
+    assert re.findall(r'<td class="num"[^>]*>([^<]*)<', line) == ["–"] * 5
+    line = costs.split("3 &middot; width [px] = 200")[1].split("</tr>")[0]
+    assert re.search(r'data-label="False, of claims">–<small>none', line)
+    assert re.search(r'data-label="Exclusion angle \[deg\]">none<', line)
 
 
 def test_axes_that_end_alike_keep_their_whole_key():
