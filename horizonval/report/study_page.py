@@ -157,7 +157,7 @@ def _figures(result: Plain, costs: Plain, words: Mapping[str, str]) -> list[dict
             {
                 "uri": plots.figure_uri(draw.level_factors(effects, words), 5.6, 1.4 + 0.3 * levels),
                 "title": "What each level does",
-                "text": "Below 1 the error is smaller than the mean of the designs; bars hold 95 %.",
+                "text": "Factor of each level on the error, against the mean of all designs; bars hold 95 %.",
                 "wide": "",
             }
         )
@@ -202,7 +202,9 @@ def _effects(effects: Plain | None, words: Mapping[str, str]) -> dict[str, Any] 
 
 
 def _line(d: Plain, cost: Plain, words: Mapping[str, str]) -> dict[str, Any]:
-    settings = ", ".join(f"{words.get(key, key)} = {draw.level_words(value)}" for key, value in d["settings"].items())
+    settings = ", ".join(
+        f"{word} = {draw.level_words(d['settings'][key])}" for key, word in words.items() if key in d["settings"]
+    )
     return {
         "number": d["number"],
         "name": d["name"],

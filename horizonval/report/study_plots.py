@@ -176,8 +176,10 @@ def level_factors(effects: Plain, words: Mapping[str, str]) -> Draw:
                 axes.axhline(at - 0.5, color="#d9dde2", lw=0.8)
         axes.set_xscale("log")
         _plain_ticks(axes.xaxis)
+        low, high = axes.get_xlim()
+        axes.set_xlim(min(low, 0.5), max(high, 2.0))
         axes.axvline(1.0, color="#555555", lw=0.9)
-        axes.set(yticks=range(at), yticklabels=names, xlabel="factor on the error, against the mean of all designs")
+        axes.set(yticks=range(at), yticklabels=names, xlabel="factor on the error")
         axes.set_ylim(at - 0.5, -0.5)
         axes.grid(axis="y", visible=False)
 

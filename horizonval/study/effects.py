@@ -1,10 +1,11 @@
 """Which axis matters: main effects and interactions of two axes on the logarithm of the error.
 
 The response of a design is the mean of log10 of its nadir error, over the frames that all compared designs answered, so
-that an easy frame which only some of them answered favours none; where too few are common, over each design's own
-claims. The sum of squares of a term is by how much the residual grows when the term is taken out of the model that has
-all terms of its order and below ("type II": R. Langsrud, Statistics and Computing 13, 163, 2003). On a full grid these
-are the classical ones and add up to the total; on a grid with gaps they need not.
+that an easy frame which only some of them answered favours none. Designs that stand in the way of frames in common are
+left out, a quarter of them at most; where that is not enough it is over each design's own claims. The sum of squares of
+a term is by how much the residual grows when the term is taken out of the model that has all terms of its order and
+below ("type II": R. Langsrud, Statistics and Computing 13, 163, 2003). On a full grid these are the classical ones and
+add up to the total; on a grid with gaps they need not.
 
 Every design is one number here: what the shares owe to the choice of frames shows in their intervals, by drawing the
 conditions anew. A share cannot be negative, and a term that does nothing still gets a little: compare the lower end.
@@ -24,8 +25,8 @@ from horizonval.study.sample import FloatArray, Sample, interval_of
 FLOOR_DEG = 1e-6
 """Smaller errors count as this: a logarithm has no zero."""
 FEWEST_COMMON = 5
-LEAST_CLAIMS = 0.5
-"""A design that answered a smaller share of what the best one did is left out: it would leave no frame in common."""
+MOST_LEFT_OUT = 0.25
+"""Share of the designs that may be left out so that the others have frames in common."""
 
 Plain = dict[str, Any]
 
@@ -46,8 +47,7 @@ def effects_of(designs: Sequence[tuple[str, Mapping[str, Any], Sample]], draws: 
         share, the remainder last; ``levels``: by axis a list of ``{level, factor, interval, designs}``, the factor
         by which the level multiplies the error. ``None`` where nothing is varied or fewer than two designs answered.
     """
-    most = max((int(np.count_nonzero(sample.claimed)) for *_, sample in designs), default=0)
-    kept = [d for d in designs if most and np.isfinite(d[2].error_deg).sum() >= max(1.0, LEAST_CLAIMS * most)]
+    kept = _with_frames_in_common([d for d in designs if np.isfinite(d[2].error_deg).any()])
     axes = {key: _levels(kept, key) for key in (kept[0][1] if kept else {})}
     factors = [key for key, levels in axes.items() if len(levels) > 1]
     if len(kept) < 2 or not factors:
@@ -69,6 +69,23 @@ def effects_of(designs: Sequence[tuple[str, Mapping[str, Any], Sample]], draws: 
         "terms": terms,
         "levels": _level_factors(factors, axes, columns, kept, response),
     }
+
+
+def _with_frames_in_common(
+    designs: Sequence[tuple[str, Mapping[str, Any], Sample]],
+) -> list[tuple[str, Mapping[str, Any], Sample]]:
+    """Leave out one after the other the design that costs most frames in common, until there are enough."""
+    answered = [{k for k, e in zip(d[2].keys, d[2].error_deg, strict=True) if np.isfinite(e)} for d in designs]
+    kept = list(range(len(designs)))
+
+    def common(indices: Sequence[int]) -> int:
+        return len(set.intersection(*(answered[i] for i in indices))) if indices else 0
+
+    while common(kept) < FEWEST_COMMON:
+        if len(designs) - len(kept) + 1 > MOST_LEFT_OUT * len(designs):
+            return list(designs)
+        kept.remove(max(kept, key=lambda i: common([j for j in kept if j != i])))
+    return [designs[i] for i in kept]
 
 
 def _levels(designs: Sequence[tuple[str, Mapping[str, Any], Sample]], key: str) -> list[Any]:

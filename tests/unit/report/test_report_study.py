@@ -118,7 +118,7 @@ def test_what_is_said(page):
     assert "Cheapest by processor time: a." in words
     assert "1 &middot; width [px] = 100, estimator = ideal" in words
     assert "above 0.0500, open" in words
-    assert "Left out, as they answered less than half as often as the best: c." in words
+    assert "too few frames in common with them: c." in words
     assert "grid has gaps" in words
     assert "cam &lt;1&gt;" in text
     assert "on the number of frames that the flights are worth" in words

@@ -85,6 +85,17 @@ def test_gaps_and_silent_designs(make_sample):
     assert (found["left_out"], found["complete"], found["designs"]) == ([name], False, 5)
 
 
+def test_who_stands_in_the_way_is_left_out(make_sample):
+    # One of four answers other frames than the rest: without it they have six in common; of three it would be too many.
+    error = np.full(N, 0.1)
+    others = [(f"d{i}", {"a": i}, make_sample(np.where(np.arange(N) < 6, (1 + i) * error, np.nan))) for i in range(3)]
+    odd = ("odd", {"a": 3}, make_sample(np.where(np.arange(N) > 3, error, np.nan)))
+    found = effects_of([*others, odd], DRAWS)
+    assert (found["basis"], found["n"], found["left_out"]) == ("common", 6, ["odd"])
+    found = effects_of([*others[:2], odd], DRAWS)
+    assert (found["basis"], found["n"], found["left_out"]) == ("own", 4, [])
+
+
 def test_nothing_to_compare(make_sample):
     one = ("x", {"a": 0}, make_sample([0.1] * N))
     assert effects_of([one], DRAWS) is None
