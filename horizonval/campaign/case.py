@@ -37,6 +37,9 @@ from horizonval.scoring.expected import Expected, expected_of_heads, expected_ou
 from horizonval.scoring.table import make_row
 from horizonval.spec.load import Case
 
+PROCESSOR = "processor "
+"""With an estimator's name, the stage of its processor time; ``estimate`` with the name is that of the clock."""
+
 
 @dataclass
 class Stopwatch:
@@ -51,7 +54,11 @@ class Stopwatch:
         try:
             yield
         finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+            self.add(name, time.perf_counter() - start)
+
+    def add(self, name: str, seconds: float) -> None:
+        """Add seconds to a stage."""
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
 
 
 @dataclass(frozen=True)
@@ -219,7 +226,10 @@ def _score(
     """Run one estimator on one observation and add its row."""
     estimator, truth = plan.estimator(estimator_name), taken.frame.truth
     with watch.stage(f"estimate {estimator_name}"):
-        result: Fit | NoFit = sandbox_of(plan.limits).run(estimator_name, observation)
+        sandbox = sandbox_of(plan.limits)
+        result: Fit | NoFit = sandbox.run(estimator_name, observation)
+    if sandbox.spent_s is not None:
+        watch.add(PROCESSOR + estimator_name, sandbox.spent_s)
     with watch.stage("score"):
         taken.rows.append(
             make_row(

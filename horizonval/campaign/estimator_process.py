@@ -36,9 +36,11 @@ def main() -> None:
             name, observation = pickle.loads(_receive(requests))
             # The worker ends an estimate in time; this is for one that outlives a killed worker inside foreign code.
             signal.setitimer(signal.ITIMER_REAL, 2 * limits.time_s + 60)
+            start = _processor_s()
             result = _run(name, observation, programs)
+            spent = _processor_s() - start
             signal.setitimer(signal.ITIMER_REAL, 0)
-            _send(answers, _pickled(result))
+            _send(answers, _pickled(result, spent))
 
 
 def _run(name: str, observation: Observation, programs: dict[str, Estimator]) -> Fit | NoFit:
@@ -49,12 +51,18 @@ def _run(name: str, observation: Observation, programs: dict[str, Estimator]) ->
     return registry.run_safely(estimator, observation)
 
 
-def _pickled(result: Fit | NoFit) -> bytes:
+def _processor_s() -> float:
+    """Return the processor time of this process and of the programs that it ran."""
+    times = os.times()
+    return time.process_time() + times.children_user + times.children_system
+
+
+def _pickled(result: Fit | NoFit, spent_s: float) -> bytes:
     try:
-        return pickle.dumps(result, protocol=pickle.HIGHEST_PROTOCOL)
+        return pickle.dumps((result, spent_s), protocol=pickle.HIGHEST_PROTOCOL)
     except Exception as e:
         reason = f"the estimator's result cannot be handed on: {type(e).__name__}: {e}"
-        return pickle.dumps(NoFit(Outcome.BAD_INPUT, " ".join(reason.split())))
+        return pickle.dumps((NoFit(Outcome.BAD_INPUT, " ".join(reason.split())), spent_s))
 
 
 def _prepare(limits: Limits) -> None:

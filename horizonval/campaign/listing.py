@@ -15,6 +15,10 @@ def _suites() -> list[str]:
     return shipped_names("suite")
 
 
+def _studies() -> list[str]:
+    return shipped_names("study")
+
+
 def _estimators() -> list[str]:
     from horizonval.estimators import registry
 
@@ -34,6 +38,7 @@ def _scenes() -> list[str]:
 LISTS: dict[str, Callable[[], list[str]]] = {
     "cameras": _cameras,
     "suites": _suites,
+    "studies": _studies,
     "estimators": _estimators,
     "atmospheres": _atmospheres,
     "scenes": _scenes,

@@ -114,7 +114,13 @@ def run_suite(
             folder.remove_temporary_files()
         for other in where.merge:
             adopt(RunFolder(other), folder, suite)
-        briefs, seconds = _run_units(shard_of(units, where.shard), plan, folder, where, progress)
+        seconds: dict[str, dict[str, float]] = {}
+        try:
+            briefs = _run_units(shard_of(units, where.shard), plan, folder, where, progress, seconds)
+        except BaseException:
+            # The times of what is finished cannot be had again.
+            _add_timings(folder, seconds, where.shard)
+            raise
         if where.shard is not None:
             _add_timings(folder, seconds, where.shard)
             missing = sum(not folder.case(name).is_file() for unit in units for name in unit.names)
@@ -133,10 +139,14 @@ def default_workers() -> int:
 
 
 def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
-    """Write down which suite this folder belongs to; refuse if it belongs to another."""
+    """Write down which suite this folder belongs to; refuse if it belongs to another.
+
+    A study's frames may change with its designs: every case is known by its own identity, and kept if that is the same.
+    """
     identity = suite_identity(suite)
     before = read_json(folder.suite)
-    if before is not None and before.get("suite_sha256") != identity:
+    grown = before is not None and suite.study and before.get("study") and before.get("suite") == suite.name
+    if before is not None and before.get("suite_sha256") != identity and not grown:
         other = before.get("suite")
         same = "other frames, cameras or estimators of " if other == suite.name else ""
         raise UserError(
@@ -157,13 +167,20 @@ def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
             "cases": [name for unit in units for name in unit.names],
             "keep": suite.keep,
             "figures": figure_plans(suite),
+            "study": suite.study,
         },
     )
 
 
 def _run_units(
-    units: Sequence[Unit], plan: Plan, folder: RunFolder, where: Where, progress: Progress
-) -> tuple[dict[str, Brief], dict[str, dict[str, float]]]:
+    units: Sequence[Unit],
+    plan: Plan,
+    folder: RunFolder,
+    where: Where,
+    progress: Progress,
+    seconds: dict[str, dict[str, float]],
+) -> dict[str, Brief]:
+    """Make what is missing of the units and return what became of all; the times that it took go into ``seconds``."""
     from horizonval.render.backend import probe
 
     briefs: dict[str, Brief] = {}
@@ -176,9 +193,8 @@ def _run_units(
             briefs |= found
     total = sum(len(unit.cases) for unit in units)
     progress.start(total, total - sum(len(unit.cases) for unit in missing))
-    seconds: dict[str, dict[str, float]] = {}
     if not missing:
-        return briefs, seconds
+        return briefs
     work = partial(run_unit, plan=plan, folder=folder)
     if where.dask is not None:
         from horizonval.campaign.cluster import run_on_cluster
@@ -200,7 +216,7 @@ def _run_units(
             for name in unit.names:
                 if name != unit.name or not unit.heads:
                     progress.done(name, failed=made[name].error)
-    return briefs, seconds
+    return briefs
 
 
 def _conclude(

@@ -54,6 +54,9 @@ class Limits:
 class Sandbox:
     """The process; started when it is needed, again after it was ended."""
 
+    spent_s: float | None = None
+    """Processor time of the last estimate, programs that it ran included; ``None`` if it did not end by itself."""
+
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._process: subprocess.Popen[bytes] | None = None
@@ -64,6 +67,7 @@ class Sandbox:
         if process is None:
             return NoFit(Outcome.BAD_INPUT, "the process of the estimators cannot be started")
         # A program's own limit comes first and says more.
+        self.spent_s = None
         limit = self._limits.time_s + (5.0 if name in {p.name for p in self._limits.programs} else 0.0)
         try:
             _send(process, pickle.dumps((name, observation), protocol=pickle.HIGHEST_PROTOCOL))
@@ -75,9 +79,10 @@ class Sandbox:
             self.close()
             return NoFit(Outcome.BAD_INPUT, "the estimator's process died (a crash, or out of memory)")
         try:
-            result = pickle.loads(answer)
+            result, spent = pickle.loads(answer)
         except Exception as e:
             return NoFit(Outcome.BAD_INPUT, f"the estimator's result cannot be read: {type(e).__name__}")
+        self.spent_s = float(spent)
         return (
             result if isinstance(result, Fit | NoFit) else NoFit(Outcome.BAD_INPUT, "the estimator returned no result")
         )

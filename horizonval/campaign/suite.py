@@ -29,7 +29,7 @@ def load_suite(path_or_name: str | Path, frames: int | None = None, seed: int | 
     UserError
         Naming the file, the key, and what was expected.
     """
-    return load.load_suite(path_or_name, fly=_fly, frames=frames, seed=seed)
+    return load.load_suite(path_or_name, fly=fly_scene, frames=frames, seed=seed)
 
 
 def with_options(suite: Suite, time_limit_s: float | None, keep: str | None) -> Suite:
@@ -50,7 +50,14 @@ def with_options(suite: Suite, time_limit_s: float | None, keep: str | None) -> 
     raise UserError(f"found {keep!r}", where="--keep", expected=" or ".join(get_args(Keep)))
 
 
-def _fly(spec: OrbitSpec, scene: Plain, seed: int, name: str, where: str) -> list[Plain]:
+def fly_scene(spec: OrbitSpec, scene: Plain, seed: int, name: str, where: str) -> list[Plain]:
+    """Return the samples of an orbit over a scene's Earth; errors name the place ``where`` of the file.
+
+    Raises
+    ------
+    UserError
+        As :func:`horizonval.campaign.flight.fly`.
+    """
     try:
         earth = Earth.model_validate(scene.get("earth", {}), strict=True)
     except ValidationError:

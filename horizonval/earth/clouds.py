@@ -74,7 +74,7 @@ def cloud_field(scene: SceneSpec) -> CloudField | None:
         return None
     seed = clouds.seed
     if seed is None:
-        identity = json.dumps(["clouds", scene.scene.name, scene.scene.seed])
+        identity = json.dumps(["clouds", scene.scene.draw or scene.scene.name, scene.scene.seed])
         seed = int.from_bytes(hashlib.sha256(identity.encode()).digest()[:4], "little")
     mean_km = clouds.mean_top_km if clouds.mean_top_km is not None else 0.4 * clouds.top_km + 0.3
     return CloudField(clouds.cover, clouds.top_km * 1e3, mean_km * 1e3, clouds.scale_km * 1e3, seed, clouds.albedo)

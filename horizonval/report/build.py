@@ -8,14 +8,11 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
-
-import jinja2
 
 from horizonval.frame import FrameTruth
 from horizonval.outcome import Outcome
@@ -28,6 +25,7 @@ from horizonval.report import (
     plots,
     rerun,
     stability,
+    template,
     wording,
 )
 from horizonval.report.accuracy import accuracy_of
@@ -41,7 +39,6 @@ STRIP_RATIO = 20
 """Wider images than this are drawn as a strip of their own proportions."""
 MOST_CASES_SHOWN = 300
 """With a picture each; the page of a longer run would not open."""
-_FILES = {"style": "page.css", "code": "page.js"}
 
 
 def build_report(run_dir: Path) -> Path:
@@ -62,34 +59,19 @@ def build_report(run_dir: Path) -> Path:
         There is no run in the folder, or its files cannot be read or written.
     """
     run = load_run(run_dir, MOST_CASES_SHOWN)
-    folder = Path(__file__).parent
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(folder),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
-        "number": wording.number,
-        "percent": wording.percent,
-        "interval": wording.interval,
-        "outcome": wording.outcome,
-        "count": wording.count,
-    }
-    parts = {name: (folder / file).read_text(encoding="utf-8") for name, file in _FILES.items()}
+    environment, parts = template.environment(), template.shared_parts()
     result = stability.load_result(run_dir)
     study = None if result is None else {"page": stability.PAGE, "text": stability.headline(result)}
     campaign = campaign_page.headline(run) if run.figures else None
     shown = environment.get_template("page.html").render(**page_of(run), study=study, campaign=campaign, **parts)
     texts = {"index.html": shown}
     if result is not None:
-        template = environment.get_template("stability.html")
-        texts[stability.PAGE] = template.render(run=run, **stability.page_of(result), **parts)
+        texts[stability.PAGE] = environment.get_template("stability.html").render(
+            run=run, **stability.page_of(result), **parts
+        )
     if run.figures:
-        template = environment.get_template("campaign.html")
         page = campaign_page.page_of(run)
-        texts[campaign_page.PAGE] = template.render(run=run, **page, **parts)
+        texts[campaign_page.PAGE] = environment.get_template("campaign.html").render(run=run, **page, **parts)
         texts |= {figure["file"]: figure["svg"] for section in page["sections"] for figure in section["figures"]}
     pages = run_dir / "report"
     shutil.rmtree(pages / campaign_page.FIGURES, ignore_errors=True)
@@ -98,14 +80,8 @@ def build_report(run_dir: Path) -> Path:
     for name in (stability.PAGE, campaign_page.PAGE):
         (pages / name).unlink(missing_ok=True)
     for name, text in texts.items():
-        _write(pages / name, text)
+        template.write(pages / name, text)
     return pages / "index.html"
-
-
-def _write(path: Path, text: str) -> None:
-    partial = path.with_name(f".{path.name}.part")
-    partial.write_text(text, encoding="utf-8", newline="\n")
-    os.replace(partial, path)
 
 
 def page_of(run: Run) -> dict[str, Any]:

@@ -39,7 +39,7 @@ class View:
 class Run:
     """A run as the report needs it: views in the suite's order, the cases without result, the figures asked for.
 
-    ``figures`` are what :func:`horizonval.campaign.axes.figure_plans` says.
+    ``figures`` are what :func:`horizonval.campaign.axes.figure_plans` says; ``study``: of a trade study.
     """
 
     suite: str
@@ -50,6 +50,7 @@ class Run:
     missing: tuple[str, ...]
     views: tuple[View, ...]
     figures: tuple[dict[str, Any], ...] = ()
+    study: bool = False
 
     @property
     def rows(self) -> list[dict[str, Any]]:
@@ -105,6 +106,7 @@ def load_run(run_dir: Path, most: int | None = None) -> Run:
         missing=tuple(missing),
         views=tuple(views),
         figures=tuple(head.get("figures") or ()),
+        study=bool(head.get("study")),
     )
 
 

@@ -18,7 +18,7 @@ from horizonval.errors import UserError
 from horizonval.frame import DetectorImage, Frame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.sensor import cmos, converter, lens_spread, thermal
-from horizonval.sensor.streams import stream
+from horizonval.sensor.streams import drawn_as, stream
 from horizonval.spec.camera import Band, CameraSpec
 from horizonval.spec.detector import Cmos, ThermalDetector
 
@@ -57,8 +57,10 @@ def observe(
     mosaic = isinstance(camera.detector, Cmos) and camera.detector.bayer is not None
     reading = "+".join(one.name for one in camera.band) if mosaic else spec.name
 
+    identity = drawn_as(frame.truth)
+
     def rng(stage: str) -> np.random.Generator | None:
-        return stream(frame.truth.scene_id, camera.camera.name, reading, stage, seed) if noise else None
+        return stream(identity, camera.camera.name, reading, stage, seed) if noise else None
 
     def radiance(of: Band) -> FloatArray:
         return _radiance(frame, camera, of.name)

@@ -2,6 +2,9 @@
 
 A stream is seeded with the sha256 of what it belongs to (scene, camera, band, stage, replicate). Neighbouring seeds
 share nothing, and a stage that is switched off or draws more numbers does not shift another's.
+
+Scenes that say ``scene.draw`` share the streams of that name, of the same seed and head: what is then drawn for an
+array of the same size is the same, however the scenes differ.
 """
 
 from __future__ import annotations
@@ -10,6 +13,17 @@ import hashlib
 import json
 
 import numpy as np
+
+from horizonval.frame import FrameTruth
+
+
+def drawn_as(truth: FrameTruth) -> str:
+    """Return the identity that the noise of a frame is drawn under: the scene's own, or that of its ``draw``."""
+    scene = truth.scene.get("scene", {})
+    if scene.get("draw") is None:
+        return truth.scene_id
+    head = truth.scene.get("camera", {}).get("head")
+    return hashlib.sha256(json.dumps(["draw", scene["draw"], scene.get("seed"), head]).encode()).hexdigest()
 
 
 def stream(scene_id: str, camera: str, band: str, stage: str, seed: int) -> np.random.Generator:

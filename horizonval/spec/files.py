@@ -9,10 +9,22 @@ from typing import Literal
 from horizonval.errors import UserError
 from horizonval.suggest import nearest
 
-Kind = Literal["scene", "camera", "suite", "atmosphere"]
+Kind = Literal["scene", "camera", "suite", "study", "atmosphere"]
 
-_FOLDER: dict[Kind, str] = {"scene": "", "camera": "cameras", "suite": "suites", "atmosphere": "atmospheres"}
-_SUFFIX: dict[Kind, str] = {"scene": ".toml", "camera": ".toml", "suite": ".toml", "atmosphere": ".json"}
+_FOLDER: dict[Kind, str] = {
+    "scene": "",
+    "camera": "cameras",
+    "suite": "suites",
+    "study": "studies",
+    "atmosphere": "atmospheres",
+}
+_SUFFIX: dict[Kind, str] = {
+    "scene": ".toml",
+    "camera": ".toml",
+    "suite": ".toml",
+    "study": ".toml",
+    "atmosphere": ".json",
+}
 
 
 def shipped_root() -> Path:

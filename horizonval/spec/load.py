@@ -63,6 +63,7 @@ class Suite:
 
     ``programs``, ``keep`` and the limits are those of :class:`horizonval.spec.suite.SuiteHead` and ``[[estimator]]``.
     ``tables`` names the ``[[cases]]`` table of every case that comes from one.
+    ``study``: the frames of a trade study, whose list of designs may change in the folder of a run.
     """
 
     name: str
@@ -79,6 +80,7 @@ class Suite:
     frames: int | None = None
     regression: RegressionSpec | None = None
     tables: Mapping[str, str] = field(default_factory=dict)
+    study: bool = False
 
 
 def load_camera(path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> CameraSpec:
@@ -180,6 +182,11 @@ def load_suite(
         spec = spec.model_copy(update={"suite": spec.suite.model_copy(update={"frames": frames})})
     if seed is not None:
         spec = spec.model_copy(update={"suite": spec.suite.model_copy(update={"seed": seed})})
+    return suite_of(spec, path, fly)
+
+
+def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None) -> Suite:
+    """Return the suite of a specification; ``path`` is the file that other files lie beside. Errors as above."""
     seeded = deep_merge({"scene": {"seed": spec.suite.seed}}, spec.defaults)
     shelf = Shelf(path)
     cases: list[Case] = []

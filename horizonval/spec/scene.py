@@ -12,10 +12,18 @@ from horizonval.spec.numbers import Angle, Finite, Fraction, Listed, Positive
 
 
 class SceneName(Model):
-    """Identity of the scene; the seed of everything random is a hash of it."""
+    """Identity of the scene; the seed of everything random is a hash of it.
+
+    ``draw``: a name that stands in place of the scene's own identity wherever something is drawn. Scenes of the same
+    draw and seed have the same clouds and, with the same camera name, the same noise: common random numbers, for
+    comparing cameras and methods frame by frame.
+    """
+
+    later_keys: ClassVar[frozenset[str]] = frozenset({"draw"})
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")] = "scene"
     seed: Annotated[int, Field(ge=0)] = 0
+    draw: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")] | None = None
 
 
 class CameraUse(Model):

@@ -227,3 +227,24 @@ def test_a_microbolometer_sees_the_cosine_fourth_law(make_frame):
 def test_cameras_that_no_frame_would_suit(camera_tables, changes, words):
     with pytest.raises(UserError, match=words):
         check_camera(CameraSpec.model_validate(camera_tables | changes))
+
+
+@pytest.mark.parametrize("camera", [None, THERMAL])
+def test_scenes_of_one_draw_have_the_same_noise(make_frame, camera_tables, camera):
+    spec = CameraSpec.model_validate(camera or camera_tables)
+    frame = make_frame() if camera is None else make_frame(camera=camera)
+
+    def noise(scene: dict[str, Any], scene_id: str, head: str | None = None) -> np.ndarray:
+        place = {"scene": {"name": "any", "seed": 3, **scene}, "camera": {"head": head}}
+        seen = replace(frame, truth=replace(frame.truth, scene=place, scene_id=scene_id))
+        return observe(seen, spec).dn
+
+    shared = noise({"draw": "a"}, "1" * 64)
+    np.testing.assert_array_equal(noise({"draw": "a"}, "2" * 64), shared)
+    for other in (
+        noise({"draw": "b"}, "1" * 64),
+        noise({"draw": "a", "seed": 4}, "1" * 64),
+        noise({"draw": "a"}, "1" * 64, head="left"),
+        noise({}, "1" * 64),
+    ):
+        assert not np.array_equal(other, shared)

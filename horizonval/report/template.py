@@ -1,0 +1,44 @@
+"""How pages are made of templates: the filters that every page has, style and code, and writing whole files."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import jinja2
+
+from horizonval.report import wording
+
+FOLDER = Path(__file__).parent
+_FILES = {"style": "page.css", "code": "page.js"}
+
+
+def environment() -> jinja2.Environment:
+    """Return the environment of the templates beside this file."""
+    made = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(FOLDER),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters |= {
+        "number": wording.number,
+        "percent": wording.percent,
+        "interval": wording.interval,
+        "outcome": wording.outcome,
+        "count": wording.count,
+    }
+    return made
+
+
+def shared_parts() -> dict[str, str]:
+    """Return the style and the code of all pages."""
+    return {name: (FOLDER / file).read_text(encoding="utf-8") for name, file in _FILES.items()}
+
+
+def write(path: Path, text: str) -> None:
+    """Write a page, whole or not at all."""
+    partial = path.with_name(f".{path.name}.part")
+    partial.write_text(text, encoding="utf-8", newline="\n")
+    os.replace(partial, path)

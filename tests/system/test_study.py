@@ -1,0 +1,160 @@
+"""A trade study as a user runs it: complete, extended without making anything twice, asked and compared."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+from conftest import assert_one_line
+
+from horizonval import cli
+
+CAMERA = """
+[camera]
+name = "tiny"
+width = 48
+height = 48
+fov_deg = 90.0
+[optics]
+f_number = 4.0
+transmission = 0.7
+psf_sigma_px = 0.7
+[[band]]
+name = "vis"
+kind = "solar"
+lo_um = 0.5
+hi_um = 0.7
+nodes = 2
+[detector]
+kind = "cmos"
+pixel_pitch_um = 5.5
+exposure_s = 2.2e-4
+quantum_efficiency = 0.6
+full_well_e = 13500.0
+read_noise_e = 13.0
+bits = 10
+black_level_dn = 32.0
+"""
+
+STUDY = """
+[study]
+name = "tiny"
+seed = 3
+estimators = ["altitude-free", "ideal"]
+requirement = { error_deg = 0.5, availability = 0.9 }
+[defaults]
+camera = { file = "camera.toml", mount_roll_deg = 65.0 }
+platform.altitude_km = 500.0
+atmosphere.profile = "us_standard"
+render = { subsamples = 1, nodes = 64 }
+[design.grid]
+"camera.optics.psf_sigma_px" = [0.5, 1.0]
+[frames.sobol]
+n = 3
+ranges = { "platform.latitude_deg" = [-20.0, 20.0], "attitude.roll_deg" = [-2.0, 2.0] }
+"""
+WIDER = STUDY.replace("[0.5, 1.0]", "[0.5, 0.75, 1.0]").replace('"ideal"]', '"ideal", "altitude-free-published"]')
+
+
+def in_process(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run a command line inside this process, outside a test's own fixtures."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = cli.run_command_line([str(a) for a in arguments])
+    return subprocess.CompletedProcess(["horizonval"], status, out.getvalue(), err.getvalue())
+
+
+def cases(out: Path) -> dict[str, tuple[bytes, int]]:
+    return {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in sorted((out / "cases").glob("*.json"))}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """The study, run and then extended by an axis value and an estimator; what the folder held in between."""
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "camera.toml").write_text(CAMERA)
+    (folder / "tiny.toml").write_text(STUDY)
+    out = folder / "out"
+    first = in_process("study", folder / "tiny.toml", "--out", out, "--workers", 1)
+    assert first.returncode == 0, first.stderr
+    before = cases(out)
+    table = {name: (out / name).read_bytes() for name in ("study.json", "designs.csv")}
+    (folder / "tiny.toml").write_text(WIDER)
+    second = in_process("study", folder / "tiny.toml", "--out", out, "--workers", 1)
+    assert second.returncode == 0, second.stderr
+    return folder, before, table, (first, second)
+
+
+def test_it_tells_every_design_and_the_cheapest(run):
+    _, before, _, (first, _) = run
+    assert len(before) == 6
+    lines = first.stdout.splitlines()
+    assert len(lines) == 1 + 4 + 2
+    assert "psf_sigma_px_0.5_ideal" in lines[2]
+    assert "too small to say" in lines[-2]
+    assert lines[-1].endswith("study.html")
+
+
+def test_an_axis_value_and_an_estimator_make_only_what_is_new(run):
+    folder, before, _, (_, second) = run
+    assert "6 of 15 frames are finished already" in second.stderr
+    after = cases(folder / "out")
+    assert {name: after[name] for name in before} == before
+    assert len(after) == 15
+
+
+def test_the_results_follow_from_the_frames(run):
+    folder, _, table, _ = run
+    result = json.loads((folder / "out" / "study.json").read_text())
+    first = json.loads(table["study.json"])
+    assert len(result["designs"]) == 9
+    # What was there already says the same, beside more designs.
+    old = {design["name"]: design for design in first["designs"]}
+    new = {design["name"]: design for design in result["designs"]}
+    for name, design in old.items():
+        assert {**new[name], "number": 0} == {**design, "number": 0}
+    with (folder / "out" / "designs.csv").open() as file:
+        lines = {line["design"]: line for line in csv.DictReader(file)}
+    assert set(lines) == set(new)
+    ideal = lines["psf_sigma_px_1_ideal"]
+    assert (ideal["n"], ideal["availability"], ideal["within"]) == ("3", "1.0", "1.0")
+    assert float(ideal["rms_deg"]) < 1e-4
+    costs = json.loads((folder / "out" / "study-costs.json").read_text())
+    assert costs["designs"]["psf_sigma_px_1_altitude-free"]["n"] == 3
+    assert 0 < costs["designs"]["psf_sigma_px_1_altitude-free"]["value"] < 60
+    assert "processor" not in json.dumps(result["designs"])
+    page = (folder / "out" / "report" / "study.html").read_text()
+    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
+    assert 'href="study.html"' in (folder / "out" / "report" / "index.html").read_text()
+
+
+def test_two_designs_frame_by_frame_and_another_question(run, horizonval):
+    folder, *_ = run
+    out = folder / "out"
+    done = horizonval("study", out, "--compare", "psf_sigma_px_0.5_altitude-free", "2", "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert (found["a"], found["b"], found["n"]) == ("psf_sigma_px_0.5_altitude-free", "psf_sigma_px_0.5_ideal", 3)
+    assert found["mean_difference_deg"]["value"] < 0
+    done = horizonval("study", out, "--error-deg", 60, "--availability", 0.3)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("cheapest by pixel rate that meets 60 deg in 30 % of all conditions")
+
+
+def test_mistakes_are_one_line(run, tmp_path, horizonval):
+    folder, *_ = run
+    out = folder / "out"
+    assert_one_line(horizonval("study", out, "--compare", "1", "nobody"), "no design 'nobody'", "psf_sigma_px")
+    assert_one_line(horizonval("study", folder / "tiny.toml"), "--out", "folder")
+    assert_one_line(horizonval("study", folder / "tiny.toml", "--out", out, "--compare", "1", "2"), "--compare")
+    assert_one_line(horizonval("study", tmp_path), "study-plan.json", str(tmp_path))
+    (folder / "wrong.toml").write_text(STUDY.replace('"ideal"', '"ideel"'))
+    assert_one_line(horizonval("study", folder / "wrong.toml", "--out", tmp_path / "out"), "study.estimators", "ideal")
+    assert not (tmp_path / "out").exists()
+    (folder / "other.toml").write_text(STUDY.replace('name = "tiny"', 'name = "other"'))
+    assert_one_line(horizonval("study", folder / "other.toml", "--out", out), "holds a run of", "'tiny'")
