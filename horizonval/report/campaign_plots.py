@@ -194,7 +194,7 @@ def timeline_height_in(rows: Sequence[Row], estimators: Sequence[str]) -> float:
 def _error_handles(axes: Axes) -> list[Any]:
     return [
         axes.scatter([], [], **(_mark(0) | {"color": "#555555"}), label="error (mark of the method)"),
-        axes.scatter([], [], **SIGMA_LOOK, label="3 sigma claimed (noise and model error)"),
+        axes.scatter([], [], **SIGMA_LOOK, label="3 sigma claimed"),
         axes.plot([], [], **LIMIT_LOOK, label=f"false claim beyond {LIMIT_DEG:g}°")[0],
     ]
 
