@@ -7,14 +7,12 @@ to the full image at the noise asked for: 0.1 %, or the march's own error where 
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from peak_memory import run_apart
 
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.geometry.camera import Camera
@@ -128,26 +126,9 @@ def test_march_costs_a_thousandth_of_volpath_at_equal_noise() -> None:
     assert ratio >= LEAST_RATIO
 
 
-def _peak_bytes() -> int:
-    # On Linux getrusage also counts what the parent held when it started this process.
-    status = Path("/proc/self/status")
-    if status.exists():
-        return int(status.read_text().split("VmHWM:")[1].split()[0]) * 1024
-    import resource
-
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-
-
 @pytest.mark.benchmark
 def test_a_large_frame_stays_below_a_gigabyte_and_a_half() -> None:
     """Peak resident memory of a process of its own, interpreter and compiler included."""
-    code = (
-        f"import sys; sys.path.insert(0, {str(__file__.rsplit('/', 1)[0])!r})\n"
-        "import test_march_against_volpath as t\n"
-        "t._ours(1024, 128)\n"
-        "print('peak', t._peak_bytes())"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    peak = int(run.stdout.split("peak")[1])
+    _, peak = run_apart("test_march_against_volpath", "_ours(1024, 128)")
     print(f"\npeak memory {peak / 1e9:.2f} GB")  # noqa: T201
     assert peak < MOST_BYTES

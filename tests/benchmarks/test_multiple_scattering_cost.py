@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
 
 import pytest
+from peak_memory import run_apart
 
 from horizonval.render.backend import activate
 from horizonval.render.frame import render_frame
@@ -46,20 +45,17 @@ def test_all_orders_cost_little_more_than_one() -> None:
     assert every / single < MOST_RATIO
 
 
+def both() -> str:
+    """Return the seconds of a large frame with one order and with all, as text."""
+    return f"{seconds('single', 1024, 1)} {seconds('all', 1024, 1)}"
+
+
 @pytest.mark.benchmark
 @pytest.mark.slow
 def test_a_large_frame_with_all_orders_stays_below_two_gigabytes() -> None:
     """1024 x 1024 in a process of its own, interpreter, compiler and the making of the tables included."""
-    code = (
-        f"import sys; sys.path.insert(0, {str(__file__.rsplit('/', 1)[0])!r})\n"
-        "from test_multiple_scattering_cost import seconds\n"
-        "import resource\n"
-        "single, every = seconds('single', 1024, 1), seconds('all', 1024, 1)\n"
-        "print('figures', single, every, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    single, every, peak = (float(v) for v in run.stdout.split("figures")[1].split())
-    peak *= 1 if sys.platform == "darwin" else 1024
+    text, peak = run_apart("test_multiple_scattering_cost", "both()")
+    single, every = (float(v) for v in text.split())
     print(f"\n1024 x 1024: {single:.1f} s, {every:.1f} s of processor time; peak {peak / 1e9:.2f} GB")  # noqa: T201
     assert every / single < MOST_RATIO
     assert peak < MOST_BYTES
