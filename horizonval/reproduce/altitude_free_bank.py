@@ -20,7 +20,7 @@ from horizonval.estimators.observation import Fit, NoFit, Observation
 from horizonval.frame import Frame
 from horizonval.geometry.camera import Camera, camera_from_spec, project
 from horizonval.geometry.frames import nadir_of_roll_pitch
-from horizonval.limb.cone import off_axis_angle, tangent_basis
+from horizonval.limb.cone import SLOW_PX, off_axis_angle, slow_error, tangent_basis
 from horizonval.limb.edges import scale_to_8_bit
 from horizonval.limb.finder import find_canny_pixels, find_edges_only, find_limb
 from horizonval.limb.result import LimbPoints, NoLimb
@@ -153,7 +153,10 @@ def _errors(item: Plain, frame: Frame, image: FloatArray, camera: Camera, full_s
         "limb, newton": (limb, altitude_free.fit_points),
         "limb, closed": (limb, altitude_free_closed_form.fit_points),
     }
-    result = {name: _error(item, points, fit, observation, nadir) for name, (points, fit) in fits.items()}
+    result = {
+        name: _error(item, points, fit, observation, nadir, 0.0 if points is whole else SLOW_PX)
+        for name, (points, fit) in fits.items()
+    }
     if isinstance(whole, LimbPoints):
         result["three-point start"] = {"updates": _three_point_updates(whole.los_cam)}
         if item.get("picture"):
@@ -162,7 +165,9 @@ def _errors(item: Plain, frame: Frame, image: FloatArray, camera: Camera, full_s
     return result
 
 
-def _error(item: Plain, points: LimbPoints | NoLimb, fit_points: Any, observation: Observation, nadir: Any) -> Plain:
+def _error(
+    item: Plain, points: LimbPoints | NoLimb, fit_points: Any, observation: Observation, nadir: Any, slow_px: float
+) -> Plain:
     if isinstance(points, NoLimb):
         return {"refused": points.reason}
     fit: Fit | NoFit = fit_points(points.los_cam, points.uv, observation)
@@ -177,11 +182,21 @@ def _error(item: Plain, points: LimbPoints | NoLimb, fit_points: Any, observatio
         "pitch_deg": math.degrees(fit.pitch_rad) - item["pitch_deg"],
         "altitude_km": fit.altitude_m / 1e3 - item["altitude_km"],
         "nadir_arcsec": float(off_axis_angle(fit.nadir_cam, nadir)) * ARCSEC,
-        "nees": float(off @ np.linalg.pinv(fit.covariance_nadir_cam, rcond=1e-9) @ off),
+        "nees": float(off @ np.linalg.pinv(_covariance(points, fit, observation, slow_px), rcond=1e-9) @ off),
         "points": len(points.uv),
         "point_rms_arcsec": float(np.sqrt(np.mean(position**2))) * ARCSEC,
         "updates": [float(u) for u in np.abs(np.diff(fit.steps, axis=0)).max(axis=1)] if len(fit.steps) else [],
     }
+
+
+def _covariance(points: LimbPoints, fit: Fit, observation: Observation, slow_px: float) -> FloatArray:
+    """Return what is claimed of a smooth sphere without air: noise and the slow errors of points.
+
+    The methods claim oblateness and relief beside it, which would hide here whether the rest is right.
+    """
+    basis = tangent_basis(fit.nadir_cam)
+    slow = slow_error(points.los_cam, basis, 1.0 / observation.camera.fx, slow_px)[:2, :2]
+    return np.asarray(fit.covariance_nadir_cam + basis @ slow @ basis.T)
 
 
 def _three_point_updates(los_cam: FloatArray) -> list[float]:
