@@ -20,7 +20,8 @@ where it cannot:
 
 Methods of several heads are guarded by :mod:`horizonval.estimators.guard_heads`.
 
-The fit keeps its covariance of noise; ``systematic_nadir_cam`` says beside it what the method's model leaves out.
+A fit from points claims as noise what the detector's noise alone does (:mod:`horizonval.limb.steepest_noise`);
+``systematic_nadir_cam`` says beside it what the method's model leaves out, and what else scatters the points.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ from horizonval.limb.edges import noise_sigma
 from horizonval.limb.finder import find_limb
 from horizonval.limb.result import NoLimb
 from horizonval.limb.steepest import NEEDED_PX, to_steepest
+from horizonval.limb.steepest_noise import noise_covariance, pixel_variance
 from horizonval.limb.sunlit import SunlitLimb, sun_angles, sunlit_limb
 from horizonval.limb.trusted import alone, faded, faint, read_sides, restless, saturated
 from horizonval.outcome import Outcome
@@ -75,8 +77,11 @@ class TrustedLimb:
         Through ``los_cam``, of half-angle ``rho_rad``.
     rho_rad : float
     noise : ConeUncertainty
+        From the points' scatter, whatever makes it.
     systematic : ndarray, shape (3, 3)
         Covariance of what is not known of the limb's shape, as of (axis, axis, half-angle).
+    bright_inside : bool
+        Whether the Earth is the brighter side.
     """
 
     seen_cam: FloatArray
@@ -86,6 +91,7 @@ class TrustedLimb:
     rho_rad: float
     noise: ConeUncertainty
     systematic: FloatArray
+    bright_inside: bool
 
     @property
     def sigma_rad(self) -> float:
@@ -142,7 +148,7 @@ def trusted_limb(observation: Observation, estimates: str = "geocentric") -> Tru
         return NoFit(worst, f"{lost:.0%} of the limb points are not to be trusted", project(camera, los)[0])
     cause = worst if lost > limits.MUCH_LOST else None
     if sun is None:
-        return _determined(_Points(los, los, None), observation, estimates, cause)
+        return _determined(_Points(los, los, None, bright_inside), observation, estimates, cause)
     return _best_reach(los, observation, sun, estimates, cause)
 
 
@@ -153,10 +159,11 @@ class _Points:
     seen: FloatArray
     los: FloatArray
     patterns: FloatArray | None
+    bright_inside: bool
 
     def take(self, rows: NDArray[np.bool_]) -> _Points:
         patterns = None if self.patterns is None else self.patterns[:, rows]
-        return _Points(self.seen[rows], self.los[rows], patterns)
+        return _Points(self.seen[rows], self.los[rows], patterns, self.bright_inside)
 
 
 def _into_twilight(los: FloatArray, image: FloatArray, observation: Observation, sun: FloatArray) -> FloatArray:
@@ -196,7 +203,7 @@ def _best_reach(
     inwards = cone.axis_cam - los * (los @ cone.axis_cam)[:, None]
     inwards /= np.linalg.norm(inwards, axis=1)[:, None]
     ground = np.cos(drop)[:, None] * los + np.sin(drop)[:, None] * inwards
-    points = _Points(los, ground, limb.patterns_m)
+    points = _Points(los, ground, limb.patterns_m, bright_inside=True)
     best: TrustedLimb | NoFit | None = None
     tried = -1
     for reach in limits.REACHES_RAD:
@@ -250,7 +257,7 @@ def _determined(
         systematic = model_covariance(los, cone.axis_cam, rho, observation, estimates, points.patterns)
     except np.linalg.LinAlgError:
         return NoFit(status, "the points do not determine a cone", uv)
-    limb = TrustedLimb(points.seen, los, uv, cone, rho, noise, systematic)
+    limb = TrustedLimb(points.seen, los, uv, cone, rho, noise, systematic, points.bright_inside)
     if not limb.sigma_rad <= limits.LARGEST_SIGMA_RAD:
         sigma = np.degrees(limb.sigma_rad)
         return NoFit(status, f"the limb that can be trusted determines the nadir to {sigma:.2f} deg", uv)
@@ -273,7 +280,36 @@ def _run(estimator: Estimator, observation: Observation) -> Fit | NoFit:
         return result
     basis = limb.noise.basis
     result = replace(result, systematic_nadir_cam=basis @ limb.systematic[:2, :2] @ basis.T)
-    return check_fit(result, limb, observation) or result
+    refused = check_fit(result, limb, observation)
+    if refused is not None or estimator.from_points is None:
+        return refused or result
+    return _noise_apart(result, limb, observation)
+
+
+def _noise_apart(fit: Fit, limb: TrustedLimb, observation: Observation) -> Fit:
+    """Return the fit with the detector's noise alone as its noise; what else scatters the points joins the rest.
+
+    The sum of both is what it was, or more where the points happen to scatter less than the noise makes them.
+    """
+    image, camera = np.asarray(observation.image, dtype=np.float64), observation.camera
+    seen = fit_cone(limb.seen_cam)
+    rho = float(off_axis_angle(limb.seen_cam, seen.axis_cam).mean())
+    variance = pixel_variance(image, camera, seen.axis_cam, rho, observation.full_scale)
+    try:
+        noise = noise_covariance(image, camera, limb.seen_cam, seen.axis_cam, rho, variance, limb.bright_inside)
+    except np.linalg.LinAlgError:
+        return fit
+    basis, seen_basis = tangent_basis(fit.nadir_cam), tangent_basis(seen.axis_cam)
+    turned = basis.T @ seen_basis
+    noise = turned @ noise[:2, :2] @ turned.T
+    values, vectors = np.linalg.eigh(basis.T @ fit.covariance_nadir_cam @ basis - noise)
+    rest = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    systematic = rest if fit.systematic_nadir_cam is None else rest + basis.T @ fit.systematic_nadir_cam @ basis
+    return replace(
+        fit,
+        covariance_nadir_cam=basis @ noise @ basis.T,
+        systematic_nadir_cam=basis @ systematic @ basis.T,
+    )
 
 
 def _turned(fit: Fit, seen: Cone, ground: Cone, observation: Observation) -> Fit:

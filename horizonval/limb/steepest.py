@@ -75,26 +75,55 @@ def _shift(
     image: FloatArray, camera: Camera, los: FloatArray, axis: FloatArray, sign: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return how far inwards [rad] the steepest place lies, and whether there is one."""
-    rad_per_px = 1.0 / max(camera.fx, camera.fy)
-    offset = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
-    angle = offset * rad_per_px
-    rays = np.cos(angle)[None, :, None] * los[:, None] + np.sin(angle)[None, :, None] * _inwards(los, axis)[:, None]
-    uv, in_front = project(camera, rays.reshape(-1, 3))
-    with np.errstate(invalid="ignore"):
-        inside = in_front & ((uv >= 0.0) & (uv <= (camera.width - 1.0, camera.height - 1.0))).all(axis=1)
-    # Beyond the rim the profile goes on level, which makes no edge; no place is looked for there.
-    at = np.clip(np.nan_to_num(uv), 0.0, (camera.width - 1.0, camera.height - 1.0))
-    profile = map_coordinates(image, [at[:, 1], at[:, 0]], order=1).reshape(len(los), len(offset))
-    in_view = inside.reshape(len(los), len(offset))
+    offset_px, uv, in_view = profile_places(camera, los, axis)
+    profile = map_coordinates(image, [uv[:, 1], uv[:, 0]], order=1).reshape(in_view.shape)
     slope = sign * gaussian_filter1d(profile, SIGMA_PX / STEP_PX, axis=1, order=1)
-    slope[(np.abs(offset) > SEARCH_PX) | ~in_view] = -np.inf
-    best = np.clip(np.argmax(slope, axis=1), 1, len(offset) - 2)
+    slope[(np.abs(offset_px) > SEARCH_PX) | ~in_view] = -np.inf
+    best = steepest_sample(slope)
     row = np.arange(len(los))
     before, middle, after = slope[row, best - 1], slope[row, best], slope[row, best + 1]
-    good = in_view[:, np.abs(offset) <= NEEDED_PX].all(axis=1) & np.isfinite(before) & np.isfinite(after)
+    good = in_view[:, np.abs(offset_px) <= NEEDED_PX].all(axis=1) & np.isfinite(before) & np.isfinite(after)
     # Interpolation leaves rounding on a level image, which is no slope.
     good &= middle > ROUNDING * float(np.abs(image).max())
     with np.errstate(invalid="ignore", divide="ignore"):
         parabola = 0.5 * (before - after) / (before - 2.0 * middle + after)
     parabola = np.clip(np.where(good, parabola, 0.0), -1.0, 1.0)
-    return (offset[best] + STEP_PX * np.nan_to_num(parabola)) * rad_per_px, good
+    return (offset_px[best] + STEP_PX * np.nan_to_num(parabola)) / max(camera.fx, camera.fy), good
+
+
+def profile_places(
+    camera: Camera, los_cam: FloatArray, axis_cam: FloatArray
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return where the profiles across a limb are read.
+
+    Parameters
+    ----------
+    camera : Camera
+    los_cam : ndarray, shape (n, 3)
+        Middles of the profiles.
+    axis_cam : ndarray, shape (3,)
+        Profiles run towards it.
+
+    Returns
+    -------
+    offset_px : ndarray, shape (k,)
+        Distance of the samples from the middle, inwards.
+    uv : ndarray, shape (n k, 2)
+        Pixel coordinates. Beyond the rim the profile goes on level, which makes no edge.
+    in_view : ndarray of bool, shape (n, k)
+        Which samples lie within the image.
+    """
+    offset_px = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
+    angle = offset_px / max(camera.fx, camera.fy)
+    inwards = _inwards(los_cam, axis_cam)
+    rays = np.cos(angle)[None, :, None] * los_cam[:, None] + np.sin(angle)[None, :, None] * inwards[:, None]
+    uv, in_front = project(camera, rays.reshape(-1, 3))
+    most = (camera.width - 1.0, camera.height - 1.0)
+    with np.errstate(invalid="ignore"):
+        in_view = in_front & ((uv >= 0.0) & (uv <= most)).all(axis=1)
+    return offset_px, np.clip(np.nan_to_num(uv), 0.0, most), in_view.reshape(len(los_cam), len(offset_px))
+
+
+def steepest_sample(slope: FloatArray) -> NDArray[np.int64]:
+    """Return the column of the largest slope of every profile (n, k), with a neighbour to both sides."""
+    return np.clip(np.argmax(slope, axis=1), 1, slope.shape[1] - 2)
