@@ -88,7 +88,8 @@ def _shift(
     with np.errstate(invalid="ignore", divide="ignore"):
         parabola = 0.5 * (before - after) / (before - 2.0 * middle + after)
     parabola = np.clip(np.where(good, parabola, 0.0), -1.0, 1.0)
-    return (offset_px[best] + STEP_PX * np.nan_to_num(parabola)) / max(camera.fx, camera.fy), good
+    rad_per_px = 1.0 / max(camera.fx, camera.fy)
+    return (offset_px[best] + STEP_PX * np.nan_to_num(parabola)) * rad_per_px, good
 
 
 def profile_places(
@@ -114,7 +115,7 @@ def profile_places(
         Which samples lie within the image.
     """
     offset_px = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2, STEP_PX)
-    angle = offset_px / max(camera.fx, camera.fy)
+    angle = offset_px * (1.0 / max(camera.fx, camera.fy))
     inwards = _inwards(los_cam, axis_cam)
     rays = np.cos(angle)[None, :, None] * los_cam[:, None] + np.sin(angle)[None, :, None] * inwards[:, None]
     uv, in_front = project(camera, rays.reshape(-1, 3))
