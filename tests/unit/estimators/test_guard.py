@@ -19,7 +19,7 @@ from horizonval.estimators.clean_image import cleaned
 from horizonval.estimators.guard import guarded, trusted_limb
 from horizonval.estimators.observation import Estimator, Fit, NoFit, Observation
 from horizonval.geometry.camera import Camera, pixel_grid, unproject
-from horizonval.limb.cone import Cone, fit_cone, off_axis_angle
+from horizonval.limb.cone import Cone, fit_cone, off_axis_angle, tangent_basis
 from horizonval.limb.sunlit import blur_rad, sunlit_limb
 from horizonval.outcome import Outcome
 from horizonval.scoring.repeats import noise_nees
@@ -80,6 +80,28 @@ def test_noise_alone_has_an_honest_covariance():
     fits = [GUARDED.run(observe(picture(nadir, seed=seed, noise=18.0))) for seed in range(40)]
     assert all(isinstance(fit, Fit) for fit in fits)
     assert 1.0 < noise_nees(fits).mean() < 4.0
+
+
+def test_a_pattern_that_every_exposure_repeats_is_no_noise_but_is_claimed():
+    """Waves of 0.1 px along the limb outweigh noise of 1 % of the step; draws about their mean do not see them.
+
+    40 degrees of freedom: an honest mean leaves 1 to 4 once in ten thousand times.
+    """
+    nadir = nadir_at()
+    los = unproject(CAMERA, pixel_grid(CAMERA))
+    across = los @ tangent_basis(nadir)
+    waves = 0.1 * PX * np.sin(100.0 * np.arctan2(across[..., 1], across[..., 0]))
+    image = DARK + (BRIGHT - DARK) * ndtr((RHO + waves - off_axis_angle(los, nadir)) / (0.8 * PX))
+    seen = [observe(image + np.random.default_rng(seed).normal(0.0, 6.0, image.shape)) for seed in range(20)]
+    fits = [GUARDED.run(one) for one in seen]
+    assert all(isinstance(fit, Fit) for fit in fits)
+    assert 1.0 < noise_nees(fits).mean() < 4.0
+    limb = trusted_limb(seen[0])
+    scatter = np.trace(limb.noise.covariance_axis)
+    assert np.trace(fits[0].covariance_nadir_cam) < 0.3 * scatter
+    basis = limb.noise.basis
+    whole = scatter + np.trace(basis @ limb.systematic[:2, :2] @ basis.T)
+    assert np.trace(fits[0].total_covariance_nadir_cam) == pytest.approx(whole, rel=0.01)
 
 
 def test_a_saturated_ground_is_refused():
