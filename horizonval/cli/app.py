@@ -1,0 +1,94 @@
+"""All commands in the order in which ``--help`` lists them, and how a run of one of them ends."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from typing import Annotated
+
+import typer
+
+from horizonval.cli.archive import archive_app
+from horizonval.cli.campaign import report, run
+from horizonval.cli.images import estimate, observe, sheet
+from horizonval.cli.info import doctor, list_names
+from horizonval.cli.regression import baseline_app, regress
+from horizonval.cli.rendering import gallery, mitsuba, radiance, render
+from horizonval.cli.reproduce import reproduce
+from horizonval.cli.study import study
+from horizonval.errors import UserError
+
+app = typer.Typer(
+    name="horizonval",
+    help="Physically based rendering validation of Earth horizon sensors.",
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+COMMANDS: tuple[Callable[..., int | None], ...] = (
+    run,
+    render,
+    mitsuba,
+    observe,
+    sheet,
+    estimate,
+    radiance,
+    report,
+    study,
+    reproduce,
+    regress,
+    gallery,
+    doctor,
+)
+for _command in COMMANDS:
+    app.command()(_command)
+app.command("list")(list_names)
+app.add_typer(archive_app, name="archive")
+app.add_typer(baseline_app, name="baseline")
+
+
+@app.callback(invoke_without_command=True)
+def _root(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    if version:
+        from horizonval import __version__
+
+        print(f"horizonval {__version__}")
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the command line; a user's mistake is one line on standard error and exit status 2."""
+    # One thread for linear algebra, before numpy loads: the last bit of a result must not depend on the machine.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    sys.exit(run_command_line(sys.argv[1:]))
+
+
+def run_command_line(arguments: list[str]) -> int:
+    """Run one command line and return its exit status."""
+    try:
+        status = app(arguments or ["--help"], prog_name="horizonval", standalone_mode=False)
+        sys.stdout.flush()
+    except UserError as e:
+        return _fail(e.line())
+    except BrokenPipeError:
+        # The reader has gone (``| head``); nothing is wrong, and nothing more may be written.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return 0
+    except OSError as e:
+        return _fail(": ".join(str(part) for part in (e.filename, e.strerror or e) if part))
+    except Exception as e:
+        # The parser's own errors (unknown option, missing argument) have this method; anything else is a defect.
+        if hasattr(e, "format_message"):
+            return _fail(" ".join(e.format_message().split()) + " (see --help)")
+        raise
+    if status == 130:
+        print("horizonval: interrupted", file=sys.stderr)
+    return int(status or 0)
+
+
+def _fail(line: str) -> int:
+    print(f"horizonval: error: {line}", file=sys.stderr)
+    return 2

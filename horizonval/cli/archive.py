@@ -1,0 +1,260 @@
+"""The archive of a run: its frames and images listed, checked, exported, cleaned, scored again."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from horizonval.cli.options import Json
+from horizonval.cli.printing import print_json, print_summary
+from horizonval.cli.selection import ALL, Which, selects
+from horizonval.cli.work import resumable, told
+from horizonval.errors import UserError
+
+archive_app = typer.Typer(help="The archive of a run: list, verify, export, clean, score again.", rich_markup_mode=None)
+
+Archive = Annotated[Path, typer.Argument(metavar="FOLDER", help="An archive, or the folder of a run.")]
+Kind = Annotated[str | None, typer.Option(help="frame or image.")]
+
+
+@archive_app.command("ls")
+@selects
+def archive_ls(folder: Archive, kind: Kind = None, which: Which = ALL, as_json: Json = False) -> None:
+    """List the frames and images of an archive, from its index, which catches up with the files first."""
+    from dataclasses import asdict
+
+    store = _store(folder)
+    wanted = which.filter(kind)
+    entries = store.index.select(wanted, told("reading headers"))
+    if as_json:
+        print_json([asdict(entry) for entry in entries])
+        return
+    for e in entries:
+        camera_name = f"{e.camera}.{e.head}" if e.head else e.camera
+        seed_text = f" seed {e.seed}" if e.seed else ""
+        print(
+            f"{e.address[:16]}  {e.kind:8} {e.size_bytes / 1e6:7.2f} MB  {e.epoch_utc[:19]:19}  {camera_name:24} "
+            f"{','.join(e.bands):12} {e.scene}{seed_text}"
+        )
+    if not entries and (count := len(store.index.known() or ())):
+        print(f"horizonval: none of {count} entries is wanted", file=sys.stderr)
+
+
+@archive_app.command("show")
+def archive_show(
+    folder: Annotated[Path, typer.Argument(help="An archive, the folder of a run, or one EXR file of ours.")],
+    address: Annotated[str | None, typer.Argument(help="Of an archive: an address, or how it begins.")] = None,
+    as_json: Json = False,
+) -> None:
+    """What one file says: standard attributes with their units, our own, channels; with --json the truth as well."""
+    from horizonval.archive.show import shown
+
+    content = shown(_file(folder, address))
+    if as_json:
+        print_json(content)
+        return
+    for group in ("file", "standard", "horizonval"):
+        for key, (value, unit) in content[group].items():
+            numbers = value if isinstance(value, list) else [value]
+            text = " ".join(f"{v:.9g}" if isinstance(v, float) else str(v) for v in numbers)
+            print(f"{key:32} {text}{f' {unit}' if unit else ''}")
+    print(f"{'channels':32} {' '.join(content['channels'])}")
+
+
+@archive_app.command("verify")
+def archive_verify(folder: Archive, as_json: Json = False) -> int:
+    """Read everything and compare with checksums, index and the run's results; exit status 1 if anything is wrong."""
+    from horizonval.campaign.named import named_addresses, run_folder_of
+
+    store = _store(folder)
+    run_folder = run_folder_of(store.root)
+    named = named_addresses(run_folder) if run_folder else {}
+    findings = store.verify(named, told("verifying"))
+    count = sum(1 for _ in store.entries())
+    if as_json:
+        problems = [
+            {"path": str(f.path), "problem": f.problem, "address": f.address, "message": f.message} for f in findings
+        ]
+        print_json({"entries": count, "problems": problems})
+    else:
+        for finding in findings:
+            print(f"{finding.problem}: {finding.message}")
+        print(f"{count} entries, {len(findings)} problem{'' if len(findings) == 1 else 's'}")
+        if not store.index.path.is_file() and not named:
+            print("without an index nobody knows of files that are gone; `horizonval archive reindex` makes one")
+    return 1 if findings else 0
+
+
+@archive_app.command("reindex")
+def archive_reindex(folder: Archive) -> None:
+    """Make the index anew, from the headers alone. What is missing by then is not missed any more."""
+    store = _store(folder)
+    print(f"{store.index.path}: {store.index.rebuild(told('reading headers'))} entries")
+
+
+@archive_app.command("export")
+@selects
+def archive_export(
+    source: Annotated[Path, typer.Argument(help="An archive, the folder of a run, or one EXR file of ours.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the files; made if need be.")],
+    fits: Annotated[bool, typer.Option("--fits", help="FITS, with units, camera and celestial coordinates.")] = False,
+    png: Annotated[bool, typer.Option("--png", help="PNG of 16 bits; unit, scale and truth in a JSON file.")] = False,
+    address: Annotated[list[str] | None, typer.Option(help="Only this one, by its beginning; repeatable.")] = None,
+    kind: Kind = None,
+    which: Which = ALL,
+) -> None:
+    """Frames and images as files of other programs."""
+    from horizonval.archive.export import export_file
+
+    if not (fits or png):
+        raise UserError("which format?", where="archive export", expected="--fits, --png or both")
+    wanted = which.filter(kind)
+    if not source.is_dir():
+        _refuse_filters(address, wanted)
+        paths = [source]
+    else:
+        store = _store(source)
+        chosen = {store.find(start) for start in address or ()}
+        entries = [e for e in store.index.select(wanted) if not chosen or e.address in chosen]
+        paths = [store.path(e.address) for e in entries if e.kind != "missing"]
+    if not paths:
+        raise UserError("nothing to export", where=str(source), fix="see `horizonval archive ls`")
+    out.mkdir(parents=True, exist_ok=True)
+    tell, count = told("exporting"), 0
+    for number, path in enumerate(paths, 1):
+        count += len(export_file(path, out, fits=fits, png=png))
+        tell(number, len(paths))
+    print(f"{out}: {count} files of {len(paths)} {'entry' if len(paths) == 1 else 'entries'}")
+
+
+@archive_app.command("gc")
+def archive_gc(
+    folder: Annotated[Path, typer.Argument(help="The folder of a run, or its archive.")],
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Remove without asking.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be removed, and leave it.")] = False,
+) -> int:
+    """Remove what no result of the run names, such as frames that other code rendered; never during a run."""
+    from horizonval.campaign.named import garbage, remove, run_folder_of
+
+    store = _store(folder, follow=False)
+    run_folder = run_folder_of(store.root)
+    if run_folder is None:
+        raise UserError(
+            "no run.json beside it, so that nothing says what is in use",
+            where=str(store.root),
+            expected="the archive of a run",
+        )
+    with run_folder.locked():
+        found = garbage(run_folder)
+        what = f"{len(found.files)} file{'' if len(found.files) == 1 else 's'}, {found.size_bytes / 1e6:.2f} MB"
+        if not found.files:
+            print(f"nothing to remove, {found.kept} entries are in use")
+            return 0
+        for path in found.files:
+            print(path.relative_to(store.root))
+        if dry_run:
+            print(f"{what} would be removed, {found.kept} entries are in use")
+            return 0
+        if not yes and not _agreed(f"remove {what}? {found.kept} entries are in use and stay [y/N] "):
+            print("nothing was removed")
+            return 0
+        remove(found, run_folder)
+        print(f"{what} removed, {found.kept} entries are in use")
+    return 0
+
+
+@archive_app.command("rescore")
+@selects
+def archive_rescore(
+    folder: Archive,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the results; made if need be.")],
+    estimator: Annotated[
+        list[str] | None,
+        typer.Option(help="Repeatable; by default those of the run (`horizonval list estimators`)."),
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Estimates at a time; by default the processors.")] = None,
+    time_limit: Annotated[float, typer.Option(min=0.1, metavar="S", help="Of one estimate.")] = 60.0,
+    which: Which = ALL,
+    as_json: Json = False,
+) -> int:
+    """Estimate and score the archived images again, without rendering: results, summary and report in OUT.
+
+    The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if an image is
+    damaged.
+    """
+    from horizonval.campaign.pool import available_cpus
+    from horizonval.campaign.rescore import rescore
+    from horizonval.campaign.sandbox import Limits
+
+    wanted = which.filter("image")
+    with resumable("rescore", "cases") as progress:
+        done = rescore(
+            _store(folder),
+            out,
+            tuple(estimator or ()),
+            wanted,
+            workers or available_cpus(),
+            Limits(time_s=time_limit),
+            progress,
+        )
+    if as_json:
+        print_json(done.summary)
+    else:
+        print_summary(done.summary)
+        print(f"report: {done.report}")
+    for name, why in done.failed.items():
+        print(f"horizonval: {name}: {why}", file=sys.stderr)
+    return 1 if done.failed else 0
+
+
+def _store(folder: Path, *, follow: bool = True) -> Any:
+    """Return the archive of a folder; ``follow``: of results that were scored again that of their images."""
+    from horizonval.archive.store import Store
+    from horizonval.campaign.folder import RunFolder, read_json
+
+    inside = folder / "archive"
+    elsewhere = (read_json(RunFolder(folder).suite) or {}).get("archive") if follow else None
+    if isinstance(elsewhere, str):
+        inside = folder / elsewhere
+    root = inside if inside.is_dir() else folder
+    expected = "an archive, or the folder of a run"
+    if not root.is_dir():
+        raise UserError("is a file" if root.exists() else "no such folder", where=str(folder), expected=expected)
+    store = Store(root)
+    if root.resolve().name != "archive" and not store.is_one():
+        raise UserError("holds no archive", where=str(folder), expected=expected)
+    return store
+
+
+def _file(folder: Path, address: str | None) -> Path:
+    """Return the file that an archive and an address name, or a path alone."""
+    if not folder.is_dir():
+        if address is not None:
+            raise UserError("is a file, which needs no address", where=str(folder))
+        return folder
+    if address is None:
+        raise UserError("which entry?", where=str(folder), expected="an address, see `horizonval archive ls`")
+    store = _store(folder)
+    path: Path = store.path(store.find(address))
+    return path
+
+
+def _refuse_filters(address: list[str] | None, wanted: Any) -> None:
+    """Refuse filters of an archive where one file is named."""
+    given = {"address": address, **vars(wanted)}
+    for name, value in given.items():
+        if value:
+            raise UserError("used with one file", where=f"--{name}", expected="an archive, or the folder of a run")
+
+
+def _agreed(question: str) -> bool:
+    if not sys.stdin.isatty():
+        raise UserError("nobody is there to ask", where="archive gc", fix="add --yes, or look with --dry-run first")
+    try:
+        return input(question).strip().lower() in ("y", "yes")
+    except (EOFError, KeyboardInterrupt):
+        print()
+        return False

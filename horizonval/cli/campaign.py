@@ -1,0 +1,89 @@
+"""A suite from frames to report."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from horizonval.cli.options import Dask, Json, Shard, Workers
+from horizonval.cli.printing import print_json, print_shard, print_summary
+from horizonval.cli.work import place, resumable
+from horizonval.errors import UserError
+
+
+def run(
+    suite: Annotated[str, typer.Argument(help="A suite file, or the name of a shipped suite.")] = "quick",
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the run; made if need be.")] = ...,  # type: ignore[assignment]
+    workers: Workers = None,
+    shard: Shard = None,
+    merge: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="DIR", help="Take over the results of another folder's run; repeatable."),
+    ] = None,
+    dask: Dask = None,
+    time_limit: Annotated[
+        float | None, typer.Option(min=0.1, metavar="S", help="Of one estimate; in place of the suite's time_limit_s.")
+    ] = None,
+    keep: Annotated[
+        str | None, typer.Option(metavar="WHAT", help="Frames in the archive: all, failures or none; see suite.keep.")
+    ] = None,
+    frames: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="In place of suite.frames, of a suite that draws shares of it."),
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Main job: render, observe, estimate, score, report; and the study of the infrared horizon a suite asks for.
+
+    The same command again, after whatever interrupted it, finishes what is missing. Shards (`--shard 2/8`) may share a
+    folder, at the same time or not; the command without --shard then makes what is missing and the report. Exit status
+    1 if a frame failed.
+    """
+    from horizonval.campaign.run import run_suite
+    from horizonval.campaign.suite import load_suite, with_options
+
+    where = place(workers, shard, dask, merge)
+    loaded = with_options(load_suite(suite, frames), time_limit, keep)
+    with resumable(f"suite {loaded.name}", kept="frames") as progress:
+        result = run_suite(loaded, out, progress=progress, where=where)
+    if as_json:
+        print_json(result.summary)
+    elif result.report is None:
+        print_shard(shard, result.missing)
+    else:
+        print_summary(result.summary)
+        if result.summary.get("stability"):
+            _print_study(result.summary["stability"])
+        print(f"report: {result.report}")
+    if result.failed:
+        names = ", ".join(result.failed)
+        study = loaded.stability
+        total = len(loaded.cases) + (len(study.band) * len(study.months) if study else 0)
+        what = "frames and months" if study else "frames"
+        print(f"horizonval: {len(result.failed)} of {total} {what} failed: {names}", file=sys.stderr)
+    return 1 if result.failed else 0
+
+
+def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]) -> None:
+    """Make the report of a run again."""
+    from horizonval.report import build_report
+
+    if not run_folder.is_dir():
+        raise UserError("no such folder", where=str(run_folder), expected="the folder of a run")
+    print(f"report: {build_report(run_folder)}")
+    if (run_folder / "study.json").is_file():
+        from horizonval.report.study_page import write_page
+
+        print(f"designs: {write_page(run_folder)}")
+
+
+def _print_study(digest: dict[str, Any]) -> None:
+    for band in digest["bands"]:
+        half, errors = band["half_km"], [f"{s['name']} {s['max_pitch_deg']:.3f}" for s in band["sensors"]]
+        print(
+            f"infrared horizon, {band['name']}: half plateau {half['min']:.1f} to {half['max']:.1f} km; "
+            f"largest pitch error [deg]: {', '.join(errors)}"
+        )

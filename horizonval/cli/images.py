@@ -1,0 +1,108 @@
+"""Detector images: made of a frame, looked at, estimated from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from horizonval.cli.checks import check_target
+from horizonval.cli.options import Json
+from horizonval.cli.printing import print_json
+from horizonval.errors import UserError
+
+
+def observe(
+    frame: Annotated[Path, typer.Argument(help="A frame, as `render` or a run's archive has them.")],
+    out: Annotated[
+        str,
+        typer.Option("-o", "--out", help="EXR file; of several {seed}, {exposure}, {band} in its name, or a folder."),
+    ],
+    seed: Annotated[
+        list[str] | None,
+        typer.Option("--seed", "--seeds", help="Replicates, such as 3 or 0-9 or 1,4; each another draw of all noise."),
+    ] = None,
+    exposure: Annotated[
+        list[str] | None, typer.Option(help="Seconds, such as 1e-3,2e-3; by default the camera file's own.")
+    ] = None,
+    band: Annotated[list[str] | None, typer.Option(help="Spectral bands; the camera's first by default.")] = None,
+    camera: Annotated[
+        str | None, typer.Option(help="Another camera file or name of the same image geometry and bands.")
+    ] = None,
+) -> None:
+    """Detector images of a stored frame, without rendering again: one for every seed, exposure and band."""
+    from horizonval.archive.exr import read_frame, write_image
+    from horizonval.campaign.observing import plans
+    from horizonval.sensor.observe import observe as observe_frame
+    from horizonval.spec.camera import CameraSpec
+    from horizonval.spec.load import load_camera
+
+    stored = read_frame(frame)
+    spec = CameraSpec.model_validate(stored.truth.camera) if camera is None else load_camera(camera)
+    todo = plans(out, seed or [], exposure or [], band or [], spec)
+    if todo[0].path.parent == Path(out):
+        Path(out).mkdir(exist_ok=True)
+    for plan in todo:
+        check_target(plan.path, frame)
+    for plan in todo:
+        image = observe_frame(stored, plan.camera(spec), band=plan.band, seed=plan.seed)
+        write_image(plan.path, image)
+        size = f"{image.dn.shape[1]} x {image.dn.shape[0]}"
+        print(f"{plan.path}: band {image.band}, seed {plan.seed}, {size}, full scale {image.full_scale}")
+
+
+def sheet(
+    images: Annotated[
+        list[Path], typer.Argument(metavar="IMAGE...", help="Detector images (EXR), or folders of finished runs.")
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The sheet, a PNG file.")],
+    columns: Annotated[int, typer.Option(min=1, max=40, help="Images in a row.")] = 5,
+) -> None:
+    """Contact sheet: detector images side by side in one picture, to look at."""
+    from horizonval.report.contact_sheet import contact_sheet, tiles_of
+
+    tiles = tiles_of(images)
+    check_target(out)
+    for image in images:
+        if image.is_file():
+            check_target(out, image)
+    out.write_bytes(contact_sheet(tiles, columns))
+    print(f"{out}: {len(tiles)} images")
+
+
+def estimate(
+    image: Annotated[
+        list[Path],
+        typer.Argument(help="EXR, PNG, TIFF or JPEG, 8 or 16 bit; for a method of several heads one EXR for each."),
+    ],
+    estimator: Annotated[str, typer.Option(help="Its name; see `horizonval list estimators`.")],
+    camera: Annotated[str | None, typer.Option(help="Camera file or shipped name; our own EXR carry theirs.")] = None,
+    as_json: Json = False,
+) -> None:
+    """One estimator on any image, also a real photograph.
+
+    A refusal (any status other than `valid`) is a result like any other: exit status 0.
+    """
+    from horizonval.campaign.estimate import estimate_file, estimate_heads
+    from horizonval.spec.load import load_camera
+
+    spec = load_camera(camera) if camera is not None else None
+    if len(image) == 1:
+        report = estimate_file(image[0], estimator, spec, camera or "")
+    elif spec is not None:
+        raise UserError("used with several images", where="--camera", expected="our own EXR, which carry theirs")
+    else:
+        report = estimate_heads(image, estimator)
+    if as_json:
+        print_json(report)
+        return
+    for key, value in report.items():
+        if value is not None:
+            print(f"{key:20} {_text(value)}")
+
+
+def _text(value: object) -> str:
+    if isinstance(value, list):
+        return " ".join(_text(v) for v in value)
+    return f"{value:.6f}" if isinstance(value, float) else str(value)

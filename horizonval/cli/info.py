@@ -1,0 +1,47 @@
+"""What there is: on this machine, and by name."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from horizonval.cli.options import Json
+from horizonval.cli.printing import print_json
+from horizonval.errors import UserError
+
+
+def doctor(as_json: Json = False) -> int:
+    """Say what works on this machine, and how to mend what does not. Exit status 1 if rendering is impossible."""
+    from horizonval.campaign.doctor import examine
+
+    found = examine()
+    if as_json:
+        print_json(found)
+    else:
+        for label, text in found["facts"]:
+            print(f"{label:24} {text}")
+        for problem, fix in found["problems"]:
+            print(f"problem: {problem}\n    to mend it: {fix}")
+        print("ready" if found["can_render"] else "rendering is impossible here")
+    return 0 if found["can_render"] else 1
+
+
+def list_names(
+    what: Annotated[str, typer.Argument(help="cameras, suites, studies, scenes, estimators or atmospheres.")],
+    as_json: Json = False,
+) -> None:
+    """List the names that other commands take."""
+    from horizonval.campaign.listing import LISTS
+    from horizonval.suggest import nearest
+
+    if what not in LISTS:
+        raise UserError(
+            f"nothing is called {what!r}", where="list", expected=f"one of {', '.join(nearest(what, LISTS))}"
+        )
+    names = LISTS[what]()
+    if as_json:
+        print_json(names)
+    else:
+        for name in names:
+            print(name)

@@ -1,0 +1,93 @@
+"""The nightly verdict, and the baseline it is measured against."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from horizonval.cli.options import Json, Workers
+from horizonval.cli.printing import print_json
+from horizonval.cli.work import resumable
+from horizonval.errors import UserError
+
+baseline_app = typer.Typer(help="The accepted baseline of the nightly regression.", rich_markup_mode=None)
+
+BASELINES = Path("results/baseline")
+BaselineFile = Annotated[
+    Path | None, typer.Option("--baseline", metavar="FILE", help="By default results/baseline/SUITE.json.")
+]
+
+
+def regress(
+    suite: Annotated[
+        str, typer.Argument(help="A suite with a [regression] table: a file or a shipped name.")
+    ] = "nightly",
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the nights; made if need be.")] = Path("regress"),
+    baseline: BaselineFile = None,
+    lane: Annotated[
+        list[str] | None, typer.Option(help="replay, rerender or fresh; repeatable. All by default.")
+    ] = None,
+    night: Annotated[str | None, typer.Option(metavar="DATE", help="Label and seed; today (UTC) by default.")] = None,
+    reference: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Another version's folder of this night: pairs for fresh scenes.")
+    ] = None,
+    workers: Workers = None,
+    as_json: Json = False,
+) -> int:
+    """Nightly verdict: is anything worse than the accepted baseline or the last release?
+
+    Writes verdict.json, junit.xml and index.html. `--lane replay` alone is quick enough for every change. Exit status
+    0 pass (or improved), 1 regression, 2 incomplete (no baseline, failed frames, wrong use), 3 inconclusive.
+    """
+    from datetime import UTC, datetime
+
+    from horizonval.regression.night import LANES, Wanted, run_night
+
+    lanes = tuple(one for one in LANES if lane is None or one in lane)
+    for one in lane or ():
+        if one not in LANES:
+            raise UserError(f"found {one!r}", where="--lane", expected=" or ".join(LANES))
+    label = night or datetime.now(UTC).date().isoformat()
+    file = baseline or BASELINES / f"{Path(suite).stem}.json"
+    with resumable(f"night {label}", "units", kept="units") as progress:
+        verdict = run_night(Wanted(suite, out, file, label, lanes, workers, reference), progress)
+    if as_json:
+        print_json(verdict)
+    else:
+        _print_verdict(verdict)
+        print(f"report: {out / 'index.html'}")
+    return int(verdict["exit_status"])
+
+
+@baseline_app.command("accept")
+def baseline_accept(
+    run: Annotated[Path, typer.Argument(help="Folder of a night, as `regress` writes it.")],
+    reason: Annotated[str, typer.Option(help="Why the results are right, for whoever reviews the change.")],
+    baseline: BaselineFile = None,
+    release: Annotated[bool, typer.Option("--release", help="Also as the last release's.")] = False,
+) -> None:
+    """Make a night the accepted baseline, and write the table of what differs from the one before."""
+    from horizonval.campaign.folder import read_json
+    from horizonval.regression.accept import accept
+
+    name = (read_json(run / "night.json") or {}).get("suite", "nightly")
+    for path in accept(run, baseline or BASELINES / f"{name}.json", reason, release=release):
+        print(f"{path}: {path.stat().st_size / 1e3:.1f} kB")
+
+
+def _print_verdict(verdict: dict[str, Any]) -> None:
+    from horizonval.regression.words import anchor_sentence, gate_sentence
+
+    for gate in verdict["gates"]:
+        print(f"{gate['verdict']:12} {gate['name']} ({gate['against']}): {gate_sentence(gate)}")
+    for anchor in verdict["anchors"]:
+        print(f"{anchor['verdict']:12} anchor {anchor['name']}: {anchor_sentence(anchor)}")
+    for problem in verdict["problems"]:
+        print(f"problem: {problem}")
+    for step in verdict["trend"]:
+        print(
+            f"step: {step['figure']} from {step['before']:.4g} to {step['after']:.4g} {step['unit']} on {step['night']}"
+        )
+    print(f"night {verdict['night']}: {verdict['verdict']}{'' if verdict['complete'] else ', incomplete'}")

@@ -1,0 +1,172 @@
+"""Scenes to frames, pictures or Mitsuba's files, and the integrator alone."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from horizonval.cli.checks import check_folder, check_target
+from horizonval.errors import UserError
+
+Scene = Annotated[str, typer.Argument(help="A scene file, or the name of a shipped scene.")]
+
+
+def render(
+    scene: Scene,
+    out: Annotated[Path, typer.Option("-o", "--out", help="The frame, an EXR file.")],
+    reference: Annotated[bool, typer.Option("--reference", help="By Monte Carlo, in stock Mitsuba.")] = False,
+    spp: Annotated[int | None, typer.Option(min=2, help="With --reference: samples per pixel and node.")] = None,
+    reference_size: Annotated[
+        str | None, typer.Option(metavar="WxH", help="With --reference: the image in fewer, larger pixels.")
+    ] = None,
+    head: Annotated[
+        str | None, typer.Option(help="Of a camera with several heads: a name, or all of them (`all`).")
+    ] = None,
+) -> None:
+    """Render one frame: radiance, truth maps, header.
+
+    Of a camera with several heads, the one that the scene or --head names; `all` writes FRAME.<head>.exr for each.
+
+    --reference is the cross-check: stock Mitsuba's Monte Carlo with the scene's orders of scattering by molecules and
+    particles, ozone, and a uniform Lambert ground; without the Sun's disc and glare, surface map and clouds. Its
+    standard error lies beside the radiance.
+    """
+    from horizonval.spec.load import load_frames, load_scene
+
+    if not reference:
+        if spp is not None or reference_size is not None:
+            raise UserError("used without --reference", where="--spp" if spp is not None else "--reference-size")
+        frames = load_frames(scene, head)
+        names = [case.scene.camera.head for case in frames]
+        targets = [out] if len(frames) == 1 else [out.with_name(f"{out.stem}.{name}{out.suffix}") for name in names]
+        for target in targets:
+            check_target(target)
+        from horizonval.campaign.progress import Tables
+        from horizonval.render.frame import render_frame
+
+        for case, target in zip(frames, targets, strict=True):
+            start = time.perf_counter()
+            with Tables() as tables:
+                frame = render_frame(case.scene, case.camera, tables.advance)
+            _write_frame(target, frame, start)
+        return
+    spec, camera = load_scene(scene, head)
+    check_target(out)
+    from horizonval.campaign.progress import Terminal
+    from horizonval.render.reference import DEFAULT_SPP, HOLDS, LEAVES_OUT, check_sunlight, render_reference, resized
+
+    check_sunlight(camera, spec.camera.file)
+    if reference_size is not None:
+        camera = resized(camera, *_size(reference_size, "--reference-size"), where="--reference-size")
+    start = time.perf_counter()
+    with Terminal("reference", "passes") as progress:
+        frame = render_reference(spec, camera, spp or DEFAULT_SPP, progress=progress)
+    _write_frame(out, frame, start)
+    noise = ", ".join(f"{band} {100 * e:.2g} %" for band, e in frame.render["relative_standard_error"].items())
+    print(f"standard error of a lit pixel: {noise} ({frame.render['spp']} samples)")
+    print(f"holds: {HOLDS}\nleaves out: {LEAVES_OUT}")
+
+
+def mitsuba(
+    scene: Scene,
+    out: Annotated[Path, typer.Option("-o", "--out", help="A new or empty folder.")],
+    head: Annotated[str | None, typer.Option(help="Of a camera with several heads, the name of one.")] = None,
+) -> None:
+    """Write a scene as files that Mitsuba opens.
+
+    scene.xml is the deterministic frame and needs this package's plugins; reference.xml needs nothing but Mitsuba 3.
+    """
+    from horizonval.spec.load import load_scene
+
+    spec, camera = load_scene(scene, head)
+    check_folder(out)
+    from horizonval.render.export import export_scene
+
+    for path in export_scene(spec, camera, out):
+        print(f"{path}: {path.stat().st_size / 1e3:.1f} kB")
+
+
+def radiance(
+    rays: Annotated[Path, typer.Argument(help="CSV: obs_x_km .. obs_z_km, dir_x .. dir_z, sun_x .. sun_z.")],
+    atmosphere: Annotated[str, typer.Option(help="Atmosphere file (JSON), or the name of a shipped one.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="CSV: the input and one column per band.")],
+    orders: Annotated[str, typer.Option(help="Orders of scattering: single or all.")] = "single",
+    thermal: Annotated[bool, typer.Option("--thermal", help="Emission instead of scattered sunlight.")] = False,
+    refraction: Annotated[
+        bool, typer.Option("--refraction", help="Bend light by the atmosphere file's `refractivity`.")
+    ] = False,
+) -> None:
+    """Radiance along given rays in a given atmosphere: the integrator alone.
+
+    1/sr for unit solar irradiance; with --thermal W m-2 sr-1 um-1 at each band's wavelength.
+    """
+    if orders not in ("single", "all"):
+        raise UserError(f"found {orders!r}", where="--orders", expected="single or all")
+    from horizonval.campaign.rays import check_above_ground, read_rays, write_radiance
+    from horizonval.earth.atmosphere_file import file_model, read_atmosphere
+    from horizonval.spec.files import find
+
+    table = read_rays(rays)
+    path = find("atmosphere", atmosphere)
+    file = read_atmosphere(path)
+    check_above_ground(table, file.planet_radius_m, rays)
+    check_target(out)
+    model = file_model(file, thermal=thermal, refracted=str(path) if refraction else "")
+    values: dict[str, Any] = {band.name: [] for band in file.bands}
+    if table.rows:
+        from horizonval.render.backend import activate
+
+        activate()
+        from horizonval.campaign.progress import Tables
+        from horizonval.render.multiple_scattering import FINE
+        from horizonval.render.radiance import radiance_along_rays
+
+        scattering = FINE if orders == "all" else None
+        with Tables() as progress:
+            values = radiance_along_rays(
+                model,
+                file.planet_radius_m,
+                table.observer_m,
+                table.direction,
+                table.sun,
+                scattering=scattering,
+                progress=progress.advance,
+            )
+    write_radiance(out, table, values)
+    print(f"{out}: {len(table.rows)} rays, bands {', '.join(values)}")
+
+
+def gallery(
+    scenes: Annotated[
+        list[str] | None, typer.Argument(metavar="[SCENE]...", help="Shipped scenes; all by default.")
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the page; made if need be.")] = Path("gallery"),
+) -> None:
+    """Pictures of the shipped scenes on one page: in colour, or as brightness temperatures in the infrared."""
+    from horizonval.campaign.gallery import make_gallery
+
+    def tell(name: str, number: int, count: int) -> None:
+        print(f"{number} of {count}: {name}", file=sys.stderr)
+
+    print(f"gallery: {make_gallery(out, scenes or [], tell)}")
+
+
+def _write_frame(out: Path, frame: Any, start: float) -> None:
+    from horizonval.archive.exr import write_frame
+
+    write_frame(out, frame)
+    height, width = next(iter(frame.radiance.values())).shape
+    counts = frame.render.get("spectral_nodes", {})
+    bands = ", ".join(f"{band} ({counts[band]} spectral nodes)" if band in counts else band for band in frame.radiance)
+    print(f"{out}: {width} x {height}, bands {bands}, {time.perf_counter() - start:.1f} s")
+
+
+def _size(text: str, where: str) -> tuple[int, int]:
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 16384 and 0 < int(height) <= 16384):
+        raise UserError(f"found {text!r}", where=where, expected="WIDTHxHEIGHT in pixels, such as 64x64")
+    return int(width), int(height)

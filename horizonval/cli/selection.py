@@ -1,0 +1,65 @@
+"""Options that choose entries of an archive, the same for every command that takes some of them.
+
+The parser knows single options only. A command that has an argument ``which`` of type :class:`Which` and is decorated
+with :func:`selects` gets one option for every field, in that argument's place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import astuple, dataclass, fields
+from functools import wraps
+from inspect import Parameter, signature
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+import typer
+
+from horizonval.errors import UserError
+
+if TYPE_CHECKING:
+    from horizonval.archive.index import Filter
+
+
+@dataclass(frozen=True)
+class Which:
+    """Entries of an archive by what their headers say; what is None does not matter."""
+
+    scene: Annotated[str | None, typer.Option("--scene", help="Name of the scene; `*` and `?` stand for others.")] = (
+        None
+    )
+    camera: Annotated[str | None, typer.Option("--camera", help="Name of the camera; `*` and `?` likewise.")] = None
+    head: Annotated[str | None, typer.Option("--head", help="Name of the camera's head; `*` and `?` likewise.")] = None
+    band: Annotated[str | None, typer.Option("--band", help="Name of a spectral band.")] = None
+    seed: Annotated[str | None, typer.Option("--seed", help="Of an image's noise.")] = None
+    since: Annotated[str | None, typer.Option("--since", help="Not before: a date or time, UTC by default.")] = None
+    until: Annotated[str | None, typer.Option("--until", help="Not after.")] = None
+
+    def filter(self, kind: str | None) -> Filter:
+        """Return the filter of the archive's index for entries of one kind, or of any."""
+        from horizonval.archive.index import Filter
+
+        if kind not in (None, "frame", "image"):
+            raise UserError(f"found {kind!r}", where="--kind", expected="frame or image")
+        return Filter(kind, *astuple(self))
+
+
+ALL = Which()
+
+
+def selects(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the fields of :class:`Which` as options, in the place of its argument ``which``."""
+    hints = get_type_hints(Which, include_extras=True)
+    options = [
+        Parameter(field.name, Parameter.POSITIONAL_OR_KEYWORD, default=field.default, annotation=hints[field.name])
+        for field in fields(Which)
+    ]
+    own = signature(command, eval_str=True)
+    flat = [one for own_one in own.parameters.values() for one in (options if own_one.name == "which" else [own_one])]
+
+    @wraps(command)
+    def call(**values: Any) -> Any:
+        return command(which=Which(**{option.name: values.pop(option.name) for option in options}), **values)
+
+    call.__signature__ = own.replace(parameters=flat)  # type: ignore[attr-defined]
+    call.__annotations__ = {one.name: one.annotation for one in flat}
+    return call

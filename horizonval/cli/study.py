@@ -1,0 +1,107 @@
+"""Trade studies: run one, or ask a finished one."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from horizonval.cli.options import Dask, Json, Shard, Workers
+from horizonval.cli.printing import print_json, print_shard
+from horizonval.cli.work import place, resumable
+from horizonval.errors import UserError
+
+
+def study(
+    study: Annotated[str, typer.Argument(help="A study file, the name of a shipped study, or a study's folder.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the study; made if need be.")] = None,
+    workers: Workers = None,
+    shard: Shard = None,
+    merge: Annotated[
+        list[Path] | None, typer.Option(metavar="DIR", help="Take over the frames of another folder; repeatable.")
+    ] = None,
+    dask: Dask = None,
+    frames: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Frames of a design, in place of the study's number.")
+    ] = None,
+    compare: Annotated[
+        tuple[str, str] | None,
+        typer.Option(metavar="A B", help="Two designs, by name or number, frame by frame; with a study's folder."),
+    ] = None,
+    error_deg: Annotated[
+        float | None, typer.Option(min=1e-6, help="Ask for another error than the study's; with its folder.")
+    ] = None,
+    availability: Annotated[
+        float | None, typer.Option(min=1e-6, max=0.999999, help="The same for the availability, such as 0.95.")
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Trade study: designs compared on the same frames; accuracy, availability, cost, and the cheapest that will do.
+
+    With a file and --out it runs, or goes on, or adds what is new in the file: finished frames are kept. With the
+    folder of a finished study it tells the cheapest design for an --error-deg and --availability, or compares two.
+    Exit status 1 if a frame failed.
+    """
+    if out is None:
+        running = {"--workers": workers, "--shard": shard, "--merge": merge, "--dask": dask, "--frames": frames}
+        used = [name for name, value in running.items() if value]
+        if used or not Path(study).is_dir():
+            raise UserError(
+                "missing", where="--out", expected="the folder of the study, or a folder in place of the file"
+            )
+        return _ask_study(Path(study), compare, error_deg, availability, as_json)
+    for name, value in {"--compare": compare, "--error-deg": error_deg, "--availability": availability}.items():
+        if value is not None:
+            raise UserError(
+                f"used with --out {out}", where=name, fix=f"run the study, then `horizonval study {out} {name}`"
+            )
+    from horizonval.study.run import run_study
+
+    where = place(workers, shard, dask, merge)
+    with resumable("study", kept="frames") as progress:
+        done = run_study(study, out, where=where, progress=progress, frames=frames)
+    if as_json:
+        print_json(done.result)
+    elif done.page is None:
+        print_shard(shard, done.missing)
+    else:
+        from horizonval.study.words import design_lines
+
+        print("\n".join(design_lines(done.result, done.costs)))
+        by = done.result["study"]["cheapest_by"]
+        print((done.result if by == "pixel_rate" else done.costs)["query"]["text"])
+        print(f"report: {done.page}")
+    if done.failed:
+        print(f"horizonval: {len(done.failed)} frames failed: {', '.join(done.failed)}", file=sys.stderr)
+    return 1 if done.failed else 0
+
+
+def _ask_study(
+    folder: Path,
+    compare: tuple[str, str] | None,
+    error_deg: float | None,
+    availability: float | None,
+    as_json: bool,
+) -> int:
+    from horizonval.study.run import ask, conclude_again, open_study
+    from horizonval.study.words import comparison_lines
+
+    data = open_study(folder)
+    changes = {"error_deg": error_deg, "availability": availability}
+    wanted = {key: value for key, value in changes.items() if value is not None}
+    requirement = data.plan.requirement.model_copy(update=wanted)
+    if compare is not None:
+        found = data.compare(*compare, requirement.error_deg)
+        if as_json:
+            print_json(found)
+        else:
+            print("\n".join(comparison_lines(found)))
+        return 0
+    answer = ask(data, conclude_again(folder), requirement)
+    if as_json:
+        print_json(answer)
+    else:
+        print(answer["text"])
+    return 0

@@ -1,0 +1,56 @@
+"""Long work: where it is done, how far it is, and what is left of it when it is interrupted."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from horizonval.campaign.progress import Terminal
+    from horizonval.campaign.run import Where
+
+
+def place(workers: int | None, shard: str | None, dask: str | None, merge: list[Path] | None) -> Where:
+    """Return where the frames of a suite or study are made, as the options of these names say."""
+    from horizonval.campaign.plan import parse_shard
+    from horizonval.campaign.run import Where
+
+    return Where(workers, None if shard is None else parse_shard(shard), dask, tuple(merge or ()))
+
+
+@contextmanager
+def resumable(what: str, unit: str = "frames", *, kept: str | None = None) -> Iterator[Terminal]:
+    """Show the progress of work that the same command takes up again; an interruption says so and ends with 130.
+
+    Parameters
+    ----------
+    what, unit : str
+        What is done, and what is counted of it.
+    kept : str, optional
+        What an interruption does not lose, where that is worth saying.
+    """
+    from horizonval.campaign.progress import Terminal
+
+    try:
+        with Terminal(what, unit) as progress:
+            yield progress
+    except KeyboardInterrupt:
+        finished = f"finished {kept} are kept, " if kept else ""
+        print(f"horizonval: interrupted; {finished}the same command goes on from here", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
+def told(what: str) -> Callable[[int, int], None]:
+    """Return what shows on a terminal how far long work has come; a log is told nothing, for it ends by itself."""
+    shown = [time.monotonic()]
+
+    def tell(number: int, count: int) -> None:
+        if sys.stderr.isatty() and (time.monotonic() - shown[0] > 0.5 or (number == count and len(shown) > 1)):
+            shown[:] = [time.monotonic(), 1.0]
+            print(f"\r{what}: {number} of {count}", end="\n" if number == count else "", file=sys.stderr, flush=True)
+
+    return tell
