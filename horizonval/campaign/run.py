@@ -184,7 +184,7 @@ def _may_go_on(before: Mapping[str, Any], suite: Suite) -> bool:
     if suite.frames is None or not isinstance(frames, int):
         return False
     try:
-        other = load_suite(suite.source, frames)
+        other = load_suite(suite.source, frames, suite.seed)
     except UserError:
         return False
     return suite_identity(replace(other, keep=suite.keep)) == before.get("suite_sha256")

@@ -61,7 +61,7 @@ class Case:
 class Suite:
     """A suite with its frames resolved, in the file's order.
 
-    ``programs``, ``keep``, ``draws`` and the limits are those of :class:`horizonval.spec.suite.SuiteHead` and
+    ``programs``, ``keep``, ``draws``, ``seed`` and the limits are those of :class:`horizonval.spec.suite.SuiteHead` and
     ``[[estimator]]``. ``tables`` names the ``[[cases]]`` table of every case that comes from one.
     ``study``: the frames of a trade study, whose list of designs may change in the folder of a run.
     """
@@ -82,6 +82,7 @@ class Suite:
     tables: Mapping[str, str] = field(default_factory=dict)
     study: bool = False
     draws: int = 1
+    seed: int = 0
 
 
 def load_camera(path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> CameraSpec:
@@ -220,6 +221,7 @@ def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None) -> Suite:
         spec.regression,
         tables,
         draws=head.draws,
+        seed=head.seed,
     )
 
 
