@@ -62,15 +62,14 @@ def build_report(run_dir: Path) -> Path:
     environment, parts = template.environment(), template.shared_parts()
     result = stability.load_result(run_dir)
     study = None if result is None else {"page": stability.PAGE, "text": stability.headline(result)}
-    has_campaign = bool(run.figures) or campaign_page.has_draws(run)
-    campaign = campaign_page.headline(run) if has_campaign else None
+    campaign = campaign_page.headline(run) if campaign_page.is_due(run) else None
     shown = environment.get_template("page.html").render(**page_of(run), study=study, campaign=campaign, **parts)
     texts = {"index.html": shown}
     if result is not None:
         texts[stability.PAGE] = environment.get_template("stability.html").render(
             run=run, **stability.page_of(result), **parts
         )
-    if has_campaign:
+    if campaign is not None:
         page = campaign_page.page_of(run)
         texts[campaign_page.PAGE] = environment.get_template("campaign.html").render(run=run, **page, **parts)
         texts |= {figure["file"]: figure["svg"] for section in page["sections"] for figure in section["figures"]}

@@ -43,8 +43,13 @@ def headline(run: Run) -> Plain:
     return {"page": PAGE, "text": f"{figures}{false} of {claims} claims are false."}
 
 
+def is_due(run: Run) -> bool:
+    """Whether a run has this page: figures that the suite asks for, or several draws of the noise, or both."""
+    return bool(run.figures) or has_draws(run)
+
+
 def has_draws(run: Run) -> bool:
-    """Whether frames were observed more than once, which the page tells even if it has no figure."""
+    """Whether frames were observed more than once."""
     return any(row.get("noise_draws") is not None for row in run.rows)
 
 

@@ -107,10 +107,11 @@ def test_the_noise_is_shown_where_it_was_drawn_and_else_a_dash():
     run = _run(_plan("timeline", 0))
     lines = [campaign_page._errors(group) for group in summarise(run.rows)["groups"]]
     assert [line["nees_noise"]["mean"] for line in lines] == ["–", "–"]
-    assert not campaign_page.has_draws(run)
+    assert not campaign_page.is_due(replace(run, figures=()))
     more = {"nees_noise": 9.0, "noise_draws": 5}
     views = [replace(v, rows={"shy": v.rows["shy"], "bold": v.rows["bold"] | more}) for v in run.views]
     drawn = replace(run, views=tuple(views), figures=())
+    assert campaign_page.is_due(drawn)
     page = campaign_page.page_of(drawn)
     bold, shy = (line["nees_noise"] for line in page["errors"])
     assert (bold["mean"], bold["error"], bold["n"], bold["draws"], bold["glyph"]) == ("4.50", "0", 8, 40, "↑")
