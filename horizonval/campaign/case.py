@@ -3,6 +3,9 @@
 What a case has already is used again: a finished case file is kept if everything it names is still in the archive and
 undamaged; a frame that was rendered before the run was cut off is not rendered again.
 
+Where a suite asks for several draws of the noise, each estimator runs on all of them; image, record and row are those
+of the first, and the row says how far the fits scatter by the noise that they claim.
+
 The heads of one scene are made together where an estimator needs all of them: every head has its own record, and the
 scene one more, whose rows are those of that estimator.
 """
@@ -34,11 +37,15 @@ from horizonval.estimators.observation import Fit, NoFit, Observation
 from horizonval.frame import DetectorImage, Frame, FrameTruth
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import Expected, expected_of_heads, expected_outcome
+from horizonval.scoring.repeats import mean_noise_nees
 from horizonval.scoring.table import make_row
 from horizonval.spec.load import Case
 
 PROCESSOR = "processor "
 """With an estimator's name, the stage of its processor time; ``estimate`` with the name is that of the clock."""
+
+DRAWS = "draws"
+"""The stage of everything about the second and further draws of the noise: what a frame costs does not hang on them."""
 
 
 @dataclass
@@ -71,11 +78,15 @@ class Brief:
 
 @dataclass
 class _Taken:
-    """One case on its way: frame, images, results by band and estimator, or why it failed."""
+    """One case on its way: frame, images, results by band and estimator, or why it failed.
+
+    ``redrawn``: by band, the images with other noise.
+    """
 
     frame: Frame
     frame_address: str | None
     images: dict[str, DetectorImage]
+    redrawn: dict[str, list[DetectorImage]] = field(default_factory=dict)
     rows: list[dict[str, Any]] = field(default_factory=list)
     details: dict[str, Any] = field(default_factory=dict)
     expected: dict[tuple[str, str], Expected] = field(default_factory=dict)
@@ -183,9 +194,14 @@ def _take(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> _Taken
     for number, band in enumerate(case.camera.band):
         with watch.stage("observe"):
             taken.images[band.name] = image = observe(frame, case.camera, band=band.name)
+        redrawn = taken.redrawn.setdefault(band.name, [])
+        for seed in range(1, plan.draws):
+            with watch.stage(DRAWS):
+                redrawn.append(observe(frame, case.camera, band=band.name, seed=seed))
         for name in plan.alone(case):
-            observation = observation_of(image, plan.estimator(name))
-            _score(taken, case.name, case, band.name, number, name, observation, plan, watch)
+            estimator = plan.estimator(name)
+            observations = (observation_of(drawn, estimator) for drawn in (image, *redrawn))
+            _score(taken, case.name, case, band.name, number, name, observations, plan, watch)
     return taken
 
 
@@ -195,12 +211,15 @@ def _take_together(unit: Unit, taken: Mapping[str, _Taken], plan: Plan, watch: S
     first = taken[case.name]
     scene = _Taken(first.frame, first.frame_address, first.images)
     for number, band in enumerate(case.camera.band):
-        images = {str(other.scene.camera.head): taken[other.name].images[band.name] for other in unit.cases}
+        heads = {str(other.scene.camera.head): taken[other.name] for other in unit.cases}
+        draws = [{head: one.images[band.name] for head, one in heads.items()}]
+        draws += [{head: one.redrawn[band.name][k] for head, one in heads.items()} for k in range(plan.draws - 1)]
         seen = [taken[other.name].expected_of(band.name, "heads") for other in unit.cases]
         scene.expected[band.name, "heads"] = expected_of_heads(seen)
         for name in plan.together(case):
-            observation = observation_of_heads(images, plan.estimator(name))
-            _score(scene, unit.name, case, band.name, number, name, observation, plan, watch)
+            estimator = plan.estimator(name)
+            observations = (observation_of_heads(images, estimator) for images in draws)
+            _score(scene, unit.name, case, band.name, number, name, observations, plan, watch)
     # The Sun troubles the head it is nearest to, which need not be the first.
     nearest = min(_sun_boresight_deg(taken[other.name].frame.truth) for other in unit.cases)
     for row in scene.rows:
@@ -219,17 +238,22 @@ def _score(
     band: str,
     band_number: int,
     estimator_name: str,
-    observation: Observation,
+    observations: Iterator[Observation],
     plan: Plan,
     watch: Stopwatch,
 ) -> None:
-    """Run one estimator on one observation and add its row."""
+    """Run one estimator on the observations of a frame, one for every draw of the noise, and add its row."""
     estimator, truth = plan.estimator(estimator_name), taken.frame.truth
     with watch.stage(f"estimate {estimator_name}"):
         sandbox = sandbox_of(plan.limits)
-        result: Fit | NoFit = sandbox.run(estimator_name, observation)
+        result: Fit | NoFit = sandbox.run(estimator_name, next(observations))
     if sandbox.spent_s is not None:
         watch.add(PROCESSOR + estimator_name, sandbox.spent_s)
+    results = [result]
+    for other in observations:
+        with watch.stage(DRAWS):
+            results.append(sandbox.run(estimator_name, other))
+    fits = [one for one in results if isinstance(one, Fit)]
     with watch.stage("score"):
         taken.rows.append(
             make_row(
@@ -240,6 +264,8 @@ def _score(
                 truth=truth,
                 expected=taken.expected_of(band, estimator.needs),
                 score=score(truth, estimator, result, earth_radius_m=method_radius_m(truth)),
+                nees_noise=mean_noise_nees(fits) if plan.draws > 1 else None,
+                noise_draws=len(fits) if plan.draws > 1 else None,
             )
         )
     # The report draws the first band; further bands keep their own entry beside it.

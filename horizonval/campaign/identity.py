@@ -49,7 +49,7 @@ def unit_identity(unit: Unit, plan: Plan) -> str:
 def suite_identity(suite: Suite) -> str:
     """Return the digest of a suite's frames, estimators and study, whatever code runs them."""
     more = [] if suite.stability is None else [suite.stability.model_dump_json()]
-    if suite.programs or suite.keep != "all":
+    if suite.programs or suite.keep != "all" or suite.draws != 1:
         more.append(plan_of(suite).content())
     if any(case.estimators is not None for case in suite.cases):
         more.append(json.dumps([case.estimators for case in suite.cases]))

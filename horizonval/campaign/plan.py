@@ -32,12 +32,15 @@ class Plan:
     limits : Limits
     keep : {"all", "failures", "none"}
     frame_limit_s : float
+    draws : int
+        Observations of every frame, each with other noise.
     """
 
     estimators: tuple[str, ...]
     limits: Limits = field(default_factory=Limits)
     keep: Keep = "all"
     frame_limit_s: float = FRAME_LIMIT_S
+    draws: int = 1
 
     def estimator(self, name: str) -> Estimator:
         """Return an estimator of the suite: a program of it, or one that is installed.
@@ -75,14 +78,15 @@ class Plan:
             for spec in self.limits.programs
             if spec.name in names
         ]
-        return json.dumps([names, self.keep, programs])
+        # Results of a single draw are what they were before there could be more.
+        return json.dumps([names, self.keep, programs, *([self.draws] if self.draws != 1 else [])])
 
 
 def plan_of(suite: Suite) -> Plan:
     """Return the plan of a suite."""
     folder = Path(suite.source).resolve().parent
     limits = Limits(suite.time_limit_s, suite.memory_limit_mb, suite.programs, folder)
-    return Plan(suite.estimators, limits, suite.keep)
+    return Plan(suite.estimators, limits, suite.keep, draws=suite.draws)
 
 
 def _digests(command: str, folder: Path) -> list[str]:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from horizonval.campaign.pool import available_cpus, run_cases
 from horizonval.campaign.progress import Progress, Silent
 from horizonval.campaign.shards import adopt
 from horizonval.campaign.stability import StudyOutcome, run_stability
+from horizonval.campaign.suite import load_suite
 from horizonval.errors import UserError
 from horizonval.spec.load import Suite
 
@@ -141,12 +142,12 @@ def default_workers() -> int:
 def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
     """Write down which suite this folder belongs to; refuse if it belongs to another.
 
-    A study's frames may change with its designs: every case is known by its own identity, and kept if that is the same.
+    A study's frames may change with its designs, and the number of frames that a suite draws: every case is known by
+    its own identity, and kept if that is the same. What is no frame of the suite any more stays, and counts nowhere.
     """
     identity = suite_identity(suite)
     before = read_json(folder.suite)
-    grown = before is not None and suite.study and before.get("study") and before.get("suite") == suite.name
-    if before is not None and before.get("suite_sha256") != identity and not grown:
+    if before is not None and before.get("suite_sha256") != identity and not _may_go_on(before, suite):
         other = before.get("suite")
         same = "other frames, cameras or estimators of " if other == suite.name else ""
         raise UserError(
@@ -168,8 +169,25 @@ def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
             "keep": suite.keep,
             "figures": figure_plans(suite),
             "study": suite.study,
+            "frames": suite.frames,
         },
     )
+
+
+def _may_go_on(before: Mapping[str, Any], suite: Suite) -> bool:
+    """Whether a folder of other frames is one of the same study, or of a suite that differs in ``frames`` alone."""
+    frames = before.get("frames")
+    if before.get("suite") != suite.name:
+        return False
+    if suite.study:
+        return bool(before.get("study"))
+    if suite.frames is None or not isinstance(frames, int):
+        return False
+    try:
+        other = load_suite(suite.source, frames, suite.seed)
+    except UserError:
+        return False
+    return suite_identity(replace(other, keep=suite.keep)) == before.get("suite_sha256")
 
 
 def _run_units(

@@ -39,8 +39,8 @@ def run(
     """Main job: render, observe, estimate, score, report; and the study of the infrared horizon a suite asks for.
 
     The same command again, after whatever interrupted it, finishes what is missing. Shards (`--shard 2/8`) may share a
-    folder, at the same time or not; the command without --shard then makes what is missing and the report. Exit status
-    1 if a frame failed.
+    folder, at the same time or not; the command without --shard then makes what is missing and the report. Another
+    --frames goes on in the same folder. Exit status 1 if a frame failed.
     """
     from horizonval.campaign.run import run_suite
     from horizonval.campaign.suite import load_suite, with_options

@@ -14,7 +14,8 @@ def print_json(data: object) -> None:
 def print_summary(summary: dict[str, Any]) -> None:
     """Print the table of a run: one line for every estimator and camera."""
     head = ("estimator", "camera", "frames", "available", "nadir rms", "median", "p95", "false valid")
-    rows = [head]
+    drawn = any(g["nees_noise"]["n"] for g in summary["groups"])
+    rows = [(*head, "noise NEES / 2") if drawn else head]
     for g in summary["groups"]:
         error, available, false = g["nadir_error_arcsec"], g["availability"], g["false_valid"]
         rows.append(
@@ -25,9 +26,10 @@ def print_summary(summary: dict[str, Any]) -> None:
                 f"{available['n']}/{available['of']}",
                 *(_arcsec(error[key]) for key in ("rms", "median", "p95")),
                 f"{false['n']}/{false['of']}",
+                *([_noise_nees(g["nees_noise"])] if drawn else []),
             )
         )
-    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     for row in rows:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
 
@@ -39,3 +41,12 @@ def print_shard(shard: str | None, missing: int) -> None:
 
 def _arcsec(value: float | None) -> str:
     return "-" if value is None else f'{value:.1f}"'
+
+
+def _noise_nees(found: dict[str, Any]) -> str:
+    """Return the mean per degree of freedom with its standard error, 1 if the claimed noise is honest."""
+    if not found["n"]:
+        return "-"
+    error = found["standard_error"]
+    spread = "" if error is None else f" +- {error / found['expected']:.2f}"
+    return f"{found['mean'] / found['expected']:.2f}{spread} ({found['n']} frames)"

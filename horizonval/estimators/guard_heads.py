@@ -326,7 +326,8 @@ def _confirmed(fit: Fit, limb: _Limb, observation: Observation, systematic: Floa
     basis, rho = limb.basis, limb.rho_rad
     if not limits.SMALLEST_RHO_RAD <= rho <= limits.LARGEST_RHO_RAD:
         return NoFit(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is no orbit's horizon", fit.points)
-    confirmed = replace(fit, systematic_nadir_cam=basis @ systematic @ basis.T)
+    of_points = 0.0 if fit.systematic_nadir_cam is None else fit.systematic_nadir_cam
+    confirmed = replace(fit, systematic_nadir_cam=of_points + basis @ systematic @ basis.T)
     apart = basis.T @ (np.asarray(fit.nadir_cam) - limb.axis)
     # Few points bend with the limb's shape otherwise than many do: the model's error counts, too.
     spread = basis.T @ confirmed.total_covariance_nadir_cam @ basis + limb.noise[:2, :2]

@@ -180,26 +180,24 @@ def fit_arcs(
     if ends is Ends.SIGHT:
         alike = max(_pixels_alike(los, *one) for los, one in zip(los_body, about, strict=True))
         variance_px *= min(1.0, alike / END_PIXELS)
-    if sub_pixel:
-        # Slow errors are one over an end: its pixels do not average them out, and their scatter does not show them.
-        variance_px += SLOW_PX**2
-    variance = np.array([variance_px * float(np.sum(scale[[0, -1]] ** -2.0)) for scale in px_per_rad])
-    to_nadir = np.linalg.pinv(chords_body) * np.sin(rho)
-    covariance_body = (to_nadir * variance) @ to_nadir.T
+    per_px = np.array([float(np.sum(scale[[0, -1]] ** -2.0)) for scale in px_per_rad])
     first = body_from_head[0].inv()
-    turn_matrix = first.as_matrix()
+    to_nadir_cam = first.as_matrix() @ np.linalg.pinv(chords_body) * np.sin(rho)
+    of_one_px = (to_nadir_cam * per_px) @ to_nadir_cam.T
     sine = np.sin(rho)
     altitude = earth_radius_m / sine - earth_radius_m if rho < np.pi / 2 else None
     roll, pitch = roll_pitch_of_nadir(nadir_body)
     return Fit(
         nadir_cam=first.apply(nadir_body),
-        covariance_nadir_cam=turn_matrix @ covariance_body @ turn_matrix.T,
+        covariance_nadir_cam=variance_px * of_one_px,
         roll_rad=float(roll),
         pitch_rad=float(pitch),
         angular_radius_rad=rho,
         altitude_m=None if altitude is None else float(altitude),
         points=arcs[0].uv,
         residuals_rad=angles[0] - rho,
+        # Slow errors are one over an end: its pixels do not average them out, and their scatter does not show them.
+        systematic_nadir_cam=SLOW_PX**2 * of_one_px if sub_pixel else None,
     )
 
 

@@ -62,14 +62,14 @@ def build_report(run_dir: Path) -> Path:
     environment, parts = template.environment(), template.shared_parts()
     result = stability.load_result(run_dir)
     study = None if result is None else {"page": stability.PAGE, "text": stability.headline(result)}
-    campaign = campaign_page.headline(run) if run.figures else None
+    campaign = campaign_page.headline(run) if campaign_page.is_due(run) else None
     shown = environment.get_template("page.html").render(**page_of(run), study=study, campaign=campaign, **parts)
     texts = {"index.html": shown}
     if result is not None:
         texts[stability.PAGE] = environment.get_template("stability.html").render(
             run=run, **stability.page_of(result), **parts
         )
-    if run.figures:
+    if campaign is not None:
         page = campaign_page.page_of(run)
         texts[campaign_page.PAGE] = environment.get_template("campaign.html").render(run=run, **page, **parts)
         texts |= {figure["file"]: figure["svg"] for section in page["sections"] for figure in section["figures"]}
@@ -228,6 +228,7 @@ def _tile_row(view: View, estimator: str) -> dict[str, Any]:
         ("nadir error", f"{number(row['nadir_error_arcsec'])} arcsec"),
         ("claimed (1 sigma)", f"{number(row['sigma_nadir_arcsec'])} arcsec"),
         ("normalised error squared", f"{number(row['nees_nadir'])} (2 expected)"),
+        ("of the noise alone", f"{number(row.get('nees_noise'))} in {row.get('noise_draws')} draws (2 expected)"),
         ("roll error", f"{number(row['roll_error_arcsec'])} arcsec"),
         ("pitch error", f"{number(row['pitch_error_arcsec'])} arcsec"),
         ("altitude error", f"{number(row['altitude_error_km'])} km"),

@@ -39,7 +39,18 @@ def headline(run: Run) -> Plain:
     rows = run.rows
     false = sum(verdict_of(row) is FALSE_VALID for row in rows)
     claims = sum(row["status"] == Outcome.VALID for row in rows)
-    return {"page": PAGE, "text": f"{count(len(run.figures), 'figure')}; {false} of {claims} claims are false."}
+    figures = f"{count(len(run.figures), 'figure')}; " if run.figures else ""
+    return {"page": PAGE, "text": f"{figures}{false} of {claims} claims are false."}
+
+
+def is_due(run: Run) -> bool:
+    """Whether a run has this page: figures that the suite asks for, or several draws of the noise, or both."""
+    return bool(run.figures) or has_draws(run)
+
+
+def has_draws(run: Run) -> bool:
+    """Whether frames were observed more than once."""
+    return any(row.get("noise_draws") is not None for row in run.rows)
 
 
 def page_of(run: Run) -> Plain:
@@ -58,6 +69,7 @@ def page_of(run: Run) -> Plain:
         "tails": inline_svg(draw.error_distribution(rows, run.estimators, link), 6.2, 4.8, "tails"),
         "bias": inline_svg(draw.bias_and_noise(spread), 7.4, 1.1 + 0.42 * len(spread), "bias"),
         "worst": _worst(rows, link),
+        "drawn": has_draws(run),
         "limit_deg": f"{math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}",
         "sigmas": f"{limits.SIGMA_LIMIT:g}",
         "floor_deg": f"{math.degrees(limits.SIGMA_TEST_FLOOR_RAD):g}",
@@ -216,7 +228,7 @@ def _errors(group: Mapping[str, Any]) -> Plain:
         "n": error["n"],
         **{key: number(_degrees(error[key])) for key in ("median", "p95", "max")},
         **{key: _bias(group[f"{key}_error_arcsec"]) for key in ("roll", "pitch")},
-        **{key: _consistency(group[key]) for key in ("nees_nadir", "nees_nadir_total")},
+        **{key: _consistency(group[key]) for key in ("nees_noise", "nees_nadir", "nees_nadir_total")},
     }
 
 
@@ -232,12 +244,20 @@ def _signed(degrees: float | None) -> str:
 def _consistency(found: Mapping[str, Any]) -> Plain:
     """Return the words of a mean normalised error squared, per degree of freedom."""
     if not found["n"]:
-        return {"mean": number(None), "n": 0, "interval": "", "glyph": ""}
+        return {"mean": number(None), "n": 0, "interval": "", "glyph": "", "error": ""}
     dof = found["expected"]
     mean = found["mean"] / dof
     glyph = "" if 0.5 <= mean <= 2.0 else ("\N{UPWARDS ARROW}" if mean > 1.0 else "\N{DOWNWARDS ARROW}")
     bounds = [value / dof for value in found["interval"]]
-    return {"mean": number(mean), "n": found["n"], "interval": interval(bounds), "glyph": glyph}
+    error = found.get("standard_error")
+    return {
+        "mean": number(mean),
+        "n": found["n"],
+        "draws": found.get("draws"),
+        "error": "" if error is None else number(error / dof, 2),
+        "interval": interval(bounds),
+        "glyph": glyph,
+    }
 
 
 def _degrees(arcsec: float | None) -> float | None:

@@ -23,6 +23,9 @@ from horizonval.limb.cone import tangent_basis
 
 FloatArray = NDArray[np.float64]
 
+SHARPEST = 1e-15
+"""Of the larger variance: a smaller one beside it is no statistic, as in :mod:`horizonval.scoring.errors`."""
+
 
 def noise_nees(fits: Sequence[Fit]) -> FloatArray:
     """Return the normalised error squared of every draw by its ``covariance_nadir_cam``, 2 degrees of freedom.
@@ -39,10 +42,32 @@ def noise_nees(fits: Sequence[Fit]) -> FloatArray:
     """
     if len(fits) < 2:
         raise ValueError(f"{len(fits)} draws have no scatter; at least 2 are needed")
-    nadirs = np.array([fit.nadir_cam for fit in fits])
-    mean = nadirs.mean(axis=0)
-    basis = tangent_basis(mean / np.linalg.norm(mean))
-    off = (nadirs - mean) @ basis
-    covariances = np.array([basis.T @ fit.covariance_nadir_cam @ basis for fit in fits])
+    off, covariances = _across_mean(fits)
     squares = np.einsum("ij,ij->i", off, np.linalg.solve(covariances, off[..., None])[..., 0])
     return np.asarray(squares * len(fits) / (len(fits) - 1))
+
+
+def mean_noise_nees(fits: Sequence[Fit]) -> float | None:
+    """Return the mean of :func:`noise_nees`, ``None`` where the fits say nothing of their noise.
+
+    That is with fewer than two of them, and where a claim is not finite or of a direction known perfectly.
+    """
+    if len(fits) < 2 or not all(np.isfinite(fit.nadir_cam).all() for fit in fits):
+        return None
+    _, covariances = _across_mean(fits)
+    if not np.isfinite(covariances).all():
+        return None
+    smaller, larger = np.linalg.eigvalsh((covariances + covariances.swapaxes(1, 2)) / 2).T
+    if not (smaller > SHARPEST * larger).all():
+        return None
+    mean = float(noise_nees(fits).mean())
+    return mean if np.isfinite(mean) else None
+
+
+def _across_mean(fits: Sequence[Fit]) -> tuple[FloatArray, FloatArray]:
+    """Deviations from the mean nadir, shape (n, 2), and covariances, shape (n, 2, 2), in the plane across it."""
+    nadirs = np.array([fit.nadir_cam for fit in fits], dtype=np.float64)
+    mean = nadirs.mean(axis=0)
+    basis = tangent_basis(mean / np.linalg.norm(mean))
+    covariances = np.array([basis.T @ fit.covariance_nadir_cam @ basis for fit in fits], dtype=np.float64)
+    return (nadirs - mean) @ basis, covariances

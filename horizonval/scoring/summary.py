@@ -5,7 +5,7 @@ errors of all claimed attitudes. *Integrity*: how many claims were false, with t
 interval, because none seen in n frames still allows 3/n. *Consistency*: the mean normalised error squared, 2 for an
 honest covariance. ``nees_nadir_total`` is the test of a claim: all errors by all that is claimed. ``nees_nadir`` is the
 same errors by the claimed noise alone: above 2 by what atmosphere and oblateness add, it is no test of the noise. That
-takes several draws of the noise of one frame, see :mod:`horizonval.scoring.repeats`.
+is ``nees_noise``, of several draws of the noise of one frame (:mod:`horizonval.scoring.repeats`).
 """
 
 from __future__ import annotations
@@ -65,7 +65,9 @@ def summarise_group(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         ``{n, mean, std}``; ``altitude_error_km``: the same; ``refusals``: ``{status: n}``; ``confusion``:
         ``{expected: {reported: n}}``; ``strict_confusion``: the same with borderline frames and false claims apart;
         ``nees_nadir`` by the claimed noise and ``nees_nadir_total`` by noise and claimed model error:
-        ``{n, mean, expected, interval}`` where ``interval`` holds the mean of an honest covariance with 95 %.
+        ``{n, mean, expected, interval}`` where ``interval`` holds the mean of an honest covariance with 95 %;
+        ``nees_noise`` of fits about their mean where only the noise differs: the same of ``n`` frames with at least two
+        fits, claimed at the first draw or not, and ``draws``, their fits, and ``standard_error`` of the mean.
         Proportions carry ``interval``, the Clopper-Pearson 95 % one. ``p95`` interpolates linearly between the ranks.
     """
     claims = [row for row in rows if row["status"] == Outcome.VALID]
@@ -83,6 +85,7 @@ def summarise_group(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "strict_confusion": strict_confusion(rows),
         "nees_nadir": _nees(_column(claims, "nees_nadir")),
         "nees_nadir_total": _nees(_column(claims, "nees_nadir_total")),
+        "nees_noise": _noise([row for row in rows if row.get("nees_noise") is not None]),
         **rates(rows),
     }
 
@@ -120,3 +123,29 @@ def _nees(values: np.ndarray) -> dict[str, Any]:
     low, high = stats.chi2.interval(0.95, NEES_EXPECTED * n)
     mean = math.fsum(values) / n
     return {"n": n, "mean": mean, "expected": NEES_EXPECTED, "interval": [float(low) / n, float(high) / n]}
+
+
+def _noise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Mean over frames, each by its degrees of freedom: k fits about their own mean have 2 (k - 1).
+
+    The standard error is that of such a ratio of sums, from the scatter between frames.
+    """
+    n = len(rows)
+    draws = sum(row["noise_draws"] for row in rows)
+    if n == 0:
+        none: dict[str, Any] = dict.fromkeys(("mean", "standard_error", "interval"))
+        return {"n": 0, "draws": 0, "expected": NEES_EXPECTED} | none
+    weights = np.array([row["noise_draws"] - 1 for row in rows], dtype=np.float64)
+    values = _column(rows, "nees_noise")
+    free = draws - n
+    mean = math.fsum(weights * values) / free
+    error = math.sqrt(math.fsum((weights * (values - mean)) ** 2) * n / (n - 1)) / free if n > 1 else None
+    low, high = stats.chi2.interval(0.95, NEES_EXPECTED * free)
+    return {
+        "n": n,
+        "draws": draws,
+        "mean": mean,
+        "standard_error": error,
+        "expected": NEES_EXPECTED,
+        "interval": [float(low) / free, float(high) / free],
+    }

@@ -42,6 +42,8 @@ COLUMNS = {
     "nees_nadir": "DOUBLE",
     "sigma_systematic_arcsec": "DOUBLE",
     "nees_nadir_total": "DOUBLE",
+    "nees_noise": "DOUBLE",
+    "noise_draws": "INTEGER",
     "n_points": "INTEGER",
     "false_valid": "BOOLEAN",
     "epoch_utc": "VARCHAR",
@@ -66,6 +68,8 @@ COLUMNS = {
 """Columns in order, with their SQL types.
 
 ``sun_boresight_deg``: from the optical axis to the Sun's centre, behind the Earth or not; of several heads the nearest.
+``nees_noise``: of ``noise_draws`` fits of the frame under other draws of the noise, about their own mean
+(:mod:`horizonval.scoring.repeats`); both empty where the suite asks for one draw, the first with fewer than two fits.
 ``ir_horizon_km``: mean height of the infrared horizon (half plateau, clear sky) in view; empty in solar bands.
 """
 
@@ -88,6 +92,8 @@ def make_row(
     truth: FrameTruth,
     expected: Expected,
     score: Score,
+    nees_noise: float | None = None,
+    noise_draws: int | None = None,
     frame_address: str | None = None,
     image_address: str | None = None,
 ) -> Row:
@@ -112,6 +118,8 @@ def make_row(
         "nees_nadir": score.nees_nadir,
         "sigma_systematic_arcsec": score.sigma_systematic_arcsec,
         "nees_nadir_total": score.nees_nadir_total,
+        "nees_noise": nees_noise,
+        "noise_draws": noise_draws,
         "n_points": score.n_points,
         "false_valid": score.false_valid,
         "epoch_utc": truth.epoch_utc,

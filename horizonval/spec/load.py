@@ -61,8 +61,8 @@ class Case:
 class Suite:
     """A suite with its frames resolved, in the file's order.
 
-    ``programs``, ``keep`` and the limits are those of :class:`horizonval.spec.suite.SuiteHead` and ``[[estimator]]``.
-    ``tables`` names the ``[[cases]]`` table of every case that comes from one.
+    ``programs``, ``keep``, ``draws``, ``seed`` and the limits are those of :class:`horizonval.spec.suite.SuiteHead` and
+    ``[[estimator]]``. ``tables`` names the ``[[cases]]`` table of every case that comes from one.
     ``study``: the frames of a trade study, whose list of designs may change in the folder of a run.
     """
 
@@ -81,6 +81,8 @@ class Suite:
     regression: RegressionSpec | None = None
     tables: Mapping[str, str] = field(default_factory=dict)
     study: bool = False
+    draws: int = 1
+    seed: int = 0
 
 
 def load_camera(path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> CameraSpec:
@@ -218,6 +220,8 @@ def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None) -> Suite:
         spec.suite.frames,
         spec.regression,
         tables,
+        draws=head.draws,
+        seed=head.seed,
     )
 
 

@@ -24,7 +24,8 @@ class SuiteHead(Model):
     ``keep``: which frames and images stay in the archive: ``all``, ``failures`` (of frames with an outcome that was not
     the expected one, or false) or ``none``. What is not kept can be made again from the suite and the case's name.
     ``time_limit_s`` and ``memory_limit_mb`` are those of one estimate. ``frames`` is the number of scenes that Sobol
-    points with a ``share`` divide among them.
+    points with a ``share`` divide among them. ``draws``: how often every frame is observed, each time with other noise;
+    what the estimates scatter by then tests the noise that they claim. All else is that of the first draw.
     """
 
     name: Name
@@ -32,6 +33,7 @@ class SuiteHead(Model):
     seed: Annotated[int, Field(ge=0)] = 0
     estimators: Annotated[list[str], Field(min_length=1)]
     frames: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+    draws: Annotated[int, Field(ge=1, le=1000)] = 1
     keep: Keep = "all"
     time_limit_s: Positive = 60.0
     memory_limit_mb: Annotated[int, Field(ge=64)] = 4096

@@ -137,7 +137,8 @@ def measured(images: dict[str, DetectorImage]) -> Plain:
         return found
     scored = score(truth, ESTIMATOR, result, earth_radius_m=observation.earth_radius_m)
     assert scored.sigma_nadir_arcsec is not None
-    found |= {"sigma_deg": scored.sigma_nadir_arcsec / 3600.0, "nees": scored.nees_nadir}
+    sigma_arcsec = math.hypot(scored.sigma_nadir_arcsec, scored.sigma_systematic_arcsec or 0.0)
+    found |= {"sigma_deg": sigma_arcsec / 3600.0, "nees": scored.nees_nadir_total}
     claimed_tilt = angle_between(down_body, _body(truth, result.nadir_cam))
     found["tilt_error_deg"] = math.degrees(claimed_tilt) - found["tilt_deg"]
     for ends in Ends:

@@ -82,6 +82,17 @@ def test_estimators_do_not_change_a_frame(load):
     assert suite[0] != suite[1]
 
 
+def test_draws_of_the_noise_count_where_there_are_several(load):
+    suites = [load(), load(SUITE.replace('"s"', '"s"\ndraws = 1')), load(SUITE.replace('"s"', '"s"\ndraws = 2'))]
+    plans = [plan_of(suite) for suite in suites]
+    units = [identity.unit_identity(units_of(s.cases, p)[0], p) for s, p in zip(suites, plans, strict=True)]
+    whole = [identity.suite_identity(suite) for suite in suites]
+    for one, same, other in (units, whole):
+        assert one == same
+        assert one != other
+    assert len({identity.frame_identity(suite.cases[0]) for suite in suites}) == 1
+
+
 CASES = SUITE + '[[cases]]\nname = "g"\ngrid = { attitude.yaw_deg = [0.0, 1.0] }\n'
 
 

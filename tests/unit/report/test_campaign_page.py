@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from horizonval.report import campaign_page
+from horizonval.report import campaign_page, template
 from horizonval.report.load import Run, View
+from horizonval.scoring.summary import summarise
 
 NAMES = ("shy", "bold")
 
@@ -100,6 +101,26 @@ def test_what_is_counted_strictly_is_shown_so():
     assert (shy["false_valid"]["of"], shy["bound"]) == ("0 of 5", "45.1 %")
     errors = page["errors"][1]
     assert (errors["nees_nadir"]["mean"], errors["nees_nadir_total"]["mean"]) == ("1.00", "0.500")
+
+
+def test_the_noise_is_shown_where_it_was_drawn_and_else_a_dash():
+    run = _run(_plan("timeline", 0))
+    lines = [campaign_page._errors(group) for group in summarise(run.rows)["groups"]]
+    assert [line["nees_noise"]["mean"] for line in lines] == ["–", "–"]
+    assert not campaign_page.is_due(replace(run, figures=()))
+    more = {"nees_noise": 9.0, "noise_draws": 5}
+    views = [replace(v, rows={"shy": v.rows["shy"], "bold": v.rows["bold"] | more}) for v in run.views]
+    drawn = replace(run, views=tuple(views), figures=())
+    assert campaign_page.is_due(drawn)
+    page = campaign_page.page_of(drawn)
+    bold, shy = (line["nees_noise"] for line in page["errors"])
+    assert (bold["mean"], bold["error"], bold["n"], bold["draws"], bold["glyph"]) == ("4.50", "0", 8, 40, "↑")
+    assert shy["mean"] == "–"
+    assert campaign_page.headline(drawn)["text"] == "3 of 13 claims are false."
+    html = template.environment().get_template("campaign.html").render(run=drawn, **page, **template.shared_parts())
+    assert "4.50 ± 0" in html
+    assert "n = 8, 40 draws; honest: 0.684 to 1.38" in html
+    assert html.count("no two fits of a frame") == 1
 
 
 def test_a_refusal_of_a_borderline_frame_is_fair():

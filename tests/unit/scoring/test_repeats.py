@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from horizonval.estimators.observation import Fit
-from horizonval.scoring.repeats import noise_nees
+from horizonval.scoring.repeats import mean_noise_nees, noise_nees
 
 SIGMA = np.array([2e-4, 5e-5])
 
@@ -36,3 +36,11 @@ def test_two_draws_are_the_fewest() -> None:
     assert np.mean([noise_nees(draws(2 * k)[-2:]).mean() for k in range(1, 100)]) == pytest.approx(2.0, abs=0.7)
     with pytest.raises(ValueError, match="at least 2"):
         noise_nees(draws(1))
+
+
+def test_a_claim_that_cannot_be_tested_has_no_mean() -> None:
+    assert mean_noise_nees(draws(5)) == pytest.approx(noise_nees(draws(5)).mean())
+    assert mean_noise_nees(draws(1)) is None
+    assert mean_noise_nees(draws(5, claimed=0.0)) is None
+    assert mean_noise_nees(draws(5, claimed=np.nan)) is None
+    assert mean_noise_nees(draws(5, bias=np.nan)) is None

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from horizonval import cli
 from horizonval.scoring.rates import proportion
 from horizonval.scoring.summary import summarise
 
@@ -81,3 +82,31 @@ def test_nothing_at_all():
     nothing = summarise([])
     assert nothing.pop("rates")["false_valid"]["rate"] is None
     assert nothing == {"schema": 1, "n_cases": 0, "n_rows": 0, "groups": []}
+
+
+def test_noise_over_frames_counts_each_by_its_degrees_of_freedom():
+    rows = [
+        row("a", "valid", "valid", 10.0, nees_noise=1.0, noise_draws=4),
+        row("b", "dark", "dark", nees_noise=4.0, noise_draws=2),
+        row("c", "valid", "valid", 10.0, nees_noise=None, noise_draws=1),
+    ]
+    noise = summarise(rows)["groups"][0]["nees_noise"]
+    assert (noise["n"], noise["draws"], noise["expected"]) == (2, 6, 2.0)
+    # (3 x 1 + 1 x 4) / 4 = 1.75; its error from 3 x -0.75 and 1 x 2.25: sqrt(2 x 10.125) / 4.
+    assert noise["mean"] == pytest.approx(1.75)
+    assert noise["standard_error"] == pytest.approx(1.125)
+    # Chi-squared with 8 degrees of freedom: 2.1797 and 17.5345 (any table), over 4.
+    assert noise["interval"] == pytest.approx([2.1797 / 4, 17.5345 / 4], abs=1e-4)
+    assert summarise(rows[:1])["groups"][0]["nees_noise"]["standard_error"] is None
+    assert summarise(ROWS)["groups"][1]["nees_noise"] == {
+        "n": 0, "draws": 0, "mean": None, "standard_error": None, "expected": 2.0, "interval": None,
+    }  # fmt: skip
+
+
+def test_the_printed_table_has_the_noise_where_it_was_drawn(capsys):
+    cli._print_summary(summarise(ROWS))
+    assert "noise" not in capsys.readouterr().out
+    drawn = row("d", "valid", "valid", 10.0, nees_noise=3.0, noise_draws=10)
+    cli._print_summary(summarise([drawn, drawn | {"case": "e", "nees_noise": 2.0}, *ROWS[5:]]))
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split("  ")[-1].strip() for line in lines] == ["noise NEES / 2", "-", "1.25 +- 0.25 (2 frames)"]

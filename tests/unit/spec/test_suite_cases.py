@@ -173,6 +173,8 @@ def test_one_number_sets_the_size_of_a_suite(shared):
         (SHARES, "", {}, ["s.toml", "suite.frames and sobol.share"]),
         (SHARES.replace("share = 0.75", "share = 0.75, n = 4"), "frames = 40", {}, ["cases[1].sobol", "n and share"]),
         (ORBIT + "altitude_km = 500.0\nsun_synchronous = true\n", "", {"frames": 4}, ["--frames", "'s'"]),
+        (SHARES, "frames = 40\ndraws = 0", {}, ["s.toml", "suite.draws", "found 0", "from 1 to 1000"]),
+        (SHARES, "frames = 40\ndraws = 2.5", {}, ["s.toml", "suite.draws", "found 2.5", "whole number"]),
     ],
 )
 def test_mistakes_with_shares_are_one_line(shared, text, head, options, parts):
