@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from horizonval import cli
+from horizonval.cli.printing import print_summary
 from horizonval.scoring.rates import proportion
 from horizonval.scoring.summary import summarise
 
@@ -104,9 +104,9 @@ def test_noise_over_frames_counts_each_by_its_degrees_of_freedom():
 
 
 def test_the_printed_table_has_the_noise_where_it_was_drawn(capsys):
-    cli._print_summary(summarise(ROWS))
+    print_summary(summarise(ROWS))
     assert "noise" not in capsys.readouterr().out
     drawn = row("d", "valid", "valid", 10.0, nees_noise=3.0, noise_draws=10)
-    cli._print_summary(summarise([drawn, drawn | {"case": "e", "nees_noise": 2.0}, *ROWS[5:]]))
+    print_summary(summarise([drawn, drawn | {"case": "e", "nees_noise": 2.0}, *ROWS[5:]]))
     lines = capsys.readouterr().out.splitlines()
     assert [line.split("  ")[-1].strip() for line in lines] == ["noise NEES / 2", "-", "1.25 +- 0.25 (2 frames)"]
