@@ -34,6 +34,7 @@ from horizonval.report.verdict import VERDICTS, verdict_of
 from horizonval.scoring import limits
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
+from horizonval.scoring.table import claimed_sigma_arcsec
 
 STRIP_RATIO = 20
 """Wider images than this are drawn as a strip of their own proportions."""
@@ -210,8 +211,8 @@ def _tile_row(view: View, estimator: str) -> dict[str, Any]:
     expected = wording.meaning(row["expected"])
     if row["status"] == Outcome.VALID:
         text = f"{number(row['nadir_error_arcsec'])} arcsec off"
-        if row["sigma_nadir_arcsec"]:
-            text += f", claims {number(row['sigma_nadir_arcsec'])} arcsec (1 sigma)"
+        if sigma := claimed_sigma_arcsec(row):
+            text += f", claims {number(sigma)} arcsec (1 sigma)"
         if row["expected"] != Outcome.VALID:
             text += f"; expected to refuse: {expected}"
     else:
@@ -226,8 +227,8 @@ def _tile_row(view: View, estimator: str) -> dict[str, Any]:
         ("expected", f"{wording.outcome(row['expected'])} ({expected})"),
         ("reason given", row["reason"] or ""),
         ("nadir error", f"{number(row['nadir_error_arcsec'])} arcsec"),
-        ("claimed (1 sigma)", f"{number(row['sigma_nadir_arcsec'])} arcsec"),
-        ("normalised error squared", f"{number(row['nees_nadir'])} (2 expected)"),
+        ("claimed (1 sigma)", f"{number(claimed_sigma_arcsec(row))} arcsec"),
+        ("normalised error squared", f"{number(row['nees_nadir_total'])} (2 expected)"),
         ("of the noise alone", f"{number(row.get('nees_noise'))} in {row.get('noise_draws')} draws (2 expected)"),
         ("roll error", f"{number(row['roll_error_arcsec'])} arcsec"),
         ("pitch error", f"{number(row['pitch_error_arcsec'])} arcsec"),

@@ -26,6 +26,7 @@ from horizonval.report.plots import ESTIMATOR_COLOURS, ESTIMATOR_MARKERS, FLOOR_
 from horizonval.report.verdict import FALSE_VALID, MISSED, VALID, Verdict, verdict_of
 from horizonval.scoring import limits
 from horizonval.scoring.exclusion import is_right
+from horizonval.scoring.table import claimed_sigma_arcsec
 
 FloatArray = NDArray[np.float64]
 Row = Mapping[str, Any]
@@ -172,8 +173,7 @@ def _error_ends(rows: Sequence[Row]) -> tuple[float, float]:
 
 
 def _claimed_deg(row: Row) -> float:
-    """Return the claimed standard deviation of noise and model error together."""
-    return math.hypot(row["sigma_nadir_arcsec"] or 0.0, row.get("sigma_systematic_arcsec") or 0.0) / 3600.0
+    return (claimed_sigma_arcsec(row) or 0.0) / 3600.0
 
 
 def _error_deg(row: Row) -> float:

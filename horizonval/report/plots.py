@@ -19,6 +19,7 @@ from horizonval.report.load import View
 from horizonval.report.verdict import BROKEN, FAIR, MISSED, NONE, OTHER, REFUSED, verdict_of
 from horizonval.report.wording import count
 from horizonval.scoring import limits
+from horizonval.scoring.table import claimed_sigma_arcsec
 
 ESTIMATOR_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 ESTIMATOR_MARKERS = ("o", "s", "^", "D", "P", "v", "*")
@@ -122,10 +123,10 @@ def error_by_sigma(rows: Sequence[Mapping[str, Any]], estimators: Sequence[str])
         everything, exact = [], 0
         for i, name in enumerate(estimators):
             pairs = [
-                (row["sigma_nadir_arcsec"], max(row["nadir_error_arcsec"], FLOOR_ARCSEC))
+                (sigma, max(row["nadir_error_arcsec"], FLOOR_ARCSEC))
                 for row in rows
                 if row["estimator"] == name
-                and row["sigma_nadir_arcsec"] is not None
+                and (sigma := claimed_sigma_arcsec(row)) is not None
                 and row["nadir_error_arcsec"] is not None
             ]
             exact += sum(sigma <= 0 for sigma, _ in pairs)

@@ -83,6 +83,12 @@ _PYTHON_TYPES: dict[str, tuple[type, ...]] = {
 }
 
 
+def claimed_sigma_arcsec(row: Mapping[str, Any]) -> float | None:
+    """Return the standard deviation that a row claims, noise and model error together; None without a claim."""
+    noise = row["sigma_nadir_arcsec"]
+    return None if noise is None else math.hypot(noise, row.get("sigma_systematic_arcsec") or 0.0)
+
+
 def make_row(
     *,
     case: str,
