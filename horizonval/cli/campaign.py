@@ -34,6 +34,9 @@ def run(
         int | None,
         typer.Option(min=1, metavar="N", help="In place of suite.frames, of a suite that draws shares of it."),
     ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="In place of suite.seed: other Sobol points, other draws of the noise.")
+    ] = None,
     as_json: Json = False,
 ) -> int:
     """Main job: render, observe, estimate, score, report; and the study of the infrared horizon a suite asks for.
@@ -46,7 +49,7 @@ def run(
     from horizonval.campaign.suite import load_suite, with_options
 
     where = place(workers, shard, dask, merge)
-    loaded = with_options(load_suite(suite, frames), time_limit, keep)
+    loaded = with_options(load_suite(suite, frames, seed), time_limit, keep)
     with resumable(f"suite {loaded.name}", kept="frames") as progress:
         result = run_suite(loaded, out, progress=progress, where=where)
     if as_json:
