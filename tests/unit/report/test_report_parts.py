@@ -250,6 +250,25 @@ def test_the_written_scene_gives_the_same_frame(tmp_path):
     assert again.commands[-1] == "horizonval estimate RUN/archive/ab/abc.exr --estimator one"
 
 
+@pytest.mark.parametrize(
+    ("changes", "files"),
+    [("", ["x.toml"]), (", camera = { width = 96, height = 96 }", ["x.toml", "vis-cmos-512-60deg"])],
+    ids=["as shipped", "changed"],
+)
+def test_a_shipped_camera_is_written_where_its_keys_were_changed(tmp_path, changes, files):
+    (tmp_path / "scene.toml").write_text(
+        f'scene.name = "x"\nplatform.altitude_km = 500.0\ncamera = {{ file = "vis-cmos-512-60deg"{changes} }}\n'
+    )
+    truth = truth_of(*load_scene(tmp_path / "scene.toml"))
+    again = rerun.rerun_of(truth, "x", "vis", {}, ["one"])
+    assert [name for name, _ in again.files] == files
+    folder = tmp_path / "again"
+    folder.mkdir()
+    for name, text in again.files:
+        (folder / name).write_text(text)
+    assert truth_of(*load_scene(folder / "x.toml")) == truth
+
+
 def test_figures_are_the_same_twice_and_hold_no_date():
     views = [View(c.truth.scene["scene"]["name"], "red", {}, {}, None, "", False, "") for c in synthetic_cases()[:2]]
     made = [plots.figure_uri(plots.error_by_frame(views, ["a", "b"]), 6, 3) for _ in range(2)]
