@@ -95,8 +95,8 @@ class FrameTruth:
         Angle at the Moon between Sun and camera: 0 full, pi new.
     infrared_horizon : dict
         By thermal band, where its radiance drops all round the clear-sky horizon; plain data, as
-        :func:`horizonval.truth.with_infrared_horizon` says. Empty without thermal bands, without air, and for cameras
-        inside it.
+        :func:`horizonval.truth.frame_truth.with_infrared_horizon` says. Empty without thermal bands, without air, and
+        for cameras inside it.
     """
 
     scene: dict[str, Any]

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from horizonval.archive.store import Store
-from horizonval.estimators.observation import Estimator, Fit, NoFit
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.observation import Estimator, Fit, NoFit
 from horizonval.frame import DetectorImage, Frame, FrameTruth
 from horizonval.geometry import frames
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, project, unproject
@@ -25,12 +25,12 @@ from horizonval.geometry.ellipsoid import (
     itrs_from_geodetic,
     tangent_point,
 )
-from horizonval.outcome import Outcome
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.summary import summarise
 from horizonval.scoring.table import make_row, write_results
-from horizonval.spec.camera import CameraSpec
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.store.store import Store
 
 SOLAR_CAMERA: dict[str, Any] = {
     "camera": {"name": "vis-640x480", "width": 640, "height": 480, "fov_deg": 60.0, "distortion": [-0.1, 0.02]},

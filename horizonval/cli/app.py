@@ -17,7 +17,7 @@ from horizonval.cli.regression import baseline_app, regress
 from horizonval.cli.rendering import gallery, mitsuba, radiance, render
 from horizonval.cli.reproduce import reproduce
 from horizonval.cli.study import study
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 
 app = typer.Typer(
     name="horizonval",

@@ -12,7 +12,7 @@ from horizonval.cli.options import Json
 from horizonval.cli.printing import print_json, print_summary
 from horizonval.cli.selection import ALL, Which, selects
 from horizonval.cli.work import resumable, told
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 
 archive_app = typer.Typer(help="The archive of a run: list, verify, export, clean, score again.", rich_markup_mode=None)
 
@@ -50,7 +50,7 @@ def archive_show(
     as_json: Json = False,
 ) -> None:
     """What one file says: standard attributes with their units, our own, channels; with --json the truth as well."""
-    from horizonval.archive.show import shown
+    from horizonval.store.show import shown
 
     content = shown(_file(folder, address))
     if as_json:
@@ -67,7 +67,7 @@ def archive_show(
 @archive_app.command("verify")
 def archive_verify(folder: Archive, as_json: Json = False) -> int:
     """Read everything and compare with checksums, index and the run's results; exit status 1 if anything is wrong."""
-    from horizonval.campaign.named import named_addresses, run_folder_of
+    from horizonval.store.named import named_addresses, run_folder_of
 
     store = _store(folder)
     run_folder = run_folder_of(store.root)
@@ -107,7 +107,7 @@ def archive_export(
     which: Which = ALL,
 ) -> None:
     """Frames and images as files of other programs."""
-    from horizonval.archive.export import export_file
+    from horizonval.store.export import export_file
 
     if not (fits or png):
         raise UserError("which format?", where="archive export", expected="--fits, --png or both")
@@ -137,7 +137,7 @@ def archive_gc(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be removed, and leave it.")] = False,
 ) -> int:
     """Remove what no result of the run names, such as frames that other code rendered; never during a run."""
-    from horizonval.campaign.named import garbage, remove, run_folder_of
+    from horizonval.store.named import garbage, remove, run_folder_of
 
     store = _store(folder, follow=False)
     run_folder = run_folder_of(store.root)
@@ -185,9 +185,9 @@ def archive_rescore(
     The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if an image is
     damaged.
     """
-    from horizonval.campaign.pool import available_cpus
-    from horizonval.campaign.rescore import rescore
-    from horizonval.campaign.sandbox import Limits
+    from horizonval.estimation.process.sandbox import Limits
+    from horizonval.jobs.pool import available_cpus
+    from horizonval.suites.rescore import rescore
 
     wanted = which.filter("image")
     with resumable("rescore", "cases") as progress:
@@ -212,8 +212,8 @@ def archive_rescore(
 
 def _store(folder: Path, *, follow: bool = True) -> Any:
     """Return the archive of a folder; ``follow``: of results that were scored again that of their images."""
-    from horizonval.archive.store import Store
-    from horizonval.campaign.folder import RunFolder, read_json
+    from horizonval.store.folder import RunFolder, read_json
+    from horizonval.store.store import Store
 
     inside = folder / "archive"
     elsewhere = (read_json(RunFolder(folder).suite) or {}).get("archive") if follow else None

@@ -11,7 +11,7 @@ import typer
 from horizonval.cli.options import Dask, Json, Shard, Workers
 from horizonval.cli.printing import print_json, print_shard, print_summary
 from horizonval.cli.work import place, resumable
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 
 
 def run(
@@ -45,8 +45,8 @@ def run(
     folder, at the same time or not; the command without --shard then makes what is missing and the report. Another
     --frames goes on in the same folder. Exit status 1 if a frame failed.
     """
-    from horizonval.campaign.run import run_suite
-    from horizonval.campaign.suite import load_suite, with_options
+    from horizonval.suites.run import run_suite
+    from horizonval.suites.suite import load_suite, with_options
 
     where = place(workers, shard, dask, merge)
     loaded = with_options(load_suite(suite, frames, seed), time_limit, keep)
@@ -78,7 +78,7 @@ def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folde
         raise UserError("no such folder", where=str(run_folder), expected="the folder of a run")
     print(f"report: {build_report(run_folder)}")
     if (run_folder / "study.json").is_file():
-        from horizonval.report.study_page import write_page
+        from horizonval.report.pages.study_page import write_page
 
         print(f"designs: {write_page(run_folder)}")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 
 
 def check_target(out: Path, source: Path | None = None) -> None:

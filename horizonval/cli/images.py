@@ -10,7 +10,7 @@ import typer
 from horizonval.cli.checks import check_target
 from horizonval.cli.options import Json
 from horizonval.cli.printing import print_json
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 
 
 def observe(
@@ -32,11 +32,11 @@ def observe(
     ] = None,
 ) -> None:
     """Detector images of a stored frame, without rendering again: one for every seed, exposure and band."""
-    from horizonval.archive.exr import read_frame, write_image
-    from horizonval.campaign.observing import plans
+    from horizonval.commands.observing import plans
     from horizonval.sensor.observe import observe as observe_frame
-    from horizonval.spec.camera import CameraSpec
     from horizonval.spec.load import load_camera
+    from horizonval.spec.sensor.camera import CameraSpec
+    from horizonval.store.exr import read_frame, write_image
 
     stored = read_frame(frame)
     spec = CameraSpec.model_validate(stored.truth.camera) if camera is None else load_camera(camera)
@@ -60,7 +60,7 @@ def sheet(
     columns: Annotated[int, typer.Option(min=1, max=40, help="Images in a row.")] = 5,
 ) -> None:
     """Contact sheet: detector images side by side in one picture, to look at."""
-    from horizonval.report.contact_sheet import contact_sheet, tiles_of
+    from horizonval.report.pages.contact_sheet import contact_sheet, tiles_of
 
     tiles = tiles_of(images)
     check_target(out)
@@ -84,7 +84,7 @@ def estimate(
 
     A refusal (any status other than `valid`) is a result like any other: exit status 0.
     """
-    from horizonval.campaign.estimate import estimate_file, estimate_heads
+    from horizonval.commands.estimate import estimate_file, estimate_heads
     from horizonval.spec.load import load_camera
 
     spec = load_camera(camera) if camera is not None else None

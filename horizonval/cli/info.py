@@ -8,12 +8,12 @@ import typer
 
 from horizonval.cli.options import Json
 from horizonval.cli.printing import print_json
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 
 
 def doctor(as_json: Json = False) -> int:
     """Say what works on this machine, and how to mend what does not. Exit status 1 if rendering is impossible."""
-    from horizonval.campaign.doctor import examine
+    from horizonval.commands.doctor import examine
 
     found = examine()
     if as_json:
@@ -32,8 +32,8 @@ def list_names(
     as_json: Json = False,
 ) -> None:
     """List the names that other commands take."""
-    from horizonval.campaign.listing import LISTS
-    from horizonval.suggest import nearest
+    from horizonval.commands.listing import LISTS
+    from horizonval.core.suggest import nearest
 
     if what not in LISTS:
         raise UserError(

@@ -10,7 +10,7 @@ import typer
 from horizonval.cli.options import Json, Workers
 from horizonval.cli.printing import print_json
 from horizonval.cli.work import resumable
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 
 baseline_app = typer.Typer(help="The accepted baseline of the nightly regression.", rich_markup_mode=None)
 
@@ -43,7 +43,7 @@ def regress(
     """
     from datetime import UTC, datetime
 
-    from horizonval.regression.night import LANES, Wanted, run_night
+    from horizonval.studies.regression.night import LANES, Wanted, run_night
 
     lanes = tuple(one for one in LANES if lane is None or one in lane)
     for one in lane or ():
@@ -69,8 +69,8 @@ def baseline_accept(
     release: Annotated[bool, typer.Option("--release", help="Also as the last release's.")] = False,
 ) -> None:
     """Make a night the accepted baseline, and write the table of what differs from the one before."""
-    from horizonval.campaign.folder import read_json
-    from horizonval.regression.accept import accept
+    from horizonval.store.folder import read_json
+    from horizonval.studies.regression.accept import accept
 
     name = (read_json(run / "night.json") or {}).get("suite", "nightly")
     for path in accept(run, baseline or BASELINES / f"{name}.json", reason, release=release):
@@ -78,7 +78,7 @@ def baseline_accept(
 
 
 def _print_verdict(verdict: dict[str, Any]) -> None:
-    from horizonval.regression.words import anchor_sentence, gate_sentence
+    from horizonval.studies.regression.words import anchor_sentence, gate_sentence
 
     for gate in verdict["gates"]:
         print(f"{gate['verdict']:12} {gate['name']} ({gate['against']}): {gate_sentence(gate)}")

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from horizonval.cli.checks import check_folder, check_target
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 
 Scene = Annotated[str, typer.Argument(help="A scene file, or the name of a shipped scene.")]
 
@@ -45,8 +45,8 @@ def render(
         targets = [out] if len(frames) == 1 else [out.with_name(f"{out.stem}.{name}{out.suffix}") for name in names]
         for target in targets:
             check_target(target)
-        from horizonval.campaign.progress import Tables
-        from horizonval.render.frame import render_frame
+        from horizonval.jobs.progress import Tables
+        from horizonval.render.scene.frame import render_frame
 
         for case, target in zip(frames, targets, strict=True):
             start = time.perf_counter()
@@ -56,8 +56,15 @@ def render(
         return
     spec, camera = load_scene(scene, head)
     check_target(out)
-    from horizonval.campaign.progress import Terminal
-    from horizonval.render.reference import DEFAULT_SPP, HOLDS, LEAVES_OUT, check_sunlight, render_reference, resized
+    from horizonval.jobs.progress import Terminal
+    from horizonval.render.reference.reference import (
+        DEFAULT_SPP,
+        HOLDS,
+        LEAVES_OUT,
+        check_sunlight,
+        render_reference,
+        resized,
+    )
 
     check_sunlight(camera, spec.camera.file)
     if reference_size is not None:
@@ -84,7 +91,7 @@ def mitsuba(
 
     spec, camera = load_scene(scene, head)
     check_folder(out)
-    from horizonval.render.export import export_scene
+    from horizonval.render.reference.export import export_scene
 
     for path in export_scene(spec, camera, out):
         print(f"{path}: {path.stat().st_size / 1e3:.1f} kB")
@@ -106,7 +113,7 @@ def radiance(
     """
     if orders not in ("single", "all"):
         raise UserError(f"found {orders!r}", where="--orders", expected="single or all")
-    from horizonval.campaign.rays import check_above_ground, read_rays, write_radiance
+    from horizonval.commands.rays import check_above_ground, read_rays, write_radiance
     from horizonval.earth.atmosphere_file import file_model, read_atmosphere
     from horizonval.spec.files import find
 
@@ -118,12 +125,12 @@ def radiance(
     model = file_model(file, thermal=thermal, refracted=str(path) if refraction else "")
     values: dict[str, Any] = {band.name: [] for band in file.bands}
     if table.rows:
-        from horizonval.render.backend import activate
+        from horizonval.render.plugin.backend import activate
 
         activate()
-        from horizonval.campaign.progress import Tables
-        from horizonval.render.multiple_scattering import FINE
-        from horizonval.render.radiance import radiance_along_rays
+        from horizonval.jobs.progress import Tables
+        from horizonval.render.kernel.radiance import radiance_along_rays
+        from horizonval.render.scattering.multiple_scattering import FINE
 
         scattering = FINE if orders == "all" else None
         with Tables() as progress:
@@ -147,7 +154,7 @@ def gallery(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the page; made if need be.")] = Path("gallery"),
 ) -> None:
     """Pictures of the shipped scenes on one page: in colour, or as brightness temperatures in the infrared."""
-    from horizonval.campaign.gallery import make_gallery
+    from horizonval.commands.gallery import make_gallery
 
     def tell(name: str, number: int, count: int) -> None:
         print(f"{number} of {count}: {name}", file=sys.stderr)
@@ -156,7 +163,7 @@ def gallery(
 
 
 def _write_frame(out: Path, frame: Any, start: float) -> None:
-    from horizonval.archive.exr import write_frame
+    from horizonval.store.exr import write_frame
 
     write_frame(out, frame)
     height, width = next(iter(frame.radiance.values())).shape

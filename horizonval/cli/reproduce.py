@@ -25,8 +25,8 @@ def reproduce(
 
     The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if a bar is missed.
     """
-    from horizonval.reproduce.book import printed_rows
-    from horizonval.reproduce.run import reproduce_systems
+    from horizonval.systems.book import printed_rows
+    from horizonval.systems.run import reproduce_systems
 
     done = {}
     with resumable("reproduce", unit="items") as progress:

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 
 if TYPE_CHECKING:
-    from horizonval.archive.index import Filter
+    from horizonval.store.index import Filter
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Which:
 
     def filter(self, kind: str | None) -> Filter:
         """Return the filter of the archive's index for entries of one kind, or of any."""
-        from horizonval.archive.index import Filter
+        from horizonval.store.index import Filter
 
         if kind not in (None, "frame", "image"):
             raise UserError(f"found {kind!r}", where="--kind", expected="frame or image")

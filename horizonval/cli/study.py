@@ -11,7 +11,7 @@ import typer
 from horizonval.cli.options import Dask, Json, Shard, Workers
 from horizonval.cli.printing import print_json, print_shard
 from horizonval.cli.work import place, resumable
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 
 
 def study(
@@ -57,7 +57,7 @@ def study(
             raise UserError(
                 f"used with --out {out}", where=name, fix=f"run the study, then `horizonval study {out} {name}`"
             )
-    from horizonval.study.run import run_study
+    from horizonval.studies.trade.run import run_study
 
     where = place(workers, shard, dask, merge)
     with resumable("study", kept="frames") as progress:
@@ -67,7 +67,7 @@ def study(
     elif done.page is None:
         print_shard(shard, done.missing)
     else:
-        from horizonval.study.words import design_lines
+        from horizonval.studies.trade.words import design_lines
 
         print("\n".join(design_lines(done.result, done.costs)))
         by = done.result["study"]["cheapest_by"]
@@ -85,8 +85,8 @@ def _ask_study(
     availability: float | None,
     as_json: bool,
 ) -> int:
-    from horizonval.study.run import ask, conclude_again, open_study
-    from horizonval.study.words import comparison_lines
+    from horizonval.studies.trade.run import ask, conclude_again, open_study
+    from horizonval.studies.trade.words import comparison_lines
 
     data = open_study(folder)
     changes = {"error_deg": error_deg, "availability": availability}

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from horizonval.campaign.progress import Terminal
-    from horizonval.campaign.run import Where
+    from horizonval.jobs.progress import Terminal
+    from horizonval.suites.run import Where
 
 
 def place(workers: int | None, shard: str | None, dask: str | None, merge: list[Path] | None) -> Where:
     """Return where the frames of a suite or study are made, as the options of these names say."""
-    from horizonval.campaign.plan import parse_shard
-    from horizonval.campaign.run import Where
+    from horizonval.suites.plan import parse_shard
+    from horizonval.suites.run import Where
 
     return Where(workers, None if shard is None else parse_shard(shard), dask, tuple(merge or ()))
 
@@ -33,7 +33,7 @@ def resumable(what: str, unit: str = "frames", *, kept: str | None = None) -> It
     kept : str, optional
         What an interruption does not lose, where that is worth saying.
     """
-    from horizonval.campaign.progress import Terminal
+    from horizonval.jobs.progress import Terminal
 
     try:
         with Terminal(what, unit) as progress:

@@ -31,10 +31,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from horizonval.earth import ozone, planck, rayleigh
-from horizonval.earth.column import FloatArray, OpticalModel, SpectralNode
-from horizonval.earth.profiles import profile
-from horizonval.errors import UserError
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
+from horizonval.earth.atmosphere import ozone, rayleigh
+from horizonval.earth.atmosphere.profiles import profile
+from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.earth.spectral import planck
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -334,7 +336,7 @@ def atmosphere_from_profile(
     Parameters
     ----------
     name : str
-        See :func:`horizonval.earth.profiles.names`.
+        See :func:`horizonval.earth.atmosphere.profiles.names`.
     wavelengths_nm : list of float
         One band each, named ``"550nm"``.
     use_ozone : bool

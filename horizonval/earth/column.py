@@ -7,7 +7,8 @@ adds them up::
 
 Every property is linear in altitude between the nodes of the common grid and zero above its top. Scattered sunlight
 comes in such nodes. The thermal bands of scenes, whose air varies with latitude, are
-:class:`horizonval.earth.emission.EmittingBand`; nodes with a thermal source are left to the ``radiance`` command.
+:class:`horizonval.earth.atmosphere.emission.EmittingBand`; nodes with a thermal source are left to the ``radiance``
+command.
 """
 
 from __future__ import annotations
@@ -16,11 +17,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from horizonval.earth.arrays import FloatArray
-from horizonval.earth.emission import EmittingBand
-from horizonval.earth.ground_emission import GroundEmission
-
-__all__ = ["FloatArray", "OpticalModel", "SpectralNode"]
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.surface.ground_emission import GroundEmission
 
 
 @dataclass(frozen=True)

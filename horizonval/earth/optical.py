@@ -3,13 +3,14 @@
 Solar bands become monochromatic nodes: Gauss's rule for the measure ``R(lambda) (lambda / lambda_ref) E_sun(lambda)``,
 so that Fraunhofer lines and jagged responses are integrated exactly and only the smooth transfer function is sampled
 (exact for polynomials of degree 2 n - 1 in wavelength). Ozone's cross section has peaks of its own; the nodes take it
-smoothed as :meth:`horizonval.earth.quadrature.Orthonormal.smoothed` says. Every node of a band carries the band's mean
-irradiance, and the weights add up to the band's effective width [um]. How many nodes: what the band asks for, or else
-the fewest that keep ``render.band_error``; see :mod:`horizonval.earth.node_count`.
+smoothed as :meth:`horizonval.earth.spectral.quadrature.Orthonormal.smoothed` says. Every node of a band carries the
+band's mean irradiance, and the weights add up to the band's effective width [um]. How many nodes: what the band asks
+for, or else the fewest that keep ``render.band_error``; see :mod:`horizonval.earth.atmosphere.node_count`.
 
 A solar node has molecules with their depolarisation at its wavelength, ozone, and particles with the asymmetry of what
-scatters at each altitude. Thermal bands become :class:`horizonval.earth.emission.EmittingBand`, see
-:mod:`horizonval.earth.emitting_air`, and what is behind them :class:`horizonval.earth.ground_emission.GroundEmission`.
+scatters at each altitude. Thermal bands become :class:`horizonval.earth.atmosphere.emission.EmittingBand`, see
+:mod:`horizonval.earth.atmosphere.emitting_air`, and what is behind them
+:class:`horizonval.earth.surface.ground_emission.GroundEmission`.
 
 Left out: cloud; absorption of sunlight by O2, H2O and NO2 (the O2 A band at 760 nm takes a few per cent of 700 to
 800 nm at the ground) and by ozone beyond 1000 nm (less than 0.3 % of the limb); sunlight reflected in thermal bands
@@ -23,18 +24,21 @@ from pathlib import Path
 
 import numpy as np
 
-from horizonval.earth import aerosol, atmosphere_file, bands, ozone, rayleigh, sunlight
-from horizonval.earth.air import NO_ATMOSPHERE, TOP_M, Air, air_of
-from horizonval.earth.column import FloatArray, OpticalModel, SpectralNode
-from horizonval.earth.emission import EmittingBand
-from horizonval.earth.emitting_air import emitting_air, grey_band, no_air_band
-from horizonval.earth.emitting_ground import emitting_ground
-from horizonval.earth.node_count import choose_rule
-from horizonval.earth.solar_rule import SolarRule, gauss, solar_measure
-from horizonval.errors import UserError
-from horizonval.spec.camera import Band, CameraSpec
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
+from horizonval.core.suggest import nearest
+from horizonval.earth import atmosphere_file
+from horizonval.earth.atmosphere import aerosol, ozone, rayleigh
+from horizonval.earth.atmosphere.air import NO_ATMOSPHERE, TOP_M, Air, air_of
+from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.atmosphere.emitting_air import emitting_air, grey_band, no_air_band
+from horizonval.earth.atmosphere.node_count import choose_rule
+from horizonval.earth.atmosphere.solar_rule import SolarRule, gauss, solar_measure
+from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.earth.spectral import bands, sunlight
+from horizonval.earth.surface.emitting_ground import emitting_ground
 from horizonval.spec.scene import SceneSpec
-from horizonval.suggest import nearest
+from horizonval.spec.sensor.camera import Band, CameraSpec
 
 __all__ = ["NO_ATMOSPHERE", "FloatArray", "OpticalModel", "SpectralNode", "node_counts", "optical_model"]
 

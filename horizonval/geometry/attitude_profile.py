@@ -20,12 +20,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from horizonval.core.arrays import FloatArray
 from horizonval.geometry.orbit import lvlh_matrices
-
-FloatArray = NDArray[np.float64]
 
 States = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Positions [m] and velocities [m/s], shape (n, 3) each, at times (n,), in axes that keep still among the stars."""

@@ -15,10 +15,10 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-FloatArray = NDArray[np.float64]
+from horizonval.core.arrays import FloatArray
+
 Coefficients = tuple[float, float, float, float, float]
 
 

@@ -24,11 +24,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from horizonval.errors import UserError
-
-FloatArray = NDArray[np.float64]
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
 
 
 @dataclass(frozen=True)

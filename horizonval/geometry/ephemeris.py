@@ -28,12 +28,11 @@ from datetime import UTC, datetime
 
 import erfa
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from horizonval.errors import UserError
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid
-
-FloatArray = NDArray[np.float64]
 
 SUN_RADIUS_M = 6.957e8
 """IAU 2015 resolution B3 nominal solar radius."""

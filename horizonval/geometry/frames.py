@@ -14,12 +14,11 @@ so that roll and pitch follow from the nadir vector alone, and yaw does not.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from horizonval.core.arrays import FloatArray
 from horizonval.geometry.ellipsoid import geocentric_nadir
-
-FloatArray = NDArray[np.float64]
 
 
 def rotate(q_b_from_a: ArrayLike, v_a: ArrayLike) -> FloatArray:

@@ -19,12 +19,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from horizonval.errors import UserError
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
 from horizonval.geometry.camera import Camera, project
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geocentric_nadir
 from horizonval.geometry.frames import north_east, rotate
-
-FloatArray = NDArray[np.float64]
 
 
 def _outside(r_itrs: ArrayLike, ellipsoid: Ellipsoid) -> tuple[FloatArray, float]:

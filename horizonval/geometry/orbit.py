@@ -26,13 +26,12 @@ from datetime import datetime
 
 import erfa
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from horizonval.errors import UserError
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.rotation import julian_utc
-
-FloatArray = NDArray[np.float64]
 
 GM_M3_PER_S2 = 3.986004418e14
 """WGS84."""

@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from horizonval.errors import UserError
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_height, itrs_from_geodetic, sphere, surface_normal
 from horizonval.geometry.frames import body_from_lvlh, cam_from_body, compose, lvlh_from_itrs
-from horizonval.spec.camera import CameraSpec, Head
 from horizonval.spec.scene import CameraUse, Earth, SceneSpec
-
-FloatArray = NDArray[np.float64]
+from horizonval.spec.sensor.camera import CameraSpec, Head
 
 
 @dataclass(frozen=True, eq=False)

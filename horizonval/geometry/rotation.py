@@ -17,11 +17,10 @@ from datetime import UTC, datetime
 
 import erfa
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from horizonval.errors import UserError
-
-FloatArray = NDArray[np.float64]
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
 
 
 def julian_utc(epoch_utc: datetime, seconds: ArrayLike = 0.0) -> tuple[float, FloatArray]:

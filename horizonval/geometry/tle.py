@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from sgp4.api import SGP4_ERRORS, Satrec
 
-from horizonval.errors import UserError
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
 from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme, julian_utc, turn
-
-FloatArray = NDArray[np.float64]
 
 EARTH_RATE_RAD_S = 7.292115146706979e-5
 """Rotation of the Earth, WGS84 (as in Vallado's ``teme2ecef``)."""

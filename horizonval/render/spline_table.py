@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.earth.arrays import FloatArray
+from horizonval.core.arrays import FloatArray
 from horizonval.render.tables import gather_chunk, table_of
 
 

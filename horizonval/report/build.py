@@ -14,22 +14,13 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
-from horizonval.outcome import Outcome
-from horizonval.report import (
-    campaign_page,
-    confusion_section,
-    infrared_section,
-    overlay,
-    picture,
-    plots,
-    rerun,
-    stability,
-    template,
-    wording,
-)
+from horizonval.report import rerun, template, wording
 from horizonval.report.accuracy import accuracy_of
+from horizonval.report.figures import overlay, picture, plots
 from horizonval.report.load import Run, View, load_run
+from horizonval.report.pages import campaign_page, confusion_section, infrared_section, stability
 from horizonval.report.verdict import VERDICTS, verdict_of
 from horizonval.scoring import limits
 from horizonval.scoring.expected import Expected, expected_outcome

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from horizonval.archive.store import Store
-from horizonval.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.outcome import Outcome
 from horizonval.frame import DetectorImage
-from horizonval.outcome import Outcome
+from horizonval.store.store import Store
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class View:
 class Run:
     """A run as the report needs it: views in the suite's order, the cases without result, the figures asked for.
 
-    ``figures`` are what :func:`horizonval.campaign.axes.figure_plans` says; ``study``: of a trade study.
+    ``figures`` are what :func:`horizonval.suites.axes.figure_plans` says; ``study``: of a trade study.
     """
 
     suite: str

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from horizonval.frame import FrameTruth
-from horizonval.spec.camera import CameraSpec
 from horizonval.spec.files import shipped_names, shipped_path
 from horizonval.spec.load import load_camera
+from horizonval.spec.sensor.camera import CameraSpec
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from horizonval.outcome import Outcome
+from horizonval.core.outcome import Outcome
 
 
 @dataclass(frozen=True)

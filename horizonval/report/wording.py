@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from horizonval.outcome import Outcome
+from horizonval.core.outcome import Outcome
 
 OUTCOME_WORDS = {
     Outcome.VALID: "an attitude",

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from horizonval.outcome import Outcome
+from horizonval.core.outcome import Outcome
 from horizonval.scoring.limits import NADIR_ERROR_LIMIT_RAD
 
 LIMIT_ARCSEC = math.degrees(NADIR_ERROR_LIMIT_RAD) * 3600.0

@@ -18,15 +18,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from horizonval.estimators.observation import Estimator, Fit, NoFit
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.observation import Estimator, Fit, NoFit
 from horizonval.frame import FrameTruth
 from horizonval.geometry import frames
-from horizonval.outcome import Outcome
 from horizonval.scoring import limits
-
-FloatArray = NDArray[np.float64]
 
 ARCSEC = math.radians(1 / 3600)
 METHOD_RADIUS_M = 6371008.8

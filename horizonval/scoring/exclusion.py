@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from horizonval.outcome import Outcome
+from horizonval.core.outcome import Outcome
 
 
 def is_right(row: Mapping[str, Any]) -> bool:

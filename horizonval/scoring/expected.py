@@ -10,7 +10,7 @@ projected into the image (:mod:`horizonval.scoring.horizon_view`). A sample is *
 
 Samples are *enough* where they are long and bent enough, and where they determine the nadir: the standard deviation of
 a cone through them, for the scatter of single points and for all that makes the limb no circle
-(:mod:`horizonval.limb.systematic`), must stay below a limit.
+(:mod:`horizonval.estimation.limb.model.systematic`), must stay below a limit.
 
 The tests are made in this order and the first that leaves too little names the outcome: ``no_limb`` (no horizon in
 view), ``short_arc`` (too little of it), ``sun_glare`` (solar bands, the Sun's disc in view), ``dark``, ``sun_glare``
@@ -43,15 +43,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.limb.model.systematic import Relief, systematic_covariance
+from horizonval.estimation.limb.shape.cone import fit_cone, off_axis_angle, tangent_basis
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import Camera, camera_from_spec, project
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import signed_limb_angle
-from horizonval.infrared_horizon.curve import curve_cam
-from horizonval.limb.cone import fit_cone, off_axis_angle, tangent_basis
-from horizonval.limb.systematic import Relief, systematic_covariance
-from horizonval.outcome import Outcome
 from horizonval.scoring import limits
 from horizonval.scoring.horizon_view import (
     HorizonView,
@@ -64,9 +63,9 @@ from horizonval.scoring.horizon_view import (
 )
 from horizonval.scoring.limb_signal import LimbSignal, limb_signal
 from horizonval.scoring.limits import Thresholds
-from horizonval.spec.camera import Band, CameraSpec
+from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.truth.infrared_horizon.curve import curve_cam
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 

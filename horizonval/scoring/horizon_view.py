@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import Camera, project
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import horizon_cam, tangency_points
 from horizonval.scoring import limits
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _STEPS_ACROSS_FIELD = 1000

@@ -16,9 +16,8 @@ Without air the ground alone is seen: ``pi L / E = albedo cos(z)``.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from horizonval.core.arrays import FloatArray
 
 ZENITH_DEG = np.array([0, 30, 60, 70, 80, 85, 88, 90, 92, 94, 96, 98, 100, 104, 110], dtype=np.float64)
 AHEAD = np.array(

@@ -6,7 +6,7 @@ By day a pixel on the limb collects ``S = L etendue tau t QE lambda / (h c)`` el
     noise^2 = S + V + D + read^2 + step^2 / 12 + (PRNU (S + V))^2 + DSNU^2
 
 and is lost where S + V reaches full scale. The veil is that of the optics' own settings: wings of the lens
-(:mod:`horizonval.sensor.scatter`) about a Sun in or near the frame, the baffle's table for a Sun outside of it.
+(:mod:`horizonval.sensor.lens.scatter`) about a Sun in or near the frame, the baffle's table for a Sun outside of it.
 
 A thermal limb always stands before cold space; its signal is the radiance of a black body of 220 K, the coldest air
 that is seen at the limb, its noise the NETD and the pixels' offsets.
@@ -22,20 +22,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import constants
 
-from horizonval.earth import bands
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.spectral import bands
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import Camera, project, unproject
 from horizonval.scoring import limits
 from horizonval.scoring.horizon_view import HorizonView
 from horizonval.scoring.limb_radiance import brightest_reflectance, limb_reflectance
-from horizonval.sensor import converter, exposure, optics, scatter, stray_light, thermal, thermal_noise
-from horizonval.spec.camera import Band, CameraSpec
-from horizonval.spec.detector import Cmos
-
-FloatArray = NDArray[np.float64]
+from horizonval.sensor.detector import converter, exposure, thermal, thermal_noise
+from horizonval.sensor.lens import optics, scatter, stray_light
+from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.spec.sensor.detector import Cmos
 
 
 @dataclass(frozen=True)
@@ -117,7 +116,7 @@ def ground_and_air(scene: dict[str, Any]) -> tuple[bool, float, float]:
 
 
 def _etendue(camera: Camera, spec: CameraSpec, pitch_m: float, view: HorizonView) -> FloatArray:
-    """Return the etendue [m2 sr] of the pixels on the horizon, as :mod:`horizonval.sensor.optics`; 0 out of view."""
+    """Return the etendue [m2 sr] of the pixels on the horizon; 0 out of view."""
     out = np.zeros(len(view.in_view))
     uv, los = view.uv[view.in_view], view.los_cam[view.in_view]
     step = np.array([[0.5, 0.0], [0.0, 0.5]])

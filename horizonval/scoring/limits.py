@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from horizonval.limb.systematic import Relief
+from horizonval.estimation.limb.model.systematic import Relief
 
 NADIR_ERROR_LIMIT_RAD = math.radians(0.5)
 """A claimed nadir further off than this is false whatever uncertainty it claims.

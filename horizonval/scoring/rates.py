@@ -16,7 +16,7 @@ from typing import Any
 
 from scipy import stats
 
-from horizonval.outcome import Outcome
+from horizonval.core.outcome import Outcome
 from horizonval.scoring.confusion import BEYOND_LIMIT, BEYOND_SIGMA, why_false
 
 CONFIDENCE = 0.95

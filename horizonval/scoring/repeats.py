@@ -16,12 +16,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from horizonval.estimators.observation import Fit
-from horizonval.limb.cone import tangent_basis
-
-FloatArray = NDArray[np.float64]
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.shape.cone import tangent_basis
+from horizonval.estimation.observation import Fit
 
 SHARPEST = 1e-15
 """Of the larger variance: a smaller one beside it is no statistic, as in :mod:`horizonval.scoring.errors`."""

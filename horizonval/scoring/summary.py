@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from horizonval.outcome import Outcome
+from horizonval.core.outcome import Outcome
 from horizonval.scoring.confusion import confusion, in_order, strict_confusion
 from horizonval.scoring.rates import rates
 

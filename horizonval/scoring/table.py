@@ -15,11 +15,11 @@ from typing import Any
 
 import duckdb
 
-from horizonval.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.frame import FrameTruth
-from horizonval.infrared_horizon.curve import visible_height_m
 from horizonval.scoring.errors import Score
 from horizonval.scoring.expected import Expected
+from horizonval.truth.infrared_horizon.curve import visible_height_m
 
 Row = dict[str, Any]
 

@@ -22,15 +22,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
+from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import Camera, pixel_grid, project, unproject
 from horizonval.geometry.frames import rotate
-
-FloatArray = NDArray[np.float64]
 
 GM_M3_PER_S2 = 3.986004418e14
 STILL_PX = 0.01

@@ -12,17 +12,16 @@ give the same bytes.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from horizonval.errors import UserError
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
 from horizonval.frame import DetectorImage, Frame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
-from horizonval.sensor import cmos, converter, lens_spread, thermal
+from horizonval.sensor.detector import cmos, converter, thermal
+from horizonval.sensor.lens import lens_spread
 from horizonval.sensor.streams import drawn_as, stream
-from horizonval.spec.camera import Band, CameraSpec
-from horizonval.spec.detector import Cmos, ThermalDetector
-
-FloatArray = NDArray[np.float64]
+from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.spec.sensor.detector import Cmos, ThermalDetector
 
 
 def observe(

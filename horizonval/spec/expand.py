@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 from horizonval.spec.explain import show
 from horizonval.spec.merge import Plain, deep_merge
 from horizonval.spec.suite import CasesSpec

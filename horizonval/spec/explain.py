@@ -11,8 +11,8 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from horizonval.errors import UserError
-from horizonval.suggest import nearest
+from horizonval.core.errors import UserError
+from horizonval.core.suggest import nearest
 
 Schema = Mapping[str, Any]
 

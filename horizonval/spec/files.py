@@ -6,8 +6,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
-from horizonval.errors import UserError
-from horizonval.suggest import nearest
+from horizonval.core.errors import UserError
+from horizonval.core.suggest import nearest
 
 Kind = Literal["scene", "camera", "suite", "study", "atmosphere"]
 

@@ -16,9 +16,9 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
+from horizonval.core.suggest import nearest
 from horizonval.spec.base import Model
-from horizonval.spec.camera import ALL_HEADS, CameraSpec
 from horizonval.spec.expand import variants
 from horizonval.spec.explain import explain, show
 from horizonval.spec.files import Kind, find
@@ -26,9 +26,9 @@ from horizonval.spec.merge import Plain, deep_merge
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.regression import RegressionSpec
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import ALL_HEADS, CameraSpec
 from horizonval.spec.stability import StabilitySpec
 from horizonval.spec.suite import FigureSpec, Keep, ProgramSpec, SuiteSpec
-from horizonval.suggest import nearest
 
 M = TypeVar("M", bound=Model)
 
@@ -166,7 +166,7 @@ def load_suite(
     ----------
     path_or_name : str or Path
     fly : callable, optional
-        Makes samples of orbits (:func:`horizonval.campaign.suite.load_suite` gives it): this room knows no orbits.
+        Makes samples of orbits (:func:`horizonval.suites.suite.load_suite` gives it): this room knows no orbits.
     frames : int, optional
         In place of ``suite.frames``.
     seed : int, optional
@@ -244,7 +244,7 @@ def _scenes(
                 yield f"{inside}: {variant.name}", table.name, scene, chosen
                 continue
             if fly is None:
-                raise ValueError("a suite with orbits is loaded with horizonval.campaign.suite.load_suite")
+                raise ValueError("a suite with orbits is loaded with horizonval.suites.suite.load_suite")
             orbit = validate(OrbitSpec, variant.orbit, str(path), inside=f"{inside}.orbit")
             samples = fly(orbit, whole, spec.suite.seed, table.name, f"{path}: {inside}")
             digits = max(3, len(str(len(samples) - 1)))

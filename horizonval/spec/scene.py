@@ -98,16 +98,16 @@ class Atmosphere(Model):
     of the point below the satellite. With ``latitude_deg`` the climate of that latitude serves everywhere in all bands.
 
     ``co2_ppm``: carbon dioxide of the lower atmosphere, for thermal bands only; the absorption tables stand at 330 and
-    420 ppm, see :mod:`horizonval.earth.thermal_absorption`.
+    420 ppm, see :mod:`horizonval.earth.spectral.thermal_absorption`.
 
     ``profile_file``: temperature and gases from a CSV or JSON file beside the scene, in place of ``profile``; see
-    :mod:`horizonval.earth.profile_file`.
+    :mod:`horizonval.earth.atmosphere.profile_file`.
 
     ``file``: optical properties from a file in the ``radiance`` command's format, in place of everything else here. Its
     bands must be named after the camera's bands.
 
-    ``aerosol``: LOWTRAN7's particles, see :mod:`horizonval.earth.aerosol`: ``none`` (the default: clean air, and a
-    third of the time), ``background`` (haze of 23 km visibility at the ground, a quiet stratosphere),
+    ``aerosol``: LOWTRAN7's particles, see :mod:`horizonval.earth.atmosphere.aerosol`: ``none`` (the default: clean
+    air, and a third of the time), ``background`` (haze of 23 km visibility at the ground, a quiet stratosphere),
     ``volcanic_moderate`` or ``volcanic_high``.
 
     ``ozone``: whether ozone absorbs sunlight.
@@ -159,7 +159,7 @@ class Surface(Model):
     the lowest air. ``earth`` has land, seasonal snow and an ocean that glints in the Sun, each with its own spectrum of
     albedo and emissivity; ``wind_speed_m_s`` roughens the ocean for sunlight (default 7). Land, snow and ocean are as
     warm as their latitude and month say, land with its day and night
-    (:mod:`horizonval.earth.surface_temperature`); ``temperature_k`` puts one temperature in place of all that.
+    (:mod:`horizonval.earth.surface.surface_temperature`); ``temperature_k`` puts one temperature in place of all that.
     """
 
     kind: Literal["uniform", "earth"] = "uniform"

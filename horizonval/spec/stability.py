@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.camera import Band, Positive
 from horizonval.spec.scene import Atmosphere, Surface
+from horizonval.spec.sensor.camera import Band, Positive
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
 Month = Annotated[int, Field(ge=1, le=12)]

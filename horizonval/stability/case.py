@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from horizonval.core.arrays import FloatArray
 from horizonval.spec.stability import StabilityBand, StabilitySpec
 from horizonval.stability.profiles import Profiles
-
-FloatArray = NDArray[np.float64]
 
 _DIGITS = 8
 

@@ -1,6 +1,7 @@
 """Where limb profiles have their horizon: half of the plateau, steepest fall, a fixed radiance.
 
-The first two are those of a frame's truth (:mod:`horizonval.infrared_horizon.locators`), for many profiles at once.
+The first two are those of a frame's truth (:mod:`horizonval.truth.infrared_horizon.locators`), for many profiles at
+once.
 """
 
 from __future__ import annotations
@@ -8,12 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from horizonval.infrared_horizon import locators
-
-FloatArray = NDArray[np.float64]
+from horizonval.core.arrays import FloatArray
+from horizonval.truth.infrared_horizon import locators
 
 _BISECTIONS = 30
 

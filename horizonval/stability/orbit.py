@@ -15,13 +15,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from horizonval.core.arrays import FloatArray
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, itrs_from_geodetic, tangent_height
 from horizonval.geometry.frames import north_east
 from horizonval.geometry.horizon import horizon_by_azimuth
-
-FloatArray = NDArray[np.float64]
 
 HEADS = ("forward", "right", "aft", "left")
 VANTAGE_M = 4e6

@@ -13,18 +13,17 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from horizonval.core.arrays import FloatArray
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.spec.camera import CameraGeometry, CameraSpec
 from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
+from horizonval.spec.sensor.camera import CameraGeometry, CameraSpec
 from horizonval.spec.stability import FieldSensor, StabilityBand, StabilitySpec
 from horizonval.stability.orbit import Heads, heads_round_orbit, offsets_of_heights, rays_along_parallels
 
 if TYPE_CHECKING:
     from horizonval.earth.column import OpticalModel
 
-FloatArray = NDArray[np.float64]
 
 LATITUDE_DEG = np.arange(-90.0, 91.0, 2.5)
 """Parallels at which the horizon is looked at."""
@@ -113,7 +112,7 @@ def month_model(spec: StabilitySpec, band: StabilityBand, month: int) -> Optical
 
 def month_profiles(spec: StabilitySpec, band: StabilityBand, month: int) -> Profiles:
     """March every ray of one band in one month."""
-    from horizonval.render.emission import thermal_radiance
+    from horizonval.render.scene.emission import thermal_radiance
 
     heads = heads_of(spec)
     height = heights_m(spec)

@@ -26,10 +26,10 @@ e = f w / 2, the half of it in pitch. Left out: that the horizon is curved acros
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-FloatArray = NDArray[np.float64]
+from horizonval.core.arrays import FloatArray
 
 
 def attitude_error(excess_rad: ArrayLike, azimuth_rad: ArrayLike) -> tuple[FloatArray, FloatArray]:

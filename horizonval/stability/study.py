@@ -13,9 +13,9 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from horizonval.earth.thermal_accuracy import thermal_accuracy
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.spectral.thermal_accuracy import thermal_accuracy
 from horizonval.spec.stability import EdgeSensor, FieldSensor, StabilityBand, StabilitySpec
 from horizonval.stability.locate import Horizon, highest_crossing, locate
 from horizonval.stability.orbit import Heads, offsets_of_heights
@@ -23,7 +23,6 @@ from horizonval.stability.profiles import LATITUDE_DEG, Profiles, heads_of
 from horizonval.stability.published import PUBLISHED
 from horizonval.stability.sensors import attitude_error, edge_excess, field_excess, field_output, interpolate
 
-FloatArray = NDArray[np.float64]
 Plain = dict[str, Any]
 
 RESULT_SCHEMA = 1

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from horizonval.campaign.check import check_suite
-from horizonval.campaign.plan import plan_of, units_of
-from horizonval.campaign.pool import available_cpus
-from horizonval.campaign.suite import load_suite
-from horizonval.truth import truth_of
+from horizonval.jobs.pool import available_cpus
+from horizonval.suites.check import check_suite
+from horizonval.suites.plan import plan_of, units_of
+from horizonval.suites.suite import load_suite
+from horizonval.truth.frame_truth import truth_of
 
 pytestmark = pytest.mark.benchmark
 

@@ -8,11 +8,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from horizonval.render.backend import activate
-from horizonval.render.frame import render_frame
+from horizonval.render.plugin.backend import activate
+from horizonval.render.scene.frame import render_frame
 from horizonval.sensor.observe import observe
-from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 MOST_RATIO = 0.5
 

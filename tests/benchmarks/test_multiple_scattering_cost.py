@@ -7,10 +7,10 @@ import time
 import pytest
 from peak_memory import run_apart
 
-from horizonval.render.backend import activate
-from horizonval.render.frame import render_frame
-from horizonval.spec.camera import CameraSpec
+from horizonval.render.plugin.backend import activate
+from horizonval.render.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 MOST_RATIO = 1.4
 MOST_BYTES = 2.0e9

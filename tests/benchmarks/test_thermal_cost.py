@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from peak_memory import run_apart
 
-from horizonval.render.backend import activate
-from horizonval.render.frame import render_frame
-from horizonval.spec.camera import CameraSpec
+from horizonval.render.plugin.backend import activate
+from horizonval.render.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 MOST_RATIO = 6.0
 MOST_BYTES = 2e9

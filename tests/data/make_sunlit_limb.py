@@ -1,4 +1,4 @@
-"""Make horizonval/limb/data/sunlit_limb.npz: where a sunlit limb is steepest, by the place of the Sun.
+"""Make horizonval/estimation/limb/model/data/sunlit_limb.npz: where a sunlit limb is steepest, by the place of the Sun.
 
     python tests/data/make_sunlit_limb.py
 
@@ -13,15 +13,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from horizonval.core.arrays import FloatArray
 from horizonval.earth.optical import optical_model
-from horizonval.limb.sunlit import TABLE
-from horizonval.render.backend import activate
+from horizonval.estimation.limb.model.sunlit import TABLE
+from horizonval.render.plugin.backend import activate
 from horizonval.spec.load import load_camera, load_suite
-
-FloatArray = NDArray[np.float64]
 
 RADIUS_M = 6371008.8
 ALTITUDE_KM = np.array([300.0, 700.0, 2000.0, 36000.0])
@@ -42,8 +40,8 @@ NODES = 192
 
 def profiles(model, altitude_km: float) -> tuple[FloatArray, list[FloatArray]]:
     """Return the band's radiance, shape (zenith, azimuth, tangent height), and that of its first and last node."""
-    from horizonval.render.multiple_scattering import STANDARD
-    from horizonval.render.radiance import radiance_along_rays
+    from horizonval.render.kernel.radiance import radiance_along_rays
+    from horizonval.render.scattering.multiple_scattering import STANDARD
 
     distance = RADIUS_M + altitude_km * 1e3
     off = np.arcsin((RADIUS_M + TANGENT_KM * 1e3) / distance)

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from horizonval.earth.optical import optical_model
 from horizonval.frame import Frame
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
-from horizonval.render.emission import NODES, thermal_radiance
-from horizonval.render.frame import render_frame
-from horizonval.spec.camera import CameraSpec
+from horizonval.render.scene.emission import NODES, thermal_radiance
+from horizonval.render.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 BANDS: dict[str, dict[str, Any]] = {
     "co2": {"lo_um": 14.0, "hi_um": 16.3},

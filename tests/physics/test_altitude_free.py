@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hard_limb import hard_limb_image
 
-from horizonval.estimators.altitude_free import ESTIMATOR
-from horizonval.estimators.altitude_free_published import ESTIMATOR as PUBLISHED
-from horizonval.estimators.observation import Fit, Observation
+from horizonval.estimation.methods.altitude_free import ESTIMATOR
+from horizonval.estimation.methods.altitude_free_published import ESTIMATOR as PUBLISHED
+from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import Camera
 from horizonval.geometry.frames import nadir_of_roll_pitch
 

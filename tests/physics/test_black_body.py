@@ -16,11 +16,11 @@ from scipy.integrate import quad
 from thermal_model import radiances
 
 from horizonval.earth.column import OpticalModel
-from horizonval.earth.ground_emission import uniform_ground
 from horizonval.earth.optical import optical_model
-from horizonval.render.emission import thermal_radiance
-from horizonval.spec.camera import CameraSpec
+from horizonval.earth.surface.ground_emission import uniform_ground
+from horizonval.render.scene.emission import thermal_radiance
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 RESPONSES: dict[str, tuple[list[float], list[float]]] = {
     "co2": ([14.0, 16.3], [1.0, 1.0]),

@@ -11,9 +11,9 @@ from make_emission_limb import BANDS, CLIMATES, HEIGHTS_KM, SHELLS_M, absorption
 from reference_rays import RADIUS_KM
 from thermal_model import radiances
 
+from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.column import OpticalModel
-from horizonval.earth.emission import EmittingBand
-from horizonval.earth.ground_emission import uniform_ground
+from horizonval.earth.surface.ground_emission import uniform_ground
 
 DATA = Path(__file__).parents[1] / "data"
 

@@ -13,10 +13,10 @@ import pytest
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import horizon_columns, horizon_rows
-from horizonval.render.frame import render_frame
-from horizonval.spec.camera import CameraSpec
+from horizonval.render.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
-from horizonval.truth import truth_of
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.truth.frame_truth import truth_of
 
 WORST_ARCSEC = 0.05
 """The edge of a pixel-perfect renderer; 1e-4 of the pixels of these cameras, a thousandth of any sensor's accuracy."""

@@ -11,24 +11,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 from scipy.special import k1e
 
+from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.column import OpticalModel
-from horizonval.earth.emission import EmittingBand
-from horizonval.earth.ground_emission import GroundEmission
 from horizonval.earth.optical import optical_model
+from horizonval.earth.surface.ground_emission import GroundEmission
 from horizonval.frame import FrameTruth
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic, sphere
-from horizonval.infrared_horizon.around import infrared_horizon
-from horizonval.infrared_horizon.radiance import Air, ground_ray, limb_radiance
-from horizonval.infrared_horizon.rays import courses
-from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
-from horizonval.truth import truth_of
-
-FloatArray = NDArray[np.float64]
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.truth.frame_truth import truth_of
+from horizonval.truth.infrared_horizon.around import infrared_horizon
+from horizonval.truth.infrared_horizon.radiance import Air, ground_ray, limb_radiance
+from horizonval.truth.infrared_horizon.rays import courses
 
 SPHERE = sphere(6_371_230.0)
 CAMERA_M = np.array([6_371_230.0 + 500e3, 0.0, 0.0])
@@ -311,7 +308,7 @@ def test_the_renderer_agrees() -> None:
     The renderer has other rays, other steps and another quadrature. 2 m of 470 m pixels in the opaque band; in the
     window the chord between two pixels' centres is 10 m off.
     """
-    from horizonval.render.frame import render_frame
+    from horizonval.render.scene.frame import render_frame
 
     tables = {"camera": {"width": 4, "height": 300, "fx": 6000.0, "fy": 6000.0}}
     spec = CameraSpec.model_validate(camera((14.0, 16.3), (8.0, 14.0)).model_dump(mode="json") | tables)

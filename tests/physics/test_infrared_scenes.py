@@ -10,20 +10,20 @@ import pytest
 from numpy.typing import NDArray
 
 import horizonval.render  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
-from horizonval.earth.brightness import brightness_temperature_k
-from horizonval.earth.emission import EmittingBand
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.optical import optical_model
-from horizonval.earth.profiles import profile
+from horizonval.earth.spectral.brightness import brightness_temperature_k
 from horizonval.frame import Frame, Hit
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
 from horizonval.geometry.ellipsoid import geodetic_from_itrs
 from horizonval.geometry.frames import inverse, rotate
-from horizonval.render.frame import render_frame
-from horizonval.spec.camera import CameraSpec
+from horizonval.render.scene.frame import render_frame
 from horizonval.spec.load import deep_merge, load_scene
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
-FloatArray = NDArray[np.float64]
 Render = Callable[..., Frame]
 
 

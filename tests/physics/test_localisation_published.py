@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.localisation.celestial import celestial_errors, rms
-from horizonval.localisation.pipeline import locate
-from horizonval.reproduce.localisation_case import PUBLISHED_ROUNDING, ROUNDING_DEG, exact_pass, rounded
-from horizonval.reproduce.localisation_from_frames import expected
-from horizonval.reproduce.localisation_noise import LARGEST, MEANINGS, Meaning, noisy, plain_column
+from horizonval.systems.e.case import PUBLISHED_ROUNDING, ROUNDING_DEG, exact_pass, rounded
+from horizonval.systems.e.from_frames import expected
+from horizonval.systems.e.noise import LARGEST, MEANINGS, Meaning, noisy, plain_column
+from horizonval.systems.e.orbit.celestial import celestial_errors, rms
+from horizonval.systems.e.orbit.pipeline import locate
 
 
 @pytest.mark.parametrize("row", range(3))

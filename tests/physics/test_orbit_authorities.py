@@ -13,7 +13,7 @@ from astropy.coordinates import GCRS, ITRS, TEME, CartesianDifferential, Cartesi
 from astropy.time import Time
 from astropy.utils import iers
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 from horizonval.geometry.rotation import itrs_from_gcrs
 from horizonval.geometry.tle import ElementSet, gcrs_states, itrs_states, teme_states
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from horizonval.reproduce.pair.applicability import OVERHEAD
-from horizonval.reproduce.pair.frames import attitude, pair, scene, view
+from horizonval.systems.b.pair.applicability import OVERHEAD
+from horizonval.systems.b.pair.frames import attitude, pair, scene, view
 
 
 def test_a_rendered_pair_finds_the_vertical_of_a_bare_sphere() -> None:

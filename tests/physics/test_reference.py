@@ -18,11 +18,11 @@ import pytest
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere
 from horizonval.frame import Frame, Hit
 from horizonval.geometry.camera import Camera
-from horizonval.render.backend import activate
-from horizonval.render.frame import describe, render_frame
-from horizonval.render.reference import placement, render_reference
-from horizonval.spec.camera import CameraSpec
+from horizonval.render.plugin.backend import activate
+from horizonval.render.reference.reference import placement, render_reference
+from horizonval.render.scene.frame import describe, render_frame
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 DATA = Path(__file__).parents[1] / "data"
 VIEWS = {"limb": (68.0, 6.0), "ground": (20.0, 50.0), "wide": (60.0, 70.0)}
@@ -101,8 +101,8 @@ def test_particles_of_changing_asymmetry_equal_stock_mitsuba() -> None:
     described = describe(scene, camera)
     import mitsuba as mi
 
-    from horizonval.render import reference_scene as stock
-    from horizonval.render.integrator import limb_properties
+    from horizonval.render.plugin.integrator import limb_properties
+    from horizonval.render.reference import reference_scene as stock
 
     clear = described.model.nodes[0]
     z = described.model.altitude_m
@@ -135,8 +135,8 @@ def test_all_orders_equal_an_independent_monte_carlo() -> None:
     activate()
     import mitsuba as mi
 
-    from horizonval.render import reference_scene as stock
     from horizonval.render.planet import Planet
+    from horizonval.render.reference import reference_scene as stock
 
     atmosphere = read_atmosphere(DATA / "atm_rayleigh.json")
     model = file_model(atmosphere, thermal=False)

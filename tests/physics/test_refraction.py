@@ -12,19 +12,19 @@ import pytest
 from bent_rays import Air, limb_radiance
 from scipy.integrate import solve_ivp
 
-from horizonval.earth import rayleigh
+from horizonval.core.errors import UserError
+from horizonval.earth.atmosphere import rayleigh
+from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere, write_atmosphere
 from horizonval.earth.column import OpticalModel, SpectralNode
-from horizonval.earth.profiles import profile
-from horizonval.errors import UserError
-from horizonval.render.backend import activate
-from horizonval.render.frame import render_frame
+from horizonval.render.kernel.radiance import radiance_along_rays
+from horizonval.render.kernel.refraction import Turning, true_direction
+from horizonval.render.kernel.straightened import straighten
 from horizonval.render.planet import Planet
-from horizonval.render.radiance import radiance_along_rays
-from horizonval.render.refraction import Turning, true_direction
-from horizonval.render.straightened import straighten
-from horizonval.spec.camera import CameraSpec
+from horizonval.render.plugin.backend import activate
+from horizonval.render.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 DATA = Path(__file__).parents[1] / "data"
 RADIUS_M = 6_371_000.0

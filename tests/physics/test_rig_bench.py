@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from horizonval.geometry.camera import Camera
-from horizonval.render.backend import activate
-from horizonval.reproduce.rig import bench
-from horizonval.reproduce.rig.panel import Panel
+from horizonval.render.plugin.backend import activate
+from horizonval.systems.b.rig import bench
+from horizonval.systems.b.rig.panel import Panel
 
 activate()
 
-from horizonval.reproduce.rig import scene  # noqa: E402
+from horizonval.systems.b.rig import scene  # noqa: E402
 
 CAMERA = Camera(256, 256, 222.0, 222.0, 130.0, 126.0)
 EVEN = {"backlight_fall": 0.0, "backlight_slope": 0.0, "viewing_power": 0.0}

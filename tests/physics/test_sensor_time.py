@@ -15,9 +15,10 @@ from scipy import constants, integrate
 from scipy.spatial.transform import Rotation
 
 from horizonval.geometry.camera import Camera, pixel_grid, unproject
-from horizonval.sensor import motion, thermal
+from horizonval.sensor import motion
+from horizonval.sensor.detector import thermal
 from horizonval.sensor.observe import observe
-from horizonval.spec.camera import CameraSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 PINHOLE = Camera(96, 72, 90.0, 90.0, 47.5, 35.5, distortion=(-0.12, 0.02, 0.001, -0.001, 0.0))
 FISHEYE = Camera(96, 96, 30.0, 30.0, 47.5, 47.5, projection="fisheye")

@@ -10,18 +10,18 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from horizonval.earth import airglow, limb_darkening, moonlight
 from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.earth.light import airglow, limb_darkening, moonlight
 from horizonval.earth.optical import optical_model
 from horizonval.frame import Frame, Hit
 from horizonval.geometry.camera import Camera, camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.ephemeris import AU_M, sun_itrs, sun_visible_fraction
-from horizonval.render.backend import activate
-from horizonval.render.frame import render_frame
-from horizonval.spec.camera import CameraSpec
+from horizonval.render.plugin.backend import activate
+from horizonval.render.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
-from horizonval.truth import moon_place
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.truth.frame_truth import moon_place
 
 GREEN = {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}
 NIR = {"name": "nir", "kind": "solar", "lo_um": 0.8, "hi_um": 0.9, "nodes": 2}
@@ -236,7 +236,7 @@ RADIUS_M, LAYER_M = 6_371_000.0, 95_000.0
 
 def _thin_layer(mi: Any) -> tuple[Any, OpticalModel]:
     """A layer 3 km thick at 95 km in empty space: a chunk that glows, unit column."""
-    from horizonval.render.chunks import RAY_TABLE, make_chunks
+    from horizonval.render.kernel.chunks import RAY_TABLE, make_chunks
     from horizonval.render.planet import Planet
 
     z = np.arange(0.0, 120_001.0, 100.0)
@@ -249,7 +249,7 @@ def _thin_layer(mi: Any) -> tuple[Any, OpticalModel]:
 
 
 def _along(mi: Any, chunk: Any, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    from horizonval.render.march import march
+    from horizonval.render.kernel.march import march
     from horizonval.render.planet import Planet
 
     o, d = (tuple(mi.Float64(np.ascontiguousarray(a[:, k])) for k in range(3)) for a in (origin, direction))
@@ -357,7 +357,7 @@ def test_a_sunlit_scene_has_nothing_of_the_night(mi: Any) -> None:
 
 
 def test_leaving_out_the_set_sun_changes_nothing(mi: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    import horizonval.render.description as module
+    import horizonval.render.scene.description as module
 
     scene = _night(sun={"zenith_deg": 136.0, "azimuth_deg": 90.0}, moon={"zenith_deg": 40.0})
     camera = _camera({"width": 48, "height": 36, "fov_deg": 60.0})

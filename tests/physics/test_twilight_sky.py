@@ -7,11 +7,11 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from horizonval.earth import bands
+from horizonval.earth.spectral import bands
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, pixel_solid_angle, unproject
-from horizonval.render.frame import render_frame
-from horizonval.spec.camera import CameraSpec
+from horizonval.render.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 # CIE 1924 photopic efficiency, every 20 nm from 420 nm, and the lumens of a watt at its peak.
 WAVELENGTH_UM = np.arange(0.42, 0.71, 0.02)
@@ -76,11 +76,11 @@ def test_illuminance_of_twilight(sun_depression_deg, published_lx, factor):
 def test_the_stations_sky_is_what_the_ray_integrator_gives():
     from horizonval.earth.optical import optical_model
     from horizonval.geometry.ephemeris import AU_M, sun_itrs
-    from horizonval.localisation.ground_camera import tracker
-    from horizonval.localisation.sky import render_sky, sky_scene
-    from horizonval.localisation.stations import Station, enu_directions
-    from horizonval.render.multiple_scattering import STANDARD
-    from horizonval.render.radiance import radiance_along_rays
+    from horizonval.render.kernel.radiance import radiance_along_rays
+    from horizonval.render.scattering.multiple_scattering import STANDARD
+    from horizonval.systems.e.ground.ground_camera import tracker
+    from horizonval.systems.e.ground.sky import render_sky, sky_scene
+    from horizonval.systems.e.orbit.stations import Station, enu_directions
 
     epoch = datetime(2019, 11, 26, 14, 10, tzinfo=UTC)
     station = Station("S1", np.radians(48.3358), np.radians(35.7061), 1000.0)

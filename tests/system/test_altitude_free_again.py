@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from horizonval.reproduce import altitude_free as experiment
-from horizonval.reproduce import altitude_free_rows as report
-from horizonval.reproduce.altitude_free_bank import grid, limb_length_px, measure, set_ups
-from horizonval.reproduce.altitude_free_check import check
-from horizonval.reproduce.altitude_free_solvers import compare, conditions
-from horizonval.reproduce.altitude_free_table import bank_of, error_table, steps_with_pixels
-from horizonval.reproduce.workshop import Plain, Workshop
+from horizonval.systems.a import experiment as experiment
+from horizonval.systems.a import rows as report
+from horizonval.systems.a.bank import grid, limb_length_px, measure, set_ups
+from horizonval.systems.a.check import check
+from horizonval.systems.a.solvers import compare, conditions
+from horizonval.systems.a.table import bank_of, error_table, steps_with_pixels
+from horizonval.systems.workshop import Plain, Workshop
 
 SMALL = (100, 200)
 

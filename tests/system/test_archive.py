@@ -13,13 +13,13 @@ import OpenImageIO
 import pytest
 from conftest import assert_one_line
 
-from horizonval.archive.store import Store
-from horizonval.campaign import rescore
-from horizonval.estimators import registry
+from horizonval.estimation import registry
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.horizon import tangency_points
 from horizonval.report.load import load_run
 from horizonval.scoring.table import read_results
+from horizonval.store.store import Store
+from horizonval.suites import rescore
 
 
 @pytest.fixture
@@ -128,7 +128,7 @@ def test_gc_asks_and_spares_what_is_named(horizonval, out, make_frame, monkeypat
 
 
 def test_gc_does_nothing_while_a_run_or_a_shard_is_at_work(horizonval, out, make_frame):
-    from horizonval.campaign.folder import RunFolder
+    from horizonval.store.folder import RunFolder
 
     Store(out / "archive").add_frame(make_frame())
     for shard in (None, (1, 2)):

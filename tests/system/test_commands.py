@@ -13,8 +13,8 @@ import OpenEXR
 import pytest
 from conftest import MINI_CAMERA, assert_one_line
 
-from horizonval.archive import exr
 from horizonval.spec.files import shipped_names
+from horizonval.store import exr
 
 CONTRACT_KEYS = [
     "estimator", "status", "reason", "nadir_cam", "roll_deg", "pitch_deg", "altitude_km", "angular_radius_deg",

@@ -11,9 +11,10 @@ import pytest
 from browser import Browser, chromium_path
 from conftest import PROGRAM, assert_one_line
 
-from horizonval.archive.store import Store
-from horizonval.report import build, campaign_page
+from horizonval.report import build
 from horizonval.report.load import load_run
+from horizonval.report.pages import campaign_page
+from horizonval.store.store import Store
 
 pytestmark = pytest.mark.slow
 

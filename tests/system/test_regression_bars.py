@@ -14,19 +14,19 @@ import pytest
 from scipy import ndimage
 
 import horizonval.render  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
-from horizonval.campaign.plan import plan_of
-from horizonval.campaign.suite import load_suite
-from horizonval.estimators import registry
-from horizonval.estimators.observation import NoFit
+from horizonval.core.outcome import Outcome
+from horizonval.estimation import registry
+from horizonval.estimation.observation import NoFit
 from horizonval.frame import FrameTruth
-from horizonval.outcome import Outcome
-from horizonval.regression.baseline import frames_of, pack_path, read_baseline
-from horizonval.regression.gates import Results, changed, measure, pairs_of
-from horizonval.regression.images import compare_images
-from horizonval.regression.judge import judge
-from horizonval.regression.regions import LIMB, regions_of
-from horizonval.regression.units import estimate_frozen, render_scene
 from horizonval.sensor.observe import observe
+from horizonval.studies.regression.baseline.baseline import frames_of, pack_path, read_baseline
+from horizonval.studies.regression.images import compare_images
+from horizonval.studies.regression.regions import LIMB, regions_of
+from horizonval.studies.regression.statistics.gates import Results, changed, measure, pairs_of
+from horizonval.studies.regression.statistics.judge import judge
+from horizonval.studies.regression.units import estimate_frozen, render_scene
+from horizonval.suites.plan import plan_of
+from horizonval.suites.suite import load_suite
 
 pytestmark = pytest.mark.slow
 
@@ -50,7 +50,7 @@ def base():
 @pytest.fixture(scope="module")
 def rendered(suite):
     """Frames of every fourth scene of those whose radiance is gated."""
-    from horizonval.render.frame import render_frame
+    from horizonval.render.scene.frame import render_frame
 
     chosen = [case for case in suite.cases if suite.tables[case.name] in ("day", "infrared")][::EVERY]
     return {case.name: (case, render_frame(case.scene, case.camera)) for case in chosen}
@@ -160,7 +160,7 @@ def test_half_a_pixel_is_caught(suite, base, rendered):
 
 
 def test_a_wrong_sign_of_k1_is_caught(suite, base, rendered):
-    from horizonval.render.frame import render_frame
+    from horizonval.render.scene.frame import render_frame
 
     lensed = {name: pair for name, pair in rendered.items() if suite.tables[name] == "day"}
 

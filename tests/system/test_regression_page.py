@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from browser import Browser, chromium_path
 
-from horizonval.campaign.suite import load_suite
-from horizonval.regression.baseline import read_baseline
-from horizonval.regression.gates import Results, changed, measure, pairs_of
-from horizonval.regression.judge import judge
-from horizonval.regression.page import write_page
+from horizonval.studies.regression.baseline.baseline import read_baseline
+from horizonval.studies.regression.page import write_page
+from horizonval.studies.regression.statistics.gates import Results, changed, measure, pairs_of
+from horizonval.studies.regression.statistics.judge import judge
+from horizonval.suites.suite import load_suite
 
 pytestmark = [
     pytest.mark.slow,

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from conftest import MINI_CAMERA, assert_one_line, outcome_of
 
-from horizonval.archive.store import Store
-from horizonval.campaign.progress import Silent
-from horizonval.campaign.run import Where, run_suite
-from horizonval.campaign.suite import load_suite
+from horizonval.jobs.progress import Silent
 from horizonval.scoring.table import read_results
+from horizonval.store.store import Store
+from horizonval.suites.run import Where, run_suite
+from horizonval.suites.suite import load_suite
 
 SUITE = """
 [suite]

@@ -13,29 +13,16 @@ import horizonval
 PACKAGE = Path(horizonval.__file__).parent
 
 ROOMS = [
-    "cli", "reproduce", "study", "regression", "campaign", "localisation", "stability", "report", "scoring", "archive",
-    "sensor", "render", "estimators", "limb", "truth", "infrared_horizon", "frame", "earth", "geometry", "spec",
-    "suggest", "outcome", "errors",
+    "cli", "commands", "systems", "studies", "suites", "stability", "report", "jobs", "scoring", "store", "sensor",
+    "render", "estimation", "truth", "frame", "earth", "geometry", "spec", "core",
 ]  # fmt: skip
 """From top to bottom. A room may import any room that stands later in this list."""
 
-STRANGERS = {("render", "sensor"), ("sensor", "render"), ("estimators", "frame"), ("estimators", "truth")}
+STRANGERS = {("render", "sensor"), ("sensor", "render"), ("estimation", "frame"), ("estimation", "truth")}
 """Pairs that must not know each other although the order would allow it."""
 
 HEAVY = {"mitsuba", "drjit"}
-LIGHT_ROOMS = (
-    "geometry",
-    "earth",
-    "spec",
-    "truth",
-    "infrared_horizon",
-    "frame",
-    "limb",
-    "estimators",
-    "sensor",
-    "scoring",
-    "archive",
-)
+LIGHT_ROOMS = ("core", "geometry", "earth", "spec", "truth", "frame", "estimation", "sensor", "scoring", "store")
 
 
 def _modules() -> dict[str, Path]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from horizonval import cli
-from horizonval.campaign.suite import load_suite
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
+from horizonval.suites.suite import load_suite
 
 
 def test_another_seed_draws_other_scenes(monkeypatch, tmp_path):
@@ -14,7 +14,7 @@ def test_another_seed_draws_other_scenes(monkeypatch, tmp_path):
         taken.append(suite)
         raise UserError("enough")
 
-    monkeypatch.setattr("horizonval.campaign.run.run_suite", take)
+    monkeypatch.setattr("horizonval.suites.run.run_suite", take)
     for seed in ("1", "9"):
         assert cli.run_command_line(["run", "strict", "--frames", "40", "--seed", seed, "--out", str(tmp_path)]) == 2
     own = load_suite("strict", 40)

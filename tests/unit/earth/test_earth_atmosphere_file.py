@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from horizonval.core.errors import UserError
 from horizonval.earth import atmosphere_file as af
-from horizonval.earth import planck
-from horizonval.errors import UserError
+from horizonval.earth.spectral import planck
 
 
 def content() -> dict[str, Any]:

@@ -3,8 +3,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.earth import bands
-from horizonval.spec.camera import Band
+from horizonval.earth.spectral import bands
+from horizonval.spec.sensor.camera import Band
 
 
 def band(**values: Any) -> Band:

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from horizonval.earth import thermal_absorption as ta
-from horizonval.earth.arrays import FloatArray
-from horizonval.earth.borrowed_absorption import ln_absorption
-from horizonval.earth.planck import radiance_per_wavenumber
-from horizonval.earth.profiles import Profile, profile
-from horizonval.spec.camera import Band
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere.borrowed_absorption import ln_absorption
+from horizonval.earth.atmosphere.profiles import Profile, profile
+from horizonval.earth.spectral import thermal_absorption as ta
+from horizonval.earth.spectral.planck import radiance_per_wavenumber
+from horizonval.spec.sensor.camera import Band
 
 RADIUS_M = 6_371_000.0
 Z = ta.levels_m()

@@ -4,14 +4,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.earth import climate, thermal_absorption
-from horizonval.earth.air import air_of
-from horizonval.earth.climate import blended, climate_weights, month_of
-from horizonval.earth.emission import EmittingBand
+from horizonval.earth.atmosphere import climate
+from horizonval.earth.atmosphere.air import air_of
+from horizonval.earth.atmosphere.climate import blended, climate_weights, month_of
+from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.atmosphere.profiles import Profile, profile
 from horizonval.earth.optical import optical_model
-from horizonval.earth.profiles import Profile, profile
-from horizonval.spec.camera import CameraSpec
+from horizonval.earth.spectral import thermal_absorption
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 DOBSON_PER_M2 = 2.6867e20
 CLIMATES = ("tropical", "midlatitude_summer", "midlatitude_winter", "subarctic_summer", "subarctic_winter")

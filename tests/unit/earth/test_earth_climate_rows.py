@@ -3,10 +3,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.earth import climate_rows, thermal_absorption
+from horizonval.earth.atmosphere import climate_rows
 from horizonval.earth.optical import optical_model
-from horizonval.spec.camera import CameraSpec
+from horizonval.earth.spectral import thermal_absorption
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 CAMERA = CameraSpec.model_validate(
     {

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.earth import clouds
-from horizonval.earth.clouds import BASE_M, CloudField
+from horizonval.earth.atmosphere import clouds
+from horizonval.earth.atmosphere.clouds import BASE_M, CloudField
 from horizonval.spec.scene import SceneSpec
 
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from horizonval.earth.emissivity import emissivity, water_emissivity, water_index
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
+from horizonval.earth.surface.emissivity import emissivity, water_emissivity, water_index
 
 THERMAL_UM = np.linspace(7.2, 20.0, 400)
 

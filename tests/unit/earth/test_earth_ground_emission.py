@@ -3,9 +3,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.earth import surface_temperature, thermal_absorption
-from horizonval.earth.emitting_ground import emitting_ground
-from horizonval.earth.ground_emission import ground_emissivity, ground_k
+from horizonval.earth.spectral import thermal_absorption
+from horizonval.earth.surface import surface_temperature
+from horizonval.earth.surface.emitting_ground import emitting_ground
+from horizonval.earth.surface.ground_emission import ground_emissivity, ground_k
 from horizonval.spec.scene import SceneSpec
 
 

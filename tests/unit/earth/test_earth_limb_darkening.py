@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.earth import limb_darkening
+from horizonval.earth.light import limb_darkening
 
 WAVELENGTHS = [0.3, 0.35, 0.372, 0.38, 0.4, 0.45, 0.5, 0.6, 0.8, 1.0, 1.1, 2.0]
 

@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from horizonval.earth import airglow, bands, moonlight, sky, sunlight
+from horizonval.earth.light import airglow, moonlight, sky
 from horizonval.earth.optical import optical_model
-from horizonval.spec.camera import Band, CameraSpec
+from horizonval.earth.spectral import bands, sunlight
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import Band, CameraSpec
 
 MEAN_MOON_AU = 384_400e3 / sunlight.ASTRONOMICAL_UNIT_M
 

@@ -4,14 +4,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.earth import air, bands, node_count, solar_rule, sunlight
+from horizonval.core.errors import UserError
+from horizonval.earth.atmosphere import air, node_count, solar_rule
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.optical import node_counts, optical_model
-from horizonval.errors import UserError
-from horizonval.spec.camera import Band, CameraSpec
+from horizonval.earth.spectral import bands, sunlight
 from horizonval.spec.files import shipped_names
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import Band, CameraSpec
 
 RADIUS_M = 6_371_000.0
 

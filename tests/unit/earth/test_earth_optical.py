@@ -5,11 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.earth import atmosphere_file, bands, planck, rayleigh, sunlight
+from horizonval.core.errors import UserError
+from horizonval.earth import atmosphere_file
+from horizonval.earth.atmosphere import rayleigh
 from horizonval.earth.optical import OpticalModel, node_counts, optical_model
-from horizonval.errors import UserError
-from horizonval.spec.camera import CameraSpec
+from horizonval.earth.spectral import bands, planck, sunlight
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 VIS = {"name": "vis", "kind": "solar", "lo_um": 0.45, "hi_um": 0.65, "nodes": 4}
 TIR = {"name": "tir", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from horizonval.earth import ozone
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
+from horizonval.earth.atmosphere import ozone
 
 
 @pytest.mark.parametrize(

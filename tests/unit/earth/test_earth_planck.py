@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from horizonval.earth import planck
+from horizonval.earth.spectral import planck
 
 
 def test_wien_and_stefan() -> None:

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from horizonval.core.errors import UserError
+from horizonval.earth.atmosphere.profile_file import read_profile
+from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.optical import optical_model
-from horizonval.earth.profile_file import read_profile
-from horizonval.earth.profiles import profile
-from horizonval.errors import UserError
-from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 KM = [*range(0, 30), *range(30, 101, 2)]
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from horizonval.earth import profiles
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
+from horizonval.earth.atmosphere import profiles
 
 # U.S. Standard Atmosphere 1976, table 4 values at the bases of its layers: geopotential km, K, Pa, kg m-3.
 STANDARD = [

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from horizonval.earth.quadrature import Orthonormal, composite_gauss
+from horizonval.earth.spectral.quadrature import Orthonormal, composite_gauss
 
 
 def test_composite_rule_is_exact_on_every_interval() -> None:

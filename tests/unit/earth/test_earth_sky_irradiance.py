@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.special import expn
 
-from horizonval.earth.emission import EmittingBand
+from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.optical import optical_model
-from horizonval.spec.camera import CameraSpec
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 RADIUS_M = 6_371_000.0
 

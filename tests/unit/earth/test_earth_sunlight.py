@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from horizonval.earth import sunlight
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
+from horizonval.earth.spectral import sunlight
 
 
 def test_total_irradiance() -> None:

@@ -7,8 +7,8 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from horizonval.earth import surface
-from horizonval.earth.land import COLUMNS, ROWS, is_land
+from horizonval.earth.surface import surface
+from horizonval.earth.surface.land import COLUMNS, ROWS, is_land
 from horizonval.spec.scene import SceneSpec
 
 LATITUDE = (np.arange(ROWS) + 0.5) * 180.0 / ROWS - 90.0

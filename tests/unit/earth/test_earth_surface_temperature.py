@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from horizonval.earth import surface_temperature as st
-from horizonval.earth.land import is_land
+from horizonval.earth.surface import surface_temperature as st
+from horizonval.earth.surface.land import is_land
 
 LATITUDE = np.arange(-89.5, 90.0)
 LAND = is_land(LATITUDE[:, None], np.arange(-179.5, 180.0)[None, :]).mean(axis=1)

@@ -4,13 +4,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.earth import planck
-from horizonval.earth import thermal_absorption as ta
-from horizonval.earth.arrays import FloatArray
-from horizonval.earth.profiles import profile
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
+from horizonval.earth.atmosphere.profiles import profile
+from horizonval.earth.spectral import planck
+from horizonval.earth.spectral import thermal_absorption as ta
 from horizonval.earth.tables import npz
-from horizonval.errors import UserError
-from horizonval.spec.camera import Band
+from horizonval.spec.sensor.camera import Band
 
 
 def band(**values: Any) -> Band:

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from horizonval.earth import thermal_absorption
-from horizonval.earth.limb_shares import limb_radiances
-from horizonval.earth.thermal_accuracy import NAMED, RANGES_KM, thermal_accuracy
-from horizonval.errors import UserError
-from horizonval.spec.camera import Band
+from horizonval.core.errors import UserError
+from horizonval.earth.spectral import thermal_absorption
+from horizonval.earth.spectral.limb_shares import limb_radiances
+from horizonval.earth.spectral.thermal_accuracy import NAMED, RANGES_KM, thermal_accuracy
+from horizonval.spec.sensor.camera import Band
 
 TABLE = Path(__file__).parents[2] / "data" / "thermal_verification.csv"
 INTERVALS = {

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 from horizonval.geometry.camera import Camera, check_invertible, pixel_solid_angle, project, unproject
 
 LENS = (-0.2, 0.06, 8e-4, -5e-4, -0.012)

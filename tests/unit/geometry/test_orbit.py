@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 from horizonval.geometry import orbit
 from horizonval.geometry.ephemeris import sun_itrs
 from horizonval.geometry.frames import lvlh_from_itrs, rotate

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.column import OpticalModel
-from horizonval.earth.emission import EmittingBand
-from horizonval.earth.ground_emission import GroundEmission, uniform_ground
-from horizonval.earth.planck import radiance_per_wavenumber
-from horizonval.spec.camera import CameraSpec
+from horizonval.earth.spectral.planck import radiance_per_wavenumber
+from horizonval.earth.surface.ground_emission import GroundEmission, uniform_ground
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 RADIUS_M = 6_371_000.0
 WAVENUMBER_PER_CM = 1000.0
@@ -70,10 +70,10 @@ def frame_of(air: OpticalModel, seen: SceneSpec, spec: CameraSpec, roll_rad: flo
     """Return the radiance (height, width, bands) of any model in a scene's geometry, the camera rolled."""
     import mitsuba as mi
 
-    from horizonval.render.camera_plugin import camera_properties
-    from horizonval.render.description import describe
-    from horizonval.render.integrator import limb_properties
     from horizonval.render.planet import Planet
+    from horizonval.render.plugin.camera_plugin import camera_properties
+    from horizonval.render.plugin.integrator import limb_properties
+    from horizonval.render.scene.description import describe
 
     described = describe(seen, spec)
     truth = described.truth

@@ -10,19 +10,18 @@ import drjit as dr
 import numpy as np
 import pytest
 from emission_models import black, camera, frame_of, isothermal, scene
-from numpy.typing import NDArray
 
+from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.render.backend import activate
-from horizonval.render.frame import render_frame
-from horizonval.render.model_text import dump_model, load_model
+from horizonval.render.plugin.backend import activate
+from horizonval.render.plugin.model_text import dump_model, load_model
+from horizonval.render.scene.frame import render_frame
 from horizonval.spec.load import load_suite
 
 activate()
 
-FloatArray = NDArray[np.float64]
 CO2 = {"name": "b", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}
 WINDOW = {"name": "b", "kind": "thermal", "lo_um": 10.5, "hi_um": 12.5}
 VARYING = {"atmosphere": {"profile": "by_latitude_month"}}
@@ -30,12 +29,12 @@ CLOUDS = {"cover": 0.6, "top_km": 12.0, "mean_top_km": 8.0}
 
 
 def _tables(air: OpticalModel, origin: FloatArray) -> Any:
-    from horizonval.render.emission_columns import AirColumns
-    from horizonval.render.emission_image import FEWEST_AZIMUTHS
-    from horizonval.render.emission_table import ThermalAir, make_tables
+    from horizonval.render.kernel.sight import Sight
     from horizonval.render.planet import Planet
-    from horizonval.render.sight import Sight
     from horizonval.render.spline_table import Azimuths
+    from horizonval.render.thermal.emission_columns import AirColumns
+    from horizonval.render.thermal.emission_image import FEWEST_AZIMUTHS
+    from horizonval.render.thermal.emission_table import ThermalAir, make_tables
 
     b = air.thermal[0]
     assert air.emission is not None
@@ -46,8 +45,8 @@ def _tables(air: OpticalModel, origin: FloatArray) -> Any:
 
 
 def _looked(tables: Any, air: OpticalModel, o: Any, d: Any, row: Any, angle: Any, to_ground: bool) -> Any:
-    from horizonval.render.emission_ground import mirrored
-    from horizonval.render.emission_image import Ends, mixed, warmth_k
+    from horizonval.render.thermal.emission_ground import mirrored
+    from horizonval.render.thermal.emission_image import Ends, mixed, warmth_k
 
     if not to_ground:
         return tables.limb.look(row, angle)[0]
@@ -65,8 +64,8 @@ def test_tables_say_what_the_march_says(table: dict[str, Any], altitude_m: float
 
     Rays at random, a quarter of them within 2 km of the hard limb and as many about 16 km, where the absorption bends.
     """
-    from horizonval.render.emission import thermal_radiance
-    from horizonval.render.radiance import vectors
+    from horizonval.render.kernel.radiance import vectors
+    from horizonval.render.scene.emission import thermal_radiance
 
     air = optical_model(scene(**table), camera(spectrum))
     latitude = np.radians(20.0)
@@ -132,7 +131,7 @@ def _cloudy(air: OpticalModel, emissivity: float, spec: Any, **changes: Any) -> 
     """A frame under clouds of an emissivity, through the plugin's own properties."""
     import mitsuba as mi
 
-    from horizonval.render.description import describe
+    from horizonval.render.scene.description import describe
 
     described = describe(scene(clouds=CLOUDS, render={"subsamples": 1}, **changes), spec)
     assert air.emission is not None
@@ -222,13 +221,13 @@ def test_what_a_cloud_top_reads_is_what_the_march_wrote(spectrum: dict[str, Any]
 
     Tops at 12 km at most; limb rays that pass below 10 km, and rays to the ground.
     """
-    from horizonval.render import emission_table
-    from horizonval.render.emission_columns import AirColumns
-    from horizonval.render.emission_table import ThermalAir, make_tables
+    from horizonval.render.kernel.radiance import vectors
+    from horizonval.render.kernel.sight import Sight
     from horizonval.render.planet import Planet
-    from horizonval.render.radiance import vectors
-    from horizonval.render.sight import Sight
     from horizonval.render.spline_table import Azimuths
+    from horizonval.render.thermal import emission_table
+    from horizonval.render.thermal.emission_columns import AirColumns
+    from horizonval.render.thermal.emission_table import ThermalAir, make_tables
 
     air = optical_model(scene(**VARYING), camera(spectrum))
     assert air.emission is not None

@@ -7,19 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from emission_models import RADIUS_M, band, black, camera, isothermal, model, scene
-from numpy.typing import NDArray
 from scipy.integrate import quad, trapezoid
 
+from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel, SpectralNode
-from horizonval.earth.ground_emission import uniform_ground
 from horizonval.earth.optical import optical_model
+from horizonval.earth.surface.ground_emission import uniform_ground
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.render.emission import thermal_radiance
-from horizonval.render.emission_ground import sky_radiance
-from horizonval.render.radiance import radiance_along_rays
+from horizonval.render.kernel.radiance import radiance_along_rays
+from horizonval.render.scene.emission import thermal_radiance
+from horizonval.render.thermal.emission_ground import sky_radiance
 
 HEIGHT_M = 500e3
-FloatArray = NDArray[np.float64]
 
 
 def _rays(impact_m: FloatArray, radius_m: float = RADIUS_M) -> tuple[FloatArray, FloatArray]:

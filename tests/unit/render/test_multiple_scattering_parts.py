@@ -10,18 +10,18 @@ import pytest
 from scipy.special import sph_harm_y
 
 from horizonval.earth.column import SpectralNode
-from horizonval.render.backend import activate
+from horizonval.render.plugin.backend import activate
 
 activate()
 
 import mitsuba as mi  # noqa: E402
 
-from horizonval.render import source_store  # noqa: E402
-from horizonval.render.harmonics import cosines, pairs, polar_parts  # noqa: E402
-from horizonval.render.multiple_scattering import Quality  # noqa: E402
-from horizonval.render.shell_rays import shell_rays  # noqa: E402
-from horizonval.render.source_store import content_key, multiple_scattering  # noqa: E402
-from horizonval.render.sun_angles import sun_angle_cosines, sun_angle_position  # noqa: E402
+from horizonval.render.scattering import source_store  # noqa: E402
+from horizonval.render.scattering.harmonics import cosines, pairs, polar_parts  # noqa: E402
+from horizonval.render.scattering.multiple_scattering import Quality  # noqa: E402
+from horizonval.render.scattering.shell_rays import shell_rays  # noqa: E402
+from horizonval.render.scattering.source_store import content_key, multiple_scattering  # noqa: E402
+from horizonval.render.scattering.sun_angles import sun_angle_cosines, sun_angle_position  # noqa: E402
 from horizonval.render.tables import SunTable  # noqa: E402
 
 COARSE = Quality(6, 12, 4, 2, 2, 6, 4, 2, 8, 4)

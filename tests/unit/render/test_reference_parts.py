@@ -8,12 +8,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height, itrs_from_geodetic
-from horizonval.render import reference
-from horizonval.render.backend import activate
-from horizonval.spec.camera import CameraSpec
+from horizonval.render.plugin.backend import activate
+from horizonval.render.reference import reference
+from horizonval.spec.sensor.camera import CameraSpec
 
 
 @pytest.fixture(scope="module")
@@ -31,9 +31,9 @@ def _positions() -> np.ndarray:
 
 def test_heights_equal_geometry(mi: Any) -> None:
     """1e-6 m for exact shells, 0.6 m for the grid, poles and equator included."""
-    from horizonval.render.grid_volume import _radius_and_height
     from horizonval.render.planet import Planet
-    from horizonval.render.reference_scene import Placement, _geodetic_height
+    from horizonval.render.reference.grid_volume import _radius_and_height
+    from horizonval.render.reference.reference_scene import Placement, _geodetic_height
 
     r = _positions()
     planet = Planet(WGS84.a_m, WGS84.b_m)
@@ -46,7 +46,7 @@ def test_heights_equal_geometry(mi: Any) -> None:
 
 def test_the_scenes_origin_is_on_the_ground_below_the_camera(mi: Any) -> None:
     from horizonval.render.planet import Planet
-    from horizonval.render.reference_scene import Placement
+    from horizonval.render.reference.reference_scene import Placement
 
     for r in _positions()[-37:]:
         place = Placement.below(Planet(WGS84.a_m, WGS84.b_m), r * 1.1, np.eye(3), (1.0, 0.0, 0.0))
@@ -93,7 +93,7 @@ def test_too_few_samples_are_refused() -> None:
 
 
 def test_xml_keeps_every_digit_and_sign(mi: Any) -> None:
-    from horizonval.render.scene_xml import scene_xml
+    from horizonval.render.reference.scene_xml import scene_xml
 
     text = '{"a": "<&>", "b": 0.1}'
     data = {

@@ -10,19 +10,20 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from horizonval.earth import clouds, land, surface
-from horizonval.earth.clouds import BASE_M, CloudField
+from horizonval.earth.atmosphere import clouds
+from horizonval.earth.atmosphere.clouds import BASE_M, CloudField
 from horizonval.earth.optical import optical_model
+from horizonval.earth.surface import land, surface
 from horizonval.frame import Hit
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height, surface_normal
 from horizonval.geometry.ephemeris import AU_M, sun_itrs
 from horizonval.geometry.frames import rotate
-from horizonval.render.backend import activate
-from horizonval.render.frame import render_frame
-from horizonval.spec.camera import CameraSpec
+from horizonval.render.plugin.backend import activate
+from horizonval.render.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
-from horizonval.truth import truth_of
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.truth.frame_truth import truth_of
 
 SOLAR = {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}
 THERMAL = {"name": "lwir", "kind": "thermal", "lo_um": 10.0, "hi_um": 11.0}
@@ -61,7 +62,7 @@ def _places(n: int, seed: int) -> np.ndarray:
 
 def test_kernel_reflectance_equals_numpy(mi: Any) -> None:
     """1e-6: Dr.Jit's erf."""
-    from horizonval.render.surface import fresnel, glint_brdf
+    from horizonval.render.kernel.surface import fresnel, glint_brdf
 
     rng = np.random.default_rng(np.random.SeedSequence(8))
     a, b, c = rng.uniform(-0.05, 1.0, 2000), rng.uniform(-0.05, 1.0, 2000), rng.uniform(-1.0, 1.0, 2000)
@@ -73,7 +74,7 @@ def test_kernel_reflectance_equals_numpy(mi: Any) -> None:
 
 def test_kernel_land_equals_numpy(mi: Any) -> None:
     """All but the few places where rounding decides."""
-    from horizonval.render.surface import is_land
+    from horizonval.render.kernel.surface import is_land
 
     normal = _places(50_000, 3)
     latitude, longitude = np.degrees(np.arcsin(normal[:, 2])), np.degrees(np.arctan2(normal[:, 1], normal[:, 0]))
@@ -83,7 +84,7 @@ def test_kernel_land_equals_numpy(mi: Any) -> None:
 
 def test_kernel_relief_equals_numpy(mi: Any) -> None:
     """1 mm of up to 12 km; the table between its nodes follows it to 250 m rms on 1.9 km nodes."""
-    from horizonval.render.clouds import cloud_table, relief
+    from horizonval.render.kernel.clouds import cloud_table, relief
     from horizonval.render.planet import Planet
 
     field = CloudField(0.5, 12e3, 5e3, 300e3, 7, 0.8)
@@ -100,7 +101,7 @@ def test_kernel_relief_equals_numpy(mi: Any) -> None:
 
 def test_rays_end_where_the_clouds_are(mi: Any) -> None:
     """The end lies on the relief (2 m: ten bisections of a step), and no point before it inside one."""
-    from horizonval.render.clouds import cloud_table, first_cloud
+    from horizonval.render.kernel.clouds import cloud_table, first_cloud
     from horizonval.render.planet import Planet
 
     truth = truth_of(_scene(), _camera())
@@ -230,7 +231,7 @@ def test_glint_lies_at_the_mirror_point(mi: Any) -> None:
 
 @pytest.mark.parametrize("table", [{"kind": "earth"}, {"albedo": 0.2}], ids=["earth", "uniform"])
 def test_the_number_of_threads_changes_no_bit_of_clouds(mi: Any, table: dict[str, Any]) -> None:
-    from horizonval.render import clouds as render_clouds
+    from horizonval.render.kernel import clouds as render_clouds
 
     seen = set()
     before = dr.thread_count()

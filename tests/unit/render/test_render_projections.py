@@ -21,11 +21,11 @@ from horizonval.geometry.camera import (
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.horizon import horizon_columns, signed_limb_angle
-from horizonval.render.backend import activate
-from horizonval.render.frame import render_frame
-from horizonval.render.rays import RayCamera
-from horizonval.spec.camera import CameraSpec
+from horizonval.render.kernel.rays import RayCamera
+from horizonval.render.plugin.backend import activate
+from horizonval.render.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 THERMAL = {"name": "lwir", "kind": "thermal", "lo_um": 10.0, "hi_um": 11.0}
 SOLAR = {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}

@@ -11,19 +11,19 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from horizonval.earth import planck
 from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.earth.spectral import planck
 from horizonval.geometry.camera import Camera, unproject
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height
-from horizonval.render.backend import activate
-from horizonval.render.coverage import cell_coverage
-from horizonval.render.frame import render_frame
-from horizonval.render.model_text import dump_model, load_model
+from horizonval.render.kernel.coverage import cell_coverage
+from horizonval.render.kernel.radiance import radiance_along_rays
+from horizonval.render.kernel.rays import RayCamera
 from horizonval.render.planet import Planet
-from horizonval.render.radiance import radiance_along_rays
-from horizonval.render.rays import RayCamera
-from horizonval.spec.camera import CameraSpec
+from horizonval.render.plugin.backend import activate
+from horizonval.render.plugin.model_text import dump_model, load_model
+from horizonval.render.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 RADIUS_M = 6_371_000.0
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from horizonval.report import campaign_page, template
+from horizonval.report import template
 from horizonval.report.load import Run, View
+from horizonval.report.pages import campaign_page
 from horizonval.scoring.summary import summarise
 
 NAMES = ("shy", "bold")

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
-from horizonval.archive.exr import write_image
-from horizonval.errors import UserError
-from horizonval.report import contact_sheet
-from horizonval.report.contact_sheet import GAP_PX, MARGIN_PX, TILE_PX, Tile
+from horizonval.core.errors import UserError
+from horizonval.report.pages import contact_sheet
+from horizonval.report.pages.contact_sheet import GAP_PX, MARGIN_PX, TILE_PX, Tile
+from horizonval.store.exr import write_image
 
 
 def decoded(png: bytes) -> np.ndarray:

@@ -6,8 +6,8 @@ import matplotlib
 import numpy as np
 import pytest
 
-from horizonval.report import infrared
-from horizonval.report.infrared import COLOURS, PANEL_PX, SPAN_K, ThermalPanel, infrared_picture, scale_k
+from horizonval.report.figures import infrared
+from horizonval.report.figures.infrared import COLOURS, PANEL_PX, SPAN_K, ThermalPanel, infrared_picture, scale_k
 
 
 def panel(temperature_k: np.ndarray, title: str = "t") -> ThermalPanel:

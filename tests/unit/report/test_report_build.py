@@ -13,9 +13,9 @@ from urllib.parse import unquote
 import pytest
 from synthetic import Case, synthetic_cases, truth_at, write_run
 
-from horizonval.archive.store import Store
-from horizonval.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.report import build_report
+from horizonval.store.store import Store
 
 VOID = {"meta", "link", "input", "br", "img", "hr"}
 

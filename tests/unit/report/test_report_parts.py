@@ -13,14 +13,16 @@ import numpy as np
 import pytest
 from synthetic import SOLAR_CAMERA, THERMAL_CAMERA, synthetic_cases, toy_image, truth_at
 
+from horizonval.core.outcome import Outcome
 from horizonval.frame import DetectorImage
 from horizonval.geometry.ellipsoid import sphere
-from horizonval.outcome import Outcome
-from horizonval.report import infrared_section, overlay, picture, plots, rerun, wording
+from horizonval.report import rerun, wording
+from horizonval.report.figures import overlay, picture, plots
 from horizonval.report.load import View
+from horizonval.report.pages import infrared_section
 from horizonval.report.verdict import BONUS, BROKEN, FALSE_VALID, MISSED, NONE, OTHER, REFUSED, VALID, verdict_of
 from horizonval.spec.load import load_scene
-from horizonval.truth import truth_of
+from horizonval.truth.frame_truth import truth_of
 
 
 def vertices(path: str) -> np.ndarray:

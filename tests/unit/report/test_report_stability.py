@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from synthetic import write_run
 
-from horizonval.errors import DamagedFileError
+from horizonval.core.errors import DamagedFileError
 from horizonval.report import build_report
-from horizonval.report import stability as page
-from horizonval.report import stability_plots as draw
+from horizonval.report.figures import stability_plots as draw
+from horizonval.report.pages import stability as page
 from horizonval.spec.stability import EdgeSensor, FieldSensor, StabilityBand, StabilitySpec
 from horizonval.stability import study
 from horizonval.stability.profiles import LATITUDE_DEG, Profiles, heights_m

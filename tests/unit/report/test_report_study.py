@@ -8,8 +8,8 @@ import re
 import pytest
 from browser import Browser, chromium_path
 
-from horizonval.errors import DamagedFileError
-from horizonval.report.study_page import axis_words, write_page
+from horizonval.core.errors import DamagedFileError
+from horizonval.report.pages.study_page import axis_words, write_page
 
 NONE = {"n": 0, "of": 0, "rate": None, "interval": None, "lower": None, "upper": None, "effective": None}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from horizonval.report.tone import tone_mapped
+from horizonval.report.figures.tone import tone_mapped
 
 
 def test_a_grey_scene_stays_grey_and_its_brightest_part_is_white() -> None:

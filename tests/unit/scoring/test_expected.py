@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from synthetic import SOLAR_CAMERA, THERMAL_CAMERA, truth_at
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
+from horizonval.core.outcome import Outcome
 from horizonval.geometry.ellipsoid import sphere
-from horizonval.outcome import Outcome
 from horizonval.scoring.expected import expected_outcome
 
 BALL = sphere(6371008.8)

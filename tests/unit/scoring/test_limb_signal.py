@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from synthetic import truth_at
 
+from horizonval.core.outcome import Outcome
 from horizonval.geometry.camera import camera_from_spec
-from horizonval.outcome import Outcome
 from horizonval.scoring.expected import expected_of_heads, expected_outcome
 from horizonval.scoring.horizon_view import horizon_view
 from horizonval.scoring.limb_radiance import brightest_reflectance, limb_reflectance
 from horizonval.scoring.limb_signal import limb_signal
-from horizonval.sensor import optics
-from horizonval.spec.camera import CameraSpec
+from horizonval.sensor.lens import optics
+from horizonval.spec.sensor.camera import CameraSpec
 
 LIMB_ROLL_DEG = 68.0
 

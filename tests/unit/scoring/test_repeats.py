@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.estimators.observation import Fit
+from horizonval.estimation.observation import Fit
 from horizonval.scoring.repeats import mean_noise_nees, noise_nees
 
 SIGMA = np.array([2e-4, 5e-5])

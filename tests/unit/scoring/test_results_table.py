@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from synthetic import THERMAL_CAMERA, estimator, fit_of, truth_at
 
-from horizonval.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.horizon import horizon_by_azimuth
-from horizonval.infrared_horizon.curve import visible_height_m
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.table import COLUMNS, make_row, read_results, write_results
+from horizonval.truth.infrared_horizon.curve import visible_height_m
 
 
 @pytest.fixture

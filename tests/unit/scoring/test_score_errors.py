@@ -10,9 +10,9 @@ import pytest
 from scipy import stats
 from synthetic import estimator, fit_of, truth_at
 
-from horizonval.estimators.observation import NoFit
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.observation import NoFit
 from horizonval.geometry.ellipsoid import sphere
-from horizonval.outcome import Outcome
 from horizonval.scoring import limits
 from horizonval.scoring.errors import ARCSEC, METHOD_RADIUS_M, angle_between, is_false, score, sigma_nadir_rad
 

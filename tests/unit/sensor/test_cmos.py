@@ -10,11 +10,12 @@ import pytest
 from pydantic import ValidationError
 
 from horizonval.geometry.camera import Camera, camera_from_spec, project, unproject
-from horizonval.sensor import auto_exposure, bayer, charge, exposure, fixed_pattern, motion, protons
+from horizonval.sensor import motion
+from horizonval.sensor.detector import auto_exposure, bayer, charge, exposure, fixed_pattern, protons
 from horizonval.sensor.observe import observe
 from horizonval.sensor.streams import stream
-from horizonval.spec.camera import CameraSpec
-from horizonval.spec.cmos import AutoExposure
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.sensor.cmos import AutoExposure
 
 BENCH: dict[str, Any] = {
     "camera": {"name": "bench", "width": 128, "height": 96, "fov_deg": 0.1},

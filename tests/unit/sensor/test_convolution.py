@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import convolve2d
 
-from horizonval.sensor import convolution
+from horizonval.sensor.lens import convolution
 
 RNG = np.random.default_rng(5)
 

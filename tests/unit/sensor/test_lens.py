@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 from horizonval.geometry.camera import Camera
-from horizonval.sensor import image_plane, lens_spread, optics, scatter
+from horizonval.sensor.lens import image_plane, lens_spread, optics, scatter
+from horizonval.sensor.lens.stray_light import band_irradiance
 from horizonval.sensor.observe import observe
-from horizonval.sensor.stray_light import band_irradiance
-from horizonval.spec.camera import Band, CameraSpec
-from horizonval.spec.optics import Optics
+from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.spec.sensor.optics import Optics
 
 CAMERA = Camera(width=200, height=160, fx=170.0, fy=175.0, cx=99.5, cy=79.5)
 BAND = Band(name="vis", kind="solar", lo_um=0.45, hi_um=0.75)

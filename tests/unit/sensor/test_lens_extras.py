@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from horizonval.geometry.camera import Camera, off_axis_angle
-from horizonval.sensor import field_spread, ghosts, lens_spread, optics
-from horizonval.spec.optics import Ghost, Optics
+from horizonval.sensor.lens import field_spread, ghosts, lens_spread, optics
+from horizonval.spec.sensor.optics import Ghost, Optics
 
 CAMERA = Camera(width=81, height=61, fx=60.0, fy=60.0, cx=40.0, cy=30.0)
 RNG = np.random.default_rng(3)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 from horizonval.sensor.observe import check_camera, observe
-from horizonval.spec.camera import CameraSpec
+from horizonval.spec.sensor.camera import CameraSpec
 
 THERMAL: dict[str, Any] = {
     "camera": {"name": "ir", "width": 64, "height": 48, "fov_deg": 1.0},

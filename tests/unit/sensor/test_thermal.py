@@ -11,11 +11,11 @@ from pydantic import ValidationError
 from scipy import constants
 
 from horizonval.geometry.camera import Camera
-from horizonval.sensor import thermal, thermal_noise
+from horizonval.sensor.detector import thermal, thermal_noise
 from horizonval.sensor.observe import observe
 from horizonval.sensor.streams import stream
-from horizonval.spec.camera import Band, CameraSpec
-from horizonval.spec.detector import Microbolometer
+from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.spec.sensor.detector import Microbolometer
 
 BAND = Band(name="lwir", kind="thermal", lo_um=8.0, hi_um=14.0)
 

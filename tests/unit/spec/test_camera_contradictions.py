@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 from horizonval.geometry.camera import camera_from_spec, unproject
-from horizonval.spec.camera import CameraSpec
 from horizonval.spec.load import validate
+from horizonval.spec.sensor.camera import CameraSpec
 
 CMOS = {
     "pixel_pitch_um": 5.5,

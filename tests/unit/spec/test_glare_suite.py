@@ -9,7 +9,7 @@ import pytest
 
 from horizonval.geometry.camera import camera_from_spec, project
 from horizonval.spec.load import Case, load_suite
-from horizonval.truth import truth_of
+from horizonval.truth.frame_truth import truth_of
 
 CASES = {case.name: case for case in load_suite("glare").cases}
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.pose import pose_from_spec
 from horizonval.spec.load import load_camera, load_frames, load_scene, load_suite
-from horizonval.truth import truth_of
+from horizonval.truth.frame_truth import truth_of
 
 CAMERA = """
 [camera]

@@ -7,11 +7,11 @@ from datetime import UTC, datetime
 
 import pytest
 
-from horizonval.campaign.suite import load_suite as load_flown_suite
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 from horizonval.spec.files import shipped_names, shipped_root
 from horizonval.spec.load import deep_merge, load_camera, load_scene, load_suite
 from horizonval.spec.scene import Atmosphere
+from horizonval.suites.suite import load_suite as load_flown_suite
 
 CAMERA = '[camera]\nname = "c"\nwidth = 64\nheight = 48\nfov_deg = 60.0\n'
 BAND = '[[band]]\nname = "vis"\nkind = "solar"\nlo_um = 0.5\nhi_um = 0.7\n'

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
 from horizonval.spec.load import Suite, load_suite
 from horizonval.spec.stability import FieldSensor
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.campaign.suite import load_suite
-from horizonval.errors import UserError
+from horizonval.core.errors import UserError
+from horizonval.suites.suite import load_suite
 
 HEAD = """
 [suite]

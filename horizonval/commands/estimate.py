@@ -1,0 +1,179 @@
+"""One estimator on one image file, or on those of all heads of a housing, as the ``estimate`` command reports it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from horizonval.commands.picture import Picture, read_picture
+from horizonval.core.errors import UserError
+from horizonval.estimation import registry
+from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.frame import DetectorImage, Frame
+from horizonval.geometry.camera import camera_from_spec, check_invertible
+from horizonval.scoring.errors import ARCSEC, sigma_nadir_rad
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.suites.observation import observation_of, observation_of_heads
+
+
+def estimate_file(path: Path, estimator_name: str, camera: CameraSpec | None, camera_file: str = "") -> dict[str, Any]:
+    """Return the estimate as plain data, with the keys of the command contract; ``None`` where a key does not apply.
+
+    Parameters
+    ----------
+    path : Path
+        Any picture :func:`horizonval.commands.picture.read_picture` reads.
+    estimator_name : str
+    camera : CameraSpec or None
+        May be left out for our own EXR files, which carry theirs.
+    camera_file : str
+        For error messages.
+
+    Raises
+    ------
+    UserError
+        Unknown estimator, unreadable picture, no camera, or a camera of another size.
+    """
+    estimator = registry.get(estimator_name)
+    picture = read_picture(path)
+    observation = _observation(picture, estimator, path, camera, camera_file)
+    start = time.perf_counter()
+    result = registry.run_safely(estimator, observation)
+    return _report(estimator, result, time.perf_counter() - start)
+
+
+def estimate_heads(paths: Sequence[Path], estimator_name: str) -> dict[str, Any]:
+    """Return the estimate from the images of all heads of one housing, with the keys of :func:`estimate_file`.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Our own EXR files, which say which head took them, one for every head.
+    estimator_name : str
+
+    Raises
+    ------
+    UserError
+        Unknown estimator, or one that takes a single image; a picture that is none of ours, two of one head, or images
+        of different housings or instants.
+    """
+    estimator = registry.get(estimator_name)
+    if estimator.needs != "heads":
+        raise UserError(
+            f"estimator {estimator.name!r} takes one image, not {len(paths)}", where=", ".join(map(str, paths))
+        )
+    sources: dict[str, DetectorImage | Frame] = {}
+    housing = None
+    for path in paths:
+        source = read_picture(path).source
+        head = None if source is None else source.truth.scene.get("camera", {}).get("head")
+        if source is None or head is None:
+            raise UserError(
+                "this image does not say which head took it",
+                where=str(path),
+                expected="an EXR file written by horizonval",
+            )
+        if head in sources:
+            raise UserError(f"a second image of the head {head!r}", where=str(path), expected="one image for each head")
+        angles = (source.truth.roll_rad, source.truth.pitch_rad, source.truth.yaw_rad)
+        own = (source.truth.camera, source.truth.r_itrs, source.truth.epoch_utc, angles)
+        housing = own if housing is None else housing
+        if own != housing:
+            raise UserError(
+                "another camera, place, time or attitude than the first image's",
+                where=str(path),
+                expected="one housing's heads",
+            )
+        sources[head] = source
+    start = time.perf_counter()
+    result = registry.run_safely(estimator, observation_of_heads(_in_order(sources), estimator))
+    return _report(estimator, result, time.perf_counter() - start)
+
+
+def _in_order(sources: Mapping[str, DetectorImage | Frame]) -> dict[str, DetectorImage | Frame]:
+    """Return images in the camera file's order of heads, which decides whose camera frame the answer is in."""
+    heads = [head["name"] for head in next(iter(sources.values())).truth.camera.get("head", [])]
+    return {name: sources[name] for name in sorted(sources, key=heads.index)}
+
+
+def _observation(
+    picture: Picture, estimator: Estimator, path: Path, camera: CameraSpec | None, camera_file: str
+) -> Observation:
+    if picture.source is None and estimator.needs == "pose":
+        raise UserError(
+            f"estimator {estimator.name!r} needs the true pose, which this image does not carry",
+            where=str(path),
+            expected="an EXR file written by horizonval",
+        )
+    if camera is None:
+        if picture.source is None:
+            raise UserError(
+                "this image does not say which camera took it", where=str(path), fix="give --camera CAMERA.toml"
+            )
+        return observation_of(picture.source, estimator)
+    height, width = picture.grey.shape
+    if (width, height) != (camera.camera.width, camera.camera.height):
+        raise UserError(
+            f"the image is {width} x {height} pixels, the camera {camera.camera.width} x {camera.camera.height}",
+            where=f"{path}, {camera_file}" if camera_file else str(path),
+            expected="equal sizes",
+        )
+    intrinsics = camera_from_spec(camera.camera)
+    check_invertible(intrinsics, where=camera_file)
+    own = None if picture.source is None else observation_of(picture.source, estimator)
+    prior = camera.platform.altitude_km
+    return Observation(
+        image=picture.grey,
+        camera=intrinsics,
+        q_cam_from_body=np.array([0.0, 0.0, 0.0, 1.0]) if own is None else own.q_cam_from_body,
+        full_scale=_full_scale(picture, camera),
+        altitude_m=None if prior is None else prior * 1e3,
+        earth_radius_m=Observation.earth_radius_m if own is None else own.earth_radius_m,
+        flattening=Observation.flattening if own is None else own.flattening,
+        band_kind=_band_kind(camera) if own is None else own.band_kind,
+        oracle=None if own is None else own.oracle,
+    )
+
+
+def _band_kind(camera: CameraSpec) -> Literal["solar", "thermal"] | None:
+    kinds = {band.kind for band in camera.band}
+    return kinds.pop() if len(kinds) == 1 else None
+
+
+def _full_scale(picture: Picture, camera: CameraSpec) -> float | None:
+    """A 12 bit converter saturates at 4095, also in a 16 bit file; the detector knows, the file does not."""
+    if picture.full_scale is None or picture.source is not None or camera.detector is None:
+        return picture.full_scale
+    return min(picture.full_scale, float(2**camera.detector.bits - 1))
+
+
+def _report(estimator: Estimator, result: Fit | NoFit, seconds: float) -> dict[str, Any]:
+    report: dict[str, Any] = {
+        "estimator": estimator.name,
+        "status": str(result.status),
+        "reason": None,
+        "nadir_cam": None,
+        "roll_deg": None,
+        "pitch_deg": None,
+        "altitude_km": None,
+        "angular_radius_deg": None,
+        "sigma_nadir_arcsec": None,
+        "n_points": len(result.points),
+        "seconds": round(seconds, 6),
+    }
+    if isinstance(result, NoFit):
+        return report | {"reason": result.reason}
+    sigma = sigma_nadir_rad(result.nadir_cam, result.total_covariance_nadir_cam) / ARCSEC
+    return report | {
+        "nadir_cam": [float(x) for x in result.nadir_cam],
+        "roll_deg": math.degrees(result.roll_rad),
+        "pitch_deg": math.degrees(result.pitch_rad),
+        "altitude_km": None if result.altitude_m is None else float(result.altitude_m) / 1e3,
+        "angular_radius_deg": None if result.angular_radius_rad is None else math.degrees(result.angular_radius_rad),
+        "sigma_nadir_arcsec": sigma if math.isfinite(sigma) else None,
+    }

@@ -1,0 +1,130 @@
+"""The gallery: the shipped scenes on one page, in three colours of visible light or in the infrared of their camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.errors import UserError
+from horizonval.core.suggest import nearest
+from horizonval.earth.spectral import bands, sunlight
+from horizonval.earth.spectral.brightness import brightness_temperature_k
+from horizonval.frame import Frame, Hit
+from horizonval.geometry.ephemeris import AU_M, sun_itrs
+from horizonval.report.figures.infrared import ThermalPanel, infrared_picture
+from horizonval.report.figures.tone import tone_mapped
+from horizonval.report.gallery import Exhibit, write_gallery
+from horizonval.spec.files import shipped_names, shipped_path
+from horizonval.spec.load import load_frames
+from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import Band, CameraSpec
+
+LIMITS_UM = {"red": (0.61, 0.66), "green": (0.52, 0.57), "blue": (0.44, 0.49)}
+NODES = 2
+"""Of each band: 50 nm are narrow."""
+
+
+LOW_LIMB_M = 15e3
+"""Air seen up to here decides the colour scale of an infrared picture together with ground and clouds."""
+
+
+def scenes() -> list[str]:
+    """Return the shipped scenes."""
+    return shipped_names("scene")
+
+
+def make_gallery(folder: Path, names: Sequence[str], tell: Callable[[str, int, int], None]) -> Path:
+    """Render scenes, write their pictures and ``index.html``, and return its path.
+
+    A picture that lies there already is made again: the page is always that of the scenes as they are now.
+
+    Parameters
+    ----------
+    folder : Path
+    names : sequence of str
+        Shipped scenes; none for all.
+    tell : callable
+        Told the name, number and count of each scene before it is rendered.
+    """
+    known = scenes()
+    for name in names:
+        if name not in known:
+            raise UserError(f"no scene {name!r}", where="SCENE", expected=", ".join(nearest(name, known)))
+    chosen = list(names) or known
+    halls: dict[str, list[Exhibit]] = {"visible": [], "infrared": []}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for number, name in enumerate(chosen, start=1):
+            tell(name, number, len(chosen))
+            for hall, exhibit in _exhibits(name):
+                halls[hall].append(exhibit)
+                (folder / f"{exhibit.name}.png").write_bytes(exhibit.png)
+        return write_gallery(halls["visible"], halls["infrared"], folder)
+    except OSError as e:
+        raise UserError(e.strerror or "cannot be written", where=str(folder), expected="a folder to write to") from e
+
+
+def _exhibits(name: str) -> Iterator[tuple[str, Exhibit]]:
+    first = load_frames(name)[0]
+    scene, camera = first.scene, first.camera
+    text = caption(shipped_path("scene", name))
+    if any(band.kind == "solar" for band in camera.band):
+        yield "visible", _visible(name, text, scene, camera)
+    if any(band.kind == "thermal" for band in camera.band):
+        yield "infrared", _infrared(name, text, scene, camera)
+
+
+def _visible(name: str, text: str, scene: SceneSpec, camera: CameraSpec) -> Exhibit:
+    frame = _render(scene, in_colour(camera))
+    picture = tone_mapped(np.stack(list(_reflectances(scene, frame.radiance)), axis=-1))
+    return Exhibit(name, text, picture.rgb, f"white is {picture.white:.2g} of a white ground under the Sun")
+
+
+def _infrared(name: str, text: str, scene: SceneSpec, camera: CameraSpec) -> Exhibit:
+    thermal = [band for band in camera.band if band.kind == "thermal"]
+    if len(thermal) < len(camera.band):
+        name += "-infrared"
+    frame = _render(scene, camera.model_copy(update={"band": thermal}))
+    return Exhibit(name, text, infrared_picture([_panel(band, frame) for band in thermal]))
+
+
+def _panel(band: Band, frame: Frame) -> ThermalPanel:
+    hit, height = frame.maps["hit"], frame.maps["tangent_height"]
+    counts = (hit == Hit.SURFACE) | (hit == Hit.CLOUD) | ((hit == Hit.ATMOSPHERE) & (height < LOW_LIMB_M))
+    lo, hi = bands.limits_um(band)
+    return ThermalPanel(
+        f"{band.name}: {lo:g} to {hi:g} µm", brightness_temperature_k(band, frame.radiance[band.name]), counts
+    )
+
+
+def _render(scene: SceneSpec, camera: CameraSpec) -> Frame:
+    # Only here: the list of scenes is asked for without a renderer.
+    from horizonval.render.scene.frame import render_frame
+
+    return render_frame(scene, camera)
+
+
+def in_colour(camera: CameraSpec) -> CameraSpec:
+    """Return the camera with the three bands of the gallery in place of its own."""
+    bands = [Band(name=name, kind="solar", lo_um=lo, hi_um=hi, nodes=NODES) for name, (lo, hi) in LIMITS_UM.items()]
+    return camera.model_copy(update={"band": bands})
+
+
+def _reflectances(scene: SceneSpec, radiance: dict[str, NDArray[np.float32]]) -> Iterator[NDArray[np.float64]]:
+    _, distance_m = sun_itrs(scene.platform.epoch_utc)
+    for name, limits in LIMITS_UM.items():
+        white = sunlight.band_irradiance(*limits, distance_m / AU_M) / np.pi
+        yield radiance[name].astype(np.float64) / white
+
+
+def caption(path: Path) -> str:
+    """Return the comment at the head of a scene file as one paragraph."""
+    lines = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        lines.append(line.lstrip("# ").rstrip())
+    return " ".join(lines)

@@ -1,0 +1,107 @@
+"""Read any picture an estimator may be given: our own EXR, foreign EXR, PNG, TIFF, JPEG; 8 or 16 bit or float."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.errors import UserError
+from horizonval.estimation.limb.grey import to_grey
+from horizonval.frame import DetectorImage, Frame
+
+EXR_MAGIC = b"\x76\x2f\x31\x01"
+MAX_FILE_BYTES = 4 * 1024**3
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A grey image from a file.
+
+    Attributes
+    ----------
+    grey : ndarray, shape (H, W), float64
+    full_scale : float or None
+        Largest value the file's integers can hold; None for floating point.
+    source : DetectorImage, Frame or None
+        The whole content, if the file is one of ours.
+    """
+
+    grey: NDArray[np.float64]
+    full_scale: float | None
+    source: DetectorImage | Frame | None
+
+
+def read_picture(path: Path) -> Picture:
+    """Read a picture; the content decides what it is, not the name.
+
+    Raises
+    ------
+    UserError
+        No such file, or not a picture that can be read.
+    """
+    try:
+        with path.open("rb") as file:
+            magic = file.read(4)
+    except IsADirectoryError as e:
+        raise UserError("is a folder", where=str(path), expected="an image file") from e
+    except OSError as e:
+        raise UserError(e.strerror or "cannot be read", where=str(path), expected="an image file") from e
+    return _read_exr(path) if magic == EXR_MAGIC else _read_common(path)
+
+
+def _read_exr(path: Path) -> Picture:
+    from horizonval.store import exr
+
+    match exr.kind(path):
+        case "image":
+            image = exr.read_image(path)
+            return Picture(image.dn.astype(np.float64), float(image.full_scale), image)
+        case "frame":
+            frame = exr.read_frame(path)
+            first = next(iter(frame.radiance.values()))
+            return Picture(first.astype(np.float64), None, frame)
+        case _:
+            return Picture(exr.read_foreign_grey(path), None, None)
+
+
+def _read_common(path: Path) -> Picture:
+    import cv2
+
+    expected = "an EXR, PNG, TIFF or JPEG image"
+    if path.stat().st_size > MAX_FILE_BYTES:
+        raise UserError("too large for an image", where=str(path), expected=expected)
+    data = np.fromfile(path, dtype=np.uint8)
+    pixels: NDArray[Any] | None = None
+    if data.size:
+        try:
+            with _quiet():
+                pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+        except cv2.error as e:
+            raise UserError("not an image that can be read", where=str(path), expected=expected) from e
+    if pixels is None or pixels.size == 0:
+        what = "not an image that can be read" if data.size else "the file is empty"
+        raise UserError(what, where=str(path), expected=expected)
+    full_scale = float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind in "ui" else None
+    return Picture(to_grey(pixels), full_scale, None)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Discard what the decoders write to standard error; the user gets our one line instead."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, "wb") as sink:
+            os.dup2(sink.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)

@@ -1,0 +1,143 @@
+"""Tables of rays: read strictly, computed, written back with the radiance beside every other column unchanged."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
+from horizonval.core.suggest import nearest
+
+OBSERVER = ("obs_x_km", "obs_y_km", "obs_z_km")
+DIRECTION = ("dir_x", "dir_y", "dir_z")
+SUN = ("sun_x", "sun_y", "sun_z")
+
+
+@dataclass(frozen=True)
+class RayTable:
+    """Rays and the table they came from.
+
+    Attributes
+    ----------
+    header : list of str
+    rows : list of list of str
+        Every field as it was written.
+    observer_m, direction, sun : ndarray, shape (n, 3)
+    """
+
+    header: list[str]
+    rows: list[list[str]]
+    observer_m: FloatArray
+    direction: FloatArray
+    sun: FloatArray
+
+
+def read_rays(path: Path) -> RayTable:
+    """Read a table of rays.
+
+    Raises
+    ------
+    UserError
+        Naming file, line and column of the first mistake.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file, strict=True)
+            lines = [(reader.line_num, row) for row in reader if row]
+    except OSError as e:
+        raise UserError(e.strerror or "cannot be read", where=str(path), expected="a CSV file of rays") from e
+    except (UnicodeDecodeError, csv.Error) as e:
+        raise UserError(f"not a CSV file: {e}", where=str(path), expected="comma-separated text") from e
+    if not lines:
+        raise UserError("the file is empty", where=str(path), expected="a line of column names")
+    header = [name.strip() for name in lines[0][1]]
+    for name in (*OBSERVER, *DIRECTION, *SUN):
+        if header.count(name) != 1:
+            problem = "missing" if name not in header else "there more than once"
+            others = [h for h in header if h not in (*OBSERVER, *DIRECTION, *SUN)]
+            similar = nearest(name, others)[:3]
+            raise UserError(
+                f"column {name} is {problem}",
+                where=f"{path}: line {lines[0][0]}",
+                expected=f"the columns {', '.join((*OBSERVER, *DIRECTION, *SUN))}",
+                fix=f"the file has {', '.join(similar)}" if similar else "",
+            )
+    for number, row in lines[1:]:
+        if len(row) != len(header):
+            raise UserError(
+                f"{len(row)} fields", where=f"{path}: line {number}", expected=f"{len(header)}, as in the first line"
+            )
+    observer_km, direction, sun = (_vectors(path, header, lines[1:], names) for names in (OBSERVER, DIRECTION, SUN))
+    for vectors, names in ((direction, DIRECTION), (sun, SUN)):
+        zero = np.flatnonzero(~vectors.any(axis=1))
+        if zero.size:
+            raise UserError(
+                "a vector of length 0 is no direction",
+                where=f"{path}: line {lines[1 + zero[0]][0]}: {', '.join(names)}",
+                expected="a direction; its length does not matter",
+            )
+    return RayTable(lines[0][1], [row for _, row in lines[1:]], observer_km * 1e3, direction, sun)
+
+
+def check_above_ground(table: RayTable, radius_m: float, path: Path) -> None:
+    """Raise ``UserError`` for the first observer inside the planet; a part in 1e9 is left to rounding."""
+    below = np.flatnonzero(np.linalg.norm(table.observer_m, axis=1) < radius_m * (1 - 1e-9))
+    if below.size:
+        raise UserError(
+            f"the observer of ray {below[0] + 1} is below the ground",
+            where=f"{path}: {', '.join(OBSERVER)}",
+            expected=f"a distance of at least {radius_m / 1e3:g} km from the planet's centre",
+        )
+
+
+def write_radiance(path: Path, table: RayTable, radiance: dict[str, FloatArray]) -> None:
+    """Write the table with one more column per band, whole or not at all.
+
+    Raises
+    ------
+    UserError
+        The table has a column of that name already, or the file cannot be written.
+    """
+    added = {f"radiance_{band}": values for band, values in radiance.items()}
+    for name in added:
+        if name in table.header:
+            raise UserError(f"the table has a column {name} already", where=str(path), fix="rename that column")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow([*table.header, *added])
+            for i, row in enumerate(table.rows):
+                writer.writerow([*row, *(repr(float(values[i])) for values in added.values())])
+        temporary.replace(path)
+    except OSError as e:
+        raise UserError(
+            e.strerror or "cannot be written", where=str(path), expected="a file that can be written"
+        ) from e
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _vectors(path: Path, header: list[str], lines: list[tuple[int, list[str]]], names: tuple[str, ...]) -> FloatArray:
+    out = np.empty((len(lines), 3))
+    for j, name in enumerate(names):
+        column = header.index(name)
+        for i, (number, row) in enumerate(lines):
+            try:
+                value = float(row[column])
+            except ValueError:
+                value = math.nan
+            if not math.isfinite(value):
+                raise UserError(
+                    f'found "{row[column][:40]}"',
+                    where=f"{path}: line {number}, column {name}",
+                    expected="a finite number",
+                )
+            out[i, j] = value
+    return out

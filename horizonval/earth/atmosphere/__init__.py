@@ -1,0 +1,1 @@
+"""Air: profiles, climates, molecules, ozone, particles, clouds."""

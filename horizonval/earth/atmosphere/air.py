@@ -1,0 +1,94 @@
+"""What a scene's atmosphere is made of, on the grid that the optical properties are made on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
+from horizonval.core.suggest import nearest
+from horizonval.earth.atmosphere import climate, climate_rows, profile_file
+from horizonval.earth.atmosphere.aerosol import Aerosol, aerosol
+from horizonval.earth.atmosphere.profiles import Profile, names, profile
+from horizonval.earth.spectral import thermal_absorption
+from horizonval.spec.scene import SceneSpec
+
+NO_ATMOSPHERE = "none"
+TOP_M = 100_000.0
+STEP_M = 100.0
+_STANDARD = "us_standard"
+
+
+@dataclass(frozen=True)
+class Air:
+    """Gases and particles of a scene: one column, for ``by_latitude_month`` that below the satellite.
+
+    Attributes
+    ----------
+    state : Profile
+        On 0 to 100 km by 100 m.
+    climates : mapping of str to float
+        Which climates' thermal absorption to take, with weights; empty for a profile from a file.
+    aerosol : Aerosol
+        On the same altitudes; without kinds for none.
+    with_ozone : bool
+        Whether ozone absorbs sunlight.
+    """
+
+    state: Profile
+    climates: Mapping[str, float]
+    aerosol: Aerosol
+    with_ozone: bool
+
+    @property
+    def altitude_m(self) -> FloatArray:
+        """Altitudes of everything, shape (n,)."""
+        return self.state.altitude_m
+
+    @property
+    def has_table(self) -> bool:
+        """Whether the tables of thermal absorption were made for this very air (or for what it is a blend of)."""
+        return bool(self.climates) and self.state.name in (*thermal_absorption.climates(), climate.BY_LATITUDE_MONTH)
+
+
+def air_of(scene: SceneSpec, base_dir: Path | None = None) -> Air:
+    """Return the gases and particles of a scene with an atmosphere of its own (neither ``none`` nor ``file``).
+
+    Parameters
+    ----------
+    scene : SceneSpec
+        Its atmosphere; for ``by_latitude_month`` also latitude and epoch of the platform.
+    base_dir : Path, optional
+        Folder against which ``atmosphere.profile_file`` is resolved; default the current one.
+
+    Raises
+    ------
+    UserError
+        Unknown profile, or a profile's file refused.
+    """
+    atmosphere = scene.atmosphere
+    z = np.linspace(0.0, TOP_M, round(TOP_M / STEP_M) + 1)
+    climates: Mapping[str, float]
+    if atmosphere.profile_file is not None:
+        state, climates = profile_file.read_profile((base_dir or Path()) / atmosphere.profile_file), {}
+    elif atmosphere.profile == climate.BY_LATITUDE_MONTH:
+        latitude = atmosphere.latitude_deg
+        latitude = scene.platform.latitude_deg if latitude is None else latitude
+        climates = climate.climate_weights(latitude, climate_rows.month(scene))
+        state = climate.blended(climates)
+    else:
+        known = [*names(), climate.BY_LATITUDE_MONTH, NO_ATMOSPHERE]
+        if atmosphere.profile not in known:
+            raise UserError(
+                f"unknown atmosphere profile {atmosphere.profile!r}",
+                where=f"{scene.scene.name}: atmosphere.profile",
+                expected="one of " + ", ".join(nearest(atmosphere.profile, known)),
+            )
+        state = profile(atmosphere.profile)
+        climates = {state.name if state.name in thermal_absorption.climates() else _STANDARD: 1.0}
+    particles = aerosol(atmosphere.aerosol, z, where=f"{scene.scene.name}: atmosphere.aerosol")
+    return Air(state.at(z), climates, particles, atmosphere.ozone)

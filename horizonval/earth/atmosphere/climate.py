@@ -1,0 +1,94 @@
+"""Climate by latitude and month: a smooth blend of the AFGL climates.
+
+Each climate stands at its own latitude (Anderson et al. 1986: tropical 15, midlatitude 45, subarctic 60 deg) and at the
+middle of July or January. Between two latitudes the weights follow a smoothstep, towards the equator and the pole the
+last climate holds; summer and winter share a year as ``(1 +- cos(2 pi (month - 7) / 12)) / 2``, six months later in the
+south. In the tropics there is no season.
+
+Temperatures are blended linearly; number densities and absorption coefficients in their logarithms. Every blend keeps
+the ideal gas law; it is hydrostatic to 3 %, as the climates themselves are.
+
+What no blend of six climates has: longitude, weather, the ozone hole, the cold of the Antarctic winter, sudden
+stratospheric warmings.
+"""
+
+from __future__ import annotations
+
+import calendar
+import math
+from collections.abc import Mapping
+from datetime import datetime
+from itertools import pairwise
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere.profiles import Profile, profile
+
+BY_LATITUDE_MONTH = "by_latitude_month"
+_ANCHORS = ((15.0, "tropical"), (45.0, "midlatitude"), (60.0, "subarctic"))
+_BOLTZMANN = 1.380649e-23
+
+
+def month_of(epoch: datetime) -> float:
+    """Return the month as a number that passes through 7.0 in the middle of July and never jumps but at New Year.
+
+    December's second half goes on from 12 to 12.5, January's first from 0.5 to 1; a year is a circle of 12.
+    """
+    days = calendar.monthrange(epoch.year, epoch.month)[1]
+    day = epoch.day - 1 + (epoch.hour + epoch.minute / 60) / 24
+    return epoch.month - 0.5 + day / days
+
+
+def climate_weights(latitude_deg: float, month: float) -> dict[str, float]:
+    """Return the weights of the climates that make up a place and a month; all above 0, sum 1.
+
+    Parameters
+    ----------
+    latitude_deg : float
+        -90 to 90, north positive.
+    month : float
+        1 to 12, the middle of each; fractions between, see :func:`month_of`.
+    """
+    zones = _zone_weights(abs(latitude_deg))
+    northern = month if latitude_deg >= 0 else month + 6
+    summer = (1 + math.cos(2 * math.pi * (northern - 7) / 12)) / 2
+    weights: dict[str, float] = {}
+    for zone, share in zones.items():
+        if zone == "tropical":
+            weights[zone] = share
+        else:
+            weights[f"{zone}_summer"], weights[f"{zone}_winter"] = share * summer, share * (1 - summer)
+    return {name: weight for name, weight in weights.items() if weight > 0}
+
+
+def _zone_weights(latitude: float) -> dict[str, float]:
+    if latitude <= _ANCHORS[0][0]:
+        return {_ANCHORS[0][1]: 1.0}
+    for (low, below), (high, above) in pairwise(_ANCHORS):
+        if latitude < high:
+            x = (latitude - low) / (high - low)
+            share = x * x * (3 - 2 * x)
+            return {below: 1 - share, above: share}
+    return {_ANCHORS[-1][1]: 1.0}
+
+
+def blended(weights: Mapping[str, float], name: str = BY_LATITUDE_MONTH) -> Profile:
+    """Return the blend of climates by their weights, on the climates' own levels."""
+    parts = [(profile(climate), weight) for climate, weight in weights.items()]
+
+    def logarithmic(key: str) -> FloatArray:
+        return np.exp(sum(weight * np.log(getattr(part, key)) for part, weight in parts))
+
+    temperature = np.asarray(sum(weight * part.temperature_k for part, weight in parts))
+    air = logarithmic("number_density_air")
+    return Profile(
+        name=name,
+        altitude_m=parts[0][0].altitude_m,
+        pressure_pa=air * _BOLTZMANN * temperature,
+        temperature_k=temperature,
+        number_density_air=air,
+        number_density_o3=logarithmic("number_density_o3"),
+        number_density_h2o=logarithmic("number_density_h2o"),
+        number_density_co2=logarithmic("number_density_co2"),
+    )

@@ -1,0 +1,191 @@
+"""Thermal bands of a scene: from its atmosphere to :class:`horizonval.earth.atmosphere.emission.EmittingBand`.
+
+What the air is decides where its levels are and how its absorption is found:
+
+- the AFGL climates and their blends by latitude and month: the tables' own levels and temperatures. A blend by latitude
+  has a row for every latitude in sight, see :mod:`horizonval.earth.atmosphere.climate_rows`; all else is the same
+  everywhere;
+- ``us76``, which has no absorption table of its own: that of ``us_standard`` with the temperatures of US76, on 100 m.
+  The two profiles differ by at most 0.8 K up to 47 km and 2.3 K up to 100 km;
+- a profile from a file: what all six climates together say for its pressure, temperature and ozone, on 100 m, see
+  :mod:`horizonval.earth.atmosphere.borrowed_absorption`;
+- an atmosphere file: its own absorption, the same throughout a band (grey), on its own nodes;
+- none: nothing absorbs.
+
+Particles absorb at the middle of the g point's band; what they scatter there is left out (at 10 um one part in eight of
+a stratospheric particle's extinction, half of rural air's, which lies below the water vapour). Beyond 18.5 um they
+absorb as at 18.5 um.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere import aerosol, borrowed_absorption, climate_rows
+from horizonval.earth.atmosphere.air import TOP_M, Air
+from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.atmosphere.profiles import Profile
+from horizonval.earth.atmosphere.solar_rule import check_sunlight
+from horizonval.earth.spectral import bands, sunlight, thermal_absorption
+from horizonval.earth.spectral.thermal_absorption import GPoints
+from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import Band
+
+LEAST_PER_M = 1e-300
+"""Extinction that stands for none where a logarithm is needed."""
+
+
+@dataclass(frozen=True)
+class EmittingAir:
+    """The air of a scene as its thermal bands see it, before a band is chosen.
+
+    Attributes
+    ----------
+    altitude_m : ndarray, shape (n,)
+        The grid to march on.
+    sin_latitude : ndarray, shape (m,)
+    level_m : ndarray, shape (k,)
+    temperature_k : ndarray, shape (m, k)
+    climates : tuple of dict, length m
+        Weights of the climates in each row; of no use where there is a ``borrower``.
+    borrower : Profile or None
+        On ``level_m``: air without climates, whose absorption is found from all of them.
+    particles : Aerosol
+        On ``level_m``.
+    co2_ppm : float
+    """
+
+    altitude_m: FloatArray
+    sin_latitude: FloatArray
+    level_m: FloatArray
+    temperature_k: FloatArray
+    climates: tuple[dict[str, float], ...]
+    borrower: Profile | None
+    particles: aerosol.Aerosol
+    co2_ppm: float
+
+    def band(self, band: Band, sun_distance_au: float, where: str) -> EmittingBand:
+        """Return a thermal band; errors as :func:`horizonval.earth.spectral.thermal_absorption.g_points`."""
+        points = thermal_absorption.g_points(band, where=where)
+        gas = np.stack([self._ln_gas(points, climates) for climates in self.climates], axis=1)
+        return EmittingBand(
+            name=band.name,
+            wavelength_um=points.wavelength_um,
+            altitude_m=self.altitude_m,
+            sin_latitude=self.sin_latitude,
+            level_m=self.level_m,
+            ln_extinction=self._with_particles(gas, points.wavelength_um),
+            temperature_k=self.temperature_k,
+            source_wavenumber_per_cm=points.wavenumber_per_cm,
+            source_weight_per_cm=points.weight_per_cm,
+            sun_radiance=points.sun_radiance(sun_distance_au),
+        )
+
+    def _ln_gas(self, points: GPoints, climates: dict[str, float]) -> FloatArray:
+        if self.borrower is not None:
+            return borrowed_absorption.ln_absorption(points, self.borrower, self.co2_ppm)
+        table = points.ln_absorption(climates, self.co2_ppm)
+        return np.stack([np.interp(self.level_m, thermal_absorption.levels_m(), row) for row in table])
+
+    def _with_particles(self, ln_gas: FloatArray, wavelength_um: FloatArray) -> FloatArray:
+        if not self.particles.kinds:
+            return ln_gas
+        absorbed = {}
+        for wavelength in np.unique(wavelength_um):
+            extinct, scattered, _ = self.particles.at(min(float(wavelength), aerosol.MAX_UM))
+            absorbed[wavelength] = extinct - scattered
+        return np.log(np.exp(ln_gas) + np.stack([absorbed[w] for w in wavelength_um])[:, None, :])
+
+
+def emitting_air(air: Air, scene: SceneSpec) -> EmittingAir:
+    """Return the air of a scene that has gases of its own (neither ``none`` nor an atmosphere file).
+
+    For ``by_latitude_month`` without a latitude of its own there is a row of air for every latitude in sight; else one
+    row serves the whole frame.
+
+    Parameters
+    ----------
+    air : Air
+        Of the scene: what its solar bands see, the column below the satellite.
+    scene : SceneSpec
+    """
+    grid = air.altitude_m
+    rows = np.zeros(1)
+    climates: tuple[dict[str, float], ...] = (dict(air.climates),)
+    if air.has_table:
+        level_m = thermal_absorption.levels_m()
+        if climate_rows.varies(scene):
+            rows = climate_rows.rows_in_sight(scene.platform.latitude_deg, scene.platform.altitude_km * 1e3)
+            climates = climate_rows.weights(rows, climate_rows.month(scene))
+        temperature = np.stack([thermal_absorption.blended_temperature_k(row) for row in climates])
+    else:
+        level_m, temperature = grid, air.state.temperature_k[None, :]
+    return EmittingAir(
+        altitude_m=grid,
+        sin_latitude=rows,
+        level_m=level_m,
+        temperature_k=temperature,
+        climates=climates,
+        borrower=None if air.climates else air.state,
+        particles=aerosol.aerosol(scene.atmosphere.aerosol, level_m),
+        co2_ppm=scene.atmosphere.co2_ppm,
+    )
+
+
+def grey_band(
+    band: Band,
+    altitude_m: FloatArray,
+    temperature_k: FloatArray,
+    absorption_per_m: FloatArray,
+    sun_distance_au: float,
+    where: str,
+    pieces: int = 1,
+) -> EmittingBand:
+    """Return a thermal band with the same absorption at all its wavelengths, one column everywhere.
+
+    Parameters
+    ----------
+    band : Band
+    altitude_m, temperature_k, absorption_per_m : ndarray, shape (n,)
+        Levels and grid to march on in one: absorption and source are linear between.
+    sun_distance_au : float
+    where : str
+        File and key of the band, for the error message.
+    pieces : int
+        Into how many g points the band is cut, for the sake of a ground with a spectrum.
+
+    Raises
+    ------
+    UserError
+        Band reaching beyond the Sun's known spectrum.
+    """
+    check_sunlight(band, where)
+    wavelength, weight_um = bands.sampled(band)
+    sun = sunlight.irradiance(wavelength, sun_distance_au) * weight_um
+    cut = np.linspace(0, len(wavelength), pieces + 1).astype(int)
+    owner = np.searchsorted(cut, np.arange(len(wavelength)), side="right") - 1
+    mine = (owner == np.arange(pieces)[:, None]) & (weight_um > 0)
+    mine = mine[mine.any(axis=1)]
+    count = len(mine)
+    absorbed = np.log(np.maximum(absorption_per_m, LEAST_PER_M))
+    return EmittingBand(
+        name=band.name,
+        wavelength_um=mine @ (weight_um * wavelength) / (mine @ weight_um),
+        altitude_m=altitude_m,
+        sin_latitude=np.zeros(1),
+        level_m=altitude_m,
+        ln_extinction=np.broadcast_to(absorbed, (count, 1, len(altitude_m))).copy(),
+        temperature_k=temperature_k[None, :],
+        source_wavenumber_per_cm=1e4 / wavelength,
+        source_weight_per_cm=mine * weight_um * (1e4 / wavelength**2),
+        sun_radiance=mine @ sun / sunlight.disc_projected_solid_angle(sun_distance_au),
+    )
+
+
+def no_air_band(band: Band, ground_k: float, sun_distance_au: float, where: str, pieces: int = 1) -> EmittingBand:
+    """Return a thermal band over a planet without air; its columns hold nothing up to 100 km."""
+    z = np.array([0.0, TOP_M])
+    return grey_band(band, z, np.full(2, ground_k), np.zeros(2), sun_distance_au, where, pieces)

@@ -1,0 +1,271 @@
+"""A profile from a user's file: temperature, air and ozone over altitude, read strictly.
+
+CSV with one line of column names, or a JSON object of lists with the same names; other columns are refused.
+
+======================== ===========================================================================================
+``altitude_km``          rising from 0 (the ground) to 60 or more; at least 10 levels, at most 10 km between two of them
+``temperature_K``        100 to 400
+``pressure_Pa``          or ``pressure_hPa``, or ``number_density_per_m3``: exactly one of them; above 0
+``ozone_per_m3``         or ``ozone_ppmv`` (parts per million of the air's molecules): exactly one; 0 or more
+======================== ===========================================================================================
+
+Between levels as the shipped profiles: temperature linear, logarithms of pressure and of ozone's share of the air
+linear (ozone's share itself linear where one of the levels has none). Above the last level temperature and ozone's
+share stay as they are there, and the pressure goes on falling as it does between the last two levels. Pressure and
+density need not be hydrostatic.
+
+Water vapour and carbon dioxide have their part in thermal bands only, and there go with pressure, temperature and ozone
+as in the AFGL climates: :mod:`horizonval.earth.atmosphere.borrowed_absorption` says how good that is.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
+from horizonval.core.suggest import nearest
+from horizonval.earth.atmosphere.profiles import Profile, profile
+
+MIN_LEVELS = 10
+MIN_TOP_KM = 60.0
+MAX_STEP_KM = 10.0
+TEMPERATURE_K = (100.0, 400.0)
+GROUND_PRESSURE_PA = (30_000.0, 120_000.0)
+"""Catches pressures in the wrong unit; the ground of every place on Earth lies well inside."""
+
+_BOLTZMANN = 1.380649e-23
+_AIR = ("pressure_Pa", "pressure_hPa", "number_density_per_m3")
+_OZONE = ("ozone_per_m3", "ozone_ppmv")
+_KEYS = ("altitude_km", "temperature_K", *_AIR, *_OZONE)
+_TOP_M = 120_000.0
+_STEP_M = 1000.0
+_LEAST = 1e-30
+"""Share of ozone that stands for none where a logarithm is needed."""
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Columns of a file and where each of their values stands in it."""
+
+    file: str
+    columns: dict[str, list[float]]
+    lines: Sequence[int] | None
+
+    def where(self, key: str, i: int) -> str:
+        """Return file, key and line (CSV) or level, counted from 1 (JSON), of a value."""
+        if self.lines is not None:
+            return f"{self.file}: line {self.lines[i]}, column {key}"
+        return f"{self.file}: {key}, level {i + 1}"
+
+
+def read_profile(path: Path | str) -> Profile:
+    """Return the profile of a file on levels from 0 to 120 km.
+
+    Raises
+    ------
+    UserError
+        Naming file, key and line of the first mistake, and what is allowed there.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a text file"
+        raise UserError(f"cannot be read ({reason})", where=str(path), expected="a profile (CSV or JSON)") from None
+    table = _read_json(text, str(path)) if path.suffix.lower() == ".json" else _read_csv(text, str(path))
+    _check(table)
+    return _profile(table, path.stem)
+
+
+def _read_csv(text: str, file: str) -> _Table:
+    try:
+        reader = csv.reader(text.splitlines(), strict=True)
+        rows = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
+    except csv.Error as error:
+        raise UserError(f"not a CSV file: {error}", where=file, expected="comma-separated text") from None
+    if not rows:
+        raise UserError("the file is empty", where=file, expected="a line of column names")
+    header = [name.strip() for name in rows[0][1]]
+    _check_keys(header, f"{file}: line {rows[0][0]}")
+    columns: dict[str, list[float]] = {name: [] for name in header}
+    for number, row in rows[1:]:
+        if len(row) != len(header):
+            raise UserError(
+                f"{len(row)} fields", where=f"{file}: line {number}", expected=f"{len(header)}, as there are names"
+            )
+        for name, field in zip(header, row, strict=True):
+            try:
+                columns[name].append(float(field))
+            except ValueError:
+                raise UserError(
+                    f'found "{field[:40]}"', where=f"{file}: line {number}, column {name}", expected=_range(name)
+                ) from None
+    return _Table(file, columns, [number for number, _ in rows[1:]])
+
+
+def _read_json(text: str, file: str) -> _Table:
+    try:
+        data = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise UserError(f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}", where=file) from None
+    except RecursionError:
+        raise UserError("not a profile: nested too deeply", where=file) from None
+    if not isinstance(data, Mapping):
+        raise UserError("not a profile", where=file, expected="an object of lists: " + ", ".join(_KEYS))
+    _check_keys(list(data), file)
+    columns = {}
+    for key, values in data.items():
+        if not isinstance(values, list):
+            raise UserError("is no list", where=f"{file}: {key}", expected="a list of numbers, one per altitude_km")
+        for i, value in enumerate(values):
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                found = json.dumps(value)[:40]
+                raise UserError(f"is {found}", where=f"{file}: {key}, level {i + 1}", expected=_range(key))
+        columns[key] = [_float(value) for value in values]
+    levels = len(columns["altitude_km"])
+    for key, values in columns.items():
+        if len(values) != levels:
+            raise UserError(
+                f"has {len(values)} values", where=f"{file}: {key}", expected=f"{levels}, one per altitude_km"
+            )
+    return _Table(file, columns, None)
+
+
+def _float(value: Any) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _check_keys(keys: Sequence[str], where: str) -> None:
+    for key in keys:
+        if key not in _KEYS:
+            raise UserError(f"unknown key {key!r}", where=where, expected="one of " + ", ".join(nearest(key, _KEYS)))
+        if list(keys).count(key) > 1:
+            raise UserError(f"{key} is there more than once", where=where, expected="every key once")
+    for wanted in (("altitude_km",), ("temperature_K",), _AIR, _OZONE):
+        found = [key for key in wanted if key in keys]
+        if len(found) != 1:
+            what = " and ".join(found) + " are given" if found else "missing: " + " or ".join(wanted)
+            raise UserError(what, where=where, expected="exactly one of " + ", ".join(wanted))
+
+
+def _range(key: str) -> str:
+    if key == "temperature_K":
+        return f"{TEMPERATURE_K[0]:g} to {TEMPERATURE_K[1]:g} K"
+    if key == "altitude_km":
+        return "rising altitudes from 0 on"
+    return "a finite number of 0 or more" if key in _OZONE else "a finite number above 0"
+
+
+def _check(table: _Table) -> None:
+    for key, values in table.columns.items():
+        for i, value in enumerate(values):
+            good = math.isfinite(value)
+            if key == "temperature_K":
+                good = good and TEMPERATURE_K[0] <= value <= TEMPERATURE_K[1]
+            elif key in _OZONE:
+                good = good and value >= 0
+            elif key in _AIR:
+                good = good and value > 0
+            if not good:
+                raise UserError(f"is {value:g}", where=table.where(key, i), expected=_range(key))
+    z = table.columns["altitude_km"]
+    if len(z) < MIN_LEVELS:
+        raise UserError(
+            f"{len(z)} levels", where=f"{table.file}: altitude_km", expected=f"at least {MIN_LEVELS} levels"
+        )
+    if z[0] != 0:
+        raise UserError(f"is {z[0]:g}", where=table.where("altitude_km", 0), expected="0, the ground")
+    for i, (below, above) in enumerate(pairwise(z), start=1):
+        if not below < above <= below + MAX_STEP_KM:
+            raise UserError(
+                f"{above:g} follows {below:g}",
+                where=table.where("altitude_km", i),
+                expected=f"rising altitudes, at most {MAX_STEP_KM:g} km from one to the next",
+            )
+    if z[-1] < MIN_TOP_KM:
+        raise UserError(
+            f"ends at {z[-1]:g} km",
+            where=table.where("altitude_km", len(z) - 1),
+            expected=f"levels up to {MIN_TOP_KM:g} km or more",
+        )
+    pressure = _pressure(table)
+    key = next(key for key in _AIR if key in table.columns)
+    if not GROUND_PRESSURE_PA[0] <= pressure[0] <= GROUND_PRESSURE_PA[1]:
+        low, high = (_in_units_of(key, p, table.columns["temperature_K"][0]) for p in GROUND_PRESSURE_PA)
+        raise UserError(
+            f"is {table.columns[key][0]:g} at the ground",
+            where=table.where(key, 0),
+            expected=f"{low:g} to {high:g} there",
+        )
+    rising = np.flatnonzero(np.diff(pressure) >= 0)
+    if rising.size:
+        i = int(rising[0]) + 1
+        raise UserError(
+            f"is {table.columns[key][i]:g}, and the pressure does not fall from the level below",
+            where=table.where(key, i),
+            expected="a pressure that falls with altitude",
+        )
+
+
+def _in_units_of(key: str, pressure_pa: float, temperature_k: float) -> float:
+    if key == "number_density_per_m3":
+        return pressure_pa / (_BOLTZMANN * temperature_k)
+    return pressure_pa / 100 if key == "pressure_hPa" else pressure_pa
+
+
+def _pressure(table: _Table) -> FloatArray:
+    columns = {key: np.array(values) for key, values in table.columns.items()}
+    if "number_density_per_m3" in columns:
+        return columns["number_density_per_m3"] * _BOLTZMANN * columns["temperature_K"]
+    return columns["pressure_Pa"] if "pressure_Pa" in columns else columns["pressure_hPa"] * 100
+
+
+def _profile(table: _Table, name: str) -> Profile:
+    """Return the profile on its own levels and, above the last, on levels by 1 km to 120 km."""
+    z = np.array(table.columns["altitude_km"]) * 1e3
+    temperature = np.array(table.columns["temperature_K"])
+    pressure = _pressure(table)
+    air = pressure / (_BOLTZMANN * temperature)
+    if "ozone_ppmv" in table.columns:
+        share = np.array(table.columns["ozone_ppmv"]) * 1e-6
+    else:
+        share = np.array(table.columns["ozone_per_m3"]) / air
+    # Profiles hold no zeros, for their interpolation is logarithmic: the share is kept apart from it by a fine grid.
+    fine = np.unique(np.concatenate([z, np.arange(0.0, z[-1], 100.0)])) if (share == 0).any() else z
+    both = np.interp(fine, z, np.log(np.maximum(share, _LEAST)))
+    whole = np.interp(fine, z, (share > 0).astype(float)) == 1
+    share = np.where(whole, np.exp(both), np.maximum(np.interp(fine, z, share), _LEAST))
+    ln_pressure = np.interp(fine, z, np.log(pressure))
+    temperature = np.interp(fine, z, temperature)
+    slope = (math.log(pressure[-1]) - math.log(pressure[-2])) / (z[-1] - z[-2])
+    above = np.arange(z[-1] + _STEP_M, _TOP_M + _STEP_M, _STEP_M)
+    altitude = np.concatenate([fine, above])
+    pressure = np.exp(np.concatenate([ln_pressure, ln_pressure[-1] + slope * (above - z[-1])]))
+    temperature = np.concatenate([temperature, np.full(len(above), temperature[-1])])
+    share = np.concatenate([share, np.full(len(above), share[-1])])
+    air = pressure / (_BOLTZMANN * temperature)
+    standard = profile("us_standard")
+    others = standard.at(np.minimum(altitude, standard.altitude_m[-1]))
+    return Profile(
+        name=name,
+        altitude_m=altitude,
+        pressure_pa=pressure,
+        temperature_k=temperature,
+        number_density_air=air,
+        number_density_o3=air * share,
+        number_density_h2o=air * others.number_density_h2o / others.number_density_air,
+        number_density_co2=air * others.number_density_co2 / others.number_density_air,
+    )

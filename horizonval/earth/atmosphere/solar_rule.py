@@ -1,0 +1,117 @@
+"""Gauss's rule of a solar band: which wavelengths stand for it, and with which weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
+from horizonval.earth.atmosphere import ozone
+from horizonval.earth.spectral import bands, sunlight
+from horizonval.earth.spectral.quadrature import Orthonormal
+from horizonval.spec.sensor.camera import Band
+
+
+@dataclass(frozen=True)
+class Measure:
+    """The measure ``R(lambda) (lambda / lambda_ref) E_sun(lambda)`` of a band, sampled finely.
+
+    Attributes
+    ----------
+    wavelength_um : ndarray, shape (m,)
+    energy : ndarray, shape (m,)
+        W m-2; the sum is the band's irradiance.
+    width_um : float
+        Effective width: integral of the response.
+    """
+
+    wavelength_um: FloatArray
+    energy: FloatArray
+    width_um: float
+
+    def ozone(self) -> tuple[FloatArray, FloatArray]:
+        """Return ozone's cross sections at 220 and 280 K [m2], shape (m,) each; 0 beyond their range to the red."""
+        known = self.wavelength_um <= ozone.MAX_UM
+        samples = np.zeros((2, len(self.wavelength_um)))
+        samples[:, known] = ozone.cold_and_warm_m2(self.wavelength_um[known])
+        return samples[0], samples[1]
+
+
+@dataclass(frozen=True)
+class SolarRule:
+    """Gauss's rule of a measure.
+
+    Attributes
+    ----------
+    wavelength_um, weight_um : ndarray, shape (n,)
+        Nodes, and their weights, which add up to the band's effective width.
+    mean_irradiance : float
+        W m-2 um-1; what every node carries.
+    ozone_cold_m2, ozone_warm_m2 : ndarray, shape (n,)
+        The cross sections of ozone at 220 and 280 K that the nodes shall use, smoothed; 0 without ozone.
+    """
+
+    wavelength_um: FloatArray
+    weight_um: FloatArray
+    mean_irradiance: float
+    ozone_cold_m2: FloatArray
+    ozone_warm_m2: FloatArray
+
+
+class RuleFamily:
+    """Gauss's rules of 1 to ``n_max`` nodes for one measure.
+
+    Parameters
+    ----------
+    measure : Measure
+    n_max : int
+        Well below the number of the measure's samples.
+    with_ozone : bool
+        False: the nodes' cross sections of ozone are 0, and the measure may reach below 280 nm.
+    """
+
+    def __init__(self, measure: Measure, n_max: int, *, with_ozone: bool = False) -> None:
+        self._measure = measure
+        self._polynomials = Orthonormal.of(measure.wavelength_um, measure.energy, n_max)
+        self._ozone = [self._polynomials.moments(samples) for samples in measure.ozone()] if with_ozone else None
+
+    def rule(self, n: int) -> SolarRule:
+        """Return the rule of n nodes."""
+        nodes, energy = self._polynomials.rule(n)
+        mean = float(energy.sum() / self._measure.width_um)
+        cold = warm = np.zeros(n)
+        if self._ozone is not None:
+            cold, warm = (self._polynomials.smoothed(moments, nodes) for moments in self._ozone)
+        return SolarRule(nodes, energy / mean, mean, cold, warm)
+
+
+def check_sunlight(band: Band, where: str) -> None:
+    """Raise ``UserError`` for a band that reaches beyond the Sun's known spectrum."""
+    lo, hi = bands.limits_um(band)
+    if lo < sunlight.MIN_UM or hi > sunlight.MAX_UM:
+        raise UserError(
+            f"band {band.name!r} spans {lo:g} to {hi:g} um",
+            where=where,
+            expected=f"a response within {sunlight.MIN_UM:g} to {sunlight.MAX_UM:g} um, the Sun's known spectrum",
+        )
+
+
+def solar_measure(band: Band, sun_distance_au: float, where: str) -> Measure:
+    """Return a band's measure.
+
+    Raises
+    ------
+    UserError
+        Band beyond the Sun's known spectrum.
+    """
+    check_sunlight(band, where)
+    wavelength, weight = bands.sampled(band, sunlight.table_um(), order=4)
+    weight = weight * wavelength / bands.reference_wavelength_um(band)
+    return Measure(wavelength, weight * sunlight.irradiance(wavelength, sun_distance_au), float(weight.sum()))
+
+
+def gauss(measure: Measure, n: int, *, with_ozone: bool = False) -> SolarRule:
+    """Return Gauss's rule of n nodes for a measure."""
+    return RuleFamily(measure, n, with_ozone=with_ozone).rule(n)

@@ -1,0 +1,78 @@
+"""Everything in a scene's sky besides the Sun's irradiance: its limb darkening, the Moon, and the night."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from horizonval.earth.column import OpticalModel
+from horizonval.earth.light import limb_darkening, moonlight
+from horizonval.earth.light.airglow import with_night
+from horizonval.spec.sensor.camera import Band
+
+NIGHT_ZENITH_RAD = math.radians(99.0)
+"""Solar zenith angle beyond which the lights of the night count.
+
+With the Sun 9 deg below the horizon twilight lights the ground with some 0.1 lx (between 3.4 lx at 6 deg and 0.008 lx
+at 12 deg: Kaufmann, *IES Lighting Handbook*; Seidelmann, *Explanatory Supplement*, 1992, section 9.3), half of a full
+Moon; where the Sun is higher, the lights of the night add less than twilight's own spread from day to day.
+"""
+
+
+@dataclass(frozen=True)
+class Moonlight:
+    """The Moon as seen from the Earth's centre: phase angle [rad] and distances [au]; ``sun_au``: Sun to Earth."""
+
+    phase_rad: float
+    sun_moon_au: float
+    moon_au: float
+    sun_au: float
+
+
+def night_in_view(sun_zenith_rad: float, horizon_rad: float) -> bool:
+    """Return whether somewhere in view the Sun is lower than :data:`NIGHT_ZENITH_RAD` allows.
+
+    Parameters
+    ----------
+    sun_zenith_rad : float
+        Of the Sun at the point below the camera.
+    horizon_rad : float
+        Angle at the Earth's centre from that point to the horizon.
+    """
+    return sun_zenith_rad + horizon_rad > NIGHT_ZENITH_RAD
+
+
+def with_sky(
+    model: OpticalModel,
+    camera_bands: list[Band],
+    *,
+    sun_distance_au: float,
+    moon: Moonlight | None,
+    airglow: bool,
+    background: bool,
+) -> OpticalModel:
+    """Return the model with limb darkening and moonlight in its solar nodes, and with the night if it is wanted.
+
+    Thermal bands keep a uniform Sun (the disc's edge is within 10 % of its centre at 10 um, and the Sun there saturates
+    any horizon sensor), and no Moon.
+    """
+    nodes = []
+    for node in model.nodes:
+        if node.solar_irradiance > 0.0:
+            ratio = 0.0
+            if moon is not None:
+                ratio = float(
+                    moonlight.irradiance_ratio(
+                        node.wavelength_um, moon.phase_rad, moon.sun_moon_au, moon.moon_au, moon.sun_au
+                    )
+                )
+            node = replace(
+                node,
+                limb_darkening=limb_darkening.coefficients(node.wavelength_um),
+                moon_irradiance=node.solar_irradiance * ratio,
+            )
+        nodes.append(node)
+    model = replace(model, nodes=tuple(nodes))
+    if not (airglow or background):
+        return model
+    return with_night(model, camera_bands, sun_distance_au, airglow=airglow, sky=background)

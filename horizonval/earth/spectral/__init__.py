@@ -1,0 +1,1 @@
+"""Spectra: bands and their nodes, sunlight, Planck's law, thermal absorption."""

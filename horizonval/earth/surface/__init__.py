@@ -1,0 +1,1 @@
+"""Ground: land and sea, reflection, emission, temperature."""

@@ -1,0 +1,61 @@
+"""What the ground of a scene emits: from its specification to
+:class:`horizonval.earth.surface.ground_emission.GroundEmission`.
+
+A ``uniform`` ground is as warm as ``surface.temperature_k`` says, or else as the lowest air: one temperature, or with
+``by_latitude_month`` that of every latitude. An ``earth`` has the climate of
+:mod:`horizonval.earth.surface.surface_temperature` for the month of the air (or of the epoch), whatever the profile of
+the air above it, unless ``surface.temperature_k`` puts one temperature in place of everything.
+
+Clouds are as warm as the air at their tops; how much of it they emit is ``clouds.emissivity``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from horizonval.earth.atmosphere import climate_rows
+from horizonval.earth.spectral import thermal_absorption
+from horizonval.earth.surface import surface_temperature
+from horizonval.earth.surface.ground_emission import GroundEmission, uniform_ground
+from horizonval.spec.scene import SceneSpec
+
+
+def emitting_ground(scene: SceneSpec, lowest_air_k: float) -> GroundEmission:
+    """Return what the ground of a scene emits.
+
+    Parameters
+    ----------
+    scene : SceneSpec
+    lowest_air_k : float
+        Temperature of the lowest level of the air where it is the same everywhere.
+    """
+    surface = scene.surface
+    cloud = 1.0 if scene.clouds is None else scene.clouds.emissivity
+    fixed = surface.temperature_k
+    rows = climate_rows.all_rows()
+    month = climate_rows.month(scene)
+    if surface.kind == "earth" and fixed is None:
+        latitude = np.degrees(np.arcsin(rows))
+        return GroundEmission(
+            kind="earth",
+            sin_latitude=_plain(rows),
+            land_k=_plain(surface_temperature.land_k(latitude, month)),
+            snow_k=_plain(surface_temperature.snow_k(latitude, month)),
+            water_k=_plain(surface_temperature.sea_k(latitude, month)),
+            diurnal_k=_plain(surface_temperature.land_daily_swing_k(latitude)),
+            emissivity=surface.emissivity,
+            cloud_emissivity=cloud,
+        )
+    if surface.kind == "uniform" and fixed is None and climate_rows.varies(scene):
+        air = [thermal_absorption.blended_temperature_k(row)[0] for row in climate_rows.weights(rows, month)]
+        same = _plain(np.array(air))
+        still = (0.0,) * len(rows)
+        return GroundEmission("uniform", _plain(rows), same, same, same, still, surface.emissivity, cloud)
+    ground = uniform_ground(lowest_air_k if fixed is None else fixed, surface.emissivity, cloud)
+    return ground if surface.kind == "uniform" else replace(ground, kind="earth")
+
+
+def _plain(values: np.ndarray) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)

@@ -1,0 +1,1 @@
+"""Attitude from an image: limb points, shapes, methods, guards, and the processes that contain them."""

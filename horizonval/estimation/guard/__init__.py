@@ -1,0 +1,1 @@
+"""Guards: what a method's answer must pass before it is claimed."""

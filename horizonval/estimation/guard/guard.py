@@ -1,0 +1,354 @@
+"""A guard around any method: what published methods take for granted is tested, before and after.
+
+A limb method is a formula that is right when its points lie on the Earth's limb. The guard sees to that, and says no
+where it cannot:
+
+1. *The limb itself*: consensus on cones of sight lines decides which edges are one limb and which side of it is space
+   (:mod:`horizonval.estimation.limb.finder`); the Sun's blob is left out.
+2. *Points*: moved to the steepest place of the soft limb (:mod:`horizonval.estimation.limb.model.steepest`); those on
+   a saturated, faded or restless piece are left out, spots between such pieces, and outliers from the cone through the
+   rest (:mod:`horizonval.estimation.limb.model.trusted`). Where the Sun's direction is known the sunlit limb is
+   followed towards the terminator, and its height there, which is known too, taken away
+   (:mod:`horizonval.estimation.limb.model.sunlit`); points are used as far as they make the nadir better known.
+3. *Enough*: the pieces that are left must determine the nadir, for noise and for all that makes the limb no circle
+   (:mod:`horizonval.estimation.guard.limb_model`), to what a claim needs; and the body must be large enough not to be
+   the Moon.
+4. *The method* runs on what is left: on the points where it can take points
+   (``Estimator.from_points``), else on an image from which all but that limb has been cleaned.
+5. *The answer*: must lie where the guard's own cone lies, within the uncertainty of both; its residuals must be those
+   of a limb; and where the altitude is known from the orbit the fitted one must agree.
+
+Methods of several heads are guarded by :mod:`horizonval.estimation.guard.guard_heads`.
+
+A fit from points claims as noise what the detector's noise alone does
+(:mod:`horizonval.estimation.limb.model.steepest_noise`); ``systematic_nadir_cam`` says beside it what the method's
+model leaves out, and what else scatters the points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.guard import guard_limits as limits
+from horizonval.estimation.guard.clean_image import cleaned
+from horizonval.estimation.guard.guard_heads import run_heads
+from horizonval.estimation.guard.limb_model import blur_of, model_covariance
+from horizonval.estimation.limb.edges import noise_sigma
+from horizonval.estimation.limb.finder import find_limb
+from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
+from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
+from horizonval.estimation.limb.model.sunlit import SunlitLimb, sun_angles, sunlit_limb
+from horizonval.estimation.limb.model.trusted import alone, faded, faint, read_sides, restless, saturated
+from horizonval.estimation.limb.result import NoLimb
+from horizonval.estimation.limb.shape.cone import (
+    Cone,
+    ConeUncertainty,
+    cone_uncertainty,
+    fit_cone,
+    limb_directions,
+    off_axis_angle,
+    tangent_basis,
+)
+from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.geometry.camera import project
+from horizonval.geometry.frames import roll_pitch_of_nadir
+
+
+@dataclass(frozen=True)
+class TrustedLimb:
+    """Limb points that passed every test, and how well a cone through them is determined.
+
+    Attributes
+    ----------
+    seen_cam : ndarray, shape (n, 3)
+        Lines of sight as the image has them.
+    los_cam : ndarray, shape (n, 3)
+        The same without the known height of a sunlit limb.
+    uv : ndarray, shape (n, 2)
+    cone : Cone
+        Through ``los_cam``, of half-angle ``rho_rad``.
+    rho_rad : float
+    noise : ConeUncertainty
+        From the points' scatter, whatever makes it.
+    systematic : ndarray, shape (3, 3)
+        Covariance of what is not known of the limb's shape, as of (axis, axis, half-angle).
+    bright_inside : bool
+        Whether the Earth is the brighter side.
+    """
+
+    seen_cam: FloatArray
+    los_cam: FloatArray
+    uv: FloatArray
+    cone: Cone
+    rho_rad: float
+    noise: ConeUncertainty
+    systematic: FloatArray
+    bright_inside: bool
+
+    @property
+    def sigma_rad(self) -> float:
+        """Standard deviation of the nadir in its worst direction."""
+        return float(np.sqrt(np.linalg.eigvalsh((self.noise.covariance + self.systematic)[:2, :2])[-1]))
+
+
+def guarded(estimator: Estimator) -> Estimator:
+    """Return the estimator behind the guard, named ``guarded-<name>``.
+
+    One that is given the pose has nothing to guard and is returned as it is under that name.
+    """
+    run: Callable[[Observation], Fit | NoFit] = estimator.run
+    if estimator.needs != "pose":
+        run = partial(run_heads if estimator.needs == "heads" else _run, estimator)
+    return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
+
+
+def trusted_limb(observation: Observation, estimates: str = "geocentric") -> TrustedLimb | NoFit:
+    """Return the limb points of an image that may be trusted, or why there are none."""
+    found = find_limb(observation.image, observation.camera, observation.full_scale)
+    if isinstance(found, NoLimb):
+        return NoFit(found.status, found.reason)
+    image, camera = np.asarray(observation.image, dtype=np.float64), observation.camera
+    cone = fit_cone(found.los_cam)
+    sides = read_sides(image, camera, found.los_cam, cone.axis_cam)
+    bright_inside = bool(np.median(sides.inner - sides.outer) > 0.0)
+    los, _ = to_steepest(image, camera, found.los_cam, cone.axis_cam, bright_inside)
+    if len(los) < limits.FEWEST_POINTS:
+        return NoFit(Outcome.SHORT_ARC, f"{len(los)} limb points have their profile in view", found.uv)
+    sun = observation.sun_cam if observation.band_kind == "solar" else None
+    if sun is not None:
+        los = _into_twilight(los, image, observation, sun)
+    axis = fit_cone(los).axis_cam
+    sides = read_sides(image, camera, los, axis)
+    tests = {Outcome.SUN_GLARE: restless(sides)}
+    if sun is not None:
+        tests[Outcome.DARK] = faint(sides, noise_sigma(image)) | ~np.isfinite(_sunlit(los, observation, sun).height_m)
+    elif observation.band_kind == "thermal":
+        # The infrared limb shines all round; what fades is the lens towards the corners of a wide field.
+        tests[Outcome.DARK] = faint(sides, noise_sigma(image))
+    else:
+        tests[Outcome.DARK] = faded(sides)
+    if observation.full_scale is not None:
+        tests[Outcome.SATURATED] = saturated(sides, observation.full_scale)
+    bad = np.any(list(tests.values()), axis=0)
+    worst = max(tests, key=lambda outcome: int(tests[outcome].sum())) if bad.any() else Outcome.SHORT_ARC
+    trusted = los[~bad]
+    if len(trusted) >= limits.FEWEST_POINTS:
+        trusted = trusted[~alone(trusted, camera)]
+    lost = 1.0 - len(trusted) / len(los)
+    los = trusted
+    if len(los) < limits.FEWEST_POINTS:
+        return NoFit(worst, f"{lost:.0%} of the limb points are not to be trusted", project(camera, los)[0])
+    cause = worst if lost > limits.MUCH_LOST else None
+    if sun is None:
+        return _determined(_Points(los, los, None, bright_inside), observation, estimates, cause)
+    return _best_reach(los, observation, sun, estimates, cause)
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Points on their way through the guard: as seen, as they would be on the ground, and what is not known of that."""
+
+    seen: FloatArray
+    los: FloatArray
+    patterns: FloatArray | None
+    bright_inside: bool
+
+    def take(self, rows: NDArray[np.bool_]) -> _Points:
+        patterns = None if self.patterns is None else self.patterns[:, rows]
+        return _Points(self.seen[rows], self.los[rows], patterns, self.bright_inside)
+
+
+def _into_twilight(los: FloatArray, image: FloatArray, observation: Observation, sun: FloatArray) -> FloatArray:
+    """Return the points under a high Sun and, where it is low, whatever lies on the cone through all of them.
+
+    A search for edges loses the limb where it gets faint; where it must be is known from the rest of it.
+    """
+    cone = fit_cone(los)
+    rho = float(off_axis_angle(los, cone.axis_cam).mean())
+    on_cone = limb_directions(observation.camera, cone.axis_cam, rho, NEEDED_PX)
+    low = sun_angles(on_cone, cone.axis_cam, sun)[0] > limits.LOW_SUN_RAD
+    followed, _ = to_steepest(image, observation.camera, on_cone[low], cone.axis_cam, bright_inside=True)
+    off = np.abs(off_axis_angle(followed, cone.axis_cam) - rho)
+    followed = followed[off * max(observation.camera.fx, observation.camera.fy) < limits.FOLLOWED_PX]
+    high = sun_angles(los, cone.axis_cam, sun)[0] <= limits.LOW_SUN_RAD
+    return np.concatenate([los[high], followed])
+
+
+def _sunlit(los: FloatArray, observation: Observation, sun: FloatArray) -> SunlitLimb:
+    cone = fit_cone(los)
+    rho = float(off_axis_angle(los, cone.axis_cam).mean())
+    blur = blur_of(los, cone.axis_cam, observation)
+    return sunlit_limb(los, cone.axis_cam, rho, sun, blur, limits.SUN_SIGMA_RAD)
+
+
+def _best_reach(
+    los: FloatArray, observation: Observation, sun: FloatArray, estimates: str, cause: Outcome | None
+) -> TrustedLimb | NoFit:
+    """Lower the points to the ground, and use those up to the Sun's zenith angle that determines the nadir best.
+
+    More limb determines more, but what is known of it gets less towards the terminator.
+    """
+    limb = _sunlit(los, observation, sun)
+    cone = fit_cone(los)
+    rho = float(off_axis_angle(los, cone.axis_cam).mean())
+    drop = limb.height_m * np.tan(rho) / observation.earth_radius_m
+    inwards = cone.axis_cam - los * (los @ cone.axis_cam)[:, None]
+    inwards /= np.linalg.norm(inwards, axis=1)[:, None]
+    ground = np.cos(drop)[:, None] * los + np.sin(drop)[:, None] * inwards
+    points = _Points(los, ground, limb.patterns_m, bright_inside=True)
+    best: TrustedLimb | NoFit | None = None
+    tried = -1
+    for reach in limits.REACHES_RAD:
+        within = limb.zenith_rad <= reach
+        if int(within.sum()) == tried:
+            continue
+        tried = int(within.sum())
+        lost = cause or (Outcome.DARK if within.mean() < 1.0 - limits.MUCH_LOST else None)
+        result = _determined(points.take(within), observation, estimates, lost)
+        if best is None or (isinstance(result, TrustedLimb) and _is_better(result, best)):
+            best = result
+    assert best is not None
+    return best
+
+
+def _is_better(one: TrustedLimb, other: TrustedLimb | NoFit) -> bool:
+    return isinstance(other, NoFit) or one.sigma_rad < other.sigma_rad
+
+
+def _without_outliers(points: _Points, observation: Observation) -> _Points:
+    smallest = limits.SMALLEST_TRIM_PX / max(observation.camera.fx, observation.camera.fy)
+    for _ in range(limits.TRIMS):
+        if len(points.los) < limits.FEWEST_POINTS:
+            break
+        cone = fit_cone(points.los)
+        off = off_axis_angle(points.los, cone.axis_cam)
+        off = np.abs(off - np.median(off))
+        good = off <= max(limits.TRIM_SIGMAS * 1.4826 * float(np.median(off)), smallest)
+        if good.all():
+            break
+        points = points.take(good)
+    return points
+
+
+def _determined(
+    points: _Points, observation: Observation, estimates: str, cause: Outcome | None
+) -> TrustedLimb | NoFit:
+    """Refuse points that leave the nadir open; ``cause``: what took the points that are missing."""
+    points = _without_outliers(points, observation)
+    uv = project(observation.camera, points.seen)[0]
+    status = cause or Outcome.SHORT_ARC
+    if len(points.los) < limits.FEWEST_POINTS:
+        return NoFit(status, f"{len(points.los)} limb points are left", uv)
+    los = points.los
+    cone = fit_cone(los)
+    rho = float(off_axis_angle(los, cone.axis_cam).mean())
+    if rho < limits.SMALLEST_RHO_RAD:
+        return NoFit(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is not the Earth", uv)
+    try:
+        noise = cone_uncertainty(los, cone.axis_cam, rho)
+        systematic = model_covariance(los, cone.axis_cam, rho, observation, estimates, points.patterns)
+    except np.linalg.LinAlgError:
+        return NoFit(status, "the points do not determine a cone", uv)
+    limb = TrustedLimb(points.seen, los, uv, cone, rho, noise, systematic, points.bright_inside)
+    if not limb.sigma_rad <= limits.LARGEST_SIGMA_RAD:
+        sigma = np.degrees(limb.sigma_rad)
+        return NoFit(status, f"the limb that can be trusted determines the nadir to {sigma:.2f} deg", uv)
+    return limb
+
+
+def _run(estimator: Estimator, observation: Observation) -> Fit | NoFit:
+    limb = trusted_limb(observation, estimator.estimates)
+    if isinstance(limb, NoFit):
+        return limb
+    if estimator.from_points is not None:
+        result = estimator.from_points(limb.los_cam, limb.uv, observation)
+    else:
+        seen = fit_cone(limb.seen_cam)
+        image = cleaned(observation.image, observation.camera, seen, limb.seen_cam)
+        result = estimator.run(replace(observation, image=image))
+        if isinstance(result, Fit):
+            result = _turned(result, seen, limb.cone, observation)
+    if isinstance(result, NoFit):
+        return result
+    basis = limb.noise.basis
+    result = replace(result, systematic_nadir_cam=basis @ limb.systematic[:2, :2] @ basis.T)
+    refused = check_fit(result, limb, observation)
+    if refused is not None or estimator.from_points is None:
+        return refused or result
+    return _noise_apart(result, limb, observation)
+
+
+def _noise_apart(fit: Fit, limb: TrustedLimb, observation: Observation) -> Fit:
+    """Return the fit with the detector's noise alone as its noise; what else scatters the points joins the rest.
+
+    The sum of both is what it was, or more where the points happen to scatter less than the noise makes them.
+    """
+    image, camera = np.asarray(observation.image, dtype=np.float64), observation.camera
+    seen = fit_cone(limb.seen_cam)
+    rho = float(off_axis_angle(limb.seen_cam, seen.axis_cam).mean())
+    variance = pixel_variance(image, camera, seen.axis_cam, rho, observation.full_scale)
+    try:
+        noise = noise_covariance(image, camera, limb.seen_cam, seen.axis_cam, rho, variance, limb.bright_inside)
+    except np.linalg.LinAlgError:
+        return fit
+    basis, seen_basis = tangent_basis(fit.nadir_cam), tangent_basis(seen.axis_cam)
+    turned = basis.T @ seen_basis
+    noise = turned @ noise[:2, :2] @ turned.T
+    values, vectors = np.linalg.eigh(basis.T @ fit.covariance_nadir_cam @ basis - noise)
+    rest = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    systematic = rest if fit.systematic_nadir_cam is None else rest + basis.T @ fit.systematic_nadir_cam @ basis
+    return replace(
+        fit,
+        covariance_nadir_cam=basis @ noise @ basis.T,
+        systematic_nadir_cam=basis @ systematic @ basis.T,
+    )
+
+
+def _turned(fit: Fit, seen: Cone, ground: Cone, observation: Observation) -> Fit:
+    """Return the fit of a method that saw the limb itself, turned as the cone turns when the limb is lowered."""
+    turn, _ = Rotation.align_vectors(ground.axis_cam[None, :], seen.axis_cam[None, :])
+    nadir = turn.apply(fit.nadir_cam)
+    roll, pitch = roll_pitch_of_nadir(Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir))
+    matrix = turn.as_matrix()
+    covariance = matrix @ fit.covariance_nadir_cam @ matrix.T
+    return replace(fit, nadir_cam=nadir, covariance_nadir_cam=covariance, roll_rad=float(roll), pitch_rad=float(pitch))
+
+
+def check_fit(fit: Fit, limb: TrustedLimb, observation: Observation) -> NoFit | None:
+    """Return why a fit is not believed, or None.
+
+    Its nadir must be that of the guard's cone within their noise, or within a pixel's worth of it; its residuals must
+    be a limb's; its altitude must be that of the orbit where one is known.
+    """
+    basis = tangent_basis(limb.cone.axis_cam)
+    apart = basis.T @ (np.asarray(fit.nadir_cam) - limb.cone.axis_cam)
+    spread = basis.T @ (fit.total_covariance_nadir_cam + limb.noise.covariance_axis) @ basis
+    floor = limits.AGREEMENT_FLOOR_RAD**2 * np.eye(2)
+    if fit.nadir_cam @ limb.cone.axis_cam < 0 or apart @ np.linalg.solve(spread + floor, apart) > limits.AGREEMENT**2:
+        angle = float(np.degrees(np.arccos(np.clip(fit.nadir_cam @ limb.cone.axis_cam, -1, 1))))
+        return NoFit(Outcome.AMBIGUOUS, f"the method's nadir lies {angle:.2f} deg from that of the limb", fit.points)
+    sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ fit.total_covariance_nadir_cam @ basis)[-1]))
+    if not sigma <= limits.LARGEST_SIGMA_RAD:
+        return NoFit(Outcome.SHORT_ARC, f"the method determines the nadir to {np.degrees(sigma):.2f} deg", fit.points)
+    if observation.altitude_m is not None:
+        radius = observation.earth_radius_m
+        expected = np.arcsin(radius / (radius + observation.altitude_m))
+        off = float(off_axis_angle(limb.seen_cam, limb.cone.axis_cam).mean()) - expected
+        height = limits.limb_height_m(observation.band_kind)
+        low, high = (h * np.tan(expected) / radius for h in height)
+        slack = limits.AGREEMENT * float(np.sqrt(limb.noise.covariance[2, 2] + limb.systematic[2, 2]))
+        if not low - slack <= off <= high + slack:
+            return NoFit(
+                Outcome.AMBIGUOUS,
+                f"the angular radius is {np.degrees(off):+.2f} deg from that of the known altitude",
+                fit.points,
+            )
+    return None

@@ -1,0 +1,351 @@
+"""The guard for methods that look through several heads: every head must show its limb, and all of them one cone.
+
+A head sees little: a short, nearly straight piece of limb, or a row across it. What one head shows can hardly be judged
+by itself, what all of them show together can. There are three ways, by what a head is and what the method takes:
+
+* *arcs* (``Estimator.from_heads``): the limb is looked for in every head's image
+  (:mod:`horizonval.estimation.limb.finder`), moved to the steepest place and freed of what is not to be trusted
+  (:mod:`horizonval.estimation.limb.model.trusted`), as in a single image but for one question, whether it determines
+  the nadir: that is asked of all heads together. The method gets the rest;
+* *rows* of linear arrays: the method answers, and every row is tested by :mod:`horizonval.estimation.guard.guard_rows`;
+* *any other method's images*: the method answers first; its nadir and angular radius are one cone, and that cone runs
+  through every head's image. Points along it are moved to the steepest place; a limb is where most of them find one
+  near by, all bright on the same side, on points that are to be trusted.
+
+Then the points of all heads together must lie on one cone, to the scatter of a limb; its axis must be the method's
+nadir, within the uncertainty of both, and must be determined well enough. A Sun, a Moon or a terminator in one head is
+no piece of the cone through the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.guard import guard_limits as limits
+from horizonval.estimation.guard.guard_rows import RowLimb, is_row, misfit, row_limb
+from horizonval.estimation.limb.finder import find_limb
+from horizonval.estimation.limb.model.steepest import to_steepest
+from horizonval.estimation.limb.model.sunlit import sun_angles
+from horizonval.estimation.limb.model.systematic import systematic_covariance
+from horizonval.estimation.limb.model.trusted import faded, read_sides, restless, saturated
+from horizonval.estimation.limb.result import NoLimb
+from horizonval.estimation.limb.shape.cone import arc_order, cone_uncertainty, fit_cone, off_axis_angle, tangent_basis
+from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.geometry.camera import project, unproject
+
+AZIMUTHS = 7200
+MOVED_RAD = 1e-4
+"""How far the limb is moved to see what a method makes of it: a hundredth of a pixel and more, a hundredth of rho."""
+
+
+def run_heads(estimator: Estimator, observation: Observation) -> Fit | NoFit:
+    """Run a method of several heads and believe it only if every head's image shows its limb."""
+    heads = observation.heads
+    if heads and all(is_row(head) for head in heads.values()):
+        return _run_rows(estimator, observation)
+    if heads and estimator.from_heads is not None:
+        return _run_arcs(estimator, observation)
+    return _run_images(estimator, observation)
+
+
+@dataclass(frozen=True)
+class _Limb:
+    """The limb of all heads in the first head's axes, and the cone through it.
+
+    ``noise``, ``systematic``: covariances (3, 3) [rad^2] of (axis along the basis, half-angle).
+    """
+
+    axis: FloatArray
+    basis: FloatArray
+    rho_rad: float
+    noise: FloatArray
+    systematic: FloatArray
+
+
+def _run_rows(estimator: Estimator, observation: Observation) -> Fit | NoFit:
+    rows: dict[str, RowLimb] = {}
+    for name, head in observation.heads.items():
+        found = row_limb(head)
+        if isinstance(found, NoFit):
+            return NoFit(found.status, f"head {name}: {found.reason}")
+        rows[name] = found
+    result = estimator.run(observation)
+    if isinstance(result, NoFit):
+        return result
+    turns = _turns(observation)
+    down = {name: row.bright_side_down(turns[name].apply(result.nadir_cam)) for name, row in rows.items()}
+    # Where the band is not known the Earth may be the darker side, of all heads alike.
+    wanted = observation.band_kind is not None or 2 * sum(down.values()) >= len(down)
+    for name, one in down.items():
+        if one != wanted:
+            return NoFit(Outcome.NO_LIMB, f"head {name}: the bright side lies away from the Earth", result.points)
+    los = np.array([turns[name].inv().apply(row.los_cam) for name, row in rows.items()])
+    sigma = np.array([row.sigma_rad for row in rows.values()])
+    cone = fit_cone(los)
+    rho = float(off_axis_angle(los, cone.axis_cam).mean())
+    if misfit(los, cone.axis_cam, rho, sigma, observation) < limits.MISFIT_CHANCE:
+        return NoFit(Outcome.AMBIGUOUS, "the crossings of the heads do not lie on one limb", result.points)
+    basis = tangent_basis(cone.axis_cam)
+    across = los @ basis
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    gain = np.linalg.pinv(np.column_stack([across, np.ones(len(los))]))
+    systematic = _systematic(los, cone.axis_cam, rho, observation, estimator.estimates)
+    if systematic is None:
+        return NoFit(Outcome.SHORT_ARC, "the heads' crossings do not determine a cone", result.points)
+    limb = _Limb(cone.axis_cam, basis, rho, (gain * sigma**2) @ gain.T, systematic)
+    return _confirmed(result, limb, observation, systematic[:2, :2])
+
+
+def _run_arcs(estimator: Estimator, observation: Observation) -> Fit | NoFit:
+    assert estimator.from_heads is not None
+    seen: dict[str, FloatArray] = {}
+    for name, head in observation.heads.items():
+        found = _arc_in_head(head)
+        if isinstance(found, NoFit):
+            return NoFit(found.status, f"head {name}: {found.reason}", found.points)
+        seen[name] = found
+    limb = _limb_of(seen, observation, estimator.estimates)
+    if isinstance(limb, NoFit):
+        return limb
+    points = {name: project(observation.heads[name].camera, los)[0] for name, los in seen.items()}
+    result = estimator.from_heads(points, observation)
+    if isinstance(result, NoFit):
+        return result
+    systematic = _of_method(estimator, result, seen, limb, observation)
+    if systematic is None:
+        return NoFit(Outcome.NOT_CONVERGED, "the method jumps where the limb is moved a little", result.points)
+    return _confirmed(result, limb, observation, systematic)
+
+
+def _run_images(estimator: Estimator, observation: Observation) -> Fit | NoFit:
+    result = estimator.run(observation)
+    if isinstance(result, NoFit):
+        return result
+    rho = _angular_radius(result, observation)
+    seen: dict[str, FloatArray] = {}
+    for name, turn in _turns(observation).items():
+        found = _limb_near(observation.heads[name], turn.apply(result.nadir_cam), rho)
+        if isinstance(found, NoFit):
+            return NoFit(found.status, f"head {name}: {found.reason}", result.points)
+        seen[name] = found
+    limb = _limb_of(seen, observation, estimator.estimates)
+    return limb if isinstance(limb, NoFit) else _confirmed(result, limb, observation, limb.systematic[:2, :2])
+
+
+def _turns(observation: Observation) -> dict[str, Rotation]:
+    """Return the turns from the axes of the first head to those of each one, by way of the body."""
+    first = Rotation.from_quat(next(iter(observation.heads.values())).q_cam_from_body)
+    return {name: Rotation.from_quat(head.q_cam_from_body) * first.inv() for name, head in observation.heads.items()}
+
+
+def _angular_radius(fit: Fit, observation: Observation) -> float:
+    if fit.angular_radius_rad is not None:
+        return float(fit.angular_radius_rad)
+    # One point of every head, in the heads' order: the angle between nadir and points is the radius.
+    heads = zip(fit.points, observation.heads.values(), _turns(observation).values(), strict=False)
+    angles = [
+        off_axis_angle(unproject(head.camera, point[None, :]), turn.apply(fit.nadir_cam))[0]
+        for point, head, turn in heads
+    ]
+    return float(np.mean(angles)) if angles else float("nan")
+
+
+def _arc_in_head(head: Observation) -> FloatArray | NoFit:
+    """Return lines of sight to a head's limb in its own axes, shape (n, 3), or why there is none to trust."""
+    found = find_limb(head.image, head.camera, head.full_scale)
+    if isinstance(found, NoLimb):
+        return NoFit(found.status, found.reason)
+    image = np.asarray(head.image, dtype=np.float64)
+    axis = fit_cone(found.los_cam).axis_cam
+    sides = read_sides(image, head.camera, found.los_cam, axis)
+    bright_inside = bool(np.median(sides.inner - sides.outer) > 0.0)
+    if head.band_kind is not None and not bright_inside:
+        return NoFit(Outcome.NO_LIMB, "the limb has its bright side in space", found.uv)
+    los, kept = to_steepest(image, head.camera, found.los_cam, axis, bright_inside)
+    uv = found.uv[kept]
+    if len(los) < limits.FEWEST_POINTS:
+        return NoFit(Outcome.SHORT_ARC, f"{len(los)} limb points have their profile in view", uv)
+    axis = fit_cone(los).axis_cam
+    sides = read_sides(image, head.camera, los, axis)
+    tests = {Outcome.DARK: faded(sides), Outcome.SUN_GLARE: restless(sides)}
+    if head.sun_cam is not None and head.band_kind == "solar":
+        tests[Outcome.DARK] |= sun_angles(los, axis, head.sun_cam)[0] > limits.HEAD_LOWEST_SUN_RAD
+    if head.full_scale is not None:
+        tests[Outcome.SATURATED] = saturated(sides, head.full_scale)
+    bad = np.any(list(tests.values()), axis=0)
+    worst = max(tests, key=lambda outcome: int(tests[outcome].sum()))
+    los = _without_outliers(los[~bad], head)
+    shortest = limits.HEAD_ARC_SHARE * min(head.camera.width, head.camera.height)
+    length = float(np.linalg.norm(np.ptp(project(head.camera, los)[0], axis=0))) if len(los) else 0.0
+    if len(los) < limits.FEWEST_POINTS or length < shortest:
+        status = worst if bad.mean() > limits.MUCH_LOST else Outcome.SHORT_ARC
+        return NoFit(status, f"{length:.0f} px of limb are to be trusted, {shortest:.0f} are needed", uv)
+    return los[arc_order(los, fit_cone(los).axis_cam)]
+
+
+def _without_outliers(los: FloatArray, head: Observation) -> FloatArray:
+    smallest = limits.SMALLEST_TRIM_PX / max(head.camera.fx, head.camera.fy)
+    for _ in range(limits.TRIMS):
+        if len(los) < limits.FEWEST_POINTS:
+            break
+        off = off_axis_angle(los, fit_cone(los).axis_cam)
+        off = np.abs(off - np.median(off))
+        good = off <= max(limits.TRIM_SIGMAS * 1.4826 * float(np.median(off)), smallest)
+        if good.all():
+            break
+        los = los[good]
+    return los
+
+
+def _limb_near(head: Observation, nadir_cam: FloatArray, rho_rad: float) -> FloatArray | NoFit:
+    """Return the limb's lines of sight in a head's own axes, shape (n, 3), near a cone, or why there is none."""
+    if not np.isfinite(rho_rad):
+        return NoFit(Outcome.NOT_CONVERGED, "the answer has no angular radius")
+    image = np.asarray(head.image, dtype=np.float64)
+    turn = np.linspace(0.0, 2.0 * np.pi, AZIMUTHS, endpoint=False)
+    basis = tangent_basis(nadir_cam)
+    los = np.cos(rho_rad) * nadir_cam + np.sin(rho_rad) * (
+        np.cos(turn)[:, None] * basis[:, 0] + np.sin(turn)[:, None] * basis[:, 1]
+    )
+    uv, in_front = project(head.camera, los)
+    rim = limits.HEAD_RIM_PX
+    with np.errstate(invalid="ignore"):
+        inside = in_front & ((uv >= rim) & (uv <= (head.camera.width - 1 - rim, head.camera.height - 1 - rim))).all(1)
+    los = _one_per_pixel(los[inside], uv[inside])
+    if len(los) < limits.FEWEST_POINTS:
+        return NoFit(Outcome.SHORT_ARC, f"{len(los)} px of the answer's limb are in view")
+    sides = read_sides(image, head.camera, los, nadir_cam)
+    bright_inside = bool(np.median(sides.inner - sides.outer) > 0.0)
+    if head.band_kind is not None and not bright_inside:
+        return NoFit(Outcome.NO_LIMB, "the answer's limb has its bright side in space")
+    moved, _ = to_steepest(image, head.camera, los, nadir_cam, bright_inside)
+    if len(moved) < limits.FEWEST_POINTS:
+        return NoFit(Outcome.NO_LIMB, "there is no edge along the answer's limb")
+    sides = read_sides(image, head.camera, moved, nadir_cam)
+    bad = restless(sides)
+    if head.full_scale is not None:
+        bad = bad | saturated(sides, head.full_scale)
+    off = off_axis_angle(moved, nadir_cam)
+    bad = bad | (np.abs(off - np.median(off)) > limits.HEAD_SCATTER_PX / max(head.camera.fx, head.camera.fy))
+    if np.mean(~bad) * len(moved) < limits.HEAD_LIMB_SHARE * len(los):
+        return NoFit(Outcome.NO_LIMB, f"{np.mean(~bad) * len(moved) / len(los):.0%} of the answer's limb is an edge")
+    return moved[~bad]
+
+
+def _one_per_pixel(los: FloatArray, uv: FloatArray) -> FloatArray:
+    _, first = np.unique(np.rint(uv).astype(np.int64), axis=0, return_index=True)
+    return los[np.sort(first)]
+
+
+def _limb_of(seen: Mapping[str, FloatArray], observation: Observation, estimates: str) -> _Limb | NoFit:
+    """Return the cone through the limbs of all heads, by name in the heads' own axes, or why there is none."""
+    turns = _turns(observation)
+    los = np.concatenate([turns[name].inv().apply(one) for name, one in seen.items()])
+    cone = fit_cone(los)
+    off = off_axis_angle(los, cone.axis_cam)
+    rho = float(off.mean())
+    camera = observation.camera
+    missed, allowed = float(off.std()), limits.HEADS_MISFIT_PX / max(camera.fx, camera.fy) + limits.HEADS_MISFIT_RAD
+    if missed > allowed:
+        return NoFit(Outcome.AMBIGUOUS, f"the limbs of the heads miss one cone by {np.degrees(missed):.2f} deg")
+    systematic = _systematic(los, cone.axis_cam, rho, observation, estimates)
+    try:
+        noise = cone_uncertainty(los, cone.axis_cam, rho)
+    except np.linalg.LinAlgError:
+        systematic = None
+    if systematic is None:
+        return NoFit(Outcome.SHORT_ARC, "the heads' limbs do not determine a cone")
+    return _Limb(cone.axis_cam, noise.basis, rho, noise.covariance, systematic)
+
+
+def _systematic(
+    los: FloatArray,
+    axis: FloatArray,
+    rho: float,
+    observation: Observation,
+    estimates: str,
+    gain: FloatArray | None = None,
+) -> FloatArray | None:
+    try:
+        return systematic_covariance(
+            los,
+            axis,
+            rho,
+            flattening=observation.flattening,
+            reliefs=limits.reliefs(observation.band_kind),
+            earth_radius_m=observation.earth_radius_m,
+            estimates="geodetic" if estimates == "geodetic" else "geocentric",
+            gain=gain,
+        )
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _of_method(
+    estimator: Estimator, fit: Fit, seen: Mapping[str, FloatArray], limb: _Limb, observation: Observation
+) -> FloatArray | None:
+    """Return what oblateness and relief make of a method's own nadir, shape (2, 2) in the limb's basis.
+
+    A method need not weigh its points as a cone's fit does: the limb is moved outwards at some places along every
+    head's arc, one after another and falling to nothing at the next, and the method is asked again.
+    """
+    assert estimator.from_heads is not None
+    turns = _turns(observation)
+    knots: list[FloatArray] = []
+    gain: list[FloatArray] = []
+    for name, los in seen.items():
+        axis = turns[name].apply(limb.axis)
+        places = np.linspace(0.0, len(los) - 1.0, limits.HEAD_KNOTS)
+        for place in places:
+            hat = np.clip(1.0 - np.abs(np.arange(len(los)) - place) / (places[1] - places[0]), 0.0, None)
+            inwards = axis - los * (los @ axis)[:, None]
+            moved = los - MOVED_RAD * hat[:, None] * inwards / np.linalg.norm(inwards, axis=1)[:, None]
+            points = {
+                other: project(observation.heads[other].camera, moved if other == name else one)[0]
+                for other, one in seen.items()
+            }
+            again = estimator.from_heads(points, observation)
+            if isinstance(again, NoFit):
+                return None
+            knots.append(turns[name].inv().apply(los[round(place)]))
+            gain.append((again.nadir_cam - fit.nadir_cam) @ limb.basis / MOVED_RAD)
+    moves = np.vstack([np.array(gain).T, np.zeros(len(gain))])
+    systematic = _systematic(np.array(knots), limb.axis, limb.rho_rad, observation, estimator.estimates, moves)
+    return None if systematic is None else systematic[:2, :2]
+
+
+def _confirmed(fit: Fit, limb: _Limb, observation: Observation, systematic: FloatArray) -> Fit | NoFit:
+    """Return the fit with its model error, ``systematic`` (2, 2), if the limb of all heads bears it out."""
+    basis, rho = limb.basis, limb.rho_rad
+    if not limits.SMALLEST_RHO_RAD <= rho <= limits.LARGEST_RHO_RAD:
+        return NoFit(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is no orbit's horizon", fit.points)
+    of_points = 0.0 if fit.systematic_nadir_cam is None else fit.systematic_nadir_cam
+    confirmed = replace(fit, systematic_nadir_cam=of_points + basis @ systematic @ basis.T)
+    apart = basis.T @ (np.asarray(fit.nadir_cam) - limb.axis)
+    # Few points bend with the limb's shape otherwise than many do: the model's error counts, too.
+    spread = basis.T @ confirmed.total_covariance_nadir_cam @ basis + limb.noise[:2, :2]
+    floor = limits.AGREEMENT_FLOOR_RAD**2 * np.eye(2)
+    if fit.nadir_cam @ limb.axis < 0 or apart @ np.linalg.solve(spread + floor, apart) > limits.AGREEMENT**2:
+        angle = float(np.degrees(np.arccos(np.clip(fit.nadir_cam @ limb.axis, -1, 1))))
+        return NoFit(Outcome.AMBIGUOUS, f"the answer lies {angle:.2f} deg from the cone through all heads", fit.points)
+    total = basis.T @ confirmed.total_covariance_nadir_cam @ basis
+    sigma = float(np.sqrt(np.linalg.eigvalsh(total)[-1]))
+    if not sigma <= limits.LARGEST_SIGMA_RAD:
+        return NoFit(Outcome.SHORT_ARC, f"the heads determine the nadir to {np.degrees(sigma):.2f} deg", fit.points)
+    if observation.altitude_m is not None:
+        radius = observation.earth_radius_m
+        expected = np.arcsin(radius / (radius + observation.altitude_m))
+        low, high = (h * np.tan(expected) / radius for h in limits.limb_height_m(observation.band_kind))
+        slack = limits.AGREEMENT * float(np.sqrt(limb.noise[2, 2] + limb.systematic[2, 2]))
+        if not low - slack <= rho - expected <= high + slack:
+            off = np.degrees(rho - expected)
+            return NoFit(
+                Outcome.AMBIGUOUS, f"the angular radius is {off:+.2f} deg from that of the known altitude", fit.points
+            )
+    return confirmed

@@ -1,0 +1,98 @@
+"""Every threshold of the guard, in one place, each with its reason."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from horizonval.estimation.limb.model.systematic import Relief
+
+FEWEST_POINTS = 12
+
+MUCH_LOST = 0.3
+"""Share of the points beyond which what took them is named as the reason of a refusal."""
+
+LOW_SUN_RAD = float(np.deg2rad(75.0))
+"""Sun's zenith angle from which the limb is followed along the cone: a search for edges begins to lose it there."""
+FOLLOWED_PX = 3.0
+"""Farthest that a followed point may lie from the cone: the limb rises by two pixels of 20 km."""
+REACHES_RAD = tuple(float(np.deg2rad(angle)) for angle in (83.0, 86.0, 88.0, 90.0, 91.0, 92.0, 93.0, 94.0))
+"""Sun's zenith angles up to which points may be used; the one that determines the nadir best is taken."""
+SUN_SIGMA_RAD = float(np.deg2rad(0.5))
+"""Of a coarse Sun sensor, right to a degree."""
+
+TRIMS = 5
+TRIM_SIGMAS = 4.0
+SMALLEST_TRIM_PX = 0.3
+"""Points nearer than this to the cone are kept whatever the spread: the scatter of single points at full contrast."""
+
+SMALLEST_RHO_RAD = float(np.deg2rad(1.0))
+"""The Moon and the Sun measure 0.27 deg, the Earth from the Moon 0.95 deg."""
+
+LARGEST_SIGMA_RAD = float(np.deg2rad(0.2))
+"""A claim further off than 0.5 deg is false (the suite's own limit): two and a half standard deviations of the worst
+direction."""
+
+AGREEMENT = 5.0
+AGREEMENT_FLOOR_RAD = float(np.deg2rad(0.02))
+"""Of methods that use pixels or circles where the guard uses sub-pixels and cones."""
+
+HEAD_RIM_PX = 11.0
+"""A profile across the limb reaches 10 px to either side."""
+HEAD_SCATTER_PX = 2.0
+HEAD_LIMB_SHARE = 0.5
+"""Of the answer's cone in a head's image that must be a limb: what crosses it (Sun, terminator) is a point of it."""
+
+HEAD_LOWEST_SUN_RAD = float(np.deg2rad(83.0))
+"""Sun's zenith angle at which the rendered limb has risen by 0.7 km; by 2 km at 86.5 deg, by 5 km at 91 deg. Heads see
+pieces too short to tell such a rise from a tilt."""
+HEAD_ARC_SHARE = 0.15
+"""Of the image's shorter side that an arc must measure in every head: less is a chord of a few pixels."""
+HEADS_MISFIT_RAD = float(np.deg2rad(0.25))
+HEADS_MISFIT_PX = 1.5
+"""Root mean square by which the limbs of all heads may miss one cone: oblateness, and the search's scatter."""
+HEAD_KNOTS = 6
+"""Places along a head's arc at which the limb is moved to see what the method makes of it."""
+
+ROW_PX = 16
+"""An image whose shorter side has no more pixels is a linear array."""
+ROW_SATURATED = 0.97
+"""Of full scale, as for images."""
+ROW_NEAR_PX = 10.0
+ROW_NEAR_WIDTHS = 4.0
+"""How far the limb itself reaches to either side of its half level, in widths from 20 to 80 %: a plateau bends over."""
+ROW_FEWEST_PX = 4
+ROW_SMOOTHING_PX = 1.0
+ROW_SIGMAS = 5.0
+"""Of the smoothed row's noise, the largest of 160 pixels: one row of a million by chance."""
+ROW_SPACE_SHARE = 0.1
+ROW_EARTH_SHARES = (0.6, 1.5)
+"""Levels beyond and within the limb, of its step: carbon dioxide's disc is 0.9 to 1.1 of its plateau, space a hundredth
+of it; what comes near half of the step is another edge."""
+MISFIT_CHANCE = 1e-6
+"""Probability of the crossings' misfit below which they are not of one limb."""
+LARGEST_RHO_RAD = float(np.deg2rad(82.0))
+"""From 60 km up; nothing orbits there."""
+
+SOLAR_RELIEF = (Relief(250.0, 0.3), Relief(300.0, 0.05))
+"""Steepest place of the sunlit limb, as rendered with the Sun at 0 to 85 deg from the zenith: a slow change with the
+Sun's angle along the arc, and clouds."""
+THERMAL_RELIEF = (Relief(800.0, 0.4), Relief(300.0, 0.05))
+"""The infrared limb follows the temperature of the stratosphere from latitude to latitude."""
+
+SEEN_RELIEF_RAD = 0.15
+"""Correlation length of the relief that an image shows of itself: clouds and coasts of some hundred kilometres."""
+
+SOLAR_HEIGHT_M = (-2e3, 40e3)
+THERMAL_HEIGHT_M = (-2e3, 70e3)
+
+
+def reliefs(band_kind: Literal["solar", "thermal"] | None) -> tuple[Relief, ...]:
+    """Return how the limb's height varies along it; the larger one where the band is not known."""
+    return SOLAR_RELIEF if band_kind == "solar" else THERMAL_RELIEF
+
+
+def limb_height_m(band_kind: Literal["solar", "thermal"] | None) -> tuple[float, float]:
+    """Return the lowest and the highest that the visible limb stands above a sphere of the mean radius, air alone."""
+    return SOLAR_HEIGHT_M if band_kind == "solar" else THERMAL_HEIGHT_M

@@ -1,0 +1,1 @@
+"""Limb points in an image: edges, crossings, consensus, and what speaks against them."""

@@ -1,0 +1,81 @@
+r"""What a limb of uneven height does to a fitted cone: the move of the nadir for known heights, covariance for unknown.
+
+As in :mod:`horizonval.estimation.limb.model.systematic`: a limb that stands ``h`` above the sphere is seen ``delta = h
+tan(rho) / R`` outside of it, and the fitted cone moves by the least-squares answer to ``t(phi) . dn + drho =
+delta(phi)``.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.model.sunlit import height_under
+from horizonval.estimation.limb.shape.cone import tangent_basis
+
+SUNS = 64
+MOST_POINTS = 60
+"""Points that stand for all of them: heights are smooth along the limb."""
+LIT_RAD = math.radians(90.0)
+
+
+def moves(
+    los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, heights_m: FloatArray, earth_radius_m: float
+) -> FloatArray:
+    """Return how far heights move the fitted cone: (axis along basis 1, basis 2, half-angle) [rad], shape (k, 3).
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+    axis_cam : ndarray, shape (3,)
+    rho_rad : float
+    heights_m : ndarray, shape (k, n)
+    earth_radius_m : float
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine a cone.
+    """
+    across = los_cam @ tangent_basis(axis_cam)
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    jacobian = np.column_stack([across, np.ones(len(across))])
+    gain = np.linalg.inv(jacobian.T @ jacobian) @ jacobian.T
+    return np.asarray(heights_m @ gain.T * (math.tan(rho_rad) / earth_radius_m))
+
+
+def unknown_sun_covariance(
+    los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, blur_rad: FloatArray, earth_radius_m: float
+) -> FloatArray:
+    """Return the covariance [rad^2], shape (3, 3), of a cone through a sunlit limb for a method that knows no Sun.
+
+    Every Sun that lights the whole arc is taken to be equally likely. Parameters as above; ``blur_rad`` as for
+    :func:`horizonval.estimation.limb.model.sunlit.sunlit_limb`.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine a cone.
+    """
+    stride = max(1, len(los_cam) // MOST_POINTS)
+    los_cam, blur_rad = los_cam[::stride], blur_rad[::stride]
+    heights = []
+    for sun in _evenly(SUNS):
+        height, zenith = height_under(los_cam, axis_cam, rho_rad, sun, blur_rad)
+        if zenith.max() <= LIT_RAD and np.isfinite(height).all():
+            heights.append(height)
+    if not heights:
+        return np.zeros((3, 3))
+    moved = moves(los_cam, axis_cam, rho_rad, np.array(heights), earth_radius_m)
+    moved[:, 2] -= moved[:, 2].mean()
+    return np.asarray(moved.T @ moved / len(moved))
+
+
+def _evenly(count: int) -> FloatArray:
+    """Return unit vectors spread evenly over the sphere (Fibonacci's spiral), shape (count, 3)."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    turn = k * np.pi * (1.0 + 5.0**0.5)
+    return np.column_stack([np.sqrt(1.0 - z**2) * np.cos(turn), np.sqrt(1.0 - z**2) * np.sin(turn), z])

@@ -1,0 +1,168 @@
+"""What the detector's noise alone makes of a limb: the covariance of a cone through its steepest places.
+
+Residuals of sub-pixel points hold more than noise: the phase of the pixels, clouds and the shape of the Earth leave
+patterns that another exposure repeats. The noise is therefore not taken from them but carried through the search
+(:mod:`horizonval.estimation.limb.model.steepest`), which is linear in the image but for its last step. With slopes
+``s-, s0, s+`` about the steepest sample, ``c = s- - 2 s0 + s+`` and the parabola's top ``p = (s- - s+) / (2 c)``, a
+small change of the image moves a point by
+
+    dp = ((1/2 - p) ds- + 2 p ds0 - (1/2 + p) ds+) / c
+
+and, slopes being sums over pixels, by ``A dI``. With ``G`` the least-squares gain of a cone's (axis, axis, half-angle)
+and independent pixels of variance ``v`` the covariance is ``G A diag(v) A^T G^T``; pixels that neighbouring points
+share count as what they are.
+
+**The pixels' noise** is read off the image beside the limb, by Immerkaer's operator, which is blind to edges and smooth
+shading: one variance in space, and one that grows in proportion to the grey level over it, as counted electrons have
+it. Where space is cut off at the converter's lowest level its noise cannot be seen, and that of the Earth's side is
+taken for all. Texture of the ground finer than two pixels counts as noise.
+
+Neglected: the direction of the profiles and the choice of points, which noise changes too. On rendered visible and
+infrared frames the scatter of draws about their mean agrees within a factor of two, cameras of every kind apart.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from scipy import sparse
+from scipy.ndimage import gaussian_filter1d
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.model.steepest import SIGMA_PX, STEP_PX, profile_places, steepest_sample
+from horizonval.estimation.limb.shape.cone import off_axis_angle, tangent_basis
+from horizonval.geometry.camera import Camera, pixel_grid, unproject
+
+NEAREST_PX, FARTHEST_PX = 5.0, 30.0
+"""Distance from the limb of the pixels that noise is read from: none of the limb's own profile, the same light."""
+FEWEST_PIXELS = 50
+NEAR_TOP_PX = 2.0
+CLIPPED_SHARE = 0.1
+"""Of the pixels in space at one lowest level: noise that is not cut off spreads over several."""
+SATURATED_SHARE = 0.95
+DIM_SHARE = 0.2
+"""Of the median step: fainter pixels say little of how the variance grows with the level."""
+IMMERKAER = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
+MEDIAN_OF_SQUARE = 0.4549
+"""Median of the square of a standard normal variable."""
+
+
+def pixel_variance(
+    image: FloatArray, camera: Camera, axis_cam: FloatArray, rho_rad: float, full_scale: float | None = None
+) -> FloatArray:
+    """Return the variance of every pixel's noise, shape (H, W), as the surroundings of the limb show it.
+
+    Parameters
+    ----------
+    image : ndarray, shape (H, W)
+    camera : Camera
+    axis_cam : ndarray, shape (3,)
+        Axis of the cone of the limb.
+    rho_rad : float
+        Its half-angle.
+    full_scale : float, optional
+        Pixels near it are saturated, and have no noise to read.
+    """
+    image32 = image.astype(np.float32)
+    response = np.asarray(cv2.filter2D(image32, cv2.CV_32F, IMMERKAER), dtype=np.float64)
+    square = response**2 / float((IMMERKAER**2).sum()) / MEDIAN_OF_SQUARE
+    level = np.asarray(cv2.blur(image32, (3, 3)), dtype=np.float64)
+    los = unproject(camera, pixel_grid(camera)).reshape(*image.shape, 3)
+    depth_px = (rho_rad - off_axis_angle(los, axis_cam)) * max(camera.fx, camera.fy)
+    usable = np.zeros(image.shape, dtype=bool)
+    usable[1:-1, 1:-1] = True
+    if full_scale is not None:
+        usable &= level < SATURATED_SHARE * full_scale
+    near = usable & (np.abs(depth_px) > NEAREST_PX) & (np.abs(depth_px) < FARTHEST_PX)
+    inside, space = near & (depth_px > 0.0), near & (depth_px < 0.0)
+    if inside.sum() < FEWEST_PIXELS or space.sum() < FEWEST_PIXELS:
+        return np.full(image.shape, float(np.median(square[usable])))
+    clipped = float(np.mean(image[space] == image[space].min())) > CLIPPED_SHARE
+    if clipped:
+        return np.full(image.shape, float(np.median(square[inside])))
+    dark, floor = float(np.median(level[space])), float(np.median(square[space]))
+    step = level[inside] - dark
+    bright = np.abs(step) > DIM_SHARE * np.median(np.abs(step))
+    growth = float(np.median((square[inside][bright] - floor) / step[bright])) if bright.any() else 0.0
+    return np.asarray(np.maximum(floor + growth * (level - dark), min(floor, float(np.median(square[inside])))))
+
+
+def noise_covariance(
+    image: FloatArray,
+    camera: Camera,
+    los_cam: FloatArray,
+    axis_cam: FloatArray,
+    rho_rad: float,
+    variance: FloatArray,
+    bright_inside: bool,
+) -> FloatArray:
+    """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
+
+    The basis is :func:`horizonval.estimation.limb.shape.cone.tangent_basis` of the axis.
+
+    Parameters
+    ----------
+    image : ndarray, shape (H, W)
+    camera : Camera
+    los_cam : ndarray, shape (n, 3)
+        Lines of sight to steepest places of the image, n >= 3.
+    axis_cam : ndarray, shape (3,)
+        Of the cone through them, of half-angle ``rho_rad``.
+    rho_rad : float
+    variance : ndarray, shape (H, W)
+        Of the pixels' independent noise.
+    bright_inside : bool
+        Whether the grey level rises towards the axis.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine a cone.
+    """
+    moved = _response(image, camera, los_cam, axis_cam, 1.0 if bright_inside else -1.0)
+    across = los_cam @ tangent_basis(axis_cam)
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    # A point that the image moves inwards is seen at a smaller angle from the axis.
+    jacobian = np.column_stack([across, np.ones(len(across))])
+    gain = np.linalg.solve(jacobian.T @ jacobian, jacobian.T)
+    of_pixels = (moved.T @ gain.T).T
+    covariance = (of_pixels * variance.ravel()) @ of_pixels.T
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def _response(image: FloatArray, camera: Camera, los: FloatArray, axis: FloatArray, sign: float) -> sparse.csr_matrix:
+    """Return how far inwards [rad] a unit of every pixel's grey level moves every point, shape (n, pixels)."""
+    offset_px, uv, _ = profile_places(camera, los, axis)
+    n, samples = len(los), len(offset_px)
+    bilinear = _bilinear(uv, camera)
+    # Reflected ends, as the search has them.
+    slope_of = sign * gaussian_filter1d(np.eye(samples), SIGMA_PX / STEP_PX, axis=0, order=1)
+    slope = (bilinear @ image.ravel()).reshape(n, samples) @ slope_of.T
+    row = np.arange(n)
+    # The points are steepest places already: another edge further off is none of theirs.
+    best = steepest_sample(np.where(np.abs(offset_px) <= NEAR_TOP_PX, slope, -np.inf))
+    before, middle, after = slope[row, best - 1], slope[row, best], slope[row, best + 1]
+    bend = before - 2.0 * middle + after
+    bend = np.where(bend < 0.0, bend, -np.inf)  # A point without a top has none that moves.
+    top = np.clip(0.5 * (before - after) / bend, -1.0, 1.0)
+    kernel = (
+        ((0.5 - top) / bend)[:, None] * slope_of[best - 1]
+        + (2.0 * top / bend)[:, None] * slope_of[best]
+        - ((0.5 + top) / bend)[:, None] * slope_of[best + 1]
+    )
+    kernel *= STEP_PX / max(camera.fx, camera.fy)
+    of_samples = sparse.csr_matrix(
+        (kernel.ravel(), np.arange(n * samples), np.arange(0, n * samples + 1, samples)), shape=(n, n * samples)
+    )
+    return of_samples @ bilinear
+
+
+def _bilinear(uv: FloatArray, camera: Camera) -> sparse.csr_matrix:
+    """Return the weights that interpolate an image at places (k, 2), shape (k, H W)."""
+    first = np.clip(np.floor(uv).astype(np.int64), 0, (camera.width - 2, camera.height - 2))
+    right, down = (uv - first).T
+    corner = first[:, 1] * camera.width + first[:, 0]
+    columns = np.stack([corner, corner + 1, corner + camera.width, corner + camera.width + 1], axis=1)
+    weights = np.stack([(1 - right) * (1 - down), right * (1 - down), (1 - right) * down, right * down], axis=1)
+    ends = np.arange(0, 4 * len(uv) + 1, 4)
+    return sparse.csr_matrix((weights.ravel(), columns.ravel(), ends), shape=(len(uv), camera.width * camera.height))

@@ -1,0 +1,32 @@
+"""What a search for the limb gives back: points, or a refusal that says why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+
+
+@dataclass(frozen=True)
+class LimbPoints:
+    """Points of the Earth's limb in one image.
+
+    Attributes
+    ----------
+    uv : ndarray, shape (n, 2)
+        (column, row) [px].
+    los_cam : ndarray, shape (n, 3)
+        Unit lines of sight in camera axes.
+    """
+
+    uv: FloatArray
+    los_cam: FloatArray
+
+
+@dataclass(frozen=True)
+class NoLimb:
+    """A refusal. ``status`` is never ``valid``."""
+
+    status: Outcome
+    reason: str

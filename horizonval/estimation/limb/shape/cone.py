@@ -1,0 +1,298 @@
+"""The horizon of a sphere is a cone of sight lines, and a cone is a plane through unit vectors.
+
+Every line of sight ``u`` to the limb makes the angle rho with the nadir ``n``::
+
+    u . n = cos rho
+
+so the tips of the sight lines lie in a plane with normal ``n`` at distance ``cos rho`` from the eye. The unknowns
+``n / cos rho`` enter linearly (``u . m = 1``); the plane is fitted here by orthogonal regression, which is the same
+problem with ``|n| = 1`` kept: it stays finite at rho = 90 deg, where ``m`` does not, and it shrinks the radius of a
+short noisy arc ``cos^2 rho`` times less than ordinary least squares does (Deng et al., Aerospace 10, 371, 2023; the
+factor: see :func:`noise_bias`). Its residual
+``u . n - cos rho`` is ``sin rho`` times the angle between the point and the fitted limb, for every point alike.
+
+No starting value, no image-plane ellipse or hyperbola, no special case for wide fields.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.geometry.camera import Camera, project
+
+AZIMUTHS = 7200
+
+
+@dataclass(frozen=True)
+class Cone:
+    """A circular cone of sight lines.
+
+    Attributes
+    ----------
+    axis_cam : ndarray, shape (3,)
+        Unit vector, inside the cone (``cos_rho >= 0``).
+    cos_rho : float
+        Cosine of the half-angle.
+    """
+
+    axis_cam: FloatArray
+    cos_rho: float
+
+    @property
+    def rho_rad(self) -> float:
+        """Half-angle [rad]. The arc cosine loses digits below a degree; see :func:`fit_cone` for small cones."""
+        return float(np.arccos(np.clip(self.cos_rho, -1.0, 1.0)))
+
+
+def fit_cone(los_cam: FloatArray) -> Cone:
+    """Fit the cone through lines of sight by orthogonal regression.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+        Unit vectors, n >= 3.
+
+    Returns
+    -------
+    Cone
+        Its axis is the side towards which the arc bends, ``cos_rho >= 0``.
+
+    Raises
+    ------
+    ValueError
+        With fewer than three points.
+    """
+    if len(los_cam) < 3:
+        raise ValueError(f"a cone needs three lines of sight, not {len(los_cam)}")
+    middle = los_cam.mean(axis=0)
+    # Singular vectors of the differences, not of a covariance: a cone of 0.25 deg would lose half of the digits.
+    _, _, rows = np.linalg.svd(los_cam - middle, full_matrices=False)
+    axis = rows[-1]
+    cos_rho = float(axis @ middle)
+    if cos_rho < 0:
+        axis, cos_rho = -axis, -cos_rho
+    return Cone(axis_cam=axis, cos_rho=cos_rho)
+
+
+def cones_through(first: FloatArray, second: FloatArray, third: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return axes (n, 3) and cosines (n,) of the cones through n triples of unit vectors, each of shape (n, 3).
+
+    Degenerate triples (two equal vectors) give an axis of zeros.
+    """
+    normal = np.cross(second - first, third - first)
+    length = np.linalg.norm(normal, axis=1)
+    axis = normal / np.where(length > 0, length, 1.0)[:, None]
+    cosine = np.einsum("ij,ij->i", axis, first)
+    sign = np.where(cosine < 0, -1.0, 1.0)
+    return axis * sign[:, None], cosine * sign
+
+
+def off_axis_angle(los_cam: FloatArray, axis_cam: FloatArray) -> FloatArray:
+    """Return the angle [rad] of each line of sight to the axis, accurate at every size (arc tangent, not cosine)."""
+    across = np.linalg.norm(np.cross(los_cam, axis_cam), axis=-1)
+    return np.asarray(np.arctan2(across, los_cam @ axis_cam))
+
+
+def tangent_basis(axis: FloatArray) -> FloatArray:
+    """Return two unit vectors, shape (3, 2), that make a right-handed triad (e1, e2, axis)."""
+    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    e1 = np.cross(helper, axis)
+    e1 /= np.linalg.norm(e1)
+    return np.column_stack([e1, np.cross(axis, e1)])
+
+
+def arc_order(los_cam: FloatArray, axis: FloatArray) -> NDArray[np.int64]:
+    """Return the order of lines of sight along the limb (by azimuth about the axis)."""
+    across = los_cam @ tangent_basis(axis)
+    return np.argsort(np.arctan2(across[:, 1], across[:, 0]), kind="stable").astype(np.int64)
+
+
+@dataclass(frozen=True)
+class ConeUncertainty:
+    """How well points determine a cone.
+
+    Attributes
+    ----------
+    basis : ndarray, shape (3, 2)
+        Tangent directions at the axis.
+    covariance : ndarray, shape (3, 3)
+        [rad^2] of (axis along basis 1, axis along basis 2, half-angle).
+    correlation_length : float
+        Number of neighbouring points that carry the information of one (1: independent noise).
+    """
+
+    basis: FloatArray
+    covariance: FloatArray
+    correlation_length: float
+
+    @property
+    def covariance_axis(self) -> FloatArray:
+        """Covariance of the axis vector, shape (3, 3), singular along the axis."""
+        return np.asarray(self.basis @ self.covariance[:2, :2] @ self.basis.T)
+
+    @property
+    def sigma_axis_rad(self) -> float:
+        """Standard deviation of the axis in its worst direction."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
+
+    @property
+    def sigma_rho_rad(self) -> float:
+        """Standard deviation of the half-angle."""
+        return float(np.sqrt(self.covariance[2, 2]))
+
+
+def noise_bias(los_cam: FloatArray, axis: FloatArray, rho_rad: float, sigma_rad: float) -> FloatArray:
+    """Return how far noise across the limb pulls the fit by :func:`fit_cone`, in mean: (basis 1, basis 2, half-angle).
+
+    A point off by the angle ``e`` has ``u = u0 + e w - e^2/2 u0``, ``w = cos rho t - sin rho n``. With ``s^2`` the mean
+    of ``e^2``, the normal equations of ``u . n - cos rho`` keep in mean the right-hand side ``s^2 cos rho sin rho (3/2
+    sum t, 1/2 n)``. On a short arc, whose ``t`` spread little, that turns the axis towards it by ``s^2 cot rho mean(t)
+    / var(t)`` and narrows the cone by as much: second order in the noise, but with the arc's fourth power below.
+    Ordinary least squares on ``u . m = 1`` has ``1 / (sin rho cos rho)`` in place of ``cot rho``: ``1 / cos^2 rho``
+    times as much.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+    axis : ndarray, shape (3,)
+    rho_rad : float
+    sigma_rad : float
+        Standard deviation of a point across the limb [rad].
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine a cone.
+    """
+    across = los_cam @ tangent_basis(axis)
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    jacobian = np.column_stack([across, np.ones(len(across))])
+    left = np.append(1.5 * across.sum(axis=0), 0.5 * len(across))
+    return np.asarray(sigma_rad**2 / np.tan(rho_rad) * np.linalg.solve(jacobian.T @ jacobian, left))
+
+
+def cone_uncertainty(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeUncertainty:
+    """Return the covariance of a fitted cone from its own residuals: its scatter and the bias that noise causes.
+
+    The bias (:func:`noise_bias`) is not taken away from the fit; its outer product widens the covariance.
+    Parameters and errors as for :func:`cone_scatter`.
+    """
+    scatter = cone_scatter(los_cam, axis, rho_rad)
+    sigma = float(np.std(off_axis_angle(los_cam, axis) - rho_rad))
+    bias = noise_bias(los_cam, axis, rho_rad, sigma)
+    return replace(scatter, covariance=scatter.covariance + np.outer(bias, bias))
+
+
+def cone_scatter(los_cam: FloatArray, axis: FloatArray, rho_rad: float) -> ConeUncertainty:
+    """Return the covariance of a cone fitted by angles, without any bias.
+
+    With ``t`` the unit direction from the axis towards a point, the residual angle ``r = angle(u, n) - rho`` changes by
+    ``-t . dn - drho``; hence ``C = s^2 (J^T J)^-1`` with ``s^2`` the residual variance for ``n - 3`` degrees of
+    freedom. Real limb residuals are correlated along the arc (clouds, oblateness): ``s^2`` is multiplied by the sum of
+    the measured autocorrelation up to the first lag at which it is no longer significant.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+        n >= 4 points, in any order.
+    axis : ndarray, shape (3,)
+    rho_rad : float
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine a cone.
+    """
+    basis = tangent_basis(axis)
+    jacobian = _jacobian(los_cam, basis)
+    residual = off_axis_angle(los_cam, axis) - rho_rad
+    length = _correlation_length(residual[arc_order(los_cam, axis)])
+    # Information of n / length points decides both the variance's degrees of freedom and its size.
+    variance = float(residual @ residual) / max(len(residual) - 3.0 * length, 1.0)
+    covariance = variance * length * np.linalg.inv(jacobian.T @ jacobian)
+    return ConeUncertainty(basis=basis, covariance=0.5 * (covariance + covariance.T), correlation_length=length)
+
+
+SLOW_PX = 0.01
+"""What sub-pixel points of a sharp limb are off by without any noise (rms): the lens's blur of shaded ground mostly."""
+SOFT_SLOW_PX = 0.07
+"""The same of points by the area under a profile on limbs with air, over a bank of visible and infrared frames from 300
+to 36 000 km: how much of the air's tail and of the ground's shading counts depends on the slant of a column."""
+SLOW_PATTERNS = 4.0
+"""Number of independent values of it along an arc: it varies as slowly as the limb's direction against the pixels."""
+
+
+def slow_error(los_cam: FloatArray, basis: FloatArray, px_rad: float, slow_px: float = SLOW_PX) -> FloatArray:
+    """Return the covariance [rad^2], shape (3, 3), that slow errors of sub-pixel points make of a fitted cone.
+
+    Neither more points nor another draw of the noise changes them, and residuals hardly show them: they belong to what
+    a fit claims of its model, beside the noise.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+    basis : ndarray, shape (3, 2)
+        Tangent directions at the axis, as of :class:`ConeUncertainty`.
+    px_rad : float
+        Angle of a pixel.
+    slow_px : float
+        What single points are off by, rms.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine a cone.
+    """
+    jacobian = _jacobian(los_cam, basis)
+    variance = (slow_px * px_rad) ** 2 * len(los_cam) / SLOW_PATTERNS
+    covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
+    return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def limb_directions(camera: Camera, axis_cam: FloatArray, rho_rad: float, rim_px: float) -> FloatArray:
+    """Return lines of sight on a cone, shape (n, 3), one for every pixel of its limb in view, in order of azimuth.
+
+    Parameters
+    ----------
+    camera : Camera
+    axis_cam : ndarray, shape (3,)
+    rho_rad : float
+    rim_px : float
+        Width of the image's rim that is left out.
+    """
+    turn = np.linspace(0.0, 2.0 * np.pi, AZIMUTHS, endpoint=False)
+    basis = tangent_basis(axis_cam)
+    around = np.cos(turn)[:, None] * basis[:, 0] + np.sin(turn)[:, None] * basis[:, 1]
+    los = np.cos(rho_rad) * axis_cam + np.sin(rho_rad) * around
+    uv, in_front = project(camera, los)
+    with np.errstate(invalid="ignore"):
+        inside = in_front & ((uv >= rim_px) & (uv <= (camera.width - 1 - rim_px, camera.height - 1 - rim_px))).all(1)
+    los, uv = los[inside], uv[inside]
+    _, first = np.unique(np.rint(uv).astype(np.int64), axis=0, return_index=True)
+    return los[np.sort(first)]
+
+
+def _jacobian(los_cam: FloatArray, basis: FloatArray) -> FloatArray:
+    """Return the derivative of every point's angle from the limb by (basis 1, basis 2, half-angle)."""
+    across = los_cam @ basis
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    return np.column_stack([-across, -np.ones(len(across))])
+
+
+def _correlation_length(residual: FloatArray) -> float:
+    """Return 1 + 2 sum of the autocorrelation up to its first insignificant lag, at most a quarter of the points."""
+    n = len(residual)
+    centred = residual - residual.mean()
+    power = float(centred @ centred)
+    if power == 0.0 or n < 8:
+        return 1.0
+    spectrum = np.fft.rfft(centred, 2 * n)
+    correlation = np.fft.irfft(np.abs(spectrum) ** 2, 2 * n)[:n] / power
+    last = n // 4
+    small = np.flatnonzero(correlation[1:last] < 2.0 / np.sqrt(n))
+    stop = int(small[0]) + 1 if small.size else last
+    return float(np.clip(1.0 + 2.0 * correlation[1:stop].sum(), 1.0, n / 4.0))

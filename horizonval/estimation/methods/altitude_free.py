@@ -1,0 +1,226 @@
+"""Altitude-free horizon sensor: roll, pitch and the Earth's angular radius from limb pixels, by Newton's method.
+
+After Raeisy and Ghofrani, "Imaged Based Earth Horizon Sensor with no Altitude Information" (2021). A limb pixel at
+angle eta from the optical axis and azimuth alpha gives one equation, their (8)::
+
+    cos rho = -sin eta cos alpha sin theta + sin eta sin alpha cos theta sin phi + cos eta cos theta cos phi
+
+in the unknowns ``x = (phi, theta, rho)``: roll, pitch, angular radius. Stacked over all pixels, F(x) = 0 is solved by
+Newton-Raphson with the pseudo-inverse ``(A^T A)^-1 A^T`` of the Jacobian; then ``H = R / sin rho - R``.
+
+The bracket is the line of sight ``u`` times the nadir ``n = (-sin theta, cos theta sin phi, cos theta cos phi)``: the
+equation says that limb directions lie on a cone about the nadir. It knows no altitude and no Earth radius until the
+very last step.
+
+**Start.** The paper does not give one. Three pixels are the fewest that determine the unknowns, so the start is the
+cone through three of them, a sixth, a half and five sixths along the arc.
+
+**Pole.** Roll and pitch degenerate at theta = +-90 deg. The iteration runs in axes turned about the optical axis so
+that the guessed nadir has theta = 0, and the result is turned back; with the guess on the optical axis these are the
+paper's own axes.
+
+Spherical Earth, geocentric nadir; on the ellipsoid the fitted cone is tilted by up to 0.1 deg. Refraction and the
+height of the visible limb above the ground go into rho, hence into the altitude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.guard.limb_model import model_covariance
+from horizonval.estimation.limb.finder import find_limb
+from horizonval.estimation.limb.result import NoLimb
+from horizonval.estimation.limb.shape.cone import (
+    SLOW_PX,
+    SOFT_SLOW_PX,
+    ConeUncertainty,
+    arc_order,
+    cone_uncertainty,
+    cones_through,
+    fit_cone,
+    off_axis_angle,
+)
+from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.geometry.frames import nadir_of_roll_pitch, roll_pitch_of_nadir
+
+MAX_STEPS = 20
+CONVERGED_RAD = 1e-10
+"""A Newton step of quadratic convergence below this leaves nothing to gain in float64."""
+
+
+Step = Callable[[FloatArray, FloatArray], FloatArray]
+"""From the Jacobian (n, 3) and F (n,) to what Newton's method takes away from the state (3,)."""
+
+
+def step_by_qr(jacobian: FloatArray, f: FloatArray) -> FloatArray:
+    """Return the least-squares step by QR: the paper's step, without squaring the condition number."""
+    q, r = np.linalg.qr(jacobian)
+    return np.asarray(np.linalg.solve(r, q.T @ f))
+
+
+def newton(los_cam: FloatArray, start: FloatArray, step_of: Step = step_by_qr) -> FloatArray:
+    """Return the iterates of the published method, shape (k, 3): start first, the solution last.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+        Unit lines of sight to the limb, n >= 3.
+    start : ndarray, shape (3,)
+        (phi, theta, rho) [rad].
+    step_of : callable
+        How the linear equations of a step are solved.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the pixels do not determine the three unknowns.
+    """
+    steps = [np.asarray(start, dtype=float)]
+    for _ in range(MAX_STEPS):
+        phi, theta, rho = steps[-1]
+        f = los_cam @ nadir_of_roll_pitch(phi, theta) - np.cos(rho)
+        by_phi = np.array([0.0, np.cos(theta) * np.cos(phi), -np.cos(theta) * np.sin(phi)])
+        by_theta = np.array([-np.cos(theta), -np.sin(theta) * np.sin(phi), -np.sin(theta) * np.cos(phi)])
+        jacobian = np.column_stack([los_cam @ by_phi, los_cam @ by_theta, np.full(len(f), np.sin(rho))])
+        step = step_of(jacobian, f)
+        steps.append(steps[-1] - step)
+        if not np.all(np.isfinite(step)):
+            raise np.linalg.LinAlgError("the Newton step is not finite")
+        if np.abs(step).max() < CONVERGED_RAD:
+            break
+    return np.array(steps)
+
+
+def start_from(los_cam: FloatArray) -> tuple[Rotation, FloatArray]:
+    """Return the turn about the optical axis and the start (phi, theta, rho) in the turned axes.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the three pixels coincide.
+    """
+    order = arc_order(los_cam, fit_cone(los_cam).axis_cam)
+    three = los_cam[order[(len(order) * np.array([1, 3, 5])) // 6]]
+    axes, _ = cones_through(*(point[None, :] for point in three))
+    guess = axes[0]
+    if not np.isfinite(guess).all() or not guess.any():
+        raise np.linalg.LinAlgError("the limb points do not span an arc")
+    # turned so that the guess lies in the y-z plane: theta = 0
+    turn = Rotation.from_euler("z", np.arctan2(guess[0], guess[1]))
+    turned = turn.apply(guess)
+    return turn, np.array([np.arctan2(turned[1], turned[2]), 0.0, float(off_axis_angle(three[1], guess))])
+
+
+def solve(los_cam: FloatArray) -> tuple[FloatArray, float, FloatArray]:
+    """Return nadir (3,), angular radius [rad] and iterates (k, 3) of (phi, theta, rho) in the camera's own axes.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Undetermined, or no convergence within :data:`MAX_STEPS`.
+    """
+    turn, start = start_from(los_cam)
+    steps = newton(turn.apply(los_cam), start)
+    if np.abs(steps[-1] - steps[-2]).max() > 1e-8:
+        raise np.linalg.LinAlgError(f"no convergence in {MAX_STEPS} Newton steps")
+    nadirs = turn.inv().apply(np.array([nadir_of_roll_pitch(phi, theta) for phi, theta, _ in steps]))
+    rho = float(steps[-1, 2])
+    nadir = nadirs[-1]
+    if np.cos(rho) < 0.0:
+        # cos rho = u.n also holds for (-n, pi - rho); the Earth is the smaller cap
+        nadir, rho, nadirs = -nadir, np.pi - rho, -nadirs
+    iterates = np.column_stack([*roll_pitch_of_nadir(nadirs), steps[:, 2]])
+    return nadir, float(rho), iterates
+
+
+def run(observation: Observation) -> Fit | NoFit:
+    """Estimate nadir, roll, pitch and altitude from one image."""
+    found = find_limb(observation.image, observation.camera, observation.full_scale)
+    if isinstance(found, NoLimb):
+        return NoFit(found.status, found.reason)
+    return fit_points(found.los_cam, found.uv, observation, SOFT_SLOW_PX)
+
+
+def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation, slow_px: float = SLOW_PX) -> Fit | NoFit:
+    """Fit given limb points: the method behind the search for points.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+    uv : ndarray, shape (n, 2)
+        The same points in pixels.
+    observation : Observation
+        Mounting, Earth radius and what is known of the limb's shape are used.
+    slow_px : float
+        As for :func:`horizonval.estimation.limb.shape.cone.slow_error`.
+    """
+    if len(los_cam) < 4:
+        return NoFit(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
+    try:
+        nadir, rho, steps = solve(los_cam)
+        uncertainty = cone_uncertainty(los_cam, nadir, rho)
+        model = model_covariance(los_cam, nadir, rho, observation, slow_px=slow_px)
+    except np.linalg.LinAlgError as e:
+        return NoFit(Outcome.NOT_CONVERGED, str(e), uv)
+    if not 0.0 < rho < np.pi / 2:
+        return NoFit(Outcome.NOT_CONVERGED, f"angular radius of {np.degrees(rho):.3g} deg is not that of a planet", uv)
+    return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps, model)
+
+
+def fit_of_cone(
+    los_cam: FloatArray,
+    uv: FloatArray,
+    nadir_cam: FloatArray,
+    rho_rad: float,
+    uncertainty: ConeUncertainty,
+    observation: Observation,
+    steps: FloatArray | None = None,
+    model: FloatArray | None = None,
+) -> Fit:
+    """Return the fit that a cone of sight lines means: attitude, angular radius, altitude ``R / sin rho - R``.
+
+    Parameters
+    ----------
+    los_cam, uv : ndarray, shape (n, 3) and (n, 2)
+        The points it was fitted to.
+    nadir_cam : ndarray, shape (3,)
+    rho_rad : float
+    uncertainty : ConeUncertainty
+    observation : Observation
+        Mounting and Earth radius are used.
+    steps : ndarray, shape (k, m), optional
+    model : ndarray, shape (3, 3), optional
+        What the cone leaves out: :func:`horizonval.estimation.guard.limb_model.model_covariance`.
+    """
+    nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir_cam)
+    roll, pitch = roll_pitch_of_nadir(nadir_body)
+    radius = observation.earth_radius_m
+    basis = uncertainty.basis
+    variance_rho = uncertainty.covariance[2, 2] + (0.0 if model is None else model[2, 2])
+    return Fit(
+        nadir_cam=nadir_cam,
+        covariance_nadir_cam=uncertainty.covariance_axis,
+        roll_rad=float(roll),
+        pitch_rad=float(pitch),
+        angular_radius_rad=rho_rad,
+        altitude_m=float(radius / np.sin(rho_rad) - radius),
+        sigma_altitude_m=float(radius * np.cos(rho_rad) / np.sin(rho_rad) ** 2 * np.sqrt(variance_rho)),
+        points=uv,
+        residuals_rad=off_axis_angle(los_cam, nadir_cam) - rho_rad,
+        steps=np.empty((0, 0)) if steps is None else steps,
+        systematic_nadir_cam=None if model is None else basis @ model[:2, :2] @ basis.T,
+    )
+
+
+ESTIMATOR = Estimator(
+    name="altitude-free",
+    title="Altitude-free Newton method (Raeisy and Ghofrani 2021)",
+    run=run,
+    estimates="geocentric",
+    from_points=fit_points,
+)

@@ -1,0 +1,118 @@
+"""The closed form that the altitude-free equation allows: linear in the nadir over the cosine of the Earth's radius.
+
+Raeisy and Ghofrani's (8) is ``u . n = cos rho`` (see :mod:`horizonval.estimation.methods.altitude_free`). Divided by
+``cos rho`` it is linear in ``m = n / cos rho``::
+
+    u_i . m = 1,    m = (U^T U)^-1 U^T 1,    n = m / |m|,    cos rho = 1 / |m|
+
+Ordinary least squares: no start, no steps.
+
+**What it pays.** Noise is in ``u``, which stands where least squares expects exact numbers, so ``U^T U`` grows with the
+noise and ``m`` shrinks (attenuation). A point displaced by the angle ``e`` across the limb moves along ``w = cos rho t
+- sin rho n`` (``t`` from the nadir towards the point), and to second order in ``e``, of variance ``s^2``::
+
+    dm = s^2 (U^T U)^-1 (tan rho sum w_i + 1/2 sum u_i)
+
+It is nothing on a long arc, and on a short one, where ``U^T U`` is nearly singular, it outgrows the scatter; at rho =
+90 deg ``m`` does not exist. Newton's method and the orthogonal regression of
+:func:`horizonval.estimation.limb.shape.cone.fit_cone` (which are one: both minimise the sum of ``(u . n - cos rho)^2``
+over unit ``n``) suffer ``cos^2 rho`` times as much. The bias is not taken away here; its outer product is in the
+covariance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.guard.limb_model import model_covariance
+from horizonval.estimation.limb.finder import find_limb
+from horizonval.estimation.limb.result import NoLimb
+from horizonval.estimation.limb.shape.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, cone_scatter, off_axis_angle
+from horizonval.estimation.methods.altitude_free import fit_of_cone
+from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+
+
+def solve(los_cam: FloatArray) -> tuple[FloatArray, float]:
+    """Return nadir (3,) and angular radius [rad] by ordinary least squares on ``u . m = 1``.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+        Unit lines of sight to the limb, n >= 3.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine ``m``.
+    """
+    m, _, rank, _ = np.linalg.lstsq(los_cam, np.ones(len(los_cam)), rcond=None)
+    length = float(np.linalg.norm(m))
+    if rank < 3 or not np.isfinite(length) or length < 1.0:
+        raise np.linalg.LinAlgError("the limb points do not determine a cone")
+    # arc tangent: the arc cosine loses half of the digits of a small cone
+    return np.asarray(m / length), float(np.arctan2(np.sqrt((length - 1.0) * (length + 1.0)), 1.0))
+
+
+def attenuation(los_cam: FloatArray, nadir_cam: FloatArray, rho_rad: float, sigma_rad: float) -> FloatArray:
+    """Return the bias (3,) of ``m`` that noise of ``sigma_rad`` across the limb causes, to second order.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine ``m``.
+    """
+    across = los_cam - np.outer(los_cam @ nadir_cam, nadir_cam)
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    outwards = np.cos(rho_rad) * across - np.sin(rho_rad) * nadir_cam
+    pull = np.tan(rho_rad) * outwards.sum(axis=0) + 0.5 * los_cam.sum(axis=0)
+    return np.asarray(sigma_rad**2 * np.linalg.solve(los_cam.T @ los_cam, pull))
+
+
+def uncertainty_of(los_cam: FloatArray, nadir_cam: FloatArray, rho_rad: float) -> ConeUncertainty:
+    """Return the covariance of the closed form: scatter as of any fit of the cone, and the attenuation.
+
+    To first order in the noise ``u . m - 1`` is the same multiple of every point's angle from the limb, so the scatter
+    is that of the fit by angles.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the points do not determine a cone.
+    """
+    scatter = cone_scatter(los_cam, nadir_cam, rho_rad)
+    sigma = float(np.std(off_axis_angle(los_cam, nadir_cam) - rho_rad))
+    dm = attenuation(los_cam, nadir_cam, rho_rad, sigma)
+    # m = n / cos rho: along the tangent dm = dn / cos rho, along n dm = tan rho / cos rho drho
+    shift = np.cos(rho_rad) * np.append(scatter.basis.T @ dm, dm @ nadir_cam / np.tan(rho_rad))
+    return ConeUncertainty(scatter.basis, scatter.covariance + np.outer(shift, shift), scatter.correlation_length)
+
+
+def run(observation: Observation) -> Fit | NoFit:
+    """Estimate nadir, roll, pitch and altitude from one image."""
+    found = find_limb(observation.image, observation.camera, observation.full_scale)
+    if isinstance(found, NoLimb):
+        return NoFit(found.status, found.reason)
+    return fit_points(found.los_cam, found.uv, observation, SOFT_SLOW_PX)
+
+
+def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation, slow_px: float = SLOW_PX) -> Fit | NoFit:
+    """Fit given limb points, shapes (n, 3) and (n, 2): the method behind the search for points."""
+    if len(los_cam) < 4:
+        return NoFit(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
+    try:
+        nadir, rho = solve(los_cam)
+        uncertainty = uncertainty_of(los_cam, nadir, rho)
+        model = model_covariance(los_cam, nadir, rho, observation, slow_px=slow_px)
+    except np.linalg.LinAlgError as e:
+        return NoFit(Outcome.NOT_CONVERGED, str(e), uv)
+    return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, model=model)
+
+
+ESTIMATOR = Estimator(
+    name="altitude-free-closed-form",
+    title="Altitude-free method in closed form (least squares on n / cos rho)",
+    run=run,
+    estimates="geocentric",
+)

@@ -1,0 +1,111 @@
+"""The altitude-free horizon sensor exactly as published (Raeisy and Ghofrani 2021): the yardstick of the improved one.
+
+Every pixel that Canny marks, at its centre, is a point of the limb. Newton-Raphson on ``x = (phi, theta, rho)`` with
+the pseudo-inverse as printed, ``(A^T A)^-1 A^T``, in the paper's own axes; see
+:mod:`horizonval.estimation.methods.altitude_free` for the equation. Edges of anything but the limb are taken for limb.
+
+**Start.** The paper gives none; here it is ``phi = theta = 0`` and rho = 45 deg, the middle of what satellites see. The
+choice of rho hardly matters: at ``phi = theta = 0`` the linearised equation is ``u_y dphi - u_x dtheta + u_z = const``,
+the plane through the sight lines' tips with its normal scaled to ``n_z = 1``; its ``dphi`` and ``dtheta`` are the
+tangents of the angles sought whatever rho is. The limit is that tangent: beyond some 60 deg off the optical axis the
+first step overshoots, and the iteration may end at the mirrored cone (-n, pi - rho), or nowhere.
+
+**Covariance.** A whole-pixel point is off by up to half a pixel. Where the limb runs along the pixels its neighbours
+are off alike; :func:`horizonval.estimation.limb.shape.cone.cone_uncertainty` counts the correlation that the residuals
+show along the arc (on most arcs there is little: the staircase's saw teeth cancel). They do not show what all points
+share, Canny's preference for one of two equally steep pixels and the pull of shaded ground: see
+:data:`COMMON_OFFSET_PX`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.limb.finder import find_canny_pixels
+from horizonval.estimation.limb.result import NoLimb
+from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty
+from horizonval.estimation.methods.altitude_free import fit_of_cone, newton
+from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.geometry.frames import nadir_of_roll_pitch
+
+START = np.array([0.0, 0.0, np.pi / 4])
+"""(phi, theta, rho) [rad]."""
+COMMON_OFFSET_PX = 1.0 / np.sqrt(12.0)
+"""Standard deviation of what all whole-pixel points may be off by together, across the limb."""
+CONVERGED_RAD = 1e-8
+
+
+def step_by_pseudo_inverse(jacobian: FloatArray, f: FloatArray) -> FloatArray:
+    """Return ``pinv(A) F`` with the pseudo-inverse as printed, ``(A^T A)^-1 A^T``."""
+    return np.asarray(np.linalg.inv(jacobian.T @ jacobian) @ jacobian.T @ f)
+
+
+def run(observation: Observation) -> Fit | NoFit:
+    """Estimate nadir, roll, pitch and altitude from one image."""
+    found = find_canny_pixels(observation.image, observation.camera, observation.full_scale)
+    if isinstance(found, NoLimb):
+        return NoFit(found.status, found.reason)
+    return fit_pixels(found.los_cam, found.uv, observation)
+
+
+def fit_pixels(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | NoFit:
+    """Fit given whole-pixel points, shapes (n, 3) and (n, 2): the method behind the edge detector."""
+    return _fit(los_cam, uv, observation, whole=True)
+
+
+def _fit(los_cam: FloatArray, uv: FloatArray, observation: Observation, *, whole: bool) -> Fit | NoFit:
+    if len(los_cam) < 4:
+        return NoFit(Outcome.SHORT_ARC, f"{len(los_cam)} edge points; at least 4 are needed", uv)
+    if np.linalg.matrix_rank(los_cam) < 3:
+        return NoFit(Outcome.NOT_CONVERGED, "the points do not determine a cone", uv)
+    try:
+        steps = newton(los_cam, START, step_by_pseudo_inverse)
+        phi, theta, rho = steps[-1]
+        if np.abs(steps[-1] - steps[-2]).max() > CONVERGED_RAD:
+            return NoFit(Outcome.NOT_CONVERGED, f"no convergence in {len(steps) - 1} Newton steps", uv)
+        nadir = nadir_of_roll_pitch(phi, theta)
+        # cos rho = u.n is periodic in rho, and also holds for (-n, pi - rho); the Earth is the smaller cap
+        nadir = nadir if np.cos(rho) > 0.0 else -nadir
+        rho = float(np.arcsin(np.abs(np.sin(rho))))
+        uncertainty = cone_uncertainty(los_cam, nadir, rho)
+        if whole:
+            uncertainty = with_common_offset(uncertainty, 1.0 / observation.camera.fx)
+    except np.linalg.LinAlgError as e:
+        return NoFit(Outcome.NOT_CONVERGED, str(e), uv)
+    return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps)
+
+
+def fit_found_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | NoFit:
+    """Fit limb points that another search has found: the method without its whole pixels.
+
+    Parameters
+    ----------
+    los_cam : ndarray, shape (n, 3)
+    uv : ndarray, shape (n, 2)
+        Where they were seen, as a fraction of a pixel.
+    observation : Observation
+    """
+    return _fit(los_cam, uv, observation, whole=False)
+
+
+def with_common_offset(uncertainty: ConeUncertainty, pixel_rad: float) -> ConeUncertainty:
+    """Add to a covariance what the residuals cannot show: an offset of all points together.
+
+    The same angle for every point is a change of the radius and of nothing else.
+    """
+    covariance = uncertainty.covariance.copy()
+    covariance[2, 2] += (COMMON_OFFSET_PX * pixel_rad) ** 2
+    return replace(uncertainty, covariance=covariance)
+
+
+ESTIMATOR = Estimator(
+    name="altitude-free-published",
+    title="Altitude-free Newton method exactly as published (Raeisy and Ghofrani 2021)",
+    run=run,
+    estimates="geocentric",
+    from_points=fit_found_points,
+)

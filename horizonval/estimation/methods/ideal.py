@@ -1,0 +1,140 @@
+"""The ideal horizon sensor: exact by definition, the oracle that image estimators are held against.
+
+Input is the pose, not an image. With the Earth's centre C, the sensor at P and the Earth radius R:
+
+1. The two tangents from P in the plane of nadir and boresight make the angle ``theta = asin(R / |PC|)`` with the
+   nadir; the nearer horizon point H is the one whose direction has the larger dot product with the boresight. Its
+   axes: *forward* towards H, *up* away from the Earth in the plane of nadir and H, *right* across both.
+2. Roll error: the angle between the sensor's right axis and the horizon's right axis, signed by the dot product of the
+   sensor's right axis with the horizon's up axis.
+3. Pitch error: the angle between the boresight and the direction to H, signed by the boresight's component along the
+   horizon's up axis: positive above the horizon (towards space), negative below it.
+
+With the boresight exactly at nadir or zenith every horizon point is equally near: that is a status, not a number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.geometry.frames import roll_pitch_of_nadir
+
+AXIS_TOLERANCE_RAD = 1e-12
+SIGMA_RAD = 1e-12
+"""Standard deviation the oracle claims: rounding of float64 over its few operations."""
+
+
+class ReadingStatus(StrEnum):
+    """Whether a nearest horizon point exists."""
+
+    DEFINED = "defined"
+    BORESIGHT_AT_NADIR = "boresight_at_nadir"
+    BORESIGHT_AT_ZENITH = "boresight_at_zenith"
+    INSIDE_EARTH = "inside_earth"
+
+
+@dataclass(frozen=True)
+class HorizonReading:
+    """What the ideal sensor reads.
+
+    Attributes
+    ----------
+    status : ReadingStatus
+    horizon_cam : ndarray, shape (3,)
+        Unit vector to the nearest horizon point (NaN-free zeros unless ``defined``).
+    roll_error_rad, pitch_error_rad : float
+        Zero unless ``defined``.
+    """
+
+    status: ReadingStatus
+    horizon_cam: FloatArray
+    roll_error_rad: float = 0.0
+    pitch_error_rad: float = 0.0
+
+
+def ideal_horizon_sensor(r: FloatArray, q_cam_from_ref: FloatArray, radius_m: float) -> HorizonReading:
+    """Return the reading of an ideal sensor over a sphere.
+
+    Parameters
+    ----------
+    r : ndarray, shape (3,)
+        Sensor position from the Earth's centre [m], in any reference axes.
+    q_cam_from_ref : ndarray, shape (4,)
+        Attitude, scalar last. The boresight is the camera's +z, its right axis +x, its up axis -y.
+    radius_m : float
+        Earth radius.
+    """
+    undefined = np.zeros(3)
+    distance = float(np.linalg.norm(r))
+    if distance <= radius_m:
+        return HorizonReading(ReadingStatus.INSIDE_EARTH, undefined)
+    nadir = Rotation.from_quat(q_cam_from_ref).apply(-np.asarray(r, dtype=float) / distance)
+    boresight, right = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+    across = boresight - (boresight @ nadir) * nadir
+    size = float(np.linalg.norm(across))
+    if size < AXIS_TOLERANCE_RAD:
+        at_nadir = nadir[2] > 0.0
+        status = ReadingStatus.BORESIGHT_AT_NADIR if at_nadir else ReadingStatus.BORESIGHT_AT_ZENITH
+        return HorizonReading(status, undefined)
+    across /= size
+    # Next to the nadir the difference above is mostly rounding along it, which would lift H off the horizon.
+    across -= (across @ nadir) * nadir
+    across /= np.linalg.norm(across)
+    sin_rho = radius_m / distance
+    cos_rho = float(np.sqrt((1.0 - sin_rho) * (1.0 + sin_rho)))
+    both = [cos_rho * nadir + side * sin_rho * across for side in (1.0, -1.0)]
+    horizon = max(both, key=lambda h: float(h @ boresight))
+    up = (horizon @ nadir) * horizon - nadir
+    up /= np.linalg.norm(up)
+    horizon_right = np.cross(horizon, up)
+    roll = _angle(right, horizon_right) * _sign(float(right @ up))
+    pitch = _angle(boresight, horizon) * _sign(float(boresight @ up))
+    return HorizonReading(ReadingStatus.DEFINED, horizon, roll, pitch)
+
+
+def _angle(a: FloatArray, b: FloatArray) -> float:
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def _sign(value: float) -> float:
+    return -1.0 if value < 0.0 else 1.0
+
+
+def run(observation: Observation) -> Fit | NoFit:
+    """Return the exact nadir. The image is not looked at."""
+    pose = observation.oracle
+    if pose is None:
+        return NoFit(Outcome.BAD_INPUT, "the ideal sensor needs the pose, which only our own EXR files carry")
+    r = np.asarray(pose.r_itrs, dtype=float)
+    distance = float(np.linalg.norm(r))
+    if not np.isfinite(distance) or distance <= pose.radius_m:
+        return NoFit(Outcome.BAD_INPUT, "the pose lies inside the Earth")
+    nadir = Rotation.from_quat(pose.q_cam_from_itrs).apply(-r / distance)
+    nadir /= np.linalg.norm(nadir)
+    nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir)
+    roll, pitch = roll_pitch_of_nadir(nadir_body)
+    return Fit(
+        nadir_cam=nadir,
+        covariance_nadir_cam=SIGMA_RAD**2 * (np.eye(3) - np.outer(nadir, nadir)),
+        roll_rad=float(roll),
+        pitch_rad=float(pitch),
+        angular_radius_rad=float(np.arcsin(pose.radius_m / distance)),
+        altitude_m=distance - observation.earth_radius_m,
+        sigma_altitude_m=1e-6,
+    )
+
+
+ESTIMATOR = Estimator(
+    name="ideal",
+    title="Ideal horizon sensor (exact pose)",
+    run=run,
+    estimates="geocentric",
+    needs="pose",
+)

@@ -1,0 +1,213 @@
+"""Static infrared horizon sensor: four linear arrays across the horizon, a quarter turn apart.
+
+After Cui and others, "Static infrared horizon sensor" (Shanghai Institute of Technical Physics, 2016). Heads A, B, C, D
+look at the horizon at azimuths 45, 135, 225 and 315 deg; with their crossings in pixels, growing outwards::
+
+    P = IFOV / (2 sqrt 2) (A + B - C - D),    R = IFOV / (2 sqrt 2) (A + D - B - C)
+
+**Where the azimuths begin.** A small roll phi and pitch theta move the horizon of a head at azimuth a (from the
+velocity x to the right y) by ``-theta cos a + phi sin a``. P is the pitch and R the roll, both with the published
+signs, if a is the published azimuth plus 90 deg: it counts from the right of the track over the tail. Whatever the
+mounting, :func:`published_axes` says in which axes P and R are pitch and roll.
+
+**Two methods.** ``linear-heads-published``: whole-pixel crossings and the formula, which neglects second-order terms
+(a few hundredths of a degree at 5 deg of roll and pitch). ``linear-heads``: sub-pixel crossings, and instead of the
+formula the cone through the four lines of sight, whose axis is the nadir at any angle; it needs no altitude either.
+
+Spherical Earth with a limb equally high all round: what differs between the heads (oblateness, 21 km between pole and
+equator; colder and lower air towards the winter pole) goes into the nadir and is not in the claimed covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.limb.crossing import published_crossing, sub_pixel_crossing
+from horizonval.estimation.limb.result import NoLimb
+from horizonval.estimation.limb.shape.cone import fit_cone, off_axis_angle, tangent_basis
+from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.geometry.camera import unproject
+from horizonval.geometry.frames import inverse, nadir_of_roll_pitch, roll_pitch_of_nadir, rotate
+
+QUARTER_TOLERANCE_RAD = np.radians(1.0)
+DISAGREEMENT_SIGMA = 6.0
+DISAGREEMENT_RAD = np.radians(1.0)
+"""Four crossings of one cone have one condition to spare. The air's latitude and the oblateness spend a tenth of a
+degree of it; more than this is a head that looks at something else."""
+
+
+@dataclass(frozen=True)
+class HeadRow:
+    """The row of one head: grey levels (n,), the image row it lies on, and how the head is turned in the body."""
+
+    name: str
+    row: FloatArray
+    v: int
+    observation: Observation
+
+    def los_body(self, column: float) -> FloatArray:
+        """Return the line of sight of a column in body axes, shape (3,)."""
+        los = unproject(self.observation.camera, np.array([column, float(self.v)]))
+        return rotate(inverse(self.observation.q_cam_from_body), los)
+
+    def pixel_rad(self, column: float) -> float:
+        """Return the angle of a pixel along the row."""
+        return float(off_axis_angle(self.los_body(column - 0.5), self.los_body(column + 0.5)))
+
+
+def head_rows(observation: Observation) -> list[HeadRow] | NoFit:
+    """Return the rows of the four heads: the one row of a linear array, or of an image the row below its middle."""
+    heads = observation.heads
+    if len(heads) != 4:
+        return NoFit(Outcome.BAD_INPUT, f"four heads are needed, the observation has {len(heads)}")
+    rows = []
+    for name, head in heads.items():
+        image = np.asarray(head.image, dtype=np.float64)
+        if image.ndim != 2 or image.shape[1] < 16 or not np.isfinite(image).all():
+            return NoFit(Outcome.BAD_INPUT, f"head {name}: not a finite image of at least 16 columns")
+        v = image.shape[0] // 2
+        rows.append(HeadRow(name, image[v], v, head))
+    return rows
+
+
+def published_axes(rows: list[HeadRow]) -> float | NoFit:
+    """Return the azimuth in the body [rad] of the axis about whose level normal P is the pitch; R is the roll about it.
+
+    It is the direction of the first head turned back by 135 deg, the first being at a = 45 + 90.
+    """
+    boresight = np.array([rotate(inverse(r.observation.q_cam_from_body), [0.0, 0.0, 1.0]) for r in rows])
+    azimuth = np.arctan2(boresight[:, 1], boresight[:, 0])
+    off = np.angle(np.exp(1j * (azimuth - azimuth[0] - np.arange(4) * (np.pi / 2))))
+    if np.abs(off).max() > QUARTER_TOLERANCE_RAD:
+        return NoFit(Outcome.BAD_INPUT, "the published formula needs heads a quarter turn apart, in that order")
+    return float(azimuth[0] - 0.75 * np.pi)
+
+
+def published_angles(columns: FloatArray, ifov_rad: float) -> tuple[float, float]:
+    """Return P and R [rad] from the crossings [pixels] of A, B, C and D, shape (4,)."""
+    a, b, c, d = columns
+    scale = ifov_rad / (2.0 * np.sqrt(2.0))
+    return float(scale * (a + b - c - d)), float(scale * (a + d - b - c))
+
+
+def run_published(observation: Observation) -> Fit | NoFit:
+    """Estimate roll and pitch as published."""
+    rows = head_rows(observation)
+    if isinstance(rows, NoFit):
+        return rows
+    forward = published_axes(rows)
+    if isinstance(forward, NoFit):
+        return forward
+    # Whether there is a limb at all the published pipeline does not ask; a claim without one would be worth nothing.
+    located = [sub_pixel_crossing(r.row) for r in rows]
+    if refusal := _missing(rows, located):
+        return refusal
+    crossings = [published_crossing(r.row) for r in rows]
+    columns = np.array([c.fine for c in crossings])
+    ifov = float(np.mean([r.pixel_rad(c) for r, c in zip(rows, columns, strict=True)]))
+    pitch, roll = published_angles(columns, ifov)
+    nadir_body = Rotation.from_euler("z", forward).apply(nadir_of_roll_pitch(roll, pitch))
+    sigma = np.array([c.sigma_px for c in crossings])
+    # P and R each weigh the four crossings with +-IFOV / (2 sqrt 2).
+    variance = ifov**2 / 8.0 * float(sigma @ sigma)
+    # What the formula neglects is known on board: the cone through the same crossings neglects nothing.
+    exact = fit_cone(np.array([r.los_body(c) for r, c in zip(rows, columns, strict=True)])).axis_cam
+    variance += 0.5 * float(off_axis_angle(exact, nadir_body)) ** 2
+    covariance_body = variance * (np.eye(3) - np.outer(nadir_body, nadir_body))
+    return _fit(rows, columns, nadir_body, covariance_body)
+
+
+def run(observation: Observation) -> Fit | NoFit:
+    """Estimate the nadir from sub-pixel crossings and the cone through them."""
+    rows = head_rows(observation)
+    if isinstance(rows, NoFit):
+        return rows
+    located = [sub_pixel_crossing(r.row) for r in rows]
+    if refusal := _missing(rows, located):
+        return refusal
+    columns = np.array([c.column for c in located if not isinstance(c, NoLimb)])
+    sigma = np.array([c.sigma_px for c in located if not isinstance(c, NoLimb)])
+    return fit_crossings(rows, columns, sigma)
+
+
+def fit_crossings(rows: list[HeadRow], columns: FloatArray, sigma_px: FloatArray) -> Fit | NoFit:
+    """Fit the cone through crossings, shape (4,), of given standard deviations [pixels], shape (4,)."""
+    los = np.array([r.los_body(c) for r, c in zip(rows, columns, strict=True)])
+    sigma = sigma_px * [r.pixel_rad(c) for r, c in zip(rows, columns, strict=True)]
+    cone = fit_cone(los)
+    rho = float(np.arctan2(np.mean(np.sin(off_axis_angle(los, cone.axis_cam))), cone.cos_rho))
+    basis = tangent_basis(cone.axis_cam)
+    across = los @ basis
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    try:
+        gain = np.linalg.pinv(np.column_stack([across, np.ones(4)]))
+    except np.linalg.LinAlgError as e:
+        return NoFit(Outcome.NOT_CONVERGED, str(e))
+    covariance = (gain * sigma**2) @ gain.T
+    residual = off_axis_angle(los, cone.axis_cam) - rho
+    if np.abs(residual).sum() > max(DISAGREEMENT_RAD, DISAGREEMENT_SIGMA * float(np.linalg.norm(sigma))):
+        text = f"the four crossings miss one cone by {np.degrees(np.abs(residual).sum()):.2g} deg in sum"
+        return NoFit(Outcome.AMBIGUOUS, text, _points(rows, columns))
+    axis_body = cone.axis_cam
+    return _fit(
+        rows, columns, axis_body, basis @ covariance[:2, :2] @ basis.T, rho, float(np.sqrt(covariance[2, 2])), residual
+    )
+
+
+def _fit(
+    rows: list[HeadRow],
+    columns: FloatArray,
+    nadir_body: FloatArray,
+    covariance_body: FloatArray,
+    rho: float | None = None,
+    sigma_rho: float = 0.0,
+    residual: FloatArray | None = None,
+) -> Fit:
+    first = rows[0].observation
+    turn = Rotation.from_quat(first.q_cam_from_body).as_matrix()
+    roll, pitch = roll_pitch_of_nadir(nadir_body)
+    radius = first.earth_radius_m
+    return Fit(
+        nadir_cam=turn @ nadir_body,
+        covariance_nadir_cam=turn @ covariance_body @ turn.T,
+        roll_rad=float(roll),
+        pitch_rad=float(pitch),
+        angular_radius_rad=rho,
+        altitude_m=None if rho is None else float(radius / np.sin(rho) - radius),
+        sigma_altitude_m=None if rho is None else float(radius * np.cos(rho) / np.sin(rho) ** 2 * sigma_rho),
+        points=_points(rows, columns),
+        residuals_rad=np.empty(0) if residual is None else residual,
+    )
+
+
+def _points(rows: list[HeadRow], columns: FloatArray) -> FloatArray:
+    return np.column_stack([columns, [float(r.v) for r in rows]])
+
+
+def _missing(rows: list[HeadRow], located: list) -> NoFit | None:
+    for r, found in zip(rows, located, strict=True):
+        if isinstance(found, NoLimb):
+            return NoFit(found.status, f"head {r.name}: {found.reason}")
+    return None
+
+
+PUBLISHED = Estimator(
+    name="linear-heads-published",
+    title="Four linear infrared heads, whole-pixel crossings (Cui and others 2016)",
+    run=run_published,
+    estimates="geocentric",
+    needs="heads",
+)
+
+ESTIMATOR = Estimator(
+    name="linear-heads",
+    title="Four linear infrared heads, sub-pixel crossings and exact cone",
+    run=run,
+    estimates="geocentric",
+    needs="heads",
+)

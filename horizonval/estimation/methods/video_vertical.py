@@ -1,0 +1,235 @@
+"""Video-vertical: the local vertical from the horizon's arcs in two perpendicular cameras.
+
+After Belokonov, Lomaka and others (Samara, about 2015; IFAC-PapersOnLine 2016). The axes of both cameras lie in the
+plane across the satellite's longitudinal axis. Per image: Canny edges, horizon arc, circle through it, end points of
+the arc. The vector that joins the end points is perpendicular to the vertical; the cross product of the two cameras'
+vectors is the vertical, and its angle to the longitudinal axis is the output.
+
+**Which vector.** Every line of sight to a spherical horizon makes the angle rho with the nadir n, so for *any* two unit
+lines of sight ::
+
+    (u1 - u2) . n = cos rho - cos rho = 0
+
+exactly, whatever the camera's turn. The equation is linear: it holds for means of lines of sight as well, so that an
+end of the arc is taken here as the mean over its last pixels, which rounds less than one pixel does. The difference of
+the end points in the image plane instead is perpendicular to n only if both lie equally far from the principal point;
+in a camera that is turned about its boresight they do not, and the vertical is off by degrees. Likewise the end points
+are taken where the edge *is*: moved onto the fitted circle they would leave the horizon, which is a conic. The circle's
+part is to tell the arc from what hangs on it, to put its pixels into order from end to end, and to say on which side
+the Earth lies: that of its centre. :class:`Ends` has the other readings of the text; single end pixels are the one that
+comes to the published model error.
+
+**Uncertainty.** With the chords ``c1``, ``c2`` the vertical solves ``c . n = 0``, so that an error ``e`` of ``c . n``
+moves it by ``-pinv([c1; c2]) e``. Each ``e`` is the difference of two ends' errors across the horizon: few pixels bear
+the result. How far a pixel strays is measured on all pixels of both arcs, as their departure from the cone about the
+vertical that was found, and so is over how many neighbours their departures are one.
+
+Spherical Earth. A limb whose ends are lit differently, and the ellipsoid, bias the result by more than that departure
+shows. No image is refused for what it shows: see :mod:`horizonval.estimation.limb.arc`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.limb.arc import Arc, find_arc
+from horizonval.estimation.limb.result import NoLimb
+from horizonval.estimation.limb.shape.circle import fit_circle
+from horizonval.estimation.limb.shape.cone import SLOW_PX, cone_uncertainty, fit_cone, off_axis_angle
+from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.geometry.camera import Camera, project, unproject
+from horizonval.geometry.frames import roll_pitch_of_nadir
+
+HEADS = 2
+SMALLEST_SINE = 1e-3
+"""Of the angle between the chords: below it their cross product is noise."""
+PIXEL_SIGMA_PX = 12.0**-0.5
+"""Of a position that is rounded to whole pixels."""
+END_PIXELS = 8
+"""Pixels that make an end of the arc: a third of the shortest arc there is."""
+
+
+class Ends(StrEnum):
+    """Readings of "the vector that joins the end points of the arc"."""
+
+    SIGHT = "mean lines of sight to the arc's last pixels"
+    PIXEL = "lines of sight to the arc's two end pixels"
+    CIRCLE = "lines of sight to the fitted circle's end points"
+    PLANE = "end points in the image plane"
+
+
+def chord(arc: Arc, camera: Camera, ends: Ends = Ends.SIGHT) -> FloatArray:
+    """Return the vector in camera axes, shape (3,), that joins an arc's end points."""
+    if ends is Ends.SIGHT:
+        first, last = (unproject(camera, uv).mean(axis=0) for uv in (arc.uv[:END_PIXELS], arc.uv[-END_PIXELS:]))
+        return np.asarray(last - first)
+    uv = arc.uv[[0, -1]]
+    if ends is not Ends.PIXEL:
+        uv = arc.circle.nearest(uv)
+    if ends is Ends.PLANE:
+        across = (uv[1] - uv[0]) / (camera.fx, camera.fy)
+        return np.array([across[0], across[1], 0.0])
+    los = unproject(camera, uv)
+    return np.asarray(los[1] - los[0])
+
+
+def vertical(chords_body: FloatArray) -> FloatArray | None:
+    """Return the unit vector, shape (3,), across two chords, shape (2, 3); None where they are parallel or none."""
+    across = np.cross(chords_body[0], chords_body[1])
+    length = float(np.linalg.norm(across))
+    lengths = float(np.prod(np.linalg.norm(chords_body, axis=1)))
+    if not np.isfinite(length) or length <= SMALLEST_SINE * lengths:
+        return None
+    return np.asarray(across / length)
+
+
+def run(observation: Observation) -> Fit | NoFit:
+    """Estimate the nadir from the images of two heads."""
+    return solve(observation)
+
+
+def solve(observation: Observation, ends: Ends = Ends.SIGHT) -> Fit | NoFit:
+    """Estimate the nadir from the images of two heads, with one of the readings of the end points."""
+    if len(observation.heads) != HEADS:
+        return NoFit(Outcome.BAD_INPUT, f"{len(observation.heads)} heads; the method has {HEADS}")
+    arcs: list[Arc] = []
+    for name, head in observation.heads.items():
+        if np.shape(head.image) != (head.camera.height, head.camera.width):
+            return NoFit(Outcome.BAD_INPUT, f"head {name}: the image is not of its camera's size")
+        found = find_arc(head.image, head.full_scale)
+        if isinstance(found, NoLimb):
+            return NoFit(found.status, f"head {name}: {found.reason}")
+        arcs.append(found)
+    return fit_arcs(arcs, list(observation.heads.values()), observation.earth_radius_m, ends)
+
+
+def from_heads(points: Mapping[str, FloatArray], observation: Observation) -> Fit | NoFit:
+    """Return the vertical from limb points, shape (n, 2) by the heads' names, that another search has found.
+
+    They are no whole pixels: their scatter is what they show.
+    """
+    if len(points) != HEADS or any(len(uv) < 2 * END_PIXELS for uv in points.values()):
+        return NoFit(Outcome.BAD_INPUT, f"the method needs {2 * END_PIXELS} points in each of {HEADS} heads")
+    arcs = []
+    for name, uv in points.items():
+        circle = fit_circle(uv)
+        if circle is None:
+            return NoFit(Outcome.SHORT_ARC, f"head {name}: the limb is straight: it has no circle")
+        arcs.append(Arc(uv[np.argsort(circle.along(uv), kind="stable")], circle))
+    heads = [observation.heads[name] for name in points]
+    return fit_arcs(arcs, heads, observation.earth_radius_m, sub_pixel=True)
+
+
+def fit_arcs(
+    arcs: list[Arc],
+    heads: list[Observation],
+    earth_radius_m: float,
+    ends: Ends = Ends.SIGHT,
+    *,
+    sub_pixel: bool = False,
+) -> Fit | NoFit:
+    """Return the vertical of two arcs: the method behind the search for arcs.
+
+    ``sub_pixel``: the arcs' points are no whole pixels. Their scatter is then taken about each arc's own cone: about
+    that of the vertical it would be mostly the error of the vertical itself, which few pixels bear.
+    """
+    body_from_head = [Rotation.from_quat(head.q_cam_from_body).inv() for head in heads]
+    chords = [
+        turn.apply(chord(arc, head.camera, ends)) for turn, arc, head in zip(body_from_head, arcs, heads, strict=True)
+    ]
+    chords_body = np.array(chords)
+    nadir_body = vertical(chords_body)
+    if nadir_body is None:
+        return NoFit(Outcome.SHORT_ARC, "the two chords are parallel: they span no plane", arcs[0].uv)
+    los_body = []
+    earthwards = 0.0
+    for turn, arc, head in zip(body_from_head, arcs, heads, strict=True):
+        los = unproject(head.camera, arc.uv)
+        los_body.append(turn.apply(los))
+        earthwards += float(turn.apply(_towards_centre(arc, head.camera)) @ nadir_body)
+    if not np.isfinite(earthwards) or earthwards == 0.0:
+        return NoFit(Outcome.AMBIGUOUS, "the arcs do not tell on which side the Earth lies", arcs[0].uv)
+    if earthwards < 0.0:
+        nadir_body = -nadir_body
+    angles = [off_axis_angle(los, nadir_body) for los in los_body]
+    rho = float(np.mean([angle.mean() for angle in angles]))
+    # in pixels, not angles: off the axis a pixel is a smaller angle, and that is where the ends are
+    px_per_rad = [
+        _px_per_rad(arc, head.camera, turn.inv().apply(nadir_body))
+        for turn, arc, head in zip(body_from_head, arcs, heads, strict=True)
+    ]
+    about = [(nadir_body, rho)] * len(los_body)
+    if sub_pixel:
+        axes = [fit_cone(los).axis_cam for los in los_body]
+        about = [(axis, float(off_axis_angle(los, axis).mean())) for los, axis in zip(los_body, axes, strict=True)]
+    off_px = np.concatenate(
+        [
+            (off_axis_angle(los, axis) - radius) * scale
+            for los, (axis, radius), scale in zip(los_body, about, px_per_rad, strict=True)
+        ]
+    )
+    variance_px = float(np.mean(off_px**2)) if sub_pixel else max(float(np.mean(off_px**2)), PIXEL_SIGMA_PX**2)
+    if ends is Ends.SIGHT:
+        alike = max(_pixels_alike(los, *one) for los, one in zip(los_body, about, strict=True))
+        variance_px *= min(1.0, alike / END_PIXELS)
+    per_px = np.array([float(np.sum(scale[[0, -1]] ** -2.0)) for scale in px_per_rad])
+    first = body_from_head[0].inv()
+    to_nadir_cam = first.as_matrix() @ np.linalg.pinv(chords_body) * np.sin(rho)
+    of_one_px = (to_nadir_cam * per_px) @ to_nadir_cam.T
+    sine = np.sin(rho)
+    altitude = earth_radius_m / sine - earth_radius_m if rho < np.pi / 2 else None
+    roll, pitch = roll_pitch_of_nadir(nadir_body)
+    return Fit(
+        nadir_cam=first.apply(nadir_body),
+        covariance_nadir_cam=variance_px * of_one_px,
+        roll_rad=float(roll),
+        pitch_rad=float(pitch),
+        angular_radius_rad=rho,
+        altitude_m=None if altitude is None else float(altitude),
+        points=arcs[0].uv,
+        residuals_rad=angles[0] - rho,
+        # Slow errors are one over an end: its pixels do not average them out, and their scatter does not show them.
+        systematic_nadir_cam=SLOW_PX**2 * of_one_px if sub_pixel else None,
+    )
+
+
+def _pixels_alike(los: FloatArray, nadir: FloatArray, rho_rad: float) -> float:
+    """Return over how many neighbours along an arc the departures from the cone are one."""
+    try:
+        return cone_uncertainty(los, nadir, rho_rad).correlation_length
+    except np.linalg.LinAlgError:
+        return float(END_PIXELS)
+
+
+def _px_per_rad(arc: Arc, camera: Camera, nadir_cam: FloatArray) -> FloatArray:
+    """Return by how many pixels each of an arc's points moves per radian towards the nadir, shape (n,)."""
+    los = unproject(camera, arc.uv)
+    towards = nadir_cam - (los @ nadir_cam)[:, None] * los
+    towards /= np.linalg.norm(towards, axis=1)[:, None]
+    step = 1e-5
+    moved, _ = project(camera, los + step * towards)
+    return np.asarray(np.hypot(*(moved - arc.uv).T) / step)
+
+
+def _towards_centre(arc: Arc, camera: Camera) -> FloatArray:
+    """Return how the line of sight to the arc's middle turns one pixel towards the circle's centre, shape (3,)."""
+    middle = arc.uv[len(arc.uv) // 2]
+    inwards = arc.circle.centre - middle
+    los = unproject(camera, np.array([middle, middle + inwards / np.hypot(*inwards)]))
+    return np.asarray(los[1] - los[0])
+
+
+ESTIMATOR = Estimator(
+    name="video-vertical",
+    title="Local vertical from two perpendicular cameras (Belokonov and others 2016)",
+    run=run,
+    estimates="geocentric",
+    needs="heads",
+    from_heads=from_heads,
+)

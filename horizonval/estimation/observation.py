@@ -1,0 +1,164 @@
+"""What an estimator is given, and what it gives back.
+
+An estimator is a function of an :class:`Observation` that returns a :class:`Fit` or a :class:`NoFit`. It never sees
+the renderer or the truth, with one exception by definition: the ideal sensor module, whose input *is* the pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.geometry.camera import Camera
+
+WGS84_FLATTENING = 1.0 / 298.257223563
+
+
+@dataclass(frozen=True)
+class OraclePose:
+    """Pose for sensors that are ideal by definition: where the Earth is, exactly.
+
+    ``r_itrs`` [m] position of the camera, ``q_cam_from_itrs`` scalar-last quaternion, ``radius_m`` Earth radius.
+    """
+
+    r_itrs: FloatArray
+    q_cam_from_itrs: FloatArray
+    radius_m: float
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One image and what a flight computer would know beside it.
+
+    Attributes
+    ----------
+    image : ndarray, shape (H, W)
+        Digital numbers (or any grey level that grows, or falls, with radiance), float64.
+    camera : Camera
+        Calibrated intrinsics.
+    q_cam_from_body : ndarray, shape (4,)
+        Mounting, scalar last. Identity when camera and body axes coincide.
+    full_scale : float or None
+        Digital number at which the converter saturates, if known.
+    altitude_m : float or None
+        Prior altitude, if the user has one. Altitude-free methods ignore it.
+    earth_radius_m : float
+        Radius of the spherical Earth that the method assumes.
+    flattening : float
+        Of the planet that is looked at; 0 for a sphere. What a spherical method leaves out, for covariances.
+    band_kind : {"solar", "thermal"} or None
+        What the camera sees: scattered sunlight or the Earth's own heat; None if that is not known.
+    sun_cam : ndarray, shape (3,), or None
+        Direction to the Sun in camera axes as a coarse Sun sensor gives it, right to a degree; None where there is no
+        such sensor or it sees no Sun.
+    oracle : OraclePose or None
+        Only for estimators with ``needs = "pose"``.
+    heads : mapping of str to Observation
+        Only for estimators with ``needs = "heads"``: the images of all heads of one housing at one instant, by the
+        heads' names and in the camera file's order. The fields above are then those of the first head, and
+        ``nadir_cam`` of a fit is in the first head's axes.
+    """
+
+    image: FloatArray
+    camera: Camera
+    q_cam_from_body: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
+    full_scale: float | None = None
+    altitude_m: float | None = None
+    earth_radius_m: float = 6371008.8
+    flattening: float = WGS84_FLATTENING
+    band_kind: Literal["solar", "thermal"] | None = None
+    sun_cam: FloatArray | None = None
+    oracle: OraclePose | None = None
+    heads: Mapping[str, Observation] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A claimed attitude, with the uncertainty it claims.
+
+    Attributes
+    ----------
+    nadir_cam : ndarray, shape (3,)
+        Unit vector in camera axes towards the Earth's centre, or along the geodetic vertical: see
+        ``Estimator.estimates``.
+    covariance_nadir_cam : ndarray, shape (3, 3)
+        Covariance [rad^2] of ``nadir_cam`` from the noise of its points; singular along ``nadir_cam`` itself.
+    roll_rad, pitch_rad : float
+        Body attitude against lvlh: ``nadir_body = (-sin pitch, cos pitch sin roll, cos pitch cos roll)``.
+    angular_radius_rad : float or None
+        Fitted angular radius rho of the Earth.
+    altitude_m, sigma_altitude_m : float or None
+    points : ndarray, shape (n, 2)
+        Limb points used, (column, row) pixels.
+    residuals_rad : ndarray, shape (n,)
+        Angular distance of each point from the fitted limb.
+    steps : ndarray, shape (k, m)
+        Iterates of an iterative method (empty for closed forms), for convergence plots.
+    systematic_nadir_cam : ndarray, shape (3, 3), or None
+        Covariance [rad^2] of what the method's model leaves out (oblateness, height of the visible limb), which more
+        points do not reduce; None if nothing is claimed about it.
+    """
+
+    nadir_cam: FloatArray
+    covariance_nadir_cam: FloatArray
+    roll_rad: float
+    pitch_rad: float
+    angular_radius_rad: float | None = None
+    altitude_m: float | None = None
+    sigma_altitude_m: float | None = None
+    points: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    residuals_rad: FloatArray = field(default_factory=lambda: np.empty(0))
+    steps: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    systematic_nadir_cam: FloatArray | None = None
+
+    @property
+    def status(self) -> Outcome:
+        return Outcome.VALID
+
+    @property
+    def total_covariance_nadir_cam(self) -> FloatArray:
+        """Noise and model error together, shape (3, 3)."""
+        if self.systematic_nadir_cam is None:
+            return self.covariance_nadir_cam
+        return self.covariance_nadir_cam + self.systematic_nadir_cam
+
+
+@dataclass(frozen=True)
+class NoFit:
+    """A refusal that says why. ``status`` is never ``valid``."""
+
+    status: Outcome
+    reason: str
+    points: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """A named method. ``run`` must not raise for any image.
+
+    Attributes
+    ----------
+    name, title : str
+    run : callable
+    estimates : {"geocentric", "geodetic"}
+        Which vertical is claimed.
+    needs : {"image", "pose", "heads"}
+    from_points : callable, optional
+        The method behind its own search for points: (lines of sight (n, 3), pixels (n, 2), observation) to a result.
+        A guard that has found limb points it trusts hands them over here.
+    from_heads : callable, optional
+        The same of a method of several heads: (pixels (n, 2) by the heads' names, observation) to a result.
+    """
+
+    name: str
+    title: str
+    run: Callable[[Observation], Fit | NoFit]
+    estimates: Literal["geocentric", "geodetic"] = "geocentric"
+    needs: Literal["image", "pose", "heads"] = "image"
+    from_points: Callable[[FloatArray, FloatArray, Observation], Fit | NoFit] | None = None
+    from_heads: Callable[[Mapping[str, FloatArray], Observation], Fit | NoFit] | None = None

@@ -1,0 +1,1 @@
+"""Estimators in processes of their own, foreign programs included."""

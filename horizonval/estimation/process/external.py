@@ -1,0 +1,198 @@
+"""A program as an estimator: it reads an image and a camera file and prints one JSON object.
+
+The program gets a 16 bit PNG of the digital numbers and the calibrated camera as TOML, nothing else: not the truth that
+our own files carry. It prints what ``horizonval estimate --json`` prints; ``status`` is required, for a fit also
+``nadir_cam``. Angles that are missing follow from the nadir. ``sigma_nadir_arcsec`` is the rms error claimed, taken as
+equal in all directions; without it the fit claims to be exact. A crash, a wrong answer, too long an answer or none in
+time is an outcome.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import shlex
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import IO, Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.geometry.frames import inverse, roll_pitch_of_nadir, rotate
+from horizonval.spec.suite import ProgramSpec
+
+LONGEST_ANSWER = 1 << 20
+"""Bytes; an answer has a few hundred."""
+_ARCSEC = math.radians(1 / 3600)
+
+
+def external(spec: ProgramSpec, folder: Path, time_limit_s: float) -> Estimator:
+    """Return the estimator that runs a program.
+
+    Parameters
+    ----------
+    spec : ProgramSpec
+    folder : Path
+        A relative path of the program starts here.
+    time_limit_s : float
+        Of wall-clock time, for one image.
+    """
+    return Estimator(
+        name=spec.name,
+        title=spec.command,
+        run=partial(_run, command=spec.command, folder=folder, limit_s=time_limit_s),
+        estimates=spec.estimates,
+    )
+
+
+def command_line(command: str, folder: Path, image: Path, camera: Path) -> list[str]:
+    """Return the words of a command with the paths in their places."""
+    words = shlex.split(command)
+    places = {"{image}": str(image), "{camera}": str(camera)}
+    if not any(place in word for word in words for place in places):
+        words += list(places)
+    for place, path in places.items():
+        words = [word.replace(place, path) for word in words]
+    program = folder / words[0]
+    return [str(program.resolve()) if "/" in words[0] and program.is_file() else words[0], *words[1:]]
+
+
+def _run(observation: Observation, *, command: str, folder: Path, limit_s: float) -> Fit | NoFit:
+    with tempfile.TemporaryDirectory(prefix="horizonval-") as place:
+        image, camera = Path(place) / "image.png", Path(place) / "camera.toml"
+        depth = np.uint16 if (observation.full_scale or np.inf) > 255 else np.uint8
+        top = np.iinfo(depth).max
+        cv2.imwrite(str(image), np.clip(np.rint(observation.image), 0, top).astype(depth))
+        camera.write_text(camera_file(observation), encoding="utf-8")
+        try:
+            words = command_line(command, folder, image, camera)
+        except (ValueError, IndexError) as e:
+            return _bad(f"the command {command!r} cannot be read: {e}")
+        answer = _answer(words, folder, limit_s)
+    return answer if isinstance(answer, NoFit) else result_of(answer, observation)
+
+
+def camera_file(observation: Observation) -> str:
+    """Return the calibrated camera as the camera file of the ``estimate`` command."""
+    camera = observation.camera
+    height, width = observation.image.shape
+    numbers = {"pinhole": 5, "fisheye": 4, "equal_angle": 0}[camera.projection]
+    lines = [
+        "[camera]",
+        f"width = {width}",
+        f"height = {height}",
+        f'projection = "{camera.projection}"',
+        *(f"{key} = {float(getattr(camera, key))!r}" for key in ("fx", "fy", "cx", "cy")),
+        f"distortion = {[float(k) for k in camera.distortion[:numbers]]!r}",
+    ]
+    if camera.image_circle_rad is not None:
+        lines.append(f"image_circle_deg = {math.degrees(2 * camera.image_circle_rad)!r}")
+    if observation.altitude_m is not None:
+        lines += ["[platform]", f"altitude_km = {observation.altitude_m / 1e3!r}"]
+    return "\n".join(lines) + "\n"
+
+
+def _answer(words: list[str], folder: Path, limit_s: float) -> bytes | NoFit:
+    """Run a program; return what it printed, or why that is nothing."""
+    try:
+        process = subprocess.Popen(
+            words,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+    except OSError as e:
+        return _bad(f"the program {words[0]!r} cannot be started: {e.strerror}")
+    assert process.stdout is not None
+    try:
+        printed = _read(process.stdout, time.monotonic() + limit_s)
+        if isinstance(printed, NoFit):
+            return printed
+        status = process.wait(max(limit_s, 1.0))
+    except subprocess.TimeoutExpired:
+        return _bad("the program closed its output and did not end")
+    finally:
+        # Whatever it started belongs to its session and goes with it.
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.stdout.close()
+        process.wait()
+    return printed if status == 0 else _bad(f"the program ended with status {status}")
+
+
+def _read(pipe: IO[bytes], deadline: float) -> bytes | NoFit:
+    import select
+
+    found = bytearray()
+    while True:
+        ready, _, _ = select.select([pipe], [], [], max(0.0, deadline - time.monotonic()))
+        if not ready:
+            return _bad("the program exceeded its time limit")
+        chunk = os.read(pipe.fileno(), 65536)
+        if not chunk:
+            return bytes(found)
+        found += chunk
+        if len(found) > LONGEST_ANSWER:
+            return _bad("the program printed more than a megabyte, where one JSON object was expected")
+
+
+def result_of(answer: bytes, observation: Observation) -> Fit | NoFit:
+    """Return what a program's answer says."""
+    try:
+        data = json.loads(answer)
+    except (ValueError, RecursionError):
+        return _bad(f"the program printed no JSON object but {answer[:40]!r}")
+    if not isinstance(data, dict):
+        return _bad(f"the program printed a {type(data).__name__}, where a JSON object was expected")
+    status = data.get("status")
+    if status not in tuple(Outcome):
+        return _bad(f"the program's status {str(status)[:40]!r} is none of {', '.join(Outcome)}")
+    try:
+        points = np.asarray(data.get("points") or [], dtype=np.float64).reshape(-1, 2)
+        if Outcome(status) is not Outcome.VALID:
+            return NoFit(Outcome(status), str(data.get("reason") or "no reason given"), points)
+        return _fit(data, points, observation)
+    except (TypeError, ValueError, OverflowError) as e:
+        return _bad(f"the program's answer cannot be used: {e}")
+
+
+def _fit(data: Mapping[str, Any], points: NDArray[np.float64], observation: Observation) -> Fit:
+    nadir = np.asarray(data.get("nadir_cam"), dtype=np.float64)
+    if nadir.shape != (3,) or not np.isfinite(nadir).all() or not np.any(nadir):
+        raise ValueError("nadir_cam is no direction")
+    nadir = nadir / np.linalg.norm(nadir)
+    angles = roll_pitch_of_nadir(rotate(inverse(observation.q_cam_from_body), nadir))
+    sigma = float(data.get("sigma_nadir_arcsec") or 0.0) * _ARCSEC
+
+    def radians(key: str) -> float | None:
+        return None if data.get(key) is None else math.radians(float(data[key]))
+
+    claimed = radians("roll_deg"), radians("pitch_deg")
+    roll, pitch = (float(x) if said is None else said for x, said in zip(angles, claimed, strict=True))
+    altitude = data.get("altitude_km")
+    return Fit(
+        nadir_cam=nadir,
+        covariance_nadir_cam=0.5 * sigma**2 * (np.eye(3) - np.outer(nadir, nadir)),
+        roll_rad=roll,
+        pitch_rad=pitch,
+        angular_radius_rad=radians("angular_radius_deg"),
+        altitude_m=None if altitude is None else float(altitude) * 1e3,
+        points=points,
+    )
+
+
+def _bad(reason: str) -> NoFit:
+    return NoFit(Outcome.BAD_INPUT, reason)

@@ -1,0 +1,139 @@
+"""Worker processes that may be killed, may crash, and never outlive the run.
+
+Cases go to spawned processes a few at a time. A worker that dies (out of memory, a crash inside a library) takes the
+whole pool of :mod:`concurrent.futures` with it; the cases under way are then tried once more, each alone, and only
+one that kills its worker again is given up.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import TypeAlias, TypeVar
+
+C = TypeVar("C")
+T = TypeVar("T")
+R = TypeVar("R")
+Results: TypeAlias = Generator[tuple[C, T], None, R]
+
+_ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+"""Linear algebra on one thread: the order of its sums, hence its last bit, must not depend on the machine."""
+
+
+def available_cpus() -> int:
+    """Return how many processors this process may use: its affinity, and a container's share of time."""
+    cpus = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    with contextlib.suppress(OSError, ValueError), open("/sys/fs/cgroup/cpu.max") as file:
+        quota, period = file.read().split()
+        cpus = min(cpus, max(1, round(int(quota) / int(period))))
+    return cpus
+
+
+def run_cases(work: Callable[[C], T], cases: Iterable[C], workers: int) -> Results[C, T | None, None]:
+    """Yield every case with its result, as they come; ``None`` for a case that killed its worker.
+
+    Parameters
+    ----------
+    work : callable
+        Picklable; must not raise.
+    cases : iterable
+        Of anything picklable.
+    workers : int
+        Processes; the processors are shared among them.
+
+    Notes
+    -----
+    Closing the generator (or Ctrl-C) ends the workers at once; what they were doing is lost, nothing else.
+    """
+    waiting = deque(cases)
+    while waiting:
+        suspects = yield from _drain(work, waiting, workers)
+        for case in suspects:
+            if (yield from _drain(work, deque([case]), 1)):
+                yield case, None
+
+
+def _drain(work: Callable[[C], T], waiting: deque[C], workers: int) -> Results[C, T, list[C]]:
+    """Take cases from the left until none is left or the pool breaks; return those that were under way then."""
+    workers = max(1, min(workers, len(waiting)))
+    threads = max(1, available_cpus() // workers)
+    strangers = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(
+        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_start_worker, initargs=(threads,)
+    )
+    under_way: dict[Future[T], C] = {}
+    suspects: list[C] = []
+    try:
+        while (waiting or under_way) and not suspects:
+            with _inherited_by_children():
+                while waiting and len(under_way) < workers:
+                    under_way[pool.submit(work, waiting[0])] = waiting[0]
+                    waiting.popleft()
+            ready, _ = wait(under_way, return_when=FIRST_COMPLETED)
+            for future in ready:
+                case = under_way.pop(future)
+                try:
+                    result = future.result()
+                except BrokenProcessPool:
+                    suspects.append(case)
+                else:
+                    yield case, result
+    except BrokenProcessPool:
+        pass
+    finally:
+        children = set(multiprocessing.active_children()) - strangers
+        pool.shutdown(wait=False, cancel_futures=True)
+        if under_way:
+            for child in children:
+                child.terminate()
+        for child in children:
+            child.join()
+    return [*suspects, *under_way.values()]
+
+
+@contextlib.contextmanager
+def _inherited_by_children() -> Iterator[None]:
+    """Set what spawned processes inherit: one thread for linear algebra, and deafness to Ctrl-C, which is for us.
+
+    A blocked signal stays blocked in the child, from its first instruction on; here it is only delayed.
+    """
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(_ONE_THREAD)
+    masked = hasattr(signal, "pthread_sigmask")
+    if masked:
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+        if masked:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def _start_worker(threads: int) -> None:
+    """Prepare a worker: die with the parent, and share the processors."""
+    import cv2
+
+    from horizonval.render.plugin.backend import activate
+
+    threading.Thread(target=_die_with_parent, daemon=True).start()
+    cv2.setNumThreads(threads)
+    activate(threads)
+
+
+def _die_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

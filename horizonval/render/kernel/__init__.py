@@ -1,0 +1,1 @@
+"""The deterministic march: rays, cells, coverage, surfaces, integration along one ray."""

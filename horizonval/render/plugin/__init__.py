@@ -1,0 +1,1 @@
+"""The plugins that Mitsuba loads: integrator, camera, and the choice of its back-end."""

@@ -1,0 +1,75 @@
+"""The optical model as text, so that it can be a property of a Mitsuba plugin and lie in a scene file.
+
+Arrays are base64 of little-endian float64: exact, and quick enough to be made for every frame.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from dataclasses import asdict, fields, replace
+from typing import Any
+
+import numpy as np
+
+from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.earth.surface.ground_emission import GroundEmission
+
+_ARRAYS = ("extinction_per_m", "molecular_per_m", "particle_per_m", "asymmetry", "source", "glow_per_m")
+
+
+def dump_model(model: OpticalModel) -> str:
+    """Return the model as one line of JSON."""
+    data = asdict(replace(model, thermal=()))
+    data["altitude_m"] = _pack(model.altitude_m)
+    data["glow_altitude_m"] = _pack(model.glow_altitude_m)
+    data["refractivity"] = None if model.refractivity is None else _pack(model.refractivity)
+    data["thermal"] = [_dump_band(band) for band in model.thermal]
+    for node in data["nodes"]:
+        node.update({key: _pack(node[key]) for key in _ARRAYS})
+    return json.dumps(data, sort_keys=True)
+
+
+def load_model(text: str) -> OpticalModel:
+    """Return the model written by :func:`dump_model`, bit by bit the same."""
+    data = json.loads(text)
+    nodes = tuple(
+        SpectralNode(
+            **{
+                **n,
+                **{key: _unpack(n[key]) for key in _ARRAYS},
+                "limb_darkening": tuple(n["limb_darkening"]),
+            }
+        )
+        for n in data["nodes"]
+    )
+    grids = {key: _unpack(data[key]) for key in ("altitude_m", "glow_altitude_m")}
+    grids["refractivity"] = None if data["refractivity"] is None else _unpack(data["refractivity"])
+    tuples = {key: tuple(data[key]) for key in ("albedo_around", "band_order")}
+    thermal = tuple(_load_band(band) for band in data["thermal"])
+    emission = None
+    if data["emission"] is not None:
+        values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in data["emission"].items()}
+        emission = GroundEmission(**values)
+    return OpticalModel(**{**data, **grids, **tuples, "nodes": nodes, "thermal": thermal, "emission": emission})
+
+
+def _dump_band(band: EmittingBand) -> dict[str, Any]:
+    values = {f.name: getattr(band, f.name) for f in fields(band)}
+    return {k: v if isinstance(v, str) else {"shape": v.shape, "values": _pack(v)} for k, v in values.items()}
+
+
+def _load_band(data: dict[str, Any]) -> EmittingBand:
+    values: dict[str, Any] = {
+        k: v if isinstance(v, str) else _unpack(v["values"]).reshape(v["shape"]) for k, v in data.items()
+    }
+    return EmittingBand(**values)
+
+
+def _pack(values: Any) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f8").tobytes()).decode("ascii")
+
+
+def _unpack(text: str) -> Any:
+    return np.frombuffer(base64.b64decode(text), dtype="<f8").astype(float)

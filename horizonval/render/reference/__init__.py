@@ -1,0 +1,1 @@
+"""Cross-checks in stock Mitsuba: Monte Carlo frames, scene files."""

@@ -1,0 +1,1 @@
+"""Multiple scattering: tables of the diffuse source."""

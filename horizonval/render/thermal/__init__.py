@@ -1,0 +1,1 @@
+"""Thermal bands: marched on table rays, interpolated to pixels."""

@@ -1,0 +1,153 @@
+"""The report's section on the infrared horizon: where the radiance of thermal bands drops, and how well that is known.
+
+All of it comes from the truth stored with the images.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from horizonval.frame import FrameTruth
+from horizonval.report.figures import plots
+from horizonval.report.load import View
+from horizonval.report.wording import count, number, percent
+from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.truth.infrared_horizon.curve import MAXIMUM_GRADIENT, visible_height_m
+
+TEXT = (
+    "A thermal band does not see the hard horizon but the edge of what radiates. The truth of every thermal frame says "
+    "where that is in a clear sky, from rays integrated apart from the renderer: the height at which the radiance has "
+    "fallen to half its plateau, and the one at which it falls fastest. In opaque bands the plateau is the air's (the "
+    "largest radiance from 10 to 24 km), in window bands the ground's (10 km below the hard horizon). Clouds are left "
+    "out; they lift the horizon of a window band to their tops."
+)
+_MOST_NAMED = 7
+
+
+def section_of(views: Sequence[View]) -> dict[str, Any] | None:
+    """Return what the template shows of the infrared horizon; None for runs whose truths have none."""
+    shown = [v for v in views if v.image is not None and v.band in v.image.truth.infrared_horizon]
+    if not shown:
+        return None
+    kinds = sorted({_stored(v)["kind"] for v in shown})
+    caption = (
+        "Lowest height of the ray against azimuth about the nadir; solid: half of the plateau, dotted: steepest fall. "
+        f"{count(len(shown), 'frame')}, true and clear-sky; (+n): so many more with the same curve."
+    )
+    stated = [told for v in shown if (told := _stored(v).get("accuracy"))]
+    return {
+        "text": TEXT,
+        "notes": _notes({v.band: told["sentences"] for v in shown if (told := _stored(v).get("accuracy"))}),
+        "places": [_place(*pair) for pair in stated[0]["heights_km"]] if stated else [],
+        "title": "Height of the infrared horizon",
+        "caption": caption,
+        "uri": plots.figure_uri(_around(shown, kinds), 5.8, 1.2 + 2.6 * len(kinds)),
+        "rows": _accuracy_rows(shown, len(stated[0]["heights_km"]) if stated else 0),
+    }
+
+
+def facts_of(truth: FrameTruth, band: str) -> list[tuple[str, str]]:
+    """Return what a frame's list of facts says of the infrared horizon in view."""
+    half, steepest = (visible_height_m(truth, band, *locator) for locator in ((), (MAXIMUM_GRADIENT,)))
+    if half is None or steepest is None:
+        return []
+    return [
+        (
+            "infrared horizon in view",
+            f"half of the plateau at {number(half / 1e3)} km, steepest fall at {number(steepest / 1e3)} km, on average",
+        )
+    ]
+
+
+def _stored(view: View) -> dict[str, Any]:
+    assert view.image is not None
+    found: dict[str, Any] = view.image.truth.infrared_horizon[view.band]
+    return found
+
+
+def _around(views: Sequence[View], kinds: Sequence[str]) -> plots.Draw:
+    cases: dict[tuple[Any, ...], list[str]] = {}
+    for view in views:
+        stored = _stored(view)
+        key = (stored["kind"], *stored["half_plateau_height_m"], *stored["maximum_gradient_height_m"])
+        cases.setdefault(key, []).append(view.case)
+    distinct = {key: own[0] if len(own) == 1 else f"{own[0]} (+{len(own) - 1})" for key, own in cases.items()}
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(len(kinds), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, kind in zip(panels, kinds, strict=True):
+            own = [(name, key[1:]) for key, name in distinct.items() if key[0] == kind]
+            several = len({v.band for v in views if _stored(v)["kind"] == kind}) > 1
+            for i, (name, heights) in enumerate(own):
+                _curves(axes, heights, i, name if len(own) <= _MOST_NAMED else None)
+            axes.set_title(f"{kind} {'bands' if several else 'band'}", fontsize=9.5, loc="left")
+            axes.set_ylabel("height [km]")
+            if len(own) <= _MOST_NAMED:
+                axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+        panels[-1].set(xlim=(0, 360), xticks=range(0, 361, 90), xticklabels=["N", "E", "S", "W", "N"])
+        panels[-1].set_xlabel("azimuth about the nadir")
+
+    return draw
+
+
+def _curves(axes: Axes, heights: tuple[float, ...], index: int, name: str | None) -> None:
+    colour = plots.ESTIMATOR_COLOURS[index % len(plots.ESTIMATOR_COLOURS)]
+    half, steepest = np.array(heights).reshape(2, -1) / 1e3
+    azimuth = np.linspace(0.0, 360.0, len(half) + 1)
+    width = 1.6 if name else 0.9
+    axes.plot(azimuth, np.append(half, half[0]), color=colour, lw=width, label=name)
+    axes.plot(azimuth, np.append(steepest, steepest[0]), color=colour, lw=0.8 * width, ls=":")
+
+
+def _accuracy_rows(views: Sequence[View], places: int) -> list[dict[str, Any]]:
+    rows: dict[tuple[str, str, str], dict[str, Any]] = {}
+    for view in views:
+        assert view.image is not None
+        stored = _stored(view)
+        spec = CameraSpec.model_validate(view.image.truth.camera)
+        band = next(b for b in spec.band if b.name == view.band)
+        told = stored.get("accuracy")
+        rows.setdefault(
+            (view.band, _range(band), stored["kind"]),
+            {
+                "band": view.band,
+                "range": _range(band),
+                "kind": stored["kind"],
+                "radiance": [_share(x) for x in told["relative"]] if told else ["–"] * places,
+                "height": _height(told),
+            },
+        )
+    return [rows[key] for key in sorted(rows)]
+
+
+def _range(band: Band) -> str:
+    lo, hi = (band.lo_um, band.hi_um) if band.lo_um else (band.wavelength_um[0], band.wavelength_um[-1])
+    return f"{lo:g} to {hi:g} um"
+
+
+def _notes(sentences: dict[str, list[str]]) -> list[str]:
+    """Return a paragraph for every band of what is said of it alone, and one of what is said of all."""
+    if not sentences:
+        return []
+    common = [s for s in next(iter(sentences.values())) if all(s in own for own in sentences.values())]
+    own = {band: " ".join(s for s in told if s not in common) for band, told in sentences.items()}
+    return [*(f"{band}: {text}" for band, text in sorted(own.items()) if text), " ".join(common)]
+
+
+def _place(low_km: float | None, high_km: float | None) -> str:
+    return "ground" if low_km is None else f"above {low_km:g}" if high_km is None else f"{low_km:g}–{high_km:g}"
+
+
+def _share(relative: float | None) -> str:
+    return "–" if relative is None else percent(round(relative, 3))
+
+
+def _height(told: dict[str, Any] | None) -> str:
+    if told is None or told["half_height_km"] is None:
+        return "–"
+    return f"{told['half_height_km']:g} km"

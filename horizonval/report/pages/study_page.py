@@ -1,0 +1,270 @@
+"""The page of a trade study: made of ``study.json`` and ``study-costs.json`` alone."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from horizonval.core.errors import DamagedFileError
+from horizonval.report import template
+from horizonval.report.figures import plots
+from horizonval.report.figures import study_plots as draw
+from horizonval.report.wording import count, interval, number, percent
+
+RESULT, COSTS, PAGE = "study.json", "study-costs.json", "study.html"
+GLYPHS = {"meets": "●", "open": "○", "fails": "✕"}
+VERDICTS = {"meets": "meets", "open": "too few frames to say", "fails": "fails"}
+MOST_LEVELS = 7
+"""As many as there are markers."""
+DASH = "\N{EN DASH}"
+ERROR_COLUMNS = ("bias_deg", "noise_deg", "rms_deg", "p95_deg", "three_sigma_deg")
+UNITS = {"_deg": "deg", "_px": "px", "_um": "µm", "_mm": "mm", "_s": "s", "_km": "km", "_h": "h", "_k": "K"}
+
+Plain = Mapping[str, Any]
+
+
+def write_page(run_dir: Path) -> Path:
+    """Write ``report/study.html`` of a finished study and return its path.
+
+    Raises
+    ------
+    DamagedFileError
+        A file of the study is not what it writes.
+    """
+    result, costs = _read(run_dir / RESULT, {"designs", "query"}), _read(run_dir / COSTS, {"designs", "query"})
+    text = template.environment().get_template(PAGE).render(**page_of(result, costs), **template.shared_parts())
+    path = run_dir / "report" / PAGE
+    path.parent.mkdir(exist_ok=True)
+    template.write(path, text)
+    return path
+
+
+def _read(path: Path, keys: set[str]) -> dict[str, Any]:
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DamagedFileError("cannot be read", where=str(path), fix="run the study again") from error
+    if not isinstance(data, dict) or not keys <= set(data):
+        raise DamagedFileError("not a study's result", where=str(path), fix="run the study again")
+    return data
+
+
+def page_of(result: Plain, costs: Plain) -> dict[str, Any]:
+    """Return everything the template shows."""
+    head, designs = result["study"], result["designs"]
+    words = axis_words(result["axes"])
+    required = head["requirement"]
+    clustered = result["clusters"] < result["conditions"]
+    return {
+        "head": head,
+        "version": result["version"],
+        "headline": f"{count(len(designs), 'design')} under the same {count(result['conditions'], 'condition')}"
+        + (f" from {count(result['clusters'], 'flight')}" if clustered else ""),
+        "required": f"{required['error_deg']:g} deg in {100 * required['availability']:g} % of all conditions",
+        "error_deg": f"{required['error_deg']:g}",
+        "answers": list(
+            dict.fromkeys(text[0].upper() + text[1:] for text in (result["query"]["text"], costs["query"]["text"]))
+        ),
+        "needed": result["query"]["needed"],
+        "figures": _figures(result, costs, words),
+        "effects": _effects(result["effects"], words),
+        "lines": [_line(d, costs["designs"][d["name"]], words) for d in designs],
+        "pairs": [_pair(pair, designs) for pair in result["pairs"]],
+        "failed": result["failed"],
+        "machine": costs["machine"],
+        "frames_s": number(costs["frames_s"]),
+        "timed": costs["frames"],
+        "clustered": clustered,
+    }
+
+
+def axis_words(axes: Sequence[str]) -> dict[str, str]:
+    """Return short words for the axes, the unit in brackets; the whole key where two would be alike."""
+    short = {key: _word(key.rpartition(".")[2]) for key in axes}
+    twice = {word for word in short.values() if list(short.values()).count(word) > 1}
+    return {key: key if word in twice else word for key, word in short.items()}
+
+
+def _word(key: str) -> str:
+    for ending, unit in UNITS.items():
+        if key.endswith(ending):
+            return f"{key.removesuffix(ending).replace('_', ' ')} [{unit}]"
+    return {"width": "width [px]", "height": "height [px]"}.get(key, key.replace("_", " "))
+
+
+def _figures(result: Plain, costs: Plain, words: Mapping[str, str]) -> list[dict[str, str]]:
+    designs, head = result["designs"], result["study"]
+    limit, availability = head["requirement"]["error_deg"], head["requirement"]["availability"]
+    groups = _groups(result, words)
+    few = len(designs) <= draw.MOST_WORDY
+    rows = 1 + len(dict.fromkeys(groups.values())) // 2
+    rate = {d["name"]: {"value": d["pixel_rate"], "interval": None} for d in designs}
+    unanswered = {
+        d["name"]: {
+            "value": None if d["availability"]["rate"] is None else 1.0 - d["availability"]["rate"],
+            "interval": None
+            if d["availability"]["interval"] is None
+            else [1.0 - b for b in reversed(d["availability"]["interval"])],
+        }
+        for d in designs
+    }
+    fronts = [
+        ("Accuracy and pixel rate", draw.pareto(
+            designs, rate, result["fronts"]["pixel_rate"], "pixel rate [pixels/s]", limit, groups)),
+        ("Accuracy and availability", draw.pareto(
+            designs, unanswered, result["fronts"]["unavailability"], "share of frames not answered", limit, groups,
+            log_x=False)),
+    ]  # fmt: skip
+    if any(found["value"] is not None for found in costs["designs"].values()):
+        label = "processor time of an estimate [s]"
+        drawn = draw.pareto(designs, costs["designs"], costs["front"], label, limit, groups)
+        fronts.append(("Accuracy and processor time", drawn))
+    made = [
+        {
+            "uri": plots.figure_uri(drawn, 5.6, 4.4 + 0.2 * rows),
+            "title": title,
+            "text": "Numbers are those of the designs in the tables below; bars hold 95 %."
+            + ("" if few else " Designs behind the front have neither."),
+            "wide": "",
+        }
+        for title, drawn in fronts
+    ]
+    made.append(
+        {
+            "uri": plots.figure_uri(
+                draw.by_design(designs, limit, availability), 10.0, 1.6 + (0.34 if few else 0.21) * len(designs)
+            ),
+            "title": "Errors and shares by design",
+            "text": "Left: the errors of claims; right: shares of all frames. Dashed: what is required.",
+            "wide": " wide",
+        }
+    )
+    effects = result["effects"]
+    if effects is not None:
+        levels = sum(len(lines) for lines in effects["levels"].values())
+        made.append(
+            {
+                "uri": plots.figure_uri(
+                    draw.shares_of_variance(effects, words), 5.6, 1.4 + 0.34 * len(effects["terms"])
+                ),
+                "title": "Which axis matters",
+                "text": "Filled: main effects; hatched: interactions of two axes, and what is left.",
+                "wide": "",
+            }
+        )
+        made.append(
+            {
+                "uri": plots.figure_uri(draw.level_factors(effects, words), 5.6, 1.4 + 0.3 * levels),
+                "title": "What each level does",
+                "text": "Factor of each level on the error, against the mean of all designs; bars hold 95 %.",
+                "wide": "",
+            }
+        )
+    return made
+
+
+def _groups(result: Plain, words: Mapping[str, str]) -> dict[str, str]:
+    """Return the word whose marker each design carries: its level on the axis that matters most, of few levels."""
+    designs, effects = result["designs"], result["effects"]
+    terms = effects["terms"] if effects is not None else []
+    axes = [term["axes"][0] for term in terms if len(term["axes"]) == 1 and term["axes"][0] in result["axes"]]
+    for key in (*axes, "estimator"):
+        levels = {d["name"]: draw.level_words(d["settings"].get(key)) for d in designs}
+        if 1 < len(set(levels.values())) <= MOST_LEVELS:
+            return {name: f"{words.get(key, key)} = {level}" for name, level in levels.items()}
+    return {d["name"]: "designs" for d in designs}
+
+
+def _effects(effects: Plain | None, words: Mapping[str, str]) -> dict[str, Any] | None:
+    if effects is None:
+        return None
+    common = effects["basis"] == "common"
+    text = (
+        f"over the {count(effects['n'], 'frame')} that all {effects['designs']} designs answered"
+        if common
+        else f"over each design's own claims ({effects['n']} at least), as too few frames were answered by all"
+    )
+    return {
+        "text": text,
+        "left_out": effects["left_out"],
+        "complete": effects["complete"],
+        "terms": [
+            {
+                "name": draw.term_words(term, words),
+                "dof": term["dof"],
+                "share": percent(term["share"]["value"]),
+                "interval": interval(term["share"]["interval"], as_percent=True),
+            }
+            for term in effects["terms"]
+        ],
+    }
+
+
+def _line(d: Plain, cost: Plain, words: Mapping[str, str]) -> dict[str, Any]:
+    settings = ", ".join(
+        f"{word} = {draw.level_words(d['settings'][key])}" for key, word in words.items() if key in d["settings"]
+    )
+    return {
+        "number": d["number"],
+        "name": d["name"],
+        "settings": settings,
+        "camera": d["camera"],
+        "n": d["n"],
+        "claims": d["claims"],
+        "errors": [(key, _measure(d[key])) for key in ERROR_COLUMNS],
+        "exclusion": _measure(d["exclusion_deg"]) | _none_right(d["exclusion_deg"]),
+        "shares": {key: _share(d[key]) for key in ("availability", "answered_due", "within", "false_valid")},
+        "pixels": f"{d['pixels']:,}".replace(",", "\N{NARROW NO-BREAK SPACE}"),
+        "pixel_rate": number(d["pixel_rate"], 4),
+        "cost": _measure(cost),
+        "verdict": f"{GLYPHS[d['verdict']]} {VERDICTS[d['verdict']]}",
+    }
+
+
+def _none_right(found: Plain) -> dict[str, str]:
+    """Say it where even the widest angle has a wrong answer."""
+    return {"value": "none"} if found["value"] is None and found["n"] else {}
+
+
+def _measure(found: Plain) -> dict[str, Any]:
+    low, high = found["interval"] or (None, None)
+    words = ""
+    if found["interval"] is not None:
+        words = f"{number(low)} to {number(high)}" if high is not None else f"above {number(low)}, open"
+    return {"value": number(found["value"]), "interval": words, "n": found["n"]}
+
+
+def _share(found: Plain) -> dict[str, str]:
+    if not found["of"]:
+        return {"rate": DASH, "of": "none", "interval": ""}
+    return {
+        "rate": percent(found["rate"]),
+        "of": f"{found['n']} of {found['of']}",
+        "interval": interval(found["interval"], as_percent=True),
+    }
+
+
+def _pair(pair: Plain, designs: Sequence[Plain]) -> dict[str, Any]:
+    numbers = {d["name"]: d["number"] for d in designs}
+    return {
+        "a": numbers[pair["a"]],
+        "b": numbers[pair["b"]],
+        "names": f"{pair['a']}, {pair['b']}",
+        "n": pair["n"],
+        "both": pair["both"],
+        "difference": _with(pair["mean_difference_deg"]),
+        "ratio": _with(pair["typical_ratio"]),
+        "correlation": number(pair["correlation"], 2),
+        **{key: _odd(pair[key]) for key in ("answered", "within")},
+    }
+
+
+def _with(found: Plain) -> dict[str, str]:
+    return {"value": number(found["value"]), "interval": interval(found["interval"])}
+
+
+def _odd(found: Plain) -> dict[str, str]:
+    p = f"p = {number(found['p'], 2)}" if found["p"] is not None else "no difference"
+    return {"counts": f"{found['only_a']}, {found['only_b']}", "p": p}

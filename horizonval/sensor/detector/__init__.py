@@ -1,0 +1,1 @@
+"""Detectors: electrons, noise, defects, digital numbers."""

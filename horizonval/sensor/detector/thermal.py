@@ -1,0 +1,146 @@
+"""Detectors that warm up: microbolometers, thermopiles, linear arrays. Radiance to digital numbers.
+
+Such a detector absorbs power, warms up, and reads the power's *difference* to that of a closed shutter or chopper. With
+that reading subtracted what is left is proportional to the band radiance of the scene; everything is kept in units of
+the radiance on the axis that gives as much power::
+
+    signal = response * (lens of L, dragged by the time constant)  +  offsets  +  noise
+
+A pixel follows with the time constant tau: a turning camera's image is the mean over the past with weight
+``exp(-s / tau) / tau``. Offsets are what the last correction left and what has drifted since, given as temperature
+differences of a 300 K scene. A chopped (pyroelectric) element takes the difference of two looks: its noise is sqrt(2)
+larger, and it has no offsets. The converter's ends are the band radiances of black bodies.
+
+Neglected: the lens's own glow (subtracted with the shutter's reading; what changes of it since is the drift), heat
+flowing between pixels, and the bend of the response over the converter's range.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.frame import FrameTruth
+from horizonval.geometry.camera import Camera
+from horizonval.sensor import motion
+from horizonval.sensor.detector import converter, fixed_pattern, thermal_noise
+from horizonval.sensor.lens import image_plane, point_spread
+from horizonval.sensor.lens.stray_light import sun_of
+from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.spec.sensor.detector import LinearArray, Microbolometer, ThermalDetector, Thermopile
+
+SIGMA_PER_FWHM = 1.0 / np.sqrt(8.0 * np.log(2.0))
+LAGUERRE_POINTS = 16
+LAGUERRE_PX = 4.0
+SLICE = 2.5e-3
+"""Of an edge's contrast: no step of a dragged edge is higher than this or a pixel's share of the drag."""
+
+
+def respond(
+    radiance: FloatArray,
+    truth: FrameTruth,
+    geometry: Camera,
+    camera: CameraSpec,
+    detector: ThermalDetector,
+    band: Band,
+    rng: Callable[[str], np.random.Generator | None],
+) -> tuple[NDArray[np.uint16], dict[str, Any]]:
+    """Return digital numbers, shape (H, W), and the settings that an image carries."""
+    pitch_m = detector.pixel_pitch_um * 1e-6
+    signal = image_plane.radiance_on_axis(radiance, geometry, camera.optics, pitch_m, band, sun_of(truth))
+    signal = dragged(signal, geometry, motion.rate_cam_rad_s(truth), detector.time_constant_s)
+    signal = point_spread.blur(signal, detector.response_fwhm_px * SIGMA_PER_FWHM)
+    measured_in = next((one for one in camera.band if one.name == detector.netd_band), band)
+    sigma = noise_radiance(measured_in, detector, camera)
+    thermal_rng, residue_rng, drift_rng = rng("thermal"), rng("residue"), rng("drift")
+    if thermal_rng is not None and residue_rng is not None and drift_rng is not None:
+        unit, shape = fixed_pattern.unit(camera.camera.name, truth), (geometry.height, geometry.width)
+        if detector.responsivity_rms > 0.0:
+            signal = signal * fixed_pattern.response(unit, detector.serial, shape, detector.responsivity_rms)
+        per_kelvin = thermal_noise.radiance_per_kelvin(measured_in)
+        signal = signal + offsets_k(detector, shape, residue_rng, drift_rng) * per_kelvin
+        signal = signal + sigma * thermal_rng.standard_normal(shape)
+    low = thermal_noise.blackbody_radiance(band, detector.scene_min_k)
+    high = thermal_noise.blackbody_radiance(band, detector.scene_max_k)
+    step = (high - low) / converter.full_scale(detector.bits)
+    settings = {"radiance_at_zero": low, "radiance_per_dn": step, "sigma_radiance": sigma}
+    return converter.digitise(signal - low, step, 0.0, detector.bits), settings
+
+
+def noise_radiance(band: Band, detector: ThermalDetector, camera: CameraSpec) -> float:
+    """Return the standard deviation of the temporal noise [W m-2 sr-1]; ``band`` is that of the NETD."""
+    lens = camera.optics
+    if isinstance(detector, Thermopile):
+        return thermal_noise.from_netd(band, detector.netd_k, 1.0, 1.0)
+    if isinstance(detector, Microbolometer):
+        speed = lens.f_number / detector.netd_f_number
+        return thermal_noise.from_netd(band, detector.netd_k, speed, lens.transmission)
+    if not isinstance(detector, LinearArray):
+        raise TypeError(f"no noise model for {type(detector).__name__}")
+    looks = np.sqrt(2.0) if detector.sensing == "pyroelectric" else 1.0
+    if detector.netd_k is not None:
+        speed = lens.f_number / detector.netd_f_number
+        return float(looks * thermal_noise.from_netd(band, detector.netd_k, speed, lens.transmission))
+    assert detector.d_star_cm_rthz_per_w is not None
+    assert detector.bandwidth_hz is not None
+    return float(
+        looks
+        * thermal_noise.from_detectivity(
+            detector.d_star_cm_rthz_per_w,
+            detector.bandwidth_hz,
+            detector.pixel_pitch_um,
+            lens.f_number,
+            lens.transmission,
+        )
+    )
+
+
+def offsets_k(
+    detector: ThermalDetector,
+    shape: tuple[int, int],
+    residue_rng: np.random.Generator,
+    drift_rng: np.random.Generator,
+) -> FloatArray | float:
+    """Return the pixels' offsets as temperature differences of a 300 K scene, shape (H, W)."""
+    if isinstance(detector, LinearArray) and detector.sensing == "pyroelectric":
+        return 0.0
+    offset: FloatArray | float = 0.0
+    if detector.residue_k > 0.0:
+        offset = detector.residue_k * residue_rng.standard_normal(shape)
+    minutes = detector.minutes_since_correction
+    if minutes > 0.0:
+        common = detector.drift_k_per_min * minutes * drift_rng.standard_normal()
+        offset = offset + common + detector.drift_pattern_k_per_min * minutes * drift_rng.standard_normal(shape)
+    return offset
+
+
+def dragged(image: FloatArray, geometry: Camera, rate_cam_rad_s: FloatArray, time_constant_s: float) -> FloatArray:
+    """Return the image of a turning camera whose pixels follow with a time constant, shape (H, W)."""
+    if time_constant_s == 0.0:
+        return image
+    drag_px = float(np.linalg.norm(rate_cam_rad_s)) * time_constant_s * max(geometry.fx, geometry.fy)
+    age, weight = past(drag_px)
+    return motion.averaged(image, geometry, rate_cam_rad_s, -time_constant_s * age, weight)
+
+
+def past(drag_px: float) -> tuple[FloatArray, FloatArray]:
+    """Return ages, in time constants, and weights of sum 1 that stand for ``exp(-age)``.
+
+    A short drag takes Gauss and Laguerre's points. They are too far apart for edges that are dragged over many pixels:
+    those take slices of a pixel of the way, later slices of equal weight, each at its mean age.
+    """
+    if drag_px < LAGUERRE_PX:
+        return np.polynomial.laguerre.laggauss(LAGUERRE_POINTS)
+    even_to = max(0.0, np.log(1.0 / (drag_px * SLICE)))
+    even = np.linspace(0.0, even_to, int(np.ceil(even_to * drag_px)), endpoint=False)
+    left = np.exp(-even_to) * np.linspace(1.0, 0.0, int(np.ceil(np.exp(-even_to) / SLICE)) + 1)
+    start = np.concatenate([np.exp(-even), left[:-1]])
+    end = np.append(start[1:], 0.0)
+    age = -np.log(start)
+    older = np.append(age[1:], 0.0)
+    weight = start - end
+    return ((1.0 + age) * start - (1.0 + older) * end) / weight, weight

@@ -1,0 +1,1 @@
+"""Optics: point spread, vignetting, ghosts, scatter, stray light."""

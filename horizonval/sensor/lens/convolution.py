@@ -1,0 +1,142 @@
+"""Convolution that keeps a Sun 1e9 times brighter than the limb apart from what is faint.
+
+Fourier transforms leave rounding errors that are even over the image, some 1e-16 of its root of summed squares: with a
+Sun in it that is much against a faint limb. Two ways round it:
+
+* The core of a point spread is narrow and steep. The few pixels above 1000 times the median of the lit ones are taken
+  out and their kernels added one by one, exact relative to themselves; the rest goes through the transform.
+* The wings are wide and flat, none of their values above a thousandth or so, and the errors of the transform shrink
+  with them: 1e-9 of the limb for that Sun.
+
+Both transforms are padded, so that nothing comes round from the opposite border. Where the exact result is 0 the
+transform leaves a value of either sign at the rounding error; those below 0 are set to 0, and a value farther below
+than rounding explains is an error, not clipped. The transforms run on all cores and give the same bytes on any number.
+
+Light that leaves the image over its border is lost. What comes in from outside nobody knows. It is guessed: for the
+core the border pixel goes on, for the wings the mean of what they see inside. A bright pixel goes on in neither guess.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from horizonval.core.arrays import FloatArray
+
+Border = Literal["edge", "dark"]
+"""What lies outside the image: the same as in the border pixel, or nothing."""
+
+_BRIGHT = 1e3
+_FEW = 0.01
+_MOST_BRIGHT = 4096
+_ROUNDING = 1e-14
+_ALL_CORES = -1
+
+
+def spread_core(image: FloatArray, kernel: FloatArray, border: Border = "edge") -> FloatArray:
+    """Return the image spread with a small kernel, shape (H, W).
+
+    Parameters
+    ----------
+    image : ndarray, shape (H, W)
+        Not below 0.
+    kernel : ndarray, shape (2 r + 1, 2 r + 1)
+        Not below 0, even in both offsets.
+    border : {"edge", "dark"}
+        Outside the image. A bright pixel at the border is not repeated outside: that would be a row of Suns.
+    """
+    reach = len(kernel) // 2
+    bright = _bright_pixels(image)
+    rest = image.copy()
+    rest[bright] = 0.0
+    padded = np.pad(rest, reach, mode="edge" if border == "edge" else "constant")
+    height, width = image.shape
+    shape = tuple(fft.next_fast_len(n + 2 * reach, real=True) for n in image.shape)
+    # The kernel's centre lies on [reach, reach]; with the padding of the image that makes 2 reach.
+    out = _product(padded, kernel, shape)[2 * reach : 2 * reach + height, 2 * reach : 2 * reach + width].copy()
+    _without_rounding_below_zero(out, padded, kernel)
+    for row, column in zip(*bright, strict=True):
+        top, left = max(row - reach, 0), max(column - reach, 0)
+        part = kernel[top - row + reach : height - row + reach, left - column + reach : width - column + reach]
+        out[top : top + part.shape[0], left : left + part.shape[1]] += image[row, column] * part
+    return out
+
+
+def spread_wings(image: FloatArray, quadrant: FloatArray, total: float | None = None) -> FloatArray:
+    """Return the image spread with a kernel as large as itself, shape (H, W).
+
+    Parameters
+    ----------
+    image : ndarray, shape (H, W)
+        Not below 0.
+    quadrant : ndarray, shape (H, W)
+        The kernel at offsets (0..H - 1, 0..W - 1), not below 0; even in both offsets.
+    total : float, optional
+        The kernel's sum over the whole plane. Where it is given, the scene outside the image is taken to be, for each
+        pixel, the kernel's mean over what is inside (bright pixels excepted): an even image stays even. Left out, the
+        outside is dark.
+    """
+    if total is None:
+        return _dark_outside(image, quadrant)
+    limit = _bright_limit(image)
+    rest = np.where(image > limit, 0.0, image)
+    inside = share_inside(quadrant)
+    # A pixel of an image smaller than the core sees none of it through the wings: there they see its mean.
+    seen = inside > 0
+    out = np.where(seen, _dark_outside(rest, quadrant) * (total / np.where(seen, inside, 1.0)), total * rest.mean())
+    bright = image - rest
+    return out + _dark_outside(bright, quadrant) if bright.any() else out
+
+
+def share_inside(quadrant: FloatArray) -> FloatArray:
+    """Return the kernel's sum over the image from each of its pixels, shape (H, W); ``quadrant`` as above."""
+    corner = quadrant.copy()
+    corner[0] /= 2
+    corner[:, 0] /= 2
+    part = corner.cumsum(axis=0).cumsum(axis=1)
+    part += part[::-1]
+    return part + part[:, ::-1]
+
+
+def _dark_outside(image: FloatArray, quadrant: FloatArray) -> FloatArray:
+    height, width = image.shape
+    shape = tuple(fft.next_fast_len(2 * n - 1, real=True) for n in image.shape)
+    kernel = np.zeros(shape)
+    kernel[:height, :width] = quadrant
+    kernel[shape[0] - height + 1 :, :width] = quadrant[:0:-1]
+    kernel[:, shape[1] - width + 1 :] = kernel[:, width - 1 : 0 : -1]
+    out = _product(image, kernel, shape)[:height, :width].copy()
+    _without_rounding_below_zero(out, image, kernel)
+    return out
+
+
+def _bright_limit(image: FloatArray) -> float:
+    """Return 1000 times the median of what is lit; 0 where next to nothing is lit."""
+    lit = image[image > 0]
+    return _BRIGHT * float(np.median(lit)) if lit.size > _FEW * image.size else 0.0
+
+
+def _bright_pixels(image: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return rows and columns of the pixels above the limit; at most the 4096 brightest."""
+    rows, columns = np.divmod(np.flatnonzero(image > _bright_limit(image)), image.shape[1])
+    brightest = np.argsort(-image[rows, columns], kind="stable")[:_MOST_BRIGHT]
+    return rows[brightest], columns[brightest]
+
+
+def _product(image: FloatArray, kernel: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Return the cyclic convolution over ``shape``."""
+    spectrum = fft.rfft2(image, s=shape, workers=_ALL_CORES)
+    spectrum *= fft.rfft2(kernel, s=shape, workers=_ALL_CORES)
+    out: FloatArray = fft.irfft2(spectrum, s=shape, overwrite_x=True, workers=_ALL_CORES)
+    return out
+
+
+def _without_rounding_below_zero(out: FloatArray, image: FloatArray, kernel: FloatArray) -> None:
+    least = float(out.min())
+    bound = _ROUNDING * float(np.linalg.norm(image)) * float(np.linalg.norm(kernel))
+    if least < -bound:
+        raise ArithmeticError(f"convolution left {least:.3g}, rounding explains {bound:.3g}")
+    np.maximum(out, 0.0, out=out)

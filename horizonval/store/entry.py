@@ -1,0 +1,118 @@
+"""Where an entry of an archive lies, and what its header says of it.
+
+The address of an entry is the sha256 of its file's bytes; the file lies at ``ab/<address>.exr``, where ``ab`` are the
+address's first two digits.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.store import exr
+
+_ADDRESS = re.compile(r"[0-9a-f]{64}")
+TEMPORARY = (".tmp", ".part")
+"""Endings of files that are being written, or that an interrupted write left; their names begin with a dot."""
+INDEX_PREFIX = "index."
+"""Files at the root with such names are made from the headers and may be made again."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One stored file, described by its header.
+
+    Attributes
+    ----------
+    address : str
+    kind : {"frame", "image", "damaged", "missing"}
+        ``damaged`` leaves all but the size empty; ``missing`` is what an index knows of a file that is gone.
+    size_bytes : int
+    scene, scene_id, camera, head : str
+        Names of scene, camera and head (empty where there are none), and the digest that identifies the scene.
+    bands : tuple of str
+    schema : int
+        Version of the file's layout.
+    width, height : int
+    epoch_utc : str
+        ISO 8601, UTC.
+    seed : str
+        Of the noise in an image; text, for it may be any integer. Empty for frames.
+    content : str
+        Digest of pixels and truth, which survives another compression of the same.
+    """
+
+    address: str
+    kind: Literal["frame", "image", "damaged", "missing"]
+    size_bytes: int
+    scene: str = ""
+    scene_id: str = ""
+    camera: str = ""
+    bands: tuple[str, ...] = ()
+    head: str = ""
+    schema: int = 0
+    width: int = 0
+    height: int = 0
+    epoch_utc: str = ""
+    seed: str = ""
+    content: str = ""
+
+
+def is_address(text: str) -> bool:
+    """Whether a text is an address: 64 lower-case hexadecimal digits."""
+    return _ADDRESS.fullmatch(text) is not None
+
+
+def place(root: Path, address: str) -> Path:
+    """Return where the entry with this address lies (or would lie); raise ``UserError`` if it is none."""
+    if not is_address(address):
+        raise UserError(f"{address!r} is no address", where=str(root), expected="64 hexadecimal digits")
+    return root / address[:2] / f"{address}.exr"
+
+
+def places(root: Path) -> list[Path]:
+    """Return every file that lies where an entry would, in the order of addresses; its content is not looked at."""
+    return sorted(p for p in root.glob("??/*.exr") if is_address(p.stem) and p == place(root, p.stem))
+
+
+def describe(path: Path) -> Entry:
+    """Return what the header of the entry at ``path`` says; of a damaged one, that it is."""
+    size = path.stat().st_size
+    try:
+        header = exr.read_header(path)
+        return _entry(path.stem, size, header)
+    except (DamagedFileError, AttributeError, TypeError, ValueError):
+        return Entry(address=path.stem, kind="damaged", size_bytes=size)
+
+
+def _entry(address: str, size: int, header: dict[str, Any]) -> Entry:
+    truth = header["truth"]
+    scene, camera = truth.get("scene", {}), truth.get("camera", {})
+    epoch = str(truth.get("epoch_utc", ""))
+    return Entry(
+        address=address,
+        kind=header["kind"],
+        size_bytes=size,
+        scene=scene.get("scene", {}).get("name", ""),
+        scene_id=truth.get("scene_id", ""),
+        camera=camera.get("camera", {}).get("name", ""),
+        bands=tuple(header["bands"]),
+        head=scene.get("camera", {}).get("head") or "",
+        schema=header["schema"],
+        width=header["width"],
+        height=header["height"],
+        epoch_utc=datetime.fromisoformat(epoch).astimezone(UTC).isoformat() if epoch else "",
+        seed=str(header.get("observation", {}).get("seed", "")),
+        content=header["sha256"],
+    )
+
+
+def sha256(path: Path) -> str:
+    """Return the hex digest of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

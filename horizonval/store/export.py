@@ -1,0 +1,108 @@
+"""Frames and detector images as files that other programs open: FITS, or 16-bit PNG with a JSON file beside it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.errors import UserError
+from horizonval.frame import DetectorImage, Frame
+from horizonval.store import exr
+from horizonval.store.attributes import camera_of
+from horizonval.store.entry import is_address
+from horizonval.store.fits import fits_bytes
+
+PNG_MAX = 65535
+_UNFIT = re.compile(r"[^A-Za-z0-9._-]+")
+
+
+def export_file(path: Path, out: Path, *, fits: bool, png: bool) -> list[Path]:
+    """Write one of our EXR files in other formats into the folder ``out``, and return the paths.
+
+    ``png``: digital numbers as they are, in 16 bits, so that `estimate --camera` reads them like the EXR file's; of a
+    frame each band's radiance, the largest value being 65535. The JSON file beside it has unit, scale, camera and
+    truth. What has the same name is replaced: it is the same content.
+
+    Raises
+    ------
+    UserError
+        Not one of our files, damaged, no astropy for ``fits``, or a folder that cannot be written.
+    """
+    kind = exr.kind(path)
+    if kind == "foreign":
+        raise UserError("an EXR file, but not written by horizonval", where=str(path))
+    source = exr.read_frame(path) if kind == "frame" else exr.read_image(path)
+    address = path.stem if is_address(path.stem) else ""
+    name = _name(source, path, address)
+    written = []
+    for file, data in _files(source, name, address, fits, png):
+        _write(out / file, data)
+        written.append(out / file)
+    return written
+
+
+def _files(
+    source: Frame | DetectorImage, name: str, address: str, fits: bool, png: bool
+) -> Iterator[tuple[str, bytes]]:
+    if fits:
+        yield f"{name}.fits", fits_bytes(source, address)
+    if not png:
+        return
+    if isinstance(source, DetectorImage):
+        yield f"{name}.png", _png(source.dn)
+        yield f"{name}.json", _json(source, {"address": address, "band": source.band, "unit": "DN", "scale": 1.0})
+        return
+    for band, radiance in source.radiance.items():
+        # In double precision: a float32 times 65535 may round above it.
+        scale = max(float(radiance.max()), 0.0) / PNG_MAX or 1.0
+        counts = np.clip(np.rint(radiance.astype(np.float64) / scale), 0, PNG_MAX).astype(np.uint16)
+        yield f"{name}-{band}.png", _png(counts)
+        content = {"address": address, "band": band, "unit": "W m-2 sr-1", "scale": scale}
+        yield f"{name}-{band}.json", _json(source, content)
+
+
+def _name(source: Frame | DetectorImage, path: Path, address: str) -> str:
+    """Return a name that says what it is; of an archived file with the beginning of its address, which is unique."""
+    if not address:
+        return path.stem
+    scene = source.truth.scene
+    parts = [scene.get("scene", {}).get("name", ""), scene.get("camera", {}).get("head") or ""]
+    parts += [source.band if isinstance(source, DetectorImage) else "frame", address[:12]]
+    return "-".join(_UNFIT.sub("_", part) for part in parts if part)
+
+
+def _png(values: NDArray[Any]) -> bytes:
+    done, data = cv2.imencode(".png", np.ascontiguousarray(values, dtype=np.uint16))
+    if not done:
+        raise UserError("cannot be made a PNG", expected="an image of at most 65535 x 65535 pixels")
+    return data.tobytes()
+
+
+def _json(source: Frame | DetectorImage, content: dict[str, Any]) -> bytes:
+    """Return what a PNG cannot say: ``value = scale * count`` in ``unit``, camera, and the truth."""
+    observation = source.observation if isinstance(source, DetectorImage) else {}
+    more: dict[str, Any] = {"full_scale": source.full_scale} if isinstance(source, DetectorImage) else {}
+    more |= {
+        "camera": camera_of(source.truth, observation).model_dump(mode="json"),
+        "truth": source.truth.to_dict(),
+        "observation" if observation else "render": observation or getattr(source, "render", {}),
+    }
+    return (json.dumps(content | more, indent=1, sort_keys=True, allow_nan=False) + "\n").encode()
+
+
+def _write(path: Path, data: bytes) -> None:
+    temporary = path.with_name(f".{path.name}.tmp")
+    try:
+        temporary.write_bytes(data)
+        temporary.replace(path)
+    except OSError as error:
+        raise UserError(f"cannot be written: {error.strerror}", where=str(path)) from None
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,421 @@
+"""The one gate to EXR files: nothing else in the package reads or writes them.
+
+A file holds a frame or a detector image, with its truth; it alone is enough to score again. Channels (float32 unless
+said otherwise, ZIP compressed, which every reader knows and which keeps every bit)::
+
+    Y                   the first band once more, so that any viewer shows something
+    radiance.<band>     W m-2 sr-1
+    truth.<map>         see horizonval.frame.MAP_UNITS
+    mask.<name>         0 or 1, float16: earth and sunlit, of an image saturated (horizonval.store.masks)
+    dn.<band>           digital numbers, uint32 (the format has no 16-bit integers)
+
+Header keys: the standard ones and ours, named ``horizonval:*`` (:mod:`horizonval.store.attributes`). What is read
+back travels in JSON strings, because the format's own attributes turn Python floats into float32 and integers from 2^31
+into 0; the typed keys and the masks are made from it, for other programs.
+
+Two guards, for two dangers. The seal (:mod:`horizonval.store.seal`) covers the file's bytes: damage on the disk.
+``horizonval:sha256`` is the digest of the arrays and JSON as they were before they went into the library: damage by
+the library itself (it scrambles non-contiguous arrays, for one), and an identity that survives recompression.
+
+Writing is atomic: a temporary file in the same folder, flushed, then renamed. Equal content gives equal bytes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import hashlib
+import io
+import json
+import os
+import re
+import secrets
+import sys
+import threading
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.frame import MAP_UNITS, DetectorImage, Frame, FrameTruth
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.store import seal
+from horizonval.store.attributes import camera_of, own_attributes, standard_attributes
+from horizonval.store.masks import earth, saturated, sunlit
+
+FILE_SCHEMA = 4
+"""Of the files' layout. 1 to 3 went with the truth's own schema (:data:`horizonval.frame.FRAME_SCHEMA`): 1 before there
+was a Moon, 2 before the infrared horizon. 4: masks, typed keys, the camera of an image in its standard attributes."""
+READABLE_SCHEMAS = (1, 2, 3, 4)
+
+Kind = Literal["frame", "image", "foreign"]
+
+_PREFIX = "horizonval:"
+_COMMON = ("schema", "kind", "bands", "truth", "sha256", "body", "seal")
+_KEYS = {"frame": (*_COMMON, "render"), "image": (*_COMMON, "observation", "full_scale")}
+_BAND = re.compile(r"[A-Za-z0-9_-]+")
+_FLOAT32_MAX = float(np.finfo(np.float32).max)
+_quiet_lock = threading.Lock()
+
+Channels = dict[str, NDArray[Any]]
+
+
+def write_frame(path: str | os.PathLike[str], frame: Frame) -> None:
+    """Write ``frame`` to ``path``, replacing what is there.
+
+    Raises
+    ------
+    UserError
+        The file cannot be written.
+    ValueError
+        The frame is not one: no band, shapes that differ, a truth map missing, radiance that is not finite.
+    """
+    if not frame.radiance:
+        raise ValueError("a frame needs at least one band")
+    if missing := sorted(set(MAP_UNITS) - set(frame.maps)):
+        raise ValueError(f"truth maps missing: {missing}")
+    bands = list(frame.radiance)
+    channels: Channels = {
+        f"radiance.{band}": _float32(values, f"radiance.{band}") for band, values in frame.radiance.items()
+    }
+    for band, values in frame.radiance.items():
+        if not np.isfinite(values).all():
+            raise ValueError(f"radiance of band {band!r} is not finite everywhere")
+    channels |= {f"truth.{name}": _float32(values, f"truth.{name}") for name, values in frame.maps.items()}
+    channels["Y"] = channels[f"radiance.{bands[0]}"]
+    channels |= {"mask.earth": earth(frame.maps), "mask.sunlit": sunlit(frame.maps, frame.truth)}
+    own = {"kind": "frame", "bands": ",".join(bands), "truth": _dumps(frame.truth.to_dict())}
+    own |= {"render": _dumps(frame.render), "radiance_unit": "W m-2 sr-1"}
+    own |= {"renderer": _words(frame.render.get(key) for key in ("kind", "version", "variant"))}
+    _write(Path(path), channels, own, frame.truth, camera_of(frame.truth))
+
+
+def write_image(path: str | os.PathLike[str], image: DetectorImage) -> None:
+    """Write ``image`` to ``path``, replacing what is there; errors as :func:`write_frame`."""
+    dn = np.asarray(image.dn)
+    if dn.dtype.kind not in "ui":
+        raise ValueError(f"digital numbers must be integers, got {dn.dtype}")
+    if dn.size and (dn.min() < 0 or dn.max() > image.full_scale):
+        raise ValueError(f"digital numbers outside 0..{image.full_scale}")
+    channels: Channels = {
+        f"dn.{image.band}": np.ascontiguousarray(dn, dtype=np.uint32),
+        "Y": np.ascontiguousarray(dn, dtype=np.float32),
+        "mask.saturated": saturated(dn, image.full_scale),
+    }
+    own: dict[str, Any] = {"kind": "image", "bands": image.band, "truth": _dumps(image.truth.to_dict())}
+    own |= {"observation": _dumps(image.observation), "full_scale": image.full_scale}
+    own |= {"seed": str(image.observation.get("seed", ""))}
+    camera = camera_of(image.truth, image.observation)
+    _write(Path(path), channels, own, image.truth, camera, image.observation.get("exposure_s"))
+
+
+def read_frame(path: str | os.PathLike[str]) -> Frame:
+    """Read and verify a frame.
+
+    Raises
+    ------
+    UserError
+        No such file, or it holds a detector image.
+    DamagedFileError
+        Anything in it differs from what was written, or it is not ours.
+    """
+    path = Path(path)
+    header, channels = _read(path, "frame")
+    try:
+        radiance = {band: channels[f"radiance.{band}"] for band in header["bands"]}
+    except KeyError as error:
+        raise DamagedFileError(f"no channel {error.args[0]!r}", where=str(path)) from None
+    for band, values in radiance.items():
+        if not np.isfinite(values).all():
+            count = int((~np.isfinite(values)).sum())
+            raise DamagedFileError(f"radiance of band {band!r} is not finite in {count} pixels", where=str(path))
+    maps = {name.removeprefix("truth."): values for name, values in channels.items() if name.startswith("truth.")}
+    if missing := sorted(set(MAP_UNITS) - set(maps)):
+        raise DamagedFileError(f"no truth map {missing[0]!r}", where=str(path))
+    return Frame(radiance=radiance, maps=maps, truth=_truth(header, path), render=header["render"])
+
+
+def read_image(path: str | os.PathLike[str]) -> DetectorImage:
+    """Read and verify a detector image; errors as :func:`read_frame`."""
+    path = Path(path)
+    header, channels = _read(path, "image")
+    band, full_scale = header["bands"][0], header["full_scale"]
+    if f"dn.{band}" not in channels:
+        raise DamagedFileError(f"no channel 'dn.{band}'", where=str(path))
+    dn = channels[f"dn.{band}"]
+    if not 0 < full_scale <= np.iinfo(np.uint16).max or (dn.size and dn.max() > full_scale):
+        raise DamagedFileError(f"digital numbers outside 0..{full_scale}", where=str(path))
+    return DetectorImage(
+        dn=dn.astype(np.uint16),
+        band=band,
+        truth=_truth(header, path),
+        full_scale=full_scale,
+        observation=header["observation"],
+    )
+
+
+def read_header(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read and verify the header of one of our files, not its pixels.
+
+    Returns
+    -------
+    dict
+        ``kind``, ``schema``, ``bands`` (list), ``width``, ``height``, ``truth`` (see ``FrameTruth.from_dict``),
+        ``sha256``, and ``render`` or ``observation`` and ``full_scale``: plain data.
+    """
+    path = Path(path)
+    header = seal.read_header(path)
+    kind = _own_kind(header, path)
+    data = seal.read_bytes(path, header.end)
+    return _decode(data, header, kind, path)
+
+
+def kind(path: str | os.PathLike[str]) -> Kind:
+    """Return what an EXR file holds, by its header: ``frame``, ``image`` or, if it is not ours, ``foreign``.
+
+    Raises ``UserError`` without a file, ``DamagedFileError`` if it is no EXR file or our header is incomplete.
+    """
+    path = Path(path)
+    header = seal.read_header(path)
+    if not any(name.startswith(_PREFIX) for name in header.attributes):
+        return "foreign"
+    return _own_kind(header, path)
+
+
+def read_foreign_grey(path: str | os.PathLike[str]) -> NDArray[np.float64]:
+    """Read one grey image from any EXR file.
+
+    Channel ``Y`` if there is one, else the Rec. 709 luminance of ``R G B``, else the only channel beside ``A``.
+
+    Returns
+    -------
+    ndarray, shape (H, W), float64
+        As stored; NaN and infinities are left to the estimators, which must refuse them by themselves.
+    """
+    path = Path(path)
+    seal.read_header(path)
+    window, channels = _decode_pixels(path)
+    if window is not None:
+        raise UserError(f"its pixels are a crop ({window})", where=str(path), expected="the whole image")
+    if "Y" in channels:
+        grey = channels["Y"].astype(np.float64)
+    elif {"R", "G", "B"} <= set(channels):
+        red, green, blue = (channels[name].astype(np.float64) for name in "RGB")
+        grey = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    else:
+        names = sorted(set(channels) - {"A"})
+        if len(names) != 1:
+            raise UserError(f"channels {names}", where=str(path), expected="Y, or R G B, or a single channel")
+        grey = channels[names[0]].astype(np.float64)
+    if grey.ndim != 2:
+        raise UserError(f"pixels of shape {grey.shape}", where=str(path), expected="a flat image")
+    return grey
+
+
+def _dumps(value: dict[str, Any]) -> str:
+    return json.dumps(value, sort_keys=True, allow_nan=False, separators=(",", ":"))
+
+
+def _float32(values: NDArray[Any], name: str) -> NDArray[np.float32]:
+    """Return a contiguous float32 copy: the library writes the bytes of a non-contiguous array in the wrong order."""
+    values = np.asarray(values)
+    if values.ndim != 2:
+        raise ValueError(f"{name}: expected shape (H, W), got {values.shape}")
+    finite = np.isfinite(values)
+    if np.abs(values, where=finite, out=np.zeros(values.shape)).max(initial=0.0) > _FLOAT32_MAX:
+        raise ValueError(f"{name}: values too large for float32")
+    return np.ascontiguousarray(values, dtype=np.float32)
+
+
+def _digest(channels: Channels, own: dict[str, Any]) -> str:
+    """Return the sha256 of content: every channel's name, type, shape and bytes, then every text and integer of ours.
+
+    The other keys are made from these.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(channels):
+        values = channels[name]
+        digest.update(f"{name}\0{values.dtype.str}\0{values.shape}\0".encode())
+        digest.update(np.ascontiguousarray(values).data)
+    for key in sorted(set(own) - {"sha256", "body", "seal"}):
+        digest.update(f"{key}\0{own[key]}\0".encode())
+    return digest.hexdigest()
+
+
+def _write(
+    path: Path,
+    channels: Channels,
+    own: dict[str, Any],
+    truth: FrameTruth,
+    spec: CameraSpec,
+    exposure_s: float | None = None,
+) -> None:
+    expected = (spec.camera.height, spec.camera.width)
+    for name, values in channels.items():
+        if values.shape != expected:
+            raise ValueError(f"{name}: shape {values.shape}, but the camera has {expected}")
+    for band in own["bands"].split(","):
+        if not _BAND.fullmatch(band):
+            raise ValueError(f"band name {band!r}: letters, digits, _ and - only")
+    own = {"schema": FILE_SCHEMA, **own, "scene_id": truth.scene_id, "epoch_utc": truth.epoch_utc}
+    own |= {"scene": str(truth.scene.get("scene", {}).get("name", "")), "world_frame": "ITRS"}
+    own |= {"projection": spec.camera.projection}
+    typed = {_PREFIX + key: value for key, value in own_attributes(truth, spec, exposure_s).items()}
+    _write_sealed(path, channels, own, standard_attributes(truth, spec, exposure_s) | typed)
+
+
+def _words(parts: Iterable[Any]) -> str:
+    return " ".join(str(part) for part in parts if part is not None)
+
+
+def _write_sealed(path: Path, channels: Channels, own: dict[str, Any], standard: dict[str, Any]) -> None:
+    own = own | {"sha256": _digest(channels, own), "body": seal.BODY_BLANK, "seal": seal.SEAL_BLANK}
+    header = standard | {_PREFIX + key: value for key, value in own.items()}
+    for key, value in header.items():
+        if isinstance(value, int) and not -(2**31) <= value < 2**31:
+            raise ValueError(f"{key} = {value} does not fit the format's 32-bit integers")
+    header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
+    try:
+        temporary.touch(exist_ok=False)  # OpenEXR does not say why it cannot write; this does.
+        with _quiet():
+            OpenEXR.File(header, channels).write(str(temporary))
+        seal.seal_file(temporary)
+        temporary.replace(path)
+        _flush_folder(path.parent)
+    except FileNotFoundError:
+        raise UserError(f"no folder {path.parent}", where=str(path), fix="create it first") from None
+    except OSError as error:
+        raise UserError(f"cannot be written: {error.strerror}", where=str(path)) from None
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+
+
+def _flush_folder(folder: Path) -> None:
+    """Make a rename last through a power cut. Systems that cannot open folders do without."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _own_kind(header: seal.Header, path: Path) -> Literal["frame", "image"]:
+    attributes = header.attributes
+    if not any(name.startswith(_PREFIX) for name in attributes):
+        raise DamagedFileError("an EXR file, but not written by horizonval", where=str(path))
+    if _PREFIX + "kind" not in attributes:
+        raise DamagedFileError(f"no header key '{_PREFIX}kind'", where=str(path))
+    value = attributes[_PREFIX + "kind"].text()
+    if value == "frame":
+        return "frame"
+    if value == "image":
+        return "image"
+    raise DamagedFileError(f"header key '{_PREFIX}kind' is {value!r}", where=str(path), expected="frame or image")
+
+
+def _decode(data: bytes, header: seal.Header, kind: Literal["frame", "image"], path: Path) -> dict[str, Any]:
+    """Check the header against its seal and return its content as plain data."""
+    attributes = header.attributes
+    for key in _KEYS[kind]:
+        if _PREFIX + key not in attributes:
+            raise DamagedFileError(f"no header key '{_PREFIX}{key}'", where=str(path))
+    schema = attributes[_PREFIX + "schema"].integer()
+    if schema not in READABLE_SCHEMAS:
+        expected = " or ".join(str(s) for s in READABLE_SCHEMAS)
+        raise DamagedFileError(f"schema {schema}", where=str(path), expected=f"schema {expected}")
+    seal.check_header(data, header, path)
+    window = np.frombuffer(attributes["dataWindow"].raw, dtype="<i4")
+    content: dict[str, Any] = {
+        "kind": kind,
+        "schema": schema,
+        "bands": attributes[_PREFIX + "bands"].text().split(","),
+        "width": int(window[2] - window[0] + 1),
+        "height": int(window[3] - window[1] + 1),
+        "sha256": attributes[_PREFIX + "sha256"].text(),
+    }
+    for key in ("truth", "render" if kind == "frame" else "observation"):
+        try:
+            content[key] = json.loads(attributes[_PREFIX + key].text())
+        except json.JSONDecodeError as error:
+            raise DamagedFileError(f"header key '{_PREFIX}{key}' is no JSON: {error}", where=str(path)) from None
+    if kind == "image":
+        content["full_scale"] = attributes[_PREFIX + "full_scale"].integer()
+    return content
+
+
+def _read(path: Path, wanted: Literal["frame", "image"]) -> tuple[dict[str, Any], Channels]:
+    data = seal.read_bytes(path)
+    header = seal.parse_header(data, path)
+    kind = _own_kind(header, path)
+    if kind != wanted:
+        names = {"frame": "a frame (radiance)", "image": "a detector image"}
+        raise UserError(f"holds {names[kind]}", where=str(path), expected=names[wanted])
+    content = _decode(data, header, kind, path)
+    seal.check_body(data, header, path)
+    _, channels = _decode_pixels(path)
+    own = {
+        name.removeprefix(_PREFIX): attribute.integer() if attribute.type == "int" else attribute.text()
+        for name, attribute in header.attributes.items()
+        if name.startswith(_PREFIX) and attribute.type in ("int", "string")
+    }
+    if _digest(channels, own) != content["sha256"]:
+        raise DamagedFileError("the pixels or the truth do not match their sha256", where=str(path))
+    return content, channels
+
+
+def _truth(header: dict[str, Any], path: Path) -> FrameTruth:
+    try:
+        return FrameTruth.from_dict(header["truth"])
+    except KeyError as error:
+        raise DamagedFileError(f"the truth has no {error.args[0]!r}", where=str(path)) from None
+    except (TypeError, AttributeError) as error:
+        raise DamagedFileError(f"the truth cannot be read: {error}", where=str(path)) from None
+
+
+def _decode_pixels(path: Path) -> tuple[str | None, Channels]:
+    """Return the data window, if it differs from the display window, and the channels of the first part.
+
+    ``separate_channels``: the library would otherwise merge bands called R, G and B into one array.
+    """
+    try:
+        with _quiet(), OpenEXR.File(str(path), separate_channels=True) as file:
+            header = file.header()
+            channels = {name: np.ascontiguousarray(channel.pixels) for name, channel in file.channels().items()}
+            data, display = header["dataWindow"], header["displayWindow"]
+    except Exception as error:
+        raise DamagedFileError(f"its pixels cannot be read: {error}", where=str(path)) from None
+    same = all(np.array_equal(a, b) for a, b in zip(data, display, strict=True))
+    return (None if same else f"data window {[*data[0], *data[1]]}"), channels
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Discard what C++ code writes to the process's standard output and error: the user gets our one line instead.
+
+    The library prints through Python's ``sys.stdout`` and through C++ streams. The C library's own buffers are flushed
+    around it, or the text would come out afterwards.
+    """
+    with _quiet_lock, open(os.devnull, "wb") as sink, contextlib.redirect_stdout(io.StringIO()):
+        _flush_c_streams()
+        kept = [(number, os.dup(number)) for number in (1, 2)]
+        try:
+            for number, _ in kept:
+                os.dup2(sink.fileno(), number)
+            yield
+        finally:
+            _flush_c_streams()
+            for number, copy in kept:
+                os.dup2(copy, number)
+                os.close(copy)
+
+
+def _flush_c_streams() -> None:
+    if sys.platform != "win32":
+        ctypes.CDLL(None).fflush(None)

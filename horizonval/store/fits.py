@@ -1,0 +1,212 @@
+"""FITS files of frames and detector images, for astronomers' programs.
+
+An image has its digital numbers in the first unit; a frame has one extension for each band (``RADIANCE.<band>``) and
+each truth map (``TRUTH.<map>``). Beside the standard keywords of time, place (``OBSGEO-*``), units and detector stands
+a celestial coordinate system, so that a pixel has a right ascension and a declination: ``TAN`` for pinholes and ``ARC``
+for fisheyes, after Calabretta and Greisen 2002 (A&A 395, 1077), with the lens distortion as SIP polynomials (Shupe et
+al. 2005, ASP 347, 491) fitted to the exact model; ``WCSERR`` says how far they stay from it at most. Where that is more
+than 0.1 px, and for equal-angle grids, there is none. The last extension holds the full truth as JSON.
+
+Rows stand in the file as in the image, the upper one first (``ROWORDER``); programs that draw the first row at the
+bottom show the picture upside down, with coordinates that are right.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from horizonval.core.errors import UserError
+from horizonval.frame import MAP_UNITS, DetectorImage, Frame, FrameTruth
+from horizonval.geometry import frames
+from horizonval.geometry.camera import Camera, camera_from_spec, unproject
+from horizonval.geometry.rotation import itrs_from_gcrs
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.sensor.detector import Cmos
+from horizonval.store.attributes import camera_of
+
+Cards = dict[str, tuple[Any, str]]
+
+SIP_ORDER = 7
+SIP_GRID = 33
+LARGEST_SIP_ERROR_PX = 0.1
+
+
+def fits_bytes(source: Frame | DetectorImage, address: str = "") -> bytes:
+    """Return a FITS file.
+
+    Raises
+    ------
+    UserError
+        If astropy is not installed.
+    """
+    fits = _astropy()
+    observation = source.observation if isinstance(source, DetectorImage) else None
+    spec = camera_of(source.truth, observation)
+    common = _keywords(source.truth, spec, address)
+    coordinates = _coordinates(source.truth, camera_from_spec(spec.camera))
+    if isinstance(source, DetectorImage):
+        cards = common | _image_keywords(source, spec) | coordinates
+        units = [_with(fits.PrimaryHDU(source.dn), cards)]
+    else:
+        units = [_with(fits.PrimaryHDU(), common)]
+        for band, values in source.radiance.items():
+            cards = {"BUNIT": ("W m-2 sr-1", "radiance, weighted with the band's response")} | _band(spec, band)
+            units.append(_with(fits.ImageHDU(values, name=f"RADIANCE.{band}"), common | cards | coordinates))
+        for name, values in source.maps.items():
+            unit = {"BUNIT": (MAP_UNITS[name], "")} if MAP_UNITS.get(name) in ("m", "deg") else {}
+            units.append(_with(fits.ImageHDU(values, name=f"TRUTH.{name}"), unit | coordinates))
+    text = {"truth": source.truth.to_dict()}
+    text |= {"render": source.render} if isinstance(source, Frame) else {"observation": source.observation}
+    units.append(_json_table(fits, text))
+    buffer = io.BytesIO()
+    fits.HDUList(units).writeto(buffer, checksum=False)
+    return buffer.getvalue()
+
+
+def _astropy() -> Any:
+    try:
+        from astropy.io import fits
+    except ImportError:
+        raise UserError(
+            "astropy is not installed",
+            where="--fits",
+            fix='run `pip install "horizonval[fits]"` or `pip install astropy`',
+        ) from None
+    return fits
+
+
+def _with(unit: Any, cards: Mapping[str, tuple[Any, str]]) -> Any:
+    for key, (value, comment) in cards.items():
+        unit.header[key] = (value, comment) if comment else value
+    return unit
+
+
+def _json_table(fits: Any, content: Mapping[str, Any]) -> Any:
+    columns = []
+    for name, value in content.items():
+        text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        columns.append(fits.Column(name=name, format=f"{len(text)}A", array=np.array([text])))
+    return fits.BinTableHDU.from_columns(columns, name="JSON")
+
+
+def _keywords(truth: FrameTruth, spec: CameraSpec, address: str) -> Cards:
+    epoch = datetime.fromisoformat(truth.epoch_utc).astimezone(UTC)
+    camera = camera_from_spec(spec.camera)
+    cards: Cards = {
+        "ORIGIN": ("horizonval", "a simulation"),
+        "INSTRUME": (spec.camera.name, "camera"),
+        "OBJECT": (truth.scene.get("scene", {}).get("name", ""), "scene"),
+        "DATE-OBS": (epoch.replace(tzinfo=None).isoformat(timespec="milliseconds"), ""),
+        "TIMESYS": ("UTC", ""),
+        "OBSGEO-X": (truth.r_itrs[0], "[m] camera, ITRS"),
+        "OBSGEO-Y": (truth.r_itrs[1], "[m]"),
+        "OBSGEO-Z": (truth.r_itrs[2], "[m]"),
+        "ROWORDER": ("TOP-DOWN", "the first row is the upper one"),
+        "PROJECTN": (camera.projection, "of the camera"),
+        "FX_PX": (camera.fx, "[pixel] focal length along rows"),
+        "FY_PX": (camera.fy, "[pixel] along columns"),
+        "FNUMBER": (spec.optics.f_number, ""),
+    }
+    for axis, sun, nadir in zip("XYZ", truth.sun_cam, truth.nadir_geocentric_cam, strict=True):
+        cards[f"SUN_{axis}"] = (sun, "Sun, camera axes: right, down, forward")
+        cards[f"NADIR_{axis}"] = (nadir, "Earth's centre, camera axes")
+    if spec.detector is not None:
+        pitch = spec.detector.pixel_pitch_um
+        cards |= {"XPIXSZ": (pitch, "[um] pitch"), "YPIXSZ": (pitch, "[um] pitch")}
+        if camera.projection != "equal_angle":
+            cards["FOCALLEN"] = (camera.fx * pitch * 1e-3, "[mm]")
+    if address:
+        cards["HVADDR"] = (address, "")
+    return cards
+
+
+def _image_keywords(image: DetectorImage, spec: CameraSpec) -> Cards:
+    cards: Cards = {"BUNIT": ("adu", "digital numbers"), "SATURATE": (image.full_scale, "[adu] largest number")}
+    cards |= _band(spec, image.band)
+    if isinstance(spec.detector, Cmos):
+        exposure_s = image.observation.get("exposure_s")
+        cards["EXPTIME"] = (spec.detector.exposure_s if exposure_s is None else exposure_s, "[s]")
+    return cards
+
+
+def _band(spec: CameraSpec, name: str) -> Cards:
+    cards: Cards = {"FILTER": (name, "band")}
+    for band in spec.band:
+        if band.name == name:
+            lo = band.wavelength_um[0] if band.lo_um is None else band.lo_um
+            hi = band.wavelength_um[-1] if band.hi_um is None else band.hi_um
+            cards |= {"WAVEMIN": (lo, "[um]"), "WAVEMAX": (hi, "[um]")}
+    return cards
+
+
+def _coordinates(truth: FrameTruth, camera: Camera) -> Cards:
+    """Return the celestial coordinate system, or nothing where none is good to a tenth of a pixel."""
+    if camera.projection == "equal_angle":
+        return {}
+    sip, error_px = _distortion(camera)
+    if error_px > LARGEST_SIP_ERROR_PX:
+        return {}
+    epoch = datetime.fromisoformat(truth.epoch_utc)
+    gcrs_from_cam = itrs_from_gcrs(epoch).T @ frames.rotate(frames.inverse(truth.q_cam_from_itrs), np.eye(3)).T
+    right, down, boresight = gcrs_from_cam.T
+    east = np.cross([0.0, 0.0, 1.0], boresight)
+    east /= np.linalg.norm(east)
+    north = np.cross(boresight, east)
+    per_px = np.degrees([1 / camera.fx, 1 / camera.fy])
+    projection = ("TAN" if camera.projection == "pinhole" else "ARC") + ("-SIP" if sip else "")
+    return {
+        "WCSAXES": (2, ""),
+        "RADESYS": ("ICRS", "seen from the camera; aberration is left out"),
+        "CTYPE1": (f"RA---{projection}", ""),
+        "CTYPE2": (f"DEC--{projection}", ""),
+        "CUNIT1": ("deg", ""),
+        "CUNIT2": ("deg", ""),
+        "CRPIX1": (camera.cx + 1, "the first pixel's centre is 1"),
+        "CRPIX2": (camera.cy + 1, ""),
+        "CRVAL1": (math.degrees(math.atan2(boresight[1], boresight[0])) % 360.0, "boresight"),
+        "CRVAL2": (math.degrees(math.asin(boresight[2])), ""),
+        "CD1_1": (float(right @ east) * per_px[0], ""),
+        "CD1_2": (float(down @ east) * per_px[1], ""),
+        "CD2_1": (float(right @ north) * per_px[0], ""),
+        "CD2_2": (float(down @ north) * per_px[1], ""),
+        "WCSERR": (round(error_px, 6), "[pixel] at most, from the exact lens"),
+        **sip,
+    }
+
+
+def _distortion(camera: Camera) -> tuple[Cards, float]:
+    """Return SIP polynomials from the image to that of the undistorted lens, and their largest error in pixels."""
+    if not any(camera.distortion):
+        return {}, 0.0
+    side = [np.linspace(-0.5, size - 0.5, SIP_GRID) for size in (camera.width, camera.height)]
+    uv = np.stack(np.meshgrid(*side), axis=-1).reshape(-1, 2)
+    d = unproject(camera, uv)
+    good = np.isfinite(d).all(axis=1)
+    uv, d = uv[good], d[good]
+    if camera.projection == "pinhole":
+        ideal = d[:, :2] / d[:, 2:]
+    else:
+        across = np.hypot(d[:, 0], d[:, 1])
+        stretch = np.arctan2(across, d[:, 2]) / np.where(across > 0, across, 1.0)
+        ideal = stretch[:, None] * d[:, :2]
+    offset = uv - [camera.cx, camera.cy]
+    wanted = ideal * [camera.fx, camera.fy] - offset
+    scale = float(np.abs(offset).max())
+    powers = [(p, q) for p in range(SIP_ORDER + 1) for q in range(SIP_ORDER + 1 - p) if p + q >= 2]
+    x, y = (offset / scale).T
+    design = np.stack([x**p * y**q for p, q in powers], axis=-1)
+    solution = np.linalg.lstsq(design, wanted, rcond=None)[0]
+    error_px = float(np.hypot(*(design @ solution - wanted).T).max())
+    cards: Cards = {}
+    for axis, letter in enumerate("AB"):
+        cards[f"{letter}_ORDER"] = (SIP_ORDER, "")
+        for (p, q), value in zip(powers, solution[:, axis], strict=True):
+            cards[f"{letter}_{p}_{q}"] = (float(value) / scale ** (p + q), "")
+    return cards, error_px

@@ -1,0 +1,247 @@
+"""Index of an archive: a table of what the headers say, in an SQLite file beside the entries.
+
+It answers what an archive holds without opening every file, and it remembers what was there, so that a file that is
+gone is missed. Everything in it comes from the headers (:func:`horizonval.store.entry.describe`): a lost index is
+built again, and an index that lags behind catches up, with the same rows.
+
+Every writer adds its row in a transaction of its own, and SQLite lets one process write at a time: two runs that add at
+once lose nothing. A row that cannot be written (a disc without write permission, a lock held for long) is left out:
+the entry is what counts, and whoever reads the index next finds that the row is missing and adds it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sqlite3
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import astuple, dataclass, fields, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.store.entry import INDEX_PREFIX, Entry, describe, places
+
+NAME = f"{INDEX_PREFIX}sqlite"
+VERSION = 1
+"""Of the table; an index of another version is made anew."""
+PATIENCE_S = 10.0
+"""How long to wait for another process that is writing: a transaction takes milliseconds."""
+
+_NO_DAMAGE = {
+    sqlite3.SQLITE_PERM,
+    sqlite3.SQLITE_BUSY,
+    sqlite3.SQLITE_LOCKED,
+    sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_IOERR,
+    sqlite3.SQLITE_FULL,
+    sqlite3.SQLITE_CANTOPEN,
+}
+"""SQLite's errors that speak of the system and not of the file's content."""
+
+_COLUMNS = [f.name for f in fields(Entry)]
+_INTEGERS = {"size_bytes", "schema", "width", "height"}
+_TABLE = "CREATE TABLE entries ({}) WITHOUT ROWID".format(
+    ", ".join(
+        f'"{name}" {"INTEGER" if name in _INTEGERS else "TEXT"} NOT NULL{" PRIMARY KEY" if name == "address" else ""}'
+        for name in _COLUMNS
+    )
+)
+_INSERT = f"INSERT OR REPLACE INTO entries VALUES ({', '.join('?' * len(_COLUMNS))})"
+
+Tell = Callable[[int, int], None]
+"""Told how many headers of how many are read."""
+
+
+@dataclass(frozen=True)
+class Filter:
+    """Which entries are wanted; what is None does not matter. Names may hold ``*`` and ``?``."""
+
+    kind: str | None = None
+    scene: str | None = None
+    camera: str | None = None
+    head: str | None = None
+    band: str | None = None
+    seed: str | None = None
+    since: str | None = None
+    until: str | None = None
+
+    def sql(self) -> tuple[str, list[str]]:
+        """Return the condition and its values."""
+        terms, values = [], []
+        for column, wanted, operator in (
+            ("kind", self.kind, "="),
+            ("scene", self.scene, "GLOB"),
+            ("camera", self.camera, "GLOB"),
+            ("head", self.head, "GLOB"),
+            ("seed", self.seed, "="),
+            ("epoch_utc", None if self.since is None else _instant(self.since, "--since"), ">="),
+            ("epoch_utc", None if self.until is None else _instant(self.until, "--until"), "<="),
+        ):
+            if wanted is not None:
+                terms.append(f"{column} {operator} ?")
+                values.append(wanted)
+        if self.band is not None:
+            terms.append("instr(',' || bands || ',', ',' || ? || ',') > 0")
+            values.append(self.band)
+        return " AND ".join(terms) or "TRUE", values
+
+
+class Index:
+    """The index of the archive at ``root``; made when it is needed."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.path = root / NAME
+
+    def record(self, entry: Entry) -> None:
+        """Add or replace a row; where that is impossible, leave it to :meth:`update`."""
+        with contextlib.suppress(sqlite3.Error, UserError), self._open() as connection:
+            connection.execute(_INSERT, _row(entry))
+
+    def forget(self, addresses: Iterable[str]) -> None:
+        """Drop rows whose files were removed on purpose."""
+        with self._reported(), self._open() as connection:
+            connection.executemany("DELETE FROM entries WHERE address = ?", [(a,) for a in addresses])
+
+    def known(self) -> dict[str, Entry] | None:
+        """Return every row by address, as they stand; None where there is no index."""
+        if not self.path.is_file():
+            return None
+        with self._reported(), self._open(write=False) as connection:
+            if not _is_current(connection):
+                return None
+            return {entry.address: entry for entry in _select(connection)}
+
+    def update(self, tell: Tell | None = None) -> None:
+        """Add the rows of entries that are not in the index; nothing is dropped, and no index made of no entries."""
+        known = self.known()
+        new = [path for path in places(self.root) if known is None or path.stem not in known]
+        if not new and (known is not None or not self.path.exists()):
+            return
+        entries = list(_described(new, tell))
+        with self._reported(), self._open() as connection:
+            connection.executemany(_INSERT, map(_row, entries))
+
+    def rebuild(self, tell: Tell | None = None) -> int:
+        """Make the index anew from the headers alone and return the number of its rows."""
+        if self._is_broken():
+            for path in self.root.glob(f"{NAME}*"):
+                path.unlink(missing_ok=True)
+        entries = {entry.address: entry for entry in _described(places(self.root), tell)}
+        with self._reported(), self._open() as connection:
+            # The lock is ours now; what came while the headers were read is read here, and nothing comes after.
+            late = [path for path in places(self.root) if path.stem not in entries]
+            entries |= {path.stem: describe(path) for path in late}
+            connection.execute("DELETE FROM entries")
+            connection.executemany(_INSERT, [_row(entries[address]) for address in sorted(entries)])
+        return len(entries)
+
+    def select(self, wanted: Filter | None = None, tell: Tell | None = None) -> list[Entry]:
+        """Return the entries that a filter leaves, in the order of addresses, those of files that are gone included.
+
+        The index catches up first. On a medium that cannot be written it does so in memory.
+        """
+        if not self.root.is_dir():
+            return []
+        try:
+            self.update(tell)
+            in_memory = not self.path.is_file()
+        except DamagedFileError:
+            raise
+        except UserError:
+            in_memory = True
+        with self._reported(), self._in_memory(tell) if in_memory else self._open(write=False) as connection:
+            entries = list(_select(connection, wanted))
+        there = {path.stem for path in places(self.root)}
+        return [entry if entry.address in there else replace(entry, kind="missing") for entry in entries]
+
+    @contextlib.contextmanager
+    def _in_memory(self, tell: Tell | None) -> Iterator[sqlite3.Connection]:
+        known = self.known() or {}
+        new = [path for path in places(self.root) if path.stem not in known]
+        with contextlib.closing(sqlite3.connect(":memory:")) as connection:
+            connection.execute(_TABLE)
+            connection.executemany(_INSERT, map(_row, [*known.values(), *_described(new, tell)]))
+            yield connection
+
+    @contextlib.contextmanager
+    def _open(self, *, write: bool = True) -> Iterator[sqlite3.Connection]:
+        """Open the file; to write, inside one transaction that is committed at the end or undone.
+
+        Reading may have to undo what a killed writer left half done, so it does not ask for less than writing does; on
+        a read-only medium SQLite contents itself.
+        """
+        uri = f"{self.path.absolute().as_uri()}?mode={'rwc' if write else 'rw'}"
+        with contextlib.closing(sqlite3.connect(uri, uri=True, timeout=PATIENCE_S, isolation_level=None)) as connection:
+            if not write:
+                yield connection
+                return
+            # A killed process leaves the file whole. A power cut may not, and then it is made again from the headers;
+            # to wait for the disc at every addition would cost more than writing a small entry.
+            connection.execute("PRAGMA synchronous = OFF")
+            connection.execute("BEGIN IMMEDIATE")
+            try:
+                if not _is_current(connection):
+                    connection.execute("DROP TABLE IF EXISTS entries")
+                    connection.execute(_TABLE)
+                    connection.execute(f"PRAGMA user_version = {VERSION}")
+                yield connection
+            except BaseException:
+                connection.execute("ROLLBACK")
+                raise
+            connection.execute("COMMIT")
+
+    @contextlib.contextmanager
+    def _reported(self) -> Iterator[None]:
+        """Turn SQLite's errors into one line; what makes the file unreadable as an index is damage."""
+        try:
+            yield
+        except (sqlite3.Error, TypeError, ValueError) as error:
+            if getattr(error, "sqlite_errorcode", 0) & 0xFF in _NO_DAMAGE:
+                raise UserError(f"the index cannot be used: {error}", where=str(self.path)) from None
+            raise DamagedFileError(
+                f"the index is damaged ({error})", where=str(self.path), fix="run `horizonval archive reindex`"
+            ) from None
+
+    def _is_broken(self) -> bool:
+        try:
+            self.known()
+        except DamagedFileError:
+            return True
+        return False
+
+
+def _described(paths: list[Path], tell: Tell | None) -> Iterator[Entry]:
+    for number, path in enumerate(paths, 1):
+        try:
+            yield describe(path)
+        except (OSError, UserError):  # Removed meanwhile, or not readable: nothing is known of it.
+            continue
+        if tell is not None:
+            tell(number, len(paths))
+
+
+def _is_current(connection: sqlite3.Connection) -> bool:
+    return bool(connection.execute("PRAGMA user_version").fetchone()[0] == VERSION)
+
+
+def _row(entry: Entry) -> tuple[Any, ...]:
+    return astuple(replace(entry, bands=",".join(entry.bands)))  # type: ignore[arg-type]
+
+
+def _select(connection: sqlite3.Connection, wanted: Filter | None = None) -> Iterator[Entry]:
+    condition, values = (wanted or Filter()).sql()
+    columns = ", ".join(_COLUMNS)
+    for row in connection.execute(f"SELECT {columns} FROM entries WHERE {condition} ORDER BY address", values):
+        found = dict(zip(_COLUMNS, row, strict=True))
+        found["bands"] = tuple(found["bands"].split(",")) if found["bands"] else ()
+        yield Entry(**found)
+
+
+def _instant(text: str, where: str) -> str:
+    try:
+        instant = datetime.fromisoformat(text)
+    except ValueError:
+        raise UserError(f"found {text!r}", where=where, expected="a date or time, such as 2026-03-20T12:00") from None
+    return (instant if instant.tzinfo else instant.replace(tzinfo=UTC)).astimezone(UTC).isoformat()

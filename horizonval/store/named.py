@@ -1,0 +1,105 @@
+"""Which entries of an archive the results of a run name, and the removal of those that none names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.store.entry import TEMPORARY, is_address, places
+from horizonval.store.folder import RunFolder, read_json
+from horizonval.store.store import Store
+
+_NAMING = {"frame", "truth_frame", "image", "images", "frame_address", "image_address"}
+"""Keys of records that hold addresses."""
+
+
+@dataclass(frozen=True)
+class Garbage:
+    """Files that may go: entries that nothing names, and what interrupted writes left."""
+
+    files: tuple[Path, ...]
+    kept: int
+
+    @property
+    def size_bytes(self) -> int:
+        """Return what their removal sets free."""
+        return sum(path.stat().st_size for path in self.files)
+
+
+def run_folder_of(archive: Path) -> RunFolder | None:
+    """Return the run that an archive belongs to, if there is one."""
+    folder = RunFolder(archive.parent)
+    return folder if archive.name == folder.archive.name and folder.suite.is_file() else None
+
+
+def named_addresses(folder: RunFolder, *, strict: bool = False) -> dict[str, str]:
+    """Return the addresses that the results of a run name, and which result it is.
+
+    Parameters
+    ----------
+    folder : RunFolder
+    strict : bool
+        To remove what is not named: raise for a file that cannot be read, and take other digests for addresses too.
+
+    Raises
+    ------
+    DamagedFileError
+    """
+    named: dict[str, str] = {}
+    for room, what in ((folder.state, "the rendered frame"), (folder.cases, "the case")):
+        for path in sorted(room.glob("*.json")):
+            content = read_json(path)
+            if content is None:
+                if strict:
+                    raise DamagedFileError(
+                        "cannot be read, so that nobody knows which entries it names",
+                        where=str(path),
+                        fix="make the run again, or delete this file",
+                    )
+                continue
+            named |= dict.fromkeys(_addresses(content, strict), f"{what} {path.stem!r}")
+    return named
+
+
+def _addresses(record: dict[str, Any], everywhere: bool) -> Iterator[str]:
+    """Yield the addresses in a record; ``everywhere`` takes whatever looks like one, other digests included."""
+    waiting: list[tuple[bool, Any]] = [(everywhere, record)]
+    while waiting:
+        counts, value = waiting.pop()
+        if isinstance(value, dict):
+            waiting += [(counts or key in _NAMING, v) for key, v in value.items()]
+        elif isinstance(value, list):
+            waiting += [(counts, v) for v in value]
+        elif counts and isinstance(value, str) and is_address(value):
+            yield value
+
+
+def garbage(folder: RunFolder) -> Garbage:
+    """Return what of a run's archive nothing names. Call only with the folder's lock held.
+
+    Raises
+    ------
+    UserError
+        A result cannot be read, or the archive is a link, which other runs may use.
+    """
+    root = folder.archive
+    if root.is_symlink():
+        raise UserError("is a link: other runs may use it", where=str(root), expected="an archive of one run")
+    named = named_addresses(folder, strict=True)
+    entries = places(root)
+    unnamed = [path for path in entries if path.stem not in named]
+    leftovers = sorted(p for p in root.rglob(".*") if p.name.endswith(TEMPORARY) and p.is_file())
+    return Garbage((*unnamed, *leftovers), len(entries) - len(unnamed))
+
+
+def remove(found: Garbage, folder: RunFolder) -> None:
+    """Remove garbage, its rows in the index and the folders it leaves empty. Call with the lock still held."""
+    store = Store(folder.archive)
+    for path in found.files:
+        path.unlink(missing_ok=True)
+        if path.parent != store.root and not any(path.parent.iterdir()):
+            path.parent.rmdir()
+    store.index.forget(path.stem for path in found.files)

@@ -1,0 +1,104 @@
+"""Content-addressed folder of frames and detector images.
+
+Because equal content gives equal bytes (:mod:`horizonval.store.exr`), a frame rendered twice is stored once, and two
+processes that add at the same time can only write the same bytes to the same name: no lock is needed. Everything is
+written beside its place and renamed, so that a crash leaves a temporary file, never a broken entry. Where an entry lies
+is said in :mod:`horizonval.store.entry`; the index beside the entries is that of :mod:`horizonval.store.index`.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.frame import DetectorImage, Frame
+from horizonval.store import exr
+from horizonval.store.entry import Entry, describe, place, places, sha256
+from horizonval.store.index import Index
+from horizonval.store.verify import Finding, Tell, verify
+
+
+class Store:
+    """The folder ``root``; made on the first addition."""
+
+    def __init__(self, root: str | os.PathLike[str]) -> None:
+        self.root = Path(root)
+        self.index = Index(self.root)
+
+    def add_frame(self, frame: Frame) -> str:
+        """Store ``frame`` and return its address; an intact entry stays untouched, a damaged one is mended."""
+        return self._add(lambda path: exr.write_frame(path, frame))
+
+    def add_image(self, image: DetectorImage) -> str:
+        """Store ``image`` and return its address; as :meth:`add_frame`."""
+        return self._add(lambda path: exr.write_image(path, image))
+
+    def _add(self, write: Callable[[Path], None]) -> str:
+        try:
+            self.root.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UserError(f"cannot be made: {error.strerror}", where=str(self.root)) from None
+        temporary = self.root / f".{secrets.token_hex(8)}.tmp"
+        try:
+            write(temporary)
+            address = sha256(temporary)
+            path = self.path(address)
+            if not path.is_file() or sha256(path) != address:
+                path.parent.mkdir(exist_ok=True)
+                temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+        self.index.record(describe(path))
+        return address
+
+    def path(self, address: str) -> Path:
+        """Return where the entry with this address lies (or would lie)."""
+        return place(self.root, address)
+
+    def __contains__(self, address: str) -> bool:
+        return self.path(address).is_file()
+
+    def read_frame(self, address: str) -> Frame:
+        """Read and verify a frame; ``UserError`` if there is none, ``DamagedFileError`` if it is not what was added."""
+        return exr.read_frame(self._verified(address))
+
+    def read_image(self, address: str) -> DetectorImage:
+        """Read and verify a detector image; errors as :meth:`read_frame`."""
+        return exr.read_image(self._verified(address))
+
+    def _verified(self, address: str) -> Path:
+        path = self.path(address)
+        if not path.is_file():
+            raise UserError(f"no entry {address}", where=str(self.root), fix="see `horizonval archive ls`")
+        if sha256(path) != address:
+            raise DamagedFileError("its bytes are not those of its address", where=str(path))
+        return path
+
+    def is_one(self) -> bool:
+        """Whether the folder looks like an archive: an entry's folder, an index, or nothing at all in it."""
+        inside = [path.name for path in self.root.iterdir()]
+        hexadecimal = re.compile("[0-9a-f]{2}")
+        return not inside or self.index.path.name in inside or any(hexadecimal.fullmatch(name) for name in inside)
+
+    def find(self, start: str) -> str:
+        """Return the one address that begins so; ``UserError`` if there is none, or several."""
+        found = [path.stem for path in places(self.root) if path.stem.startswith(start.lower())]
+        if len(found) != 1 or not start:
+            what = (
+                f"{len(found)} entries begin with {start!r}" if start and found else f"no entry begins with {start!r}"
+            )
+            raise UserError(what, where=str(self.root), fix="see `horizonval archive ls`")
+        return found[0]
+
+    def entries(self) -> Iterator[Entry]:
+        """Yield every entry in the order of addresses, read from the headers alone."""
+        for path in places(self.root):
+            yield describe(path)
+
+    def verify(self, named: Mapping[str, str] | None = None, tell: Tell | None = None) -> list[Finding]:
+        """Read everything and return what is wrong; see :func:`horizonval.store.verify.verify`."""
+        return verify(self.root, named, tell)

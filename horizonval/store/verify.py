@@ -1,0 +1,193 @@
+"""Look for everything in an archive that should not be so, and for everything that should be there and is not.
+
+Bytes are compared with addresses, so that a file under a wrong name is recognised by what it holds::
+
+    damaged     at an entry's place, but not what was added there
+    misplaced   an intact entry under a name that is not its own
+    missing     not at its place, and not misplaced, though the index or somebody else names it
+    duplicate   a copy of an intact entry, or the same pixels and truth as another entry
+    foreign     anything else that is no entry
+    leftover    of an interrupted write
+    index       a row of the index that is not what the header says
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from horizonval.core.errors import UserError
+from horizonval.store import exr
+from horizonval.store.entry import INDEX_PREFIX, TEMPORARY, Entry, describe, is_address, place, sha256
+from horizonval.store.index import NAME, Index
+
+Problem = Literal["damaged", "misplaced", "missing", "duplicate", "foreign", "leftover", "index"]
+
+Tell = Callable[[int, int], None]
+"""Told how many files of how many are looked at."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that should not be so; ``message`` is one line, ``address`` the entry that is concerned, if any."""
+
+    path: Path
+    problem: Problem
+    message: str
+    address: str = ""
+
+
+@dataclass(frozen=True)
+class _File:
+    """A file of the folder: its digest, and why it is not an intact file of ours (empty if it is one)."""
+
+    path: Path
+    digest: str
+    reason: str
+
+
+def verify(root: Path, named: Mapping[str, str] | None = None, tell: Tell | None = None) -> list[Finding]:
+    """Read everything below ``root`` and return what is wrong, in the order of paths; nothing is changed.
+
+    Parameters
+    ----------
+    root : Path
+    named : mapping of str to str, optional
+        Addresses that somebody counts on, and who that is; those of the index are added.
+    tell : callable, optional
+    """
+    findings, known = _known(root)
+    expected = dict.fromkeys(known, "the index") | dict(named or {})
+    paths = sorted(_files(root))
+    intact: dict[str, Entry] = {}
+    strays: list[_File] = []
+    for number, path in enumerate(paths, 1):
+        if path.parent == root and path.name.startswith(INDEX_PREFIX):
+            continue
+        if path.name.startswith(".") and path.name.endswith(TEMPORARY):
+            findings.append(Finding(path, "leftover", f"{_shown(path, root)}: left by an interrupted write; delete it"))
+            continue
+        file = _looked_at(path)
+        if _is_place(path, root) and file.digest == path.stem and not file.reason:
+            intact[path.stem] = describe(path)
+        else:
+            strays.append(file)
+        if tell is not None:
+            tell(number, len(paths))
+    home: dict[str, Path] = {}
+    for file in strays:
+        findings.append(_stray(file, root, intact, expected, home))
+    findings += _same_content(root, intact, expected)
+    findings += _stale_rows(root, intact, known)
+    bytes_at = {file.digest: file.path for file in strays if not file.reason}
+    accounted = {finding.address for finding in findings if finding.problem in ("damaged", "misplaced")}
+    for address, who in expected.items():
+        if address not in intact and address not in accounted and is_address(address):
+            where = place(root, address)
+            hint = f"; its bytes lie at {_shown(bytes_at[address], root)}" if address in bytes_at else ""
+            message = f"{_shown(where, root)}: not there, though {who} names it{hint}"
+            findings.append(Finding(where, "missing", message, address))
+    return sorted(findings, key=lambda finding: finding.path)
+
+
+def _files(root: Path) -> Iterator[Path]:
+    """Yield everything that is no folder; a link to a folder is not followed, for it is none of ours."""
+    for folder, folders, files in os.walk(root):
+        yield from (Path(folder) / name for name in files)
+        yield from (Path(folder) / name for name in folders if (Path(folder) / name).is_symlink())
+
+
+def _shown(path: Path, root: Path) -> str:
+    return path.relative_to(root).as_posix()
+
+
+def _is_place(path: Path, root: Path) -> bool:
+    return is_address(path.stem) and path == place(root, path.stem)
+
+
+def _looked_at(path: Path) -> _File:
+    if not path.is_file():
+        return _File(path, "", "no file")
+    try:
+        reason = _damage(path)
+    except UserError as error:
+        reason = error.what
+    try:
+        return _File(path, sha256(path), reason)
+    except OSError as error:
+        return _File(path, "", f"cannot be read: {error.strerror}")
+
+
+def _damage(path: Path) -> str:
+    """Return why a file is not what a writer of ours wrote, or nothing; it may be raised as well."""
+    kind = exr.kind(path)
+    if kind == "foreign":
+        return "an EXR file, but not written by horizonval"
+    if kind == "image":
+        exr.read_image(path)
+    else:
+        exr.read_frame(path)
+    return ""
+
+
+def _stray(
+    file: _File, root: Path, intact: Mapping[str, Entry], expected: Mapping[str, str], home: dict[str, Path]
+) -> Finding:
+    """Say what a file is that is no intact entry at its place.
+
+    ``home`` has the files that were told to be misplaced entries; this one is added if it is one.
+    """
+    path, shown = file.path, _shown(file.path, root)
+    if file.reason or not file.digest:
+        if _is_place(path, root):
+            return Finding(path, "damaged", f"{shown}: {file.reason}", path.stem)
+        return Finding(path, "foreign", f"{shown}: does not belong here: {file.reason}")
+    proper = _shown(place(root, file.digest), root)
+    if _is_place(path, root) and path.stem in expected:
+        message = f"{shown}: its bytes are not those of its address, but those of {proper}"
+        return Finding(path, "damaged", message, path.stem)
+    if file.digest in intact:
+        return Finding(path, "duplicate", f"{shown}: a copy of {proper}", file.digest)
+    if file.digest in home:
+        return Finding(path, "duplicate", f"{shown}: a copy of {_shown(home[file.digest], root)}", file.digest)
+    home[file.digest] = path
+    return Finding(path, "misplaced", f"{shown}: belongs at {proper}", file.digest)
+
+
+def _same_content(root: Path, intact: Mapping[str, Entry], expected: Mapping[str, str]) -> list[Finding]:
+    """Tell entries whose pixels and truth are those of another one, compressed otherwise; one that is named stays."""
+    groups: dict[str, list[str]] = {}
+    for address, entry in intact.items():
+        groups.setdefault(entry.content, []).append(address)
+    findings = []
+    for addresses in groups.values():
+        first, *others = sorted(addresses, key=lambda address: (address not in expected, address))
+        for address in others:
+            path = place(root, address)
+            message = f"{_shown(path, root)}: the pixels and truth of {_shown(place(root, first), root)} once more"
+            findings.append(Finding(path, "duplicate", message, address))
+    return findings
+
+
+def _known(root: Path) -> tuple[list[Finding], dict[str, Entry]]:
+    index = Index(root)
+    try:
+        return [], index.known() or {}
+    except UserError as error:
+        fix = f"; {error.fix}" if error.fix else ""
+        return [Finding(index.path, "index", f"{NAME}: {error.what}{fix}")], {}
+
+
+def _stale_rows(root: Path, intact: Mapping[str, Entry], known: Mapping[str, Entry]) -> list[Finding]:
+    stale = [address for address, entry in known.items() if address in intact and intact[address] != entry]
+    stale += [address for address in known if not is_address(address)]
+    if not stale:
+        return []
+    message = (
+        f"{NAME}: {len(stale)} rows are not what the headers say, such as that of {stale[0]}; "
+        "run `horizonval archive reindex`"
+    )
+    return [Finding(root / NAME, "index", message)]

@@ -1,0 +1,1 @@
+"""Studies over many frames: trade studies, nightly regression."""

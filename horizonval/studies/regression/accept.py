@@ -1,0 +1,231 @@
+"""Accept a night as the baseline: never automatic, always with a reason, and with the table of what changes by it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.store.folder import read_json
+from horizonval.studies.regression.baseline.baseline import (
+    Baseline,
+    copy_as_release,
+    pack_path,
+    read_baseline,
+    write_baseline,
+)
+from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage, Pack
+from horizonval.studies.regression.night import LANES, NIGHT_SCHEMA, WORK
+from horizonval.studies.regression.statistics.gates import Results, pairs_of
+from horizonval.studies.regression.words import figure
+
+SHORTEST_REASON = 10
+MOST_REASONS = 50
+
+Plain = dict[str, Any]
+
+
+def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> list[Path]:
+    """Make a night's results the accepted baseline and return the files written.
+
+    Parameters
+    ----------
+    run : Path
+        Folder of a night.
+    baseline : Path
+        The JSON file; its images and its table of differences lie beside it.
+    reason : str
+        Why the results are right; kept with the baseline.
+    release : bool
+        Make it the last release's, too.
+
+    Raises
+    ------
+    UserError
+        No reason worth the name; a night without all its lanes, with failed units, or with a failed anchor.
+    """
+    if len(reason.split()) < 2 or len(reason.strip()) < SHORTEST_REASON:
+        raise UserError(f"found {reason!r}", where="--reason", expected="a sentence that a reviewer can judge")
+    night = read_json(run / "night.json")
+    if night is None or night.get("schema") != NIGHT_SCHEMA:
+        raise UserError("no night.json of this version", where=str(run), expected="the folder of `horizonval regress`")
+    verdict = read_json(run / "verdict.json") or {}
+    missing = [lane for lane in LANES if lane != "replay" and lane not in night["lanes"]]
+    if missing:
+        raise UserError(f"lane {missing[0]} was left out", where=str(run), fix="run the night with all lanes")
+    if night["failed"]:
+        name, error = next(iter(night["failed"].items()))
+        raise UserError(f"{len(night['failed'])} units failed; {name}: {error}", where=str(run))
+    bad = [a["name"] for a in verdict.get("anchors", []) if a["verdict"] != "PASS"]
+    if bad or not verdict.get("anchors"):
+        raise UserError(
+            f"physics anchors do not hold: {', '.join(bad) or 'none was checked'}",
+            where=str(run / "verdict.json"),
+            fix="no reason makes them right; mend what broke them",
+        )
+    before = read_baseline(baseline, night["suite"]) if baseline.is_file() else None
+    results = Results(rows=night["rows"], fresh=night["fresh"], fresh_night=night["night"])
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    past = [] if before is None else [_line(before.head), *before.head["past"]][:MOST_REASONS]
+    head = {
+        "suite": night["suite"],
+        "night": night["night"],
+        "version": night["environment"]["version"],
+        "environment": night["environment"],
+        "accepted_utc": now,
+        "reason": " ".join(reason.split()),
+        "replicates": night["replicates"],
+        "gates": night["gates"],
+        "past": past,
+    }
+    scenes = {
+        name: {"table": record["table"], "camera": record["camera"], "bands": record["bands"]}
+        for name, record in night["scenes"].items()
+    }
+    pack = _pack(run, night)
+    table = difference_table(before, results, scenes, head)
+    write_baseline(baseline, head, results, scenes, pack)
+    page = baseline.with_suffix(".md")
+    page.write_text(table, encoding="utf-8", newline="\n")
+    written = [baseline, pack_path(baseline), page]
+    if release:
+        made = copy_as_release(baseline)
+        written += [made, pack_path(made)]
+    return written
+
+
+def difference_table(before: Baseline | None, now: Results, scenes: Mapping[str, Any], head: Mapping[str, Any]) -> str:
+    """Return what changes with a new baseline as Markdown."""
+    lines = [
+        f"# Accepted baseline of suite {head['suite']}",
+        "",
+        f"Night {head['night']}, version {head['version']}, accepted {head['accepted_utc']}.",
+        "",
+        f"Reason: {head['reason']}",
+        "",
+    ]
+    if before is None:
+        lines += ["There was no baseline before.", ""]
+    else:
+        same, total = _same_images(before, scenes)
+        lines += [
+            f"Before it: night {before.head['night']}, version {before.head['version']}. "
+            f"{same} of {total} detector images are the same, bit by bit.",
+            "",
+        ]
+    lines += [
+        "Before and after, on the same scenes and noise seeds; availability among the images that clearly should give "
+        "an attitude, errors where both claim one.",
+        "",
+        "| estimator | scenes | images | available [%] | false claims [%] | median nadir error [arcsec] "
+        "| 95 % below [arcsec] | changed outcomes |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    old_rows = [] if before is None else before.results.rows
+    for estimator in sorted({row["estimator"] for row in now.rows}):
+        for table in sorted({row["table"] for row in now.rows}):
+            mine = _those(now.rows, estimator, table)
+            theirs = _those(old_rows, estimator, table)
+            lines.append(_table_row(estimator, table, mine, theirs))
+    if before is not None:
+        lines += ["", *_removed(before, scenes)]
+    if head["past"]:
+        lines += ["", "## Earlier baselines", ""]
+        lines += [
+            f"- {one['accepted_utc']}, night {one['night']}, {one['version']}: {one['reason']}" for one in head["past"]
+        ]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _those(rows: Sequence[Mapping[str, Any]], estimator: str, table: str) -> list[Mapping[str, Any]]:
+    return [row for row in rows if row["estimator"] == estimator and row["table"] == table]
+
+
+def _table_row(estimator: str, table: str, now: list[Mapping[str, Any]], base: list[Mapping[str, Any]]) -> str:
+    pairs = pairs_of(now, base)
+    changes = sum(a["status"] != b["status"] for a, b in pairs)
+    common = [
+        (a["nadir_error_arcsec"], b["nadir_error_arcsec"])
+        for a, b in pairs
+        if a["nadir_error_arcsec"] is not None and b["nadir_error_arcsec"] is not None
+    ]
+    after = (
+        [a for a, _ in common]
+        if base
+        else [r["nadir_error_arcsec"] for r in now if r["nadir_error_arcsec"] is not None]
+    )
+    earlier = [b for _, b in common]
+
+    def both(function: Any, old: Any, new: Any) -> str:
+        values = [function(old)] if base else []
+        return " → ".join(figure(value) for value in [*values, function(new)])
+
+    def percentile(share: float) -> Any:
+        return lambda values: float(np.percentile(values, share)) if len(values) else None
+
+    return (
+        f"| {estimator} | {table} | {len(now)} | {both(_available, base, now)} | {both(_false, base, now)} "
+        f"| {both(percentile(50), earlier, after)} | {both(percentile(95), earlier, after)} "
+        f"| {f'{changes} of {len(pairs)}' if base else '–'} |"
+    )
+
+
+def _available(rows: Sequence[Mapping[str, Any]]) -> float | None:
+    due = [row for row in rows if row["due"]]
+    return 100.0 * sum(row["status"] == "valid" for row in due) / len(due) if due else None
+
+
+def _false(rows: Sequence[Mapping[str, Any]]) -> float | None:
+    return 100.0 * sum(bool(row["false_valid"]) for row in rows) / len(rows) if rows else None
+
+
+def _same_images(before: Baseline, scenes: Mapping[str, Any]) -> tuple[int, int]:
+    same = total = 0
+    for scene, record in scenes.items():
+        for band, about in record["bands"].items():
+            old = before.scenes.get(scene, {}).get("bands", {}).get(band, {}).get("images", [])
+            total += len(about["images"])
+            same += sum(a == b for a, b in zip(about["images"], old, strict=False))
+    return same, total
+
+
+def _removed(before: Baseline, scenes: Mapping[str, Any]) -> list[str]:
+    gone, new = sorted(set(before.scenes) - set(scenes)), sorted(set(scenes) - set(before.scenes))
+    lines = []
+    if gone:
+        lines.append(f"Scenes that are no longer there: {', '.join(gone)}.")
+    if new:
+        lines.append(f"New scenes: {', '.join(new)}.")
+    return lines
+
+
+def _line(head: Mapping[str, Any]) -> Plain:
+    return {key: head[key] for key in ("night", "version", "accepted_utc", "reason")}
+
+
+def _pack(run: Path, night: Mapping[str, Any]) -> Pack:
+    """Return the frozen images and frames of a night, from the files of its units."""
+    images, frames, truths = [], [], {}
+    for scene, record in sorted(night["scenes"].items()):
+        path = run / WORK / night["arrays"][scene]
+        if not path.is_file():
+            raise UserError("no such file", where=str(path), fix="run the night again; its working files are gone")
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
+        except (OSError, ValueError) as error:
+            raise DamagedFileError(f"cannot be read ({error})", where=str(path)) from error
+        truths[scene] = record["truth"]
+        for band, about in record["bands"].items():
+            radiance = arrays[f"radiance.{band}"].astype(np.float64)
+            frames.append(FrozenFrame(scene, band, about["radiance_sha256"], radiance, arrays["regions"]))
+            for replicate, sha in enumerate(about["images"]):
+                image = FrozenImage(scene, band, replicate, about["full_scale"], arrays[f"dn.{band}.{replicate}"])
+                if image.sha256 != sha:
+                    raise DamagedFileError(f"the image {scene} {band} {replicate} has changed", where=str(path))
+                images.append(image)
+    return Pack(tuple(images), tuple(frames), truths)

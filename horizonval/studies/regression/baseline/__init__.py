@@ -1,0 +1,1 @@
+"""The accepted baseline, its packed images, the history of nights."""

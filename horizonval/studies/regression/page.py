@@ -1,0 +1,95 @@
+"""The page of a night: one file that opens anywhere and asks for nothing."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from horizonval.report.figures.plots import figure_uri
+from horizonval.studies.regression import trend_plots
+from horizonval.studies.regression.baseline import history
+from horizonval.studies.regression.words import figure, scenes
+
+GLYPHS = {"PASS": "●", "FAIL": "✖", "IMPROVED": "▲", "INCONCLUSIVE": "○"}
+KINDS = {"PASS": "valid", "FAIL": "false", "IMPROVED": "valid", "INCONCLUSIVE": "missed"}
+MOST_LISTED = 40
+
+
+def write_page(path: Path, verdict: Mapping[str, Any], nights: Sequence[Mapping[str, Any]]) -> None:
+    """Write ``index.html``, whole or not at all."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"figure": figure, "scenes": scenes, "short": _short}
+    style = (Path(str(files("horizonval"))) / "report" / "page.css").read_text(encoding="utf-8")
+    text = environment.get_template("night.html").render(
+        v=verdict,
+        style=style,
+        glyphs=GLYPHS,
+        kinds=KINDS,
+        headline=headline(verdict),
+        groups=_groups(verdict),
+        trends=_trends(nights),
+        nights=nights,
+        most=MOST_LISTED,
+    )
+    partial = path.with_name(f".{path.name}.part")
+    partial.write_text(text, encoding="utf-8", newline="\n")
+    os.replace(partial, path)
+
+
+def headline(verdict: Mapping[str, Any]) -> str:
+    """Return the night in one sentence: what failed, else what is open, else how many gates hold."""
+    failed = [f"{g['name']} (against the {g['against']} baseline)" for g in verdict["gates"] if g["verdict"] == "FAIL"]
+    failed += [f"anchor {a['name']}" for a in verdict["anchors"] if a["verdict"] == "FAIL"]
+    if failed:
+        return "Regression: " + ", ".join(failed) + "."
+    if verdict["problems"]:
+        return "Incomplete: " + verdict["problems"][0] + "."
+    open_gates = [g["name"] for g in verdict["gates"] if g["verdict"] == "INCONCLUSIVE"]
+    if open_gates:
+        return "Not enough was seen to decide: " + ", ".join(open_gates) + "."
+    better = [g["name"] for g in verdict["gates"] if g["verdict"] == "IMPROVED"]
+    if better:
+        return "Better than the baseline: " + ", ".join(better) + ". Accept a new one to hold what was won."
+    return f"All {len(verdict['gates'])} comparisons and {len(verdict['anchors'])} physics anchors hold."
+
+
+def _short(unit: str) -> str:
+    return "pp" if unit == "percentage points" else unit
+
+
+def _groups(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
+    groups = []
+    for about in verdict["comparisons"]:
+        gates = [g for g in verdict["gates"] if g["against"] == about["name"]]
+        picture = None
+        if gates:
+            picture = figure_uri(trend_plots.gates_in_margins(gates), 8.6, 1.5 + 0.34 * len(gates))
+        groups.append({"about": about, "gates": gates, "picture": picture})
+    return groups
+
+
+def _trends(nights: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    verdicts = {line["night"]: line["verdict"] for line in nights}
+    found = []
+    for name, one in history.series(nights).items():
+        found.append(
+            {
+                "title": name,
+                "unit": one["unit"],
+                "n": one["n"][-1],
+                "last": one["values"][-1],
+                "uri": figure_uri(trend_plots.trend(name, one, verdicts), 5.6, 3.2),
+            }
+        )
+    return found

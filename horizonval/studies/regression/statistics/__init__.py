@@ -1,0 +1,1 @@
+"""Estimates, intervals, gates and the verdict."""

@@ -1,0 +1,191 @@
+"""From two sets of results to the estimate of each gate, and the scenes it comes from.
+
+A set of results holds rows (one for each image and estimator), what images of each scene are like, and fresh rows. The
+present night is compared with the accepted baseline and with the last release in the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from horizonval.core.outcome import Outcome
+from horizonval.spec.regression import IMAGE_METRICS, GateSpec
+from horizonval.studies.regression.statistics.estimate import Estimate
+from horizonval.studies.regression.statistics.means import independent_difference, paired_difference
+from horizonval.studies.regression.statistics.proportions import independent_loss, paired_loss
+
+Row = Mapping[str, Any]
+PERCENT = 100.0
+ANGLE_LIMIT_ARCSEC = 1e-6 * 3600
+"""Angles that differ by less than 1e-6 deg are the same: ten times the rounding of the stored ones."""
+
+
+@dataclass(frozen=True)
+class Results:
+    """What gates look at.
+
+    Attributes
+    ----------
+    rows : sequence
+        As :func:`horizonval.studies.regression.units.estimate_image` makes them; with ``table`` and ``due`` beside.
+    images : mapping
+        By (scene, band): ``{table, limb_radiance, disc_radiance, limb_displacement, noise, ...}``, this set's images
+        against the base's; None where a metric does not apply. Empty for a base.
+    fresh : sequence
+        Rows of the fresh lane.
+    fresh_night : str
+        The night whose fresh scenes these are; two sets of the same night are paired.
+    """
+
+    rows: Sequence[Row] = ()
+    images: Mapping[tuple[str, str], Mapping[str, Any]] = field(default_factory=dict)
+    fresh: Sequence[Row] = ()
+    fresh_night: str = ""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A gate's estimate in its unit, None with too little to say; and the scenes that weigh most in it."""
+
+    gate: GateSpec
+    estimate: Estimate | None
+    scenes: tuple[str, ...]
+    paired: bool
+
+
+def measure(gate: GateSpec, now: Results, base: Results) -> Measured:
+    """Return what a gate finds between two sets of results."""
+    if gate.metric in IMAGE_METRICS:
+        return _images(gate, now)
+    if gate.lane == "fresh":
+        mine, theirs = _chosen(gate, now.fresh), _chosen(gate, base.fresh)
+        if now.fresh_night != base.fresh_night or not now.fresh_night:
+            return Measured(gate, _independent(gate, mine, theirs), (), paired=False)
+    else:
+        mine, theirs = _chosen(gate, now.rows), _chosen(gate, base.rows)
+    return _paired(gate, pairs_of(mine, theirs))
+
+
+def pairs_of(now: Iterable[Row], base: Iterable[Row]) -> list[tuple[Row, Row]]:
+    """Return (now, base) of every scene, band, replicate and estimator that both have."""
+    before = {_key(row): row for row in base}
+    return [(row, before[_key(row)]) for row in now if _key(row) in before]
+
+
+def changed(pairs: Iterable[tuple[Row, Row]]) -> list[dict[str, Any]]:
+    """Return every change of a status, and of an angle beyond :data:`ANGLE_LIMIT_ARCSEC`, with what it was and is.
+
+    Changed statuses come first, then the largest changes of the nadir error.
+    """
+    found: list[tuple[tuple[bool, float], dict[str, Any]]] = []
+    for now, base in pairs:
+        what = []
+        if now["status"] != base["status"]:
+            what.append(f"{base['status']} -> {now['status']}")
+        if now["false_valid"] != base["false_valid"]:
+            what.append("became false" if now["false_valid"] else "no longer false")
+        for key in ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec"):
+            before, after = base[key], now[key]
+            if before is not None and after is not None and abs(after - before) > ANGLE_LIMIT_ARCSEC:
+                what.append(f"{key.removesuffix('_error_arcsec')} error {before:.4g} -> {after:.4g} arcsec")
+        if what:
+            names = {key: now[key] for key in ("scene", "band", "replicate", "estimator")}
+            moved = abs((now["nadir_error_arcsec"] or 0.0) - (base["nadir_error_arcsec"] or 0.0))
+            same = now["status"] == base["status"] and now["false_valid"] == base["false_valid"]
+            found.append(((same, -moved), {**names, "what": "; ".join(what)}))
+    return [one for _, one in sorted(found, key=lambda item: item[0])]
+
+
+def _key(row: Row) -> tuple[str, str, int, str]:
+    return row["scene"], row["band"], row["replicate"], row["estimator"]
+
+
+def _chosen(gate: GateSpec, rows: Iterable[Row]) -> list[Row]:
+    return [
+        row
+        for row in rows
+        if (not gate.estimators or row["estimator"] in gate.estimators)
+        and (not gate.cases or row["table"] in gate.cases)
+    ]
+
+
+def _is_claim(row: Row) -> bool:
+    return bool(row["status"] == Outcome.VALID)
+
+
+def _is_sound(row: Row) -> bool:
+    return not row["false_valid"]
+
+
+def _paired(gate: GateSpec, pairs: Sequence[tuple[Row, Row]]) -> Measured:
+    if gate.metric == "nadir_error":
+        both = [
+            (n["nadir_error_arcsec"] - b["nadir_error_arcsec"], n["scene"])
+            for n, b in pairs
+            if n["nadir_error_arcsec"] is not None and b["nadir_error_arcsec"] is not None
+        ]
+        estimate = paired_difference([d for d, _ in both], [scene for _, scene in both])
+        return Measured(gate, estimate, _weightiest(both), paired=True)
+    good: Callable[[Row], bool] = _is_sound
+    if gate.metric == "availability":
+        good, pairs = _is_claim, [(n, b) for n, b in pairs if b["due"]]
+    estimate = paired_loss([good(b) for _, b in pairs], [good(n) for n, _ in pairs], [n["scene"] for n, _ in pairs])
+    moved = [(PERCENT * (int(good(b)) - int(good(n))), n["scene"]) for n, b in pairs]
+    return Measured(gate, _scaled(estimate), _weightiest(moved), paired=True)
+
+
+def _independent(gate: GateSpec, now: Sequence[Row], base: Sequence[Row]) -> Estimate | None:
+    if gate.metric == "nadir_error":
+        mine, theirs = ([r for r in rows if r["nadir_error_arcsec"] is not None] for rows in (now, base))
+        return independent_difference(
+            [r["nadir_error_arcsec"] for r in mine],
+            [r["scene"] for r in mine],
+            [r["nadir_error_arcsec"] for r in theirs],
+            [r["scene"] for r in theirs],
+        )
+    good: Callable[[Row], bool] = _is_sound
+    if gate.metric == "availability":
+        good = _is_claim
+        now, base = [r for r in now if r["due"]], [r for r in base if r["due"]]
+    # Several estimators on one frame are not several frames: a frame is good if all of them are.
+    mine_by, theirs_by = _all_good(now, good), _all_good(base, good)
+    return _scaled(independent_loss(sum(theirs_by), len(theirs_by), sum(mine_by), len(mine_by)))
+
+
+def _all_good(rows: Iterable[Row], good: Callable[[Row], bool]) -> list[bool]:
+    frames: dict[tuple[str, str, int], bool] = {}
+    for row in rows:
+        key = (row["scene"], row["band"], row["replicate"])
+        frames[key] = frames.get(key, True) and good(row)
+    return list(frames.values())
+
+
+def _images(gate: GateSpec, now: Results) -> Measured:
+    found = [
+        (float(image[gate.metric]), scene)
+        for (scene, _), image in now.images.items()
+        if image.get(gate.metric) is not None and (not gate.cases or image["table"] in gate.cases)
+    ]
+    estimate = paired_difference([value for value, _ in found], [scene for _, scene in found])
+    return Measured(gate, estimate, _weightiest(found), paired=True)
+
+
+def _weightiest(values: Sequence[tuple[float, str]]) -> tuple[str, ...]:
+    """Return the scenes whose values add up to the largest changes, those for the worse first; unchanged ones never."""
+    sums: dict[str, float] = {}
+    for value, scene in values:
+        sums[scene] = sums.get(scene, 0.0) + value
+    return tuple(
+        scene for scene, value in sorted(sums.items(), key=lambda item: (-item[1], item[0])) if value > 0
+    ) + tuple(scene for scene, value in sorted(sums.items(), key=lambda item: (item[1], item[0])) if value < 0)
+
+
+def _scaled(estimate: Estimate | None) -> Estimate | None:
+    """Return a share in percentage points."""
+    if estimate is None:
+        return None
+    e, p = estimate, PERCENT
+    bounds = (e.lower95 * p, e.upper95 * p, e.lower99 * p, e.upper99 * p)
+    return Estimate(e.value * p, *bounds, e.p_worse, e.p_better, e.n, e.clusters)

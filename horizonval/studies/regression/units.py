@@ -1,0 +1,185 @@
+"""The work of a night in units that run anywhere: render a scene again, estimate on images, one fresh scene.
+
+Each is a function of plain data and files; it returns plain data, and leaves arrays in a file of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.estimation.process.sandbox import sandbox_of
+from horizonval.frame import DetectorImage, Frame, FrameTruth
+from horizonval.scoring.errors import score
+from horizonval.scoring.expected import expected_outcome
+from horizonval.sensor.observe import observe as observe_frame
+from horizonval.spec.load import Case
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.studies.regression.baseline.pack import FrozenImage, digest, read_pack
+from horizonval.studies.regression.regions import noise_in_space, regions_of
+from horizonval.suites.observation import method_radius_m, observation_of
+from horizonval.suites.plan import Plan
+from horizonval.suites.record import camera_name
+
+Row = dict[str, Any]
+Record = dict[str, Any]
+Run = Callable[[str, Observation], Fit | NoFit]
+Render = Callable[[Any, CameraSpec], Frame]
+Observe = Callable[..., DetectorImage]
+
+DIGITS = 4
+"""Of arc seconds that are kept: 1e-4 arcsec, 3e-8 deg."""
+
+
+def render_scene(
+    case: Case,
+    table: str,
+    plan: Plan,
+    replicates: int,
+    known: Iterable[str] = (),
+    *,
+    estimate: bool = True,
+    render: Render | None = None,
+    observe: Observe = observe_frame,
+    run: Run | None = None,
+) -> tuple[Record, dict[str, np.ndarray]]:
+    """Return the record of a scene rendered, observed with every noise seed, and estimated; and its arrays.
+
+    Parameters
+    ----------
+    case : Case
+    table : str
+        The suite's table that the case comes from: its stratum.
+    plan : Plan
+        Estimators and what they may use.
+    replicates : int
+    known : iterable of str
+        Digests of images on which the estimators are run anyway; they are left out here.
+    estimate : bool
+    render, observe, run : callable, optional
+        In place of the package's own, for experiments with faults.
+
+    Returns
+    -------
+    record : dict
+        ``scene``, ``table``, ``camera``, ``truth`` (plain), ``bands``: by name ``{radiance_sha256, expected,
+        borderline, full_scale, images, noise_dn}``, and ``rows`` as :func:`estimate_image` returns them.
+    arrays : dict of ndarray
+        ``radiance.<band>`` (float32), ``regions``, ``dn.<band>.<seed>``.
+    """
+    frame = (render or _renderer())(case.scene, case.camera)
+    regions = regions_of(frame.maps["hit"], frame.maps["tangent_height"])
+    arrays: dict[str, np.ndarray] = {"regions": regions}
+    bands: dict[str, Any] = {}
+    rows: list[Row] = []
+    skipped = frozenset(known)
+    for band in (one.name for one in case.camera.band):
+        expected = expected_outcome(frame.truth, band)
+        clean = observe(frame, case.camera, band=band, seed=0, noise=False).dn
+        arrays[f"radiance.{band}"] = frame.radiance[band]
+        images, noise, full_scale = [], [], 0
+        for seed in range(replicates):
+            image = observe(frame, case.camera, band=band, seed=seed)
+            sha, full_scale = digest(image.dn), image.full_scale
+            images.append(sha)
+            arrays[f"dn.{band}.{seed}"] = image.dn
+            noise.append(noise_in_space(image.dn, clean, regions))
+            if estimate and sha not in skipped:
+                rows += estimate_image(case.name, seed, image, plan, run)
+        known_noise = [value for value in noise if value is not None]
+        bands[band] = {
+            "radiance_sha256": digest(frame.radiance[band]),
+            "expected": str(expected.outcome),
+            "borderline": expected.borderline,
+            "full_scale": full_scale,
+            "images": images,
+            "noise_dn": math.sqrt(float(np.mean(np.square(known_noise)))) if known_noise else None,
+        }
+    record = {
+        "scene": case.name,
+        "table": table,
+        "camera": camera_name(case),
+        "truth": plain_truth(frame.truth),
+        "bands": bands,
+        "rows": rows,
+    }
+    return record, arrays
+
+
+def _renderer() -> Render:
+    from horizonval.render.scene.frame import render_frame
+
+    return render_frame
+
+
+def plain_truth(truth: FrameTruth) -> dict[str, Any]:
+    """Return a truth as plain data without the infrared horizon: scoring again does not need it."""
+    return replace(truth, infrared_horizon={}).to_dict()
+
+
+def replay_scene(pack: Path, scene: str, plan: Plan) -> list[Row]:
+    """Return the rows of all frozen images of a scene."""
+    content = read_pack(pack)
+    truth = FrameTruth.from_dict(dict(content.truths[scene]))
+    return estimate_frozen(truth, scene, (image for image in content.images if image.scene == scene), plan)
+
+
+def estimate_frozen(
+    truth: FrameTruth, scene: str, images: Iterable[FrozenImage], plan: Plan, *, run: Run | None = None
+) -> list[Row]:
+    """Return the rows of some frozen images; ``run`` in place of the estimators, for experiments with faults."""
+    rows: list[Row] = []
+    for frozen in images:
+        image = DetectorImage(frozen.dn, frozen.band, truth, frozen.full_scale)
+        rows += estimate_image(scene, frozen.replicate, image, plan, run)
+    return rows
+
+
+def estimate_image(scene: str, replicate: int, image: DetectorImage, plan: Plan, run: Run | None = None) -> list[Row]:
+    """Return one row for each estimator.
+
+    Returns
+    -------
+    list of dict
+        ``scene``, ``band``, ``replicate``, ``estimator``, ``image`` (digest), ``status``, ``reason``, ``false_valid``,
+        ``nadir_error_arcsec``, ``roll_error_arcsec``, ``pitch_error_arcsec``: None where they do not apply.
+    """
+    ask = sandbox_of(plan.limits).run if run is None else run
+    sha = digest(image.dn)
+    rows = []
+    for name in plan.estimators:
+        estimator = plan.estimator(name)
+        result = ask(name, observation_of(image, estimator))
+        found = score(image.truth, estimator, result, earth_radius_m=method_radius_m(image.truth))
+        rows.append(
+            {
+                "scene": scene,
+                "band": image.band,
+                "replicate": replicate,
+                "estimator": name,
+                "image": sha,
+                "status": str(found.status),
+                "reason": found.reason or None,
+                "false_valid": bool(found.false_valid),
+                "nadir_error_arcsec": _rounded(found.nadir_error_arcsec),
+                "roll_error_arcsec": _rounded(found.roll_error_arcsec),
+                "pitch_error_arcsec": _rounded(found.pitch_error_arcsec),
+            }
+        )
+    return rows
+
+
+def is_due(expected: Mapping[str, Any]) -> bool:
+    """Whether a frame clearly should give an attitude."""
+    return expected["expected"] == Outcome.VALID and not expected["borderline"]
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(float(value), DIGITS)

@@ -1,0 +1,352 @@
+"""From a study file to its designs and to the suite of their frames.
+
+A *design* is an entry of ``[design]`` with one estimator. Designs that differ in the estimator alone see the same
+images, and share the frames. A *condition* is a scene of ``[frames]``; the frame of a design under a condition is named
+``<design without estimator>__<condition>``, and everything random in it is drawn under the condition's name. Names
+follow from the values of the axes, so that a frame keeps its name, and hence its result, when values are added.
+
+An estimator that is added later must not cost the others their results: it gets frames of its own (a further *batch*,
+``<...>__<condition>__2``), which are the same images made again.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from horizonval.core.errors import UserError
+from horizonval.core.suggest import nearest
+from horizonval.spec.expand import variants
+from horizonval.spec.explain import show
+from horizonval.spec.files import find
+from horizonval.spec.load import Case, Suite, read_toml, suite_of, validate
+from horizonval.spec.merge import Plain, deep_merge
+from horizonval.spec.study import StudySpec
+from horizonval.spec.suite import CasesSpec, SuiteHead, SuiteSpec
+from horizonval.suites.axes import value_at
+from horizonval.suites.suite import fly_scene
+
+ESTIMATOR_AXIS = "estimator"
+MOST_DESIGNS = 10_000
+_TABLE = "frames"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry of ``[design]``: its name, its values on the axes, what it changes, and its estimators."""
+
+    name: str
+    settings: dict[str, Any]
+    scene: Plain
+    orbit: Plain
+    estimators: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Design:
+    """A design as the study's results know it.
+
+    Attributes
+    ----------
+    name : str
+    frames : str
+        Name of its entry, with which its frames' names begin.
+    estimator : str
+    settings : dict
+        Values on the axes, the estimator's among them where there are several.
+    camera : str
+    width, height, heads : int
+        Pixels of an image, and the images that an estimate takes.
+    """
+
+    name: str
+    frames: str
+    estimator: str
+    settings: dict[str, Any]
+    camera: str
+    width: int
+    height: int
+    heads: int
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study that is expanded.
+
+    Attributes
+    ----------
+    spec : StudySpec
+    source : str
+    designs : tuple of Design
+    conditions : dict
+        Cluster of every condition: samples of one flight belong together where there are several flights.
+    frames : dict
+        Entry and condition of every frame, by the case's name.
+    batches : dict
+        By entry, which estimators share frames.
+    suite : Suite
+    """
+
+    spec: StudySpec
+    source: str
+    designs: tuple[Design, ...]
+    conditions: dict[str, str]
+    frames: dict[str, tuple[str, str]]
+    batches: dict[str, list[list[str]]]
+    suite: Suite
+
+
+def read_study(path_or_name: str | Path, frames: int | None = None) -> tuple[StudySpec, Path]:
+    """Read a study file; ``frames`` stands in place of the Sobol points, or else of the orbit's samples.
+
+    Raises
+    ------
+    UserError
+        Naming the file, the key, and what was expected.
+    """
+    path = find("study", path_or_name)
+    spec = validate(StudySpec, read_toml(path), str(path))
+    if frames is None:
+        return spec, path
+    if spec.frames.sobol is not None:
+        change: Plain = {"sobol": spec.frames.sobol.model_copy(update={"n": frames})}
+    elif spec.frames.orbit is not None:
+        change = {"orbit": spec.frames.orbit | {"n": frames}}
+    else:
+        raise UserError("the study draws no frames", where="--frames", expected="a study with frames.sobol or .orbit")
+    return spec.model_copy(update={"frames": spec.frames.model_copy(update=change)}), path
+
+
+def expand(spec: StudySpec, path: Path, known: dict[str, list[list[str]]] | None = None) -> Study:
+    """Return a study with its designs and the suite of their frames.
+
+    Parameters
+    ----------
+    spec : StudySpec
+    path : Path
+        The file; others lie beside it.
+    known : mapping, optional
+        Batches of estimators that the study's folder has already.
+
+    Raises
+    ------
+    UserError
+        A mistake in the file, with its place.
+    """
+    entries = list(_entries(spec, path))
+    _check_keys(spec, entries, path)
+    designs: list[Design] = []
+    cases: list[Case] = []
+    frames: dict[str, tuple[str, str]] = {}
+    clusters: dict[str, str] = {}
+    batches: dict[str, list[list[str]]] = {}
+    used: dict[str, None] = {}
+    for entry in entries:
+        made = _cases(spec, path, entry)
+        batches[entry.name] = _batches(entry.estimators, (known or {}).get(entry.name, ()))
+        for number, batch in enumerate(batches[entry.name], start=1):
+            # A batch that nobody asks for any more keeps its number, so that the others keep their frames.
+            if not set(batch) & set(entry.estimators):
+                continue
+            used |= dict.fromkeys(batch)
+            for condition, case in made:
+                name = f"{entry.name}__{condition}" + (f"__{number}" if number > 1 else "")
+                own = _renamed(case, name, condition, tuple(batch))
+                cases.append(own)
+                # Of several heads each is a frame; a method that sees all of them has one of the scene's name.
+                for frame in (name, own.name):
+                    seen = condition + frame.removeprefix(name)
+                    frames[frame] = (entry.name, seen)
+                    clusters.setdefault(seen, _cluster(spec, condition))
+        designs += [_design(entry, estimator, made[0][1], spec) for estimator in entry.estimators]
+    if len({design.name for design in designs}) < len(designs):
+        raise UserError("two designs have the same name", where=f"{path}: design", fix="rename one in design.list")
+    head = spec.study
+    suite = Suite(
+        head.name,
+        head.title,
+        tuple(used),
+        tuple(cases),
+        str(path),
+        programs=tuple(program for program in spec.estimator if program.name in used),
+        keep=head.keep,
+        time_limit_s=head.time_limit_s,
+        memory_limit_mb=head.memory_limit_mb,
+        study=True,
+    )
+    if len(set(clusters.values())) == 1:
+        # Of one flight nobody can say how flights differ: what follows holds for this one.
+        clusters = {condition: condition for condition in clusters}
+    return Study(spec, str(path), tuple(designs), clusters, frames, {**(known or {}), **batches}, suite)
+
+
+def leaves(tree: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[str]:
+    """Yield the dotted keys of nested tables; a range ``{from, to}`` is a value."""
+    for key, value in tree.items():
+        if isinstance(value, Mapping) and not ("from" in value or "to" in value):
+            yield from leaves(value, (*path, key))
+        else:
+            yield ".".join((*path, key))
+
+
+def _entries(spec: StudySpec, path: Path) -> Iterator[Entry]:
+    where = f"{path}: design"
+    grid = dict(spec.design.grid or {})
+    listed = [_together(spec, items) for items in itertools.product(*spec.design.lists.values())]
+    # The estimator is the last axis, whichever way it is given.
+    axis = grid.pop(ESTIMATOR_AXIS, None)
+    if axis is not None:
+        raise UserError(
+            "the estimator is an axis by itself", where=f"{where}.grid.estimator", fix="name them in study.estimators"
+        )
+    keys = list(leaves(grid))
+    table = CasesSpec(
+        name="d",
+        list=[scene for scene, *_ in listed],
+        grid=grid or None,
+    )
+    made = list(variants(table, spec.study.seed, where))
+    if len(made) > MOST_DESIGNS:
+        raise UserError(f"{len(made)} entries", where=where, expected=f"at most {MOST_DESIGNS}")
+    per_item = len(made) // len(listed)
+    for i, variant in enumerate(made):
+        _, names, estimators = listed[i // per_item]
+        # The name of a table's only entry says nothing.
+        stem = variant.name.removeprefix("d_001").removeprefix("d_").removeprefix("_")
+        scene = dict(variant.scene)
+        scene.pop("scene", None)
+        orbit = scene.pop("orbit", {})
+        if not isinstance(orbit, Mapping):
+            raise UserError(f"found {show(orbit)}", where=f"{where}: orbit", expected="keys of the orbit")
+        settings = dict(zip(spec.design.lists, names, strict=True))
+        settings |= {key: _plain(_value(variant.scene, key)) for key in keys}
+        yield Entry(stem or "all", settings, scene, dict(orbit), _estimators(estimators, where))
+
+
+def _together(spec: StudySpec, items: Sequence[Plain]) -> tuple[Plain, list[str], Any]:
+    """Return entries of the lists laid over each other as a scene, their names, and the estimators they ask for."""
+    scene: Plain = {}
+    estimators: Any = spec.study.estimators
+    names = [str(item["name"]) for item in items]
+    for item in items:
+        scene = deep_merge(scene, {key: value for key, value in item.items() if key not in ("name", "estimators")})
+        estimators = item.get("estimators", estimators)
+    # One name of all of them, of the characters that names are made of.
+    word = re.sub(r"[^A-Za-z0-9._-]+", "-", "_".join(names)) if names else ""
+    return (deep_merge(scene, {"scene": {"name": word}}) if word else scene), names, estimators
+
+
+def _estimators(chosen: Any, where: str) -> tuple[str, ...]:
+    if not isinstance(chosen, list) or not chosen or not all(isinstance(name, str) for name in chosen):
+        raise UserError(f"found {show(chosen)}", where=f"{where}: estimators", expected="a list of names")
+    return tuple(dict.fromkeys(chosen))
+
+
+def _check_keys(spec: StudySpec, entries: Sequence[Entry], path: Path) -> None:
+    """What a design fixes must not be varied by the conditions: it would be lost."""
+    frames = spec.frames
+    varied = set(leaves(frames.grid or {})) | set(leaves(frames.sobol.ranges if frames.sobol else {}))
+    for item in frames.list or []:
+        varied |= set(leaves(item))
+    for entry in entries:
+        fixed = set(leaves(entry.scene)) | {f"orbit.{key}" for key in leaves(entry.orbit)}
+        if both := sorted(fixed & varied):
+            raise UserError(
+                f"{both[0]} is varied by [frames] too", where=f"{path}: design", fix="take it out of one of them"
+            )
+        if entry.orbit and frames.orbit is None:
+            raise UserError(
+                "a design changes the orbit, but there is none",
+                where=f"{path}: design",
+                expected="a table frames.orbit",
+            )
+
+
+def _cases(spec: StudySpec, path: Path, entry: Entry) -> list[tuple[str, Case]]:
+    """Return the entry's frames with the names of their conditions."""
+    frames = spec.frames
+    listed = frames.list
+    if listed is None and frames.grid is None and frames.sobol is None and frames.orbit is None:
+        listed = [{}]
+    table = CasesSpec(
+        name=_TABLE,
+        base=deep_merge(frames.base, entry.scene),
+        list=listed,
+        grid=frames.grid,
+        sobol=frames.sobol,
+        orbit=None if frames.orbit is None else deep_merge(frames.orbit, entry.orbit),
+    )
+    head = SuiteHead(name=spec.study.name, seed=spec.study.seed, estimators=list(entry.estimators))
+    suite = SuiteSpec(suite=head, defaults=spec.defaults, cases=[table])
+    try:
+        found = suite_of(suite, path, fly_scene).cases
+    except UserError as e:
+        where = e.where.replace(f"cases[1] ({_TABLE})", f"design {entry.name}, frames")
+        raise UserError(e.what, where=where, expected=e.expected, fix=e.fix) from e
+    return [(case.scene.scene.name.removeprefix(f"{_TABLE}_"), case) for case in found]
+
+
+def _cluster(spec: StudySpec, condition: str) -> str:
+    """Return the flight that a condition is a sample of; conditions that are drawn alone are clusters of their own."""
+    orbit = spec.frames.orbit
+    return condition if orbit is None or orbit.get("n") == 1 else condition.rpartition("_")[0] or "one flight"
+
+
+def _batches(estimators: Sequence[str], known: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Return the groups of estimators that share frames: those that are known, then one of all that are new."""
+    kept = [list(batch) for batch in known]
+    new = [name for name in estimators if not any(name in batch for batch in kept)]
+    return [*kept, *([new] if new else [])]
+
+
+def _renamed(case: Case, name: str, condition: str, estimators: tuple[str, ...]) -> Case:
+    head = case.name.removeprefix(case.scene.scene.name)
+    identity = case.scene.scene.model_copy(update={"name": name, "draw": condition})
+    return replace(
+        case, name=name + head, scene=case.scene.model_copy(update={"scene": identity}), estimators=estimators
+    )
+
+
+def _design(entry: Entry, estimator: str, case: Case, spec: StudySpec) -> Design:
+    items = [item for listed in spec.design.lists.values() for item in listed]
+    several = len(spec.study.estimators) > 1 or any("estimators" in item for item in items)
+    settings = entry.settings | ({ESTIMATOR_AXIS: estimator} if several else {})
+    camera = case.camera
+    together = case.name != case.scene.scene.name and _needs_heads(estimator, spec)
+    return Design(
+        f"{entry.name}_{estimator}" if several else entry.name,
+        entry.name,
+        estimator,
+        settings,
+        camera.camera.name or str(value_at(case, "camera.file")),
+        camera.camera.width,
+        camera.camera.height,
+        len(camera.head) if together else 1,
+    )
+
+
+def _needs_heads(estimator: str, spec: StudySpec) -> bool:
+    from horizonval.estimation import registry
+
+    if any(program.name == estimator for program in spec.estimator):
+        return False
+    try:
+        return registry.get(estimator).needs == "heads"
+    except UserError as e:
+        known = ", ".join(nearest(estimator, registry.names()))
+        raise UserError(f"no estimator {estimator!r}", where="study.estimators", expected=f"one of {known}") from e
+
+
+def _value(tree: Any, key: str) -> Any:
+    for part in key.split("."):
+        tree = tree[part]
+    return tree
+
+
+def _plain(value: Any) -> Any:
+    return value.isoformat() if isinstance(value, datetime) else value

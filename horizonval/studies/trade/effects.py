@@ -1,0 +1,202 @@
+"""Which axis matters: main effects and interactions of two axes on the logarithm of the error.
+
+The response of a design is the mean of log10 of its nadir error, over the frames that all compared designs answered, so
+that an easy frame which only some of them answered favours none. Designs that stand in the way of frames in common are
+left out, a quarter of them at most; where that is not enough it is over each design's own claims. The sum of squares of
+a term is by how much the residual grows when the term is taken out of the model that has all terms of its order and
+below ("type II": R. Langsrud, Statistics and Computing 13, 163, 2003). On a full grid these are the classical ones and
+add up to the total; on a grid with gaps they need not.
+
+Every design is one number here: what the shares owe to the choice of frames shows in their intervals, by drawing the
+conditions anew. A share cannot be negative, and a term that does nothing still gets a little: compare the lower end.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.studies.trade.sample import Sample, interval_of
+
+FLOOR_DEG = 1e-6
+"""Smaller errors count as this: a logarithm has no zero."""
+FEWEST_COMMON = 5
+MOST_LEFT_OUT = 0.25
+"""Share of the designs that may be left out so that the others have frames in common."""
+
+Plain = dict[str, Any]
+
+
+def effects_of(designs: Sequence[tuple[str, Mapping[str, Any], Sample]], draws: FloatArray) -> Plain | None:
+    """Return the effects of the axes on the designs' mean log error.
+
+    Parameters
+    ----------
+    designs : sequence of (name, settings, Sample)
+    draws : ndarray, shape (1 + draws, clusters)
+
+    Returns
+    -------
+    dict or None
+        ``basis`` (``common`` or ``own`` claims), ``n`` (common frames, or fewest claims), ``designs``, ``left_out``,
+        ``complete`` (full grid), ``variance`` of log10; ``terms``: ``{axes, dof, share: {value, interval}}`` by falling
+        share, the remainder last; ``levels``: by axis a list of ``{level, factor, interval, designs}``, the factor
+        by which the level multiplies the error. ``None`` where nothing is varied or fewer than two designs answered.
+    """
+    kept = _with_frames_in_common([d for d in designs if np.isfinite(d[2].error_deg).any()])
+    axes = {key: _levels(kept, key) for key in (kept[0][1] if kept else {})}
+    factors = [key for key, levels in axes.items() if len(levels) > 1]
+    if len(kept) < 2 or not factors:
+        return None
+    response, basis, n = _responses([sample for *_, sample in kept], draws)
+    usable = np.asarray(np.isfinite(response).all(axis=0))
+    if not usable[0]:
+        return None
+    response = response[:, usable]
+    columns = {key: _coded([settings.get(key) for _, settings, _ in kept], axes[key]) for key in factors}
+    terms = _terms(factors, columns, response)
+    return {
+        "basis": basis,
+        "n": n,
+        "designs": len(kept),
+        "left_out": [name for name, *_ in designs if name not in {kept_name for kept_name, *_ in kept}],
+        "complete": len(kept) == int(np.prod([len(axes[key]) for key in factors])),
+        "variance": float(np.var(response[:, 0])),
+        "terms": terms,
+        "levels": _level_factors(factors, axes, columns, kept, response),
+    }
+
+
+def _with_frames_in_common(
+    designs: Sequence[tuple[str, Mapping[str, Any], Sample]],
+) -> list[tuple[str, Mapping[str, Any], Sample]]:
+    """Leave out one after the other the design that costs most frames in common, until there are enough."""
+    answered = [{k for k, e in zip(d[2].keys, d[2].error_deg, strict=True) if np.isfinite(e)} for d in designs]
+    kept = list(range(len(designs)))
+
+    def common(indices: Sequence[int]) -> int:
+        return len(set.intersection(*(answered[i] for i in indices))) if indices else 0
+
+    while common(kept) < FEWEST_COMMON:
+        if len(designs) - len(kept) + 1 > MOST_LEFT_OUT * len(designs):
+            return list(designs)
+        kept.remove(max(kept, key=lambda i: common([j for j in kept if j != i])))
+    return [designs[i] for i in kept]
+
+
+def _levels(designs: Sequence[tuple[str, Mapping[str, Any], Sample]], key: str) -> list[Any]:
+    return list(dict.fromkeys(_word(settings.get(key)) for _, settings, _ in designs))
+
+
+def _word(value: Any) -> Any:
+    return value if isinstance(value, str | int | float | bool) or value is None else repr(value)
+
+
+def _responses(samples: Sequence[Sample], draws: FloatArray) -> tuple[FloatArray, str, int]:
+    """Return mean log errors, shape (designs, 1 + draws), what they are over, and of how many frames."""
+    errors = [
+        dict(zip(sample.keys, zip(sample.error_deg, sample.cluster, strict=True), strict=True)) for sample in samples
+    ]
+    common = [key for key in errors[0] if all(key in error and np.isfinite(error[key][0]) for error in errors)]
+    if len(common) >= FEWEST_COMMON:
+        weights = draws[:, [errors[0][key][1] for key in common]]
+        logs = np.array([[_log(error[key][0]) for key in common] for error in errors])
+        return _means(logs @ weights.T, weights.sum(axis=1)), "common", len(common)
+    lines, fewest = [], []
+    for sample in samples:
+        claims = np.isfinite(sample.error_deg)
+        weights = draws[:, sample.cluster[claims]]
+        lines.append(_means(weights @ _log(sample.error_deg[claims]), weights.sum(axis=1)))
+        fewest.append(int(claims.sum()))
+    return np.array(lines), "own", min(fewest)
+
+
+def _means(sums: FloatArray, counts: FloatArray) -> FloatArray:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        means: FloatArray = np.where(counts > 0, sums / counts, np.nan)
+    return means
+
+
+def _log(error_deg: Any) -> Any:
+    return np.log10(np.maximum(error_deg, FLOOR_DEG))
+
+
+def _coded(values: Sequence[Any], levels: Sequence[Any]) -> NDArray[np.float64]:
+    """Return sum-to-zero columns of a factor, shape (designs, levels - 1)."""
+    code = np.vstack([np.eye(len(levels) - 1), -np.ones(len(levels) - 1)])
+    coded: NDArray[np.float64] = code[[levels.index(_word(value)) for value in values]]
+    return coded
+
+
+def _terms(factors: Sequence[str], columns: Mapping[str, FloatArray], response: FloatArray) -> list[Plain]:
+    pairs = list(itertools.combinations(factors, 2))
+    cross = {(a, b): (columns[a][:, :, None] * columns[b][:, None, :]).reshape(len(response), -1) for a, b in pairs}
+    total, _ = _residual([], response)
+    mains = [columns[key] for key in factors]
+    all_mains, rank_mains = _residual(mains, response)
+    everything, rank_all = _residual([*mains, *cross.values()], response)
+    found = []
+    for i, key in enumerate(factors):
+        without, rank = _residual(mains[:i] + mains[i + 1 :], response)
+        found.append(([key], rank_mains - rank, without - all_mains))
+    for pair in pairs:
+        without, rank = _residual([*mains, *(c for p, c in cross.items() if p != pair)], response)
+        if rank_all > rank:
+            found.append((list(pair), rank_all - rank, without - everything))
+    # Rounding must not make a share of nothing look like one.
+    whole = np.where(total > 1e-18, total, np.nan)
+    found.sort(key=lambda term: -float(np.nan_to_num(term[2][0] / whole[0])))
+    left = len(response) - rank_all
+    if left > 0:
+        found.append((["remainder"], left, everything))
+    return [
+        {
+            "axes": axes,
+            "dof": dof,
+            "share": {"value": _finite(float(share[0])), "interval": interval_of(share)},
+        }
+        for axes, dof, squares in found
+        for share in (np.maximum(squares, 0.0) / whole,)
+    ]
+
+
+def _residual(columns: Sequence[FloatArray], response: FloatArray) -> tuple[FloatArray, int]:
+    """Return the residual sum of squares of every draw, and the rank of the model with its mean."""
+    model = np.concatenate([np.ones((len(response), 1)), *columns], axis=1)
+    solution, _, rank, _ = np.linalg.lstsq(model, response, rcond=None)
+    return np.sum((response - model @ solution) ** 2, axis=0), int(rank)
+
+
+def _level_factors(
+    factors: Sequence[str],
+    axes: Mapping[str, Sequence[Any]],
+    columns: Mapping[str, FloatArray],
+    designs: Sequence[tuple[str, Mapping[str, Any], Sample]],
+    response: FloatArray,
+) -> dict[str, list[Plain]]:
+    """Return 10 to the power of each level's coefficient in the model of main effects alone."""
+    model = np.concatenate([np.ones((len(response), 1)), *(columns[key] for key in factors)], axis=1)
+    solution, *_ = np.linalg.lstsq(model, response, rcond=None)
+    found, start = {}, 1
+    for key in factors:
+        width = len(axes[key]) - 1
+        own = solution[start : start + width]
+        start += width
+        lines = []
+        for level, values in zip(axes[key], [*own, -own.sum(axis=0)], strict=True):
+            factor = 10.0**values
+            count = sum(_word(settings.get(key)) == level for _, settings, _ in designs)
+            lines.append(
+                {"level": level, "factor": float(factor[0]), "interval": interval_of(factor), "designs": count}
+            )
+        found[key] = lines
+    return found
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None

@@ -1,0 +1,113 @@
+"""Run a study: its frames by the campaign engine, then its results and its page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from horizonval.core.errors import UserError
+from horizonval.jobs.progress import Progress
+from horizonval.report.pages import study_page
+from horizonval.spec.study import Requirement
+from horizonval.store.folder import RunFolder, read_json
+from horizonval.studies.trade.conclude import Data, conclude, query, read_data
+from horizonval.studies.trade.design import expand, read_study
+from horizonval.studies.trade.plan import FILE, plan_of_study, read_plan, write_plan
+from horizonval.suites.run import Where, run_suite
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """What a study made.
+
+    Attributes
+    ----------
+    result, costs : dict
+        Contents of ``study.json`` and ``study-costs.json``; empty as long as other shards are missing.
+    failed : dict
+        Frames without a result, by name, and why.
+    page : Path or None
+    missing : int
+        Results that other shards have yet to make.
+    """
+
+    result: dict[str, Any]
+    costs: dict[str, Any]
+    failed: Mapping[str, str]
+    page: Path | None
+    missing: int = 0
+
+
+def run_study(
+    path_or_name: str | Path,
+    out_dir: Path,
+    *,
+    where: Where | None = None,
+    progress: Progress | None = None,
+    frames: int | None = None,
+) -> StudyResult:
+    """Run a study into a folder, or finish or extend what is there: only frames that are new are made.
+
+    Parameters
+    ----------
+    path_or_name : str or Path
+        A study file, or the name of a shipped study.
+    out_dir : Path
+    where : Where, optional
+    progress : Progress, optional
+    frames : int, optional
+        Conditions in place of the file's number.
+
+    Raises
+    ------
+    UserError
+        A mistake in the study, told before anything is rendered; or as :func:`horizonval.suites.run.run_suite`.
+    """
+    spec, path = read_study(path_or_name, frames)
+    before = read_plan(out_dir)
+    study = expand(spec, path, before.batches if before is not None and before.head.name == spec.study.name else None)
+    try:
+        run = run_suite(study.suite, out_dir, progress=progress, where=where)
+    except UserError as e:
+        # The engine knows suites; the user's file has a table [study].
+        fixed = e.where.replace(": suite.estimators", ": study.estimators")
+        raise UserError(e.what, where=fixed, expected=e.expected, fix=e.fix) from e
+    finally:
+        # Whatever was begun belongs to these batches of estimators: a later run must go on with them.
+        claimed = read_json(RunFolder(out_dir).suite) or {}
+        if claimed.get("study") and claimed.get("suite") == spec.study.name:
+            write_plan(plan_of_study(study), out_dir)
+    if run.report is None:
+        return StudyResult({}, {}, run.failed, None, run.missing)
+    plan = plan_of_study(study)
+    result, costs = conclude(read_data(plan, out_dir), out_dir)
+    return StudyResult(result, costs, run.failed, study_page.write_page(out_dir))
+
+
+def open_study(folder: Path) -> Data:
+    """Return the results of a study's folder.
+
+    Raises
+    ------
+    UserError
+        There is no finished study in it.
+    """
+    plan = read_plan(folder)
+    if plan is None:
+        raise UserError(f"no {FILE}", where=str(folder), expected="the folder of a study, or a study file with --out")
+    return read_data(plan, folder)
+
+
+def conclude_again(folder: Path) -> StudyResult:
+    """Work out the results of a folder again, and its page."""
+    data = open_study(folder)
+    result, costs = conclude(data, folder)
+    return StudyResult(result, costs, dict.fromkeys(data.failed, "see summary.json"), study_page.write_page(folder))
+
+
+def ask(data: Data, result: StudyResult, requirement: Requirement) -> dict[str, Any]:
+    """Return the cheapest design for a requirement, by what the study counts as cheap."""
+    seconds = {name: found["value"] for name, found in result.costs["designs"].items()}
+    return query(data, result.result["designs"], requirement, data.plan.head.cheapest_by, seconds)

@@ -1,0 +1,103 @@
+"""Mistakes in a suite that the files' models cannot know, found before anything is rendered."""
+
+from __future__ import annotations
+
+from horizonval.core.errors import UserError
+from horizonval.geometry.camera import camera_from_spec, check_invertible
+from horizonval.geometry.pose import place_from_spec
+from horizonval.geometry.rotation import julian_utc
+from horizonval.spec.load import Case, Suite
+from horizonval.suites.plan import Plan, of_heads
+from horizonval.suites.stability import check_stability
+
+
+def check_suite(suite: Suite, plan: Plan) -> None:
+    """Find mistakes that the files' models cannot know: estimators, atmospheres, detectors, positions.
+
+    Thousands of cases share few cameras and atmospheres, and each of those is looked at once.
+
+    Raises
+    ------
+    UserError
+        Naming the suite, the frame and the key.
+    """
+    for program in suite.programs:
+        if program.name not in suite.estimators:
+            raise UserError(
+                f"the program {program.name!r} is not among the estimators",
+                where=f"{suite.source}: suite.estimators",
+                fix="add its name, or take the [[estimator]] table away",
+            )
+    for name in suite.estimators:
+        try:
+            plan.estimator(name)
+        except UserError as e:
+            raise _placed(e, f"{suite.source}: suite.estimators") from e
+    _check_heads(suite, plan)
+    cameras: set[int] = set()
+    matters: set[tuple[str, int, float]] = set()
+    for case in suite.cases:
+        try:
+            _check_case(case, cameras, matters)
+        except UserError as e:
+            raise _placed(e, f"{suite.source}: {case.name}") from e
+    check_stability(suite)
+
+
+def _check_heads(suite: Suite, plan: Plan) -> None:
+    """Every estimator has a frame to run on, and those that see all heads are not asked for on a camera of one."""
+    run: set[str] = set()
+    for case in suite.cases:
+        together = plan.together(case)
+        if together and case.estimators is not None and not of_heads(case):
+            raise _without_heads(together[0], f"{suite.source}: {case.name}: estimators")
+        run.update(plan.alone(case), together if of_heads(case) else ())
+    for name in plan.estimators:
+        if name in run:
+            continue
+        where = f"{suite.source}: suite.estimators"
+        if plan.estimator(name).needs == "heads":
+            raise _without_heads(name, where)
+        raise UserError(
+            f"no frame runs {name!r}", where=where, fix="name it in a [[cases]] table's estimators, or take it away"
+        )
+
+
+def _without_heads(name: str, where: str) -> UserError:
+    return UserError(
+        f"the estimator {name!r} needs the images of all heads",
+        where=where,
+        expected="a frame with a camera of several heads and without camera.head",
+    )
+
+
+def _check_case(case: Case, cameras: set[int], matters: set[tuple[str, int, float]]) -> None:
+    from horizonval.earth.optical import optical_model
+    from horizonval.sensor.observe import check_camera
+
+    # Cases of one camera file share the object.
+    camera = id(case.camera)
+    if camera not in cameras:
+        if case.camera.detector is None:
+            raise UserError(
+                f"camera {case.scene.camera.file!r} has no detector",
+                where="camera.file",
+                expected="a [detector] table in the camera file",
+            )
+        check_camera(case.camera)
+        check_invertible(camera_from_spec(case.camera.camera))
+        cameras.add(camera)
+    place_from_spec(case.scene)
+    try:
+        julian_utc(case.scene.platform.epoch_utc)
+    except UserError as e:
+        raise UserError(e.what, where="platform.epoch_utc", expected=e.expected) from e
+    matter = (case.scene.atmosphere.model_dump_json(), camera, case.scene.render.band_error)
+    if matter not in matters:
+        optical_model(case.scene, case.camera)
+        matters.add(matter)
+
+
+def _placed(error: UserError, where: str) -> UserError:
+    inner = f"{where}: {error.where}" if error.where and error.where not in where else where
+    return UserError(error.what, where=inner, expected=error.expected, fix=error.fix)

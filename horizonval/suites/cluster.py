@@ -1,0 +1,149 @@
+"""The same work on a Dask cluster: more machines than one, the same bytes.
+
+A worker writes its results into the run's folder, which all must see (a shared file system); what it returns is small.
+One thread per worker: the renderer keeps a state of its own in each process. A worker that dies costs what it was
+doing, which Dask hands to another; a case that kills three is given up.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, TypeVar
+
+from horizonval.core.errors import UserError
+from horizonval.jobs.pool import Results
+from horizonval.store.folder import RunFolder
+from horizonval.suites.identity import code_version
+from horizonval.suites.plan import Unit
+
+T = TypeVar("T")
+
+CONNECT_LIMIT_S = 30.0
+DEATHS = 2
+"""Of workers that one case may cost before it is given up, as on one machine."""
+
+_ready = False
+
+
+def run_on_cluster(
+    work: Callable[[Unit], T], units: Iterable[Unit], address: str, folder: RunFolder
+) -> Results[Unit, T | None, None]:
+    """Yield every unit with its result, as they come; ``None`` for one that killed its workers.
+
+    Parameters
+    ----------
+    work : callable
+        Picklable; must not raise.
+    units : iterable of Unit
+    address : str
+        Of a scheduler, or ``local:N`` for N processes on this machine.
+    folder : RunFolder
+
+    Raises
+    ------
+    UserError
+        Dask is not installed, no scheduler answers, or its workers do not see the folder, have other code or more than
+        one thread.
+    """
+    workers = _local_workers(address)
+    try:
+        import distributed
+    except ImportError as e:
+        raise UserError(
+            "Dask is not installed", where="--dask", fix="pip install 'horizonval[cluster]', or leave --dask out"
+        ) from e
+    from distributed import as_completed
+
+    absolute = RunFolder(folder.root.resolve())
+    with _client(address, workers) as client:
+        _check_workers(client, absolute, address)
+        futures = {client.submit(_prepared, work, unit, pure=False): unit for unit in units}
+        waiting = as_completed(futures)
+        for future in waiting:
+            unit = futures.pop(future)
+            try:
+                result = future.result()
+            except distributed.KilledWorker:
+                result = None
+            except (distributed.CancelledError, distributed.comm.CommClosedError) as e:
+                raise UserError("the cluster is gone", where=f"--dask {address}", fix="start it, and run again") from e
+            future.release()
+            yield unit, result
+
+
+def _prepared(work: Callable[[Unit], T], unit: Unit) -> T:
+    """Run the work in a worker that has its renderer ready."""
+    global _ready
+    if not _ready:
+        import cv2
+
+        from horizonval.render.plugin.backend import activate
+
+        cv2.setNumThreads(1)
+        activate(1)
+        _ready = True
+    return work(unit)
+
+
+def _local_workers(address: str) -> int | None:
+    """Return N of ``local:N``, ``None`` for the address of a scheduler."""
+    local, _, count = address.partition(":")
+    if local != "local":
+        return None
+    if not count.isdecimal() or int(count) < 1:
+        raise UserError(f"found {address!r}", where="--dask", expected="local:N, or an address")
+    return int(count)
+
+
+@contextlib.contextmanager
+def _client(address: str, workers: int | None) -> Iterator[Any]:
+    import dask
+    import distributed
+
+    with dask.config.set({"distributed.scheduler.allowed-failures": DEATHS - 1}), contextlib.ExitStack() as stack:
+        if workers is not None:
+            cluster = distributed.LocalCluster(
+                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+            )
+            yield stack.enter_context(distributed.Client(stack.enter_context(cluster)))
+            return
+        try:
+            client = distributed.Client(address, timeout=CONNECT_LIMIT_S)
+        except (OSError, ValueError, TimeoutError) as e:
+            raise UserError(
+                f"no Dask scheduler answers at {address!r}",
+                where="--dask",
+                expected="an address such as tcp://host:8786, or local:N",
+            ) from e
+        yield stack.enter_context(client)
+
+
+def _check_workers(client: Any, folder: RunFolder, address: str) -> None:
+    where = f"--dask {address}"
+    threads = client.nthreads()
+    if not threads:
+        raise UserError("the cluster has no workers", where=where, fix="start some with `dask worker --nthreads 1`")
+    if max(threads.values()) > 1:
+        raise UserError("its workers have several threads", where=where, fix="start them with --nthreads 1")
+    marker = folder.root / f".{secrets.token_hex(8)}.part"
+    marker.touch()
+    try:
+        found = client.run(_look, str(marker))
+    finally:
+        marker.unlink(missing_ok=True)
+    for worker, (sees, version) in found.items():
+        if not sees:
+            raise UserError(
+                f"the worker {worker} does not see the folder {folder.root}", where=where, fix="use a shared folder"
+            )
+        if version != code_version():
+            raise UserError(
+                f"the worker {worker} has other code ({version})", where=where, expected=f"version {code_version()}"
+            )
+
+
+def _look(path: str) -> tuple[bool, str]:
+    return os.path.exists(path), code_version()

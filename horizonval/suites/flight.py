@@ -1,0 +1,194 @@
+"""An orbit's samples as partial scenes: where the satellite is, when, which way it flies, how it is turned."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sgp4.api import Satrec
+from sgp4.conveniences import sat_epoch_datetime
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
+from horizonval.geometry import attitude_profile, orbit, tle
+from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_from_itrs
+from horizonval.geometry.ephemeris import sun_itrs
+from horizonval.geometry.rotation import itrs_from_teme
+from horizonval.spec.expand import seed_of
+from horizonval.spec.merge import Plain
+from horizonval.spec.orbit import OrbitAttitude, OrbitSpec
+
+_ANGLE_DIGITS, _RATE_DIGITS, _KM_DIGITS = 7, 9, 6
+"""Of what is written into scenes: a centimetre on the ground and a thousandth of an arc second, so that the last bit of
+a sine, which machines disagree on, does not reach a scene's identity."""
+
+
+def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Path) -> list[Plain]:
+    """Return a partial scene for every sample: ``platform`` and ``attitude``.
+
+    Parameters
+    ----------
+    spec : OrbitSpec
+    ellipsoid : Ellipsoid
+        Latitude and altitude refer to it.
+    seed : int
+        The suite's; the pointing error is drawn from it and the name.
+    name : str
+    beside : Path
+        Folder that a file of two lines lies in.
+
+    Raises
+    ------
+    UserError
+        Elements that no satellite has, or that SGP4 refuses.
+    """
+    epoch, states, itrs, period_s = _track(spec, beside)
+    duration = spec.duration_s if spec.duration_s is not None else (spec.revolutions or 1.0) * period_s
+    # Whole microseconds, which is what an epoch holds.
+    seconds: FloatArray = np.round(np.arange(spec.n) * (duration / spec.n), 6)
+    r, v = states(seconds)
+    matrices = itrs(seconds)
+    r_itrs, v_itrs = (np.einsum("nij,nj->ni", matrices, x) for x in (r, v))
+    latitude, longitude, height = geodetic_from_itrs(r_itrs, ellipsoid)
+    if float(np.min(height)) <= 0.0:
+        raise UserError("the orbit passes below the ground", expected="a perigee above it")
+    course = orbit.heading(r_itrs, v_itrs)
+    sun = itrs(np.zeros(1))[0].T @ sun_itrs(epoch)[0]
+    angles, rates = attitude_profile.attitude_against_lvlh(_profile(spec.attitude, seed, name), states, sun, seconds)
+    degrees = [np.round(np.degrees(x), _ANGLE_DIGITS) + 0.0 for x in (latitude, longitude, course)]
+    km = np.round(height / 1e3, _KM_DIGITS)
+    turned = np.round(np.degrees(angles), _ANGLE_DIGITS) + 0.0
+    turning = np.round(np.degrees(rates), _RATE_DIGITS) + 0.0
+    return [
+        {
+            "platform": {
+                "epoch_utc": epoch + timedelta(seconds=float(t)),
+                "latitude_deg": float(degrees[0][i]),
+                "longitude_deg": float(degrees[1][i]),
+                "altitude_km": float(km[i]),
+                "heading_deg": float(degrees[2][i]),
+            },
+            "attitude": _attitude(turned[i], turning[i]),
+        }
+        for i, t in enumerate(seconds)
+    ]
+
+
+def _attitude(angles_deg: FloatArray, rates_deg_s: FloatArray) -> Plain:
+    yaw, pitch, roll = (float(x) for x in angles_deg)
+    found: dict[str, Any] = {"yaw_deg": yaw, "pitch_deg": pitch, "roll_deg": roll}
+    if np.any(rates_deg_s):
+        found["rate_deg_s"] = [float(x) for x in rates_deg_s]
+    return found
+
+
+def _track(
+    spec: OrbitSpec, beside: Path
+) -> tuple[datetime, attitude_profile.States, Callable[[FloatArray], FloatArray], float]:
+    """Return the start, states in axes among the stars, the matrices to Earth-fixed axes, and the period [s]."""
+    if spec.tle is not None:
+        return _track_of_lines(spec, beside)
+    assert spec.epoch_utc is not None
+    epoch = spec.epoch_utc
+    elements = _elements(spec, epoch)
+    if elements.semi_major_axis_m * (1.0 - elements.eccentricity) <= WGS84.b_m:
+        raise UserError("the perigee lies inside the Earth", expected="a larger axis or a smaller eccentricity")
+
+    def states(seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return orbit.tod_states(elements, seconds)
+
+    def itrs(seconds: FloatArray) -> FloatArray:
+        return orbit.turn_about_pole(orbit.sidereal_time(epoch, seconds))
+
+    # From node to node: what "one revolution" means to who looks down.
+    _, perigee_rate, mean_rate = orbit.secular_rates(elements)
+    return epoch, states, itrs, 2.0 * math.pi / (mean_rate + perigee_rate)
+
+
+def _track_of_lines(
+    spec: OrbitSpec, beside: Path
+) -> tuple[datetime, attitude_profile.States, Callable[[FloatArray], FloatArray], float]:
+    try:
+        found = tle.ElementSet(*_lines(spec.tle, beside))
+        satellite = Satrec.twoline2rv(found.line1, found.line2)
+        epoch = spec.epoch_utc or sat_epoch_datetime(satellite).astimezone(UTC)
+    except UserError as e:
+        raise UserError(e.what, where="tle", expected=e.expected, fix=e.fix) from e
+
+    def states(seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return tle.teme_states(found, epoch, seconds)
+
+    def itrs(seconds: FloatArray) -> FloatArray:
+        return itrs_from_teme(epoch, seconds)
+
+    # From node to node, as for elements; the satellite's own mean motion is counted from perigee to perigee.
+    return epoch, states, itrs, 60.0 * 2.0 * math.pi / (satellite.mdot + satellite.argpdot)
+
+
+def _lines(given: Sequence[str] | str | None, beside: Path) -> tuple[str, str]:
+    """Return the two lines, without the name that may stand before them."""
+    if isinstance(given, str):
+        path = beside / Path(given).expanduser()
+        try:
+            given = path.read_text(encoding="ascii").splitlines()
+        except (OSError, ValueError) as e:
+            raise UserError(f"{path} cannot be read", expected="a text file with two lines of 69 columns") from e
+    lines = [line.rstrip() for line in given or [] if line.strip()]
+    if len(lines) not in (2, 3):
+        raise UserError(f"found {len(lines)} lines", expected="two lines of 69 columns, or three with a name")
+    return lines[-2], lines[-1]
+
+
+def _elements(spec: OrbitSpec, epoch: datetime) -> orbit.Elements:
+    radius = orbit.EARTH_RADIUS_M
+    eccentricity = spec.eccentricity or 0.0
+    if spec.altitude_km is not None:
+        a = radius + spec.altitude_km * 1e3
+    elif spec.semi_major_axis_km is not None:
+        a = spec.semi_major_axis_km * 1e3
+    else:
+        assert spec.perigee_km is not None
+        assert spec.apogee_km is not None
+        low, high = radius + spec.perigee_km * 1e3, radius + spec.apogee_km * 1e3
+        a, eccentricity = (low + high) / 2.0, (high - low) / (high + low)
+    inclination = (
+        orbit.sun_synchronous_inclination(a, eccentricity)
+        if spec.inclination_deg is None
+        else math.radians(spec.inclination_deg)
+    )
+    if spec.ltan_h is not None:
+        node = orbit.raan_of_local_time(epoch, spec.ltan_h)
+    elif spec.ltdn_h is not None:
+        node = orbit.raan_of_local_time(epoch, spec.ltdn_h + 12.0)
+    elif spec.node_longitude_deg is not None:
+        node = math.radians(spec.node_longitude_deg) + float(orbit.sidereal_time(epoch))
+    else:
+        node = math.radians(spec.raan_deg or 0.0)
+    mean = orbit.mean_from_true_anomaly(math.radians(spec.true_anomaly_deg), eccentricity)
+    return orbit.Elements(a, eccentricity, inclination, node, math.radians(spec.argument_of_perigee_deg), mean)
+
+
+def _profile(spec: OrbitAttitude, seed: int, name: str) -> attitude_profile.Profile:
+    def radians(angles: tuple[float, float, float]) -> tuple[float, float, float]:
+        yaw, pitch, roll = (math.radians(x) for x in angles)
+        return yaw, pitch, roll
+
+    error = None
+    if spec.error is not None:
+        random = np.random.default_rng(np.random.SeedSequence(seed_of("pointing", seed, name)))
+        error = attitude_profile.pointing_error(radians(spec.error.rms_deg), spec.error.correlation_s, random)
+    slew = None
+    if spec.slew is not None:
+        slew = attitude_profile.Slew(radians(spec.slew.to_deg), spec.slew.start_s, spec.slew.duration_s)
+    return attitude_profile.Profile(
+        reference=spec.pointing,
+        offset_rad=radians(spec.offset_deg),
+        slew=slew,
+        tumble_rad_s=radians(spec.tumble_deg_s),
+        error=error,
+        sun_axis=spec.sun_axis,
+    )

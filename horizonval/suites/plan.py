@@ -1,0 +1,153 @@
+"""What a run does with every case, and which cases are made together."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import shlex
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from horizonval.core.errors import UserError
+from horizonval.estimation import registry
+from horizonval.estimation.observation import Estimator
+from horizonval.estimation.process.external import external
+from horizonval.estimation.process.sandbox import Limits
+from horizonval.spec.load import Case, Suite
+from horizonval.spec.suite import Keep
+
+FRAME_LIMIT_S = 3600.0
+"""For everything about one frame: a renderer that hangs is ended then. Tables of scattering take minutes at most."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Estimators in the suite's order, what they may use, what stays in the archive.
+
+    Attributes
+    ----------
+    estimators : tuple of str
+    limits : Limits
+    keep : {"all", "failures", "none"}
+    frame_limit_s : float
+    draws : int
+        Observations of every frame, each with other noise.
+    """
+
+    estimators: tuple[str, ...]
+    limits: Limits = field(default_factory=Limits)
+    keep: Keep = "all"
+    frame_limit_s: float = FRAME_LIMIT_S
+    draws: int = 1
+
+    def estimator(self, name: str) -> Estimator:
+        """Return an estimator of the suite: a program of it, or one that is installed.
+
+        Raises
+        ------
+        UserError
+            If there is none of that name.
+        """
+        for spec in self.limits.programs:
+            if spec.name == name:
+                return external(spec, self.limits.folder, self.limits.time_s)
+        return registry.get(name)
+
+    def of(self, case: Case) -> tuple[str, ...]:
+        """Return the estimators of a case, in the suite's order."""
+        return self.estimators if case.estimators is None else case.estimators
+
+    def alone(self, case: Case) -> tuple[str, ...]:
+        """Return the estimators of a case that see one image."""
+        return tuple(name for name in self.of(case) if self.estimator(name).needs != "heads")
+
+    def together(self, case: Case) -> tuple[str, ...]:
+        """Return the estimators of a case that see the images of all heads at once."""
+        return tuple(name for name in self.of(case) if self.estimator(name).needs == "heads")
+
+    def content(self, estimators: Sequence[str] | None = None) -> str:
+        """Return what of the plan results depend on: not the limits, which only cut off what would not end.
+
+        ``estimators`` are those that run, all by default.
+        """
+        names = self.estimators if estimators is None else estimators
+        programs = [
+            [spec.model_dump(mode="json"), _digests(spec.command, self.limits.folder)]
+            for spec in self.limits.programs
+            if spec.name in names
+        ]
+        # Results of a single draw are what they were before there could be more.
+        return json.dumps([names, self.keep, programs, *([self.draws] if self.draws != 1 else [])])
+
+
+def plan_of(suite: Suite) -> Plan:
+    """Return the plan of a suite."""
+    folder = Path(suite.source).resolve().parent
+    limits = Limits(suite.time_limit_s, suite.memory_limit_mb, suite.programs, folder)
+    return Plan(suite.estimators, limits, suite.keep, draws=suite.draws)
+
+
+def _digests(command: str, folder: Path) -> list[str]:
+    """Digest of every file that a command names: a program that was changed gives other results."""
+    try:
+        paths = [folder / word for word in shlex.split(command)]
+        return [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()]
+    except (OSError, ValueError):
+        return []
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What one worker makes at once: a case, or those of all heads of a scene, which have a result in common.
+
+    ``name`` is the case's, or the scene's where ``heads`` is set.
+    """
+
+    name: str
+    cases: tuple[Case, ...]
+    heads: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all results: the cases', and the scene's where the heads have one in common."""
+        return tuple(case.name for case in self.cases) + ((self.name,) if self.heads else ())
+
+
+def units_of(cases: Iterable[Case], plan: Plan) -> list[Unit]:
+    """Return the units of cases, in their order."""
+    units: list[Unit] = []
+    for (name, of_all_heads), group in itertools.groupby(cases, lambda case: (case.scene.scene.name, of_heads(case))):
+        members = tuple(group)
+        if of_all_heads and plan.together(members[0]):
+            units.append(Unit(name, members, heads=True))
+        else:
+            units += [Unit(case.name, (case,)) for case in members]
+    return units
+
+
+def of_heads(case: Case) -> bool:
+    """Whether a case is that of one head of a scene that has all of them."""
+    return case.name != case.scene.scene.name
+
+
+def shard_of(units: Sequence[Unit], shard: tuple[int, int] | None) -> list[Unit]:
+    """Return every n-th unit from the i-th on, or all."""
+    if shard is None:
+        return list(units)
+    return list(units[shard[0] - 1 :: shard[1]])
+
+
+def parse_shard(text: str) -> tuple[int, int]:
+    """Return (i, n) of ``"i/n"``.
+
+    Raises
+    ------
+    UserError
+        If it is not two whole numbers with 1 <= i <= n.
+    """
+    first, _, second = text.partition("/")
+    if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second):
+        return int(first), int(second)
+    raise UserError(f"found {text!r}", where="--shard", expected="i/n with i from 1 to n, such as 2/8")

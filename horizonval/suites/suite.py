@@ -1,0 +1,70 @@
+"""Suites with their orbits flown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+from pydantic import ValidationError
+
+from horizonval.core.errors import UserError
+from horizonval.geometry.pose import ellipsoid_from_spec
+from horizonval.spec import load
+from horizonval.spec.load import Suite
+from horizonval.spec.merge import Plain
+from horizonval.spec.orbit import OrbitSpec
+from horizonval.spec.scene import Earth
+from horizonval.spec.suite import Keep
+from horizonval.suites.flight import fly
+
+
+def load_suite(path_or_name: str | Path, frames: int | None = None, seed: int | None = None) -> Suite:
+    """Read a suite file as :func:`horizonval.spec.load.load_suite` does; ``[cases.orbit]`` becomes scenes.
+
+    ``frames`` stands in place of ``suite.frames``, ``seed`` in place of the suite's own.
+
+    Raises
+    ------
+    UserError
+        Naming the file, the key, and what was expected.
+    """
+    return load.load_suite(path_or_name, fly=fly_scene, frames=frames, seed=seed)
+
+
+def with_options(suite: Suite, time_limit_s: float | None, keep: str | None) -> Suite:
+    """Return a suite with what the command line says in place of the file.
+
+    Raises
+    ------
+    UserError
+        If ``keep`` is none of the words it can be.
+    """
+    if time_limit_s is not None:
+        suite = replace(suite, time_limit_s=time_limit_s)
+    if keep is None:
+        return suite
+    for word in get_args(Keep):
+        if keep == word:
+            return replace(suite, keep=word)
+    raise UserError(f"found {keep!r}", where="--keep", expected=" or ".join(get_args(Keep)))
+
+
+def fly_scene(spec: OrbitSpec, scene: Plain, seed: int, name: str, where: str) -> list[Plain]:
+    """Return the samples of an orbit over a scene's Earth; errors name the place ``where`` of the file.
+
+    Raises
+    ------
+    UserError
+        As :func:`horizonval.suites.flight.fly`.
+    """
+    try:
+        earth = Earth.model_validate(scene.get("earth", {}), strict=True)
+    except ValidationError:
+        # The scene is validated as a whole, with its own words, once it has a place.
+        earth = Earth()
+    try:
+        return fly(spec, ellipsoid_from_spec(earth), seed, name, Path(where.partition(": ")[0]).parent)
+    except UserError as e:
+        inner = ".".join(part for part in ("orbit", e.where) if part)
+        raise UserError(e.what, where=f"{where}.{inner}", expected=e.expected, fix=e.fix) from e

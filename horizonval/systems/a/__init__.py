@@ -1,0 +1,1 @@
+"""System A: altitude-free image sensor."""

@@ -1,0 +1,224 @@
+"""The bank of frames of the altitude-free sensor: bare spheres, and every method's errors on each of them.
+
+A sphere without air under an overhead Sun: all of the limb in view is lit, and the limb is an edge. The camera is the
+shipped ``vis-cmos-1024-60deg`` at another field and another number of pixels; it looks to the nadir at zero attitude.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from itertools import product
+from typing import Any
+
+import cv2
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.edges import scale_to_8_bit
+from horizonval.estimation.limb.finder import find_canny_pixels, find_edges_only, find_limb
+from horizonval.estimation.limb.result import LimbPoints, NoLimb
+from horizonval.estimation.limb.shape.cone import SLOW_PX, off_axis_angle, slow_error, tangent_basis
+from horizonval.estimation.methods import altitude_free, altitude_free_closed_form, altitude_free_published
+from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.frame import Frame
+from horizonval.geometry.camera import Camera, camera_from_spec, project
+from horizonval.geometry.frames import nadir_of_roll_pitch
+from horizonval.render.scene.frame import render_frame
+from horizonval.sensor.observe import observe
+from horizonval.spec.load import load_camera
+from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.systems.workshop import Plain, rng_of
+
+CAMERA = "vis-cmos-1024-60deg"
+ALTITUDES_KM = (400.0, 800.0, 3000.0, 6000.0)
+FIELDS_DEG = (40.0, 60.0, 80.0)
+PIXELS = (50, 100, 200, 400, 1024)
+ANGLES_DEG = (-30.0, -10.0, 10.0, 30.0)
+"""Roll and pitch of the grid: a step of 20 deg, which keeps the bank within some 400 seconds of one core."""
+SHORTEST_SHARE = 0.2
+"""Of the image's width: less of the limb in view is no condition of the table."""
+JITTER_DEG = 1.0
+"""Attitudes are drawn within this of the grid's, inside it, so that no pixel grid is symmetric about the nadir."""
+SET_UPS = ((3000.0, 60.0, 400), (6000.0, 40.0, 400), (6000.0, 40.0, 50), (6000.0, 80.0, 400), (6000.0, 80.0, 50))
+SET_UP_ROLL_DEG, SET_UP_PITCH_DEG = 20.0, 30.0
+ARCSEC = math.degrees(1.0) * 3600.0
+
+
+def camera_of(item: Plain) -> CameraSpec:
+    """Return the shipped camera with the item's ``pixels`` and ``fov_deg``; one wavelength, for there is no air."""
+    spec = load_camera(CAMERA).model_dump(mode="json", exclude_none=True)
+    spec["camera"] = {"name": CAMERA, "width": item["pixels"], "height": item["pixels"], "fov_deg": item["fov_deg"]}
+    spec["band"][0]["nodes"] = 1
+    return CameraSpec.model_validate(spec)
+
+
+def scene_of(item: Plain) -> SceneSpec:
+    """Return the item's scene. Albedo 0.1 lays the limb on half of the shipped exposure's full scale."""
+    return SceneSpec.model_validate(
+        {
+            "scene": {"name": "altitude-free"},
+            "camera": {"file": CAMERA},
+            "platform": {"altitude_km": item["altitude_km"]},
+            "attitude": {"roll_deg": item["roll_deg"], "pitch_deg": item["pitch_deg"], "yaw_deg": 0.0},
+            "earth": {"shape": "sphere"},
+            "atmosphere": {"profile": "none"},
+            "surface": {"albedo": 0.1},
+            "sun": {"zenith_deg": 0.0},
+            "moon": {"enabled": False},
+            "night": {"airglow": False, "sky_background": False, "moonlight": False},
+            "render": {"subsamples": 2, "nodes": 8, "orders": "single"},
+        }
+    )
+
+
+def radius_of(altitude_km: float) -> float:
+    """Return the Earth's angular radius [rad] from an altitude above the sphere."""
+    return math.asin(Observation.earth_radius_m / (Observation.earth_radius_m + altitude_km * 1e3))
+
+
+def limb_length_px(item: Plain) -> float:
+    """Return how much of the limb is in view [px]."""
+    camera = camera_from_spec(camera_of(item).camera)
+    nadir = nadir_of_roll_pitch(math.radians(item["roll_deg"]), math.radians(item["pitch_deg"]))
+    rho = radius_of(item["altitude_km"])
+    angle = np.linspace(0.0, 2.0 * np.pi, 7201)
+    basis = tangent_basis(nadir)
+    around = np.cos(angle)[:, None] * basis[:, 0] + np.sin(angle)[:, None] * basis[:, 1]
+    uv, in_front = project(camera, np.cos(rho) * nadir + np.sin(rho) * around)
+    with np.errstate(invalid="ignore"):
+        inside = in_front & (np.abs(uv - (item["pixels"] - 1) / 2.0) <= item["pixels"] / 2.0).all(axis=1)
+        length = np.hypot(*np.diff(uv, axis=0).T)
+    return float(length[inside[1:] & inside[:-1]].sum())
+
+
+def grid(seed: int, pixels: tuple[int, ...] = PIXELS, angles_deg: tuple[float, ...] = ANGLES_DEG) -> dict[str, Plain]:
+    """Return the items of the full grid by name: those with a fifth of the width of horizon in view.
+
+    An attitude is the same for all numbers of pixels, fields and altitudes.
+    """
+    items = {}
+    for roll, pitch in product(angles_deg, angles_deg):
+        off = rng_of(seed, "altitude-free", f"{roll:g} {pitch:g}").uniform(0.0, JITTER_DEG, 2)
+        attitude = [round(a - math.copysign(d, a), 6) for a, d in zip((roll, pitch), off.tolist(), strict=True)]
+        for altitude, fov in product(ALTITUDES_KM, FIELDS_DEG):
+            item = {"altitude_km": altitude, "fov_deg": fov, "roll_deg": attitude[0], "pitch_deg": attitude[1]}
+            if limb_length_px(item | {"pixels": 400}) < SHORTEST_SHARE * 400:
+                continue
+            for n in pixels:
+                noisy = n == max(pixels) and fov == 60.0
+                name = f"{altitude:g} km, {fov:g} deg, {n} px, roll {roll:g}, pitch {pitch:g}"
+                items[name] = item | {"pixels": n, "noise_seed": seed if noisy else None}
+    return items
+
+
+def set_ups(seed: int) -> dict[str, Plain]:
+    """Return the published set-ups by name; their frames and iterates are kept."""
+    attitude = {"roll_deg": SET_UP_ROLL_DEG, "pitch_deg": SET_UP_PITCH_DEG, "noise_seed": seed, "picture": True}
+    return {
+        f"{altitude:g} km, {fov:g} deg, {pixels} px": {"altitude_km": altitude, "fov_deg": fov, "pixels": pixels}
+        | attitude
+        for altitude, fov, pixels in SET_UPS
+    }
+
+
+def measure(item: Plain) -> Plain:
+    """Render an item's frame and return every method's errors on it."""
+    camera, scene = camera_of(item), scene_of(item)
+    frame = render_frame(scene, camera)
+    image = frame.radiance["vis"].astype(np.float64)
+    result: Plain = {"clean": _errors(item, frame, image, camera_from_spec(camera.camera), None)}
+    if item["noise_seed"] is not None:
+        seen = observe(frame, camera, seed=item["noise_seed"])
+        geometry = camera_from_spec(camera.camera)
+        result["noisy"] = _errors(item, frame, seen.dn.astype(np.float64), geometry, float(seen.full_scale))
+    if item.get("picture"):
+        result["picture"] = _png(image)
+    return result
+
+
+def _errors(item: Plain, frame: Frame, image: FloatArray, camera: Camera, full_scale: float | None) -> Plain:
+    observation = Observation(image=image, camera=camera, full_scale=full_scale)
+    nadir = np.array(frame.truth.nadir_geocentric_cam)
+    whole = find_canny_pixels(image, camera, full_scale)
+    level = find_edges_only(image, camera, full_scale)
+    limb = find_limb(image, camera, full_scale)
+    fits = {
+        "whole, newton": (whole, altitude_free_published.fit_pixels),
+        "whole, closed": (whole, altitude_free_closed_form.fit_points),
+        "level, newton": (level, altitude_free.fit_points),
+        "limb, newton": (limb, altitude_free.fit_points),
+        "limb, closed": (limb, altitude_free_closed_form.fit_points),
+    }
+    result = {
+        name: _error(item, points, fit, observation, nadir, 0.0 if points is whole else SLOW_PX)
+        for name, (points, fit) in fits.items()
+    }
+    if isinstance(whole, LimbPoints):
+        result["three-point start"] = {"updates": _three_point_updates(whole.los_cam)}
+        if item.get("picture"):
+            result["pixels"] = whole.uv.tolist()
+            result["iterates"] = _iterates(whole.los_cam)
+    return result
+
+
+def _error(
+    item: Plain, points: LimbPoints | NoLimb, fit_points: Any, observation: Observation, nadir: Any, slow_px: float
+) -> Plain:
+    if isinstance(points, NoLimb):
+        return {"refused": points.reason}
+    fit: Fit | NoFit = fit_points(points.los_cam, points.uv, observation)
+    if isinstance(fit, NoFit):
+        return {"refused": fit.reason}
+    off = fit.nadir_cam - nadir
+    assert fit.altitude_m is not None
+    position = off_axis_angle(points.los_cam, nadir) - radius_of(item["altitude_km"])
+    roll = fit.roll_rad - math.radians(item["roll_deg"])
+    return {
+        "roll_deg": math.degrees(math.atan2(math.sin(roll), math.cos(roll))),
+        "pitch_deg": math.degrees(fit.pitch_rad) - item["pitch_deg"],
+        "altitude_km": fit.altitude_m / 1e3 - item["altitude_km"],
+        "nadir_arcsec": float(off_axis_angle(fit.nadir_cam, nadir)) * ARCSEC,
+        "nees": float(off @ np.linalg.pinv(_covariance(points, fit, observation, slow_px), rcond=1e-9) @ off),
+        "points": len(points.uv),
+        "point_rms_arcsec": float(np.sqrt(np.mean(position**2))) * ARCSEC,
+        "updates": [float(u) for u in np.abs(np.diff(fit.steps, axis=0)).max(axis=1)] if len(fit.steps) else [],
+    }
+
+
+def _covariance(points: LimbPoints, fit: Fit, observation: Observation, slow_px: float) -> FloatArray:
+    """Return what is claimed of a smooth sphere without air: noise and the slow errors of points.
+
+    The methods claim oblateness and relief beside it, which would hide here whether the rest is right.
+    """
+    basis = tangent_basis(fit.nadir_cam)
+    slow = slow_error(points.los_cam, basis, 1.0 / observation.camera.fx, slow_px)[:2, :2]
+    return np.asarray(fit.covariance_nadir_cam + basis @ slow @ basis.T)
+
+
+def _three_point_updates(los_cam: FloatArray) -> list[float]:
+    turn, start = altitude_free.start_from(los_cam)
+    steps = altitude_free.newton(turn.apply(los_cam), start, altitude_free_published.step_by_pseudo_inverse)
+    return [float(u) for u in np.abs(np.diff(steps, axis=0)).max(axis=1)]
+
+
+def _iterates(los_cam: FloatArray) -> Plain:
+    """Return the iterates (phi, theta, rho) [rad] from both starts and the summed error of the equations at each."""
+    pseudo_inverse = altitude_free_published.step_by_pseudo_inverse
+    published = altitude_free.newton(los_cam, altitude_free_published.START, pseudo_inverse)
+    turn, start = altitude_free.start_from(los_cam)
+    turned = turn.apply(los_cam)
+    runs = {"zero": (los_cam, published), "three": (turned, altitude_free.newton(turned, start, pseudo_inverse))}
+    return {
+        name: {
+            "steps": steps.tolist(),
+            "summed": [float(np.abs(los @ nadir_of_roll_pitch(*x[:2]) - np.cos(x[2])).sum()) for x in steps],
+        }
+        for name, (los, steps) in runs.items()
+    }
+
+
+def _png(image: FloatArray) -> str:
+    grey = scale_to_8_bit(image, np.zeros(image.shape, dtype=bool))
+    return base64.b64encode(cv2.imencode(".png", grey)[1].tobytes()).decode("ascii")

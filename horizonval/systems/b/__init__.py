@@ -1,0 +1,1 @@
+"""System B: local vertical from two perpendicular visible cameras."""

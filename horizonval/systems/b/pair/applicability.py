@@ -1,0 +1,136 @@
+"""The applicability region: which attitudes the pair can answer, and how well."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.systems.b.pair.frames import answered, attitude, pair, scene, view
+from horizonval.systems.workshop import Plain, Workshop
+
+REGION_DEG = 20.0
+"""Half the side of the published region."""
+LIMIT_DEG = 1.0
+STEP_DEG = 10.0
+LARGEST_DEG = 40.0
+OVERHEAD = {"zenith_deg": 0.0, "azimuth_deg": 0.0}
+HIGH_SUN = {"zenith_deg": 30.0, "azimuth_deg": 120.0}
+ALTITUDES_KM = (300.0, 500.0, 800.0)
+
+
+@dataclass(frozen=True)
+class Map:
+    """Errors over attitudes.
+
+    Attributes
+    ----------
+    pitch_deg, yaw_deg : ndarray, shape (n,)
+    found : list of dict
+        What :func:`horizonval.systems.b.pair.frames.view` gave for each.
+    """
+
+    pitch_deg: FloatArray
+    yaw_deg: FloatArray
+    found: list[Plain]
+
+    def error_deg(self, reading: str = "SIGHT") -> FloatArray:
+        """Return the nadir error of each attitude; NaN where there is no answer."""
+        return np.array([one["error_deg"].get(reading, np.nan) for one in self.found])
+
+    def values(self, key: str) -> FloatArray:
+        """Return one figure of each attitude; NaN where there is none."""
+        return np.array([np.nan if (value := one.get(key)) is None else value for one in self.found])
+
+    def within(self, half_deg: float) -> NDArray[np.bool_]:
+        """Return which attitudes lie in the square of this half side."""
+        return (np.abs(self.pitch_deg) <= half_deg) & (np.abs(self.yaw_deg) <= half_deg)
+
+    def half_side_deg(self, limit_deg: float = LIMIT_DEG) -> float:
+        """Return the half side of the largest square about zero that is answered throughout, within the limit."""
+        wrong = ~(self.error_deg() < limit_deg)
+        reach = np.maximum(np.abs(self.pitch_deg), np.abs(self.yaw_deg))
+        good = reach[~wrong & (reach < reach[wrong].min())] if wrong.any() else reach
+        return float(good.max()) if len(good) else 0.0
+
+    def horizon_missed(self) -> NDArray[np.bool_]:
+        """Return where the true horizon touches neither a quarter of the image's width in one camera or the other."""
+        return np.array([min(one["in_view_px"].values()) < 1.0 for one in self.found])
+
+
+def rms(values: FloatArray) -> float:
+    """Return the root mean square of what is finite."""
+    kept = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(kept**2))) if len(kept) else float("nan")
+
+
+def grid(step_deg: float, largest_deg: float = LARGEST_DEG, *, finer_within_deg: float | None = None) -> FloatArray:
+    """Return pitch and yaw, shape (n, 2): a square grid, with the middles of its cells too inside a smaller square."""
+    axis = np.arange(-largest_deg, largest_deg + 0.5 * step_deg, step_deg)
+    points = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    if finer_within_deg is None:
+        return points
+    middles = np.arange(-finer_within_deg + 0.5 * step_deg, finer_within_deg, step_deg)
+    return np.concatenate([points, np.stack(np.meshgrid(middles, middles, indexing="ij"), axis=-1).reshape(-1, 2)])
+
+
+def measured_map(
+    workshop: Workshop, title: str, camera: Plain, attitudes: FloatArray, scenery: Plain | None = None
+) -> Map:
+    """Return the map of one camera pair over one kind of Earth."""
+    changes = {"air": False, "sun": OVERHEAD, **(scenery or {})}
+    items = {}
+    for pitch, yaw in attitudes:
+        name = f"pitch{pitch:g}-yaw{yaw:g}"
+        items[name] = {
+            "camera": camera,
+            "scene": scene(name, attitude=attitude(float(pitch), float(yaw)), **changes),
+            "seed": workshop.seed,
+        }
+    results = workshop.each(title, view, items)
+    return Map(attitudes[:, 0], attitudes[:, 1], list(results.values()))
+
+
+@dataclass(frozen=True)
+class Applicability:
+    """All maps: as published, the shipped field, and the way to the real Earth at half the resolution."""
+
+    model: Map
+    shipped: Map
+    coarse: Mapping[str, Map]
+    by_altitude: Mapping[float, Map]
+
+
+def applicability(workshop: Workshop) -> Applicability:
+    """Do the experiment: the published model, then what each departure from it does."""
+    model = measured_map(workshop, "B: map, sphere", pair(), grid(STEP_DEG, finer_within_deg=REGION_DEG))
+    shipped = measured_map(workshop, "B: map, 60 deg", pair(field_deg=60.0), grid(STEP_DEG, REGION_DEG))
+    bare = {"earth": {"shape": "wgs84"}, "platform": {"altitude_km": 500.0, "latitude_deg": 45.0}}
+    sceneries: dict[str, Plain] = {
+        "sphere, no air": {},
+        "WGS84, no air": bare,
+        "WGS84, air": {"air": True, "sun": HIGH_SUN},
+    }
+    coarse = {
+        name: measured_map(workshop, f"B: map, {name}", pair(512), grid(2 * STEP_DEG), scenery)
+        for name, scenery in sceneries.items()
+    }
+    by_altitude = {
+        altitude: measured_map(
+            workshop,
+            f"B: {altitude:g} km",
+            pair(),
+            grid(STEP_DEG, STEP_DEG),
+            {"platform": {"altitude_km": altitude}},
+        )
+        for altitude in ALTITUDES_KM
+    }
+    return Applicability(model, shipped, coarse, by_altitude)
+
+
+def share_answered(one: Map) -> float:
+    """Return the share of a map's attitudes that got an answer."""
+    return float(np.mean([answered(found) for found in one.found]))

@@ -1,0 +1,224 @@
+"""One view of both cameras: rendered, detected, estimated, and set beside the truth."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.limb.arc import Arc, find_arc
+from horizonval.estimation.limb.finder import find_limb
+from horizonval.estimation.limb.result import NoLimb
+from horizonval.estimation.limb.shape.circle import fit_circle
+from horizonval.estimation.limb.shape.cone import fit_cone
+from horizonval.estimation.methods.video_vertical import ESTIMATOR, Ends, fit_arcs, solve
+from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.frame import DetectorImage, FrameTruth
+from horizonval.geometry.camera import camera_from_spec, project, unproject
+from horizonval.geometry.ellipsoid import Ellipsoid
+from horizonval.geometry.frames import inverse, rotate
+from horizonval.geometry.horizon import horizon_cam
+from horizonval.render.scene.frame import render_frame
+from horizonval.scoring.errors import angle_between, score
+from horizonval.sensor.observe import observe
+from horizonval.spec.load import load_camera
+from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.suites.observation import observation_of_heads
+from horizonval.systems.workshop import Plain
+
+SHIPPED = "vis-pair-1024-60deg"
+WITH_GLARE = "vis-cmos-1024-60deg-full"
+"""The shipped camera whose lens scatters and reflects; the pair's own lens is clean."""
+FIELD_DEG = 100.0
+"""The source does not name its cameras. From 500 km the horizon stands 22 deg below the level boresights, so that an
+attitude of 20 deg can press it down to 42 deg: a field of 60 deg does not hold the published region."""
+ALTITUDE_KM = 500.0
+PICTURE_PX = 256
+
+THERMAL = {
+    "band": [{"name": "co2", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}],
+    "optics": {"f_number": 1.0, "transmission": 1.0, "psf_sigma_px": 0.6},
+    "detector": {
+        "kind": "microbolometer",
+        "pixel_pitch_um": 12.0,
+        "netd_k": 0.25,
+        "bits": 14,
+        "scene_min_k": 0.0,
+        "scene_max_k": 400.0,
+    },
+}
+"""Behind the same geometry, a bolometer in the band of horizon sensors; 0.25 K is what 0.05 K of 8 to 14 um become."""
+
+
+def pair(width: int = 1024, field_deg: float = FIELD_DEG, tables: Plain | None = None) -> Plain:
+    """Return the shipped pair's camera as plain data, with another size and field; ``tables`` replace whole tables."""
+    camera = _stated(load_camera(SHIPPED).model_dump(mode="json"))
+    camera["camera"] |= {"width": width, "height": width, "fov_deg": field_deg, "name": f"pair-{width}-{field_deg:g}"}
+    return {**camera, **(tables or {})}
+
+
+def glare_optics(scattered: float | None = None, ghost: float | None = None) -> Plain:
+    """Return the optics of a lens with scatter, ghost and a baffle that leaks; a worse one with larger shares."""
+    optics: Plain = _stated(load_camera(WITH_GLARE).optics.model_dump(mode="json"))
+    if scattered is not None:
+        optics["scatter"] = {**optics["scatter"], "tis": scattered}
+    if ghost is not None:
+        optics["ghost"] = [{**one, "ratio": ghost} for one in optics["ghost"]]
+    return optics
+
+
+def scene(name: str, *, air: bool = False, **tables: Any) -> Plain:
+    """Return a scene over a sphere without air, or over WGS84 with it; ``tables`` replace or add whole tables."""
+    made: Plain = {
+        "scene": {"name": name},
+        "platform": {"altitude_km": ALTITUDE_KM, "latitude_deg": 45.0 if air else 0.0},
+        "earth": {"shape": "wgs84" if air else "sphere"},
+        "atmosphere": {"profile": "us_standard" if air else "none"},
+        # without air nothing is marched; with it, the arcs are those of 128 nodes to the pixel
+        "render": {"nodes": 32 if air else 8},
+    }
+    return {**made, **tables}
+
+
+def attitude(pitch_deg: float, yaw_deg: float) -> Plain:
+    """Return the attitude that tilts the longitudinal axis in the planes of both cameras.
+
+    The longitudinal axis is body z, down when level. The source's pitch tilts it about y; its yaw, the tilt across
+    that, is a roll about x here.
+    """
+    return {"pitch_deg": pitch_deg, "roll_deg": yaw_deg}
+
+
+def view(item: Plain) -> Plain:
+    """Return what the method makes of one view of both cameras.
+
+    Parameters
+    ----------
+    item : dict
+        ``camera`` and ``scene`` (plain data, no head chosen), ``seed``; ``picture`` asks for small copies of
+        both images, ``searched`` for the result on arcs from a search that asks.
+    """
+    camera = CameraSpec.model_validate(item["camera"])
+    images: dict[str, DetectorImage] = {}
+    for head in camera.head:
+        chosen = SceneSpec.model_validate({**item["scene"], "camera": {"file": "pair", "head": head.name}})
+        images[head.name] = observe(render_frame(chosen, camera), camera, seed=item["seed"])
+    found = measured(images)
+    if item.get("searched"):
+        found["searched"] = searched(images)
+    if item.get("picture"):
+        found["pictures"] = {name: small(image) for name, image in images.items()}
+    return found
+
+
+def measured(images: dict[str, DetectorImage]) -> Plain:
+    """Return the method's results on images of both cameras, every reading of the end points, beside the truth."""
+    observation = observation_of_heads(images, ESTIMATOR)
+    truth = next(iter(images.values())).truth
+    result = solve(observation)
+    down_body = np.array([0.0, 0.0, 1.0])
+    nadir_body = _body(truth, truth.nadir_geocentric_cam)
+    found: Plain = {
+        "status": str(result.status),
+        "reason": result.reason if isinstance(result, NoFit) else "",
+        "tilt_deg": math.degrees(angle_between(down_body, nadir_body)),
+        "in_view_px": {name: horizon_in_view_px(image.truth) for name, image in images.items()},
+        "saturated": {name: float(np.mean(image.dn >= image.full_scale)) for name, image in images.items()},
+        "error_deg": {},
+    }
+    if isinstance(result, NoFit):
+        return found
+    scored = score(truth, ESTIMATOR, result, earth_radius_m=observation.earth_radius_m)
+    assert scored.sigma_nadir_arcsec is not None
+    sigma_arcsec = math.hypot(scored.sigma_nadir_arcsec, scored.sigma_systematic_arcsec or 0.0)
+    found |= {"sigma_deg": sigma_arcsec / 3600.0, "nees": scored.nees_nadir_total}
+    claimed_tilt = angle_between(down_body, _body(truth, result.nadir_cam))
+    found["tilt_error_deg"] = math.degrees(claimed_tilt) - found["tilt_deg"]
+    for ends in Ends:
+        reading = solve(observation, ends)
+        if isinstance(reading, Fit):
+            found["error_deg"][ends.name] = _error_deg(truth, reading.nadir_cam)
+    found["error_deg"]["CONE"], found["circle_px"] = _cone_and_circle(observation, truth)
+    return found
+
+
+def searched(images: dict[str, DetectorImage]) -> Plain:
+    """Return the method's result on arcs from the search that asks, in place of the longest edge of each image.
+
+    :func:`horizonval.estimation.limb.finder.find_limb` takes the best cone of all edges, refines its points below the
+    pixel and refuses what need not be a horizon.
+    """
+    observation = observation_of_heads(images, ESTIMATOR)
+    truth = next(iter(images.values())).truth
+    arcs = []
+    for name, head in observation.heads.items():
+        limb = find_limb(head.image, head.camera, head.full_scale)
+        if isinstance(limb, NoLimb):
+            return {"status": str(limb.status), "reason": f"head {name}: {limb.reason}", "error_deg": {}}
+        circle = fit_circle(limb.uv)
+        if circle is None:
+            return {"status": str(Outcome.SHORT_ARC), "reason": f"head {name}: the limb is straight", "error_deg": {}}
+        arcs.append(Arc(limb.uv[np.argsort(circle.along(limb.uv), kind="stable")], circle))
+    result = fit_arcs(arcs, list(observation.heads.values()), observation.earth_radius_m)
+    if isinstance(result, NoFit):
+        return {"status": str(result.status), "reason": result.reason, "error_deg": {}}
+    return {"status": str(result.status), "reason": "", "error_deg": {"SIGHT": _error_deg(truth, result.nadir_cam)}}
+
+
+def horizon_in_view_px(truth: FrameTruth) -> float:
+    """Return the length [px] of the hard horizon's true image inside a frame."""
+    camera = camera_from_spec(CameraSpec.model_validate(truth.camera).camera)
+    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+    uv, in_front = project(camera, horizon_cam(np.array(truth.r_itrs), truth.q_cam_from_itrs, ellipsoid, n=7200))
+    with np.errstate(invalid="ignore"):
+        inside = in_front & (uv >= -0.5).all(axis=1) & (uv < (camera.width - 0.5, camera.height - 0.5)).all(axis=1)
+        step = np.hypot(*(np.roll(uv, -1, axis=0) - uv).T)
+    return float(step[inside & np.roll(inside, -1)].sum())
+
+
+def small(image: DetectorImage) -> list[list[int]]:
+    """Return an image of a few hundred pixels and 256 levels, block means, for a figure."""
+    block = max(1, image.dn.shape[0] // PICTURE_PX)
+    side = image.dn.shape[0] // block
+    grey = image.dn[: side * block, : side * block].reshape(side, block, side, block).mean(axis=(1, 3))
+    levels: list[list[int]] = np.rint(grey * (255.0 / image.full_scale)).astype(int).tolist()
+    return levels
+
+
+def _cone_and_circle(observation: Observation, truth: FrameTruth) -> tuple[float, float]:
+    """Return the nadir error [deg] of one cone through all pixels of both arcs, and how far [px] circles miss them."""
+    first = Rotation.from_quat(observation.q_cam_from_body)
+    los, off = [], []
+    for head in observation.heads.values():
+        arc = find_arc(head.image, head.full_scale)
+        assert not isinstance(arc, NoLimb), "the method has found it before"
+        turn = first * Rotation.from_quat(head.q_cam_from_body).inv()
+        los.append(turn.apply(unproject(head.camera, arc.uv)))
+        off.append(arc.circle.distance_px(arc.uv))
+    cone = fit_cone(np.concatenate(los))
+    return _error_deg(truth, cone.axis_cam), float(np.sqrt(np.mean(np.concatenate(off) ** 2)))
+
+
+def _error_deg(truth: FrameTruth, nadir_cam: FloatArray) -> float:
+    return math.degrees(angle_between(np.array(truth.nadir_geocentric_cam), nadir_cam))
+
+
+def _body(truth: FrameTruth, v_cam: FloatArray | tuple[float, float, float]) -> FloatArray:
+    return rotate(inverse(truth.q_cam_from_body), np.asarray(v_cam))
+
+
+def answered(found: Plain) -> bool:
+    """Whether a view got an answer, right or wrong."""
+    return bool(found["status"] == Outcome.VALID)
+
+
+def _stated(content: Any) -> Any:
+    """Return plain data without the keys that a file would leave out."""
+    if isinstance(content, dict):
+        return {key: _stated(value) for key, value in content.items() if value is not None}
+    return [_stated(value) for value in content] if isinstance(content, list) else content

@@ -1,0 +1,123 @@
+"""Once round an orbit that passes through the Earth's shadow, with the visible pair and with an infrared one.
+
+Places along a circular orbit at one instant (the Earth's turn during the hour and a half is left out: it moves nothing
+that the limb depends on).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.methods import linear_heads
+from horizonval.estimation.registry import run_safely
+from horizonval.render.scene.frame import render_frame
+from horizonval.scoring.errors import score
+from horizonval.sensor.observe import observe
+from horizonval.spec.load import load_camera
+from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.suites.observation import observation_of_heads
+from horizonval.systems.b.pair.frames import THERMAL, pair, scene, view
+from horizonval.systems.circular_orbit import place_on_orbit
+from horizonval.systems.d.frames import CAMERA, HOUSING_YAW_DEG
+from horizonval.systems.workshop import Plain, Workshop
+from horizonval.truth.frame_truth import truth_of
+
+POSITIONS = 24
+INCLINATION_DEG = 97.4
+NODE_LONGITUDE_DEG = 15.0
+"""At 12:00 UTC: an hour past local noon at the ascending node, so that a third of the orbit lies in the shadow."""
+EPOCH = "2026-03-20T12:00:00Z"
+LARGEST_TILT_DEG = 4.0
+"""Of roll and of pitch: what the heads of the published infrared sensor take, which see 16 deg each."""
+ALTITUDE_KM = 400.0
+"""For which those heads are set."""
+WIDTH_PX = 512
+VISIBLE, COASTS = "visible pair, plain ground", "visible pair, coasts"
+INFRARED, LINEAR = "infrared pair", "infrared, four linear heads"
+
+
+@dataclass(frozen=True)
+class Lap:
+    """One orbit: argument of latitude [deg], and what each sensor made of every position.
+
+    ``lit``: share of the Sun's disc that the satellite sees.
+    """
+
+    argument_deg: list[float]
+    lit: list[float]
+    by_sensor: dict[str, list[Plain]]
+
+
+def place(argument_deg: float) -> Plain:
+    """Return the scene's platform table at one argument of latitude."""
+    angles = (math.radians(angle) for angle in (argument_deg, INCLINATION_DEG, NODE_LONGITUDE_DEG))
+    return {"epoch_utc": EPOCH, "altitude_km": ALTITUDE_KM, **place_on_orbit(*angles)}
+
+
+def seen(item: Plain) -> Plain:
+    """Return what one pair sees from one place, and how much of the Sun the satellite sees."""
+    return {**view(item), "lit": _lit(item)}
+
+
+def read_heads(item: Plain) -> Plain:
+    """Return what the four linear heads make of one place: sub-pixel crossings and the cone through them."""
+    camera = load_camera(CAMERA)
+    frames = {}
+    for head in camera.head:
+        use = {"file": CAMERA, "head": head.name, "mount_yaw_deg": HOUSING_YAW_DEG}
+        frames[head.name] = render_frame(SceneSpec.model_validate({**item["scene"], "camera": use}), camera)
+    images = {name: observe(frame, camera, seed=item["seed"]) for name, frame in frames.items()}
+    result = run_safely(linear_heads.ESTIMATOR, observation_of_heads(images, linear_heads.ESTIMATOR))
+    scored = score(next(iter(images.values())).truth, linear_heads.ESTIMATOR, result)
+    error = scored.nadir_error_arcsec
+    return {
+        "status": scored.status,
+        "reason": scored.reason,
+        "error_deg": {} if error is None else {"SIGHT": error / 3600.0},
+    }
+
+
+def _lit(item: Plain) -> float:
+    camera = CameraSpec.model_validate(item["camera"])
+    chosen = SceneSpec.model_validate({**item["scene"], "camera": {"file": "pair", "head": camera.head[0].name}})
+    return truth_of(chosen, camera, infrared=False).sun_visible_fraction
+
+
+def lap(workshop: Workshop) -> Lap:
+    """Do the experiment: all sensors at the same places in the same attitudes."""
+    arguments = [360.0 * k / POSITIONS for k in range(POSITIONS)]
+    tilts = workshop.rng("B", "orbit", "attitudes").uniform(-LARGEST_TILT_DEG, LARGEST_TILT_DEG, (POSITIONS, 2))
+    turns = workshop.rng("B", "orbit", "turns").uniform(-180.0, 180.0, POSITIONS)
+    one_air, own_air = {"profile": "us_standard"}, {"profile": "by_latitude_month"}
+    plain, coasts = {"kind": "uniform"}, {"kind": "earth"}
+    sensors = {
+        VISIBLE: (seen, pair(WIDTH_PX), one_air, plain),
+        COASTS: (seen, pair(WIDTH_PX), one_air, coasts),
+        INFRARED: (seen, pair(WIDTH_PX, tables=THERMAL), own_air, coasts),
+        LINEAR: (read_heads, {}, own_air, coasts),
+    }
+    by_sensor: dict[str, list[Plain]] = {}
+    for sensor, (work, camera, air, ground) in sensors.items():
+        items = {}
+        for argument, (pitch, roll), turn in zip(arguments, tilts, turns, strict=True):
+            tables = {
+                "platform": place(argument),
+                "attitude": {"yaw_deg": float(turn), "pitch_deg": float(pitch), "roll_deg": float(roll)},
+                "atmosphere": air,
+                "surface": ground,
+            }
+            made = scene(f"orbit-{argument:g}", air=True, **tables)
+            items[f"{argument:g}"] = {"camera": camera, "scene": made, "seed": workshop.seed, "searched": True}
+        by_sensor[sensor] = list(workshop.each(f"B: orbit, {sensor}", work, items).values())
+    return Lap(arguments, [one["lit"] for one in by_sensor[VISIBLE]], by_sensor)
+
+
+def errors_deg(found: list[Plain], *, by_search: bool = False) -> FloatArray:
+    """Return the nadir error of every position, NaN where there is no answer; or that of the search that asks."""
+    kept = [one["searched"] if by_search else one for one in found]
+    return np.array([one["error_deg"].get("SIGHT", np.nan) for one in kept])

@@ -1,0 +1,155 @@
+"""What worker processes do for the bench: the picture for the panel, and sweeps of one bench through its tilts."""
+
+from __future__ import annotations
+
+import base64
+import math
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.frame import DetectorImage
+from horizonval.geometry.camera import camera_from_spec
+from horizonval.spec.load import load_camera
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.systems.b.rig import bench, detector, panel, picture, tilt
+from horizonval.systems.workshop import Plain
+
+CAMERA = "vis-cmos-512-60deg"
+DISTANCE_MM = 200.0
+"""From which the panel fills the camera's field at every tilt."""
+MAGNIFIER = 32.0
+SPAN = 3.0
+"""The open part of a stripe is up to twice as bright as a white area."""
+
+
+def make_picture(_item: Plain) -> Plain:
+    """Return the picture for the panel, packed."""
+    return {"png": picture.packed(picture.picture(panel.Panel(), DISTANCE_MM, load_camera(CAMERA)))}
+
+
+def sweep(item: Plain) -> Plain:
+    """Return the estimated tilts [rad] of one bench, None where there is no arc.
+
+    ``item``: ``picture`` (path), ``panel`` and ``errors`` (fields), ``tilts_deg``, ``noise``, ``name``, ``seed``.
+    """
+    camera = camera_from_spec(_camera().camera)
+    found: list[float | None] = []
+    for tilt_deg in item["tilts_deg"]:
+        image = _photograph(item, tilt_deg)
+        found.append(tilt.tilt_rad(image.dn.astype(np.float64), camera, image.full_scale))
+    return {"tilt_rad": found}
+
+
+def show(item: Plain) -> Plain:
+    """Return one frame of a bench, for looking at: PNGs of 16 bits.
+
+    ``item`` as for :func:`sweep`, with one tilt. Returned are ``dn``, the detector's numbers of ``full_scale``;
+    ``bare`` and ``blurred``, the radiance without and with the lens's blur, ``magnified``, what a lens of ``MAGNIFIER``
+    times the focal length sees of it, all as shares of 65535 for ``SPAN`` times the panel's white; and ``limb``, the
+    pixel (column, row) in the middle of the magnified picture: where the middle column crosses half of its brightest.
+    """
+    tilt_deg = item["tilts_deg"][0]
+    image = _photograph(item, tilt_deg)
+    blurred, bare = (_render(item, tilt_deg, blur) for blur in (item["blur_px"], 0.0))
+    column = blurred.shape[1] // 2
+    across = blurred[:, column]
+    limb = (column, int(np.argmax(across > 0.5 * across.max())))
+    magnified = _render(item, tilt_deg, 0.0, limb)
+    pictures = {"bare": bare, "blurred": blurred, "magnified": magnified}
+    return {name: _png(_share(picture)) for name, picture in pictures.items()} | {
+        "dn": _png(image.dn),
+        "full_scale": image.full_scale,
+        "limb": list(limb),
+    }
+
+
+def read_png(text: str) -> NDArray[Any]:
+    """Return the array of :func:`show`'s pictures."""
+    return np.asarray(cv2.imdecode(np.frombuffer(base64.b64decode(text), dtype=np.uint8), cv2.IMREAD_UNCHANGED))
+
+
+def _photograph(item: Plain, tilt_deg: float) -> DetectorImage:
+    return detector.photograph(
+        _render(item, tilt_deg, item["blur_px"]),
+        _camera(),
+        picture.scene_shown(),
+        f"{item['name']} {tilt_deg:g}",
+        item["seed"],
+        noise=item["noise"],
+    )
+
+
+def _render(
+    item: Plain, tilt_deg: float, blur_px: float, magnify_at: tuple[int, int] | None = None
+) -> NDArray[np.float32]:
+    screen, errors = panel.Panel(**_tuples(item["panel"])), bench.Errors(**item["errors"])
+    return _radiance(item["picture"], screen, errors, tilt_deg, blur_px, magnify_at)
+
+
+@lru_cache(maxsize=8)
+def _radiance(
+    path: str,
+    screen: panel.Panel,
+    errors: bench.Errors,
+    tilt_deg: float,
+    blur_px: float,
+    magnify_at: tuple[int, int] | None,
+) -> NDArray[np.float32]:
+    """Return the radiance on the camera's pixels; kept, for benches that differ in their noise alone."""
+    from horizonval.render.plugin.backend import activate
+
+    activate()
+    from horizonval.systems.b.rig import scene
+
+    lens = detector.built(_camera(), errors)
+    if magnify_at is not None:
+        middle = (lens.width - 1) / 2
+        lens = replace(
+            lens,
+            fx=lens.fx * MAGNIFIER,
+            fy=lens.fy * MAGNIFIER,
+            cx=middle + (lens.cx - magnify_at[0]) * MAGNIFIER,
+            cy=middle + (lens.cy - magnify_at[1]) * MAGNIFIER,
+        )
+    loaded = scene.bench_scene(
+        screen,
+        _shining(path, screen),
+        bench.panel_pose(DISTANCE_MM, errors),
+        lens,
+        bench.camera_pose(math.radians(tilt_deg), errors),
+    )
+    return scene.render(loaded, blur_px)
+
+
+@lru_cache(maxsize=1)
+def _camera() -> CameraSpec:
+    return detector.exposed_for(load_camera(CAMERA), panel.Panel().white_w_m2_sr)
+
+
+@lru_cache(maxsize=2)
+def _shining(path: str, screen: panel.Panel) -> FloatArray:
+    share = picture.unpacked(Path(path).read_text(encoding="ascii")).share
+    return share if screen.smooth else panel.share_shown(panel.levels(share, screen.gamma), screen)
+
+
+def _share(radiance: NDArray[np.float32]) -> NDArray[np.uint16]:
+    share = radiance / (SPAN * panel.Panel().white_w_m2_sr)
+    return np.rint(65535.0 * np.clip(share, 0.0, 1.0)).astype(np.uint16)
+
+
+def _tuples(values: Plain) -> Plain:
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+
+
+def _png(array: NDArray[np.uint16]) -> str:
+    done, data = cv2.imencode(".png", array)
+    if not done:
+        raise RuntimeError("the picture could not be packed")
+    return base64.b64encode(data.tobytes()).decode("ascii")

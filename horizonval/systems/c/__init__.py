@@ -1,0 +1,1 @@
+"""System C: ideal sensor module."""

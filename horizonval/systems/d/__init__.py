@@ -1,0 +1,1 @@
+"""System D: four linear infrared heads."""

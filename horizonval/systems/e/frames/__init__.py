@@ -1,0 +1,1 @@
+"""Stations' frames of the satellite, rendered and reduced."""

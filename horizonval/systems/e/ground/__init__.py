@@ -1,0 +1,1 @@
+"""What a station's camera sees, and the directions read off it."""

@@ -1,0 +1,1 @@
+"""Where the satellite is, from directions: triangulation, filters, smoothing."""

@@ -1,0 +1,63 @@
+"""Ground stations, and the directions they measure.
+
+A direction in a station's axes (x east, y north, z up) with azimuth ``A`` from north through east and elevation ``E``::
+
+    r_enu = (cos E sin A, cos E cos A, sin E)
+
+and with longitude ``l`` and geodetic latitude ``p`` the rotation to Earth-fixed axes is (Hadinejad & Amiri 2020)::
+
+    Rt = [[-sin l, -sin p cos l, cos p cos l],
+          [ cos l, -sin p sin l, cos p sin l],
+          [ 0,      cos p,       sin p      ]]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from horizonval.core.arrays import FloatArray
+from horizonval.geometry.ellipsoid import itrs_from_geodetic
+
+
+@dataclass(frozen=True)
+class Station:
+    """A place on the ground: geodetic coordinates on WGS84."""
+
+    name: str
+    longitude_rad: float
+    latitude_rad: float
+    height_m: float
+
+    @property
+    def r_itrs(self) -> FloatArray:
+        """Position [m], shape (3,)."""
+        return itrs_from_geodetic(self.latitude_rad, self.longitude_rad, self.height_m)
+
+    @property
+    def itrs_from_enu(self) -> FloatArray:
+        """The rotation ``Rt``, shape (3, 3)."""
+        sl, cl = np.sin(self.longitude_rad), np.cos(self.longitude_rad)
+        sp, cp = np.sin(self.latitude_rad), np.cos(self.latitude_rad)
+        return np.array([[-sl, -sp * cl, cp * cl], [cl, -sp * sl, cp * sl], [0.0, cp, sp]])
+
+    def azimuth_elevation(self, r_itrs: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return azimuth in ``[0, 2 pi)`` and elevation [rad], shape (...), of Earth-fixed points (..., 3) [m].
+
+        Without refraction. At the zenith the azimuth is 0.
+        """
+        d = (np.asarray(r_itrs, float) - self.r_itrs) @ self.itrs_from_enu
+        azimuth = np.mod(np.arctan2(d[..., 0], d[..., 1]), 2.0 * np.pi)
+        return azimuth, np.arctan2(d[..., 2], np.hypot(d[..., 0], d[..., 1]))
+
+    def directions_itrs(self, azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> FloatArray:
+        """Return Earth-fixed unit vectors, shape (..., 3)."""
+        return enu_directions(azimuth_rad, elevation_rad) @ self.itrs_from_enu.T
+
+
+def enu_directions(azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> FloatArray:
+    """Return unit vectors in east, north, up, shape (..., 3)."""
+    az, el = np.broadcast_arrays(np.asarray(azimuth_rad, float), np.asarray(elevation_rad, float))
+    return np.stack([np.cos(el) * np.sin(az), np.cos(el) * np.cos(az), np.sin(el)], axis=-1)

@@ -1,0 +1,87 @@
+"""Passes with rounding and noise through the whole pipeline, some at a time in a worker process."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.systems.e.case import METHODS, ROUNDING_DEG, exact_pass, rounded
+from horizonval.systems.e.noise import Meaning, noisy
+from horizonval.systems.e.orbit.celestial import ARCSEC, celestial_errors, normalised_squares, rms
+from horizonval.systems.e.orbit.pipeline import Located, locate
+from horizonval.systems.workshop import Plain, rng_of
+
+_AT_ONCE = 12
+WHITE_ARCSEC = 200.0
+"""Independent noise without rounding: where a covariance can be checked."""
+
+
+def items_of(row: str, draws: int, seed: int, **what: str | float) -> dict[str, Plain]:
+    """Return the items of a row's draws, some draws each."""
+    starts = range(0, draws, _AT_ONCE)
+    return {
+        f"{row} {start}": {"row": row, "seed": seed, "first": start, "draws": min(_AT_ONCE, draws - start), **what}
+        for start in starts
+    }
+
+
+def work(item: Plain) -> Plain:
+    """Return, for every draw, each method's three errors, the normalised squared errors in the pass's middle, and chi2.
+
+    An item says ``kind``: ``exact`` (no noise), ``rounded`` (``quantum_deg``), ``shifted`` (the same with the grid of
+    rounding at random), ``noisy`` (``shape``, ``order``, ``amount``) or ``white`` (``WHITE_ARCSEC``).
+    """
+    truth = exact_pass()
+    out: Plain = {"rms": [], "squares": [], "chi2": [], "kernel": []}
+    for draw in range(item["first"], item["first"] + item["draws"]):
+        rng = rng_of(item["seed"], "localisation", item["row"], str(draw))
+        located = locate(truth.measured(_angles(item, rng)))
+        out["rms"].append([rms(errors_of(located, method)).tolist() for method in METHODS])
+        middle = len(truth.times_s) // 2
+        out["squares"].append([float(squares_of(located, m)[middle]) for m in METHODS[2:]])
+        out["chi2"].append(located.orbit.chi2_per_dof)
+        out["kernel"].append([located.kernel.kernel.degree, located.kernel.kernel.width_s])
+    return out
+
+
+def errors_of(located: Located, method: str) -> FloatArray:
+    """Return a method's errors, shape (n, 3): right ascension and declination [arcsec], distance [km]."""
+    return celestial_errors(getattr(located, method), exact_pass().r_gcrs)
+
+
+def squares_of(located: Located, method: str) -> FloatArray:
+    """Return a method's normalised squared errors of position, shape (n,): 3 on average where it is honest."""
+    return normalised_squares(getattr(located, method), getattr(located, f"{method}_covariances"), exact_pass().r_gcrs)
+
+
+def _angles(item: Plain, rng: np.random.Generator) -> FloatArray:
+    exact = exact_pass().angles_rad
+    if item["kind"] == "rounded":
+        return rounded(exact, item["quantum_deg"])
+    if item["kind"] == "shifted":
+        return rounded(exact, item["quantum_deg"], rng.uniform(-0.5, 0.5, 4))
+    if item["kind"] == "noisy":
+        return noisy(Meaning(item["shape"], item["order"]), item["amount"], rng)
+    if item["kind"] == "white":
+        return exact + WHITE_ARCSEC * ARCSEC * rng.standard_normal(exact.shape)
+    return exact
+
+
+def rounding_items(seed: int, shifted: int) -> dict[str, Plain]:
+    """Return the items of the rounding table: as it is, and with the grid of rounding at random places."""
+    items: dict[str, Plain] = {}
+    for quantum in ROUNDING_DEG:
+        items |= items_of(f"rounded {quantum:g}", 1, seed, kind="rounded", quantum_deg=quantum)
+        items |= items_of(f"shifted {quantum:g}", shifted, seed, kind="shifted", quantum_deg=quantum)
+    return items
+
+
+def gathered(results: Mapping[str, Plain]) -> Iterator[tuple[str, dict[str, FloatArray]]]:
+    """Yield every row's name with its draws along axis 0: ``rms`` (draws, methods, 3), and the others."""
+    rows: dict[str, list[Plain]] = {}
+    for name, result in results.items():
+        rows.setdefault(name.rpartition(" ")[0], []).append(result)
+    for row, parts in rows.items():
+        yield row, {key: np.concatenate([np.array(part[key]) for part in parts]) for key in parts[0]}

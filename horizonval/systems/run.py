@@ -1,0 +1,85 @@
+"""Do the experiments of the chosen systems, one after the other, and write the book."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from horizonval.core.errors import UserError
+from horizonval.jobs.pool import available_cpus
+from horizonval.jobs.progress import Progress, Silent
+from horizonval.store.folder import RunFolder, read_json, write_json
+from horizonval.systems.book import write_first_page, write_reproduction
+from horizonval.systems.systems import chosen, experiment
+from horizonval.systems.workshop import Workshop
+
+WORK = ".work"
+"""Folder beside the pages where finished parts of experiments wait for the rest; may be deleted at any time."""
+TIMINGS = "timings.json"
+"""Seconds of every system's last run; less than the whole where a run went on from another."""
+
+
+def reproduce_systems(
+    names: list[str],
+    out: Path,
+    *,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Iterator[dict[str, Any]]:
+    """Yield the content of each system's JSON file as it is written.
+
+    Parameters
+    ----------
+    names : list of str
+        Letters, or ``all``; none are all.
+    out : Path
+        Made if need be.
+    seed : int
+        Of all noise.
+    workers : int, optional
+        Processes; as many as processors by default. The number does not change any result.
+    progress : Progress, optional
+
+    Raises
+    ------
+    UserError
+        An unknown system, a folder of something else or in which another run works, or no back-end to render with.
+    """
+    from horizonval.render.plugin.backend import probe
+
+    letters = chosen(names)
+    _check_folder(out)
+    if probe().chosen is None:
+        raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
+    work = out / WORK
+    work.mkdir(parents=True, exist_ok=True)
+    workshop = Workshop(work, seed, workers or available_cpus(), progress or Silent())
+    with RunFolder(work).locked():
+        _remove_temporary_files(out)
+        for letter in letters:
+            start = time.perf_counter()
+            content = write_reproduction(experiment(letter)(workshop), out, seed)
+            spent = {**(read_json(out / TIMINGS) or {}), letter: round(time.perf_counter() - start, 1)}
+            write_json(out / TIMINGS, spent)
+            write_first_page(out)
+            yield content
+
+
+def _remove_temporary_files(out: Path) -> None:
+    """Delete what a killed run was writing; call with the lock held."""
+    for path in (*out.glob(".*.tmp"), *(out / WORK).rglob(".*.tmp")):
+        path.unlink(missing_ok=True)
+
+
+def _check_folder(out: Path) -> None:
+    """Refuse a folder that is neither new nor empty nor one of ours: what lies there is not ours to overwrite."""
+    if not out.parent.is_dir():
+        raise UserError("no such folder", where=str(out.parent), fix="create it first")
+    if out.exists() and not out.is_dir():
+        raise UserError("is a file", where=str(out), expected="a folder")
+    ours = (out / WORK).is_dir() or any(out.glob("[A-E].json"))
+    if out.is_dir() and any(out.iterdir()) and not ours:
+        raise UserError("holds something else", where=str(out), expected="a new folder, or one of this command")

@@ -1,0 +1,180 @@
+"""The exact truth of a frame, from its specification alone: float64, closed form, no renderer.
+
+This room stands above ``infrared_horizon``, which adds what thermal bands see of the horizon.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import replace
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from horizonval.earth.optical import OpticalModel, optical_model
+from horizonval.earth.spectral.thermal_accuracy import thermal_accuracy
+from horizonval.earth.surface.surface import snow_line_deg
+from horizonval.frame import FRAME_SCHEMA, FrameTruth
+from horizonval.geometry.camera import camera_from_spec, check_invertible
+from horizonval.geometry.ellipsoid import Ellipsoid, geocentric_nadir, geodetic_nadir
+from horizonval.geometry.ephemeris import (
+    MOON_RADIUS_M,
+    moon_itrs,
+    phase_angle,
+    sun_angular_radius,
+    sun_itrs,
+    sun_visible_fraction,
+)
+from horizonval.geometry.frames import rotate
+from horizonval.geometry.horizon import angular_radius
+from horizonval.geometry.pose import direction_from_horizontal, place_from_spec, pose_from_spec
+from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.truth.infrared_horizon.around import infrared_horizon
+
+
+def scene_id(scene: dict[str, Any], camera: dict[str, Any]) -> str:
+    """Return the sha256 hex digest of resolved scene, camera and frame schema, as JSON with sorted keys."""
+    document = {"camera": camera, "frame_schema": FRAME_SCHEMA, "scene": scene}
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def moon_place(scene: SceneSpec) -> Any:
+    """Return the Moon's centre in Earth-fixed axes [m], seen from the geocentre, shape (3,), or None for no Moon.
+
+    Placed by hand it is seen under that direction from the camera, at its distance of that instant.
+    """
+    return _moon_place(scene, *place_from_spec(scene))
+
+
+def _moon_place(scene: SceneSpec, ellipsoid: Ellipsoid, r_itrs: Any) -> Any:
+    if not scene.moon.enabled or (scene.sun is not None and scene.moon.zenith_deg is None):
+        return None
+    place = moon_itrs(scene.platform.epoch_utc)
+    if scene.moon.zenith_deg is None:
+        return place
+    direction = direction_from_horizontal(
+        math.radians(scene.moon.zenith_deg), math.radians(scene.moon.azimuth_deg), r_itrs, ellipsoid
+    )
+    return np.asarray(r_itrs) + direction * np.linalg.norm(place - r_itrs)
+
+
+def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> FrameTruth:
+    """Return the truth of the frame that a scene and a camera describe.
+
+    The Sun comes from the epoch (apparent, geocentric), or from ``[sun]`` as a direction at infinity seen from the
+    geodetic sub-satellite point; its distance, hence its angular radius, comes from the epoch in both cases. The
+    share of the disc in view is exact for that direction and the ellipsoid, refraction left out. The Moon is seen from
+    the camera; see :func:`moon_place`.
+
+    Parameters
+    ----------
+    scene, camera
+        Resolved specifications; both are kept in the truth as ``model_dump(mode="json")``, which reads back.
+    infrared : bool
+        Whether to work out the infrared horizon (up to 2 s for every thermal band, once for every place and air);
+        without, it is left empty, and :func:`with_infrared_horizon` adds it.
+
+    Raises
+    ------
+    UserError
+        If the camera is not above the surface, its distortion folds inside the image, the scene does not say which of
+        its heads took the frame, or the epoch is outside 1960 to 2099; with the infrared horizon also as
+        :func:`horizonval.earth.optical.optical_model`.
+    """
+    check_invertible(camera_from_spec(camera.camera))
+    pose = pose_from_spec(scene, camera)
+    direction, distance_m = sun_itrs(scene.platform.epoch_utc)
+    if scene.sun is not None:
+        direction = direction_from_horizontal(
+            math.radians(scene.sun.zenith_deg), math.radians(scene.sun.azimuth_deg), pose.r_itrs, pose.ellipsoid
+        )
+    radius = float(sun_angular_radius(distance_m))
+    scene_data, camera_data = scene.model_dump(mode="json"), camera.model_dump(mode="json")
+    if scene.earth.shape == "wgs84":
+        # A radius beside WGS84 is refused when a scene is read, and this scene must be readable again.
+        del scene_data["earth"]["radius_km"]
+    if scene.surface.kind == "earth":
+        del scene_data["surface"]["albedo"], scene_data["surface"]["emissivity"]
+
+    def vector(v: Any) -> Any:
+        # + 0.0 turns -0.0 into 0.0: equal truths then have equal text.
+        return tuple(float(x) + 0.0 for x in v)
+
+    moon: dict[str, Any] = {}
+    place = _moon_place(scene, pose.ellipsoid, pose.r_itrs)
+    if place is not None:
+        line = place - pose.r_itrs
+        distance = float(np.linalg.norm(line))
+        moon_radius = math.asin(MOON_RADIUS_M / distance)
+        moon = {
+            "moon_itrs": vector(line / distance),
+            "moon_cam": vector(rotate(pose.q_cam_from_itrs, line / distance)),
+            "moon_angular_radius_rad": moon_radius,
+            "moon_visible_fraction": float(
+                sun_visible_fraction(pose.r_itrs, line / distance, moon_radius, pose.ellipsoid)
+            ),
+            "moon_phase_angle_rad": phase_angle(direction * distance_m - place, -line),
+        }
+    truth = FrameTruth(
+        scene=scene_data,
+        camera=camera_data,
+        scene_id=scene_id(scene_data, camera_data),
+        epoch_utc=scene.platform.epoch_utc.isoformat(),
+        ellipsoid_a_m=pose.ellipsoid.a_m,
+        ellipsoid_b_m=pose.ellipsoid.b_m,
+        r_itrs=vector(pose.r_itrs),
+        altitude_m=pose.altitude_m,
+        q_cam_from_itrs=vector(pose.q_cam_from_itrs),
+        q_cam_from_body=vector(pose.q_cam_from_body),
+        q_body_from_lvlh=vector(pose.q_body_from_lvlh),
+        yaw_rad=pose.yaw_rad,
+        pitch_rad=pose.pitch_rad,
+        roll_rad=pose.roll_rad,
+        sun_itrs=vector(direction),
+        sun_cam=vector(rotate(pose.q_cam_from_itrs, direction)),
+        sun_angular_radius_rad=radius,
+        sun_visible_fraction=float(sun_visible_fraction(pose.r_itrs, direction, radius, pose.ellipsoid)),
+        nadir_geocentric_cam=vector(rotate(pose.q_cam_from_itrs, geocentric_nadir(pose.r_itrs))),
+        nadir_geodetic_cam=vector(rotate(pose.q_cam_from_itrs, geodetic_nadir(pose.r_itrs, pose.ellipsoid))),
+        angular_radius_rad=angular_radius(pose.r_itrs, pose.ellipsoid),
+        **moon,
+    )
+    thermal = [band for band in camera.band if band.kind == "thermal"]
+    if not (infrared and thermal):
+        return truth
+    return with_infrared_horizon(truth, optical_model(scene, camera.model_copy(update={"band": thermal})))
+
+
+def with_infrared_horizon(truth: FrameTruth, model: OpticalModel) -> FrameTruth:
+    """Return a truth with the infrared horizon of the optical model that belongs to its scene and camera.
+
+    Beside what :func:`horizonval.truth.infrared_horizon.around.infrared_horizon` finds, every band has ``accuracy``:
+    what :func:`horizonval.earth.spectral.thermal_accuracy.thermal_accuracy` states of it (``heights_km``, ``relative``,
+    ``half_height_km``, ``nadir_k``, ``sentences``), or None where the absorption comes from an atmosphere file.
+    """
+    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+    line = snow_line_deg(datetime.fromisoformat(truth.epoch_utc))
+    found = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs, snow_line_deg=line)
+    from_file = truth.scene.get("atmosphere", {}).get("file") is not None
+    bands = {band.name: band for band in CameraSpec.model_validate(truth.camera).band}
+    for name, horizon in found.items():
+        horizon["accuracy"] = None if from_file else _plain_accuracy(bands[name])
+    return replace(truth, infrared_horizon=found)
+
+
+def _plain_accuracy(band: Band) -> dict[str, Any]:
+    """Return the stated accuracy of a band as plain data; None for the open ends of its heights."""
+    stated = thermal_accuracy(band)
+    return {
+        "interval": stated.interval,
+        "heights_km": [[x if math.isfinite(x) else None for x in pair] for pair in stated.ranges_km],
+        "relative": list(stated.relative),
+        "half_height_km": stated.half_height_km,
+        "nadir_k": stated.nadir_k,
+        "sentences": list(stated.sentences),
+    }

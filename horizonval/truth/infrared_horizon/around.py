@@ -1,0 +1,200 @@
+"""The infrared horizon all round a camera, for every thermal band: what a frame's truth carries.
+
+The air depends on height and latitude alone, so that rays at azimuths A and -A about the nadir see the same: half of
+the circle is integrated. Where the air is the same everywhere, only the ellipsoid's curvature still turns with the
+azimuth (0.7 % of its radius, some 30 m of the horizon's height); its first harmonics are then enough, and on a sphere
+one azimuth.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import math
+from dataclasses import dataclass, field, fields
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.column import OpticalModel
+from horizonval.earth.surface.ground_emission import GroundEmission
+from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_height
+from horizonval.truth.infrared_horizon.ground import GroundPlaces, ground_places, ground_radiance
+from horizonval.truth.infrared_horizon.locators import GROUND_RAY_M, Located, locate, profile_heights_m
+from horizonval.truth.infrared_horizon.radiance import Air, ground_ray, limb_radiance
+from horizonval.truth.infrared_horizon.rays import Course, angle_of_height, courses, ground_points
+
+AZIMUTHS = 36
+"""Around the horizon, from north to east.
+
+Taken as linear between two of them, in air that changes with latitude, half-plateau heights are within 30 m rms (0.1 km
+at most) from low orbits and 70 m rms (0.25 km) from a geostationary one. The steepest fall jumps by up to 2 km where a
+profile has two places that are nearly as steep.
+"""
+
+_HARMONICS = 4
+_LOWEST_TOP_M = 30e3
+
+
+def infrared_horizon(
+    model: OpticalModel,
+    r_itrs: ArrayLike,
+    ellipsoid: Ellipsoid,
+    *,
+    sun_itrs: ArrayLike = (1.0, 0.0, 0.0),
+    snow_line_deg: float = 90.0,
+    azimuths: int = AZIMUTHS,
+) -> dict[str, dict[str, Any]]:
+    """Return the infrared horizon of every thermal band of a model, as plain data.
+
+    Parameters
+    ----------
+    model : OpticalModel
+        Its ``thermal`` bands and ``emission``.
+    r_itrs : array_like, shape (3,)
+        Camera [m].
+    ellipsoid : Ellipsoid
+    sun_itrs : array_like, shape (3,)
+        Towards the Sun: the hour of the day on land. As the snow line, it matters where the ground is an "earth".
+    snow_line_deg : float
+        Latitude north of which land is under snow.
+    azimuths : int
+        Even.
+
+    Returns
+    -------
+    dict
+        By band: ``kind`` ("opaque" or "window", see :mod:`horizonval.truth.infrared_horizon.locators`), and lists over
+        the azimuths about the geocentric nadir:
+
+        - ``azimuth_deg``, from north to east;
+        - ``geometric_angle_rad``: of the hard horizon from the geocentric nadir;
+        - ``plateau_radiance``: W m-2 sr-1;
+        - ``half_plateau_height_m`` and ``half_plateau_angle_rad``, the angle of the ray of that lowest height;
+        - ``maximum_gradient_height_m`` and ``maximum_gradient_angle_rad``.
+
+        Heights are rounded to 0.1 m and radiances to six digits: rounding differs between machines in the last bit,
+        and truths must not. Empty where the camera is not above the air, nothing absorbs, or an atmosphere file ends
+        below 30 km, where no plateau can be told.
+
+    Notes
+    -----
+    The last few are remembered: frames of one place and air share theirs. Some 0.2 s for a band, and 1 to 2 s where the
+    air changes with latitude.
+    """
+    if not model.thermal:
+        return {}
+    place, sun = (tuple(np.asarray(v, dtype=np.float64).tolist()) for v in (r_itrs, sun_itrs))
+    asked = _Question(_digest(model), place, ellipsoid, sun, float(snow_line_deg), azimuths, model)
+    return copy.deepcopy(_solved(asked))
+
+
+@dataclass(frozen=True)
+class _Question:
+    """What an infrared horizon depends on; the model is compared by its digest."""
+
+    digest: str
+    r_itrs: tuple[float, ...]
+    ellipsoid: Ellipsoid
+    sun_itrs: tuple[float, ...]
+    snow_line_deg: float
+    azimuths: int
+    model: OpticalModel = field(compare=False)
+
+
+def _digest(model: OpticalModel) -> str:
+    digest = hashlib.sha256(repr((model.top_m, model.emission)).encode())
+    for band in model.thermal:
+        for item in fields(band):
+            value = getattr(band, item.name)
+            digest.update(np.ascontiguousarray(value).data if isinstance(value, np.ndarray) else repr(value).encode())
+    return digest.hexdigest()
+
+
+@lru_cache(maxsize=8)
+def _solved(asked: _Question) -> dict[str, dict[str, Any]]:
+    model, ellipsoid = asked.model, asked.ellipsoid
+    r = np.array(asked.r_itrs)
+    if float(geodetic_height(r, ellipsoid)) <= model.top_m or model.top_m < _LOWEST_TOP_M:
+        return {}
+    assert model.emission is not None
+    airs = [Air(band) for band in model.thermal]
+    view = _View.of(asked, model.top_m, all(air.is_uniform for air in airs))
+    return {
+        band.name: _plain(view, _located(view, band, air, model.emission))
+        for band, air in zip(model.thermal, airs, strict=True)
+        if air.absorbs
+    }
+
+
+@dataclass(frozen=True)
+class _View:
+    """The rays of a camera, the same for all bands.
+
+    ``spread``: matrix from the azimuths that are integrated to all; ``past``, ``down``: rays past and to the ground.
+    """
+
+    r_itrs: FloatArray
+    ellipsoid: Ellipsoid
+    azimuth_rad: FloatArray
+    height_m: FloatArray
+    spread: FloatArray
+    past: list[Course]
+    down: Course
+    ground: GroundPlaces
+
+    @classmethod
+    def of(cls, asked: _Question, top_m: float, uniform: bool) -> _View:
+        r_itrs, ellipsoid, azimuths = np.array(asked.r_itrs), asked.ellipsoid, asked.azimuths
+        azimuth: FloatArray = np.arange(azimuths, dtype=np.float64) * (math.tau / azimuths)
+        half = azimuth[: azimuths // 2 + 1]
+        if not uniform:
+            solved, spread = half, np.eye(len(half))
+        elif ellipsoid.is_sphere:
+            solved, spread = half[:1], np.ones((len(half), 1))
+        else:
+            solved = np.linspace(0.0, math.pi, _HARMONICS + 1)
+            spread = _cosine_series(solved, half)
+        mirrored = np.minimum(np.arange(azimuths), azimuths - np.arange(azimuths))
+        heights = profile_heights_m(top_m)
+        down, *past = courses(r_itrs, ellipsoid, solved, np.append(GROUND_RAY_M, heights), top_m)
+        place = ground_points(r_itrs, ellipsoid, azimuth, GROUND_RAY_M)
+        ground = ground_places(r_itrs, place, ellipsoid, np.array(asked.sun_itrs), asked.snow_line_deg)
+        return cls(r_itrs, ellipsoid, azimuth, heights, spread[mirrored], past, down, ground)
+
+
+def _located(view: _View, band: EmittingBand, air: Air, emission: GroundEmission) -> Located:
+    path, passed = ground_ray(air, view.down)
+    ground = ground_radiance(band, emission, view.ground)
+    disc = (view.spread @ path + (view.spread @ passed) * ground).sum(axis=1)
+    return locate(view.height_m, view.spread @ limb_radiance(air, view.past), disc)
+
+
+def _plain(view: _View, located: Located) -> dict[str, Any]:
+    half, steepest = np.round(located.half_plateau_m, 1), np.round(located.maximum_gradient_m, 1)
+    azimuths = len(view.azimuth_rad)
+
+    def angles(height_m: FloatArray) -> list[float]:
+        found = angle_of_height(view.r_itrs, view.ellipsoid, view.azimuth_rad, height_m)
+        return [float(value) for value in np.round(found, 12)]
+
+    return {
+        "kind": located.kind,
+        "azimuth_deg": [k * 360.0 / azimuths for k in range(azimuths)],
+        "geometric_angle_rad": angles(np.zeros(azimuths)),
+        "plateau_radiance": [float(f"{value:.6g}") for value in located.plateau.tolist()],
+        "half_plateau_height_m": half.tolist(),
+        "half_plateau_angle_rad": angles(half),
+        "maximum_gradient_height_m": steepest.tolist(),
+        "maximum_gradient_angle_rad": angles(steepest),
+    }
+
+
+def _cosine_series(nodes_rad: FloatArray, wanted_rad: FloatArray) -> FloatArray:
+    """Return the matrix, shape (wanted, nodes), that carries even functions of azimuth from nodes to other places."""
+    order = np.arange(len(nodes_rad))
+    return np.linalg.solve(np.cos(nodes_rad[:, None] * order).T, np.cos(wanted_rad[:, None] * order).T).T

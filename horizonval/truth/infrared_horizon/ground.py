@@ -1,0 +1,79 @@
+"""What the ground sends up a ray that meets it, band by band.
+
+A ground of emissivity e and temperature T sends ``e S(T)``, and throws back ``1 - e`` of the sky's mean radiance. Rays
+10 km below the hard horizon come up at 3 deg from the level, through ten to twenty times the air of a vertical one: of
+the reflected light next to nothing gets out, so the sky is worked out for some latitudes and heights only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.surface.ground_emission import GroundEmission, ground_emissivity, ground_k
+from horizonval.earth.surface.land import is_land
+from horizonval.earth.surface.surface import snow_share
+from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_from_itrs, surface_normal
+
+_SKY_ROWS, _SKY_STRIDE = 12, 5
+
+
+@dataclass(frozen=True)
+class GroundPlaces:
+    """Where rays meet the ground; arrays of shape (n,).
+
+    ``cosine``: of the view to the vertical. ``hour_angle``: of the Sun [rad]. ``land``, ``snow``: shares of the place.
+    """
+
+    sin_latitude: FloatArray
+    cosine: FloatArray
+    hour_angle: FloatArray
+    land: FloatArray
+    snow: FloatArray
+
+
+def ground_places(
+    r_itrs: FloatArray, place_itrs: FloatArray, ellipsoid: Ellipsoid, sun_itrs: FloatArray, snow_line_deg: float
+) -> GroundPlaces:
+    """Return what is at places of shape (n, 3) seen from a camera, with the Sun's direction and the snow line given."""
+    latitude, longitude, _ = geodetic_from_itrs(place_itrs, ellipsoid)
+    line = r_itrs - place_itrs
+    line = line / np.linalg.norm(line, axis=-1, keepdims=True)
+    cosine = np.einsum("ij,ij->i", surface_normal(place_itrs, ellipsoid), line)
+    sun_longitude = np.arctan2(sun_itrs[1], sun_itrs[0])
+    latitude_deg = np.degrees(latitude)
+    land = is_land(latitude_deg, np.degrees(longitude)).astype(np.float64)
+    snow = land * snow_share(latitude_deg, snow_line_deg)
+    return GroundPlaces(np.sin(latitude), cosine, longitude - sun_longitude, land - snow, snow)
+
+
+def ground_radiance(band: EmittingBand, emission: GroundEmission, at: GroundPlaces) -> FloatArray:
+    """Return the radiance [W m-2 sr-1], shape (n, g), of the ground towards the camera."""
+    if emission.kind == "uniform":
+        shares = {"land": np.ones_like(at.land)}
+    else:
+        shares = {"land": at.land, "snow": at.snow, "water": 1.0 - at.land - at.snow}
+    sky = _sky(band, at.sin_latitude) if emission.kind != "uniform" or emission.emissivity < 1.0 else 0.0
+    total = np.zeros((len(at.land), band.count))
+    for kind, share in shares.items():
+        e = ground_emissivity(emission, kind, band.wavelength_um, at.cosine[:, None])
+        own = band.source(ground_k(emission, kind, at.sin_latitude, at.hour_angle))
+        total += share[:, None] * (e * own + (1.0 - e) * sky)
+    return total
+
+
+def _sky(band: EmittingBand, sin_latitude: FloatArray) -> FloatArray:
+    """Return the mean radiance of the sky, shape (n, g)."""
+    count = len(band.sin_latitude)
+    rows = np.unique(np.linspace(0, count - 1, min(count, _SKY_ROWS)).round().astype(int))
+    some = replace(
+        band,
+        altitude_m=np.append(band.altitude_m[:-1:_SKY_STRIDE], band.altitude_m[-1]),
+        sin_latitude=band.sin_latitude[rows],
+        ln_extinction=band.ln_extinction[:, rows],
+        temperature_k=band.temperature_k[rows],
+    )
+    return np.stack([np.interp(sin_latitude, some.sin_latitude, g) for g in some.sky_irradiance()], axis=-1)

@@ -1,0 +1,156 @@
+"""Radiance of the clear limb in a thermal band, integrated along exact rays.
+
+With ``u`` of :mod:`horizonval.truth.infrared_horizon.rays` the optical depth of a g point is the integral of
+``k (ds/du) du``, which is smooth. The path is cut at shells about 1 km apart; every piece has its depth ``D`` and its
+mean source ``M = integral of S dtau / D`` by Simpson's rule in u. Within the piece the source is the parabola in tau
+through its values ``S0`` and ``S1`` at the ends with that mean::
+
+    integral of S exp(-tau) dtau = S0 (1 - b) + S1 (b - e) + (M - (S0 + S1)/2) 6 [(1 + e) - 2 b] / D,
+    e = exp(-D),  b = (1 - e) / D
+
+which is exact for thin pieces and tends to S0 for thick ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.truth.infrared_horizon.rays import Course
+
+SHELL_M = 1000.0
+"""Thickness of the shells from 17 to 60 km; half of it and a quarter below 17 and 8 km, where water vapour changes
+fast, twice and four times it above 60 and 80 km."""
+
+_THIN = 0.02
+_OPAQUE = 80.0
+
+
+def shells_m(top_m: float, step_m: float = SHELL_M) -> FloatArray:
+    """Return the heights [m] at which paths are cut, from 0 to ``top_m``."""
+    parts = [
+        np.arange(0.0, 8e3, 0.25 * step_m),
+        np.arange(8e3, 17e3, 0.5 * step_m),
+        np.arange(17e3, 60e3, step_m),
+        np.arange(60e3, 80e3, 2.0 * step_m),
+        np.arange(80e3, max(top_m, 80e3), 4.0 * step_m),
+    ]
+    shells = np.concatenate(parts)
+    return np.append(shells[shells < top_m], top_m)
+
+
+class Air:
+    """Extinction and source of one band, laid out for rays: g point last."""
+
+    def __init__(self, band: EmittingBand) -> None:
+        extinction, source = band.columns()
+        self.altitude_m = band.altitude_m
+        self.sin_latitude = band.sin_latitude
+        self.extinction = np.ascontiguousarray(np.moveaxis(extinction, 0, -1))
+        self.source = np.ascontiguousarray(np.moveaxis(source, 0, -1))
+
+    @property
+    def top_m(self) -> float:
+        """Vacuum above."""
+        return float(self.altitude_m[-1])
+
+    @property
+    def absorbs(self) -> bool:
+        """Whether there is anything in it that a ray could notice."""
+        return bool(self.extinction.max() > 1e-30)
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the air is the same at every latitude."""
+        return len(self.sin_latitude) == 1
+
+    def along(self, path: Course, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return extinction and source at the points of rays, shape (azimuths, points, g); 1 azimuth if uniform."""
+        height = np.maximum(path.lowest_m + u * u, 0.0)
+        i = np.clip(np.searchsorted(self.altitude_m, height, side="right") - 1, 0, len(self.altitude_m) - 2)
+        w = ((height - self.altitude_m[i]) / (self.altitude_m[i + 1] - self.altitude_m[i]))[:, None]
+        if self.is_uniform:
+            k, s = (c[:, i] * (1.0 - w) + c[:, i + 1] * w for c in (self.extinction, self.source))
+            return k, s
+        step = self.sin_latitude[1] - self.sin_latitude[0]
+        row = np.clip((path.sine_at(u) - self.sin_latitude[0]) / step, 0.0, len(self.sin_latitude) - 1)
+        j = np.minimum(row.astype(np.intp), len(self.sin_latitude) - 2)
+        v = (row - j)[..., None]
+        corners = (
+            ((1.0 - v) * (1.0 - w), j, i),
+            ((1.0 - v) * w, j, i + 1),
+            (v * (1.0 - w), j + 1, i),
+            (v * w, j + 1, i + 1),
+        )
+        result = []
+        for column in (self.extinction, self.source):
+            value = np.zeros((*j.shape, column.shape[-1]))
+            for weight, rows, levels in corners:
+                value += weight * column[rows, levels]
+            result.append(value)
+        return result[0], result[1]
+
+
+def limb_radiance(air: Air, rays: Sequence[Course], *, step_m: float = SHELL_M) -> FloatArray:
+    """Return the radiance [W m-2 sr-1], shape (azimuths, heights), of rays past the ground.
+
+    Parameters
+    ----------
+    air : Air
+    rays : sequence of Course, length heights
+        Lowest heights from 0 on; the camera is above the air.
+    step_m : float
+        Thickness of the shells; 1 km leaves 1e-4 of the plateau.
+    """
+    columns = []
+    for path in rays:
+        u = _cuts(path, path.lowest_m, step_m)
+        columns.append(_integrate(air, path, np.concatenate([-u[:0:-1], u]))[0].sum(axis=-1))
+    return np.stack(columns, axis=-1)
+
+
+def ground_ray(air: Air, path: Course, *, step_m: float = SHELL_M) -> tuple[FloatArray, FloatArray]:
+    """Return path radiance [W m-2 sr-1] and transmission to the ground, shapes (azimuths, g).
+
+    The rays' lowest height is negative: the depth of the chord.
+    """
+    return _integrate(air, path, -_cuts(path, 0.0, step_m)[::-1])
+
+
+def _cuts(path: Course, start_m: float, step_m: float) -> FloatArray:
+    """Return u at the shells between ``start_m`` and the top, with the middles (in u) between: odd in number."""
+    shells = shells_m(path.top_m, step_m)
+    # Most of the air on a ray lies just above its lowest point. Shells of the same thickness there for all rays keep
+    # their errors alike, which the slope of a profile needs more than its value.
+    near = 0.5 * step_m * np.ceil(start_m / (0.5 * step_m)) + np.arange(8) * 0.5 * step_m
+    shells = np.union1d(shells, near[near < path.top_m])
+    # A sliver of a shell costs as much as a whole one.
+    ends = np.append(start_m, shells[shells > start_m + 0.05 * step_m])
+    u = np.sqrt(ends - path.lowest_m)
+    both = np.empty(2 * len(u) - 1)
+    both[::2] = u
+    both[1::2] = 0.5 * (u[1:] + u[:-1])
+    return both
+
+
+def _integrate(air: Air, path: Course, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return radiance and transmission, shapes (azimuths, g), along ``u`` from the observer on."""
+    k, source = air.along(path, u)
+    slope = k * path.metres_per_u(u)[..., None]
+    weighted = slope * source
+    sixth = ((u[2::2] - u[:-2:2]) / 6.0)[:, None]
+    depth = (slope[:, :-2:2] + 4.0 * slope[:, 1::2] + slope[:, 2::2]) * sixth
+    mean = (weighted[:, :-2:2] + 4.0 * weighted[:, 1::2] + weighted[:, 2::2]) * sixth / np.maximum(depth, 1e-300)
+    near, far = source[:, :-2:2], source[:, 2::2]
+    depth = np.minimum(depth, _OPAQUE)
+    e = np.exp(-depth)
+    d = np.maximum(depth, _THIN)
+    b = np.where(depth < _THIN, 1.0 - depth * (1 / 2 - depth * (1 / 6 - depth / 24)), (1.0 - e) / d)
+    bulge = np.where(depth < _THIN, depth * (1.0 - depth * (1 / 2 - depth * 3 / 20)), 6.0 * (1.0 + e - 2.0 * b) / d)
+    own = near * (1.0 - b) + far * (b - e) + (mean - 0.5 * (near + far)) * bulge
+    behind = np.minimum(np.cumsum(depth, axis=1), 8.0 * _OPAQUE)
+    before = np.exp(depth - behind)
+    return (own * before).sum(axis=1), np.exp(-behind[:, -1])

@@ -1,0 +1,110 @@
+"""The height of a sunlit limb by the Sun's place, and what a bow of heights does to a cone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from horizonval.estimation.limb.model.bow import moves, unknown_sun_covariance
+from horizonval.estimation.limb.model.sunlit import blur_rad, sun_angles, sunlit_limb
+from horizonval.estimation.limb.shape.cone import fit_cone, limb_directions, off_axis_angle, tangent_basis
+from horizonval.geometry.camera import Camera
+
+RADIUS_M = 6371008.8
+RHO = math.asin(RADIUS_M / (RADIUS_M + 500e3))
+NADIR = np.array([0.1, 0.8, 0.5]) / np.linalg.norm([0.1, 0.8, 0.5])
+CAMERA = Camera(width=256, height=256, fx=128.0, fy=128.0, cx=127.5, cy=127.5)
+
+
+def arc(width: float = 1.6, n: int = 161) -> np.ndarray:
+    turn = np.linspace(-width / 2, width / 2, n)
+    basis = tangent_basis(NADIR)
+    across = np.cos(turn)[:, None] * basis[:, 0] + np.sin(turn)[:, None] * basis[:, 1]
+    return np.cos(RHO) * NADIR + np.sin(RHO) * across
+
+
+def sun_at(zenith_deg: float, azimuth_deg: float) -> np.ndarray:
+    """Sun by its angles at the middle point of the arc: 0 is ahead."""
+    middle = arc()[80]
+    up = middle * (middle @ NADIR) - NADIR
+    up /= np.linalg.norm(up)
+    z, a = math.radians(zenith_deg), math.radians(azimuth_deg)
+    return math.cos(z) * up + math.sin(z) * (math.cos(a) * middle + math.sin(a) * np.cross(up, middle))
+
+
+@pytest.mark.parametrize(("zenith_deg", "azimuth_deg"), [(20.0, 30.0), (88.0, 90.0), (60.0, 170.0)])
+def test_the_suns_angles_are_those_at_the_tangent_point(zenith_deg: float, azimuth_deg: float) -> None:
+    zenith, azimuth = sun_angles(arc()[80:81], NADIR, sun_at(zenith_deg, azimuth_deg))
+    assert math.degrees(zenith[0]) == pytest.approx(zenith_deg, abs=1e-6)
+    assert math.degrees(azimuth[0]) == pytest.approx(azimuth_deg, abs=1e-6)
+
+
+def height_km(zenith_deg: float, azimuth_deg: float, blur_px: float = 1.3) -> float:
+    limb = sunlit_limb(arc()[80:81], NADIR, RHO, sun_at(zenith_deg, azimuth_deg), np.array([blur_px / 128.0]))
+    return float(limb.height_m[0]) / 1e3
+
+
+def test_a_resolved_limb_stands_where_a_grazing_ray_gets_opaque() -> None:
+    """In blue-green air the optical depth along a grazing ray passes one 10 to 20 km up."""
+    assert 10.0 < height_km(0.0, 0.0, blur_px=0.03) < 20.0
+
+
+def test_the_limb_rises_towards_the_terminator_and_more_so_with_the_sun_ahead() -> None:
+    low, high = height_km(90.0, 90.0), height_km(40.0, 90.0)
+    assert low - high > 8.0
+    assert height_km(88.0, 0.0) - height_km(88.0, 180.0) > 8.0
+
+
+def test_there_is_no_height_at_night() -> None:
+    assert math.isnan(height_km(120.0, 90.0))
+
+
+def test_a_wrong_sun_is_one_of_the_patterns() -> None:
+    los, sun = arc(), sun_at(85.0, 60.0)
+    blur = np.full(len(los), 1.3 / 128.0)
+    known, coarse = (sunlit_limb(los, NADIR, RHO, sun, blur, sigma) for sigma in (0.0, math.radians(0.5)))
+    assert len(coarse.patterns_m) == len(known.patterns_m) + 2
+    # In the middle, at 85 deg, the limb rises by some 0.7 km per degree; half a degree along two axes.
+    assert 100.0 < np.hypot(*coarse.patterns_m[-2:, 80]) < 1000.0
+
+
+def test_heights_move_the_cone_as_a_fit_to_raised_points_does() -> None:
+    los = arc()
+    turn = np.linspace(-0.8, 0.8, len(los))
+    height = 3000.0 * turn**2 + 800.0 * np.sin(3.0 * turn)
+    up = RADIUS_M + 500e3
+    # The exact raised limb: half-angle asin((R + h) / (R + H)).
+    basis = tangent_basis(NADIR)
+    rho = np.arcsin((RADIUS_M + height) / up)
+    across = np.cos(turn)[:, None] * basis[:, 0] + np.sin(turn)[:, None] * basis[:, 1]
+    cone = fit_cone(np.cos(rho)[:, None] * NADIR + np.sin(rho)[:, None] * across)
+    moved = moves(los, NADIR, RHO, height[None, :], RADIUS_M)[0]
+    # To first order; the second is a hundredth of it.
+    assert basis.T @ (cone.axis_cam - NADIR) == pytest.approx(moved[:2], abs=0.03 * float(np.abs(moved).max()))
+
+
+def test_an_unknown_sun_costs_more_on_a_short_arc() -> None:
+    sigma = []
+    for width in (0.8, 1.6):
+        los = arc(width)
+        covariance = unknown_sun_covariance(los, NADIR, RHO, np.full(len(los), 1.3 / 128.0), RADIUS_M)
+        sigma.append(math.degrees(math.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1])))
+    assert sigma[0] > sigma[1] > 0.01
+
+
+def test_a_cone_is_sampled_once_for_every_pixel_in_view() -> None:
+    los = limb_directions(CAMERA, NADIR, RHO, 4.0)
+    assert off_axis_angle(los, NADIR) == pytest.approx(np.full(len(los), RHO), abs=1e-12)
+    # A curve from side to side through 248 columns.
+    assert 248 <= len(los) < 400
+
+
+def test_the_blur_in_angle_gets_less_off_the_axis_of_a_plane_image() -> None:
+    """Along the radius a pixel of a plane image spans cos^2 of what it does in the middle."""
+    los = np.array([[0.0, math.sin(math.radians(40.0)), math.cos(math.radians(40.0))]])
+    axis = np.array([0.0, math.sin(math.radians(40.0) + RHO), math.cos(math.radians(40.0) + RHO)])
+    assert blur_rad(CAMERA, los, axis, 0.0)[0] == pytest.approx(
+        0.8 / 128.0 * math.cos(math.radians(40.0)) ** 2, rel=1e-3
+    )

@@ -1,0 +1,203 @@
+"""The vertical from two arcs, on horizons drawn with the exact tangent cone of a sphere."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.limb.arc import Arc, find_arc, longest_chain
+from horizonval.estimation.limb.shape.circle import fit_circle
+from horizonval.estimation.methods import video_vertical
+from horizonval.estimation.methods.video_vertical import ESTIMATOR, Ends, fit_arcs, solve, vertical
+from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.geometry import frames
+from horizonval.geometry.camera import Camera, pixel_grid, project, unproject
+from horizonval.scoring.errors import angle_between
+
+WIDTH = 512
+CAMERA = Camera(WIDTH, WIDTH, 215.0, 215.0, (WIDTH - 1) / 2, (WIDTH - 1) / 2)
+"""A field of 100 deg."""
+MOUNTS = {
+    "left": frames.cam_from_body(0.0, 0.0, math.pi / 2),
+    "forward": frames.cam_from_body(math.pi / 2, 0.0, math.pi / 2),
+}
+RADIUS_M = 6371008.8
+RHO = math.asin(RADIUS_M / (RADIUS_M + 500e3))
+
+
+def sphere_image(nadir_cam: np.ndarray, rho: float = RHO, bright: float = 800.0, dark: float = 30.0) -> np.ndarray:
+    """A bright ball before space; the edge's pixels hold the share of themselves that the ball covers (linear ramp)."""
+    los = unproject(CAMERA, pixel_grid(CAMERA))
+    inside_px = (los @ nadir_cam - math.cos(rho)) / math.sin(rho) * CAMERA.fx
+    # the local scale is fx / cos^2 along a radius; a ramp of that order is all an edge detector needs
+    return dark + (bright - dark) * np.clip(0.5 + inside_px, 0.0, 1.0)
+
+
+def two_heads(pitch_deg: float, roll_deg: float, seed: int | None = None, **changes: np.ndarray) -> Observation:
+    nadir_body = frames.nadir_of_roll_pitch(math.radians(roll_deg), math.radians(pitch_deg))
+    noise = None if seed is None else np.random.default_rng(seed)
+    heads = {}
+    for name, mount in MOUNTS.items():
+        image = changes.get(name)
+        if image is None:
+            image = sphere_image(frames.rotate(mount, nadir_body))
+            if noise is not None:
+                image = np.rint(image + noise.normal(0.0, 8.0, image.shape))
+        heads[name] = Observation(image, CAMERA, q_cam_from_body=mount, full_scale=1023.0, earth_radius_m=RADIUS_M)
+    return replace(heads["left"], heads=heads)
+
+
+def error_rad(fit: Fit, pitch_deg: float, roll_deg: float) -> float:
+    nadir_body = frames.nadir_of_roll_pitch(math.radians(roll_deg), math.radians(pitch_deg))
+    return angle_between(frames.rotate(MOUNTS["left"], nadir_body), fit.nadir_cam)
+
+
+def exact_arc(nadir_cam: np.ndarray, rho: float, low: float, high: float, n: int = 400) -> Arc:
+    """Points of the cone's exact image between two azimuths about the nadir, measured from the boresight's."""
+    across = np.array([0.0, 0.0, 1.0]) - nadir_cam[2] * nadir_cam
+    across /= np.linalg.norm(across)
+    angle = np.linspace(low, high, n)[:, None]
+    ring = np.cos(angle) * across + np.sin(angle) * np.cross(nadir_cam, across)
+    uv, in_front = project(CAMERA, math.cos(rho) * nadir_cam + math.sin(rho) * ring)
+    assert in_front.all()
+    circle = fit_circle(uv)
+    assert circle is not None
+    return Arc(uv[np.argsort(circle.along(uv), kind="stable")], circle)
+
+
+@pytest.mark.parametrize(("pitch_deg", "roll_deg"), [(0.0, 0.0), (20.0, -15.0), (-12.0, 17.0), (-30.0, 5.0)])
+@pytest.mark.parametrize("ends", [Ends.SIGHT, Ends.PIXEL])
+def test_chords_of_lines_of_sight_give_the_exact_vertical_from_any_piece_of_the_horizon(
+    pitch_deg: float, roll_deg: float, ends: Ends
+) -> None:
+    nadir_body = frames.nadir_of_roll_pitch(math.radians(roll_deg), math.radians(pitch_deg))
+    observation = two_heads(pitch_deg, roll_deg)
+    # lopsided pieces: the exactness must not need a symmetric arc
+    pieces = {"left": (-0.9, 0.3), "forward": (-0.2, 0.8)}
+    arcs = [exact_arc(frames.rotate(MOUNTS[name], nadir_body), RHO, *piece) for name, piece in pieces.items()]
+    fit = fit_arcs(arcs, list(observation.heads.values()), RADIUS_M, ends)
+    assert isinstance(fit, Fit)
+    # rounding of some hundred operations of size one
+    assert error_rad(fit, pitch_deg, roll_deg) < 1e-12
+    assert fit.pitch_rad == pytest.approx(math.radians(pitch_deg), abs=1e-12)
+    assert fit.roll_rad == pytest.approx(math.radians(roll_deg), abs=1e-12)
+    assert fit.angular_radius_rad == pytest.approx(RHO, abs=1e-12)
+    # d altitude / d rho is 2.9e6 m: 1e-12 rad are 3 um
+    assert fit.altitude_m == pytest.approx(500e3, abs=1e-3)
+
+
+def test_the_other_readings_are_exact_only_for_a_level_pair() -> None:
+    level, tilted = two_heads(0.0, 0.0), two_heads(12.0, 14.0)
+    errors = {}
+    for ends in Ends:
+        fit, other = solve(level, ends), solve(tilted, ends)
+        assert isinstance(fit, Fit)
+        assert isinstance(other, Fit)
+        # a level horizon is symmetric in both images, whatever joins its ends
+        assert math.degrees(error_rad(fit, 0.0, 0.0)) < 0.01
+        errors[ends] = math.degrees(error_rad(other, 12.0, 14.0))
+    # one pixel of 512 is 0.27 deg at the middle; rounding to 0.29 px on chords of 500 px is 0.06 deg
+    assert errors[Ends.SIGHT] < 0.1
+    assert errors[Ends.CIRCLE] > 0.1
+    assert errors[Ends.PLANE] > 1.0
+
+
+@pytest.mark.parametrize("scale", [1.0, -1.0])
+def test_the_earth_lies_on_the_side_of_the_centre_whether_bright_or_dark(scale: float) -> None:
+    observation = two_heads(5.0, -8.0)
+    heads = {
+        name: replace(head, image=512.0 + scale * (head.image - 512.0)) for name, head in observation.heads.items()
+    }
+    fit = ESTIMATOR.run(replace(heads["left"], heads=heads))
+    assert isinstance(fit, Fit)
+    # four rounded pixels; the wrong side would be 180 deg off
+    assert math.degrees(error_rad(fit, 5.0, -8.0)) < 0.15
+
+
+def test_the_claimed_covariance_is_honest_on_noisy_images() -> None:
+    rng = np.random.default_rng(20)
+    nees = []
+    for seed in range(40):
+        pitch, roll = rng.uniform(-18.0, 18.0, 2)
+        fit = ESTIMATOR.run(two_heads(pitch, roll, seed))
+        assert isinstance(fit, Fit)
+        body = frames.nadir_of_roll_pitch(math.radians(roll), math.radians(pitch))
+        error = fit.nadir_cam - frames.rotate(MOUNTS["left"], body)
+        nees.append(float(error @ np.linalg.pinv(fit.covariance_nadir_cam, rcond=1e-6) @ error))
+    # mean of 40 chi-square of 2 degrees of freedom: 2 +- 0.32; the rounding of neighbours is neither equal nor
+    # independent, for which the variance claimed may be up to a half off
+    assert 1.0 < np.mean(nees) < 3.0
+
+
+def test_one_end_pixel_is_worse_than_the_mean_of_the_last_ones() -> None:
+    rng = np.random.default_rng(7)
+    squares: dict[Ends, list[float]] = {Ends.SIGHT: [], Ends.PIXEL: []}
+    for _ in range(30):
+        pitch, roll = rng.uniform(-18.0, 18.0, 2)
+        observation = two_heads(pitch, roll)
+        for ends, kept in squares.items():
+            fit = solve(observation, ends)
+            assert isinstance(fit, Fit)
+            kept.append(error_rad(fit, pitch, roll) ** 2)
+    assert np.mean(squares[Ends.SIGHT]) < 0.6 * np.mean(squares[Ends.PIXEL])
+
+
+@pytest.mark.parametrize("names", [(), ("left",), ("left", "forward", "left2")])
+def test_other_numbers_of_heads_are_refused(names: tuple[str, ...]) -> None:
+    observation = two_heads(0.0, 0.0)
+    heads = {name: observation.heads["left"] for name in names}
+    found = ESTIMATOR.run(replace(observation, heads=heads))
+    assert isinstance(found, NoFit)
+    assert found.status is Outcome.BAD_INPUT
+
+
+def test_a_dark_head_is_named() -> None:
+    dark = np.rint(np.random.default_rng(1).normal(32.0, 1.5, (WIDTH, WIDTH)))
+    found = ESTIMATOR.run(two_heads(0.0, 0.0, forward=dark))
+    assert isinstance(found, NoFit)
+    assert found.status is Outcome.DARK
+    assert "forward" in found.reason
+
+
+def test_an_image_of_another_size_is_refused() -> None:
+    found = ESTIMATOR.run(two_heads(0.0, 0.0, left=np.zeros((20, 30))))
+    assert isinstance(found, NoFit)
+    assert found.status is Outcome.BAD_INPUT
+
+
+def test_two_heads_that_look_the_same_way_span_no_plane() -> None:
+    observation = two_heads(0.0, 0.0)
+    heads = {"left": observation.heads["left"], "again": observation.heads["left"]}
+    found = ESTIMATOR.run(replace(observation, heads=heads))
+    assert isinstance(found, NoFit)
+    assert found.status is Outcome.SHORT_ARC
+    assert vertical(np.zeros((2, 3))) is None
+
+
+def test_a_straight_edge_has_no_circle() -> None:
+    image = np.where(np.arange(WIDTH)[:, None] > 300, 800.0, 30.0) * np.ones((1, WIDTH))
+    found = ESTIMATOR.run(two_heads(0.0, 0.0, left=image))
+    assert isinstance(found, NoFit)
+    assert found.status is Outcome.SHORT_ARC
+
+
+def test_the_longest_chain_is_the_one_with_the_most_touching_pixels() -> None:
+    long = [(x, 10 + x) for x in range(30)]
+    short = [(x, 50) for x in range(20)]
+    chain = longest_chain(np.array(long + short, dtype=float), (64, 64))
+    assert sorted(map(tuple, chain.astype(int))) == sorted(long)
+    assert len(longest_chain(np.empty((0, 2)), (64, 64))) == 0
+
+
+def test_the_arc_runs_from_end_to_end() -> None:
+    observation = two_heads(10.0, -6.0)
+    arc = find_arc(observation.heads["left"].image, 1023.0)
+    assert isinstance(arc, Arc)
+    # whole pixels in order: neighbours touch, but for those that the circle left out
+    assert np.hypot(*np.diff(arc.uv, axis=0).T).max() < 4.0
+    assert np.hypot(*(arc.uv[-1] - arc.uv[0])) > 0.8 * WIDTH
+    assert video_vertical.END_PIXELS * 3 <= 24

@@ -1,0 +1,425 @@
+"""The EXR gate: exact round trips, and one clear line for every kind of damage."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.frame import FrameTruth
+from horizonval.store import exr
+
+
+@pytest.fixture
+def stored(tmp_path, make_frame) -> Path:
+    path = tmp_path / "frame.exr"
+    exr.write_frame(path, make_frame())
+    return path
+
+
+def refuses(path: Path, capfd, expected: str = ".") -> str:
+    """Check that reading fails with one line that names the file, and that nothing else reaches the terminal."""
+    with pytest.raises(DamagedFileError, match=expected) as caught:
+        exr.read_frame(path)
+    line = str(caught.value)
+    assert line.startswith(str(path))
+    assert "\n" not in line
+    assert capfd.readouterr() == ("", "")
+    return line
+
+
+def rewrite(path: Path, *, drop: str | None = None, **changes) -> None:
+    """Write the file again through the library, as a stranger would, with header keys dropped or changed."""
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        header = {k: v for k, v in file.header().items() if k != drop} | changes
+        OpenEXR.File(header, {k: v.pixels for k, v in file.channels().items()}).write(str(path))
+
+
+def reseal(path: Path, channels: dict[str, np.ndarray], **changes) -> None:
+    """Write a file whose digests are right but whose content is not, as a defect of our own writer would."""
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        own = {k.removeprefix("horizonval:"): v for k, v in file.header().items() if k.startswith("horizonval:")}
+        pixels = {k: v.pixels for k, v in file.channels().items()} | channels
+    own = {k: v for k, v in own.items() if isinstance(v, int | str) and k not in ("sha256", "body", "seal")}
+    exr._write_sealed(path, pixels, own | changes, {})
+
+
+def test_frame_survives_bit_by_bit(tmp_path, make_frame):
+    frame = make_frame({"vis": np.random.default_rng(1).normal(0, 1e3, (30, 40)), "B": 1e-30, "G": 6e6, "R": 0.0})
+    exr.write_frame(tmp_path / "a.exr", frame)
+    back = exr.read_frame(tmp_path / "a.exr")
+    assert list(back.radiance) == ["vis", "B", "G", "R"]
+    for name, values in (frame.radiance | frame.maps).items():
+        other = (back.radiance | back.maps)[name]
+        assert other.dtype == np.float32
+        assert other.flags.c_contiguous
+        assert other.tobytes() == values.tobytes()
+    assert np.isinf(back.maps["distance"]).any()
+    assert back.truth == frame.truth
+    assert back.render == frame.render
+
+
+def test_image_survives(tmp_path, make_image):
+    image = make_image()
+    exr.write_image(tmp_path / "a.exr", image)
+    back = exr.read_image(tmp_path / "a.exr")
+    assert back.dn.dtype == np.uint16
+    np.testing.assert_array_equal(back.dn, image.dn)
+    assert (back.band, back.full_scale, back.observation) == ("vis", 1023, {"seed": 3})
+    assert back.truth == image.truth
+
+
+@pytest.mark.parametrize("value", [0.1, 1 / 3, np.nextafter(1.0, 2.0), 5e-324, 1.7976931348623157e308, -0.0])
+def test_truth_keeps_every_bit_of_a_float(tmp_path, make_frame, value):
+    exr.write_frame(tmp_path / "a.exr", make_frame(altitude_m=float(value)))
+    assert exr.read_frame(tmp_path / "a.exr").truth.altitude_m.hex() == float(value).hex()
+
+
+def test_large_integers_survive(tmp_path, make_frame):
+    frame = make_frame()
+    frame = replace(frame, render={"seed": 2**63 + 1}, truth=replace(frame.truth, scene={"seed": 2**40}))
+    exr.write_frame(tmp_path / "a.exr", frame)
+    back = exr.read_frame(tmp_path / "a.exr")
+    assert back.render["seed"] == 2**63 + 1
+    assert back.truth.scene["seed"] == 2**40
+
+
+def test_header_integers_beyond_32_bits_are_refused(tmp_path, make_image):
+    """The library would store 0 without a word."""
+    with pytest.raises(ValueError, match="32-bit"):
+        exr.write_image(tmp_path / "a.exr", replace(make_image(), full_scale=2**31))
+
+
+@pytest.mark.parametrize("view", ["fortran", "flipped", "strided", "float64"])
+def test_memory_layout_does_not_matter(tmp_path, make_frame, view):
+    frame = make_frame()
+    values = frame.radiance["vis"]
+    exr.write_frame(tmp_path / "plain.exr", frame)
+    other = {
+        "fortran": np.asfortranarray(values),
+        "flipped": values[::-1, ::-1].copy()[::-1, ::-1],
+        "strided": np.repeat(values, 3, axis=1)[:, ::3],
+        "float64": values.astype(np.float64),
+    }[view]
+    exr.write_frame(tmp_path / "view.exr", replace(frame, radiance={"vis": other}))
+    assert (tmp_path / "view.exr").read_bytes() == (tmp_path / "plain.exr").read_bytes()
+
+
+def test_equal_content_gives_equal_bytes(tmp_path, make_frame):
+    frame = make_frame()
+    exr.write_frame(tmp_path / "a.exr", frame)
+    shuffled = replace(
+        frame,
+        maps=dict(reversed(frame.maps.items())),
+        truth=replace(frame.truth, scene=dict(reversed(frame.truth.scene.items()))),
+    )
+    exr.write_frame(tmp_path / "b.exr", shuffled)
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+
+
+def test_header_is_read_without_pixels(stored, make_frame):
+    header = exr.read_header(stored)
+    assert FrameTruth.from_dict(header["truth"]) == make_frame().truth
+    assert (header["kind"], header["bands"], header["width"], header["height"]) == ("frame", ["vis"], 40, 30)
+    data = bytearray(stored.read_bytes())
+    data[-5] ^= 1
+    stored.write_bytes(data)
+    assert exr.read_header(stored) == header
+
+
+def test_kinds_are_told_apart(tmp_path, stored, make_image):
+    exr.write_image(tmp_path / "image.exr", make_image())
+    OpenEXR.File({}, {"Y": np.ones((4, 5), np.float32)}).write(str(tmp_path / "foreign.exr"))
+    assert [exr.kind(tmp_path / f"{name}.exr") for name in ("frame", "image", "foreign")] == [
+        "frame",
+        "image",
+        "foreign",
+    ]
+    with pytest.raises(UserError, match="holds a detector image; expected a frame"):
+        exr.read_frame(tmp_path / "image.exr")
+    with pytest.raises(UserError, match="holds a frame"):
+        exr.read_image(stored)
+    with pytest.raises(DamagedFileError, match="not written by horizonval"):
+        exr.read_frame(tmp_path / "foreign.exr")
+
+
+def test_every_flipped_byte_is_noticed(stored, capfd):
+    good = stored.read_bytes()
+    rng = np.random.default_rng(20260320)
+    ends = [*range(24), len(good) - 1]
+    for position in [*ends, *rng.integers(0, len(good), 300).tolist()]:
+        bad = bytearray(good)
+        bad[position] ^= 1 << int(rng.integers(8))
+        stored.write_bytes(bad)
+        refuses(stored, capfd)
+    stored.write_bytes(good)
+    exr.read_frame(stored)
+
+
+def test_every_flipped_header_byte_is_noticed_without_the_pixels(stored):
+    good = stored.read_bytes()
+    end = exr.seal.read_header(stored).end
+    for position in range(0, end, 7):
+        bad = bytearray(good)
+        bad[position] ^= 0x20
+        stored.write_bytes(bad)
+        with pytest.raises(DamagedFileError):
+            exr.read_header(stored)
+
+
+def test_truncation_is_noticed_everywhere(stored, capfd):
+    good = stored.read_bytes()
+    for size in [*range(0, 40), *np.linspace(40, len(good) - 1, 60).astype(int).tolist()]:
+        stored.write_bytes(good[:size])
+        line = refuses(stored, capfd)
+        assert "truncated" in line or size < 8, line
+
+
+def test_foreign_bytes_at_the_end_are_noticed(stored, capfd):
+    stored.write_bytes(stored.read_bytes() + b"\0")
+    refuses(stored, capfd, "1 foreign bytes")
+
+
+KEYS = ["schema", "kind", "bands", "truth", "render", "sha256", "body", "seal"]
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_a_missing_header_key_is_named(stored, capfd, key):
+    rewrite(stored, drop=f"horizonval:{key}")
+    refuses(stored, capfd, f"no header key 'horizonval:{key}'")
+
+
+def test_a_stranger_cannot_change_the_truth(stored, capfd):
+    with OpenEXR.File(str(stored)) as file:
+        truth = file.header()["horizonval:truth"]
+    assert '"altitude_m":500000.0' in truth
+    rewrite(stored, **{"horizonval:truth": truth.replace('"altitude_m":500000.0', '"altitude_m":510000.0')})
+    refuses(stored, capfd, "seal")
+
+
+def test_another_schema_is_named(stored, capfd):
+    rewrite(stored, **{"horizonval:schema": 99})
+    refuses(stored, capfd, "schema 99; expected schema 1 or 2 or 3 or 4")
+
+
+def test_files_from_before_the_moon_still_read(tmp_path, make_frame, monkeypatch):
+    """Schema 1 knew no Moon: its truth comes back without one, and keeps its schema."""
+    frame = make_frame(schema=1)
+    sound = FrameTruth.to_dict
+
+    def old(truth):
+        return {key: value for key, value in sound(truth).items() if not key.startswith(("moon_", "infrared_"))}
+
+    monkeypatch.setattr(FrameTruth, "to_dict", old)
+    monkeypatch.setattr(exr, "FILE_SCHEMA", 1)
+    exr.write_frame(tmp_path / "old.exr", frame)
+    monkeypatch.undo()
+    assert exr.read_header(tmp_path / "old.exr")["schema"] == 1
+    again = exr.read_frame(tmp_path / "old.exr")
+    assert again.truth == frame.truth
+    assert (again.truth.schema, again.truth.moon_itrs, again.truth.moon_visible_fraction) == (1, None, 0.0)
+    assert np.array_equal(again.radiance["vis"], frame.radiance["vis"])
+
+
+INFRARED = {
+    "co2": {
+        "kind": "opaque",
+        "azimuth_deg": [0.0, 180.0],
+        "plateau_radiance": [5.54255, 4.52685],
+        "half_plateau_height_m": [41218.2, 38002.4],
+        "half_plateau_angle_rad": [1.190123456789, 1.19],
+        "maximum_gradient_height_m": [38291.0, 33808.7],
+        "accuracy": {"plateau": 0.04, "note": None},
+    }
+}
+
+
+def test_the_infrared_horizon_survives(tmp_path, make_frame):
+    frame = make_frame(infrared_horizon=INFRARED)
+    exr.write_frame(tmp_path / "a.exr", frame)
+    again = exr.read_frame(tmp_path / "a.exr").truth
+    assert again == frame.truth
+    assert again.infrared_horizon == INFRARED
+    assert again.schema == 3
+
+
+def test_files_from_before_the_infrared_horizon_still_read(tmp_path, make_frame, monkeypatch):
+    """Schema 2 had the Moon and no infrared horizon."""
+    frame = make_frame(schema=2)
+    sound = FrameTruth.to_dict
+
+    def old(truth):
+        return {key: value for key, value in sound(truth).items() if key != "infrared_horizon"}
+
+    monkeypatch.setattr(FrameTruth, "to_dict", old)
+    monkeypatch.setattr(exr, "FILE_SCHEMA", 2)
+    exr.write_frame(tmp_path / "old.exr", frame)
+    monkeypatch.undo()
+    again = exr.read_frame(tmp_path / "old.exr")
+    assert again.truth == frame.truth
+    assert (again.truth.schema, again.truth.infrared_horizon) == (2, {})
+
+
+def test_a_truth_of_today_must_be_complete(make_truth):
+    data = make_truth().to_dict()
+    assert FrameTruth.from_dict(data) == make_truth()
+    for key in ("moon_cam", "infrared_horizon"):
+        with pytest.raises(KeyError, match=key):
+            FrameTruth.from_dict({k: v for k, v in data.items() if k != key})
+
+
+def test_pixels_are_checked_against_what_entered_the_library(stored, capfd, monkeypatch):
+    """As if the library had scrambled the array on the way: all seals are right."""
+    sound = exr._digest
+    monkeypatch.setattr(exr, "_digest", lambda channels, own: sound(channels, own)[::-1])
+    reseal(stored, {})
+    monkeypatch.undo()
+    refuses(stored, capfd, "do not match their sha256")
+
+
+def test_nan_radiance_is_refused_both_ways(tmp_path, stored, make_frame, capfd):
+    values = make_frame().radiance["vis"]
+    values[3, 4] = np.nan
+    with pytest.raises(ValueError, match="not finite"):
+        exr.write_frame(tmp_path / "b.exr", make_frame(values))
+    assert [p.name for p in tmp_path.iterdir()] == ["frame.exr"]
+    reseal(stored, {"radiance.vis": values})
+    refuses(stored, capfd, "radiance of band 'vis' is not finite in 1 pixels")
+
+
+def test_incomplete_truth_is_named(stored, capfd, make_frame):
+    truth = make_frame().truth.to_dict()
+    del truth["nadir_geocentric_cam"]
+    reseal(stored, {}, truth=exr._dumps(truth))
+    refuses(stored, capfd, "the truth has no 'nadir_geocentric_cam'")
+    reseal(stored, {}, truth="[1, 2]")
+    refuses(stored, capfd, "the truth")
+    reseal(stored, {}, truth="{")
+    refuses(stored, capfd, "no JSON")
+
+
+@pytest.mark.parametrize(("content", "expected"), [(b"", "empty"), (b"v/1\x01", "truncated"), (b"\0" * 99, "not an")])
+def test_other_files_are_refused(tmp_path, capfd, content, expected):
+    path = tmp_path / "a.exr"
+    path.write_bytes(content)
+    refuses(path, capfd, expected)
+
+
+def test_a_png_named_exr_is_recognised(tmp_path, capfd):
+    path = tmp_path / "a.exr"
+    path.write_bytes(cv2.imencode(".png", np.zeros((4, 4), np.uint8))[1].tobytes())
+    refuses(path, capfd, "a PNG image")
+    with pytest.raises(DamagedFileError, match="PNG"):
+        exr.read_foreign_grey(path)
+
+
+def test_missing_files_and_folders_are_user_errors(tmp_path, make_frame):
+    with pytest.raises(UserError, match="no such file"):
+        exr.read_frame(tmp_path / "none.exr")
+    with pytest.raises(UserError, match="is a folder"):
+        exr.read_header(tmp_path)
+    with pytest.raises(UserError, match="create it first"):
+        exr.write_frame(tmp_path / "none" / "a.exr", make_frame())
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match="cannot be written"):
+        exr.write_frame(tmp_path / "file" / "a.exr", make_frame())
+
+
+def test_a_failed_write_keeps_the_old_file(stored, make_frame, monkeypatch):
+    before = stored.read_bytes()
+
+    def fail(path: Path) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(exr.seal, "seal_file", fail)
+    with pytest.raises(UserError, match="No space left"):
+        exr.write_frame(stored, make_frame(1.0))
+    assert stored.read_bytes() == before
+    assert [p.name for p in stored.parent.iterdir()] == [stored.name]
+
+
+def test_written_files_have_ordinary_permissions(stored):
+    mask = os.umask(0)
+    os.umask(mask)
+    assert stored.stat().st_mode & 0o777 == 0o666 & ~mask
+
+
+def test_frames_that_are_none_are_not_written(tmp_path, make_frame):
+    frame = make_frame()
+    path = tmp_path / "a.exr"
+    for bad, expected in [
+        (replace(frame, radiance={}), "at least one band"),
+        (replace(frame, radiance={"vis": np.zeros((2, 3), np.float32)}), "shape"),
+        (replace(frame, radiance={"vis": np.full((30, 40), 1e39)}), "too large"),
+        (replace(frame, radiance={"a.b": frame.radiance["vis"]}), "band name"),
+        (replace(frame, maps={}), "truth maps missing"),
+        (replace(frame, truth=replace(frame.truth, altitude_m=float("nan"))), "JSON"),
+    ]:
+        with pytest.raises(ValueError, match=expected):
+            exr.write_frame(path, bad)
+        assert not path.exists()
+
+
+def test_standard_attributes_mean_what_the_format_says(stored, make_truth):
+    truth = make_truth()
+    header = OpenEXR.File(str(stored), header_only=True).header()
+    assert header["capDate"] == "2026:03:20 12:34:56"
+    assert header["utcOffset"] == 0
+    assert header["expTime"] == pytest.approx(2e-4)
+    assert header["aperture"] == 4
+    assert header["altitude"] == pytest.approx(500e3)
+    assert header["latitude"] == pytest.approx(np.degrees(0.35), abs=1e-5)  # float32
+    assert header["longitude"] == pytest.approx(np.degrees(0.5), abs=1e-5)
+    assert header["screenWindowWidth"] == pytest.approx(2 * np.tan(np.radians(30)))
+    # 40 px of 5.5 um behind a 60 deg lens.
+    assert header["pinholeFocalLength"] == pytest.approx(0.22 / 2 / np.tan(np.radians(30)))
+    point = np.array(truth.r_itrs) + 7e6 * np.array([0.3, -0.2, 0.1])
+    seen = Rotation.from_quat(truth.q_cam_from_itrs).apply(point - np.array(truth.r_itrs))
+    mapped = np.append(point, 1.0) @ header["worldToCamera"].astype(float)
+    # Ours: x right, y down, z forward; the format's: x right, y up, z forward. float32 at 7e6 m: 0.5 m.
+    np.testing.assert_allclose(mapped[:3], seen * [1, -1, 1], atol=2.0)
+    assert mapped[3] == 1
+
+
+def test_any_viewer_sees_the_first_band(stored, make_frame):
+    np.testing.assert_array_equal(exr.read_foreign_grey(stored), make_frame().radiance["vis"])
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.uint32])
+def test_foreign_grey_images(tmp_path, dtype):
+    values = np.arange(20).reshape(4, 5).astype(dtype)
+    path = str(tmp_path / "a.exr")
+    OpenEXR.File({"compression": OpenEXR.PIZ_COMPRESSION}, {"depth": values, "A": values * 0}).write(path)
+    np.testing.assert_array_equal(exr.read_foreign_grey(path), values)
+    OpenEXR.File({}, {"R": values, "G": 2 * values, "B": 3 * values}).write(path)
+    np.testing.assert_allclose(
+        exr.read_foreign_grey(path), (0.2126 + 2 * 0.7152 + 3 * 0.0722) * values.astype(float), rtol=1e-6
+    )
+    OpenEXR.File({}, {"u": values, "v": values}).write(path)
+    with pytest.raises(UserError, match="expected Y, or R G B"):
+        exr.read_foreign_grey(path)
+
+
+def test_damaged_foreign_files_are_refused_quietly(tmp_path, capfd):
+    path = tmp_path / "a.exr"
+    values = np.random.default_rng(2).normal(size=(64, 64)).astype(np.float32)
+    OpenEXR.File({}, {"Y": values}).write(str(path))
+    good = path.read_bytes()
+    for size in (20, 200, 2000, len(good) - 9):
+        path.write_bytes(good[:size])
+        with pytest.raises(DamagedFileError) as caught:
+            exr.read_foreign_grey(path)
+        assert "\n" not in str(caught.value)
+        assert capfd.readouterr() == ("", "")
+    cropped = {"dataWindow": ([2, 2], [65, 65]), "displayWindow": ([0, 0], [99, 99])}
+    window = {k: tuple(np.array(v, np.int32) for v in box) for k, box in cropped.items()}
+    OpenEXR.File(window, {"Y": values}).write(str(path))
+    with pytest.raises(UserError, match="crop"):
+        exr.read_foreign_grey(path)

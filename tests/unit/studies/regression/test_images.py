@@ -1,0 +1,134 @@
+"""Regions, displacement and the file of frozen images."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import erf
+
+from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.studies.regression.baseline import pack as packs
+from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage, Pack, read_pack, write_pack
+from horizonval.studies.regression.images import compare_images
+from horizonval.studies.regression.regions import (
+    DISC,
+    ELSEWHERE,
+    LIMB,
+    SPACE,
+    bias,
+    displacement_px,
+    noise_in_space,
+    regions_of,
+)
+
+Y, X = np.mgrid[0:64, 0:64].astype(float)
+RADIUS = np.hypot(X - 32, Y - 90)
+NEAR = np.abs(RADIUS - 45) < 4
+
+
+def disc(dx: float, dy: float, gain: float = 1.0) -> np.ndarray:
+    """A soft-edged disc that darkens towards its rim, its centre moved by so many pixels."""
+    r = np.hypot(X - 32 - dx, Y - 90 - dy) - 45
+    return gain * 20 * 0.5 * (1 - erf(r / (np.sqrt(2) * 0.8))) * (1 - 0.01 * r)
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.5), (0.35, 0.35), (0.0, -0.1)])
+def test_displacement_of_a_known_shift(shift):
+    """Root mean square of the shift across the limb, to a fifth of it."""
+    nx, ny = (X - 32) / RADIUS, (Y - 90) / RADIUS
+    expected = np.sqrt(np.mean((nx * shift[0] + ny * shift[1])[NEAR] ** 2))
+    assert displacement_px(disc(0, 0), disc(*shift), NEAR) == pytest.approx(expected, rel=0.2)
+
+
+def test_more_light_is_no_displacement():
+    assert displacement_px(disc(0, 0), disc(0, 0, 1.02), NEAR) < 0.002
+    assert bias(disc(0, 0), disc(0, 0, 1.02), NEAR) == pytest.approx(0.02)
+    assert displacement_px(np.zeros((64, 64)), np.zeros((64, 64)), NEAR) is None
+    assert bias(np.zeros((64, 64)), disc(0, 0), NEAR) is None
+
+
+def test_regions_follow_the_truth_maps():
+    height = np.where(RADIUS < 80, (RADIUS - 45) * 50e3, np.inf)
+    hit = np.where(RADIUS < 45, 1.0, 0.0)
+    hit[0, 0] = 3.0
+    found = regions_of(hit, height)
+    assert found[0, 0] == ELSEWHERE
+    assert set(np.unique(found)) == {ELSEWHERE, SPACE, LIMB, DISC}
+    # Three pixels on either side of the edge.
+    assert np.abs(RADIUS[found == LIMB] - 45).max() == pytest.approx(3.0, abs=0.1)
+    assert RADIUS[found == DISC].max() < 45 < RADIUS[found == SPACE].min()
+
+
+def test_noise_in_space_is_that_of_space():
+    rng = np.random.default_rng(0)
+    clean = np.full((64, 64), 100)
+    regions = np.full((64, 64), DISC, np.uint8)
+    regions[:32] = SPACE
+    dn = clean + np.rint(np.where(regions == SPACE, 2.0, 20.0) * rng.normal(size=(64, 64))).astype(int)
+    assert noise_in_space(dn, clean, regions) == pytest.approx(np.hypot(2.0, 1 / np.sqrt(12)), rel=0.05)
+    assert noise_in_space(dn, clean, np.full((64, 64), DISC, np.uint8)) is None
+
+
+def some_pack() -> Pack:
+    rng = np.random.default_rng(1)
+    images = [
+        FrozenImage(f"s{i}", "vis", k, 511, rng.integers(0, 512, (20 + i, 30)).astype(np.uint16))
+        for i in range(2)
+        for k in range(3)
+    ]
+    frames = [
+        FrozenFrame(f"s{i}", "vis", "ab" * 32, disc(i, 0).astype(np.float32).astype(float), NEAR.astype(np.uint8))
+        for i in range(2)
+    ]
+    return Pack(tuple(images), tuple(frames), {"s0": {"a": 1 / 3}, "s1": {}})
+
+
+def test_a_pack_comes_back_and_equal_content_gives_equal_bytes(tmp_path):
+    made = some_pack()
+    write_pack(tmp_path / "a.npz", made)
+    write_pack(tmp_path / "b.npz", made)
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    read = read_pack(tmp_path / "a.npz")
+    assert read.truths == made.truths
+    for mine, theirs in zip(read.images, made.images, strict=True):
+        assert (mine.scene, mine.replicate, mine.full_scale) == (theirs.scene, theirs.replicate, theirs.full_scale)
+        assert np.array_equal(mine.dn, theirs.dn)
+    for frame, other in zip(read.frames, made.frames, strict=True):
+        assert np.array_equal(frame.regions, other.regions)
+        # Half a step of the code at the brightest pixel; its square far below.
+        assert np.abs(frame.radiance - other.radiance).max() < other.radiance.max() / packs.CODES
+    # NumPy alone opens it.
+    with np.load(tmp_path / "a.npz") as file:
+        assert file["dn_20x30_low"].shape == (3, 20, 30)
+
+
+def test_a_damaged_pack_is_refused(tmp_path):
+    path = tmp_path / "a.npz"
+    write_pack(path, some_pack())
+    data = path.read_bytes()
+    for k, damaged in enumerate((data[:-100], data[:400] + bytes([data[400] ^ 1]) + data[401:], b"no archive")):
+        other = tmp_path / f"damaged-{k}.npz"
+        other.write_bytes(damaged)
+        with pytest.raises(DamagedFileError):
+            read_pack(other)
+    with pytest.raises(UserError, match="no such file"):
+        read_pack(tmp_path / "none.npz")
+
+
+def test_equal_digests_are_compared_no_further(tmp_path):
+    about = {"radiance_sha256": "a", "images": ["x", "y"], "noise_dn": 1.0}
+    frozen = FrozenFrame("s", "vis", "a", disc(0, 0), np.where(NEAR, LIMB, DISC).astype(np.uint8))
+    found = compare_images("day", about, about, None, frozen)
+    assert found["same_radiance"]
+    assert (found["same_images"], found["limb_radiance"], found["limb_displacement"], found["noise"]) == (
+        2,
+        0.0,
+        0.0,
+        0.0,
+    )
+    other = {"radiance_sha256": "b", "images": ["x", "z"], "noise_dn": 1.1}
+    found = compare_images("day", other, about, disc(0, 0, 1.02).astype(np.float32), frozen)
+    assert not found["same_radiance"]
+    assert found["same_images"] == 1
+    assert found["noise"] == pytest.approx(10.0)
+    assert found["limb_radiance"] == pytest.approx(2.0, abs=1e-3)

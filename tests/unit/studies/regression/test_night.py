@@ -1,0 +1,248 @@
+"""A night from end to end, its units worked on in this process; then accepting it, and the nights after."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import pytest
+
+from horizonval import cli
+from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.studies.regression import bench
+from horizonval.studies.regression import night as nights
+from horizonval.studies.regression.accept import accept
+from horizonval.studies.regression.baseline import history
+from horizonval.studies.regression.baseline.baseline import (
+    from_columns,
+    pack_path,
+    read_baseline,
+    release_path,
+    to_columns,
+)
+from horizonval.studies.regression.baseline.pack import read_pack
+from horizonval.studies.regression.night import Wanted, run_night
+
+ANCHOR = {"name": "stub", "verdict": "PASS", "found": 0.0, "limit": 1.0, "unit": "m", "n": 1, "what": "nothing"}
+
+
+@pytest.fixture(scope="module")
+def here():
+    """Units are done in this process, and their anchors are a stub: both have tests of their own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bench, "run_cases", lambda work, cases, workers: ((case, work(case)) for case in cases))
+        patch.setattr("horizonval.studies.regression.anchors.anchors", lambda: [dict(ANCHOR)])
+        yield patch
+
+
+@pytest.fixture(scope="module")
+def first(here, night, tmp_path_factory):
+    """The first night, without a baseline; accepted afterwards. Its frames are those rendered for the other tests."""
+    folder = tmp_path_factory.mktemp("nights")
+    known = dict(night.frames)
+
+    def render(scene, camera):
+        from horizonval.render.scene.frame import render_frame
+
+        name = scene.scene.name
+        seeded = scene.scene.seed == 3
+        return known[name] if seeded and name in known else render_frame(scene, camera)
+
+    here.setattr("horizonval.studies.regression.units._renderer", lambda: render)
+    wanted = Wanted(str(night.path), folder / "out", folder / "base" / "tiny.json", "2026-11-01")
+    wanted = replace(wanted, lanes=("replay", "rerender"), workers=1)
+    return wanted, run_night(wanted)
+
+
+@pytest.fixture(scope="module")
+def accepted(first):
+    wanted, _ = first
+    # The fresh lane has no gate in the tiny suite; a baseline needs its rows all the same.
+    path = wanted.out / "night.json"
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps(content | {"lanes": list(nights.LANES)}))
+    accept(wanted.out, wanted.baseline, "The first one, nothing before it", release=True)
+    return wanted
+
+
+def test_a_missing_baseline_fails(first):
+    wanted, verdict = first
+    assert (verdict["verdict"], verdict["complete"], verdict["exit_status"]) == ("FAIL", False, 2)
+    assert "no accepted baseline" in verdict["problems"][0]
+    tree = ElementTree.parse(wanted.out / "junit.xml")
+    assert tree.find(".//testcase[@name='complete']/error") is not None
+    assert "no accepted baseline" in (wanted.out / "index.html").read_text()
+
+
+def test_accepting_writes_rows_images_and_the_table(accepted):
+    base = read_baseline(accepted.baseline, "tiny")
+    assert base.head["reason"] == "The first one, nothing before it"
+    assert len(base.results.rows) == len(base.images.images) == 8
+    assert all(len(row["image"]) == 64 for row in base.results.rows)
+    table = accepted.baseline.with_suffix(".md").read_text()
+    assert "There was no baseline before." in table
+    assert "| altitude-free | day | 8 |" in table
+    release = read_baseline(release_path(accepted.baseline), "tiny")
+    assert release.images.images == ()
+    assert release.results == base.results
+
+
+@pytest.fixture(scope="module")
+def second(accepted):
+    return run_night(replace(accepted, night="2026-11-02"))
+
+
+def test_an_unchanged_night_passes_and_says_so_everywhere(accepted, second):
+    assert (second["verdict"], second["exit_status"], second["problems"]) == ("PASS", 0, [])
+    assert {gate["verdict"] for gate in second["gates"]} == {"PASS"}
+    compared = {one["name"]: one for one in second["comparisons"]}
+    assert compared["release"]["same_as_accepted"]
+    about = compared["accepted"]
+    assert (about["replayed"], about["n_changed"], about["rendered"], about["n_images_changed"]) == (8, 0, 8, 0)
+    stored = json.loads((accepted.out / "verdict.json").read_text())
+    assert stored == json.loads(json.dumps(second))
+    suite = ElementTree.parse(accepted.out / "junit.xml").getroot()[0]
+    assert [suite.get(key) for key in ("failures", "errors", "skipped")] == ["0", "0", "0"]
+    assert int(suite.get("tests", "0")) == len(second["gates"]) + 1 + 1
+    assert [line["night"] for line in history.read(accepted.out / history.FILE)] == ["2026-11-01", "2026-11-02"]
+
+
+def test_a_changed_estimator_is_a_regression_with_names(accepted, second, here, monkeypatch):
+    """The baseline's errors are made smaller: the present ones are then worse, in every scene."""
+    data = json.loads(accepted.baseline.read_text())
+    rows = from_columns(data["rows"])
+    claims = [row for row in rows if row["nadir_error_arcsec"] is not None]
+    for row in claims:
+        row["nadir_error_arcsec"] -= 60.0
+    changed = accepted.baseline.with_name("better.json")
+    changed.write_text(json.dumps(data | {"rows": to_columns(rows)}))
+    os.link(pack_path(accepted.baseline), pack_path(changed))
+    os.link(release_path(accepted.baseline), release_path(changed))
+    os.link(pack_path(release_path(accepted.baseline)), pack_path(release_path(changed)))
+    verdict = run_night(replace(accepted, baseline=changed, night="2026-11-03"))
+    failed = {(gate["against"], gate["name"]) for gate in verdict["gates"] if gate["verdict"] == "FAIL"}
+    assert failed == {("accepted", "accuracy")}
+    assert (verdict["verdict"], verdict["exit_status"]) == ("FAIL", 1)
+    # The last release is another than the accepted one now, and has gates of its own.
+    assert {gate["against"] for gate in verdict["gates"]} == {"accepted", "release"}
+    (gate,) = [g for g in verdict["gates"] if g["verdict"] == "FAIL"]
+    assert set(gate["scenes"]) == {row["scene"] for row in claims}
+    page = (accepted.out / "index.html").read_text()
+    assert "Regression: accuracy (against the accepted baseline)" in page
+    assert gate["scenes"][0] in page
+    case = ElementTree.parse(accepted.out / "junit.xml").find(".//testcase[@name='accuracy']/failure")
+    assert case is not None
+    assert gate["scenes"][0] in case.get("message", "")
+
+
+def test_a_failed_unit_makes_the_night_incomplete(accepted, here, monkeypatch, tmp_path):
+    def broken(*arguments, **options):
+        raise RuntimeError("no light")
+
+    monkeypatch.setattr(bench, "render_scene", broken)
+    verdict = run_night(replace(accepted, out=tmp_path / "out", lanes=("rerender",)))
+    assert (verdict["complete"], verdict["exit_status"]) == (False, 2)
+    assert verdict["verdict"] == "INCONCLUSIVE"
+    assert any("no light" in problem for problem in verdict["problems"])
+    with pytest.raises(UserError, match="lane fresh was left out"):
+        accept(tmp_path / "out", accepted.baseline, "This should not be possible")
+
+
+def test_an_interrupted_night_goes_on(accepted, here, monkeypatch, tmp_path):
+    """Stopped after three units; the second time only the rest is done."""
+    wanted = replace(accepted, out=tmp_path / "out", lanes=("replay",))
+    seen = []
+
+    def some(work, cases, workers):
+        for case in cases:
+            if len(seen) == 3:
+                raise KeyboardInterrupt
+            seen.append(case[0].name)
+            yield case, work(case)
+
+    monkeypatch.setattr(bench, "run_cases", some)
+    with pytest.raises(KeyboardInterrupt):
+        run_night(wanted)
+    rest = []
+    monkeypatch.setattr(
+        bench, "run_cases", lambda work, cases, workers: ((rest.append(c[0].name), (c, work(c)))[1] for c in cases)
+    )
+    assert run_night(wanted)["verdict"] == "PASS"
+    assert len(rest) == 9 - 3
+    assert not set(rest) & set(seen)
+    # Files of other nights are swept out, those of this one stay.
+    (wanted.out / nights.WORK / f"{'0' * 64}.npz").touch()
+    assert run_night(wanted)["verdict"] == "PASS"
+    assert len(list((wanted.out / nights.WORK).glob("[0-9a-f]*"))) == 9
+    assert len(rest) == 9 - 3
+
+
+def test_baselines_that_are_not_right_are_refused(accepted, tmp_path):
+    with pytest.raises(UserError, match="is the baseline of suite 'tiny'"):
+        read_baseline(accepted.baseline, "other")
+    with pytest.raises(UserError, match="--reason"):
+        accept(accepted.out, accepted.baseline, "ok")
+    copy = tmp_path / "tiny.json"
+    copy.write_bytes(accepted.baseline.read_bytes())
+    with pytest.raises(UserError, match="frozen images"):
+        read_baseline(copy, "tiny")
+    data = bytearray(pack_path(accepted.baseline).read_bytes())
+    data[-5] ^= 1
+    pack_path(copy).write_bytes(data)
+    with pytest.raises(DamagedFileError, match="not those that were accepted"):
+        read_baseline(copy, "tiny")
+    copy.write_text("{}")
+    with pytest.raises(DamagedFileError):
+        read_baseline(copy, "tiny")
+
+
+def test_a_reference_must_be_of_the_same_night(accepted, here, tmp_path):
+    reference = tmp_path / "reference"
+    wanted = replace(accepted, out=tmp_path / "out", lanes=("replay",), reference=reference)
+    with pytest.raises(UserError, match=r"no night\.json"):
+        run_night(wanted)
+    reference.mkdir()
+    rows = [dict(row) for row in read_baseline(accepted.baseline, "tiny").results.rows]
+    night = {"suite": "tiny", "night": "another", "fresh": rows}
+    (reference / "night.json").write_text(json.dumps(night))
+    with pytest.raises(UserError, match="is night 'another'"):
+        run_night(wanted)
+    (reference / "night.json").write_text(json.dumps(night | {"night": wanted.night}))
+    assert run_night(wanted)["verdict"] == "PASS"
+
+
+def test_failed_anchors_cannot_be_accepted(accepted, tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "night.json").write_bytes((accepted.out / "night.json").read_bytes())
+    (folder / "verdict.json").write_text(json.dumps({"anchors": [ANCHOR | {"verdict": "FAIL"}]}))
+    night = json.loads((folder / "night.json").read_text())
+    (folder / "night.json").write_text(json.dumps(night | {"lanes": list(nights.LANES)}))
+    with pytest.raises(UserError, match="physics anchors do not hold: stub"):
+        accept(folder, accepted.baseline, "No reason is good enough")
+
+
+def test_rows_survive_their_columns(accepted):
+    rows = list(read_baseline(accepted.baseline, "tiny").results.rows)
+    assert from_columns(json.loads(json.dumps(to_columns(rows)))) == rows
+    assert from_columns(to_columns([])) == []
+
+
+def test_frozen_images_are_those_of_the_night(accepted, night):
+    pack = read_pack(pack_path(accepted.baseline))
+    for image in pack.images:
+        assert (image.dn == night.arrays[image.scene]["dn.vis.0"]).all()
+
+
+def test_the_command_says_it_in_its_status(accepted, here, capsys, tmp_path):
+    arguments = ["regress", accepted.suite, "--out", str(tmp_path / "out"), "--lane", "replay", "--workers", "1"]
+    assert cli.run_command_line([*arguments, "--baseline", str(accepted.baseline)]) == 0
+    assert "PASS" in capsys.readouterr().out
+    assert cli.run_command_line([*arguments, "--baseline", str(tmp_path / "none.json")]) == 2
+    assert "no accepted baseline" in capsys.readouterr().out
+    assert cli.run_command_line([*arguments[:-4], "--lane", "replya"]) == 2
+    assert "expected replay or rerender or fresh" in capsys.readouterr().err
+    assert cli.run_command_line(["regress", "quick", "--out", str(tmp_path / "other")]) == 2
+    assert "[regression]" in capsys.readouterr().err

@@ -1,0 +1,117 @@
+"""Fronts, pairs and the cheapest design."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from horizonval.spec.study import Requirement
+from horizonval.studies.trade.compare import compare
+from horizonval.studies.trade.pareto import front
+from horizonval.studies.trade.proportion import proportion
+from horizonval.studies.trade.query import cheapest, frames_needed, verdict_of
+from horizonval.studies.trade.sample import cluster_draws
+
+
+def test_a_front_is_what_nobody_beats():
+    points = np.random.default_rng(1).integers(0, 6, (40, 2)).tolist()
+    found = front(points)
+    for point, kept in zip(points, found, strict=True):
+        beaten = any(all(a <= b for a, b in zip(other, point, strict=True)) and other != point for other in points)
+        assert kept != beaten
+    assert any(found)
+    assert not all(found)
+
+
+def test_the_unknown_is_on_no_front():
+    assert front([[1.0, None], [2.0, 2.0], [3.0, 1.0]]) == [False, True, True]
+    assert front([[None, None]]) == [False]
+
+
+def share(k, n):
+    return proportion(np.arange(n) < k, np.arange(n))
+
+
+def test_ninety_nine_per_cent_takes_299_frames():
+    assert frames_needed(0.99) == 299
+    assert verdict_of(share(299, 299), 0.99) == "meets"
+    assert verdict_of(share(298, 298), 0.99) == "open"
+    assert verdict_of(share(180, 200), 0.99) == "fails"
+    assert verdict_of(share(0, 0), 0.99) == "open"
+
+
+def ask(shares, prices=None, availability=0.9):
+    designs = [{"name": name, "within": share(*found)} for name, found in shares.items()]
+    prices = prices or {name: float(i) for i, name in enumerate(shares)}
+    return cheapest(designs, Requirement(error_deg=0.05, availability=availability), "pixel_rate", prices)
+
+
+def test_the_cheapest_that_meets():
+    found = ask({"bad": (10, 100), "good": (100, 100), "dear": (100, 100)})
+    assert (found["cheapest"], found["meets"], found["fails"]) == ("good", ["good", "dear"], ["bad"])
+    assert "cheapest by pixel rate that meets 0.05 deg in 90 % of all conditions: good (100 of 100" in found["text"]
+
+
+def test_a_cheaper_one_that_may_is_told():
+    found = ask({"maybe": (19, 20), "good": (100, 100), "later": (19, 20)})
+    assert found["cheapest"] == "good"
+    assert "cheaper ones may meet it, too few frames to say: maybe" in found["text"]
+    assert "may meet it" not in ask({"good": (100, 100), "later": (19, 20)})["text"]
+
+
+def test_a_sample_too_small_says_so():
+    found = ask({"a": (20, 20), "b": (10, 20)}, availability=0.99)
+    assert (found["cheapest"], found["candidate"]) == (None, "a")
+    assert "too small to say" in found["text"]
+    assert "20 independent frames, 299 without a miss" in found["text"]
+
+
+def test_none_meets():
+    found = ask({"a": (10, 100), "b": (40, 100)})
+    assert (found["cheapest"], found["candidate"], found["closest"]) == (None, None, "b")
+    assert found["text"].startswith("none meets 0.05 deg in 90 % of all conditions. Closest: b (40 of 100")
+    almost = ask({"a": (86, 100), "b": (10, 100)})
+    assert almost["text"].startswith("none is shown to meet")
+    assert "not excluded: 1 of 2 designs" in almost["text"]
+
+
+def test_without_a_price_last():
+    assert ask({"a": (100, 100), "b": (100, 100)}, {"a": None, "b": 5.0})["meets"] == ["b", "a"]
+
+
+def test_pairs_lose_what_the_frames_have_in_common(make_sample):
+    random = np.random.default_rng(3)
+    frame = 10 ** random.normal(-1.5, 0.5, 60)
+    a, b = make_sample(frame), make_sample(frame * 1.1)
+    draws = cluster_draws(60, "s", 0)
+    found = compare(a, b, draws, 0.05)
+    assert found["typical_ratio"]["value"] == pytest.approx(1.1)
+    low, high = found["typical_ratio"]["interval"]
+    assert high - low < 1e-9
+    assert found["correlation"] == pytest.approx(1.0)
+    # The same frames in another order are no pairs: the interval is as wide as their scatter.
+    other = compare(a, make_sample(random.permutation(frame) * 1.1), draws, 0.05)["typical_ratio"]["interval"]
+    assert other[1] / other[0] > 1.3
+    assert found["mean_difference_deg"]["value"] == pytest.approx(0.1 * frame.mean())
+
+
+def test_mcnemar_counts_frames_of_one_alone(make_sample):
+    a = make_sample([0.01] * 10 + [np.nan] * 8 + [0.01] * 2)
+    b = make_sample([0.01] * 18 + [0.2, np.nan])
+    found = compare(a, b, cluster_draws(20, "s", 0), 0.05)
+    assert (found["n"], found["both"]) == (20, 11)
+    answered, within = found["answered"], found["within"]
+    assert (answered["only_a"], answered["only_b"], within["only_a"], within["only_b"]) == (1, 8, 2, 8)
+    assert answered["p"] == pytest.approx(stats.binomtest(8, 9).pvalue)
+    assert answered["difference"] == pytest.approx(7 / 20)
+
+
+def test_one_design_against_itself(make_sample):
+    a = make_sample([0.01, 0.02, np.nan, 0.04, 0.03, 0.02])
+    found = compare(a, a, cluster_draws(6, "s", 0), 0.05)
+    assert found["mean_difference_deg"]["value"] == 0.0
+    assert found["answered"]["p"] is None
+    assert list(itertools.chain(found["rms_ratio"]["interval"])) == pytest.approx([1.0, 1.0])

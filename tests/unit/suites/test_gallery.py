@@ -1,0 +1,73 @@
+"""The gallery's scenes, their captions and what it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from horizonval.commands import gallery
+from horizonval.core.errors import UserError
+from horizonval.frame import Frame
+from horizonval.spec.files import shipped_path
+from horizonval.spec.load import load_scene
+from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
+
+
+def test_every_shipped_scene_has_a_caption() -> None:
+    names = gallery.scenes()
+    assert {"day-limb", "terminator", "twilight-18", "night", "glint", "volcanic-limb", "broken-clouds"} <= set(names)
+    assert {"limb-night-ir", "ir-limb-tropical", "ir-cold-cloud", "ir-day-side", "ir-night-side"} <= set(names)
+    for name in names:
+        caption = gallery.caption(shipped_path("scene", name))
+        assert caption.endswith("."), name
+        assert "#" not in caption
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch, make_frame: Any) -> dict[str, CameraSpec]:
+    """Frames by hand instead of rendered ones; what cameras they were asked of, by scene."""
+    asked: dict[str, CameraSpec] = {}
+
+    def render(scene: SceneSpec, camera: CameraSpec) -> Frame:
+        asked[scene.scene.name] = camera
+        return make_frame({band.name: 5.0 for band in camera.band}, camera.model_dump(mode="json"))
+
+    monkeypatch.setattr(gallery, "_render", render)
+    return asked
+
+
+def test_scenes_are_shown_in_what_their_cameras_see(tmp_path: Path, drawn: dict[str, CameraSpec]) -> None:
+    told = []
+    page = gallery.make_gallery(tmp_path, ["glint", "ir-limb-tropical"], lambda *words: told.append(words))
+    assert told == [("glint", 1, 2), ("ir-limb-tropical", 2, 2)]
+    assert [band.name for band in drawn["glint"].band] == ["red", "green", "blue"]
+    assert drawn["ir-limb-tropical"] == load_scene("ir-limb-tropical")[1]
+    text = page.read_text()
+    assert text.index("Scenes in visible light") < text.index('id="glint"') < text.index("Scenes in the infrared")
+    assert text.index("Scenes in the infrared") < text.index('id="ir-limb-tropical"')
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["glint.png", "index.html", "ir-limb-tropical.png"]
+
+
+def test_a_hall_without_pictures_is_not_there(tmp_path: Path, drawn: dict[str, CameraSpec]) -> None:
+    assert "infrared" not in gallery.make_gallery(tmp_path, ["glint"], lambda *_: None).read_text()
+    assert "visible light" not in gallery.make_gallery(tmp_path, ["limb-night-ir"], lambda *_: None).read_text()
+
+
+def test_colours_take_the_place_of_the_cameras_own_bands() -> None:
+    _, camera = load_scene("glint")
+    assert [band.name for band in gallery.in_colour(camera).band] == ["red", "green", "blue"]
+
+
+def test_unknown_scene(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="twilight-06"):
+        gallery.make_gallery(tmp_path / "out", ["twilight-6"], lambda *_: None)
+    assert not (tmp_path / "out").exists()
+
+
+def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(UserError, match="file"):
+        gallery.make_gallery(tmp_path / "file" / "out", ["glint"], lambda *_: None)

@@ -1,0 +1,60 @@
+"""Which estimators a case gets, and which cases are made together."""
+
+from __future__ import annotations
+
+import pytest
+
+from horizonval.core.errors import UserError
+from horizonval.suites.check import check_suite
+from horizonval.suites.plan import plan_of, units_of
+from horizonval.suites.suite import load_suite
+
+HEAD = """
+[suite]
+name = "s"
+estimators = ["altitude-free", "video-vertical"]
+[defaults]
+camera = { file = "vis-pair-1024-60deg", camera = { width = 64, height = 64 } }
+platform.altitude_km = 500.0
+"""
+TABLE = '[[cases]]\nname = "%s"\ngrid = { attitude.yaw_deg = [5.0, 6.0] }\n'
+SINGLE = 'base.camera.file = "vis-cmos-512-60deg"\n'
+HEADS = 'estimators = ["video-vertical"]\n'
+IMAGE = 'estimators = ["altitude-free"]\n'
+
+
+@pytest.fixture
+def load(tmp_path):
+    def build(text: str):
+        (tmp_path / "s.toml").write_text(HEAD + text)
+        return load_suite(tmp_path / "s.toml")
+
+    return build
+
+
+def test_heads_are_made_together_only_where_a_method_wants_them(load):
+    suite = load(TABLE % "all" + TABLE % "heads" + HEADS + TABLE % "image" + IMAGE + TABLE % "single" + SINGLE)
+    plan = plan_of(suite)
+    check_suite(suite, plan)
+    units = {unit.name: unit for unit in units_of(suite.cases, plan)}
+    assert {name for name, unit in units.items() if unit.heads} == {
+        f"{table}_yaw_deg_{yaw}" for table in ("all", "heads") for yaw in (5, 6)
+    }
+    assert plan.alone(units["all_yaw_deg_5"].cases[0]) == ("altitude-free",)
+    assert plan.alone(units["heads_yaw_deg_5"].cases[0]) == ()
+    assert plan.together(units["image_yaw_deg_5.left"].cases[0]) == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        (TABLE % "g" + SINGLE + HEADS + TABLE % "h", ["s.toml: g_yaw_deg_5: estimators", "video-vertical", "heads"]),
+        (TABLE % "g" + SINGLE, ["s.toml: suite.estimators", "video-vertical", "heads"]),
+        (TABLE % "g" + HEADS, ["s.toml: suite.estimators", "no frame runs 'altitude-free'", "[[cases]]"]),
+    ],
+)
+def test_a_method_without_a_frame_is_one_line(load, text, parts):
+    suite = load(text)
+    with pytest.raises(UserError) as e:
+        check_suite(suite, plan_of(suite))
+    assert all(part in e.value.line() for part in parts), e.value.line()

@@ -1,0 +1,147 @@
+"""Estimators that hang, eat memory, die or print: each is an outcome, and the next estimate is as if nothing was."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from horizonval.core.outcome import Outcome
+from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.estimation.process.external import camera_file, result_of
+from horizonval.estimation.process.sandbox import Limits, Sandbox
+from horizonval.geometry.camera import Camera
+from horizonval.spec.load import load_camera
+from horizonval.spec.suite import ProgramSpec
+
+BAD = """
+import ctypes, os, time
+from horizonval.estimation.observation import Estimator, NoFit
+from horizonval.core.outcome import Outcome
+
+def make(name, run):
+    return Estimator(name, name, run)
+
+def hang(observation):
+    while True:
+        time.sleep(1)
+
+def eat(observation):
+    kept = []
+    while True:
+        kept.append(bytearray(2**26))
+
+def die(observation):
+    os._exit(3)
+
+def leave(observation):
+    raise SystemExit
+
+def chatter(observation):
+    for _ in range(1000):
+        print("garbage " * 100, flush=True)
+    os.write(1, b"x" * 100_000)
+    return NoFit(Outcome.DARK, "said enough")
+
+def wrong(observation):
+    return {"nadir": 1}
+
+HANG, EAT, DIE = make("hang", hang), make("eat", eat), make("die", die)
+LEAVE, CHATTER, WRONG = make("leave", leave), make("chatter", chatter), make("wrong", wrong)
+"""
+NAMES = ("hang", "eat", "die", "leave", "chatter", "wrong")
+OBSERVATION = Observation(np.full((48, 64), 100.0), Camera(64, 48, 55.0, 55.0, 31.5, 23.5), full_scale=1023.0)
+
+
+@pytest.fixture(scope="module")
+def sandbox(tmp_path_factory: pytest.TempPathFactory):
+    """A sandbox with a package of bad estimators and with bad programs; one for all tests, which is the point."""
+    place = tmp_path_factory.mktemp("plugins")
+    (place / "bad_estimators.py").write_text(BAD)
+    info = place / "bad_estimators-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: bad-estimators\nVersion: 1.0\n")
+    lines = "".join(f"{name} = bad_estimators:{name.upper()}\n" for name in NAMES)
+    (info / "entry_points.txt").write_text(f"[horizonval.estimators]\n{lines}")
+    programs = {
+        "garbage": "import sys; sys.stdout.write('no json ' * 10)",
+        "endless": "import sys\nwhile True: sys.stdout.write('x' * 65536)",
+        "sleeper": "import time; time.sleep(60)",
+        "failing": "raise SystemExit(4)",
+        "honest": "import json,sys\n"
+        "assert open(sys.argv[1],'rb').read(4)[1:] == b'PNG'\nassert b'fx = 55.0' in open(sys.argv[2],'rb').read()\n"
+        "print(json.dumps({'status':'valid','nadir_cam':[0,0.6,0.8],'sigma_nadir_arcsec':360}))",
+    }
+    for name, text in programs.items():
+        (place / f"{name}.py").write_text(text)
+    specs = tuple(ProgramSpec(name=name, command=f"{sys.executable} {name}.py") for name in programs)
+    patch = pytest.MonkeyPatch()
+    patch.setenv("PYTHONPATH", str(place), prepend=":")
+    found = Sandbox(Limits(time_s=3.0, memory_mb=512, programs=specs, folder=place))
+    yield found
+    found.close()
+    patch.undo()
+
+
+@pytest.mark.parametrize(
+    ("name", "status", "reason"),
+    [
+        ("hang", Outcome.BAD_INPUT, "exceeded its time limit of 3 s"),
+        ("eat", Outcome.BAD_INPUT, "MemoryError"),
+        ("die", Outcome.BAD_INPUT, "process died"),
+        ("leave", Outcome.BAD_INPUT, "process died"),
+        ("chatter", Outcome.DARK, "said enough"),
+        ("wrong", Outcome.BAD_INPUT, "returned a dict"),
+        ("garbage", Outcome.BAD_INPUT, "printed no JSON object but b'no json"),
+        ("endless", Outcome.BAD_INPUT, "more than a megabyte"),
+        ("sleeper", Outcome.BAD_INPUT, "the program exceeded its time limit"),
+        ("failing", Outcome.BAD_INPUT, "ended with status 4"),
+        ("unheard-of", Outcome.BAD_INPUT, "unknown estimator"),
+    ],
+)
+def test_misbehaviour_is_an_outcome(sandbox, name, status, reason):
+    result = sandbox.run(name, OBSERVATION)
+    assert isinstance(result, NoFit)
+    assert result.status is status
+    assert reason in result.reason
+
+
+def test_a_program_is_an_estimator(sandbox):
+    result = sandbox.run("honest", OBSERVATION)
+    assert isinstance(result, Fit)
+    assert result.nadir_cam == pytest.approx([0, 0.6, 0.8])
+    assert result.roll_rad == pytest.approx(np.arctan2(0.6, 0.8))
+    # 360 arcsec rms over two directions: the trace of the covariance is 0.1 deg squared.
+    assert np.trace(result.covariance_nadir_cam) == pytest.approx(np.radians(0.1) ** 2)
+
+
+def test_the_camera_file_reads_back(tmp_path: Path):
+    (tmp_path / "c.toml").write_text(camera_file(OBSERVATION))
+    camera = load_camera(tmp_path / "c.toml").camera
+    assert (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy) == (64, 48, 55.0, 55.0, 31.5, 23.5)
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [
+        (b"[1]", "printed a list"),
+        (b'{"status": "fine"}', "'fine' is none of valid"),
+        (b'{"status": "valid"}', "cannot be used"),
+        (b'{"status": "valid", "nadir_cam": [0, 0, 0]}', "no direction"),
+        (b'{"status": "valid", "nadir_cam": [0, 0, NaN]}', "no direction"),
+        (b'{"status": "valid", "nadir_cam": [0, 0, 1], "altitude_km": "high"}', "cannot be used"),
+        (b"[" * 100_000, "no JSON object"),
+    ],
+)
+def test_wrong_answers_are_refused(answer, reason):
+    result = result_of(answer, OBSERVATION)
+    assert isinstance(result, NoFit)
+    assert reason in result.reason
+
+
+def test_a_refusal_keeps_its_reason():
+    assert result_of(b'{"status": "dark", "reason": "night"}', OBSERVATION) == NoFit(
+        Outcome.DARK, "night", pytest.approx(np.empty((0, 2)))
+    )

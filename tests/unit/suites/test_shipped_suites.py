@@ -1,0 +1,66 @@
+"""Every shipped suite can be run as it lies there, and what a user is told of its size is true."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from horizonval.core.errors import UserError
+from horizonval.suites.axes import figure_plans
+from horizonval.suites.check import check_suite
+from horizonval.suites.plan import of_heads, plan_of, units_of
+from horizonval.suites.suite import load_suite
+
+SUITES = sorted((Path(__file__).parents[3] / "scenes" / "suites").glob("*.toml"))
+OF_FAILURES = (
+    "shadow",
+    "sun-in-frame",
+    "terminator",
+    "moon",
+    "applicability",
+    "altitude",
+    "optics",
+    "cloud",
+    "gallery-of-failures",
+)
+
+
+def test_the_suites_of_failures_are_there():
+    assert set(OF_FAILURES) <= {path.stem for path in SUITES}
+
+
+@pytest.mark.parametrize("path", SUITES, ids=lambda path: path.stem)
+def test_it_loads_and_checks(path):
+    suite = load_suite(path)
+    check_suite(suite, plan_of(suite))
+    assert suite.name == path.stem
+
+
+@pytest.mark.parametrize("name", OF_FAILURES)
+def test_every_figure_has_frames_and_every_method_its_guarded_twin(name):
+    suite = load_suite(name)
+    plans = figure_plans(suite)
+    assert all(plan["cases"] for plan in plans)
+    bare = {estimator for estimator in suite.estimators if not estimator.startswith("guarded-")}
+    assert {f"guarded-{estimator}" for estimator in bare} <= set(suite.estimators)
+    # A minute or three on two processors; a suite of thousands belongs to who enlarges it.
+    assert len(units_of(suite.cases, plan_of(suite))) <= 200
+
+
+@pytest.mark.parametrize("name", OF_FAILURES)
+def test_methods_run_only_where_they_belong(name):
+    suite = load_suite(name)
+    plan = plan_of(suite)
+    for case in suite.cases:
+        # A method of one camera says nothing about a head of a pair, nor the other way round.
+        assert bool(plan.alone(case)) != bool(plan.together(case)), case.name
+        assert bool(plan.together(case)) == of_heads(case), case.name
+
+
+def test_an_estimator_that_is_not_there_is_noticed(tmp_path):
+    text = next(path for path in SUITES if path.stem == "moon").read_text()
+    (tmp_path / "moon.toml").write_text(text.replace('"guarded-altitude-free"]', '"guarded-nobody"]'))
+    suite = load_suite(tmp_path / "moon.toml")
+    with pytest.raises(UserError, match="guarded-nobody"):
+        check_suite(suite, plan_of(suite))

@@ -1,0 +1,54 @@
+"""The comparisons of the ideal module: they hold, and they would notice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from horizonval.estimation.methods.ideal import ideal_horizon_sensor
+from horizonval.systems.c import poses as ideal_module_poses
+from horizonval.systems.c.experiment import LIMIT_RAD
+from horizonval.systems.c.poses import (
+    RADIUS_M,
+    departures,
+    documented_reading,
+    exact_reading,
+    known_poses,
+    pose_above_horizon,
+)
+
+R = np.array([0.0, RADIUS_M + 700e3, 0.0])
+
+
+def test_module_documentation_and_exact_curve_agree() -> None:
+    found = departures({"seed": 5, "count": 60, "brute": 6})
+    assert max(*found["documented"], *found["exact"], found["tangent"], found["brute"]) < LIMIT_RAD
+
+
+def test_known_poses_read_as_they_must() -> None:
+    found = known_poses({"seed": 5, "count": 60})
+    assert found["wrong"] == 0
+    assert found["statuses"] == 0
+    assert max(found["pitch"], found["roll"], found["level"], found["near_axis"]) < LIMIT_RAD
+
+
+@pytest.mark.parametrize("reading", [documented_reading, exact_reading])
+def test_yardsticks_read_a_known_pose(reading) -> None:
+    """2 deg below the horizon, the right axis 10 deg up."""
+    q = pose_above_horizon(R, RADIUS_M, np.radians(-2.0), np.radians(10.0), 0.7)
+    roll, pitch, point = reading(R, q, RADIUS_M)
+    assert np.degrees([roll, pitch]) == pytest.approx([10.0, -2.0], abs=1e-9)
+    # A tangent: the line to H passes the centre at the radius.
+    assert np.linalg.norm(np.cross(R, point)) == pytest.approx(RADIUS_M, rel=1e-12)
+
+
+def test_comparison_notices_a_turn_of_two_nanoradians(monkeypatch: pytest.MonkeyPatch) -> None:
+    turn = Rotation.from_rotvec([2e-9, 2e-9, 2e-9])
+
+    def turned(r, q, radius_m):
+        return ideal_horizon_sensor(r, (turn * Rotation.from_quat(q)).as_quat(), radius_m)
+
+    monkeypatch.setattr(ideal_module_poses, "ideal_horizon_sensor", turned)
+    found = departures({"seed": 5, "count": 20, "brute": 2})
+    assert min(found["exact"]) > LIMIT_RAD

@@ -1,0 +1,60 @@
+"""The published tables as typed in, the orbit, and the closed form of the working range."""
+
+from __future__ import annotations
+
+import math
+from datetime import datetime
+
+import numpy as np
+import pytest
+
+from horizonval.geometry.ephemeris import sun_itrs
+from horizonval.systems.d.figures import widest_in_field
+from horizonval.systems.d.frames import EPOCH, orbit_place
+from horizonval.systems.d.published import ALL, MOMENTS, QUANTUM_DEG, TABLES
+
+
+def test_printed_figures_are_whole_steps() -> None:
+    """Four printed digits: half of the last one. A slip of the pen in any of 53 figures shows."""
+    printed = [p for settings in TABLES.values() for s in settings for p in s.read.values() if p is not None]
+    steps = np.array(printed) / QUANTUM_DEG
+    assert len(printed) == 53
+    assert np.abs(steps - np.rint(steps)).max() * QUANTUM_DEG < 5.1e-5
+
+
+@pytest.mark.parametrize(("table", "axis"), MOMENTS)
+def test_printed_moments_are_those_of_the_printed_readings(table: int, axis: str) -> None:
+    """Mean and sample standard deviation of reading minus truth, as printed to four digits of rounded readings."""
+    errors = np.array([s.read[axis] - getattr(s, axis) for s in TABLES[table]])
+    mean, deviation = MOMENTS[table, axis]
+    assert errors.mean() == pytest.approx(mean, abs=1.5e-4)
+    assert errors.std(ddof=1) == pytest.approx(deviation, abs=1.5e-4)
+
+
+def test_settings_of_several_tables_are_rendered_once() -> None:
+    assert len(ALL) == 24
+
+
+def test_descending_node_is_at_noon_and_the_orbit_is_inclined() -> None:
+    """At the descending node the Sun's meridian; at 90 deg from the node the latitude is 180 - 97 deg."""
+    node = orbit_place(180.0, EPOCH)
+    sun, _ = sun_itrs(datetime.fromisoformat(EPOCH))
+    assert node["latitude_deg"] == pytest.approx(0.0, abs=1e-9)
+    assert node["longitude_deg"] == pytest.approx(math.degrees(math.atan2(sun[1], sun[0])), abs=1e-9)
+    # Southwards and, retrograde, to the west: azimuth 180 + 7 deg.
+    assert node["heading_deg"] % 360.0 == pytest.approx(187.0, abs=1e-9)
+    assert orbit_place(90.0, EPOCH)["latitude_deg"] == pytest.approx(83.0, abs=1e-9)
+
+
+def test_places_follow_each_other_along_the_heading() -> None:
+    a, b = orbit_place(40.0, EPOCH), orbit_place(40.001, EPOCH)
+    north = b["latitude_deg"] - a["latitude_deg"]
+    east = (b["longitude_deg"] - a["longitude_deg"]) * math.cos(math.radians(a["latitude_deg"]))
+    assert math.degrees(math.atan2(east, north)) == pytest.approx(a["heading_deg"], abs=1e-2)
+
+
+def test_working_range_in_closed_form() -> None:
+    """At the nominal altitude sqrt(2) t fills the half field of 8 deg, to second order; beyond the ends is none."""
+    assert widest_in_field(400.0, 70.22) == pytest.approx(8.0 / math.sqrt(2.0), abs=0.03)
+    assert math.isnan(widest_in_field(120.0, 70.22))
+    assert math.isnan(widest_in_field(900.0, 70.22))
