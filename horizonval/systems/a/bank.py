@@ -29,7 +29,7 @@ from horizonval.sensor.observe import observe
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.systems.workshop import Plain, rng_of
+from horizonval.systems.task_cache import Plain, rng_of
 
 CAMERA = "vis-cmos-1024-60deg"
 ALTITUDES_KM = (400.0, 800.0, 3000.0, 6000.0)

@@ -30,7 +30,7 @@ from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
 from horizonval.systems.circular_orbit import place_on_orbit
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 from horizonval.truth.frame_truth import truth_of
 
 CAMERA = "ir-linear-160-four-heads"
