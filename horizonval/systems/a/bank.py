@@ -25,12 +25,12 @@ from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import Frame
 from horizonval.geometry.camera import Camera, camera_from_spec, project
 from horizonval.geometry.frames import nadir_of_roll_pitch
-from horizonval.render.scene.frame import render_frame
+from horizonval.renderer.scene.frame import render_frame
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.systems.workshop import Plain, rng_of
+from horizonval.systems.task_cache import Plain, rng_of
 
 CAMERA = "vis-cmos-1024-60deg"
 ALTITUDES_KM = (400.0, 800.0, 3000.0, 6000.0)

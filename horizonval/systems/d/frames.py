@@ -30,7 +30,7 @@ from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
 from horizonval.systems.circular_orbit import place_on_orbit
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 from horizonval.truth.frame_truth import truth_of
 
 CAMERA = "ir-linear-160-four-heads"
@@ -109,7 +109,7 @@ def head_scene(item: Plain, head: str) -> SceneSpec:
 
 def head_frames(item: Plain, camera: CameraSpec, heads: tuple[str, ...] = ()) -> dict[str, Frame]:
     """Return the frames of some heads, or of all, at one attitude, by the heads' names."""
-    from horizonval.render.scene.frame import render_frame
+    from horizonval.renderer.scene.frame import render_frame
 
     names = heads or tuple(head.name for head in camera.head)
     return {name: render_frame(head_scene(item, name), camera) for name in names}

@@ -22,14 +22,14 @@ from horizonval.geometry.camera import camera_from_spec, project, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.horizon import horizon_cam
-from horizonval.render.scene.frame import render_frame
+from horizonval.renderer.scene.frame import render_frame
 from horizonval.scoring.errors import angle_between, score
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 
 SHIPPED = "vis-pair-1024-60deg"
 WITH_GLARE = "vis-cmos-1024-60deg-full"
