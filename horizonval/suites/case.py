@@ -24,7 +24,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from horizonval.core.errors import UserError, one_line
-from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.sandbox import sandbox_of
 from horizonval.frame import DetectorImage, Frame, FrameTruth
 from horizonval.scoring.errors import score
@@ -244,7 +245,7 @@ def _score(
     estimator, truth = plan.estimator(estimator_name), taken.frame.truth
     with watch.stage(f"estimate {estimator_name}"):
         sandbox = sandbox_of(plan.limits)
-        result: Fit | NoFit = sandbox.run(estimator_name, next(observations))
+        result: Fit | Refusal = sandbox.run(estimator_name, next(observations))
     if sandbox.spent_s is not None:
         watch.add(PROCESSOR + estimator_name, sandbox.spent_s)
     results = [result]
@@ -275,7 +276,7 @@ def _frame(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> tuple
 
     Where everything is kept it is stored at once, so that a run that is cut off has it.
     """
-    from horizonval.render.scene.frame import render_frame
+    from horizonval.renderer.scene.frame import render_frame
 
     store, pointer_path = Store(folder.archive), folder.frame_pointer(case.name)
     identity = frame_identity(case)
