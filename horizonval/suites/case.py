@@ -26,7 +26,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from horizonval.core.errors import UserError
-from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.sandbox import sandbox_of
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.scoring.errors import score
@@ -246,7 +247,7 @@ def _score(
     estimator, truth = plan.estimator(estimator_name), taken.frame.truth
     with watch.stage(f"estimate {estimator_name}"):
         sandbox = sandbox_of(plan.limits)
-        result: Fit | NoFit = sandbox.run(estimator_name, next(observations))
+        result: Fit | Refusal = sandbox.run(estimator_name, next(observations))
     if sandbox.spent_s is not None:
         watch.add(PROCESSOR + estimator_name, sandbox.spent_s)
     results = [result]

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.sandbox import sandbox_of
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.scoring.errors import score
@@ -30,7 +31,7 @@ from horizonval.suites.record import camera_name
 
 Row = dict[str, Any]
 Record = dict[str, Any]
-Run = Callable[[str, Observation], Fit | NoFit]
+Run = Callable[[str, Observation], Fit | Refusal]
 Render = Callable[[Any, CameraSpec], RadianceFrame]
 Observe = Callable[..., DetectorImage]
 

@@ -28,7 +28,7 @@ Plain = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Workshop:
+class TaskCache:
     """A folder for results, a seed, worker processes.
 
     Attributes
