@@ -18,14 +18,12 @@ import hashlib
 import math
 import os
 import time
-import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal
 
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, one_line
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.sandbox import sandbox_of
@@ -319,12 +317,8 @@ def _recorded(errors: dict[str, str], name: str) -> Iterator[None]:
     """Turn whatever goes wrong inside into one line under a name."""
     try:
         yield
-    except UserError as e:
-        errors[name] = e.line()
     except Exception as e:
-        frame = traceback.extract_tb(e.__traceback__)[-1]
-        # The file's name only: where the package is installed must not show in a result.
-        errors[name] = f"{type(e).__name__} at {Path(frame.filename).name}:{frame.lineno}: {e}"
+        errors[name] = one_line(e)
 
 
 @contextlib.contextmanager

@@ -15,10 +15,10 @@ from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import with_infrared_horizon
 
 if TYPE_CHECKING:
-    from horizonval.renderer.kernel.chunks import TableProgress
+    from horizonval.core.progress import Progress
 
 
-def render_frame(scene: SceneSpec, camera: CameraSpec, progress: TableProgress | None = None) -> RadianceFrame:
+def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None = None) -> RadianceFrame:
     """Return the frame a scene's camera sees.
 
     Deterministic: the same scene gives the same bytes for any number of threads.
@@ -27,7 +27,7 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: TableProgress |
     ----------
     scene : SceneSpec
     camera : CameraSpec
-    progress : callable, optional
+    progress : Progress, optional
         Told about tables of multiple scattering that must be solved first.
 
     Raises
