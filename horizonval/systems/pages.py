@@ -13,9 +13,10 @@ from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from horizonval.core import atomic
+from horizonval.core.code import code_version
 from horizonval.report.figures.plots import house_style
 from horizonval.store.folder import read_json, write_json
-from horizonval.suites.identity import code_version
 from horizonval.systems import markdown
 from horizonval.systems.result import Figure, Reproduction
 
@@ -53,8 +54,8 @@ def write_reproduction(result: Reproduction, folder: Path, seed: int) -> dict[st
         "figures": [markdown.picture_name(letter, figure) for figure in result.figures],
     }
     for figure in result.figures:
-        (folder / markdown.picture_name(letter, figure)).write_bytes(_picture(figure))
-    (folder / f"{letter}.md").write_text(markdown.page(result, seed), encoding="utf-8")
+        atomic.write_bytes(folder / markdown.picture_name(letter, figure), _picture(figure))
+    atomic.write_text(folder / f"{letter}.md", markdown.page(result, seed))
     write_json(folder / f"{letter}.json", content)
     return content
 
@@ -63,7 +64,7 @@ def write_first_page(folder: Path) -> Path:
     """Write ``README.md`` of all systems whose JSON file lies in the folder; return its path."""
     contents = [content for path in sorted(folder.glob("[A-E].json")) if (content := read_json(path)) is not None]
     path = folder / "README.md"
-    path.write_text(markdown.first_page(contents), encoding="utf-8")
+    atomic.write_text(path, markdown.first_page(contents))
     return path
 
 
