@@ -12,8 +12,9 @@ import numpy as np
 
 from horizonval.commands.picture import Picture, read_picture
 from horizonval.core.errors import UserError
+from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.frame import DetectorImage, Frame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.scoring.errors import ARCSEC, sigma_nadir_rad
@@ -152,7 +153,7 @@ def _full_scale(picture: Picture, camera: CameraSpec) -> float | None:
     return min(picture.full_scale, float(2**camera.detector.bits - 1))
 
 
-def _report(estimator: Estimator, result: Fit | NoFit, seconds: float) -> dict[str, Any]:
+def _report(estimator: Estimator, result: Fit | Refusal, seconds: float) -> dict[str, Any]:
     report: dict[str, Any] = {
         "estimator": estimator.name,
         "status": str(result.status),
@@ -166,7 +167,7 @@ def _report(estimator: Estimator, result: Fit | NoFit, seconds: float) -> dict[s
         "n_points": len(result.points),
         "seconds": round(seconds, 6),
     }
-    if isinstance(result, NoFit):
+    if isinstance(result, Refusal):
         return report | {"reason": result.reason}
     sigma = sigma_nadir_rad(result.nadir_cam, result.total_covariance_nadir_cam) / ARCSEC
     return report | {

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.core import atomic
 from horizonval.core.errors import UserError
 from horizonval.frame import DetectorImage, Frame
 from horizonval.store import exr
@@ -98,11 +99,7 @@ def _json(source: Frame | DetectorImage, content: dict[str, Any]) -> bytes:
 
 
 def _write(path: Path, data: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.tmp")
     try:
-        temporary.write_bytes(data)
-        temporary.replace(path)
+        atomic.write_bytes(path, data)
     except OSError as error:
         raise UserError(f"cannot be written: {error.strerror}", where=str(path)) from None
-    finally:
-        temporary.unlink(missing_ok=True)

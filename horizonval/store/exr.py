@@ -29,7 +29,6 @@ import io
 import json
 import os
 import re
-import secrets
 import sys
 import threading
 from collections.abc import Iterable, Iterator
@@ -40,6 +39,7 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
+from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.frame import MAP_UNITS, DetectorImage, Frame, FrameTruth
 from horizonval.spec.sensor.camera import CameraSpec
@@ -279,31 +279,15 @@ def _write_sealed(path: Path, channels: Channels, own: dict[str, Any], standard:
         if isinstance(value, int) and not -(2**31) <= value < 2**31:
             raise ValueError(f"{key} = {value} does not fit the format's 32-bit integers")
     header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     try:
-        temporary.touch(exist_ok=False)  # OpenEXR does not say why it cannot write; this does.
-        with _quiet():
-            OpenEXR.File(header, channels).write(str(temporary))
-        seal.seal_file(temporary)
-        temporary.replace(path)
-        _flush_folder(path.parent)
+        with atomic.replacing(path) as temporary:
+            with _quiet():
+                OpenEXR.File(header, channels).write(str(temporary))
+            seal.seal_file(temporary)
     except FileNotFoundError:
         raise UserError(f"no folder {path.parent}", where=str(path), fix="create it first") from None
     except OSError as error:
         raise UserError(f"cannot be written: {error.strerror}", where=str(path)) from None
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-
-
-def _flush_folder(folder: Path) -> None:
-    """Make a rename last through a power cut. Systems that cannot open folders do without."""
-    with contextlib.suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def _own_kind(header: seal.Header, path: Path) -> Literal["frame", "image"]:

@@ -21,8 +21,8 @@ from horizonval.spec.load import Case, Suite
 from horizonval.stability.case import StabilityCase
 from horizonval.suites.plan import Plan, Unit, plan_of
 
-_STABILITY_ROOMS = ("stability", "render", "earth", "geometry", "spec")
-_FRAME_ROOMS = ("render", "frame.py", "truth.py", "infrared_horizon", "earth", "geometry", "spec", "archive")
+_STABILITY_ROOMS = ("stability", "renderer", "earth", "geometry", "spec")
+_FRAME_ROOMS = ("renderer", "frame.py", "truth.py", "infrared_horizon", "earth", "geometry", "spec", "archive")
 
 
 def code_version() -> str:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.observation import Fit, NoFit
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Fit
 from horizonval.frame import FrameTruth
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.table import COLUMNS
@@ -101,7 +102,7 @@ def is_failure(row: Mapping[str, Any]) -> bool:
     return bool(row["false_valid"]) or (row["status"] == valid) != (row["expected"] == valid)
 
 
-def details_of(result: Fit | NoFit) -> dict[str, Any]:
+def details_of(result: Fit | Refusal) -> dict[str, Any]:
     """Return what the report draws over the image: limb points, evenly thinned, and the fitted limb."""
     points = np.asarray(result.points, dtype=np.float64).reshape(-1, 2)
     points = points[np.isfinite(points).all(axis=1)]

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import UserError
+from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus, run_cases
-from horizonval.jobs.progress import Progress, Silent
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Index
@@ -199,7 +199,7 @@ def _run_units(
     seconds: dict[str, dict[str, float]],
 ) -> dict[str, Brief]:
     """Make what is missing of the units and return what became of all; the times that it took go into ``seconds``."""
-    from horizonval.render.plugin.backend import probe
+    from horizonval.renderer.plugin.backend import probe
 
     briefs: dict[str, Brief] = {}
     missing = []

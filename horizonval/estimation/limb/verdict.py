@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.consensus import Candidate, Sight, off_limb_px, unbroken_px
 from horizonval.estimation.limb.model.shading import SHARP, unshade
-from horizonval.estimation.limb.result import LimbPoints, NoLimb
+from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import (
     Cone,
     ConeUncertainty,
@@ -77,7 +78,7 @@ def judge(
     others: Sight,
     others_weight: float,
     rim_px: int,
-) -> Limb | NoLimb:
+) -> Limb | Refusal:
     """Refine a candidate's points and decide whether they are a limb.
 
     Parameters
@@ -117,33 +118,35 @@ def judge(
     cone = fit_cone(los)
     outside = float(np.sum(off_limb_px(others, cone.axis_cam, cone.cos_rho) < -OUTSIDE_MARGIN_PX)) * others_weight
     if outside > LARGEST_OUTSIDE * len(uv):
-        return NoLimb(
+        return Refusal(
             Outcome.NO_LIMB, f"{outside:.0f} edge points lie outside the best curve of {len(uv)}: no space there"
         )
-    if refusal := _sides(image, cone, camera, uv, gradient):
+    if (refusal := _sides(image, cone, camera, uv, gradient)) is not None:
         return refusal
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
     try:
         uncertainty = cone_uncertainty(los, cone.axis_cam, rho)
     except np.linalg.LinAlgError:
-        return NoLimb(Outcome.SHORT_ARC, "the points do not determine a cone")
+        return Refusal(Outcome.SHORT_ARC, "the points do not determine a cone")
     if np.pi / 2 - rho < CURVATURE_SIGMAS * uncertainty.sigma_rho_rad:
-        return NoLimb(Outcome.SHORT_ARC, "the curve is straight within its noise: the Earth's side is unknown")
+        return Refusal(Outcome.SHORT_ARC, "the curve is straight within its noise: the Earth's side is unknown")
     if rho > LARGEST_RHO_RAD:
-        return NoLimb(Outcome.NO_LIMB, f"the curve's angular radius of {np.rad2deg(rho):.1f} deg is no orbit's horizon")
+        return Refusal(
+            Outcome.NO_LIMB, f"the curve's angular radius of {np.rad2deg(rho):.1f} deg is no orbit's horizon"
+        )
     if uncertainty.sigma_axis_rad > LARGEST_SIGMA_RAD:
         sigma = np.rad2deg(uncertainty.sigma_axis_rad)
-        return NoLimb(Outcome.SHORT_ARC, f"the arc determines the nadir only to {sigma:.1f} deg")
+        return Refusal(Outcome.SHORT_ARC, f"the arc determines the nadir only to {sigma:.1f} deg")
     visible = _visible_px(camera, cone.axis_cam, rho, rim_px)
     if arc < SMALLEST_FILL * visible:
-        return NoLimb(Outcome.NO_LIMB, f"only {arc / visible:.0%} of the best curve's length in the image is an edge")
+        return Refusal(Outcome.NO_LIMB, f"only {arc / visible:.0%} of the best curve's length in the image is an edge")
     return Limb(LimbPoints(uv, los), cone, uncertainty, arc)
 
 
-def _short_or_none(arc: float, shortest: float) -> NoLimb:
+def _short_or_none(arc: float, shortest: float) -> Refusal:
     if arc > 0.4 * shortest:
-        return NoLimb(Outcome.SHORT_ARC, f"{arc:.0f} px of limb in view; {shortest:.0f} are needed")
-    return NoLimb(Outcome.NO_LIMB, f"the longest consistent curve measures {arc:.0f} px")
+        return Refusal(Outcome.SHORT_ARC, f"{arc:.0f} px of limb in view; {shortest:.0f} are needed")
+    return Refusal(Outcome.NO_LIMB, f"the longest consistent curve measures {arc:.0f} px")
 
 
 @dataclass(frozen=True)
@@ -179,7 +182,7 @@ def _trim(points: _Points, camera: Camera) -> _Points:
     return points
 
 
-def _sides(image: FloatArray, cone: Cone, camera: Camera, uv: FloatArray, gradient: FloatArray) -> NoLimb | None:
+def _sides(image: FloatArray, cone: Cone, camera: Camera, uv: FloatArray, gradient: FloatArray) -> Refusal | None:
     """Refuse if the outer side is not one level, or the inner side is not on the same side of it everywhere."""
     height, width = image.shape
     reach = float(np.clip(min(height, width) / 12.0, 2.5, 8.0))
@@ -201,13 +204,13 @@ def _sides(image: FloatArray, cone: Cone, camera: Camera, uv: FloatArray, gradie
     saturated_inside = float(np.mean(deep >= image.max() * (1 - 1e-6))) > 0.9 and typical > 0
     still_falling = float(np.median(outer - further)) > HALO_SLOPE * float(np.median(inner - further))
     if saturated_inside and still_falling:
-        return NoLimb(Outcome.SUN_GLARE, "the best curve is the rim of a saturated blob with a halo")
+        return Refusal(Outcome.SUN_GLARE, "the best curve is the rim of a saturated blob with a halo")
     if typical == 0.0 or agree < SMALLEST_SIDE_AGREEMENT:
-        return NoLimb(
+        return Refusal(
             Outcome.NO_LIMB, f"the best curve has its bright side inside along {agree:.0%} of its length only"
         )
     if spread > LARGEST_OUTER_SPREAD * abs(typical):
-        return NoLimb(Outcome.NO_LIMB, "the grey level outside the best curve varies too much to be space")
+        return Refusal(Outcome.NO_LIMB, "the grey level outside the best curve varies too much to be space")
     return None
 
 

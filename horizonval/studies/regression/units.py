@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.sandbox import sandbox_of
 from horizonval.frame import DetectorImage, Frame, FrameTruth
 from horizonval.scoring.errors import score
@@ -30,7 +31,7 @@ from horizonval.suites.record import camera_name
 
 Row = dict[str, Any]
 Record = dict[str, Any]
-Run = Callable[[str, Observation], Fit | NoFit]
+Run = Callable[[str, Observation], Fit | Refusal]
 Render = Callable[[Any, CameraSpec], Frame]
 Observe = Callable[..., DetectorImage]
 
@@ -114,7 +115,7 @@ def render_scene(
 
 
 def _renderer() -> Render:
-    from horizonval.render.scene.frame import render_frame
+    from horizonval.renderer.scene.frame import render_frame
 
     return render_frame
 

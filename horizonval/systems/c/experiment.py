@@ -21,7 +21,7 @@ from horizonval.suites.observation import observation_of
 from horizonval.systems.c.figures import readings_figure
 from horizonval.systems.c.poses import RADIUS_M, departures, known_poses
 from horizonval.systems.result import Reproduction, Row, Table
-from horizonval.systems.workshop import Plain, Workshop
+from horizonval.systems.task_cache import Plain, TaskCache
 
 LIMIT_RAD = 1e-9
 POSES = 1000
@@ -52,7 +52,7 @@ FRAMES: dict[str, Plain] = {
 
 def against_oracle(item: Plain) -> Plain:
     """Render one frame; return the oracle's departure from its truth and each image estimator's from both [rad]."""
-    from horizonval.render.scene.frame import render_frame
+    from horizonval.renderer.scene.frame import render_frame
     from horizonval.sensor.observe import observe
 
     camera = load_camera(item["camera"])
@@ -99,12 +99,12 @@ def against_oracle(item: Plain) -> Plain:
     return result
 
 
-def reproduce(workshop: Workshop) -> Reproduction:
+def reproduce(cache: TaskCache) -> Reproduction:
     """Do the comparisons and return rows, table and figure."""
-    seed = workshop.seed
-    random = workshop.each("C: random poses", departures, {"poses": {"seed": seed, "count": POSES, "brute": BRUTE}})
-    known = workshop.each("C: known poses", known_poses, {"poses": {"seed": seed, "count": POSES}})["poses"]
-    frames = workshop.each("C: frames", against_oracle, {k: {**v, "seed": seed} for k, v in FRAMES.items()})
+    seed = cache.seed
+    random = cache.each("C: random poses", departures, {"poses": {"seed": seed, "count": POSES, "brute": BRUTE}})
+    known = cache.each("C: known poses", known_poses, {"poses": {"seed": seed, "count": POSES}})["poses"]
+    frames = cache.each("C: frames", against_oracle, {k: {**v, "seed": seed} for k, v in FRAMES.items()})
     rows = (*_pose_rows(random["poses"], known), *_frame_rows(frames))
     worst = max(row.measured for row in rows if row.unit == "rad")
     return Reproduction(

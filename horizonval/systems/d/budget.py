@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from horizonval.systems.result import Row, Table
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 
 AXES = ("roll", "pitch")
 CHECKED_DEG = "240"

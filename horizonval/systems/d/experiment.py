@@ -41,7 +41,7 @@ from horizonval.systems.d.rows import (
     worst,
 )
 from horizonval.systems.result import Reproduction
-from horizonval.systems.workshop import Plain, Workshop
+from horizonval.systems.task_cache import Plain, TaskCache
 
 ARGUMENTS_DEG = tuple(30.0 * k for k in range(12))
 EPOCHS = {"April": "2016-04-15T12:00:00+00:00", "July": "2016-07-15T12:00:00+00:00"}
@@ -53,15 +53,15 @@ HARD_ALTITUDES_KM = (200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
 SOFT_ALTITUDES_KM = (300.0, 400.0, 500.0)
 
 
-def reproduce(workshop: Workshop) -> Reproduction:
+def reproduce(cache: TaskCache) -> Reproduction:
     """Do the experiments and return tables, rows and figures."""
-    aim = workshop.each("D: the infrared horizon", infrared_aim, {"400 km": {"planet": SOFT}})["400 km"]
-    hard = _read(workshop, "D: hard limb", HARD, {})
-    soft = _read(workshop, "D: infrared limb", SOFT, {"aim_deg": aim["aim_deg"]})
-    orbit = _fly(workshop, aim["aim_deg"])
-    ends = _ends(workshop, aim["aim_deg"])
+    aim = cache.each("D: the infrared horizon", infrared_aim, {"400 km": {"planet": SOFT}})["400 km"]
+    hard = _read(cache, "D: hard limb", HARD, {})
+    soft = _read(cache, "D: infrared limb", SOFT, {"aim_deg": aim["aim_deg"]})
+    orbit = _fly(cache, aim["aim_deg"])
+    ends = _ends(cache, aim["aim_deg"])
     tilted = {"pitch": -5.0, "roll": 5.0, "rows": 160}
-    pictures = workshop.each(
+    pictures = cache.each(
         "D: pictures",
         picture,
         {
@@ -110,7 +110,7 @@ def reproduce(workshop: Workshop) -> Reproduction:
     )
 
 
-def _read(workshop: Workshop, title: str, planet: dict[str, Any], more: Plain) -> dict[str, Plain]:
+def _read(cache: TaskCache, title: str, planet: dict[str, Any], more: Plain) -> dict[str, Plain]:
     """Return the readings of all settings of the tables, by their keys."""
     items = {
         key: {
@@ -119,36 +119,36 @@ def _read(workshop: Workshop, title: str, planet: dict[str, Any], more: Plain) -
             "pitch": s.pitch,
             "yaw": s.yaw,
             "altitude_km": s.altitude_km,
-            "seed": workshop.seed,
+            "seed": cache.seed,
             "noise": DRAWS if key in NOISY else 0,
             **more,
         }
         for key, s in ALL.items()
     }
-    return workshop.each(title, read_heads, items)
+    return cache.each(title, read_heads, items)
 
 
-def _fly(workshop: Workshop, aim_deg: float) -> dict[str, dict[str, Plain]]:
+def _fly(cache: TaskCache, aim_deg: float) -> dict[str, dict[str, Plain]]:
     """Return level readings round the orbit: by case, by argument of latitude."""
     items = {}
     for argument in ARGUMENTS_DEG:
-        place = {"argument_deg": argument, "seed": workshop.seed}
+        place = {"argument_deg": argument, "seed": cache.seed}
         items["oblate", argument] = {"planet": OBLATE, **place}
         for month, epoch in EPOCHS.items():
             real = {"planet": REAL, "aim_deg": aim_deg, "epoch_utc": epoch, "noise": ORBIT_DRAWS}
             items[f"oblate, air of {month}", argument] = {**real, **place}
     # The air alone, at one place: whether its error and that of the ellipsoid add up.
     check = {"planet": AIR, "aim_deg": aim_deg, "epoch_utc": EPOCHS["July"], "argument_deg": 240.0}
-    items["air of July", 240.0] = {**check, "seed": workshop.seed}
+    items["air of July", 240.0] = {**check, "seed": cache.seed}
     named = {f"{case} at {argument:g} deg": item for (case, argument), item in items.items()}
-    found = workshop.each("D: round the orbit", read_heads, named)
+    found = cache.each("D: round the orbit", read_heads, named)
     cases: dict[str, dict[str, Plain]] = {}
     for (case, argument), reading in zip(items, found.values(), strict=True):
         cases.setdefault(case, {})[f"{argument:g}"] = reading
     return cases
 
 
-def _ends(workshop: Workshop, aim_deg: float) -> dict[str, dict[str, Plain]]:
+def _ends(cache: TaskCache, aim_deg: float) -> dict[str, dict[str, Plain]]:
     """Return the ends of the working range: by kind of limb, by altitude, and of the altitude itself."""
     limbs: dict[str, tuple[Plain, tuple[float, ...], float]] = {
         "hard": ({"planet": HARD}, HARD_ALTITUDES_KM, 0.05),
@@ -159,9 +159,9 @@ def _ends(workshop: Workshop, aim_deg: float) -> dict[str, dict[str, Plain]]:
         for limb, (item, altitudes, step) in limbs.items()
         for altitude in altitudes
     }
-    found = workshop.each("D: range of tilt", widest_tilt, tilts)
+    found = cache.each("D: range of tilt", widest_tilt, tilts)
     altitudes = {
         f"{end} altitude": {"planet": HARD, "towards_km": towards, "step": 2.0}
         for end, towards in (("lowest", 100.0), ("highest", 1200.0))
     }
-    return {"tilt": found, "altitude": workshop.each("D: range of altitude", altitude_end, altitudes)}
+    return {"tilt": found, "altitude": cache.each("D: range of altitude", altitude_end, altitudes)}

@@ -14,7 +14,7 @@ from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.systems.d.budget import air_alone
 from horizonval.systems.d.published import ALL, QUANTUM_DEG, TABLES
 from horizonval.systems.result import Figure
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 
 BLUE, ORANGE, GREEN, BLACK = "#0072b2", "#d55e00", "#009e73", "#000000"
 RADIUS_KM = 6378.137

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.crossing import published_crossing, sub_pixel_crossing
-from horizonval.estimation.limb.result import NoLimb
 from horizonval.estimation.methods import linear_heads
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import Frame, FrameTruth
@@ -30,7 +30,7 @@ from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
 from horizonval.systems.circular_orbit import place_on_orbit
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 from horizonval.truth.frame_truth import truth_of
 
 CAMERA = "ir-linear-160-four-heads"
@@ -109,7 +109,7 @@ def head_scene(item: Plain, head: str) -> SceneSpec:
 
 def head_frames(item: Plain, camera: CameraSpec, heads: tuple[str, ...] = ()) -> dict[str, Frame]:
     """Return the frames of some heads, or of all, at one attitude, by the heads' names."""
-    from horizonval.render.scene.frame import render_frame
+    from horizonval.renderer.scene.frame import render_frame
 
     names = heads or tuple(head.name for head in camera.head)
     return {name: render_frame(head_scene(item, name), camera) for name in names}
@@ -165,9 +165,9 @@ def _reading(observation: Observation, frames: dict[str, Frame]) -> Plain:
     truth = next(iter(frames.values())).truth
     result: Plain = {
         "published_px": [published_crossing(r.row).fine for r in rows],
-        "sub_pixel_px": [None if isinstance(c, NoLimb) else c.column for c in located],
-        "kind": ["none" if isinstance(c, NoLimb) else c.kind for c in located],
-        "sigma_px": [None if isinstance(c, NoLimb) else c.sigma_px for c in located],
+        "sub_pixel_px": [None if isinstance(c, Refusal) else c.column for c in located],
+        "kind": ["none" if isinstance(c, Refusal) else c.kind for c in located],
+        "sigma_px": [None if isinstance(c, Refusal) else c.sigma_px for c in located],
     }
     for key, estimator in (("published", linear_heads.PUBLISHED), ("sub_pixel", linear_heads.ESTIMATOR)):
         fit = estimator.run(observation)
@@ -243,7 +243,7 @@ TILTED_HEADS = ("az135", "az315")
 def _both_see(item: Plain, camera: CameraSpec) -> bool:
     observation = heads_observation(head_frames(item, camera, TILTED_HEADS), camera, None)
     rows = [head.image[len(head.image) // 2] for head in observation.heads.values()]
-    return all(not isinstance(sub_pixel_crossing(row), NoLimb) for row in rows)
+    return all(not isinstance(sub_pixel_crossing(row), Refusal) for row in rows)
 
 
 def _bisected(holds: Callable[[float], bool], good: float, bad: float, step: float) -> float:

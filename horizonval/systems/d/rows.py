@@ -17,7 +17,7 @@ from horizonval.systems.d.published import (
     Setting,
 )
 from horizonval.systems.result import Row, Table
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 
 SUB_PIXEL_LIMIT_DEG = 0.005
 

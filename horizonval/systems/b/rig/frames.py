@@ -19,7 +19,7 @@ from horizonval.geometry.camera import camera_from_spec
 from horizonval.spec.load import load_camera
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.b.rig import bench, detector, panel, picture, tilt
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 
 CAMERA = "vis-cmos-512-60deg"
 DISTANCE_MM = 200.0
@@ -103,7 +103,7 @@ def _radiance(
     magnify_at: tuple[int, int] | None,
 ) -> NDArray[np.float32]:
     """Return the radiance on the camera's pixels; kept, for benches that differ in their noise alone."""
-    from horizonval.render.plugin.backend import activate
+    from horizonval.renderer.plugin.backend import activate
 
     activate()
     from horizonval.systems.b.rig import scene

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.result import LimbPoints, NoLimb
+from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import fit_cone
 from horizonval.geometry.camera import Camera, in_image_circle, pixel_grid, unproject
 
@@ -51,12 +52,12 @@ def test_the_edge_of_the_field_is_no_limb() -> None:
     """A lens of 120 deg that looks down sees ground alone: a bright disc with black around it, all of it its own."""
     camera = fisheye(120.0)
     found = find_limb(picture(camera, np.array([0.0, 0.0, 1.0])), camera, 1023.0)
-    assert isinstance(found, NoLimb)
+    assert isinstance(found, Refusal)
     assert found.status is Outcome.NO_LIMB
 
 
 def test_a_line_of_pixels_is_refused_as_an_image() -> None:
     camera = Camera(160, 1, 569.0, 569.0, 79.5, 0.0)
     found = find_limb(np.linspace(0.0, 100.0, 160)[None, :], camera)
-    assert isinstance(found, NoLimb)
+    assert isinstance(found, Refusal)
     assert found.status is Outcome.BAD_INPUT
