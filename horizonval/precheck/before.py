@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from horizonval.core.errors import UserError
-from horizonval.precheck.findings import Report
+from horizonval.precheck.findings import Kind, Report
 from horizonval.precheck.study import by_design
 from horizonval.precheck.suite import by_camera, check_groups
 from horizonval.spec.load import Suite
@@ -21,7 +21,8 @@ def check_before_run(target: Suite | Study) -> Report | None:
     try:
         suite = target.suite if isinstance(target, Study) else target
         groups = by_design(target) if isinstance(target, Study) else by_camera(target)
-        report = check_groups("suite", suite.name, suite, groups, most=FEW_FRAMES, infrared=False, mistakes=False)
+        kind: Kind = "study" if isinstance(target, Study) else "suite"
+        report = check_groups(kind, suite.name, suite, groups, most=FEW_FRAMES, infrared=False, mistakes=False)
     except UserError:
         return None
     return None if any(finding.code == "cannot-run" for finding in report.findings) else report

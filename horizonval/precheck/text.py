@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from horizonval.precheck.cost import Cost
-from horizonval.precheck.findings import Finding, Level, Report
+from horizonval.precheck.findings import Finding, Kind, Level, Report
 from horizonval.precheck.limb import LimbView
 from horizonval.precheck.rules import median, percent
 
 SUMMARY_LINES = 4
 """Lines before a run: what does not fit is counted in the last one."""
 _NAMES = 3
+_SUBJECTS: dict[Kind, str] = {"scene": "bands", "suite": "cameras", "study": "designs"}
 
 
 def report_text(report: Report) -> str:
@@ -22,7 +23,7 @@ def report_text(report: Report) -> str:
     lines += [f"  {subject}: {fact}" for subject, fact in report.facts.items()]
     if 0 < report.examined < report.frames:
         lines.append(f"  looked at {report.examined} of {report.frames} frames, evenly chosen")
-    lines += merged_lines(report.findings)
+    lines += merged_lines(report.findings, report.kind)
     if report.cost is not None:
         lines += cost_lines(report.cost)
     lines.append("nothing wrong" if report.ok else _counted(report.warnings))
@@ -31,7 +32,7 @@ def report_text(report: Report) -> str:
 
 def summary_lines(report: Report) -> list[str]:
     """Return errors and warnings in few lines."""
-    lines = merged_lines(report.warnings)
+    lines = merged_lines(report.warnings, report.kind)
     if len(lines) > SUMMARY_LINES:
         left = len(lines) - SUMMARY_LINES + 1
         lines = [*lines[: SUMMARY_LINES - 1], f"and {left} more warnings: see `horizonval check`"]
@@ -40,29 +41,26 @@ def summary_lines(report: Report) -> list[str]:
     return lines
 
 
-def merged_lines(findings: Sequence[Finding]) -> list[str]:
+def merged_lines(findings: Sequence[Finding], kind: Kind) -> list[str]:
     """Return a line for every level and code: of several cameras, designs or bands the worst one's text."""
     merged: dict[tuple[str, str], list[Finding]] = {}
     for finding in findings:
         merged.setdefault((finding.level, finding.code), []).append(finding)
-    return [line for group in merged.values() for line in _merged(group)]
+    return [line for group in merged.values() for line in _merged(group, kind)]
 
 
-def _merged(group: Sequence[Finding]) -> list[str]:
+def _merged(group: Sequence[Finding], kind: Kind) -> list[str]:
     if len(group) == 1 or group[0].level is Level.ERROR:
         return [finding.line() for finding in group]
     worst = max(group, key=lambda finding: abs((finding.value or 0.0) - (finding.limit or 0.0)))
-    names = [finding.subject for finding in group[:_NAMES]]
-    more = len(group) - len(names)
-    subject = ", ".join(names) + (f" and {more} more" if more else "")
-    frames, of = sum(finding.frames for finding in group), sum(finding.of for finding in group)
-    whole = replace(worst, subject=subject, frames=frames, of=of)
+    several = len(group) > _NAMES
+    subject = f"{len(group)} {_SUBJECTS[kind]}" if several else ", ".join(finding.subject for finding in group)
     if worst.of == 1:
         # Bands or heads of one frame.
-        whole = replace(whole, frames=1, of=1)
-    elif len({finding.text for finding in group}) > 1:
-        whole = replace(whole, text=f"{whole.text} ({worst.subject})")
-    return [whole.line()]
+        return [replace(worst, subject=subject).line()]
+    frames, of = sum(finding.frames for finding in group), sum(finding.of for finding in group)
+    which = f"; the worst is {worst.subject}" if len({finding.text for finding in group}) > 1 else ""
+    return [replace(worst, subject=subject, frames=frames, of=of).line() + which]
 
 
 def joined(*parts: str) -> str:
