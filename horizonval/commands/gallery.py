@@ -14,7 +14,7 @@ from horizonval.core.progress import Progress
 from horizonval.core.suggest import nearest
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.spectral.brightness import brightness_temperature_k
-from horizonval.frame import Frame, Hit
+from horizonval.frame import Hit, RadianceFrame
 from horizonval.geometry.ephemeris import AU_M, sun_itrs
 from horizonval.report.figures.infrared import ThermalPanel, infrared_picture
 from horizonval.report.figures.tone import tone_mapped
@@ -93,7 +93,7 @@ def _infrared(name: str, text: str, scene: SceneSpec, camera: CameraSpec) -> Exh
     return Exhibit(name, text, infrared_picture([_panel(band, frame) for band in thermal]))
 
 
-def _panel(band: Band, frame: Frame) -> ThermalPanel:
+def _panel(band: Band, frame: RadianceFrame) -> ThermalPanel:
     hit, height = frame.maps["hit"], frame.maps["tangent_height"]
     counts = (hit == Hit.SURFACE) | (hit == Hit.CLOUD) | ((hit == Hit.ATMOSPHERE) & (height < LOW_LIMB_M))
     lo, hi = bands.limits_um(band)
@@ -102,7 +102,7 @@ def _panel(band: Band, frame: Frame) -> ThermalPanel:
     )
 
 
-def _render(scene: SceneSpec, camera: CameraSpec) -> Frame:
+def _render(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
     # Only here: the list of scenes is asked for without a renderer.
     from horizonval.renderer.scene.frame import render_frame
 

@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 
 from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.frame import MAP_UNITS, DetectorImage, Frame, FrameTruth
+from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.store import seal
 from horizonval.store.attributes import camera_of, own_attributes, standard_attributes
@@ -64,7 +64,7 @@ _quiet_lock = threading.Lock()
 Channels = dict[str, NDArray[Any]]
 
 
-def write_frame(path: str | os.PathLike[str], frame: Frame) -> None:
+def write_frame(path: str | os.PathLike[str], frame: RadianceFrame) -> None:
     """Write ``frame`` to ``path``, replacing what is there.
 
     Raises
@@ -113,7 +113,7 @@ def write_image(path: str | os.PathLike[str], image: DetectorImage) -> None:
     _write(Path(path), channels, own, image.truth, camera, image.observation.get("exposure_s"))
 
 
-def read_frame(path: str | os.PathLike[str]) -> Frame:
+def read_frame(path: str | os.PathLike[str]) -> RadianceFrame:
     """Read and verify a frame.
 
     Raises
@@ -136,7 +136,7 @@ def read_frame(path: str | os.PathLike[str]) -> Frame:
     maps = {name.removeprefix("truth."): values for name, values in channels.items() if name.startswith("truth.")}
     if missing := sorted(set(MAP_UNITS) - set(maps)):
         raise DamagedFileError(f"no truth map {missing[0]!r}", where=str(path))
-    return Frame(radiance=radiance, maps=maps, truth=_truth(header, path), render=header["render"])
+    return RadianceFrame(radiance=radiance, maps=maps, truth=_truth(header, path), render=header["render"])
 
 
 def read_image(path: str | os.PathLike[str]) -> DetectorImage:

@@ -16,7 +16,7 @@ from pathlib import Path
 from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.core.progress import Progress
-from horizonval.frame import DetectorImage, Frame
+from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.store import exr
 from horizonval.store.entry import Entry, describe, place, places, sha256
 from horizonval.store.index import Index
@@ -30,7 +30,7 @@ class Store:
         self.root = Path(root)
         self.index = Index(self.root)
 
-    def add_frame(self, frame: Frame) -> str:
+    def add_frame(self, frame: RadianceFrame) -> str:
         """Store ``frame`` and return its address; an intact entry stays untouched, a damaged one is mended."""
         return self._add(lambda path: exr.write_frame(path, frame))
 
@@ -60,7 +60,7 @@ class Store:
     def __contains__(self, address: str) -> bool:
         return self.path(address).is_file()
 
-    def read_frame(self, address: str) -> Frame:
+    def read_frame(self, address: str) -> RadianceFrame:
         """Read and verify a frame; ``UserError`` if there is none, ``DamagedFileError`` if it is not what was added."""
         return exr.read_frame(self._verified(address))
 

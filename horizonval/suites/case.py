@@ -27,7 +27,7 @@ from horizonval.core.errors import UserError, one_line
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.sandbox import sandbox_of
-from horizonval.frame import DetectorImage, Frame, FrameTruth
+from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import Expected, expected_of_heads, expected_outcome
 from horizonval.scoring.repeats import mean_noise_nees
@@ -82,7 +82,7 @@ class _Taken:
     ``redrawn``: by band, the images with other noise.
     """
 
-    frame: Frame
+    frame: RadianceFrame
     frame_address: str | None
     images: dict[str, DetectorImage]
     redrawn: dict[str, list[DetectorImage]] = field(default_factory=dict)
@@ -271,7 +271,7 @@ def _score(
     taken.details[estimator_name if band_number == 0 else f"{estimator_name} [{band}]"] = details_of(result)
 
 
-def _frame(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> tuple[Frame, str | None]:
+def _frame(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> tuple[RadianceFrame, str | None]:
     """Return the frame and its address: from the archive if it was rendered before, else rendered.
 
     Where everything is kept it is stored at once, so that a run that is cut off has it.

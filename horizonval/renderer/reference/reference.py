@@ -16,7 +16,7 @@ from horizonval import __version__
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
-from horizonval.frame import Frame
+from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.renderer.scene.description import Described, describe
 from horizonval.spec.scene import SceneSpec
@@ -83,7 +83,7 @@ def render_reference(
     camera: CameraSpec,
     spp: int = DEFAULT_SPP,
     progress: Progress | None = None,
-) -> Frame:
+) -> RadianceFrame:
     """Return the frame by Monte Carlo, with the map ``standard_error.<band>`` beside its radiance.
 
     The seeds come from the scene's identity: the same scene, samples and number of threads give the same frame. Bands
@@ -156,7 +156,7 @@ def render_reference(
         "holds": HOLDS,
         "leaves_out": LEAVES_OUT,
     }
-    return Frame(
+    return RadianceFrame(
         radiance={band: r.astype(np.float32) for band, r in radiance.items()},
         maps=maps,
         truth=described.truth,

@@ -10,7 +10,7 @@ import pytest
 from horizonval.commands import gallery
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Silent
-from horizonval.frame import Frame
+from horizonval.frame import RadianceFrame
 from horizonval.spec.files import shipped_path
 from horizonval.spec.load import load_scene
 from horizonval.spec.scene import SceneSpec
@@ -32,7 +32,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch, make_frame: Any) -> dict[str, CameraS
     """Frames by hand instead of rendered ones; what cameras they were asked of, by scene."""
     asked: dict[str, CameraSpec] = {}
 
-    def render(scene: SceneSpec, camera: CameraSpec) -> Frame:
+    def render(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
         asked[scene.scene.name] = camera
         return make_frame({band.name: 5.0 for band in camera.band}, camera.model_dump(mode="json"))
 
