@@ -24,7 +24,7 @@ import numpy as np
 from horizonval.core.outcome import Outcome
 from horizonval.earth.spectral.brightness import black_body_radiance, brightness_temperature_k
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import Camera, project, unproject
+from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.scoring import limits
 from horizonval.scoring.expected import Examined, examine
 from horizonval.spec.sensor.camera import Band, CameraSpec
@@ -173,7 +173,7 @@ def _levels(
     return float(np.median(level)), float(level.max()), float((level > 1.0).mean()), plateau_k
 
 
-def sun_outside_deg(camera: Camera, truth: FrameTruth) -> float | None:
+def sun_outside_deg(camera: CameraModel, truth: FrameTruth) -> float | None:
     """Return the angle from the Sun's centre to the nearest point of the image's outline; None behind the Earth.
 
     The outline is taken at 400 pixels, which leaves a hundredth of the field.

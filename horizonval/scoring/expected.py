@@ -129,14 +129,14 @@ class Examined:
 
     Attributes
     ----------
-    camera : Camera
+    camera : CameraModel
     view : HorizonView
         For a linear array among several heads that of the infrared horizon, where the truth has it.
     signal : LimbSignal
     expected : Expected
     """
 
-    camera: Camera
+    camera: CameraModel
     view: HorizonView
     signal: LimbSignal
     expected: Expected
