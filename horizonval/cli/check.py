@@ -41,8 +41,7 @@ def check(
 def print_warnings(target: Suite | Study) -> None:
     """Print errors and warnings about a sample of the frames before a run, to standard error."""
     from horizonval.precheck import check_before_run
-    from horizonval.precheck.text import summary_lines
 
     report = check_before_run(target)
-    for line in [] if report is None else summary_lines(report):
+    for line in [] if report is None else report.summary_lines():
         print(f"horizonval: {line}", file=sys.stderr)

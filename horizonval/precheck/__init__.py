@@ -4,7 +4,8 @@ Made from specifications and truth alone; the renderer is not loaded.
 """
 
 from horizonval.precheck.before import check_before_run
-from horizonval.precheck.findings import Finding, Level, Report
+from horizonval.precheck.findings import Finding, Level
+from horizonval.precheck.report import Report
 from horizonval.precheck.scene import check_scene
 from horizonval.precheck.study import check_study
 from horizonval.precheck.suite import check_suite

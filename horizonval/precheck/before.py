@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from horizonval.core.errors import UserError
-from horizonval.precheck.findings import Kind, Report
+from horizonval.precheck.findings import Kind
+from horizonval.precheck.report import Report
 from horizonval.precheck.study import by_design
 from horizonval.precheck.suite import by_camera, check_groups
 from horizonval.spec.load import Suite

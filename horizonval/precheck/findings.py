@@ -1,14 +1,11 @@
-"""What a check finds: typed findings, and the report that holds them."""
+"""What a check finds."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Literal
-
-from horizonval.precheck.cost import Cost
+from typing import Literal
 
 Kind = Literal["scene", "suite", "study"]
 
@@ -67,66 +64,6 @@ class Finding:
 
     def _some(self) -> str:
         return f"{self.frames} of {self.of} frames: "
-
-
-@dataclass(frozen=True)
-class Report:
-    """The result of a check; ``print`` shows it.
-
-    Attributes
-    ----------
-    kind : {"scene", "suite", "study"}
-    name : str
-    findings : tuple of Finding
-        Errors first, then warnings, then notes.
-    facts : dict
-        What is in view and how bright it will be, by subject; plain data, a line each in the text.
-    examined, frames : int
-        How many of how many frames were looked at.
-    cost : Cost or None
-        None where an error leaves nothing to be rendered.
-    """
-
-    kind: Kind
-    name: str
-    findings: tuple[Finding, ...]
-    facts: dict[str, str]
-    examined: int
-    frames: int
-    cost: Cost | None = None
-
-    @property
-    def ok(self) -> bool:
-        """Whether there is neither an error nor a warning."""
-        return all(finding.level is Level.NOTE for finding in self.findings)
-
-    @property
-    def warnings(self) -> tuple[Finding, ...]:
-        """Errors and warnings."""
-        return tuple(finding for finding in self.findings if finding.level is not Level.NOTE)
-
-    def __str__(self) -> str:
-        """Return the report as text of a line for every fact and finding."""
-        from horizonval.precheck.text import report_text
-
-        return report_text(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
-        return {
-            "kind": self.kind,
-            "name": self.name,
-            "ok": self.ok,
-            "examined": self.examined,
-            "frames": self.frames,
-            "findings": [asdict(finding) for finding in self.findings],
-            "facts": self.facts,
-            "cost": None if self.cost is None else self.cost.to_dict(),
-        }
-
-    def to_json(self) -> str:
-        """Return :meth:`to_dict` as JSON."""
-        return json.dumps(self.to_dict(), indent=1, allow_nan=False)
 
 
 def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:

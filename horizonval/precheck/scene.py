@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from horizonval.core.errors import UserError
-from horizonval.precheck.findings import Finding, Report, sorted_findings
+from horizonval.precheck.findings import Finding, sorted_findings
 from horizonval.precheck.frames import Group, Watcher, cannot_run, total_cost
+from horizonval.precheck.report import Report
 from horizonval.precheck.rules import findings_of
 from horizonval.precheck.text import joined, view_line
 from horizonval.sensor.observe import check_camera

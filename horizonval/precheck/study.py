@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from horizonval.precheck.findings import Report
 from horizonval.precheck.frames import Group
+from horizonval.precheck.report import Report
 from horizonval.precheck.suite import MOST_FRAMES, check_groups, estimators_of, needs_of
 from horizonval.spec.load import Case
 from horizonval.studies.trade.design import Study

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from horizonval.core.errors import UserError
-from horizonval.precheck.findings import Finding, Kind, Report, sorted_findings
+from horizonval.precheck.findings import Finding, Kind, sorted_findings
 from horizonval.precheck.frames import Group, Watcher, cannot_run, sample_sizes, total_cost
 from horizonval.precheck.limb import Needs
+from horizonval.precheck.report import Report
 from horizonval.precheck.rules import findings_of
 from horizonval.precheck.text import group_line
 from horizonval.spec.load import Case, Suite

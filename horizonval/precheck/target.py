@@ -7,7 +7,7 @@ from typing import Any
 
 from horizonval.core.errors import UserError
 from horizonval.core.suggest import nearest
-from horizonval.precheck.findings import Report
+from horizonval.precheck.report import Report
 from horizonval.precheck.scene import check_scene
 from horizonval.precheck.study import check_study
 from horizonval.precheck.suite import check_suite

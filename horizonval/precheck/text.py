@@ -1,4 +1,4 @@
-"""Reports in words."""
+"""Findings, facts and costs in words."""
 
 from __future__ import annotations
 
@@ -7,38 +7,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from horizonval.precheck.cost import Cost
-from horizonval.precheck.findings import Finding, Kind, Level, Report
+from horizonval.precheck.findings import Finding, Kind, Level
 from horizonval.precheck.limb import LimbView
 from horizonval.precheck.rules import median, percent
 
-SUMMARY_LINES = 4
-"""Lines before a run: what does not fit is counted in the last one."""
 _NAMES = 3
 _SUBJECTS: dict[Kind, str] = {"scene": "bands", "suite": "cameras", "study": "designs"}
-
-
-def report_text(report: Report) -> str:
-    """Return a whole report: facts, findings, cost, and a verdict."""
-    lines = [f"{report.kind} {report.name}"]
-    lines += [f"  {subject}: {fact}" for subject, fact in report.facts.items()]
-    if 0 < report.examined < report.frames:
-        lines.append(f"  looked at {report.examined} of {report.frames} frames, evenly chosen")
-    lines += merged_lines(report.findings, report.kind)
-    if report.cost is not None:
-        lines += cost_lines(report.cost)
-    lines.append("nothing wrong" if report.ok else _counted(report.warnings))
-    return "\n".join(lines)
-
-
-def summary_lines(report: Report) -> list[str]:
-    """Return errors and warnings in few lines."""
-    lines = merged_lines(report.warnings, report.kind)
-    if len(lines) > SUMMARY_LINES:
-        left = len(lines) - SUMMARY_LINES + 1
-        lines = [*lines[: SUMMARY_LINES - 1], f"and {left} more warnings: see `horizonval check`"]
-    if lines and report.examined < report.frames:
-        lines.append(f"looked at {report.examined} of {report.frames} frames; `horizonval check` looks at more")
-    return lines
 
 
 def merged_lines(findings: Sequence[Finding], kind: Kind) -> list[str]:
@@ -128,6 +102,7 @@ def size(megabytes: float) -> str:
     return f"{float(f'{megabytes:.2g}'):g} MB" if megabytes < 950 else f"{float(f'{megabytes / 1000:.2g}'):g} GB"
 
 
-def _counted(warnings: Sequence[Finding]) -> str:
+def counted(warnings: Sequence[Finding]) -> str:
+    """Return how many errors and warnings there are."""
     counts = Counter(finding.level for finding in warnings)
     return ", ".join(f"{count} {level}{'s' if count > 1 else ''}" for level, count in counts.items())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from horizonval.precheck import Level, check, check_before_run, check_study
-from horizonval.precheck.text import summary_lines
 from horizonval.studies.trade.design import expand, read_study
 
 STUDY = """
@@ -53,7 +52,7 @@ def test_eight_designs_whose_48_frames_are_all_saturated(load):
         assert "saturated" in finding.text
         assert "exposure 1 ms -> " in finding.fix
     # The engine's own words come first: a few lines in all, one of them about all designs together.
-    lines = summary_lines(check_before_run(study))
+    lines = check_before_run(study).summary_lines()
     assert len(lines) == 2
     assert "8 designs: all 32 frames: " in lines[0]
     assert "saturated" in lines[0]
@@ -68,4 +67,4 @@ def test_the_proposed_exposure_mends_it(load):
     report = check_study(mended)
     assert report.ok
     assert "saturated" not in {finding.code for finding in report.findings}
-    assert summary_lines(check_before_run(mended)) == []
+    assert check_before_run(mended).summary_lines() == []
