@@ -13,7 +13,7 @@ from horizonval.cli.archive import archive_app
 from horizonval.cli.campaign import report, run
 from horizonval.cli.check import check
 from horizonval.cli.images import estimate, observe, sheet
-from horizonval.cli.info import doctor, list_names
+from horizonval.cli.info import doctor, list_names, schema
 from horizonval.cli.regression import baseline_app, regress
 from horizonval.cli.rendering import gallery, mitsuba, radiance, render
 from horizonval.cli.reproduce import reproduce
@@ -42,6 +42,7 @@ COMMANDS: tuple[Callable[..., int | None], ...] = (
     reproduce,
     regress,
     gallery,
+    schema,
     doctor,
 )
 for _command in COMMANDS:
