@@ -158,7 +158,7 @@ class FrameTruth:
 
 
 @dataclass(frozen=True)
-class Frame:
+class RadianceFrame:
     """What the renderer makes.
 
     Attributes

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Estimator, Fit
-from horizonval.frame import DetectorImage, Frame, FrameTruth
+from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry import frames
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, project, unproject
 from horizonval.geometry.ellipsoid import (
@@ -245,7 +245,7 @@ def write_run(run_dir: Path, cases: list[Case] | None = None) -> Path:
         image = toy_image(truth)
         shape = image.dn.shape
         maps = {key: np.zeros(shape, np.float32) for key in ("distance", "tangent_height", "solar_zenith", "hit")}
-        frame_address = store.add_frame(Frame({image.band: image.dn.astype(np.float32)}, maps, truth))
+        frame_address = store.add_frame(RadianceFrame({image.band: image.dn.astype(np.float32)}, maps, truth))
         image_address = store.add_image(image)
         own, details = [], {}
         for method, result in case.results.items():

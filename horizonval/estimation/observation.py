@@ -16,7 +16,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 
 WGS84_FLATTENING = 1.0 / 298.257223563
 
@@ -41,7 +41,7 @@ class Observation:
     ----------
     image : ndarray, shape (H, W)
         Digital numbers (or any grey level that grows, or falls, with radiance), float64.
-    camera : Camera
+    camera : CameraModel
         Calibrated intrinsics.
     q_cam_from_body : ndarray, shape (4,)
         Mounting, scalar last. Identity when camera and body axes coincide.
@@ -67,7 +67,7 @@ class Observation:
     """
 
     image: FloatArray
-    camera: Camera
+    camera: CameraModel
     q_cam_from_body: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
     full_scale: float | None = None
     altitude_m: float | None = None

@@ -48,7 +48,7 @@ from horizonval.core.outcome import Outcome
 from horizonval.estimation.limb.model.systematic import Relief, systematic_covariance
 from horizonval.estimation.limb.shape.cone import fit_cone, off_axis_angle, tangent_basis
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import Camera, camera_from_spec, project
+from horizonval.geometry.camera import CameraModel, camera_from_spec, project
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import signed_limb_angle
 from horizonval.scoring import limits
@@ -209,7 +209,7 @@ def expected_of_heads(heads: Sequence[Expected]) -> Expected:
 @dataclass(frozen=True)
 class _Scene:
     truth: FrameTruth
-    camera: Camera
+    camera: CameraModel
     solar: bool
     view: HorizonView
     signal: LimbSignal
@@ -249,11 +249,11 @@ def _usable(scene: _Scene, thresholds: Thresholds) -> BoolArray:
     )
 
 
-def _linear(camera: Camera) -> bool:
+def _linear(camera: CameraModel) -> bool:
     return min(camera.width, camera.height) <= limits.LINEAR_PX
 
 
-def _infrared_view(truth: FrameTruth, camera: Camera, band: str, hard: HorizonView) -> HorizonView:
+def _infrared_view(truth: FrameTruth, camera: CameraModel, band: str, hard: HorizonView) -> HorizonView:
     """Return the view with the infrared horizon in place of the ground's; thermal bands do not ask for the Sun."""
     los, _ = curve_cam(truth, band, len(hard.in_view))
     uv, _ = project(camera, los)

@@ -6,12 +6,12 @@ order they come: rows are sorted, and nothing of the clock or the machine is sto
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from pathlib import Path
 
 import duckdb
 
+from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.scoring.row import COLUMNS, Row
 
@@ -19,14 +19,12 @@ from horizonval.scoring.row import COLUMNS, Row
 def write_results(rows: Iterable[Row], path: Path) -> Path:
     """Write rows to a Parquet file; the file appears whole or not at all."""
     ordered = sorted(rows, key=lambda row: row.sort_key)
-    partial = path.with_name(f".{path.name}.part")
     columns = ", ".join(f'unnest(${i + 1}::{c.sql_type}[]) AS "{c.name}"' for i, c in enumerate(COLUMNS))
     # One thread keeps row order and row groups, hence the bytes, independent of the machine.
-    with duckdb.connect(config={"threads": 1}) as connection:
+    with atomic.replacing(path) as temporary, duckdb.connect(config={"threads": 1}) as connection:
         values = [[getattr(row, column.name) for row in ordered] for column in COLUMNS]
         connection.execute(f"CREATE TABLE results AS SELECT {columns}", values)
-        connection.table("results").write_parquet(str(partial), compression="zstd")
-    os.replace(partial, path)
+        connection.table("results").write_parquet(str(temporary), compression="zstd")
     return path
 
 

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import UserError
+from horizonval.core.progress import Progress, Silent
 from horizonval.estimation import registry
 from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process.sandbox import Limits, Sandbox
 from horizonval.frame import DetectorImage, FrameTruth
-from horizonval.jobs.progress import Progress, Silent
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_of_heads, expected_outcome
 from horizonval.scoring.row import Row, make_row

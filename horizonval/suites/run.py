@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import UserError
+from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus, run_cases
-from horizonval.jobs.progress import Progress, Silent
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Index

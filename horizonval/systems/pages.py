@@ -13,6 +13,7 @@ from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from horizonval.core import atomic
 from horizonval.report.figures.plots import house_style
 from horizonval.store.folder import read_json, write_json
 from horizonval.suites.identity import code_version
@@ -52,8 +53,8 @@ def write_reproduction(result: Reproduction, folder: Path, seed: int) -> dict[st
         "figures": [_picture_name(letter, figure) for figure in result.figures],
     }
     for figure in result.figures:
-        (folder / _picture_name(letter, figure)).write_bytes(_picture(figure))
-    (folder / f"{letter}.md").write_text(_page(result, seed), encoding="utf-8")
+        atomic.write_bytes(folder / _picture_name(letter, figure), _picture(figure))
+    atomic.write_text(folder / f"{letter}.md", _page(result, seed))
     write_json(folder / f"{letter}.json", content)
     return content
 
@@ -90,7 +91,7 @@ def write_first_page(folder: Path) -> Path:
             ]
             lines.append("")
     page = folder / "README.md"
-    page.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+    atomic.write_text(page, "\n".join(lines).rstrip() + "\n")
     return page
 
 

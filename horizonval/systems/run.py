@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from horizonval.core import atomic
 from horizonval.core.errors import UserError
+from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus
-from horizonval.jobs.progress import Progress, Silent
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.systems.pages import write_first_page, write_reproduction
 from horizonval.systems.systems import chosen, experiment
@@ -70,7 +71,7 @@ def reproduce_systems(
 
 def _remove_temporary_files(out: Path) -> None:
     """Delete what a killed run was writing; call with the lock held."""
-    for path in (*out.glob(".*.tmp"), *(out / WORK).rglob(".*.tmp")):
+    for path in (*atomic.leftovers(out, below=False), *atomic.leftovers(out / WORK)):
         path.unlink(missing_ok=True)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core.errors import one_line
+from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus, run_cases
-from horizonval.jobs.progress import Progress, Silent
 from horizonval.store.folder import read_json, write_json
 from horizonval.suites.identity import code_version
 
@@ -103,5 +103,4 @@ def _safely(work: Callable[[Plain], Plain], task: tuple[str, Plain, str]) -> Pla
     try:
         return {"value": work(item)}
     except Exception as e:
-        frame = traceback.extract_tb(e.__traceback__)[-1]
-        return {"error": f"{type(e).__name__} at {Path(frame.filename).name}:{frame.lineno}: {e}"}
+        return {"error": one_line(e)}

@@ -25,7 +25,7 @@ from horizonval.estimation.limb.shape.cone import off_axis_angle
 from horizonval.estimation.limb.subpixel import half_window, refine
 from horizonval.estimation.limb.sun import find_sun
 from horizonval.estimation.limb.verdict import Limb, judge
-from horizonval.geometry.camera import Camera, unproject
+from horizonval.geometry.camera import CameraModel, unproject
 
 MOST_POINTS = 24_000
 """Edge points taken into the consensus: the calmest ones, since space is calm."""
@@ -46,14 +46,14 @@ DARK_LEVEL = 0.2
 """An image without edges below these shares of full scale shows an unlit scene, not a uniformly bright one."""
 
 
-def find_limb(image: FloatArray, camera: Camera, full_scale: float | None = None) -> LimbPoints | Refusal:
+def find_limb(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
     """Return the sub-pixel points of the Earth's limb, or why there are none.
 
     Parameters
     ----------
     image : ndarray, shape (H, W)
         Grey levels that grow, or fall, with radiance. Anything else is refused, not raised.
-    camera : Camera
+    camera : CameraModel
         Its width and height must be the image's.
     full_scale : float, optional
         Digital number at which the converter saturates.
@@ -88,7 +88,7 @@ def find_limb(image: FloatArray, camera: Camera, full_scale: float | None = None
     return _decide(grey, camera, sight, candidates[:JUDGED], others, weight, rim, dazzled)
 
 
-def find_edges_only(image: FloatArray, camera: Camera, full_scale: float | None = None) -> LimbPoints | Refusal:
+def find_edges_only(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
     """Return every edge point of the image, refined, with no test of whether it belongs to the limb.
 
     Parameters and returns as for :func:`find_limb`.
@@ -107,7 +107,7 @@ def find_edges_only(image: FloatArray, camera: Camera, full_scale: float | None 
     return LimbPoints(uv[good], los[good])
 
 
-def find_canny_pixels(image: FloatArray, camera: Camera, full_scale: float | None = None) -> LimbPoints | Refusal:
+def find_canny_pixels(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
     """Return every pixel that Canny marks, as it marks it: no sub-pixel step, no test of whether it is the limb's.
 
     Nothing after Canny throws an edge away, so its threshold must: see :data:`LIMB_SHARE`.
@@ -126,7 +126,7 @@ def find_canny_pixels(image: FloatArray, camera: Camera, full_scale: float | Non
     return LimbPoints(edges.uv[good], los[good])
 
 
-def _refuse(image: FloatArray, camera: Camera, full_scale: float | None) -> Refusal | None:
+def _refuse(image: FloatArray, camera: CameraModel, full_scale: float | None) -> Refusal | None:
     if (refusal := check_image(image, full_scale)) is not None:
         return refusal
     if image.shape != (camera.height, camera.width):
@@ -141,7 +141,7 @@ def _take(edges: Edges, rows: NDArray[np.integer] | NDArray[np.bool_]) -> Edges:
     return Edges(edges.uv[rows], edges.gradient[rows], edges.quiet[rows])
 
 
-def _inside_image_circle(edges: Edges, camera: Camera, rim_px: int) -> Edges:
+def _inside_image_circle(edges: Edges, camera: CameraModel, rim_px: int) -> Edges:
     """Leave out the lens's own edge: a perfect cone with nothing outside, everything a limb is."""
     if camera.image_circle_rad is None:
         return edges
@@ -166,7 +166,7 @@ def _no_edges(image: FloatArray, saturated: NDArray[np.bool_], dazzled: bool, fu
 
 def _decide(
     image: FloatArray,
-    camera: Camera,
+    camera: CameraModel,
     sight: Sight,
     candidates: list[Candidate],
     others: Sight,

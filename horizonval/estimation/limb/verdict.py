@@ -36,7 +36,7 @@ from horizonval.estimation.limb.shape.cone import (
     tangent_basis,
 )
 from horizonval.estimation.limb.subpixel import refine
-from horizonval.geometry.camera import Camera, project, unproject
+from horizonval.geometry.camera import CameraModel, project, unproject
 
 SHORTEST_SHARE_OF_WIDTH = 0.2
 SHORTEST_ARC_PX = 10.0
@@ -72,7 +72,7 @@ class Limb:
 
 def judge(
     image: FloatArray,
-    camera: Camera,
+    camera: CameraModel,
     sight: Sight,
     candidate: Candidate,
     others: Sight,
@@ -85,7 +85,7 @@ def judge(
     ----------
     image : ndarray, shape (H, W)
         Grey levels; a refused candidate's reason names what failed first.
-    camera : Camera
+    camera : CameraModel
     sight : Sight
         The points that ``candidate.rows`` index.
     candidate : Candidate
@@ -160,7 +160,7 @@ class _Points:
         return _Points(self.uv[rows], self.los[rows], self.gradient[rows], self.sharpness[rows])
 
 
-def _unshaded(points: _Points, image: FloatArray, camera: Camera) -> _Points:
+def _unshaded(points: _Points, image: FloatArray, camera: CameraModel) -> _Points:
     """Return a hard limb's points freed of the shading's bias; a soft limb's as they are."""
     if np.median(points.sharpness) < SHARP:
         return points
@@ -168,7 +168,7 @@ def _unshaded(points: _Points, image: FloatArray, camera: Camera) -> _Points:
     return _Points(uv, unproject(camera, uv), points.gradient[kept], points.sharpness[kept])
 
 
-def _trim(points: _Points, camera: Camera) -> _Points:
+def _trim(points: _Points, camera: CameraModel) -> _Points:
     """Leave out refined points beyond 3.5 robust standard deviations of the limb, twice."""
     rad_per_px = 1.0 / max(camera.fx, camera.fy)
     for _ in range(2):
@@ -182,7 +182,7 @@ def _trim(points: _Points, camera: Camera) -> _Points:
     return points
 
 
-def _sides(image: FloatArray, cone: Cone, camera: Camera, uv: FloatArray, gradient: FloatArray) -> Refusal | None:
+def _sides(image: FloatArray, cone: Cone, camera: CameraModel, uv: FloatArray, gradient: FloatArray) -> Refusal | None:
     """Refuse if the outer side is not one level, or the inner side is not on the same side of it everywhere."""
     height, width = image.shape
     reach = float(np.clip(min(height, width) / 12.0, 2.5, 8.0))
@@ -214,7 +214,7 @@ def _sides(image: FloatArray, cone: Cone, camera: Camera, uv: FloatArray, gradie
     return None
 
 
-def _visible_px(camera: Camera, axis: FloatArray, rho: float, rim_px: int) -> float:
+def _visible_px(camera: CameraModel, axis: FloatArray, rho: float, rim_px: int) -> float:
     """Return the length [px] of a cone's limb inside the image, its rim left out."""
     angle = np.linspace(0.0, 2.0 * np.pi, 3601)
     basis = tangent_basis(axis)

@@ -43,7 +43,7 @@ from horizonval.estimation.limb.arc import Arc, find_arc
 from horizonval.estimation.limb.shape.circle import fit_circle
 from horizonval.estimation.limb.shape.cone import SLOW_PX, cone_uncertainty, fit_cone, off_axis_angle
 from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.geometry.camera import Camera, project, unproject
+from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.geometry.frames import roll_pitch_of_nadir
 
 HEADS = 2
@@ -64,7 +64,7 @@ class Ends(StrEnum):
     PLANE = "end points in the image plane"
 
 
-def chord(arc: Arc, camera: Camera, ends: Ends = Ends.SIGHT) -> FloatArray:
+def chord(arc: Arc, camera: CameraModel, ends: Ends = Ends.SIGHT) -> FloatArray:
     """Return the vector in camera axes, shape (3,), that joins an arc's end points."""
     if ends is Ends.SIGHT:
         first, last = (unproject(camera, uv).mean(axis=0) for uv in (arc.uv[:END_PIXELS], arc.uv[-END_PIXELS:]))
@@ -207,7 +207,7 @@ def _pixels_alike(los: FloatArray, nadir: FloatArray, rho_rad: float) -> float:
         return float(END_PIXELS)
 
 
-def _px_per_rad(arc: Arc, camera: Camera, nadir_cam: FloatArray) -> FloatArray:
+def _px_per_rad(arc: Arc, camera: CameraModel, nadir_cam: FloatArray) -> FloatArray:
     """Return by how many pixels each of an arc's points moves per radian towards the nadir, shape (n,)."""
     los = unproject(camera, arc.uv)
     towards = nadir_cam - (los @ nadir_cam)[:, None] * los
@@ -217,7 +217,7 @@ def _px_per_rad(arc: Arc, camera: Camera, nadir_cam: FloatArray) -> FloatArray:
     return np.asarray(np.hypot(*(moved - arc.uv).T) / step)
 
 
-def _towards_centre(arc: Arc, camera: Camera) -> FloatArray:
+def _towards_centre(arc: Arc, camera: CameraModel) -> FloatArray:
     """Return how the line of sight to the arc's middle turns one pixel towards the circle's centre, shape (3,)."""
     middle = arc.uv[len(arc.uv) // 2]
     inwards = arc.circle.centre - middle

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.progress import Progress
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.renderer.kernel.march import CHUNK, Chunk, march
 from horizonval.renderer.kernel.refraction import Turning, aim_at_sun
@@ -24,9 +25,6 @@ from horizonval.renderer.scattering.source_table import SourceTable
 from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunTable, table_of
 
 SKY_POLAR_NODES = 24
-
-TableProgress = Callable[[str, int, float], None]
-"""Called with the spectral node, the order of scattering done and the share of light it added."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ def make_chunks(
     planet: Planet,
     size: TableSize,
     scattering: Quality | None = None,
-    progress: TableProgress | None = None,
+    progress: Progress | None = None,
     air: StraightAir | None = None,
 ) -> Iterator[tuple[list[SpectralNode], Chunk]]:
     """Yield ``(nodes, chunk)`` until every spectral node of the model has been served.
@@ -73,7 +71,7 @@ def make_chunks(
     ----------
     scattering : Quality, optional
         Of the tables of light scattered more than once; None for single scattering.
-    progress : callable, optional
+    progress : Progress, optional
         Told about tables that must be solved first.
     air : StraightAir, optional
         Refraction: model and planet are its straightened ones. Light scattered more than once is that of the model as
@@ -109,21 +107,14 @@ def _diffuse_field(
     planet: Planet,
     grid: AltitudeGrid,
     quality: Quality,
-    progress: TableProgress | None,
+    progress: Progress | None,
 ) -> DiffuseField:
     radius = mean_radius(planet)
 
     def sun_table() -> SunTable:
         return _fill_sun_table(planet, model.top_m, grid, mi.Float64(node.extinction_per_m), 1, IMAGE_TABLE)
 
-    solution = multiple_scattering(
-        node,
-        model.altitude_m,
-        radius,
-        quality,
-        sun_table,
-        None if progress is None else lambda order, share: progress(node.name, order, share),
-    )
+    solution = multiple_scattering(node, model.altitude_m, radius, quality, sun_table, progress)
     around = (
         model.albedo_around[[n.name for n in model.nodes].index(node.name)] if model.albedo_around else model.albedo
     )

@@ -15,10 +15,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from horizonval.core.progress import Progress
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.surface.surface import GroundModel
 from horizonval.renderer.kernel.cells import Moon, View
-from horizonval.renderer.kernel.chunks import IMAGE_TABLE, TableProgress, make_chunks
+from horizonval.renderer.kernel.chunks import IMAGE_TABLE, make_chunks
 from horizonval.renderer.kernel.discs import Disc
 from horizonval.renderer.kernel.march import Chunk
 from horizonval.renderer.kernel.refraction import Turning
@@ -92,7 +93,7 @@ def register_plugins() -> None:
     mi.register_sensor(camera_plugin.PLUGIN, lambda props: camera(props))
 
 
-def prepare(properties: dict[str, Any], progress: TableProgress | None = None) -> None:
+def prepare(properties: dict[str, Any], progress: Progress | None = None) -> None:
     """Make the tables of :func:`limb_properties` now, telling about those that take long."""
     planet = json.loads(properties["planet"])
     _prepare(properties["model"], Planet(planet["a_m"], planet["b_m"]), properties["orders"], progress)
@@ -111,7 +112,7 @@ def _moon(moon: dict[str, Any] | None) -> Moon | None:
     return Moon(disc, float(moon["nearness"]), _vector(moon["light_itrs"]), bool(moon["lights_earth"]))
 
 
-def _prepare(text: str, planet: Planet, orders: str, progress: TableProgress | None = None) -> _Prepared:
+def _prepare(text: str, planet: Planet, orders: str, progress: Progress | None = None) -> _Prepared:
     """Return a model and its kernel tables; those of the last few models stay, suites repeat them."""
     key = (text, planet, orders)
     if key not in _prepared:

@@ -9,8 +9,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
-import traceback
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -19,8 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core import atomic
+from horizonval.core.errors import one_line
+from horizonval.core.progress import Progress
 from horizonval.jobs.pool import run_cases
-from horizonval.jobs.progress import Progress
 from horizonval.spec.load import Case
 from horizonval.store.folder import read_json, write_json
 from horizonval.studies.regression.units import render_scene, replay_scene
@@ -100,8 +100,7 @@ def _safely(task: tuple[Task, str], plan: Plan) -> str:
             _write_arrays(path.with_suffix(".npz"), arrays)
         write_json(path.with_suffix(".json"), record, indent=None)
     except Exception as e:
-        frame = traceback.extract_tb(e.__traceback__)[-1]
-        return f"{type(e).__name__} at {Path(frame.filename).name}:{frame.lineno}: {e}"
+        return one_line(e)
     return ""
 
 
@@ -128,10 +127,5 @@ def identity(task: Task, plan: Plan) -> str:
 
 
 def _write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with open(temporary, "wb") as file:
-            np.savez_compressed(file, **dict(arrays))  # type: ignore[arg-type]
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with atomic.replacing(path) as temporary, open(temporary, "wb") as file:
+        np.savez_compressed(file, **dict(arrays))  # type: ignore[arg-type]

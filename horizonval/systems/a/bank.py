@@ -22,8 +22,8 @@ from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import SLOW_PX, off_axis_angle, slow_error, tangent_basis
 from horizonval.estimation.methods import altitude_free, altitude_free_closed_form, altitude_free_published
 from horizonval.estimation.observation import Fit, Observation
-from horizonval.frame import Frame
-from horizonval.geometry.camera import Camera, camera_from_spec, project
+from horizonval.frame import RadianceFrame
+from horizonval.geometry.camera import CameraModel, camera_from_spec, project
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.sensor.observe import observe
@@ -139,7 +139,9 @@ def measure(item: Plain) -> Plain:
     return result
 
 
-def _errors(item: Plain, frame: Frame, image: FloatArray, camera: Camera, full_scale: float | None) -> Plain:
+def _errors(
+    item: Plain, frame: RadianceFrame, image: FloatArray, camera: CameraModel, full_scale: float | None
+) -> Plain:
     observation = Observation(image=image, camera=camera, full_scale=full_scale)
     nadir = np.array(frame.truth.nadir_geocentric_cam)
     whole = find_canny_pixels(image, camera, full_scale)

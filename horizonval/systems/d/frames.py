@@ -19,7 +19,7 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.crossing import published_crossing, sub_pixel_crossing
 from horizonval.estimation.methods import linear_heads
 from horizonval.estimation.observation import Fit, Observation
-from horizonval.frame import Frame, FrameTruth
+from horizonval.frame import FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.ephemeris import sun_itrs
@@ -107,7 +107,7 @@ def head_scene(item: Plain, head: str) -> SceneSpec:
     )
 
 
-def head_frames(item: Plain, camera: CameraSpec, heads: tuple[str, ...] = ()) -> dict[str, Frame]:
+def head_frames(item: Plain, camera: CameraSpec, heads: tuple[str, ...] = ()) -> dict[str, RadianceFrame]:
     """Return the frames of some heads, or of all, at one attitude, by the heads' names."""
     from horizonval.renderer.scene.frame import render_frame
 
@@ -115,7 +115,7 @@ def head_frames(item: Plain, camera: CameraSpec, heads: tuple[str, ...] = ()) ->
     return {name: render_frame(head_scene(item, name), camera) for name in names}
 
 
-def heads_observation(frames: dict[str, Frame], camera: CameraSpec, seed: int | None) -> Observation:
+def heads_observation(frames: dict[str, RadianceFrame], camera: CameraSpec, seed: int | None) -> Observation:
     """Return what the estimators get: digital numbers of all heads; without noise for no seed."""
     from horizonval.sensor.observe import observe
 
@@ -144,7 +144,7 @@ def read_heads(item: Plain) -> Plain:
     return result
 
 
-def exact_crossings(frames: dict[str, Frame], camera: CameraSpec) -> list[float | None]:
+def exact_crossings(frames: dict[str, RadianceFrame], camera: CameraSpec) -> list[float | None]:
     """Return the columns [pixels] at which the exact hard horizon crosses the heads' rows; None where it does not."""
     columns = []
     for frame in frames.values():
@@ -157,7 +157,7 @@ def exact_crossings(frames: dict[str, Frame], camera: CameraSpec) -> list[float 
     return columns
 
 
-def _reading(observation: Observation, frames: dict[str, Frame]) -> Plain:
+def _reading(observation: Observation, frames: dict[str, RadianceFrame]) -> Plain:
     """Return crossings and angles [deg] of both methods, with the scores against the frames' truth."""
     rows = linear_heads.head_rows(observation)
     assert isinstance(rows, list)

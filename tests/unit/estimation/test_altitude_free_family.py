@@ -13,7 +13,7 @@ from horizonval.estimation.methods import altitude_free_closed_form as closed_fo
 from horizonval.estimation.methods import altitude_free_published as published
 from horizonval.estimation.methods.altitude_free import newton, solve, step_by_qr
 from horizonval.estimation.observation import Fit, Observation
-from horizonval.geometry.camera import Camera, project
+from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.frames import nadir_of_roll_pitch
 
 RADIUS_M = Observation.earth_radius_m
@@ -38,7 +38,7 @@ def _noisy(rng: np.random.Generator, width_rad: float, n: int, sigma: float, rho
 
 
 def _observation() -> Observation:
-    camera = Camera(400, 400, 346.4, 346.4, 199.5, 199.5)
+    camera = CameraModel(400, 400, 346.4, 346.4, 199.5, 199.5)
     return Observation(image=np.zeros((400, 400)), camera=camera)
 
 

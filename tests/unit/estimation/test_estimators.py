@@ -15,7 +15,7 @@ from horizonval.estimation.methods.altitude_free import solve
 from horizonval.estimation.methods.ideal import ESTIMATOR as IDEAL
 from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
 from horizonval.estimation.observation import Estimator, Fit, Observation, OraclePose
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.frames import nadir_of_roll_pitch
 
 RADIUS_M = 6_371_008.8
@@ -67,7 +67,7 @@ def test_boresight_at_nadir_zenith_and_inside_are_statuses() -> None:
 
 
 def _observation(**changes: object) -> Observation:
-    values = {"image": np.zeros((48, 64)), "camera": Camera(64, 48, 55.0, 55.0, 31.5, 23.5)} | changes
+    values = {"image": np.zeros((48, 64)), "camera": CameraModel(64, 48, 55.0, 55.0, 31.5, 23.5)} | changes
     return Observation(**values)  # type: ignore[arg-type]
 
 

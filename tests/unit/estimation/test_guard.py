@@ -22,11 +22,11 @@ from horizonval.estimation.limb.model.sunlit import blur_rad, sunlit_limb
 from horizonval.estimation.limb.shape.cone import Cone, fit_cone, off_axis_angle, tangent_basis
 from horizonval.estimation.methods import altitude_free, altitude_free_published
 from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.geometry.camera import Camera, pixel_grid, unproject
+from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.scoring.repeats import noise_nees
 
 SIZE = 160
-CAMERA = Camera(width=SIZE, height=SIZE, fx=140.0, fy=140.0, cx=(SIZE - 1) / 2, cy=(SIZE - 1) / 2)
+CAMERA = CameraModel(width=SIZE, height=SIZE, fx=140.0, fy=140.0, cx=(SIZE - 1) / 2, cy=(SIZE - 1) / 2)
 PX = 1.0 / CAMERA.fx
 RHO = math.radians(60.0)
 GUARDED = guarded(altitude_free.ESTIMATOR)
@@ -38,7 +38,7 @@ def nadir_at(off_deg: float = 62.0, turn_deg: float = 12.0) -> np.ndarray:
     return np.array([math.sin(off) * math.sin(turn), math.sin(off) * math.cos(turn), math.cos(off)])
 
 
-def picture(nadir: np.ndarray, camera: Camera = CAMERA, seed: int | None = 0, noise: float = 6.0) -> np.ndarray:
+def picture(nadir: np.ndarray, camera: CameraModel = CAMERA, seed: int | None = 0, noise: float = 6.0) -> np.ndarray:
     los = unproject(camera, pixel_grid(camera))
     image = DARK + (BRIGHT - DARK) * ndtr((RHO - off_axis_angle(los, nadir)) / (0.8 * PX))
     if seed is not None:
@@ -252,7 +252,7 @@ def test_a_head_that_sees_only_space_refuses():
     assert result.reason.startswith("head b")
 
 
-def raised_picture(nadir: np.ndarray, sun: np.ndarray, camera: Camera) -> np.ndarray:
+def raised_picture(nadir: np.ndarray, sun: np.ndarray, camera: CameraModel) -> np.ndarray:
     """A limb that stands where the table of sunlit limbs says."""
     los = unproject(camera, pixel_grid(camera)).reshape(-1, 3)
     blur = blur_rad(camera, los, nadir, 1.0 / camera.fx)

@@ -20,7 +20,7 @@ from horizonval.estimation.guard.guard import guarded
 from horizonval.estimation.limb.shape.cone import off_axis_angle
 from horizonval.estimation.methods import linear_heads, video_vertical
 from horizonval.estimation.observation import Fit, Observation
-from horizonval.geometry.camera import Camera, pixel_grid, project, unproject
+from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.scoring.errors import is_false
 
@@ -28,19 +28,19 @@ DARK, BRIGHT, FULL = 40.0, 1600.0, 4095.0
 RADIUS_M = 6371008.8
 RHO = math.asin(RADIUS_M / (RADIUS_M + 400e3))
 
-ROW = Camera(160, 1, 573.0, 573.0, 79.5, 0.0, projection="equal_angle")
+ROW = CameraModel(160, 1, 573.0, 573.0, 79.5, 0.0, projection="equal_angle")
 """160 pixels of 0.1 deg."""
 ROW_NAMES = ("north", "east", "south", "west")
 ROWS = guarded(linear_heads.ESTIMATOR)
 ROWS_PUBLISHED = guarded(linear_heads.PUBLISHED)
 
-PICTURE = Camera(160, 160, 140.0, 140.0, 79.5, 79.5)
+PICTURE = CameraModel(160, 160, 140.0, 140.0, 79.5, 79.5)
 PAIR = guarded(video_vertical.ESTIMATOR)
 TURNS = {"a": Rotation.identity(), "b": Rotation.from_euler("y", -90, degrees=True)}
 PAIR_NADIR = np.array([0.62, 0.5, 0.62]) / np.linalg.norm([0.62, 0.5, 0.62])
 
 
-def level(camera: Camera, nadir_cam: np.ndarray, width_px: float, off_rad: float = 0.0) -> np.ndarray:
+def level(camera: CameraModel, nadir_cam: np.ndarray, width_px: float, off_rad: float = 0.0) -> np.ndarray:
     los = unproject(camera, pixel_grid(camera))
     return DARK + (BRIGHT - DARK) * ndtr((RHO + off_rad - off_axis_angle(los, nadir_cam)) * camera.fx / width_px)
 

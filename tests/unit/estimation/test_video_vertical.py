@@ -16,11 +16,11 @@ from horizonval.estimation.methods import video_vertical
 from horizonval.estimation.methods.video_vertical import ESTIMATOR, Ends, fit_arcs, solve, vertical
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry import frames
-from horizonval.geometry.camera import Camera, pixel_grid, project, unproject
+from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.scoring.errors import angle_between
 
 WIDTH = 512
-CAMERA = Camera(WIDTH, WIDTH, 215.0, 215.0, (WIDTH - 1) / 2, (WIDTH - 1) / 2)
+CAMERA = CameraModel(WIDTH, WIDTH, 215.0, 215.0, (WIDTH - 1) / 2, (WIDTH - 1) / 2)
 """A field of 100 deg."""
 MOUNTS = {
     "left": frames.cam_from_body(0.0, 0.0, math.pi / 2),

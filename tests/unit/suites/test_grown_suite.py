@@ -13,8 +13,8 @@ import pytest
 import horizonval.report
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
+from horizonval.core.progress import Silent
 from horizonval.core.refusal import Refusal
-from horizonval.jobs.progress import Silent
 from horizonval.scoring.table import read_results
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites import case as of_case

@@ -13,7 +13,7 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.external import camera_file, result_of
 from horizonval.estimation.process.sandbox import Limits, Sandbox
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.spec.load import load_camera
 from horizonval.spec.suite import ProgramSpec
 
@@ -53,7 +53,7 @@ HANG, EAT, DIE = make("hang", hang), make("eat", eat), make("die", die)
 LEAVE, CHATTER, WRONG = make("leave", leave), make("chatter", chatter), make("wrong", wrong)
 """
 NAMES = ("hang", "eat", "die", "leave", "chatter", "wrong")
-OBSERVATION = Observation(np.full((48, 64), 100.0), Camera(64, 48, 55.0, 55.0, 31.5, 23.5), full_scale=1023.0)
+OBSERVATION = Observation(np.full((48, 64), 100.0), CameraModel(64, 48, 55.0, 55.0, 31.5, 23.5), full_scale=1023.0)
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from horizonval.core import atomic
 from horizonval.spec.load import load_camera
 from horizonval.systems.b.rig import figures, runs
 from horizonval.systems.b.rig.bench import STATED
@@ -167,7 +168,7 @@ def _picture_file(cache: TaskCache) -> str:
     """Make the panel's picture; return its file, whose name is its digest."""
     text = cache.each("panel's picture", make_picture, {"picture": {}})["picture"]["png"]
     path = cache.folder / f"panel-{hashlib.sha256(text.encode('ascii')).hexdigest()[:16]}.txt"
-    path.write_text(text, encoding="ascii")
+    atomic.write_text(path, text)
     return str(path)
 
 

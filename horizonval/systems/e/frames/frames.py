@@ -93,7 +93,7 @@ class StationPass:
 
 
 @dataclass(frozen=True)
-class Scene:
+class PassSetup:
     """A pass as plain data for worker processes."""
 
     elements: ElementSet
@@ -123,7 +123,7 @@ def measure_pass(
     seconds : ndarray, shape (n,)
         Middles of the exposures after the epoch.
     """
-    scene = Scene(elements, tuple(stations), epoch_utc, np.asarray(seconds, float), cache.seed)
+    scene = PassSetup(elements, tuple(stations), epoch_utc, np.asarray(seconds, float), cache.seed)
     skies = rendered_skies(cache, scene)
     items = {}
     for station in stations:
@@ -148,7 +148,7 @@ def dimmed_frames(
     items, keys = {}, []
     for one in passes:
         path, sky = one.frames.path, one.frames.sky.plain()
-        scene = Scene(path.elements, (path.station,), path.epoch_utc, one.seconds, cache.seed)
+        scene = PassSetup(path.elements, (path.station,), path.epoch_utc, one.seconds, cache.seed)
         some = one.seconds[np.linspace(0, len(one.seconds) - 1, frames).round().astype(int)].tolist()
         for dimmer in dimmer_mag:
             keys.append((path.station.name, dimmer))
@@ -157,7 +157,7 @@ def dimmed_frames(
     return {key: part["frames"] for key, part in zip(keys, done, strict=True)}
 
 
-def rendered_skies(cache: TaskCache, scene: Scene, pixels: int = 33) -> dict[str, Plain]:
+def rendered_skies(cache: TaskCache, scene: PassSetup, pixels: int = 33) -> dict[str, Plain]:
     """Return every station's sky as plain data, by the station's name; ``pixels`` squared."""
     times = [float(scene.seconds[0]), float(np.mean(scene.seconds[[0, -1]])), float(scene.seconds[-1])]
     items = {s.name: {**_place(scene, s), "times": times, "pixels": pixels} for s in scene.stations}
@@ -165,7 +165,7 @@ def rendered_skies(cache: TaskCache, scene: Scene, pixels: int = 33) -> dict[str
 
 
 def frames_item(
-    scene: Scene, station: Station, sky: Plain, seconds: Sequence[float], dimmer_mag: float | None = 0.0
+    scene: PassSetup, station: Station, sky: Plain, seconds: Sequence[float], dimmer_mag: float | None = 0.0
 ) -> Plain:
     """Return the item of :func:`expose_and_measure` for some exposures; ``dimmer_mag`` None: no satellite."""
     return {
@@ -232,7 +232,7 @@ def _one(frames: Frames, second: float) -> Plain:
     }
 
 
-def _gathered(scene: Scene, station: Station, sky: Plain, parts: list[Plain]) -> StationPass:
+def _gathered(scene: PassSetup, station: Station, sky: Plain, parts: list[Plain]) -> StationPass:
     frames = [frame for part in parts for frame in part["frames"]]
     n = len(frames)
 
@@ -267,7 +267,7 @@ def _gathered(scene: Scene, station: Station, sky: Plain, parts: list[Plain]) ->
     )
 
 
-def _place(scene: Scene, station: Station) -> Plain:
+def _place(scene: PassSetup, station: Station) -> Plain:
     return {
         "elements": [scene.elements.line1, scene.elements.line2],
         "station": {field.name: getattr(station, field.name) for field in fields(station)},

@@ -13,7 +13,7 @@ from horizonval.geometry.tle import ElementSet
 from horizonval.systems.e.frames import figures as figures
 from horizonval.systems.e.frames.frames import (
     VALID,
-    Scene,
+    PassSetup,
     StationPass,
     dimmed_frames,
     measure_pass,
@@ -60,7 +60,7 @@ def frame_part(
     """Return the passes from :func:`measure_pass` with everything there is to say about them."""
     passes = measure_pass(cache, elements, stations, epoch_utc, seconds)
     fainter = dimmed_frames(cache, passes, (*DIMMER_MAG, None))
-    scene = Scene(elements, tuple(stations), epoch_utc, np.asarray(seconds, float), cache.seed)
+    scene = PassSetup(elements, tuple(stations), epoch_utc, np.asarray(seconds, float), cache.seed)
     finer = rendered_skies(cache, scene, FINER_SKY)
     curve = faintness(passes, fainter)
     return FramePart(

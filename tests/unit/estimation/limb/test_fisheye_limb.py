@@ -13,18 +13,18 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import fit_cone
-from horizonval.geometry.camera import Camera, in_image_circle, pixel_grid, unproject
+from horizonval.geometry.camera import CameraModel, in_image_circle, pixel_grid, unproject
 
 RHO = math.radians(68.0)
 
 
-def fisheye(circle_deg: float) -> Camera:
-    return Camera(
+def fisheye(circle_deg: float) -> CameraModel:
+    return CameraModel(
         240, 240, 72.0, 72.0, 119.5, 119.5, (0.01, -0.002, 0.0, 0.0, 0.0), "fisheye", math.radians(circle_deg) / 2
     )
 
 
-def picture(camera: Camera, nadir: Any) -> Any:
+def picture(camera: CameraModel, nadir: Any) -> Any:
     """A bright disc of angular radius RHO about the nadir on black, its edge one pixel (0.8 deg) wide."""
     d = unproject(camera, pixel_grid(camera))
     off = np.arctan2(np.linalg.norm(np.cross(d, nadir), axis=-1), d @ nadir)
@@ -57,7 +57,7 @@ def test_the_edge_of_the_field_is_no_limb() -> None:
 
 
 def test_a_line_of_pixels_is_refused_as_an_image() -> None:
-    camera = Camera(160, 1, 569.0, 569.0, 79.5, 0.0)
+    camera = CameraModel(160, 1, 569.0, 569.0, 79.5, 0.0)
     found = find_limb(np.linspace(0.0, 100.0, 160)[None, :], camera)
     assert isinstance(found, Refusal)
     assert found.status is Outcome.BAD_INPUT
