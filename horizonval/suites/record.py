@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core.code import code_version
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Fit
@@ -15,7 +16,7 @@ from horizonval.frame import FrameTruth
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.row import Row
 from horizonval.spec.load import Case
-from horizonval.suites.identity import code_version
+from horizonval.suites.identity import ROW_CODE
 from horizonval.suites.plan import Plan
 
 CASE_SCHEMA = 1
@@ -44,7 +45,7 @@ def record_of(
         "schema": CASE_SCHEMA,
         "case": name,
         "scene_id": truth.scene_id,
-        "version": code_version(),
+        "version": code_version(*ROW_CODE),
         "identity": identity,
         "truth_frame": addresses.get(""),
         "image": next(iter(images.values()), None),
@@ -79,7 +80,7 @@ def failed_record(name: str, identity: str, case: Case, estimators: Sequence[str
         "schema": CASE_SCHEMA,
         "case": name,
         "scene_id": truth.scene_id if truth else None,
-        "version": code_version(),
+        "version": code_version(*ROW_CODE),
         "identity": identity,
         "truth_frame": None,
         "image": None,
