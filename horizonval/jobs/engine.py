@@ -23,7 +23,7 @@ from horizonval.core.progress import Progress
 from horizonval.jobs.cluster import run_on_cluster
 from horizonval.jobs.execution import Execution
 from horizonval.jobs.kept import Record, keep, kept
-from horizonval.jobs.pool import run_in_processes
+from horizonval.jobs.pool import Results, run_in_processes
 from horizonval.jobs.stopwatch import Stopwatch
 
 I = TypeVar("I")  # noqa: E741
@@ -148,8 +148,8 @@ def stream(
             missing.append(item)
         else:
             ready.append((item, Done(result)))
-    left = sum(len(work.parts(item, None)) for item in missing)
-    progress.start(left + (n := sum(len(work.parts(item, None)) for item, _ in ready)), n, unit=unit, what=what)
+    left, there = (sum(len(work.parts(item, None)) for item in some) for some in (missing, [item for item, _ in ready]))
+    progress.start(left + there, there, unit=unit, what=what)
     yield from ready
     if not missing:
         return
@@ -175,7 +175,7 @@ def do(
     return {name: done[name] for item in items if (name := work.name(item)) in done}
 
 
-def _run(work: Work[I, R], items: Sequence[I], execution: Execution) -> Iterator[tuple[I, Done[R] | None]]:
+def _run(work: Work[I, R], items: Sequence[I], execution: Execution) -> Results[I, Done[R] | None, None]:
     function = partial(_safely, work)
     if execution.dask is not None:
         return run_on_cluster(function, items, execution.dask, work.folder or Path(), renderer=work.renders)

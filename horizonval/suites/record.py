@@ -27,7 +27,6 @@ Record = dict[str, Any]
 
 def record_of(
     name: str,
-    identity: str,
     truth: FrameTruth,
     rows: Sequence[Row],
     details: Mapping[str, Any],
@@ -46,7 +45,6 @@ def record_of(
         "case": name,
         "scene_id": truth.scene_id,
         "version": code_version(*ROW_CODE),
-        "identity": identity,
         "truth_frame": addresses.get(""),
         "image": next(iter(images.values()), None),
         "images": images,
@@ -56,7 +54,7 @@ def record_of(
     }
 
 
-def failed_record(name: str, identity: str, case: Case, estimators: Sequence[str], plan: Plan, error: str) -> Record:
+def failed_record(name: str, case: Case, estimators: Sequence[str], plan: Plan, error: str) -> Record:
     """Return the record of a case that has no result because something broke."""
     truth = _truth_or_none(case)
     reason = " ".join(error.split())
@@ -81,7 +79,6 @@ def failed_record(name: str, identity: str, case: Case, estimators: Sequence[str
         "case": name,
         "scene_id": truth.scene_id if truth else None,
         "version": code_version(*ROW_CODE),
-        "identity": identity,
         "truth_frame": None,
         "image": None,
         "images": {},
@@ -94,6 +91,12 @@ def failed_record(name: str, identity: str, case: Case, estimators: Sequence[str
 def camera_name(case: Case) -> str:
     """Return the camera's own name, else its file's."""
     return case.camera.camera.name or case.scene.camera.file.rsplit("/", 1)[-1].removesuffix(".toml")
+
+
+def camera_of_truth(truth: FrameTruth) -> str:
+    """Return the name of the camera that a truth is of, as :func:`camera_name` does."""
+    name = truth.camera.get("camera", {}).get("name")
+    return name or truth.scene.get("camera", {}).get("file", "").rsplit("/", 1)[-1].removesuffix(".toml")
 
 
 def details_of(result: Fit | Refusal) -> dict[str, Any]:

@@ -14,13 +14,15 @@ import pytest
 
 import horizonval
 from horizonval.core import code
-from horizonval.suites.identity import FRAME_CODE, ROW_CODE, STABILITY_CODE, code_of
+from horizonval.studies.stability.part import CODE as STABILITY_CODE
+from horizonval.suites.identity import FRAME_CODE, RESCORED_CODE, ROW_CODE, code_of
 
 PACKAGE = Path(horizonval.__file__).parent
 KINDS = {
     "frame": FRAME_CODE,
     "row": (*ROW_CODE, *code_of(["guarded-altitude-free"])),
     "ideal row": (*ROW_CODE, *code_of(["ideal"])),
+    "rescored": RESCORED_CODE,
     "stability": STABILITY_CODE,
 }
 
@@ -78,7 +80,7 @@ def test_layout_makes_nothing_again(changed: Changed) -> None:
     assert changed("geometry/horizon.py", lambda text: ast.unparse(ast.parse(text))) == set()
 
 
-@pytest.mark.parametrize("name", ["cli/campaign.py", "report/wording.py", "systems/pages.py", "core/atomic.py"])
+@pytest.mark.parametrize("name", ["cli/campaign.py", "report/wording.py", "systems/pages.py", "jobs/engine.py"])
 def test_what_no_result_flows_through_makes_nothing_again(changed: Changed, name: str) -> None:
     assert changed(name, _added) == set()
 
@@ -90,13 +92,13 @@ def test_the_help_of_a_command_makes_nothing_again(changed: Changed) -> None:
 @pytest.mark.parametrize(
     ("name", "kinds"),
     [
-        ("renderer/kernel/march.py", {"frame", "row", "ideal row", "stability"}),
-        ("earth/column.py", {"frame", "row", "ideal row", "stability"}),
-        ("truth/frame_truth.py", {"frame", "row", "ideal row"}),
-        ("store/seal.py", {"frame", "row", "ideal row"}),
-        ("sensor/observe.py", {"row", "ideal row"}),
-        ("scoring/errors.py", {"row", "ideal row"}),
-        ("estimation/process/sandbox.py", {"row", "ideal row"}),
+        ("renderer/kernel/march.py", {"frame", "row", "ideal row", "rescored", "stability"}),
+        ("earth/column.py", {"frame", "row", "ideal row", "rescored", "stability"}),
+        ("truth/frame_truth.py", {"frame", "row", "ideal row", "rescored"}),
+        ("store/seal.py", {"frame", "row", "ideal row", "rescored"}),
+        ("sensor/observe.py", {"row", "ideal row", "rescored"}),
+        ("scoring/errors.py", {"row", "ideal row", "rescored"}),
+        ("estimation/process/sandbox.py", {"row", "ideal row", "rescored"}),
         ("estimation/methods/guarded.py", {"row"}),
     ],
 )
