@@ -7,6 +7,7 @@ re-scored.
 
 from __future__ import annotations
 
+import math
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from enum import IntEnum
 from typing import Any
@@ -127,6 +128,11 @@ class FrameTruth:
     moon_visible_fraction: float = 0.0
     moon_phase_angle_rad: float = 0.0
     infrared_horizon: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def sun_boresight_rad(self) -> float:
+        """Angle from the optical axis to the Sun's centre, behind the Earth or not."""
+        return math.acos(max(-1.0, min(1.0, self.sun_cam[2])))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data (JSON keeps every bit: ``repr`` of a float64 round-trips)."""

@@ -11,7 +11,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from synthetic import SOLAR_CAMERA, THERMAL_CAMERA, synthetic_cases, toy_image, truth_at
+from synthetic import SOLAR_CAMERA, THERMAL_CAMERA, result_row, synthetic_cases, toy_image, truth_at
 
 from horizonval.core.outcome import Outcome
 from horizonval.frame import DetectorImage
@@ -146,12 +146,12 @@ def test_notes_of_several_bands():
     ],
 )
 def test_verdicts(expected, status, false, verdict):
-    assert verdict_of({"expected": expected, "status": status, "false_valid": false}) is verdict
+    assert verdict_of(result_row(expected=expected, status=status, false_valid=false)) is verdict
 
 
 def test_verdicts_without_a_result():
     assert verdict_of(None) is NONE
-    assert verdict_of({"expected": "valid", "status": "bad_input", "false_valid": False}, broken=True) is BROKEN
+    assert verdict_of(result_row(status="bad_input"), broken=True) is BROKEN
 
 
 def test_the_fitted_limb_of_a_perfect_fit_lies_on_the_true_horizon():

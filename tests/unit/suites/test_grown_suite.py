@@ -79,7 +79,7 @@ def test_another_number_of_frames_goes_on_in_the_same_folder(suite_file, tmp_pat
         assert (summary["n_cases"], progress.kept) == (frames, kept)
         outcome = [(out / name).read_bytes() for name in ("summary.json", "results.parquet", "run.json")]
         assert outcomes.setdefault(frames, outcome) == outcome
-    assert [row["case"] for row in read_results(out / "results.parquet")] == ["sobol_000", "sobol_001"]
+    assert [row.case for row in read_results(out / "results.parquet")] == ["sobol_000", "sobol_001"]
     assert (out / "cases" / "sobol_002.json").is_file(), "what was computed is not lost"
 
 
