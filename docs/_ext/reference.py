@@ -16,6 +16,7 @@ from sphinx.application import Sphinx
 import horizonval
 from horizonval.cli.app import app as command_line
 from horizonval.cli.app import run_command_line
+from horizonval.scoring.row import COLUMNS
 from horizonval.spec.keys import MODELS, FileKind, Key, Table, tables
 
 GENERATED = Path(__file__).parents[1] / "reference" / "generated"
@@ -39,6 +40,7 @@ def pages() -> dict[str, str]:
     made = {f"{kind}-keys": _keys_page(kind) for kind in MODELS}
     made["command-line"] = _command_page()
     made["api"] = _api_page()
+    made["results"] = _results_page()
     return made
 
 
@@ -47,8 +49,9 @@ def _keys_page(kind: FileKind) -> str:
     if kind in ("suite", "study"):
         lines.append(SCENE_TABLES)
     lines += [
-        f"`horizonval schema {kind}` prints the same as JSON Schema. Keys without a default must be there.",
-        "A dash is a key that can be left out, which then means what the text says. The unit 1 is a number without one.",
+        f"`horizonval schema {kind}` prints the same as JSON Schema.",
+        "A dash is a key that can be left out, which then means what the text says.",
+        "The unit 1 is that of pure numbers.",
     ]
     for table in tables(kind):
         if table.header:
@@ -75,7 +78,7 @@ def _values(key: Key) -> str:
 def _default(key: Key) -> str:
     match key.default:
         case None:
-            return ""
+            return "*required*"
         case "":
             return "–"
         case "a table":
@@ -92,8 +95,9 @@ def _command_page() -> str:
     lines = [
         "# Command line",
         "",
-        "Text for people by default, `--json` for programs. Exit status 0 is success, 1 a check that failed, and 2 wrong",
-        "use or bad input, told in one line. Long commands show their progress, can be interrupted, and go on from there.",
+        "Text for people by default, `--json` for programs.",
+        "Exit status 0 is success, 1 a check that failed, and 2 wrong use or bad input, told in one line.",
+        "Long commands show their progress, can be interrupted, and go on from there.",
     ]
     for path in _commands(typer.main.get_command(command_line), ()):
         lines += ["", f"## `{' '.join(('horizonval', *path))}`", "", "```text", _help(path), "```"]
@@ -131,6 +135,22 @@ def _api_page() -> str:
         lines += ["", f"## {name}", "", "```{eval-rst}", f".. auto{kind}:: horizonval.{name}"]
         lines += ["   :members:"] if kind == "class" else []
         lines.append("```")
+    return "\n".join(lines) + "\n"
+
+
+def _results_page() -> str:
+    lines = [
+        "# Table of results",
+        "",
+        "`results.parquet` of a run has one row for every image and estimator.",
+        "Columns marked optional are empty where they do not apply.",
+        "",
+        "| column | meaning | unit | type |",
+        "|---|---|---|---|",
+    ]
+    for column in COLUMNS:
+        kind = column.sql_type + (", optional" if column.optional else "")
+        lines.append(f"| `{column.name}` | {column.meaning} | {column.unit} | {kind} |")
     return "\n".join(lines) + "\n"
 
 
