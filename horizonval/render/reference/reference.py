@@ -31,7 +31,7 @@ LANES = 2**22
 """Most paths of one pass: bounds the memory and the time between two signs of life."""
 
 
-class Progress(Protocol):
+class PassProgress(Protocol):
     """What a render tells about itself."""
 
     def start(self, total: int, kept: int) -> None:
@@ -99,7 +99,7 @@ def render_reference(
     scene: SceneSpec,
     camera: CameraSpec,
     spp: int = DEFAULT_SPP,
-    progress: Progress | None = None,
+    progress: PassProgress | None = None,
 ) -> Frame:
     """Return the frame by Monte Carlo, with the map ``standard_error.<band>`` beside its radiance.
 
@@ -110,7 +110,7 @@ def render_reference(
     ----------
     spp : int
         Samples per pixel and spectral node, at least 2; rounded up to a multiple of the number of passes.
-    progress : Progress, optional
+    progress : PassProgress, optional
 
     Raises
     ------

@@ -15,7 +15,7 @@ from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import with_infrared_horizon
 
 if TYPE_CHECKING:
-    from horizonval.render.kernel.chunks import TableProgress
+    from horizonval.render.kernel.batching import TableProgress
 
 
 def render_frame(scene: SceneSpec, camera: CameraSpec, progress: TableProgress | None = None) -> Frame:
