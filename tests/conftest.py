@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import horizonval.render  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
+import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
 from horizonval.frame import DetectorImage, Frame, FrameTruth
 from horizonval.spec.sensor.camera import CameraSpec
 

@@ -46,7 +46,7 @@ def render(
         for target in targets:
             check_target(target)
         from horizonval.jobs.progress import Tables
-        from horizonval.render.scene.frame import render_frame
+        from horizonval.renderer.scene.frame import render_frame
 
         for case, target in zip(frames, targets, strict=True):
             start = time.perf_counter()
@@ -57,7 +57,7 @@ def render(
     spec, camera = load_scene(scene, head)
     check_target(out)
     from horizonval.jobs.progress import Terminal
-    from horizonval.render.reference.reference import (
+    from horizonval.renderer.reference.reference import (
         DEFAULT_SPP,
         HOLDS,
         LEAVES_OUT,
@@ -91,7 +91,7 @@ def mitsuba(
 
     spec, camera = load_scene(scene, head)
     check_folder(out)
-    from horizonval.render.reference.export import export_scene
+    from horizonval.renderer.reference.export import export_scene
 
     for path in export_scene(spec, camera, out):
         print(f"{path}: {path.stat().st_size / 1e3:.1f} kB")
@@ -125,12 +125,12 @@ def radiance(
     model = file_model(file, thermal=thermal, refracted=str(path) if refraction else "")
     values: dict[str, Any] = {band.name: [] for band in file.bands}
     if table.rows:
-        from horizonval.render.plugin.backend import activate
+        from horizonval.renderer.plugin.backend import activate
 
         activate()
         from horizonval.jobs.progress import Tables
-        from horizonval.render.kernel.radiance import radiance_along_rays
-        from horizonval.render.scattering.multiple_scattering import FINE
+        from horizonval.renderer.kernel.radiance import radiance_along_rays
+        from horizonval.renderer.scattering.multiple_scattering import FINE
 
         scattering = FINE if orders == "all" else None
         with Tables() as progress:

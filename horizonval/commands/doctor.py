@@ -26,8 +26,8 @@ LLVM_HELP = {
 def examine() -> dict[str, Any]:
     """Return what is found, as plain data: ``facts`` (label, text), ``problems`` (text, fix), ``can_render``."""
     from horizonval.jobs.pool import available_cpus
-    from horizonval.render.cache import cache_folder
-    from horizonval.render.plugin.backend import probe
+    from horizonval.renderer.cache import cache_folder
+    from horizonval.renderer.plugin.backend import probe
 
     facts: list[tuple[str, str]] = [
         ("Python", f"{platform.python_version()} ({sys.executable})"),

@@ -102,7 +102,7 @@ def _panel(band: Band, frame: Frame) -> ThermalPanel:
 
 def _render(scene: SceneSpec, camera: CameraSpec) -> Frame:
     # Only here: the list of scenes is asked for without a renderer.
-    from horizonval.render.scene.frame import render_frame
+    from horizonval.renderer.scene.frame import render_frame
 
     return render_frame(scene, camera)
 

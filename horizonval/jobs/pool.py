@@ -125,7 +125,7 @@ def _start_worker(threads: int) -> None:
     """Prepare a worker: die with the parent, and share the processors."""
     import cv2
 
-    from horizonval.render.plugin.backend import activate
+    from horizonval.renderer.plugin.backend import activate
 
     threading.Thread(target=_die_with_parent, daemon=True).start()
     cv2.setNumThreads(threads)

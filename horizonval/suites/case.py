@@ -277,7 +277,7 @@ def _frame(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> tuple
 
     Where everything is kept it is stored at once, so that a run that is cut off has it.
     """
-    from horizonval.render.scene.frame import render_frame
+    from horizonval.renderer.scene.frame import render_frame
 
     store, pointer_path = Store(folder.archive), folder.frame_pointer(case.name)
     identity = frame_identity(case)

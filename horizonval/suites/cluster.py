@@ -80,7 +80,7 @@ def _prepared(work: Callable[[Unit], T], unit: Unit) -> T:
     if not _ready:
         import cv2
 
-        from horizonval.render.plugin.backend import activate
+        from horizonval.renderer.plugin.backend import activate
 
         cv2.setNumThreads(1)
         activate(1)

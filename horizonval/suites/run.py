@@ -199,7 +199,7 @@ def _run_units(
     seconds: dict[str, dict[str, float]],
 ) -> dict[str, Brief]:
     """Make what is missing of the units and return what became of all; the times that it took go into ``seconds``."""
-    from horizonval.render.plugin.backend import probe
+    from horizonval.renderer.plugin.backend import probe
 
     briefs: dict[str, Brief] = {}
     missing = []

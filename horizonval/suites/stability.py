@@ -82,7 +82,7 @@ def run_stability(spec: StabilitySpec, folder: RunFolder, workers: int, progress
     UserError
         No back-end to march with.
     """
-    from horizonval.render.plugin.backend import probe
+    from horizonval.renderer.plugin.backend import probe
 
     cases = cases_of(spec)
     done = {case.key: found for case in cases if (found := _finished(case, folder)) is not None}

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from horizonval.render.plugin.backend import activate
-from horizonval.render.scene.frame import render_frame
+from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.scene.frame import render_frame
 from horizonval.sensor.observe import observe
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec

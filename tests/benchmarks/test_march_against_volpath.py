@@ -16,7 +16,7 @@ from peak_memory import run_apart
 
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.geometry.camera import Camera
-from horizonval.render.plugin.backend import activate
+from horizonval.renderer.plugin.backend import activate
 
 RADIUS_M, TOP_M, SCALE_HEIGHT_M, DEPTH = 6_371_000.0, 100_000.0, 8000.0, 0.1
 ALTITUDE_M, FIELD_DEG, ALBEDO = 500_000.0, 4.0, 0.3
@@ -28,8 +28,8 @@ SUN = np.array([0.6, 0.0, 0.8])
 
 def _scene(pixels: int) -> tuple[OpticalModel, Any, Camera]:
     """Return the air, where everything is, and a camera with its boresight at the limb."""
-    from horizonval.render.planet import Planet
-    from horizonval.render.reference.reference_scene import Placement
+    from horizonval.renderer.planet import Planet
+    from horizonval.renderer.reference.reference_scene import Placement
 
     z = np.linspace(0.0, TOP_M, 1001)
     k = DEPTH / SCALE_HEIGHT_M * np.exp(-z / SCALE_HEIGHT_M)
@@ -64,8 +64,8 @@ def _ours(pixels: int, nodes: int) -> tuple[np.ndarray, float]:
     activate()
     import mitsuba as mi
 
-    from horizonval.render.plugin.camera_plugin import camera_properties
-    from horizonval.render.plugin.integrator import limb_properties
+    from horizonval.renderer.plugin.camera_plugin import camera_properties
+    from horizonval.renderer.plugin.integrator import limb_properties
 
     model, place, camera = _scene(pixels)
     scene = mi.load_dict(
@@ -87,7 +87,7 @@ def _volpath(pixels: int, spp: int, orders: int) -> tuple[np.ndarray, np.ndarray
     activate()
     import mitsuba as mi
 
-    from horizonval.render.reference.reference_scene import perspective, reference_scene, shell_volumes
+    from horizonval.renderer.reference.reference_scene import perspective, reference_scene, shell_volumes
 
     model, place, camera = _scene(pixels)
     volume = shell_volumes(model, place)

@@ -7,8 +7,8 @@ import time
 import pytest
 from peak_memory import run_apart
 
-from horizonval.render.plugin.backend import activate
-from horizonval.render.scene.frame import render_frame
+from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 

@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from horizonval.render.plugin.backend import activate
-from horizonval.render.scene.frame import render_frame
+from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 

@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter1d
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.optical import optical_model
 from horizonval.estimation.limb.model.sunlit import TABLE
-from horizonval.render.plugin.backend import activate
+from horizonval.renderer.plugin.backend import activate
 from horizonval.spec.load import load_camera, load_suite
 
 RADIUS_M = 6371008.8
@@ -40,8 +40,8 @@ NODES = 192
 
 def profiles(model, altitude_km: float) -> tuple[FloatArray, list[FloatArray]]:
     """Return the band's radiance, shape (zenith, azimuth, tangent height), and that of its first and last node."""
-    from horizonval.render.kernel.radiance import radiance_along_rays
-    from horizonval.render.scattering.multiple_scattering import STANDARD
+    from horizonval.renderer.kernel.radiance import radiance_along_rays
+    from horizonval.renderer.scattering.multiple_scattering import STANDARD
 
     distance = RADIUS_M + altitude_km * 1e3
     off = np.arcsin((RADIUS_M + TANGENT_KM * 1e3) / distance)

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from horizonval.earth.optical import optical_model
 from horizonval.frame import Frame
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
-from horizonval.render.scene.emission import NODES, thermal_radiance
-from horizonval.render.scene.frame import render_frame
+from horizonval.renderer.scene.emission import NODES, thermal_radiance
+from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import horizonval.render  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
+import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.profiles import profile
@@ -19,7 +19,7 @@ from horizonval.frame import Frame, Hit
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
 from horizonval.geometry.ellipsoid import geodetic_from_itrs
 from horizonval.geometry.frames import inverse, rotate
-from horizonval.render.scene.frame import render_frame
+from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.load import deep_merge, load_scene
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec

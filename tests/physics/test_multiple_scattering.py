@@ -15,16 +15,16 @@ import pytest
 
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere
 from horizonval.earth.column import OpticalModel
-from horizonval.render.plugin.backend import activate
+from horizonval.renderer.plugin.backend import activate
 
 activate()
 
-from horizonval.render.kernel import batching  # noqa: E402
-from horizonval.render.kernel.radiance import radiance_along_rays  # noqa: E402
-from horizonval.render.planet import Planet  # noqa: E402
-from horizonval.render.scattering import multiple_scattering  # noqa: E402
-from horizonval.render.scattering.multiple_scattering import FINE, STANDARD, DiffuseField, Quality, solve  # noqa: E402
-from horizonval.render.tables import AltitudeGrid, SunTable  # noqa: E402
+from horizonval.renderer.kernel import batching  # noqa: E402
+from horizonval.renderer.kernel.radiance import radiance_along_rays  # noqa: E402
+from horizonval.renderer.planet import Planet  # noqa: E402
+from horizonval.renderer.scattering import multiple_scattering  # noqa: E402
+from horizonval.renderer.scattering.multiple_scattering import FINE, STANDARD, DiffuseField, Quality, solve  # noqa: E402
+from horizonval.renderer.tables import AltitudeGrid, SunTable  # noqa: E402
 
 DATA = Path(__file__).parents[1] / "data"
 RADIUS_M = 6371e3

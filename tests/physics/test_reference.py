@@ -18,9 +18,9 @@ import pytest
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere
 from horizonval.frame import Frame, Hit
 from horizonval.geometry.camera import Camera
-from horizonval.render.plugin.backend import activate
-from horizonval.render.reference.reference import placement, render_reference
-from horizonval.render.scene.frame import describe, render_frame
+from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.reference.reference import placement, render_reference
+from horizonval.renderer.scene.frame import describe, render_frame
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
@@ -101,8 +101,8 @@ def test_particles_of_changing_asymmetry_equal_stock_mitsuba() -> None:
     described = describe(scene, camera)
     import mitsuba as mi
 
-    from horizonval.render.plugin.integrator import limb_properties
-    from horizonval.render.reference import reference_scene as stock
+    from horizonval.renderer.plugin.integrator import limb_properties
+    from horizonval.renderer.reference import reference_scene as stock
 
     clear = described.model.nodes[0]
     z = described.model.altitude_m
@@ -135,8 +135,8 @@ def test_all_orders_equal_an_independent_monte_carlo() -> None:
     activate()
     import mitsuba as mi
 
-    from horizonval.render.planet import Planet
-    from horizonval.render.reference import reference_scene as stock
+    from horizonval.renderer.planet import Planet
+    from horizonval.renderer.reference import reference_scene as stock
 
     atmosphere = read_atmosphere(DATA / "atm_rayleigh.json")
     model = file_model(atmosphere, thermal=False)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from horizonval.frame import Hit
-from horizonval.render.scene.frame import render_frame
+from horizonval.renderer.scene.frame import render_frame
 from horizonval.sensor.observe import observe
 from horizonval.spec.files import shipped_names
 from horizonval.spec.load import load_camera

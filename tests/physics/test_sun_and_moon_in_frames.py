@@ -17,8 +17,8 @@ from horizonval.frame import Frame, Hit
 from horizonval.geometry.camera import Camera, camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.ephemeris import AU_M, sun_itrs, sun_visible_fraction
-from horizonval.render.plugin.backend import activate
-from horizonval.render.scene.frame import render_frame
+from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import moon_place
@@ -236,8 +236,8 @@ RADIUS_M, LAYER_M = 6_371_000.0, 95_000.0
 
 def _thin_layer(mi: Any) -> tuple[Any, OpticalModel]:
     """A layer 3 km thick at 95 km in empty space: a batch that glows, unit column."""
-    from horizonval.render.kernel.batching import RAY_TABLE, make_batches
-    from horizonval.render.planet import Planet
+    from horizonval.renderer.kernel.batching import RAY_TABLE, make_batches
+    from horizonval.renderer.planet import Planet
 
     z = np.arange(0.0, 120_001.0, 100.0)
     shape = airglow.Layer(LAYER_M, 3e3, (0.55,), (1.0,)).profile_per_m(z)
@@ -249,8 +249,8 @@ def _thin_layer(mi: Any) -> tuple[Any, OpticalModel]:
 
 
 def _along(mi: Any, batch: Any, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    from horizonval.render.kernel.march import march
-    from horizonval.render.planet import Planet
+    from horizonval.renderer.kernel.march import march
+    from horizonval.renderer.planet import Planet
 
     o, d = (tuple(mi.Float64(np.ascontiguousarray(a[:, k])) for k in range(3)) for a in (origin, direction))
     up = (mi.Float64(0.0), mi.Float64(0.0), mi.Float64(1.0))
@@ -357,7 +357,7 @@ def test_a_sunlit_scene_has_nothing_of_the_night(mi: Any) -> None:
 
 
 def test_leaving_out_the_set_sun_changes_nothing(mi: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    import horizonval.render.scene.description as module
+    import horizonval.renderer.scene.description as module
 
     scene = _night(sun={"zenith_deg": 136.0, "azimuth_deg": 90.0}, moon={"zenith_deg": 40.0})
     camera = _camera({"width": 48, "height": 36, "fov_deg": 60.0})

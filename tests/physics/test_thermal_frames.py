@@ -14,9 +14,9 @@ from scipy.integrate import quad
 from thermal_model import limb_rays, model_of
 
 from horizonval.frame import Frame
-from horizonval.render.plugin.backend import activate
-from horizonval.render.scene.emission import thermal_radiance
-from horizonval.render.scene.frame import render_frame
+from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.scene.emission import thermal_radiance
+from horizonval.renderer.scene.frame import render_frame
 
 BY_LATITUDE = {"profile": "by_latitude_month", "month": 2}
 # name: scene, camera. Each looks across the limb, from the ground up to space.

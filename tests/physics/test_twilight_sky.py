@@ -9,7 +9,7 @@ import pytest
 
 from horizonval.earth.spectral import bands
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, pixel_solid_angle, unproject
-from horizonval.render.scene.frame import render_frame
+from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
@@ -76,8 +76,8 @@ def test_illuminance_of_twilight(sun_depression_deg, published_lx, factor):
 def test_the_stations_sky_is_what_the_ray_integrator_gives():
     from horizonval.earth.optical import optical_model
     from horizonval.geometry.ephemeris import AU_M, sun_itrs
-    from horizonval.render.kernel.radiance import radiance_along_rays
-    from horizonval.render.scattering.multiple_scattering import STANDARD
+    from horizonval.renderer.kernel.radiance import radiance_along_rays
+    from horizonval.renderer.scattering.multiple_scattering import STANDARD
     from horizonval.systems.e.ground.ground_camera import tracker
     from horizonval.systems.e.ground.sky import render_sky, sky_scene
     from horizonval.systems.e.orbit.stations import Station, enu_directions

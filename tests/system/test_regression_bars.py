@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-import horizonval.render  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
+import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
 from horizonval.core.outcome import Outcome
 from horizonval.estimation import registry
 from horizonval.estimation.observation import NoFit
@@ -50,7 +50,7 @@ def base():
 @pytest.fixture(scope="module")
 def rendered(suite):
     """Frames of every fourth scene of those whose radiance is gated."""
-    from horizonval.render.scene.frame import render_frame
+    from horizonval.renderer.scene.frame import render_frame
 
     chosen = [case for case in suite.cases if suite.tables[case.name] in ("day", "infrared")][::EVERY]
     return {case.name: (case, render_frame(case.scene, case.camera)) for case in chosen}
@@ -160,7 +160,7 @@ def test_half_a_pixel_is_caught(suite, base, rendered):
 
 
 def test_a_wrong_sign_of_k1_is_caught(suite, base, rendered):
-    from horizonval.render.scene.frame import render_frame
+    from horizonval.renderer.scene.frame import render_frame
 
     lensed = {name: pair for name, pair in rendered.items() if suite.tables[name] == "day"}
 

@@ -14,7 +14,7 @@ PACKAGE = Path(horizonval.__file__).parent
 
 ROOMS = [
     "cli", "commands", "systems", "studies", "suites", "stability", "report", "jobs", "scoring", "store", "sensor",
-    "render", "estimation", "truth", "frame", "earth", "geometry", "spec", "core",
+    "renderer", "estimation", "truth", "frame", "earth", "geometry", "spec", "core",
 ]  # fmt: skip
 """From top to bottom. A room may import any room that stands later in this list."""
 

@@ -19,7 +19,7 @@ PACKAGES = (
 
 def environment() -> dict[str, Any]:
     """Return version, commit, packages, renderer and processor as plain data."""
-    from horizonval.render.plugin.backend import probe
+    from horizonval.renderer.plugin.backend import probe
 
     chosen = probe().chosen
     return {

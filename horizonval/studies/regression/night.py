@@ -87,7 +87,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None) -> Plain:
         A mistake in the suite or the baseline's files, no ``[regression]`` table, a folder in which another night runs,
         or no back-end to render with.
     """
-    from horizonval.render.plugin.backend import probe
+    from horizonval.renderer.plugin.backend import probe
     from horizonval.studies.regression.page import write_page
 
     suite = load_suite(wanted.suite)

@@ -114,7 +114,7 @@ def render_scene(
 
 
 def _renderer() -> Render:
-    from horizonval.render.scene.frame import render_frame
+    from horizonval.renderer.scene.frame import render_frame
 
     return render_frame
 

@@ -24,7 +24,7 @@ from horizonval.estimation.observation import Fit, NoFit, Observation
 from horizonval.frame import Frame
 from horizonval.geometry.camera import Camera, camera_from_spec, project
 from horizonval.geometry.frames import nadir_of_roll_pitch
-from horizonval.render.scene.frame import render_frame
+from horizonval.renderer.scene.frame import render_frame
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec

@@ -52,7 +52,7 @@ FRAMES: dict[str, Plain] = {
 
 def against_oracle(item: Plain) -> Plain:
     """Render one frame; return the oracle's departure from its truth and each image estimator's from both [rad]."""
-    from horizonval.render.scene.frame import render_frame
+    from horizonval.renderer.scene.frame import render_frame
     from horizonval.sensor.observe import observe
 
     camera = load_camera(item["camera"])

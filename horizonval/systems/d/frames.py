@@ -109,7 +109,7 @@ def head_scene(item: Plain, head: str) -> SceneSpec:
 
 def head_frames(item: Plain, camera: CameraSpec, heads: tuple[str, ...] = ()) -> dict[str, Frame]:
     """Return the frames of some heads, or of all, at one attitude, by the heads' names."""
-    from horizonval.render.scene.frame import render_frame
+    from horizonval.renderer.scene.frame import render_frame
 
     names = heads or tuple(head.name for head in camera.head)
     return {name: render_frame(head_scene(item, name), camera) for name in names}

@@ -2,7 +2,7 @@
 
 A horizon sensor in a thermal band does not see the hard horizon. It sees the limb of the air, whose height follows from
 the temperature and the gases there. This room integrates the limb radiance along exact rays and finds that height;
-:mod:`horizonval.render` draws the frame by other means.
+:mod:`horizonval.renderer` draws the frame by other means.
 
 Clear sky: clouds are left out. They lie below the horizon of the opaque bands; that of a window band they lift to their
 tops. Light is taken as straight, as in all truths; refraction lifts the horizon of a window band by up to 1 km, that of

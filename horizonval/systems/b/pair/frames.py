@@ -22,7 +22,7 @@ from horizonval.geometry.camera import camera_from_spec, project, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.horizon import horizon_cam
-from horizonval.render.scene.frame import render_frame
+from horizonval.renderer.scene.frame import render_frame
 from horizonval.scoring.errors import angle_between, score
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import load_camera

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import Camera
-from horizonval.render.reference.reference_scene import pinhole
+from horizonval.renderer.reference.reference_scene import pinhole
 from horizonval.systems.b.rig.bench import Pose
 from horizonval.systems.b.rig.panel import Panel
 

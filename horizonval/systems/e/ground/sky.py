@@ -19,7 +19,7 @@ from scipy.interpolate import RectBivariateSpline
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import camera_from_spec, project
 from horizonval.geometry.frames import rotate
-from horizonval.render.scene.frame import render_frame
+from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.systems.e.orbit.stations import Station

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-import horizonval.render  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
+import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
 from horizonval.estimation import registry
 from horizonval.frame import Frame, FrameTruth
 from horizonval.spec.load import Case, Suite
@@ -155,7 +155,7 @@ def plainly(name: str, observation: Any) -> Any:
 @pytest.fixture(scope="session")
 def night(tmp_path_factory) -> Night:
     """Render and estimate the tiny suite once."""
-    from horizonval.render.scene.frame import render_frame
+    from horizonval.renderer.scene.frame import render_frame
 
     path = tmp_path_factory.mktemp("tiny") / "tiny.toml"
     path.write_text(SUITE, encoding="utf-8")

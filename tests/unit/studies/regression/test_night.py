@@ -44,7 +44,7 @@ def first(here, night, tmp_path_factory):
     known = dict(night.frames)
 
     def render(scene, camera):
-        from horizonval.render.scene.frame import render_frame
+        from horizonval.renderer.scene.frame import render_frame
 
         name = scene.scene.name
         seeded = scene.scene.seed == 3

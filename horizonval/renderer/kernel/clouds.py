@@ -1,0 +1,174 @@
+"""Cloud tops inside the renderer: a table of the relief as seen from above, and where rays meet it.
+
+The table is an equal-area map (Lambert) of everything in sight around the point below the camera, made by the same
+arithmetic as :mod:`horizonval.earth.atmosphere.clouds`; between its nodes the relief is bilinear. At 500 km a node
+stands for 1.9 km, at 36 000 km for 6 km.
+
+A ray is searched from where it enters the layer of the tops to where it leaves it or meets the ground, in steps of
+half a table node; the crossing between the last step outside and the first inside is bisected to 1e-3 of a step. Peaks
+narrower than a step may be missed where a ray grazes them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from horizonval.earth.atmosphere import clouds
+from horizonval.earth.atmosphere.clouds import BASE_M, CloudField
+from horizonval.renderer.planet import Planet, along, dot
+from horizonval.renderer.types import Vec, constant, constant_vector
+
+TABLE_SIDE = 3072
+BISECTIONS = 10
+NARROWEST_STEP_M = 250.0
+_KEPT_TABLES = 2
+_Key: TypeAlias = tuple[CloudField, Planet, tuple[float, float, float], str | None]
+_tables: OrderedDict[_Key, CloudTable] = OrderedDict()
+
+
+@dataclass(frozen=True)
+class CloudTable:
+    """Tops [m] over the globe around ``up``; ``axes`` are the map's x and y directions, ``per_unit`` nodes per unit."""
+
+    values: mi.Float32
+    axes: tuple[Vec, Vec]
+    up: Vec
+    per_unit: mi.Float64
+    step_m: mi.Float64
+    layer_m: float
+
+    def top(self, normal: Vec) -> mi.Float64:
+        """Return the relief [m] at unit normals: below BASE_M where there is no cloud."""
+        stretch = dr.sqrt(2.0 / dr.maximum(1.0 + dot(normal, self.up), 1e-6)) * self.per_unit
+        east, north = dot(normal, self.axes[0]), dot(normal, self.axes[1])
+        x, y = (dr.fma(c, stretch, 0.5 * (TABLE_SIDE - 1)) for c in (east, north))
+        x, y = (dr.clip(c, 0.0, TABLE_SIDE - 1.001) for c in (x, y))
+        i, j = mi.UInt32(x), mi.UInt32(y)
+        wx, wy = x - mi.Float64(i), y - mi.Float64(j)
+        row = j * TABLE_SIDE + i
+        v00, v10, v01, v11 = (
+            mi.Float64(dr.gather(mi.Float32, self.values, row + k)) for k in (0, 1, TABLE_SIDE, TABLE_SIDE + 1)
+        )
+        low, high = dr.fma(v10 - v00, wx, v00), dr.fma(v11 - v01, wx, v01)
+        return dr.fma(high - low, wy, low)
+
+
+def cloud_table(field: CloudField, planet: Planet, origin: tuple[float, float, float]) -> CloudTable:
+    """Return the relief around the point below a camera; those of the last few cameras stay."""
+    key = (field, planet, origin, mi.variant())
+    if key not in _tables:
+        _tables[key] = _make_table(field, planet, origin)
+        if len(_tables) > _KEPT_TABLES:
+            _tables.popitem(last=False)
+    _tables.move_to_end(key)
+    return _tables[key]
+
+
+def _make_table(field: CloudField, planet: Planet, origin: tuple[float, float, float]) -> CloudTable:
+    r = math.sqrt(sum(v * v for v in origin))
+    up = np.array(origin) / r
+    x_axis = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    x_axis /= np.linalg.norm(x_axis)
+    y_axis = np.cross(up, x_axis)
+    radius = min(planet.a_m, planet.b_m)
+    # a ray that just clears the ground may meet a top beyond the horizon; 1 deg for the ellipsoid's normals
+    reach = math.acos(min(radius / r, 1.0)) + math.acos(radius / (radius + field.top_m)) + math.radians(1.0)
+    half = 2.0 * math.sin(0.5 * min(reach, math.pi))
+    per_unit = 0.5 * (TABLE_SIDE - 1) / half
+    east, north, vertical = (constant_vector(w) for w in (x_axis, y_axis, up))
+    node = dr.arange(mi.UInt32, TABLE_SIDE * TABLE_SIDE)
+    x = (mi.Float64(node % TABLE_SIDE) - 0.5 * (TABLE_SIDE - 1)) / constant(per_unit)
+    y = (mi.Float64(node // TABLE_SIDE) - 0.5 * (TABLE_SIDE - 1)) / constant(per_unit)
+    rho2 = dr.minimum(x * x + y * y, 4.0)
+    shrink, rise = dr.sqrt(1.0 - 0.25 * rho2), 1.0 - 0.5 * rho2
+    u, v, w = (x * shrink * e1 + y * shrink * e2 + rise * e3 for e1, e2, e3 in zip(east, north, vertical, strict=True))
+    values = mi.Float32(relief(field, (u, v, w)))
+    dr.eval(values)
+    step_m = max(0.5 * radius / per_unit, NARROWEST_STEP_M)
+    return CloudTable(values, (east, north), vertical, constant(per_unit), constant(step_m), field.top_m)
+
+
+def relief(field: CloudField, normal: Vec) -> mi.Float64:
+    """Return :func:`horizonval.earth.atmosphere.clouds.top_m` at unit normals."""
+
+    def split(v: mi.Float64) -> tuple[mi.UInt32, mi.Float64]:
+        whole = mi.UInt32(v)
+        return whole, v - mi.Float64(whole)
+
+    lowest, highest, rank = clouds.rank_table(field)
+    table = mi.Float64(np.array(rank))
+    step = (clouds.noise(normal, field, split, mi.Float64) - lowest) * (clouds.RANK_STEPS / (highest - lowest))
+    step = dr.clip(step, 0.0, float(clouds.RANK_STEPS))
+    i = dr.minimum(mi.UInt32(step), clouds.RANK_STEPS - 1)
+    low, high = dr.gather(mi.Float64, table, i), dr.gather(mi.Float64, table, i + 1)
+    s = (dr.fma(high - low, step - mi.Float64(i), low) - (1.0 - field.cover)) / field.cover
+    risen = dr.exp(dr.log(dr.maximum(s, 1e-12)) * field.exponent)
+    return BASE_M + (_ceiling(field, normal) - BASE_M) * dr.select(s > 0.0, risen, s)
+
+
+def brightness(field: CloudField, planet: Planet, p: Vec) -> mi.Float64:
+    """Return the albedo of tops at points on them, over that of the highest."""
+    height, normal = planet.height_and_normal(p)
+    risen = dr.clip((height - BASE_M) / (_ceiling(field, normal) - BASE_M), 0.0, 1.0)
+    return clouds.BASE_BRIGHTNESS + (1.0 - clouds.BASE_BRIGHTNESS) * risen
+
+
+def _ceiling(field: CloudField, normal: Vec) -> mi.Float64:
+    latitude = dr.abs(dr.rad2deg(dr.asin(dr.clip(normal[2], -1.0, 1.0))))
+    middle = 0.5 * (clouds.TROPICAL_TROPOPAUSE_M + clouds.POLAR_TROPOPAUSE_M)
+    half = 0.5 * (clouds.TROPICAL_TROPOPAUSE_M - clouds.POLAR_TROPOPAUSE_M)
+    return dr.minimum(field.top_m, middle - half * dr.tanh((latitude - 40.0) / 10.0))
+
+
+def first_cloud(table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bool) -> tuple[mi.Bool, mi.Float64]:
+    """Return ``(hit, t)``: whether rays meet a cloud, and at what parameter.
+
+    ``to_ground``: the rays meet the ground, and nothing beyond it counts.
+    """
+    mid, half, meets = planet.chord(o, d, table.layer_m)
+    start, end = dr.maximum(mid - half, 0.0), mid + half
+    if to_ground:
+        ground_mid, ground_half, _ = planet.chord(o, d)
+        end = dr.minimum(end, ground_mid - ground_half)
+    meets &= end > start
+    count = dr.ceil((end - start) / table.step_m)
+
+    def inside(t: mi.Float64) -> mi.Bool:
+        height, normal = planet.height_and_normal(along(o, d, t))
+        top = table.top(normal)
+        return (top > BASE_M) & (height <= top)
+
+    def advance(i: mi.Float64, hit: mi.Bool, going: mi.Bool) -> tuple[mi.Float64, mi.Bool, mi.Bool]:
+        hit = inside(dr.minimum(dr.fma(i, table.step_m, start), end))
+        following = dr.select(hit, i, i + 1.0)
+        return following, hit, ~hit & (following <= count)
+
+    index, hit, _ = dr.while_loop(
+        (0.0 * start, meets & ~meets, dr.copy(meets)),
+        lambda i, hit, going: going,
+        advance,
+        labels=("i", "hit", "going"),
+        label="cloud search",
+    )
+
+    def halve(k: mi.UInt32, low: mi.Float64, high: mi.Float64) -> tuple[mi.UInt32, mi.Float64, mi.Float64]:
+        middle = 0.5 * (low + high)
+        covered = inside(middle)
+        return k + 1, dr.select(covered, low, middle), dr.select(covered, middle, high)
+
+    high = dr.minimum(dr.fma(index, table.step_m, start), end)
+    _, _, high = dr.while_loop(
+        (mi.UInt32(0), dr.maximum(dr.fma(index - 1.0, table.step_m, start), start), high),
+        lambda k, low, high: hit & (k < BISECTIONS),
+        halve,
+        labels=("k", "low", "high"),
+        label="cloud edge",
+    )
+    return hit, high

@@ -1,0 +1,288 @@
+r"""Sun and Moon as discs in a frame: how much of a disc's light falls into a cell, exact in energy.
+
+Seen in the plane that touches the celestial sphere at the disc's centre (gnomonic), the disc is a circle of radius
+:math:`\tan\alpha` and a cell is a quadrilateral. With that radius as unit, the share of the disc's light that comes
+from within a distance r of its centre is, for ``I(mu) = sum a_k mu^k`` and ``mu^2 = 1 - r^2``::
+
+    Q(r) = 1 - sum a_k mu^(k+2) / (k+2)  /  sum a_k / (k+2),        Q = 1 outside
+
+and by Green's theorem the share that falls into a cell is an integral along its outline::
+
+    q = 1/(2 pi) oint Q(r) dphi
+
+where phi is the position angle about the disc's centre. Parts of an edge outside the disc add ``Q = 1`` times the angle
+they subtend, in closed form; parts inside are a Gauss rule in a smooth integrand. Cells share edges and run through
+them in opposite directions, so the shares of all cells add up to 1 to the last few bits, however coarse cells or rule
+are. A pixel's radiance is the energy in it over the solid angle of the pixel, that of the polygon of its corners:
+summed over the frame, radiance times solid angle is the irradiance.
+
+Cells that are coarse against the disc, or against the air in front of it, are split into sub-cells, each with a ray of
+its own for the transmittance and its own part behind the Earth (see ``coverage``).
+
+The Moon has a phase: a sub-cell's share of the disc's area times the law of Lommel and Seeliger (mean of 16 points).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from horizonval.renderer.kernel.coverage import cell_coverage
+from horizonval.renderer.planet import dot
+from horizonval.renderer.types import Vec, indices_where
+
+SPLITS_PER_RADIUS = 6.0
+"""Sub-cells across the radius of a disc, at least; twice as many where the limb may cut it, four times on the Moon."""
+SPLIT_HEIGHT_M = 1500.0
+"""Size of a sub-cell at the limb, at most, for discs that are seen through the air."""
+MOST_SUB_CELLS = 2**19
+_X, _W = np.polynomial.legendre.leggauss(12)
+_POINTS = 4
+
+Direction: TypeAlias = "Callable[[mi.Float64, mi.Float64], Vec]"
+Limb: TypeAlias = "Callable[[mi.Float64, mi.Float64], mi.Float64]"
+
+
+@dataclass(frozen=True)
+class Disc:
+    """A disc in the sky: unit vector to its centre and angular radius, size-1 arrays.
+
+    ``light``: unit vector from the disc's body towards the Sun, for a body that is lit; None for one that shines.
+    """
+
+    direction: Vec
+    radius: mi.Float64
+    light: Vec | None = None
+
+
+@dataclass(frozen=True)
+class DiscCells:
+    """Sub-cells of a frame that hold light of a disc.
+
+    Attributes
+    ----------
+    cell : UInt32
+        Cells of the frame, each once.
+    sub : UInt32
+        Sub-cells with light; ``sub // splits^2`` is the place in ``cell``.
+    direction : Vec
+        Rays through the free part of each sub-cell, as the camera sees them.
+    corners : list of (x, y)
+        Of each sub-cell, in the disc's plane and radii.
+    free : Float64
+        Share of the sub-cell that is not behind the Earth, over the solid angle of a cell of its pixel [1/sr].
+    phase : Float64 or None
+        Radiance of each sub-cell over the disc's mean; None for a disc that shines by itself.
+    """
+
+    cell: mi.UInt32
+    sub: mi.UInt32
+    splits: int
+    direction: Vec
+    corners: list[tuple[mi.Float64, mi.Float64]]
+    free: mi.Float64
+    phase: mi.Float64 | None = None
+
+    @property
+    def count(self) -> int:
+        """Sub-cells to march through."""
+        return int(dr.width(self.sub)) if dr.width(self.cell) else 0
+
+    def radiance(self, irradiance: mi.Float64, darkening: Sequence[float], transmittance: mi.Float64) -> mi.Float64:
+        """Return what a disc of this irradiance adds to the radiance of every cell of ``cell``."""
+        value = irradiance * share_of_disc(self.corners, darkening) * self.free * transmittance
+        if self.phase is not None:
+            value = value * self.phase
+        full = dr.zeros(mi.Float64, dr.width(self.cell) * self.splits**2)
+        dr.scatter(full, value, self.sub, mode=dr.ReduceMode.NoConflicts)
+        dr.eval(full)
+        return dr.block_sum(full, self.splits**2)
+
+
+def share_of_disc(corners: list[tuple[mi.Float64, mi.Float64]], darkening: Sequence[float]) -> mi.Float64:
+    """Return the share of a disc's light inside polygons; corners in radii of the disc, from its centre."""
+    terms = [a / (k + 2.0) for k, a in enumerate(darkening)]
+    total = sum(terms)
+    terms = [t / total for t in terms]
+
+    def within(r2: mi.Float64) -> mi.Float64:
+        """Return Q(r)."""
+        mu2 = dr.maximum(1.0 - r2, 0.0)
+        mu = dr.sqrt(mu2)
+        outer = mi.Float64(0.0)
+        for t in reversed(terms):
+            outer = outer * mu + t
+        return 1.0 - outer * mu2
+
+    winding = mi.Float64(0.0)
+    for (x0, y0), (x1, y1) in zip(corners, corners[1:] + corners[:1], strict=True):
+        dx, dy = x1 - x0, y1 - y0
+        scale = dr.rsqrt(dr.maximum(dx * dx + dy * dy, 1e-300))
+        tx, ty = dx * scale, dy * scale
+        h = x0 * ty - y0 * tx
+        s0, s1 = x0 * tx + y0 * ty, x1 * tx + y1 * ty
+        half = dr.sqrt(dr.maximum(1.0 - h * h, 0.0))
+        a, b = dr.clip(-half, s0, s1), dr.clip(half, s0, s1)
+        reach = dr.abs(h)
+        outside = (dr.atan2(a, reach) - dr.atan2(s0, reach)) + (dr.atan2(s1, reach) - dr.atan2(b, reach))
+        inside = mi.Float64(0.0)
+        for node, weight in zip(_X, _W, strict=True):
+            s = 0.5 * (a + b) + 0.5 * (b - a) * float(node)
+            r2 = dr.maximum(h * h + s * s, 1e-24)
+            inside = inside + float(weight) * within(r2) / r2
+        winding = winding + dr.sign(h) * outside + h * 0.5 * (b - a) * inside
+    return dr.abs(winding) * (0.5 / math.pi)
+
+
+def disc_cells(
+    disc: Disc,
+    cell: mi.UInt32,
+    centre: tuple[mi.Float64, mi.Float64],
+    pixel: tuple[mi.Float64, mi.Float64],
+    subsamples: int,
+    seen: Direction,
+    limb: Limb,
+    height_rad: float | None,
+    through: Direction | None = None,
+) -> DiscCells:
+    """Return the sub-cells of some cells of a frame that hold light of a disc.
+
+    Parameters
+    ----------
+    disc : Disc
+    cell : UInt32
+        Cells that may touch the disc, each once.
+    centre, pixel : (column, row)
+        Of the cells' centres and of the centres of their pixels.
+    subsamples : int
+        Cells per pixel and axis.
+    seen : callable
+        Direction of the ray through pixel coordinates, at the camera.
+    limb : callable
+        Smooth function of pixel coordinates, positive where a ray ends on the Earth.
+    height_rad : float or None
+        Angle under which the camera sees :data:`SPLIT_HEIGHT_M` at the limb; None where no air is in front.
+    through : callable, optional
+        Direction that the ray through pixel coordinates has outside the air, where the disc is. Default: ``seen``.
+        Radiance is kept along a bent ray, so that nothing else depends on it.
+    """
+    through = through or seen
+    size = 1.0 / subsamples
+    middle, side = through(*centre), through(centre[0] + size, centre[1])
+    width = math.sqrt(float(dr.max(_gap(middle, side))[0]))
+    finest = float(disc.radius[0]) / (SPLITS_PER_RADIUS if disc.light is None else 4.0 * SPLITS_PER_RADIUS)
+    if height_rad is not None:
+        finest = min(float(disc.radius[0]) / (2.0 * SPLITS_PER_RADIUS), finest, height_rad)
+    splits = max(1, min(math.ceil(width / finest), math.isqrt(MOST_SUB_CELLS // dr.width(cell))))
+    # data, not constants: frames share compiled kernels whatever their splitting
+    parts, across = dr.opaque(mi.UInt32, splits**2, 1), dr.opaque(mi.UInt32, splits, 1)
+    small = dr.opaque(mi.Float64, size / splits, 1)
+    e1, e2 = _axes(disc.direction)
+    tangent = dr.tan(disc.radius)
+
+    def on_disc(x: mi.Float64, y: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
+        d = through(x, y)
+        scale = dr.rcp(dr.maximum(dot(d, disc.direction), 1e-3) * tangent)
+        return dot(d, e1) * scale, dot(d, e2) * scale
+
+    sub = dr.arange(mi.UInt32, dr.width(cell) * splits**2)
+
+    def centre_of(index: mi.UInt32) -> tuple[mi.Float64, mi.Float64]:
+        owner, part = index // parts, index % parts
+        u = dr.gather(mi.Float64, centre[0], owner) + (mi.Float64(part % across) + 0.5) * small - 0.5 * size
+        v = dr.gather(mi.Float64, centre[1], owner) + (mi.Float64(part // across) + 0.5) * small - 0.5 * size
+        return u, v
+
+    def corners(u: mi.Float64, v: mi.Float64) -> list[tuple[mi.Float64, mi.Float64]]:
+        h = 0.5 * small
+        return [on_disc(u + i * h, v + j * h) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+
+    sub = indices_where(share_of_disc(corners(*centre_of(sub)), (1.0,)) > 0.0)
+    if not dr.width(sub):
+        none = mi.Float64()
+        return DiscCells(cell, sub, splits, (none, none, none), [], mi.Float64(0.0))
+    u, v = centre_of(sub)
+    covered, du, dv = cell_coverage(limb, u, v, small)
+    owner = sub // parts
+    column, line = (dr.gather(mi.Float64, w, owner) for w in pixel)
+    solid_angle = _solid_angle(seen, column, line) / subsamples**2
+    # through the middle of the part that is seen: away from the Earth where the limb cuts the sub-cell
+    move = 0.5 * small * covered
+    result = DiscCells(
+        cell,
+        sub,
+        splits,
+        seen(u - move * du, v - move * dv),
+        corners(u, v),
+        (1.0 - covered) / solid_angle,
+        None if disc.light is None else _phase(disc, on_disc, (e1, e2), u, v, small),
+    )
+    dr.eval(result.direction, result.corners, result.free)
+    return result
+
+
+def _solid_angle(seen: Direction, u: mi.Float64, v: mi.Float64) -> mi.Float64:
+    """Return the solid angle of pixels: the two spherical triangles of the corners (Van Oosterom and Strackee 1983)."""
+    a, b, c, d = (seen(u + i * 0.5, v + j * 0.5) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+
+    def triangle(p: Vec, q: Vec, r: Vec) -> mi.Float64:
+        # differences of neighbours: the plain triple product of near vectors would cancel
+        s, t = tuple(x - y for x, y in zip(q, p, strict=True)), tuple(x - y for x, y in zip(r, p, strict=True))
+        cross = (s[1] * t[2] - s[2] * t[1], s[2] * t[0] - s[0] * t[2], s[0] * t[1] - s[1] * t[0])
+        return 2.0 * dr.atan2(dr.abs(dot(p, cross)), 1.0 + dot(p, q) + dot(q, r) + dot(r, p))
+
+    return triangle(a, b, c) + triangle(a, c, d)
+
+
+def _phase(
+    disc: Disc,
+    on_disc: Callable[[mi.Float64, mi.Float64], tuple[mi.Float64, mi.Float64]],
+    axes: tuple[Vec, Vec],
+    u: mi.Float64,
+    v: mi.Float64,
+    size: mi.Float64,
+) -> mi.Float64:
+    """Return the mean of ``mu0 / (mu0 + mu)`` in sub-cells over that of the whole disc, at most at its edge."""
+    assert disc.light is not None
+    to_observer = -dot(disc.light, disc.direction)
+    lx, ly = dot(disc.light, axes[0]), dot(disc.light, axes[1])
+    half = 0.5 * dr.acos(dr.clip(to_observer, -1.0, 1.0))
+    tan_quarter = dr.clip(dr.tan(0.5 * half), 1e-12, 1.0 - 1e-12)
+    whole = 0.5 * (1.0 + dr.sin(half) * dr.tan(half) * dr.log(tan_quarter))
+    total, points = mi.Float64(0.0), mi.Float64(0.0)
+    for i in range(_POINTS):
+        for j in range(_POINTS):
+            x, y = on_disc(u + ((i + 0.5) / _POINTS - 0.5) * size, v + ((j + 0.5) / _POINTS - 0.5) * size)
+            scale = dr.minimum(1.0, 0.9995 * dr.rsqrt(dr.maximum(x * x + y * y, 1e-12)))
+            # points beside the disc stand on its edge, and count only where there are no others
+            weight = dr.select(scale < 1.0, mi.Float64(1e-6), 1.0)
+            x, y = x * scale, y * scale
+            mu = dr.sqrt(1.0 - x * x - y * y)
+            mu0 = dr.maximum(x * lx + y * ly + mu * to_observer, 0.0)
+            total = total + weight * mu0 / (mu0 + mu)
+            points = points + weight
+    return total / (points * dr.maximum(whole, 1e-9))
+
+
+def _axes(s: Vec) -> tuple[Vec, Vec]:
+    """Return two unit vectors across ``s``."""
+    steep = dr.abs(s[0]) < 0.6
+    helper = (dr.select(steep, mi.Float64(1.0), 0.0), dr.select(steep, mi.Float64(0.0), 1.0), mi.Float64(0.0))
+    x = s[1] * helper[2] - s[2] * helper[1]
+    y = s[2] * helper[0] - s[0] * helper[2]
+    z = s[0] * helper[1] - s[1] * helper[0]
+    scale = dr.rsqrt(x * x + y * y + z * z)
+    e1 = (x * scale, y * scale, z * scale)
+    e2 = (s[1] * e1[2] - s[2] * e1[1], s[2] * e1[0] - s[0] * e1[2], s[0] * e1[1] - s[1] * e1[0])
+    return e1, e2
+
+
+def _gap(a: Vec, b: Vec) -> mi.Float64:
+    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return x * x + y * y + z * z

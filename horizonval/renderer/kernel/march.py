@@ -1,0 +1,181 @@
+r"""The march: radiance along rays through a spherical-shell atmosphere over an ellipsoid, without Monte Carlo noise.
+
+For every spectral node, with extinction k, optical depth :math:`\tau(t) = \int_0^t k\,dt'` from the observer and source
+function S::
+
+    L = int S exp(-tau) dtau  +  L_ground exp(-tau_ground)
+
+    sunlight:  S = (k_scattering / k) E0 P(Theta) T_sun        single scattering; T_sun = 0 in the umbra
+    emission:  S = B(T)                                        LTE
+    airglow:   k S = g                                         emission per metre, given
+
+    sunlight, scattered before:  S = (k_molecules S_molecules + k_particles S_particles) E0 / k     (source_table)
+
+Which of them a march adds up, its node batch says (``node_batches``). Where the steps go is in
+:mod:`horizonval.renderer.ray_path`: dense where the air is dense, no step straddles the umbra's edge, and airglow, which
+comes from a thin layer high up, has them above that layer's lower edge.
+
+**One step** holds two Gauss points. Extinction and source are linear through them: the optical depth at the points and
+over the step follow exactly; thin steps (optical depth below 0.5) sum ``k S exp(-tau)`` with Gauss weights, thick ones
+integrate a source linear in optical depth against ``exp(-tau)`` exactly, so that an isothermal black body comes out as
+one however thick the step.
+
+Neglected: polarisation, a Sun that is not a point (for illumination). Deterministic: no random numbers, no
+atomics; every ray is summed in its own lane in a fixed order.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from horizonval.renderer.kernel.node_batches import OpacityNodes, Place, ShiningNodes, SolarNodes
+from horizonval.renderer.kernel.ray_sources import PARTICLE_STRIDE, EmittingRays, Point, RaySource, State, SunlitRays
+from horizonval.renderer.kernel.surface import SurfaceHit
+from horizonval.renderer.planet import Planet
+from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, find_path, step_boundary, warp
+from horizonval.renderer.types import Values, Vec
+
+THICK_STEP = 0.5
+
+
+def march(
+    planet: Planet,
+    top_m: float,
+    batch: ShiningNodes,
+    o: Vec,
+    d: Vec,
+    sun: Vec,
+    to_ground: mi.Bool,
+    nodes: int,
+    concentration: float,
+    hit: SurfaceHit | None = None,
+) -> tuple[Values, Values]:
+    """Return radiance and transmittance of every spectral node of a batch along rays.
+
+    Parameters
+    ----------
+    o, d : Vec
+        Origins [m, planet-centred] and unit directions.
+    sun : Vec
+        Unit vector towards the Sun.
+    to_ground : Bool
+        Add the ground and stop there; the rays must hit it.
+    nodes : int
+        Evaluations along each ray (two per step).
+    concentration : float
+        The ``c`` of :mod:`horizonval.renderer.ray_path`: smaller is denser near the lowest point.
+    hit : SurfaceHit, optional
+        What is at the rays' ends, clouds included; without it a Lambert ground, no clouds.
+
+    Returns
+    -------
+    radiance, transmittance : lists of Float64
+        Transmittance from the observer to the end of the path.
+    """
+    with_particles = isinstance(batch, SolarNodes) and batch.diffuse is not None and batch.particles is not None
+    stride = PARTICLE_STRIDE if with_particles else 1
+    count = _step_count(nodes, stride)
+    path = find_path(planet, top_m, o, d, to_ground, None if hit is None else (hit.cloud, hit.t))
+    source: RaySource
+    if isinstance(batch, SolarNodes):
+        source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration)
+    else:
+        source = EmittingRays.of(batch, planet, path, o, d, count, concentration)
+    tau, radiance, state = _integrate(planet, path, batch, source, o, d, count, concentration, stride)
+    transmittance = [dr.exp(-v) for v in tau]
+    ground = source.ground_radiance(path, hit, state)
+    ends = to_ground if hit is None else hit.ends
+    shining = [r + dr.select(ends, g * t, 0.0) for r, g, t in zip(radiance, ground, transmittance, strict=True)]
+    return shining, transmittance
+
+
+def optical_depth(
+    planet: Planet, top_m: float, batch: OpacityNodes, o: Vec, d: Vec, nodes: int, concentration: float
+) -> Values:
+    """Return the optical depth of every spectral node of a batch along rays past the ground; as :func:`march`."""
+    count = _step_count(nodes, 1)
+    path = find_path(planet, top_m, o, d, mi.Bool(False))
+    source = EmittingRays.of(batch, planet, path, o, d, count, concentration)
+    return _integrate(planet, path, batch, source, o, d, count, concentration, 1)[0]
+
+
+def _step_count(nodes: int, stride: int) -> int:
+    return -(-max(nodes // 2, 3) // stride) * stride
+
+
+def _integrate(
+    planet: Planet,
+    path: AirPath,
+    batch: ShiningNodes | OpacityNodes,
+    source: RaySource,
+    o: Vec,
+    d: Vec,
+    count: int,
+    concentration: float,
+    stride: int,
+) -> tuple[Values, Values, State]:
+    """Return optical depth and radiance per node, and the source's state at the end; ``stride`` steps per round."""
+
+    def evaluate(t: mi.Float64, point: Point) -> tuple[Values, Values]:
+        place = Place.of(planet, batch.grid, o, d, t)
+        k = batch.extinction_at(place)
+        return k, source.source_at(place, k, point)
+
+    def bound(i: mi.Float64) -> mi.Float64:
+        return warp(path, step_boundary(path, source.steps, i, count), concentration)
+
+    def body(
+        i: mi.UInt32, t0: mi.Float64, tau: Values, radiance: Values, state: State
+    ) -> tuple[mi.UInt32, mi.Float64, Values, Values, State]:
+        tau, radiance = list(tau), list(radiance)
+        bounds = [t0, *(bound(mi.Float64(i) + float(k)) for k in range(1, stride + 1))]
+        points, state = source.over_steps(bounds, state)
+        for (low, high), t1 in zip(points, bounds[1:], strict=True):
+            h = t1 - t0
+            k_a, j_a = evaluate(t0 + GAUSS_LOW * h, low)
+            k_b, j_b = evaluate(t0 + (1.0 - GAUSS_LOW) * h, high)
+            for n in range(batch.width):
+                step = 0.5 * h * (k_a[n] + k_b[n])
+                if j_a:
+                    radiance[n] = radiance[n] + dr.exp(-tau[n]) * gain(h, k_a[n], k_b[n], j_a[n], j_b[n], step)
+                tau[n] = tau[n] + step
+            t0 = t1
+        return i + stride, t0, tau, radiance, state
+
+    zero = dr.zeros(mi.Float64, dr.width(path.t_low))
+    start = warp(path, path.y0 + zero, concentration)
+    nothing = [zero + 0.0] * batch.width
+    state = source.state_at(start, zero + 0.0)
+    _, _, tau, radiance, state = dr.while_loop(
+        (mi.UInt32(0), start, nothing, list(nothing), state),
+        lambda i, *_: i < count,
+        body,
+        labels=("i", "t", "tau", "radiance", "state"),
+        label="limb march",
+    )
+    return tau, radiance, state
+
+
+def gain(
+    h: mi.Float64,
+    k_a: mi.Float64,
+    k_b: mi.Float64,
+    j_a: mi.Float64,
+    j_b: mi.Float64,
+    step: mi.Float64,
+    thick_step: float = THICK_STEP,
+) -> mi.Float64:
+    """Return what one step adds, seen from its beginning; ``thick_step``: optical depth of the least thick one."""
+    slope = (k_b - k_a) / (1.0 - 2.0 * GAUSS_LOW)  # of k over the step, per unit of h
+    k_0 = k_a - slope * GAUSS_LOW
+    tau_a = dr.maximum(h * GAUSS_LOW * (k_0 + 0.5 * GAUSS_LOW * slope), 0.0)
+    tau_b = h * (1.0 - GAUSS_LOW) * (k_0 + 0.5 * (1.0 - GAUSS_LOW) * slope)
+    thin = 0.5 * h * (j_a * dr.exp(-tau_a) + j_b * dr.exp(-tau_b))
+    # thick: S linear in tau through the two points, integrated against exp(-tau)
+    s_a, s_b = j_a / dr.maximum(k_a, 1e-300), j_b / dr.maximum(k_b, 1e-300)
+    escaped = dr.exp(-step)
+    e0 = 1.0 - escaped
+    e1 = e0 - step * escaped
+    thick = s_a * e0 + (s_b - s_a) * (e1 - tau_a * e0) / dr.maximum(tau_b - tau_a, 1e-30)
+    return dr.select(step < thick_step, thin, dr.maximum(thick, 0.0))

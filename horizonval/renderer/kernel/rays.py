@@ -1,0 +1,198 @@
+"""Primary rays in Float64: pixel coordinates to directions, inside the kernel.
+
+Written apart from ``geometry.camera`` so that the rendered edge and the analytic horizon share no projection code.
+Pixel ``(0, 0)`` is the centre of the upper left pixel.
+
+Brown-Conrady is inverted by Newton's method from the distorted point. Where a lens is so strong that this ends beside
+the answer or beyond a fold, the answer is followed from the axis outwards instead. A fisheye's polynomial is inverted
+by bisection, then Newton: it grows between the axis and the angle where it turns back, so that nothing can go astray.
+Pixels beyond that angle get rays at it, harmlessly: they lie outside the image circle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.geometry.camera import Camera, Projection
+from horizonval.renderer.types import Number, Values, Vec
+
+UNDISTORT_STEPS = 8
+_STAGES, _STRONG_STEPS = 16, 32
+"""For strong lenses: stages of the way from the axis to a pixel, one Newton step each, and steps at its end. Beside a
+fold a step only halves the error."""
+_BISECTIONS = 26
+_FISHEYE_STEPS = 4
+
+
+@dataclass(frozen=True)
+class RayCamera:
+    """A camera and its attitude as kernel data.
+
+    ``values``: fx, fy, cx, cy and the distortion (k1 k2 p1 p2 k3, or k1 k2 k3 k4 0 of a fisheye); ``rows``: the nine
+    entries of the rotation from camera axes to Earth-fixed axes. All are size-1 arrays, so that frames share one
+    compiled kernel. ``distorted``: a pinhole with distortion; ``stages``: see :func:`_stages`. ``widest``: off-axis
+    angle up to which a fisheye's polynomial grows. ``circle``: size of the image circle, see :meth:`sees`; None where
+    it fills the image.
+    """
+
+    values: Values
+    rows: Values
+    projection: Projection
+    distorted: bool = False
+    stages: int = 1
+    widest: mi.Float64 | None = None
+    circle: mi.Float64 | None = None
+
+    @classmethod
+    def of(cls, camera: Camera, itrs_from_cam: NDArray[np.float64]) -> RayCamera:
+        """Build from intrinsics and a rotation matrix, shape (3, 3)."""
+        numbers = [camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion]
+        distorted = camera.projection == "pinhole" and any(camera.distortion)
+        circle = _circle(camera)
+        return cls(
+            [dr.opaque(mi.Float64, float(v), 1) for v in numbers],
+            [dr.opaque(mi.Float64, float(v), 1) for v in itrs_from_cam.ravel()],
+            camera.projection,
+            distorted,
+            _stages(camera) if distorted else 1,
+            dr.opaque(mi.Float64, _widest(camera.distortion), 1) if camera.projection == "fisheye" else None,
+            None if circle is None else dr.opaque(mi.Float64, circle, 1),
+        )
+
+    def direction(self, u: mi.Float64, v: mi.Float64) -> Vec:
+        """Return unit directions in Earth-fixed axes through pixel coordinates (column, row)."""
+        return self._rotate(*self._in_camera_axes(u, v))
+
+    def sees(self, u: mi.Float64, v: mi.Float64) -> mi.Bool:
+        """Return whether the lens fills pixel coordinates with light; for cameras with an image circle only.
+
+        A fisheye's circle is measured in the image, in focal lengths; the others' as the chord to the boresight.
+        """
+        assert self.circle is not None
+        if self.projection == "fisheye":
+            x, y = self._normalised(u, v)
+            return dr.sqrt(x * x + y * y) <= self.circle
+        x, y, z = self._in_camera_axes(u, v)
+        return dr.sqrt(x * x + y * y + (z - 1.0) * (z - 1.0)) <= self.circle
+
+    def _normalised(self, u: mi.Float64, v: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
+        fx, fy, cx, cy = self.values[:4]
+        return (u - cx) / fx, (v - cy) / fy
+
+    def _in_camera_axes(self, u: mi.Float64, v: mi.Float64) -> Vec:
+        x, y = self._normalised(u, v)
+        if self.projection == "equal_angle":
+            sin_y, cos_y = dr.sincos(y)
+            sin_x, cos_x = dr.sincos(x)
+            return cos_y * sin_x, sin_y, cos_y * cos_x
+        if self.projection == "fisheye":
+            radius = dr.sqrt(x * x + y * y)
+            sin_t, cos_t = dr.sincos(self._off_axis(radius))
+            scale = dr.select(radius > 1e-12, sin_t / dr.maximum(radius, 1e-300), 1.0)
+            return x * scale, y * scale, cos_t
+        if self.distorted:
+            x, y = self._undistort(x, y)
+        s = dr.rsqrt(dr.fma(x, x, dr.fma(y, y, 1.0)))
+        return x * s, y * s, s
+
+    def _off_axis(self, radius: mi.Float64) -> mi.Float64:
+        """Invert a fisheye's polynomial ``t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) = radius``."""
+        k = self.values[4:8]
+        assert self.widest is not None
+        low, high = dr.zeros(mi.Float64, dr.width(radius)), self.widest
+
+        def excess(t: mi.Float64) -> mi.Float64:
+            return _fisheye(k, t) - radius
+
+        for _ in range(_BISECTIONS):
+            t = 0.5 * (low + high)
+            over = excess(t) > 0.0
+            low, high = dr.select(over, low, t), dr.select(over, t, high)
+        t = 0.5 * (low + high)
+        for _ in range(_FISHEYE_STEPS):
+            t = dr.clip(t - excess(t) / dr.maximum(_fisheye_slope(k, t), 1e-12), low, high)
+        return t
+
+    def _undistort(self, xd: mi.Float64, yd: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
+        return _invert(self.values[4:], xd, yd, self.stages)
+
+    def _rotate(self, x: mi.Float64, y: mi.Float64, z: mi.Float64) -> Vec:
+        m = self.rows
+        return (
+            m[0] * x + m[1] * y + m[2] * z,
+            m[3] * x + m[4] * y + m[5] * z,
+            m[6] * x + m[7] * y + m[8] * z,
+        )
+
+
+def _fisheye(k: Sequence[Number] | Sequence[float], t: Number) -> Number:
+    s = t * t
+    return t * (1.0 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))))
+
+
+def _fisheye_slope(k: Sequence[Number] | Sequence[float], t: Number) -> Number:
+    s = t * t
+    return 1.0 + s * (3.0 * k[0] + s * (5.0 * k[1] + s * (7.0 * k[2] + s * 9.0 * k[3])))
+
+
+def _widest(k: Sequence[float]) -> float:
+    """Return the angle, at most pi, at which a fisheye's polynomial stops to grow; to rounding, by sign change."""
+    t = np.linspace(0.0, math.pi, 2**16 + 1)
+    falling = np.flatnonzero(_fisheye_slope(k, t) <= 0.0)
+    if not falling.size:
+        return math.pi
+    low, high = float(t[falling[0] - 1]), float(t[falling[0]])
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _fisheye_slope(k, middle) > 0.0 else (low, middle)
+    return low
+
+
+def _circle(camera: Camera) -> float | None:
+    half = camera.image_circle_rad
+    if half is None:
+        return None
+    return float(_fisheye(camera.distortion, half)) if camera.projection == "fisheye" else 2.0 * math.sin(half / 2.0)
+
+
+def _invert(k: Sequence[Number] | Sequence[float], xd: Number, yd: Number, stages: int) -> tuple[Number, Number]:
+    """Invert Brown-Conrady; from the distorted point in one stage, else from the axis outwards."""
+    x, y = xd / stages, yd / stages
+    for stage in range(1, stages):
+        x, y = _newton(k, x, y, xd * (stage / stages), yd * (stage / stages))
+    for _ in range(UNDISTORT_STEPS if stages == 1 else _STRONG_STEPS):
+        x, y = _newton(k, x, y, xd, yd)
+    return x, y
+
+
+def _newton(
+    k: Sequence[Number] | Sequence[float], x: Number, y: Number, xd: Number, yd: Number
+) -> tuple[Number, Number]:
+    k1, k2, p1, p2, k3 = k
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))
+    fx = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x) - xd
+    fy = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y - yd
+    jxx = radial + x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
+    jxy = x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y
+    jyy = radial + y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
+    det = jxx * jyy - jxy * jxy
+    return x - (jyy * fx - jxy * fy) / det, y - (jxx * fy - jxy * fx) / det
+
+
+def _stages(camera: Camera) -> int:
+    """Return in how many stages :func:`_invert` must go: 1 if that ends where many do, all over the image."""
+    u, v = np.meshgrid(np.linspace(-0.5, camera.width - 0.5, 33), np.linspace(-0.5, camera.height - 0.5, 33))
+    xd, yd = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+    with np.errstate(all="ignore"):
+        few, many = (_invert(camera.distortion, xd, yd, stages) for stages in (1, _STAGES))
+        apart = np.hypot(few[0] - many[0], few[1] - many[1])
+    return 1 if bool(np.all(apart < 1e-12)) else _STAGES

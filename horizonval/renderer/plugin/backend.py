@@ -1,0 +1,189 @@
+"""Which Dr.Jit back-end can render here, found out without risking this process.
+
+Some LLVM libraries abort the whole process when a kernel is compiled (15 and 16 on CPUs with certain vector units), so
+every candidate renders a small image in a subprocess first. The verdict is cached per interpreter, package versions and
+library, and the search ends at the first candidate that works: CUDA, then LLVM.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import os
+import subprocess
+import sys
+import sysconfig
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from horizonval.core.errors import UserError
+from horizonval.renderer.cache import cache_folder
+
+LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
+VARIANT_VARIABLE = "HORIZONVAL_VARIANT"
+VARIANTS = ("cuda_ad_mono", "llvm_ad_mono")
+PROBE_SECONDS = 180
+_registered: set[str] = set()
+"""Variants that know our plugins; whoever selected the variant, they are registered once."""
+_USERS_LIBRARY = os.environ.get(LLVM_VARIABLE, "")
+
+_PROBE = """
+import sys
+import drjit as dr
+import mitsuba as mi
+mi.set_variant(sys.argv[1])
+# the operations that broken LLVM versions cannot compile: float32 min/max in a render, Float64 loops
+scene = mi.load_dict({
+    "type": "scene", "integrator": {"type": "path"}, "light": {"type": "constant"}, "shape": {"type": "sphere"},
+    "sensor": {"type": "perspective", "to_world": mi.ScalarTransform4f().look_at([0, 0, 4], [0, 0, 0], [0, 1, 0]),
+               "film": {"type": "hdrfilm", "width": 4, "height": 4, "pixel_format": "luminance"}}})
+dr.eval(mi.render(scene, spp=1))
+i, x = dr.while_loop((mi.UInt32(0), mi.Float64([1.0, 2.0])), lambda i, x: i < 5,
+                     lambda i, x: (i + 1, dr.minimum(dr.exp(-x), x)))
+assert 0.0 < dr.sum(x)[0] < 2.0
+sys.stdout.write("horizonval-probe-ok")
+"""
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One candidate back-end: what was tried and what came of it."""
+
+    variant: str
+    library: str
+    works: bool
+    detail: str
+
+
+@dataclass(frozen=True)
+class BackendReport:
+    """All candidates tried, in order; the first that works is used."""
+
+    attempts: tuple[Attempt, ...]
+
+    @property
+    def chosen(self) -> Attempt | None:
+        """The back-end that renders, or None."""
+        return next((a for a in self.attempts if a.works), None)
+
+
+def llvm_candidates() -> list[str]:
+    """Return LLVM libraries to try, best first: the user's choice alone, else the wheel's, else what Dr.Jit finds.
+
+    An empty string stands for Dr.Jit's own search of the system.
+    """
+    if _USERS_LIBRARY:
+        return [_USERS_LIBRARY]
+    libraries: list[str] = []
+    for folder in dict.fromkeys([Path(sys.prefix, "lib"), Path(sysconfig.get_path("data"), "lib")]):
+        for pattern in ("libLLVM.so", "libLLVM*.so", "libLLVM.dylib"):
+            libraries += [str(p) for p in sorted(folder.glob(pattern))]
+    return [*list(dict.fromkeys(libraries))[:2], ""]
+
+
+def name_library() -> None:
+    """Name the library that came as a wheel, unless the user named one; must run before Dr.Jit is imported."""
+    library = llvm_candidates()[0]
+    if library:
+        os.environ.setdefault(LLVM_VARIABLE, library)
+
+
+def probe(refresh: bool = False) -> BackendReport:
+    """Try back-ends until one works; cached unless ``refresh``."""
+    cache = cache_folder() / f"backend-{_fingerprint()}.json"
+    if not refresh and cache.is_file():
+        try:
+            return BackendReport(tuple(Attempt(**a) for a in json.loads(cache.read_text())))
+        except (ValueError, TypeError):
+            cache.unlink(missing_ok=True)
+    attempts: list[Attempt] = []
+    named = os.environ.get(VARIANT_VARIABLE)
+    for variant in [named] if named else VARIANTS:
+        for library in llvm_candidates() if variant.startswith("llvm") else [""]:
+            attempts.append(_try(variant, library))
+            if attempts[-1].works:
+                break
+        if attempts and attempts[-1].works:
+            break
+    report = BackendReport(tuple(attempts))
+    if report.chosen:
+        cache.parent.mkdir(parents=True, exist_ok=True)
+        temporary = cache.with_suffix(f".{os.getpid()}.tmp")
+        temporary.write_text(json.dumps([asdict(a) for a in attempts]))
+        temporary.replace(cache)
+    return report
+
+
+def activate(threads: int | None = None) -> str:
+    """Select the working variant in this process and register our plugins; return its name.
+
+    Parameters
+    ----------
+    threads : int, optional
+        Threads for the LLVM back-end; all cores by default.
+
+    Raises
+    ------
+    UserError
+        If no back-end works, with what to install.
+    """
+    chosen = probe().chosen
+    if chosen is None:
+        raise UserError(
+            "no Dr.Jit back-end can render on this machine",
+            fix="run `horizonval doctor` for what was tried and how to mend it",
+        )
+    if chosen.library and "drjit" not in sys.modules:
+        os.environ[LLVM_VARIABLE] = chosen.library
+    import drjit as dr
+    import mitsuba as mi
+
+    if mi.variant() != chosen.variant:
+        mi.set_variant(chosen.variant)
+    if chosen.variant not in _registered:
+        mi.set_log_level(mi.LogLevel.Warn)
+        from horizonval.renderer.plugin.integrator import register_plugins
+
+        register_plugins()
+        _registered.add(chosen.variant)
+    if threads is not None:
+        dr.set_thread_count(threads)
+    return chosen.variant
+
+
+def _fingerprint() -> str:
+    parts = [sys.executable, sys.version, _USERS_LIBRARY, os.environ.get(VARIANT_VARIABLE, "")]
+    for name in ("mitsuba", "drjit", "horizonval"):
+        parts.append(importlib.metadata.version(name))
+    for library in llvm_candidates():
+        if library and Path(library).exists():
+            stat = Path(library).stat()
+            parts.append(f"{library} {stat.st_size} {int(stat.st_mtime)}")
+    parts.append(str(Path("/dev/nvidiactl").exists()))
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+
+def _try(variant: str, library: str) -> Attempt:
+    environment = dict(os.environ)
+    environment.pop(LLVM_VARIABLE, None)
+    if library:
+        environment[LLVM_VARIABLE] = library
+    label = library or ("system search" if variant.startswith("llvm") else "")
+    try:
+        run = subprocess.run(
+            [sys.executable, "-c", _PROBE, variant],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=PROBE_SECONDS,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return Attempt(variant, label, False, f"no answer within {PROBE_SECONDS} s")
+    if run.returncode == 0 and "horizonval-probe-ok" in run.stdout:
+        return Attempt(variant, library, True, "renders")
+    if run.returncode < 0:
+        return Attempt(variant, label, False, f"the process was killed by signal {-run.returncode} (unsuitable LLVM)")
+    lines = [line.strip() for line in run.stderr.splitlines() if line.strip()]
+    return Attempt(variant, label, False, lines[-1][:300] if lines else f"exit status {run.returncode}")

@@ -1,0 +1,194 @@
+"""Images: the radiance of every cell of a frame, and of every pixel.
+
+A cell is one ray, or on the hard edge two that are mixed by the covered share (see ``cells``)::
+
+    L_cell = c L_ground + (1 - c) L_limb + discs
+
+What the discs of Sun and Moon add is in ``discs``. By night the sky behind shines through, where no cloud is before it.
+Solar bands are marched cell by cell; thermal ones come from tables (``emission_image``).
+
+Clouds have no outline: the one ray (or two) of a cell decides whether it ends on a cloud.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import drjit as dr
+import mitsuba as mi
+
+from horizonval.earth.column import SpectralNode
+from horizonval.earth.surface.ground_emission import GroundEmission
+from horizonval.renderer.kernel.cells import Cells, FrameGeometry, Rays, group_cells
+from horizonval.renderer.kernel.discs import DiscCells
+from horizonval.renderer.kernel.march import march
+from horizonval.renderer.kernel.node_batches import GlowNodes, ShiningNodes, SolarNodes, ThermalNodes
+from horizonval.renderer.kernel.radiance import SOLAR_CONCENTRATION
+from horizonval.renderer.kernel.surface import SurfaceHit, surface_hits
+from horizonval.renderer.thermal.emission_image import ThermalFrame
+from horizonval.renderer.thermal.emission_table import ThermalAir
+from horizonval.renderer.types import Values, Vec
+
+BandPart: TypeAlias = "tuple[mi.UInt32, mi.Float64, mi.Float64]"
+"""Cells, the share of each cell, and its radiance."""
+
+NodePart: TypeAlias = "tuple[mi.UInt32, mi.Float64, Values]"
+"""The same with the radiance of every spectral node of a batch."""
+
+
+def render_bands(
+    view: FrameGeometry,
+    batches: Iterable[tuple[list[SpectralNode], SolarNodes | ThermalNodes]],
+    bands: list[str],
+    nodes: int,
+    thermal: Sequence[ThermalAir] = (),
+    emission: GroundEmission | None = None,
+) -> dict[str, mi.Float64]:
+    """Return the radiance per band as Float64 arrays, one value per pixel in row order.
+
+    ``thermal``: the thermal bands among ``bands``; they need to know what the ground emits.
+    """
+    cells = group_cells(view)
+    out = {band: dr.zeros(mi.Float64, view.width * view.height) for band in bands}
+
+    def add(band: str, parts: Iterable[BandPart]) -> None:
+        total = dr.zeros(mi.Float64, cells.count)
+        for cell, share, radiance in parts:
+            dr.scatter_add(total, share * radiance, cell, mode=dr.ReduceMode.NoConflicts)
+            # ground and limb share edge cells: left to one launch, their kernels would race for them
+            dr.eval(total)
+        k2 = view.subsamples**2
+        out[band] = out[band] + dr.block_sum(total, k2) / k2
+        dr.eval(out[band])
+
+    hits: list[_SurfaceHits] = []
+    for group, batch in batches:
+        if not hits:
+            hits = [_look(view, cells, view.sun)]
+            if view.moon is not None and view.moon.lights_earth:
+                hits.append(_look(view, cells, view.moon.light))
+        parts = list(_parts(view, cells, hits, group, batch, nodes))
+        for band in dict.fromkeys(node.band for node in group):
+            weight = [dr.opaque(mi.Float64, n.weight if n.band == band else 0.0, 1) for n in group]
+            add(band, ((cell, share, _weighted(weight, radiance)) for cell, share, radiance in parts))
+    if thermal:
+        assert emission is not None
+        frame = ThermalFrame.of(view, cells, emission, thermal[0].top_m, nodes)
+        for air in thermal:
+            add(air.band.name, frame.parts(air))
+    return out
+
+
+def _weighted(weight: Values, radiance: Values) -> mi.Float64:
+    return sum((w * r for w, r in zip(weight, radiance, strict=False)), start=mi.Float64(0.0))
+
+
+@dataclass(frozen=True)
+class _SurfaceHits:
+    """Where the rays of every group of cells end; None for a Lambert ground without clouds."""
+
+    ground: SurfaceHit | None = None
+    limb: SurfaceHit | None = None
+    sun: SurfaceHit | None = None
+    moon: SurfaceHit | None = None
+
+
+def _look(view: FrameGeometry, cells: Cells, light: Vec) -> _SurfaceHits:
+    """Look where rays end under a light, once for all spectral nodes. Rays past the Earth end on clouds only."""
+    if view.ground is None:
+        return _SurfaceHits()
+
+    def ends(rays: Rays | DiscCells | None, to_ground: bool) -> SurfaceHit | None:
+        assert view.ground is not None
+        if rays is None or not rays.count or not (to_ground or view.ground.clouds):
+            return None
+        return surface_hits(view.ground, view.planet, view.origin, rays.direction, light, to_ground)
+
+    return _SurfaceHits(
+        ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False)
+    )
+
+
+def _parts(
+    view: FrameGeometry,
+    cells: Cells,
+    hits: list[_SurfaceHits],
+    group: list[SpectralNode],
+    batch: SolarNodes | ThermalNodes,
+    nodes: int,
+) -> Iterator[NodePart]:
+    """Yield ``(cells, share of the cell, radiance per node)`` of all that shines; each cell once in each.
+
+    ``hits``: under the Sun, and under the Moon where it lights the Earth.
+    """
+
+    def march_light(
+        direction: Vec, to_ground: bool, lit: ShiningNodes, light: Vec, hit: SurfaceHit | None
+    ) -> tuple[Values, Values]:
+        # airglow is known to a factor of two: 0.6 % of error in it, with half the nodes, is plenty
+        top_m, n = (view.highest_m, max(nodes // 2, 8)) if isinstance(lit, GlowNodes) else (view.top_m, nodes)
+        if hit is not None and view.ground is not None:
+            hit = hit.at(view.ground.model, [node.wavelength_um for node in group], batch.width)
+        result = march(
+            view.planet, top_m, lit, view.origin, direction, light, mi.Bool(to_ground), n, SOLAR_CONCENTRATION, hit
+        )
+        dr.eval(result)
+        return result
+
+    def through(rays: Rays, to_ground: bool, hits_under: list[SurfaceHit | None]) -> tuple[Values, Values]:
+        """March once for every light: the Sun, the Moon, the air itself. The march is linear in them."""
+        lights: list[tuple[ShiningNodes, Vec, SurfaceHit | None]] = [(batch, view.sun, hits_under[0])]
+        if isinstance(batch, SolarNodes):
+            if view.moon is not None and view.moon.lights_earth and batch.moonlight is not None:
+                lights.append((batch.in_moonlight(), view.moon.light, hits_under[1]))
+            if batch.glow is not None:
+                lights.append((batch.glow, view.sun, hits_under[0]))
+        if view.sunless and len(lights) > 1:
+            del lights[0]
+        radiance, transmittance = march_light(rays.direction, to_ground, *lights[0])
+        for light in lights[1:]:
+            more, _ = march_light(rays.direction, to_ground, *light)
+            radiance = [a + b for a, b in zip(radiance, more, strict=True)]
+        dr.eval(radiance)
+        return radiance, transmittance
+
+    sky = [dr.opaque(mi.Float64, n.sky_radiance, 1) for n in group] if any(n.sky_radiance for n in group) else []
+
+    def past_clouds(disc: DiscCells, hit: SurfaceHit | None) -> Values:
+        _, transmittance = march_light(disc.direction, False, batch, view.sun, None)
+        return transmittance if hit is None else [dr.select(hit.ends, 0.0, t) for t in transmittance]
+
+    def coverage(rays: Rays) -> mi.Float64:
+        return dr.gather(mi.Float64, cells.share, rays.cell)
+
+    if cells.ground.count:
+        hits_under = [under.ground for under in hits]
+        yield cells.ground.cell, coverage(cells.ground), through(cells.ground, True, hits_under)[0]
+    if cells.limb.count:
+        radiance, transmittance = through(cells.limb, False, [under.limb for under in hits])
+        clouds = hits[0].limb
+        for k, behind in enumerate(sky):
+            seen = behind * transmittance[k]
+            radiance[k] = radiance[k] + (seen if clouds is None else dr.select(clouds.ends, 0.0, seen))
+        yield cells.limb.cell, 1.0 - coverage(cells.limb), radiance
+    if sky and dr.width(cells.space):
+        yield cells.space, mi.Float64(1.0), sky
+    if cells.sun is not None and cells.sun.count:
+        transmittance = past_clouds(cells.sun, hits[0].sun)
+        disc = math.pi * dr.sin(view.sun_radius) ** 2
+        light = [
+            cells.sun.radiance(dr.opaque(mi.Float64, n.sun_radiance, 1) * disc, n.limb_darkening, t)
+            for n, t in zip(group, transmittance, strict=False)
+        ]
+        yield cells.sun.cell, mi.Float64(1.0), light
+    if cells.moon is not None and cells.moon.count and any(n.moon_irradiance for n in group):
+        assert view.moon is not None
+        transmittance = past_clouds(cells.moon, hits[0].moon)
+        light = [
+            cells.moon.radiance(dr.opaque(mi.Float64, n.moon_irradiance * view.moon.nearness, 1), (1.0,), t)
+            for n, t in zip(group, transmittance, strict=False)
+        ]
+        yield cells.moon.cell, mi.Float64(1.0), light

@@ -1,0 +1,130 @@
+"""Bending angles: directions behind the air, and where sunlight comes from.
+
+A ray that grazes the ground turns by 1.1 deg between space and space, so that a setting Sun seen from space is lifted
+and flattened.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from horizonval.core.arrays import FloatArray
+from horizonval.renderer.planet import Planet, along, dot
+from horizonval.renderer.ray_path import find_path, warp
+from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir, mean_radius
+from horizonval.renderer.refraction.bent_ray import RefractedSunTable
+from horizonval.renderer.tables import AltitudeGrid, SunTable, interpolate
+from horizonval.renderer.types import Vec
+
+BENDING_NODES = 128
+CONCENTRATION = 0.15
+
+
+@dataclass(frozen=True)
+class BendingField:
+    """The apparent planet and how fast light bends above it: ``per_m`` [rad/m] on ``grid``."""
+
+    planet: Planet
+    top_m: float
+    grid: AltitudeGrid
+    per_m: mi.Float64
+
+    @classmethod
+    def of(cls, air: ApparentRadiusAir) -> BendingField:
+        """Build from air in apparent-radius coordinates."""
+        grid = AltitudeGrid.of(air.model.altitude_m)
+        return cls(air.planet, air.model.top_m, grid, mi.Float64(np.ascontiguousarray(air.bending_per_m)))
+
+    def up(self, o: Vec, d: Vec) -> Vec:
+        """Return the unit vector across a ray in its vertical plane."""
+        mid, half, _ = self.planet.chord(o, d)
+        _, normal = self.planet.height_and_normal(along(o, d, mid - half))
+        slope = dot(normal, d)
+        up = (normal[0] - slope * d[0], normal[1] - slope * d[1], normal[2] - slope * d[2])
+        scale = dr.rsqrt(dr.maximum(dot(up, up), 1e-12))
+        return up[0] * scale, up[1] * scale, up[2] * scale
+
+    def angle(self, o: Vec, d: Vec, nodes: int = BENDING_NODES) -> mi.Float64:
+        """Return the bending angle [rad] of light that is seen in direction ``d``, on its way through all the air.
+
+        Rays that meet the ground are followed through it, in air like that at the ground, so that the answer is smooth
+        across the limb.
+        """
+        path = find_path(self.planet, self.top_m, o, d, mi.Bool(False))
+        up = self.up(o, d)
+        count = nodes // 2
+        offset = 0.5 / math.sqrt(3.0)
+
+        def rate(t: mi.Float64) -> mi.Float64:
+            height, normal = self.planet.height_and_normal(along(o, d, t))
+            i, w, inside = self.grid.locate(height)
+            return dr.select(inside, interpolate(self.per_m, i, w, 1)[0] * dot(normal, up), 0.0)
+
+        zero = dr.zeros(mi.Float64, dr.width(path.t_low))
+        step = (path.y1 - path.y0) / count
+
+        def body(i: mi.UInt32, t0: mi.Float64, total: mi.Float64) -> tuple[mi.UInt32, mi.Float64, mi.Float64]:
+            t1 = warp(path, path.y0 + step * (mi.Float64(i) + 1.0), CONCENTRATION)
+            mid, h = 0.5 * (t0 + t1), t1 - t0
+            return i + 1, t1, total + 0.5 * h * (rate(mid - offset * h) + rate(mid + offset * h))
+
+        start = warp(path, path.y0 + zero, CONCENTRATION)
+        return dr.while_loop((mi.UInt32(0), start, zero + 0.0), lambda i, *_: i < count, body, label="bending")[2]
+
+    def largest_angle(self) -> float:
+        """Return the bending angle [rad] of light that grazes the ground, between space and space."""
+        zero, radius = mi.Float64(0.0), mean_radius(self.planet)
+        o = (mi.Float64(-2.0 * radius), zero, mi.Float64(radius))
+        sphere = BendingField(Planet(radius, radius), self.top_m, self.grid, self.per_m)
+        return float(sphere.angle(o, (mi.Float64(1.0), zero, zero))[0])
+
+
+def true_direction(field: BendingField, o: Vec, d: Vec) -> Vec:
+    """Return the direction behind the air, at infinity, of what is seen in unit direction ``d`` from ``o``.
+
+    ``o`` stands among the straight rays: :meth:`ApparentRadiusAir.apparent_position`.
+    """
+    sine, cosine = dr.sincos(field.angle(o, d))
+    up = field.up(o, d)
+    return d[0] * cosine - up[0] * sine, d[1] * cosine - up[1] * sine, d[2] * cosine - up[2] * sine
+
+
+def refracted_sun_table(
+    field: BendingField, n_height: int, n_mu: int, nodes: int
+) -> tuple[RefractedSunTable, FloatArray, FloatArray]:
+    """Return the table of where sunlight comes from, with heights (n_height,) and local cosines (n_height, n_mu).
+
+    Bending is integrated on a first set of local directions; splines invert it to the local directions of the table's
+    true ones.
+    """
+    radius = mean_radius(field.planet)
+    sphere = BendingField(Planet(radius, radius), field.top_m, field.grid, field.per_m)
+    height, cosine = SunTable.nodes(n_height, n_mu, radius, field.top_m)
+    zero = mi.Float64(0.0)
+    o = (zero, zero, mi.Float64(np.repeat(height, n_mu) + radius))
+    mu = mi.Float64(cosine.ravel())
+    angle = np.array(sphere.angle(o, (dr.sqrt(dr.maximum(1.0 - mu * mu, 0.0)), zero, mu), nodes)).reshape(cosine.shape)
+    true = cosine * np.cos(angle) - np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) * np.sin(angle)
+    lowest, lowest_local = true[:, :1], cosine[:, :1]
+    x = np.linspace(0.0, 1.0, n_mu)
+    x_true = np.sqrt(np.maximum(true - lowest, 0.0) / (1.0 - lowest))
+    local = np.empty_like(true)
+    spreading = np.empty_like(true)
+    for row in range(n_height):
+        spline = CubicSpline(x_true[row], x)
+        x_local, slope = spline(x), spline(x, 1)
+        scale = (1.0 - lowest_local[row]) / (1.0 - lowest[row])
+        local[row] = lowest_local[row] + (1.0 - lowest_local[row]) * x_local**2
+        # d(local) / d(true); both squares vanish at the lowest Sun
+        spreading[row] = scale * slope * np.append(slope[:1], x_local[1:] / x[1:])
+    cosine_true = lowest + (1.0 - lowest) * x**2
+    values = np.stack([local - cosine_true, spreading], axis=-1)
+    grazing_bending = mi.Float64(np.ascontiguousarray(angle[:, 0]))
+    table = RefractedSunTable(grazing_bending, mi.Float64(values.ravel()), n_height, n_mu, radius, field.top_m)
+    return table, height, np.clip(local, lowest_local, 1.0)

@@ -1,0 +1,102 @@
+"""Diffuse fields on disk: solved once for every column of air, found again by its content.
+
+The key is a hash of everything the solution depends on: the planet's radius, the columns, the phase functions, the
+quality and the version of the method. Albedo, Sun, camera and scene are not in it. Files are written aside and moved
+into place, so that runs side by side cannot harm each other; a damaged file is solved again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import zipfile
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import astuple
+from pathlib import Path
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.column import SpectralNode
+from horizonval.renderer.cache import cache_folder
+from horizonval.renderer.scattering.multiple_scattering import (
+    DiffuseField,
+    MultipleScattering,
+    Progress,
+    Quality,
+    degree_of,
+    solve,
+)
+from horizonval.renderer.tables import SunTable
+
+METHOD = 1
+"""To be raised with every change of the method that changes its numbers."""
+
+_KEPT = 64
+_memory: OrderedDict[str, MultipleScattering] = OrderedDict()
+
+
+def content_key(node: SpectralNode, altitude_m: FloatArray, planet_m: float, quality: Quality) -> str:
+    """Return the name under which a solution is kept."""
+    digest = hashlib.sha256()
+    digest.update(repr((METHOD, planet_m, node.molecular_cos2, astuple(quality))).encode())
+    for column in (altitude_m, node.extinction_per_m, node.molecular_per_m, node.particle_per_m, node.asymmetry):
+        digest.update(np.ascontiguousarray(column, dtype="<f8").tobytes())
+    return digest.hexdigest()[:32]
+
+
+def multiple_scattering(
+    node: SpectralNode,
+    altitude_m: FloatArray,
+    planet_m: float,
+    quality: Quality,
+    sun_table: Callable[[], SunTable],
+    progress: Progress | None = None,
+) -> MultipleScattering:
+    """Return a solution from memory, from disk, or solved now (``sun_table`` is asked for only then)."""
+    key = content_key(node, altitude_m, planet_m, quality)
+    if key not in _memory:
+        path = cache_folder() / "scattering" / f"{key}.npz"
+        solution = _read(path, float(altitude_m[-1]), planet_m, degree_of(node, quality))
+        if solution is None:
+            solution = solve(node, altitude_m, planet_m, sun_table(), quality, progress)
+            _write(path, solution)
+        _memory[key] = solution
+        if len(_memory) > _KEPT:
+            _memory.popitem(last=False)
+    _memory.move_to_end(key)
+    return _memory[key]
+
+
+def _write(path: Path, solution: MultipleScattering) -> None:
+    """Keep a solution; a disk that does not take it costs the next run its time, no more."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary.open("wb") as file:
+            np.savez(
+                file,
+                air=solution.air.moments,
+                air_irradiance=solution.air.irradiance,
+                bounce=solution.bounce.moments,
+                bounce_irradiance=solution.bounce.irradiance,
+                spherical_albedo=solution.spherical_albedo,
+            )
+        temporary.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _read(path: Path, top_m: float, planet_m: float, degree: int) -> MultipleScattering | None:
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            fields = [
+                DiffuseField(top_m, planet_m, degree, data[name], data[f"{name}_irradiance"])
+                for name in ("air", "bounce")
+            ]
+            return MultipleScattering(fields[0], fields[1], float(data["spherical_albedo"]))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None

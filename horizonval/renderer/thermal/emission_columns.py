@@ -1,0 +1,127 @@
+"""The air of a thermal band as the emission march reads it: columns over latitude, a few g points at a time.
+
+Extinction and source function are linear in height between the nodes of one grid, linear in the sine of geodetic
+latitude between rows, and beyond the outermost rows as on them. In memory the g points of a batch lie side by side,
+extinction and source of a node one after the other, so that one node costs two packet gathers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
+from horizonval.renderer.tables import AltitudeGrid, gather_row, table_of
+from horizonval.renderer.types import Values
+
+WIDTH = 4
+"""g points per kernel launch; they share all geometry."""
+
+
+@dataclass(frozen=True)
+class AirColumns:
+    """Columns of one band.
+
+    Attributes
+    ----------
+    altitude_m : ndarray, shape (n,)
+    sin_latitude : ndarray, shape (m,)
+    extinction, source : ndarray, shape (g, m, n)
+        1/m and W m-2 sr-1.
+    """
+
+    altitude_m: FloatArray
+    sin_latitude: FloatArray
+    extinction: FloatArray
+    source: FloatArray
+
+    @classmethod
+    def of(cls, band: EmittingBand, air: ApparentRadiusAir | None = None) -> AirColumns:
+        """Build from a band; with refraction (``air``) per metre of the straight line, over apparent heights."""
+        extinction, source = band.columns()
+        if air is None:
+            return cls(band.altitude_m, band.sin_latitude, extinction, source)
+        i = np.clip(np.searchsorted(band.altitude_m, air.height_m, side="right") - 1, 0, len(band.altitude_m) - 2)
+        w = (air.height_m - band.altitude_m[i]) / (band.altitude_m[i + 1] - band.altitude_m[i])
+        w = np.clip(w, 0.0, 1.0)
+
+        def at(values: FloatArray) -> FloatArray:
+            return values[..., i] * (1.0 - w) + values[..., i + 1] * w
+
+        inside = air.height_m <= band.altitude_m[-1] * (1.0 + 1e-12)
+        return cls(
+            air.model.altitude_m, band.sin_latitude, at(extinction) * np.where(inside, air.dr_dx, 0.0), at(source)
+        )
+
+    @property
+    def top_m(self) -> float:
+        """Vacuum above."""
+        return float(self.altitude_m[-1])
+
+    def batches(self) -> Iterator[ColumnBatch]:
+        """Yield the columns for the kernel, :data:`WIDTH` g points at a time; the last is filled up with nothing."""
+        count = len(self.extinction)
+        width = 1 if count == 1 else WIDTH
+        grid = AltitudeGrid.of(self.altitude_m)
+        rows, low = len(self.sin_latitude), float(self.sin_latitude[0])
+        per_row = (rows - 1) / float(self.sin_latitude[-1] - low) if rows > 1 else 0.0
+        for first in range(0, count, width):
+            part = slice(first, min(first + width, count))
+            packed = np.zeros((rows, len(self.altitude_m), 2, width))
+            packed[:, :, 0, : part.stop - first] = np.moveaxis(self.extinction[part], 0, -1)
+            packed[:, :, 1, : part.stop - first] = np.moveaxis(self.source[part], 0, -1)
+            yield ColumnBatch(
+                table_of(mi.Float64, packed),
+                grid,
+                width,
+                part.stop - first,
+                rows,
+                dr.opaque(mi.Float64, low, 1),
+                dr.opaque(mi.Float64, per_row, 1),
+            )
+
+
+@dataclass(frozen=True)
+class ColumnBatch:
+    """Columns of up to :data:`WIDTH` g points in the kernel's memory.
+
+    ``values``: Float64 of shape (rows, n, 2, width), flat. ``used``: g points that are not filling. ``low`` and
+    ``per_row`` (size 1) place the rows.
+    """
+
+    values: mi.Float64
+    grid: AltitudeGrid
+    width: int
+    used: int
+    rows: int
+    low: mi.Float64
+    per_row: mi.Float64
+
+    def at(self, height_m: mi.Float64, sin_latitude: mi.Float64) -> tuple[Values, Values]:
+        """Return extinction and source per g point; no extinction above the top."""
+        i, w, inside = self.grid.locate(height_m)
+        corners = [(i, 1.0 - w), (i + 1, w)]
+        if self.rows > 1:
+            x = dr.clip((sin_latitude - self.low) * self.per_row, 0.0, self.rows - 1.0)
+            row = dr.minimum(mi.UInt32(x), self.rows - 2)
+            north = x - mi.Float64(row)
+            start = row * self.grid.count
+            corners = [(start + k, v * (1.0 - north)) for k, v in corners] + [
+                (start + self.grid.count + k, v * north) for k, v in corners
+            ]
+        out = []
+        for part in (0, 1):
+            total: Values = []
+            for k, v in corners:
+                values = gather_row(self.values, 2 * k + part, self.width)
+                total = (
+                    [dr.fma(a, v, b) for a, b in zip(values, total, strict=True)] if total else [a * v for a in values]
+                )
+            out.append(total)
+        return [dr.select(inside, k, 0.0) for k in out[0]], out[1]

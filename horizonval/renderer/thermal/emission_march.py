@@ -1,0 +1,139 @@
+r"""The march of emitting air: band radiance along rays through columns that vary with height and latitude.
+
+For every g point, with extinction k and source S at a place, seen from the observer::
+
+    L_air = sum over g of int S_g exp(-tau_g) dtau_g,        through_g = exp(-tau_g at the end)
+
+Steps, their two Gauss points and what a step adds are those of :mod:`horizonval.renderer.kernel.march`; there is no Sun,
+so that steps are even in its ray parameter. The latitude of a place is that of the ellipsoid's normal below it.
+
+Asked for stations, the march also writes down what a cloud top between the ends of a ray must know: at every station t
+the radiance P of the air before it, and ``Q = sum over g of exp(-tau_g(t)) S_g(air at t)``, the emission of a black
+body as warm as the air there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from horizonval.renderer.kernel.march import gain
+from horizonval.renderer.planet import Planet, along
+from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, find_path, warp
+from horizonval.renderer.thermal.emission_columns import ColumnBatch
+from horizonval.renderer.types import Values, Vec
+
+CONCENTRATION = 0.5
+"""How the steps crowd at the lowest point: the ``c`` of :mod:`horizonval.renderer.ray_path`."""
+
+THICK_STEP = 0.02
+"""Optical depth from which the source is integrated against exp(-tau) exactly; emission knows its source everywhere, so
+that this is right for isothermal air of any opacity to 1e-6."""
+
+
+@dataclass(frozen=True)
+class Stations:
+    """Places along rays at which P and Q are wanted: ``count`` of them, even in t from ``first`` to ``last``.
+
+    ``steps``: march steps from each to the next.
+    """
+
+    first: mi.Float64
+    last: mi.Float64
+    count: int
+    steps: int
+
+
+def march_emission(
+    planet: Planet,
+    top_m: float,
+    batch: ColumnBatch,
+    o: Vec,
+    d: Vec,
+    to_ground: mi.Bool,
+    nodes: int,
+    stations: Stations | None = None,
+) -> tuple[Values, Values, tuple[mi.Float64, mi.Float64] | None]:
+    """Return what the air of a few g points sends along rays.
+
+    Parameters
+    ----------
+    o, d : Vec
+        Origins [m, planet-centred] and unit directions.
+    to_ground : Bool
+        Stop at the ground (the ray must hit it).
+    nodes : int
+        Evaluations along each ray (two per step); before the stations if there are any.
+    stations : Stations, optional
+        Then the march ends at the last one.
+
+    Returns
+    -------
+    radiance, through : lists of Float64
+        Of the air, and transmittance from the observer to the end of the path; per g point that is not filling.
+    at_stations : tuple of two Float64, shape (count * rays,), or None
+        P and Q, station by station.
+    """
+    path = find_path(planet, top_m, o, d, to_ground)
+    count = max(nodes // 2, 3)
+    rays = dr.width(path.t_low)
+    zero = dr.zeros(mi.Float64, rays)
+    total = count if stations is None else count + (stations.count - 1) * stations.steps
+    lane = dr.arange(mi.UInt32, rays)
+    at_stations = None
+    if stations is not None:
+        at_stations = dr.zeros(mi.Float64, rays * stations.count), dr.zeros(mi.Float64, rays * stations.count)
+
+    def boundary(i: mi.UInt32) -> mi.Float64:
+        return _boundary(path, mi.Float64(i), count, stations)
+
+    def air_at(t: mi.Float64) -> tuple[Values, Values]:
+        height, normal = planet.height_and_normal(along(o, d, t))
+        return batch.at(height, normal[2])
+
+    def body(
+        i: mi.UInt32, t0: mi.Float64, tau: Values, radiance: Values
+    ) -> tuple[mi.UInt32, mi.Float64, Values, Values]:
+        tau, radiance = list(tau), list(radiance)
+        t1 = boundary(i + 1)
+        h = t1 - t0
+        k_a, s_a = air_at(t0 + GAUSS_LOW * h)
+        k_b, s_b = air_at(t0 + (1.0 - GAUSS_LOW) * h)
+        for n in range(batch.width):
+            step = 0.5 * h * (k_a[n] + k_b[n])
+            added = gain(h, k_a[n], k_b[n], k_a[n] * s_a[n], k_b[n] * s_b[n], step, THICK_STEP)
+            radiance[n] = dr.fma(dr.exp(-tau[n]), added, radiance[n])
+            tau[n] = tau[n] + step
+        if stations is not None and at_stations is not None:
+            _, s = air_at(t1)
+            black = sum(dr.exp(-tau[n]) * s[n] for n in range(batch.width))
+            past = i + 1 - count
+            station = (i + 1 >= count) & (past % stations.steps == 0)
+            index = past // stations.steps * rays + lane
+            dr.scatter(at_stations[0], sum(radiance), index, station, mode=dr.ReduceMode.NoConflicts)
+            dr.scatter(at_stations[1], black, index, station, mode=dr.ReduceMode.NoConflicts)
+        return i + 1, t1, tau, radiance
+
+    _, _, tau, radiance = dr.while_loop(
+        (mi.UInt32(0), boundary(mi.UInt32(0)) + zero, [zero + 0.0] * batch.width, [zero + 0.0] * batch.width),
+        lambda i, *_: i < total,
+        body,
+        labels=("i", "t", "tau", "radiance"),
+        label="emission march",
+    )
+    through = [dr.exp(-v) for v in tau[: batch.used]]
+    radiance = radiance[: batch.used]
+    dr.eval(radiance, through, at_stations)
+    return radiance, through, at_stations
+
+
+def _boundary(path: AirPath, i: mi.Float64, count: int, stations: Stations | None) -> mi.Float64:
+    """Return the ray parameter of step boundary ``i``."""
+    if stations is None:
+        return warp(path, path.y0 + (path.y1 - path.y0) * (i / count), CONCENTRATION)
+    start = path.t_low - path.length_before
+    before = start + (stations.first - start) * (i / count)
+    x = (i - count) / ((stations.count - 1.0) * stations.steps)
+    return dr.select(i < count, before, dr.fma(stations.last - stations.first, x, stations.first))

@@ -1,0 +1,258 @@
+"""Frames of thermal bands: tables against the direct march, black bodies, clouds, the camera's roll."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import pytest
+from emission_models import black, camera, frame_of, isothermal, scene
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.column import OpticalModel
+from horizonval.earth.optical import optical_model
+from horizonval.geometry.ellipsoid import WGS84
+from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.plugin.model_text import dump_model, load_model
+from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.load import load_suite
+
+activate()
+
+CO2 = {"name": "b", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}
+WINDOW = {"name": "b", "kind": "thermal", "lo_um": 10.5, "hi_um": 12.5}
+VARYING = {"atmosphere": {"profile": "by_latitude_month"}}
+CLOUDS = {"cover": 0.6, "top_km": 12.0, "mean_top_km": 8.0}
+
+
+def _tables(air: OpticalModel, origin: FloatArray) -> Any:
+    from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
+    from horizonval.renderer.planet import Planet
+    from horizonval.renderer.spline_table import Azimuths
+    from horizonval.renderer.thermal.emission_columns import AirColumns
+    from horizonval.renderer.thermal.emission_image import FEWEST_AZIMUTHS
+    from horizonval.renderer.thermal.emission_table import ThermalAir, make_tables
+
+    b = air.thermal[0]
+    assert air.emission is not None
+    thermal = ThermalAir.of(b, air.emission, AirColumns.of(b))
+    coordinates = RayCoordinates.of(Planet(WGS84.a_m, WGS84.b_m), origin, thermal.top_m)
+    whole = Azimuths(FEWEST_AZIMUTHS, 0, FEWEST_AZIMUTHS)
+    return make_tables(thermal, air.emission, coordinates, whole, 256, None, (True, True))
+
+
+def _looked(tables: Any, air: OpticalModel, o: Any, d: Any, row: Any, angle: Any, to_ground: bool) -> Any:
+    from horizonval.renderer.thermal.emission_ground import mirrored
+    from horizonval.renderer.thermal.emission_image import RayEnds, mixed, warmth_k
+
+    if not to_ground:
+        return tables.limb.look(row, angle)[0]
+    assert air.emission is not None
+    _, normal, _ = mirrored(tables.coordinates.planet, o, d)
+    ends = RayEnds(None, None, {}, warmth_k(air.emission, normal, o))
+    return mixed(tables.ground.look(row, angle), tables.kinds, ends)
+
+
+@pytest.mark.parametrize("table", [{}, VARYING], ids=["one_row", "many_rows"])
+@pytest.mark.parametrize("altitude_m", [500e3, pytest.param(30e3, marks=pytest.mark.slow)], ids=["outside", "inside"])
+@pytest.mark.parametrize("spectrum", [CO2, WINDOW], ids=["co2", "window"])
+def test_tables_say_what_the_march_says(table: dict[str, Any], altitude_m: float, spectrum: dict[str, Any]) -> None:
+    """1e-3 of the local radiance where it exceeds 1e-3 of the brightest; both march with 256 nodes.
+
+    Rays at random, a quarter of them within 2 km of the hard limb and as many about 16 km, where the absorption bends.
+    """
+    from horizonval.renderer.kernel.radiance import vectors
+    from horizonval.renderer.scene.emission import thermal_radiance
+
+    air = optical_model(scene(**table), camera(spectrum))
+    latitude = np.radians(20.0)
+    origin = (WGS84.a_m - 2e3 + altitude_m) * np.array([np.cos(latitude), 0.0, np.sin(latitude)])
+    tables = _tables(air, origin)
+    coordinates = tables.coordinates
+    rng = np.random.default_rng(np.random.SeedSequence(5))
+    height = np.concatenate([rng.uniform(0, 2e3, 100), rng.uniform(14.5e3, 17e3, 100), rng.uniform(0, 90e3, 200)])
+    if coordinates.inside:
+        radius = coordinates.distance_m
+        dip = np.arccos(np.minimum((WGS84.a_m + height) / radius, 1.0))
+        below = np.arccos(WGS84.a_m / radius) - dip
+        height = np.concatenate([below, rng.uniform(0.0, coordinates.limb.most, 100)])
+    grazing = np.concatenate([rng.uniform(0.0, 0.03, 100), rng.uniform(0.0, np.pi / 2, 200)])
+    for to_ground, v in ((False, height), (True, grazing)):
+        azimuth = rng.uniform(-np.pi, np.pi, len(v))
+        d = np.stack([coordinates.directions(v[k : k + 1], azimuth[k : k + 1], to_ground)[0, 0] for k in range(len(v))])
+        row, angle = coordinates.place(vectors(origin[None, :]), vectors(d), to_ground)
+        direct = thermal_radiance(air, WGS84.a_m, np.tile(origin, (len(v), 1)), d, polar_radius_m=WGS84.b_m, nodes=256)[
+            "b"
+        ]
+        looked = np.array(_looked(tables, air, vectors(origin[None, :]), vectors(d), row, angle, to_ground))
+        bright = direct > 1e-3 * direct.max()
+        assert bright.sum() > 200
+        assert looked[bright] == pytest.approx(direct[bright], rel=1e-3)
+
+
+@pytest.mark.parametrize("opacity_per_m", [1e-7, 1e-5, 1e-2])
+def test_a_frame_of_an_isothermal_planet_is_a_black_body(opacity_per_m: float) -> None:
+    """1e-6 wherever a pixel is all ground, float32 included; nothing in the frame is brighter."""
+    air = isothermal(opacity_per_m, 250.0)
+    image = frame_of(air, scene(), camera(CO2))[:, :, 0]
+    ground = render_frame(scene(atmosphere={"profile": "none"}), camera(CO2)).maps["tangent_height"] < -50e3
+    assert ground.sum() > 1000
+    assert image[ground] == pytest.approx(black(250.0), rel=1e-6)
+    assert image.max() < black(250.0) * (1.0 + 1e-6)
+
+
+def test_the_roll_of_the_camera_turns_the_picture_and_nothing_else() -> None:
+    """1e-4 in bright pixels: the tables of the two frames stand on other azimuths."""
+    seen = scene(**VARYING, render={"subsamples": 1})
+    spec = camera(CO2)
+    air = optical_model(seen, spec)
+    level, rolled = (frame_of(air, seen, spec, roll)[:, :, 0] for roll in (0.0, np.pi / 2))
+    turned = np.rot90(rolled, -1)
+    if not np.allclose(turned, level, rtol=0.1, atol=0.1 * level.max()):
+        turned = np.rot90(rolled, 1)
+    bright = level > 0.01 * level.max()
+    assert turned[bright] == pytest.approx(level[bright], rel=1e-4)
+
+
+def test_bands_survive_text_bit_by_bit() -> None:
+    air = optical_model(scene(**VARYING, surface={"kind": "earth"}), camera(CO2, WINDOW | {"name": "w"}))
+    again = load_model(dump_model(air))
+    assert again.emission == air.emission
+    assert again.bands == air.bands == ("b", "w")
+    for a, b in zip(again.thermal, air.thermal, strict=True):
+        assert (a.name, a.ln_extinction.shape) == (b.name, b.ln_extinction.shape)
+        assert all(np.array_equal(getattr(a, k), getattr(b, k)) for k in vars(b) if k != "name")
+
+
+def _cloudy(air: OpticalModel, emissivity: float, spec: Any, **changes: Any) -> FloatArray:
+    """A frame under clouds of an emissivity, through the plugin's own properties."""
+    import mitsuba as mi
+
+    from horizonval.renderer.scene.description import describe
+
+    described = describe(scene(clouds=CLOUDS, render={"subsamples": 1}, **changes), spec)
+    assert air.emission is not None
+    emission = replace(air.emission, cloud_emissivity=emissivity)
+    integrator = described.mitsuba["integrator"] | {"model": dump_model(replace(air, emission=emission))}
+    return np.array(mi.render(mi.load_dict(described.mitsuba | {"integrator": integrator}), spp=1))[:, :, 0]
+
+
+@pytest.mark.slow
+def test_clouds_between_opaque_and_invisible() -> None:
+    """Emissivity 0 is a clear sky; a half is the mean of that and opaque clouds, radiance being linear in it: 1e-6."""
+    spec = camera(WINDOW)
+    clear_scene = scene(render={"subsamples": 1})
+    air = optical_model(clear_scene, spec)
+    clear = render_frame(clear_scene, spec).radiance["b"]
+    invisible, half, opaque = (_cloudy(air, e, spec) for e in (0.0, 0.5, 1.0))
+    assert invisible == pytest.approx(clear, rel=1e-6)
+    assert half == pytest.approx(0.5 * (invisible + opaque), rel=1e-6)
+    assert (opaque / np.maximum(clear, 1e-3))[clear > 1.0].min() < 0.8
+
+
+@pytest.mark.slow
+def test_opaque_clouds_straight_down_have_the_closed_form() -> None:
+    """Air above the top, summed on 10 m by hand, and a black body as warm as the air there: 1e-3.
+
+    The distance map says how high a top is; the camera looks straight down on half a degree.
+    """
+    spec = camera(WINDOW, fov_deg=0.5, pixels=16)
+    down = {"camera": {"file": "test", "mount_roll_deg": 0.0}, "clouds": CLOUDS | {"cover": 1.0}}
+    seen = scene(**down, render={"subsamples": 1})
+    frame = render_frame(seen, spec)
+    b = optical_model(seen, spec).thermal[0]
+    top_m = 500e3 - frame.maps["distance"].astype(float)
+    for row, column in ((3, 5), (10, 12)):
+        z = np.arange(top_m[row, column], 1e5, 10.0)
+        k, s = b.extinction_at(z)[:, 0], b.source(b.air_k(z)[0]).T
+        layer = 0.5 * (k[:, 1:] + k[:, :-1]) * np.diff(z)
+        above = np.concatenate([np.cumsum(layer[:, ::-1], axis=1)[:, ::-1], np.zeros((len(k), 1))], axis=1)
+        passed = np.exp(-above)
+        air = np.sum(0.5 * (s[:, 1:] + s[:, :-1]) * np.diff(passed, axis=1))
+        expected = air + np.sum(passed[:, 0] * s[:, 0])
+        assert float(frame.radiance["b"][row, column]) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_the_number_of_threads_changes_no_bit() -> None:
+    seen = scene(**VARYING, surface={"kind": "earth"}, clouds=CLOUDS)
+    spec = camera(CO2)
+    prints = set()
+    before = dr.thread_count()
+    try:
+        for threads in (1, 2, 4):
+            dr.set_thread_count(threads)
+            prints.add(hashlib.sha256(render_frame(seen, spec).radiance["b"].tobytes()).hexdigest())
+    finally:
+        dr.set_thread_count(before)
+    assert len(prints) == 1
+
+
+@pytest.mark.slow
+def test_no_sky_shines_through_clouds_past_the_horizon() -> None:
+    """By night over black ground, without airglow: a ray that ends on a cloud beyond the horizon is dark."""
+    from horizonval.frame import Hit
+
+    seen = scene(
+        camera={"file": "test", "mount_roll_deg": 68.0},
+        sun={"zenith_deg": 150.0},
+        surface={"albedo": 0.0},
+        clouds=CLOUDS | {"cover": 1.0, "albedo": 0.0},
+        night={"airglow": False, "moonlight": False},
+        render={"subsamples": 1, "orders": "single"},
+    )
+    visible = {"name": "b", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 1}
+    frame = render_frame(seen, camera(visible, fov_deg=4.0, pixels=96))
+    cloud = (frame.maps["hit"] == Hit.CLOUD) & (frame.maps["tangent_height"] > 3e3)
+    space = frame.maps["tangent_height"] > 60e3
+    assert cloud.sum() > 100
+    assert frame.radiance["b"][cloud].max() < 1e-6 * frame.radiance["b"][space].min()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spectrum", [CO2, WINDOW], ids=["co2", "window"])
+def test_what_a_cloud_top_reads_is_what_the_march_wrote(spectrum: dict[str, Any], monkeypatch: Any) -> None:
+    """P and Q of rays at random, halfway between stations too: 4e-3 of the brightest, 0.4 K of a cloud top.
+
+    The worst is where a top stands at a kink of the temperature, the tropopause.
+
+    Tops at 12 km at most; limb rays that pass below 10 km, and rays to the ground.
+    """
+    from horizonval.renderer.kernel.radiance import vectors
+    from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
+    from horizonval.renderer.planet import Planet
+    from horizonval.renderer.spline_table import Azimuths
+    from horizonval.renderer.thermal import emission_table
+    from horizonval.renderer.thermal.emission_columns import AirColumns
+    from horizonval.renderer.thermal.emission_table import ThermalAir, make_tables
+
+    air = optical_model(scene(**VARYING), camera(spectrum))
+    assert air.emission is not None
+    thermal = ThermalAir.of(air.thermal[0], air.emission, AirColumns.of(air.thermal[0]))
+    origin = (WGS84.a_m + 500e3) * np.array([np.cos(0.4), 0.0, np.sin(0.4)])
+    coordinates = RayCoordinates.of(Planet(WGS84.a_m, WGS84.b_m), origin, thermal.top_m)
+    tables = make_tables(thermal, air.emission, coordinates, Azimuths(96, 0, 96), 128, 12e3, (True, True))
+    rng = np.random.default_rng(np.random.SeedSequence(9))
+    twice = 2 * emission_table.STATIONS - 1
+    monkeypatch.setattr(emission_table, "STATIONS", twice)
+    for to_ground, table, most in ((False, tables.clouds_limb, 10e3), (True, tables.clouds_ground, np.pi / 2)):
+        assert table is not None
+        v, azimuth = rng.uniform(0.0, most, 50), rng.uniform(-np.pi, np.pi, 50)
+        d = np.stack([coordinates.directions(v[k : k + 1], azimuth[k : k + 1], to_ground)[0, 0] for k in range(50)])
+        o, ray = vectors(origin[None, :]), vectors(d)
+        exact = emission_table._station_values(thermal, coordinates.planet, o, d, to_ground, 128, tables.layer_m)
+        row, angle = coordinates.place(o, ray, to_ground)
+        for k in range(twice):
+            looked = np.stack([np.array(x) for x in table.look(row, angle, k / (twice - 1.0) + 0.0 * row)], axis=1)
+            assert np.abs(looked - exact[:, k]).max() < 4e-3 * exact.max(), (to_ground, k)
+
+
+def test_no_radiance_is_negative() -> None:
+    """A frame with cells within metres of the top of the air, where the cubic through its end dips below zero."""
+    (case,) = (case for case in load_suite("cameras").cases if case.name == "ir-thermopile-32-110deg")
+    frame = render_frame(case.scene, case.camera)
+    assert frame.radiance["lwir"].min() == 0.0
+    assert frame.radiance["lwir"].max() > 20.0

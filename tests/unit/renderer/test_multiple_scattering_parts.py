@@ -1,0 +1,123 @@
+"""Parts of multiple scattering against closed forms, and the store of solved tables."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import sph_harm_y
+
+from horizonval.earth.column import SpectralNode
+from horizonval.renderer.plugin.backend import activate
+
+activate()
+
+import mitsuba as mi  # noqa: E402
+
+from horizonval.renderer.scattering import source_store  # noqa: E402
+from horizonval.renderer.scattering.harmonics import cosines, pairs, polar_parts  # noqa: E402
+from horizonval.renderer.scattering.multiple_scattering import Quality  # noqa: E402
+from horizonval.renderer.scattering.shell_rays import shell_rays  # noqa: E402
+from horizonval.renderer.scattering.source_store import content_key, multiple_scattering  # noqa: E402
+from horizonval.renderer.scattering.sun_angles import sun_angle_cosines, sun_angle_position  # noqa: E402
+from horizonval.renderer.tables import SunTable  # noqa: E402
+
+COARSE = Quality(6, 12, 4, 2, 2, 6, 4, 2, 8, 4)
+ALTITUDE_M = np.linspace(0.0, 1e5, 101)
+PLANET_M = 6371e3
+
+
+def test_harmonics_are_scipys() -> None:
+    theta, phi = np.linspace(0.05, 3.1, 9), 0.7
+    polar, azimuthal = polar_parts(8, np.cos(theta), np.sin(theta)), cosines(8, np.cos(phi))
+    for n, m in pairs(8):
+        norm = (-1) ** m * (math.sqrt(2.0) if m else 1.0)
+        expected = norm * sph_harm_y(n, m, theta, phi).real
+        np.testing.assert_allclose(polar[n, m] * azimuthal[m], expected, atol=1e-14)
+
+
+def test_sun_angles_and_their_places() -> None:
+    mu = sun_angle_cosines(96)
+    assert (np.diff(mu) > 0).all()
+    np.testing.assert_allclose(sun_angle_position(mu, 96), np.arange(96), atol=1e-11)
+    np.testing.assert_allclose(np.array(sun_angle_position(mi.Float32(mu), 96)), np.arange(96), atol=2e-4)
+    assert sun_angle_position(np.array([-1.0, 2.0]), 96).tolist() == [0.0, 95.0]
+
+
+def test_shell_rays_are_straight_and_lose_what_they_absorb() -> None:
+    """Nodes lie on their rays to 1 um; a uniform shell transmits ``exp(-k length)`` to 5e-6 and absorbs the rest.
+
+    To 2e-4 where the ray is all but level: there the square root of its rise bends most.
+    """
+    k = np.full_like(ALTITUDE_M, 2e-7)
+    heights = 1e5 * np.linspace(0.0, 1.0, 7) ** 2
+    rays = shell_rays(ALTITUDE_M, k, PLANET_M, heights, 10, 4, 24)
+    start = rays.radius_m[:, None, None]
+    along = start * rays.cosine[..., None] + rays.node_distance_m
+    np.testing.assert_allclose(along, rays.node_up * rays.node_radius_m, atol=1e-6)
+    across = start**2 * (1.0 - rays.cosine[..., None] ** 2)
+    np.testing.assert_allclose(np.sqrt(along**2 + across), rays.node_radius_m, rtol=1e-14)
+    np.testing.assert_allclose(rays.end_transmittance, np.exp(-2e-7 * rays.end_m), rtol=5e-6)
+    absorbed = np.sum(rays.node_weight, axis=-1) * 2e-7
+    np.testing.assert_allclose(absorbed, 1.0 - rays.end_transmittance, atol=2e-4)
+    np.testing.assert_allclose(rays.solid_angle.sum(axis=1), 2.0, rtol=1e-14)
+    assert (rays.end_m[0, 10:] == 0).all(), "the ground is under one's feet"
+
+
+def _node(scale: float = 1.0) -> SpectralNode:
+    air = scale * 1.2e-5 * np.exp(-ALTITUDE_M / 8e3)
+    zero = np.zeros_like(air)
+    return SpectralNode("n", "n", 1.0, 0.55, air, air, 0.75, zero, zero, 1.0, zero, 0.0, 0.0)
+
+
+def _sun_table() -> SunTable:
+    h, mu = SunTable.nodes(24, 24, PLANET_M, 1e5)
+    depth = 1.2e-5 * 8e3 * np.exp(-h / 8e3)[:, None] / np.maximum(mu, 0.05)
+    return SunTable(mi.Float64(np.log(depth + 1e-12).ravel()), 24, 24, PLANET_M, 1e5)
+
+
+@pytest.fixture
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(source_store, "_memory", type(source_store._memory)())
+    return tmp_path
+
+
+def test_tables_are_kept_and_damage_is_noticed(store: Path) -> None:
+    def solved(told: list[int]) -> np.ndarray:
+        source_store._memory.clear()
+        found = multiple_scattering(
+            _node(), ALTITUDE_M, PLANET_M, COARSE, _sun_table, lambda order, _: told.append(order)
+        )
+        return found.air.moments
+
+    told: list[int] = []
+    first = solved(told)
+    assert told[:2] == [1, 2]
+    told = []
+    np.testing.assert_array_equal(solved(told), first)
+    assert told == []
+    (path,) = store.rglob("*.npz")
+    whole = path.read_bytes()
+    for damaged in (whole[:1000], b"", bytes(reversed(whole))):
+        path.write_bytes(damaged)
+        told = []
+        np.testing.assert_array_equal(solved(told), first)
+        assert told[0] == 1
+        assert path.read_bytes() == whole
+
+
+def test_a_store_that_cannot_be_written_costs_only_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(source_store, "_memory", type(source_store._memory)())
+    assert multiple_scattering(_node(), ALTITUDE_M, PLANET_M, COARSE, _sun_table).spherical_albedo > 0
+
+
+def test_the_key_is_the_content() -> None:
+    key = content_key(_node(), ALTITUDE_M, PLANET_M, COARSE)
+    assert key == content_key(_node(), ALTITUDE_M.copy(), PLANET_M, COARSE)
+    assert key != content_key(_node(1.0 + 1e-15), ALTITUDE_M, PLANET_M, COARSE)
+    assert key != content_key(_node(), ALTITUDE_M, PLANET_M + 1.0, COARSE)

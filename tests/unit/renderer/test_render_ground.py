@@ -1,0 +1,283 @@
+"""Ground and clouds inside the renderer, against the numpy side, closed forms and the plain ground."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from horizonval.earth.atmosphere import clouds
+from horizonval.earth.atmosphere.clouds import BASE_M, CloudField
+from horizonval.earth.optical import optical_model
+from horizonval.earth.surface import land, surface
+from horizonval.frame import Hit
+from horizonval.geometry.camera import camera_from_spec, unproject
+from horizonval.geometry.ellipsoid import WGS84, geodetic_height, surface_normal
+from horizonval.geometry.ephemeris import AU_M, sun_itrs
+from horizonval.geometry.frames import rotate
+from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.truth.frame_truth import truth_of
+
+SOLAR = {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6, "nodes": 2}
+THERMAL = {"name": "lwir", "kind": "thermal", "lo_um": 10.0, "hi_um": 11.0}
+CLOUDS = {"cover": 0.5, "seed": 5, "scale_km": 200.0}
+
+
+@pytest.fixture(scope="module")
+def mi() -> Any:
+    activate()
+    import mitsuba
+
+    return mitsuba
+
+
+def _scene(**changes: Any) -> SceneSpec:
+    scene = {
+        "camera": {"file": "test", "mount_roll_deg": 66.0},
+        "platform": {"altitude_km": 500.0, "latitude_deg": 20.0, "longitude_deg": -160.0},
+        "sun": {"zenith_deg": 40.0, "azimuth_deg": 60.0},
+    }
+    return SceneSpec.model_validate(scene | changes)
+
+
+def _camera(band: dict[str, Any] = SOLAR, **size: Any) -> CameraSpec:
+    return CameraSpec.model_validate({"camera": {"width": 96, "height": 72, "fov_deg": 60.0} | size, "band": [band]})
+
+
+def _vec(mi: Any, v: np.ndarray) -> Any:
+    return tuple(mi.Float64(np.ascontiguousarray(v[:, k])) for k in range(3))
+
+
+def _places(n: int, seed: int) -> np.ndarray:
+    v = np.random.default_rng(np.random.SeedSequence(seed)).normal(size=(n, 3))
+    return v / np.linalg.norm(v, axis=1)[:, None]
+
+
+def test_kernel_reflectance_equals_numpy(mi: Any) -> None:
+    """1e-6: Dr.Jit's erf."""
+    from horizonval.renderer.kernel.surface import fresnel, glint_brdf
+
+    rng = np.random.default_rng(np.random.SeedSequence(8))
+    a, b, c = rng.uniform(-0.05, 1.0, 2000), rng.uniform(-0.05, 1.0, 2000), rng.uniform(-1.0, 1.0, 2000)
+    ours = np.array(glint_brdf(mi.Float64(a), mi.Float64(b), mi.Float64(c), mi.Float64(0.04)))
+    assert ours == pytest.approx(surface.glint_brdf(a, b, c, 0.04), rel=1e-6, abs=1e-12)
+    mu = np.linspace(0.0, 1.0, 101)
+    assert np.array(fresnel(mi.Float64(mu))) == pytest.approx(surface.fresnel(mu), rel=1e-12)
+
+
+def test_kernel_land_equals_numpy(mi: Any) -> None:
+    """All but the few places where rounding decides."""
+    from horizonval.renderer.kernel.surface import is_land
+
+    normal = _places(50_000, 3)
+    latitude, longitude = np.degrees(np.arcsin(normal[:, 2])), np.degrees(np.arctan2(normal[:, 1], normal[:, 0]))
+    ours = np.array(is_land(mi.UInt32(land.packed_words()), _vec(mi, normal)))
+    assert np.sum(ours != land.is_land(latitude, longitude)) <= 2
+
+
+def test_kernel_relief_equals_numpy(mi: Any) -> None:
+    """1 mm of up to 12 km; the table between its nodes follows it to 250 m rms on 1.9 km nodes."""
+    from horizonval.renderer.kernel.clouds import cloud_table, relief
+    from horizonval.renderer.planet import Planet
+
+    field = CloudField(0.5, 12e3, 5e3, 300e3, 7, 0.8)
+    normal = _places(20_000, 4)
+    exact = clouds.top_m(field, normal)
+    assert np.array(relief(field, _vec(mi, normal))) == pytest.approx(exact, abs=1e-3)
+    table = cloud_table(field, Planet(WGS84.a_m, WGS84.b_m), (4e6, 3e6, 4.7e6))
+    up = np.array([4e6, 3e6, 4.7e6]) / np.linalg.norm([4e6, 3e6, 4.7e6])
+    near = up + 0.2 * normal * np.random.default_rng(1).uniform(0, 1, (len(normal), 1))
+    near /= np.linalg.norm(near, axis=1)[:, None]
+    error = np.array(table.top(_vec(mi, near))) - clouds.top_m(field, near)
+    assert np.sqrt(np.mean(error**2)) < 250.0
+
+
+def test_rays_end_where_the_clouds_are(mi: Any) -> None:
+    """The end lies on the relief (2 m: ten bisections of a step), and no point before it inside one."""
+    from horizonval.renderer.kernel.clouds import cloud_table, first_cloud
+    from horizonval.renderer.planet import Planet
+
+    truth = truth_of(_scene(), _camera())
+    origin = np.array(truth.r_itrs)
+    up, radius = origin / np.linalg.norm(origin), np.linalg.norm(origin)
+    side = np.cross(up, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side)
+    # from off the nadir to grazing 11 km; a search that nothing stops would go on below the ground
+    angle = np.arcsin(np.linspace(0.3, 1.0, 4000) * 6.386e6 / radius)
+    d = -np.cos(angle)[:, None] * up + np.sin(angle)[:, None] * side
+    planet = Planet(WGS84.a_m, WGS84.b_m)
+    field = CloudField(0.5, 12e3, 5e3, 200e3, 5, 0.8)
+    table = cloud_table(field, planet, tuple(origin.tolist()))
+    o = tuple(mi.Float64(float(v)) for v in origin)
+    hit, t = (np.array(v) for v in first_cloud(table, planet, o, _vec(mi, d), to_ground=False))
+    hit &= geodetic_height(origin + t[:, None] * d, WGS84) > 0.0
+    assert 1000 < hit.sum() < 3900
+    end = origin + t[hit, None] * d[hit]
+    height = geodetic_height(end, WGS84)
+    top = np.array(table.top(_vec(mi, surface_normal(end, WGS84))))
+    steep = np.abs(top - height)
+    assert np.median(steep) < 2.0
+    assert np.all((height <= top + 2.0) & (height > 0.0))
+    grazing = hit & (np.sin(angle) * radius > 6.381e6)
+    assert grazing.any()
+    for back_m in (200.0, 1000.0, 5000.0):
+        before = origin + (t[hit, None] - back_m) * d[hit]
+        over = np.array(table.top(_vec(mi, surface_normal(before, WGS84))))
+        outside = (geodetic_height(before, WGS84) > over) | (over < BASE_M)
+        assert outside.mean() > 0.97
+
+
+def test_no_clouds_and_no_cover_are_the_same_bytes(mi: Any) -> None:
+    plain = render_frame(_scene(), _camera())
+    bare = render_frame(_scene(clouds={"cover": 0.0}), _camera())
+    assert plain.radiance["vis"].tobytes() == bare.radiance["vis"].tobytes()
+    assert all(plain.maps[k].tobytes() == bare.maps[k].tobytes() for k in plain.maps)
+
+
+@pytest.mark.parametrize("band", [SOLAR, THERMAL], ids=["solar", "thermal"])
+def test_between_the_clouds_is_the_plain_ground(mi: Any, band: dict[str, Any]) -> None:
+    """1e-6 of the radiance, by day under a high Sun, wherever a pixel has neither cloud nor shadow (most of them).
+
+    Of light scattered once: the rest has met the clouds from afar.
+    """
+    once = {"orders": "single"}
+    plain = render_frame(_scene(render=once), _camera(band)).radiance[band["name"]]
+    frame = render_frame(_scene(clouds=CLOUDS | {"cover": 0.1}, render=once), _camera(band))
+    same = np.isclose(frame.radiance[band["name"]], plain, rtol=1e-6, atol=0.0)
+    assert same[frame.maps["hit"] != Hit.CLOUD].mean() > 0.6
+    assert same[frame.maps["hit"] == Hit.CLOUD].mean() < 0.05
+
+
+def test_cloud_pixels_without_air_have_the_closed_form(mi: Any) -> None:
+    """Albedo by height, Lambert, under a Sun so high that few are shaded; the truth stays that of the ellipsoid."""
+    scene = _scene(atmosphere={"profile": "none"}, clouds=CLOUDS, sun={"zenith_deg": 5.0}, render={"subsamples": 1})
+    spec = _camera()
+    frame, truth = render_frame(scene, spec), truth_of(scene, spec)
+    assert frame.truth == truth
+    # away from the ellipsoid's edge, where a cell is two rays
+    v, u = np.nonzero((frame.maps["hit"] == Hit.CLOUD) & (np.abs(frame.maps["tangent_height"]) > 5e4))
+    inverse = np.array(truth.q_cam_from_itrs) * [-1, -1, -1, 1]
+    d = rotate(inverse, unproject(camera_from_spec(spec.camera), np.stack([u, v], axis=-1).astype(float)))
+    p = np.array(truth.r_itrs) + frame.maps["distance"][v, u, None].astype(float) * d
+    height, normal = geodetic_height(p, WGS84), surface_normal(p, WGS84)
+    field = clouds.cloud_field(scene)
+    ceiling = np.minimum(field.top_m, clouds.tropopause_m(np.degrees(np.arcsin(normal[:, 2]))))
+    # the walls below the base are as grey as the base
+    white = field.albedo * (0.6 + 0.4 * np.maximum(height - BASE_M, 0.0) / (ceiling - BASE_M))
+    model = optical_model(scene, spec, sun_itrs(scene.platform.epoch_utc)[1] / AU_M)
+    irradiance = sum(n.weight * n.solar_irradiance for n in model.nodes)
+    expected = white / np.pi * irradiance * (normal @ np.array(truth.sun_itrs))
+    ratio = frame.radiance["vis"][v, u] / expected
+    assert np.mean(np.abs(ratio - 1.0) < 1e-3) > 0.9
+    assert ratio.max() < 1.002
+    # rays that would have passed the Earth end on clouds too
+    past = frame.maps["tangent_height"] > 0.0
+    assert np.array_equal(frame.maps["hit"][past] == Hit.CLOUD, np.isfinite(frame.maps["distance"][past]))
+    assert (frame.maps["hit"][past] == Hit.CLOUD).any()
+
+
+def test_an_isothermal_planet_hides_its_clouds(mi: Any) -> None:
+    """A black cloud as warm as black ground without air looks like it; only the limb is wider."""
+    base = {"atmosphere": {"profile": "none"}, "surface": {"temperature_k": 288.0}}
+    plain = render_frame(_scene(**base), _camera(THERMAL)).radiance["lwir"]
+    cloudy = render_frame(_scene(**base, clouds=CLOUDS), _camera(THERMAL)).radiance["lwir"]
+    inside = plain == plain.max()
+    assert cloudy[inside] == pytest.approx(plain.max(), rel=1e-6)
+    assert cloudy.sum() > plain.sum()
+
+
+def test_glint_lies_at_the_mirror_point(mi: Any) -> None:
+    """The specular point of a sphere (Alhazen), closed in the plane of camera, centre and Sun, 2 px on a calm sea."""
+    radius, altitude, zenith = 6.371e6, 5e5, np.radians(55.0)
+    scene = _scene(
+        atmosphere={"profile": "none"},
+        earth={"shape": "sphere", "radius_km": 6371.0},
+        platform={"altitude_km": 500.0, "latitude_deg": -20.0, "longitude_deg": -120.0, "heading_deg": 0.0},
+        camera={"file": "test", "mount_roll_deg": 50.0},
+        surface={"kind": "earth", "wind_speed_m_s": 0.0},
+        sun={"zenith_deg": 55.0, "azimuth_deg": 270.0},
+    )
+    spec = _camera(width=200, height=160)
+    truth = truth_of(scene, spec)
+    image = render_frame(scene, spec).radiance["vis"].astype(float)
+    weight = np.where(image > 0.5 * image.max(), image, 0.0)
+    v, u = (float((weight * grid).sum() / weight.sum()) for grid in np.indices(image.shape))
+
+    def excess(psi: float) -> float:
+        """Angle of reflection minus incidence at the point psi from the subsatellite point."""
+        nadir = np.arctan2(radius * np.sin(psi), radius + altitude - radius * np.cos(psi))
+        return (nadir + psi) - (zenith - psi)
+
+    psi = brentq(excess, 0.0, 0.3)
+    up = np.array(truth.r_itrs) / np.linalg.norm(truth.r_itrs)
+    sun = np.array(truth.sun_itrs)
+    side = sun - (sun @ up) * up
+    side /= np.linalg.norm(side)
+    point = radius * (np.cos(psi) * up + np.sin(psi) * side)
+    assert not land.is_land(np.degrees(np.arcsin(point[2] / radius)), np.degrees(np.arctan2(point[1], point[0])))
+    x, y, z = rotate(np.array(truth.q_cam_from_itrs), point - np.array(truth.r_itrs))
+    camera = camera_from_spec(spec.camera)
+    assert u == pytest.approx(camera.cx + camera.fx * x / z, abs=1.0)
+    # the blob leans to the horizon, where facets are seen more end on
+    assert v == pytest.approx(camera.cy + camera.fy * y / z, abs=4.0)
+
+
+@pytest.mark.parametrize("table", [{"kind": "earth"}, {"albedo": 0.2}], ids=["earth", "uniform"])
+def test_the_number_of_threads_changes_no_bit_of_clouds(mi: Any, table: dict[str, Any]) -> None:
+    from horizonval.renderer.kernel import clouds as render_clouds
+
+    seen = set()
+    before = dr.thread_count()
+    try:
+        for threads in (1, 2, 4):
+            dr.set_thread_count(threads)
+            render_clouds._tables.clear()
+            frame = render_frame(_scene(surface=table, clouds=CLOUDS), _camera())
+            seen.add(hashlib.sha256(frame.radiance["vis"].tobytes() + frame.maps["hit"].tobytes()).hexdigest())
+    finally:
+        dr.set_thread_count(before)
+    assert len(seen) == 1
+
+
+def _disc_above(edge: float) -> float:
+    """Return the share of a disc of radius 1 on the far side of a line at ``edge`` from its centre."""
+    x = float(np.clip(edge, -1.0, 1.0))
+    return float((np.arccos(x) - x * np.sqrt(1.0 - x * x)) / np.pi)
+
+
+def test_clouds_hide_the_sun(mi: Any) -> None:
+    """An overcast of level tops at 16 km is a larger Earth: the Sun's disc stands above it as a segment, 3 %."""
+    zenith = 90.0 + np.degrees(np.arccos(6371.0 / 6871.0)) - 0.1
+    base = {
+        "atmosphere": {"profile": "none"},
+        "earth": {"shape": "sphere", "radius_km": 6371.0},
+        "sun": {"zenith_deg": float(zenith), "azimuth_deg": 270.0},
+        "surface": {"albedo": 0.0},
+        "camera": {"file": "test", "mount_roll_deg": float(180.0 - zenith)},
+    }
+    overcast = {"cover": 1.0, "top_km": 16.0, "mean_top_km": 15.99, "seed": 1, "albedo": 0.0}
+    spec = _camera(fov_deg=2.0)
+    free = render_frame(_scene(**base), spec).radiance["vis"].sum(dtype=float)
+    hidden = render_frame(_scene(**base, clouds=overcast), spec).radiance["vis"].sum(dtype=float)
+    radius = np.degrees(truth_of(_scene(**base), spec).sun_angular_radius_rad)
+    centre = zenith - 90.0
+
+    def share(height_km: float) -> float:
+        return _disc_above((centre - np.degrees(np.arccos((6371.0 + height_km) / 6871.0))) / radius)
+
+    assert share(0.0) > 0.7
+    assert hidden / free == pytest.approx(share(16.0) / share(0.0), abs=0.03)
+
+
+def test_truth_of_ground_and_clouds_reads_back() -> None:
+    scene = _scene(surface={"kind": "earth", "wind_speed_m_s": 3.0}, clouds=CLOUDS)
+    again = SceneSpec.model_validate(truth_of(scene, _camera()).scene)
+    assert again == scene
+    assert truth_of(again, _camera()) == truth_of(scene, _camera())
