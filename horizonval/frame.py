@@ -1,6 +1,6 @@
 """A frame: radiance per band, truth maps and the exact truth.
 
-``render`` makes frames; ``sensor`` turns them into detector images; ``archive`` stores both; ``scoring`` reads the
+``renderer`` makes frames; ``sensor`` turns them into detector images; ``archive`` stores both; ``scoring`` reads the
 truth. The truth is plain data that survives a trip through JSON bit by bit, so that an EXR file alone can be
 re-scored.
 """
@@ -152,7 +152,7 @@ class FrameTruth:
 
 
 @dataclass(frozen=True)
-class Frame:
+class RadianceFrame:
     """What the renderer makes.
 
     Attributes

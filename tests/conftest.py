@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
-from horizonval.frame import DetectorImage, Frame, FrameTruth
+from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.spec.sensor.camera import CameraSpec
 
 CAMERA: dict[str, Any] = {
@@ -89,10 +89,10 @@ def make_truth() -> Callable[..., FrameTruth]:
 
 
 @pytest.fixture
-def make_frame(make_truth: Callable[..., FrameTruth]) -> Callable[..., Frame]:
+def make_frame(make_truth: Callable[..., FrameTruth]) -> Callable[..., RadianceFrame]:
     """Build a frame of the given radiance (a number, or an array per band) and camera."""
 
-    def build(radiance: Any = None, camera: dict[str, Any] | None = None, **changes: Any) -> Frame:
+    def build(radiance: Any = None, camera: dict[str, Any] | None = None, **changes: Any) -> RadianceFrame:
         truth = make_truth(camera, **changes)
         size = truth.camera["camera"]
         shape = (size["height"], size["width"])
@@ -108,7 +108,7 @@ def make_frame(make_truth: Callable[..., FrameTruth]) -> Callable[..., Frame]:
             "solar_zenith": np.full(shape, 41.25, np.float32),
             "hit": (row < 0).astype(np.float32),
         }
-        return Frame(radiance=bands, maps=maps, truth=truth, render={"nodes": 64, "version": "0"})
+        return RadianceFrame(radiance=bands, maps=maps, truth=truth, render={"nodes": 64, "version": "0"})
 
     return build
 

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.observation import Estimator, Fit, NoFit
-from horizonval.frame import DetectorImage, Frame, FrameTruth
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Estimator, Fit
+from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry import frames
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, project, unproject
 from horizonval.geometry.ellipsoid import (
@@ -130,7 +131,7 @@ def fit_of(
 
 def estimator(name: str = "made-up", **changes: Any) -> Estimator:
     """An estimator that nobody runs."""
-    return Estimator(name=name, title=name, run=lambda _: NoFit(Outcome.NO_LIMB, "never run"), **changes)
+    return Estimator(name=name, title=name, run=lambda _: Refusal(Outcome.NO_LIMB, "never run"), **changes)
 
 
 def toy_image(truth: FrameTruth, full_scale: int = 1023) -> DetectorImage:
@@ -160,7 +161,7 @@ class Case:
     """One made-up case: its truth and what each made-up estimator said."""
 
     truth: FrameTruth
-    results: dict[str, Fit | NoFit] = field(default_factory=dict)
+    results: dict[str, Fit | Refusal] = field(default_factory=dict)
 
 
 def synthetic_cases() -> list[Case]:
@@ -183,7 +184,7 @@ def synthetic_cases() -> list[Case]:
     generator = np.random.default_rng(11)
     cases = []
     for name, truth in truths.items():
-        results: dict[str, Fit | NoFit] = {}
+        results: dict[str, Fit | Refusal] = {}
         expected = expected_outcome(truth)
         if name != "strip":
             error = generator.normal(0, 5e-4, 2)
@@ -199,13 +200,13 @@ def synthetic_cases() -> list[Case]:
                     points=points,
                 )
             else:
-                results["altitude-free"] = NoFit(expected.outcome, f"made up to fail: {expected.outcome}", points[:9])
+                results["altitude-free"] = Refusal(expected.outcome, f"made up to fail: {expected.outcome}", points[:9])
             if name == "sun-in-frame":
                 results["altitude-free"] = fit_of(
                     truth, error_rad=(0.02, 0.0), angular_radius_rad=truth.angular_radius_rad - 0.01, points=points
                 )
             if name == "lwir-high":
-                results["altitude-free"] = NoFit(Outcome.NOT_CONVERGED, "41 iterations, <still> moving & shaking")
+                results["altitude-free"] = Refusal(Outcome.NOT_CONVERGED, "41 iterations, <still> moving & shaking")
         cases.append(Case(truth, results))
     return cases
 
@@ -236,7 +237,7 @@ def write_run(run_dir: Path, cases: list[Case] | None = None) -> Path:
         image = toy_image(truth)
         shape = image.dn.shape
         maps = {key: np.zeros(shape, np.float32) for key in ("distance", "tangent_height", "solar_zenith", "hit")}
-        frame_address = store.add_frame(Frame({image.band: image.dn.astype(np.float32)}, maps, truth))
+        frame_address = store.add_frame(RadianceFrame({image.band: image.dn.astype(np.float32)}, maps, truth))
         image_address = store.add_image(image)
         own, details = [], {}
         for method, result in case.results.items():

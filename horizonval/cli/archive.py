@@ -11,7 +11,7 @@ import typer
 from horizonval.cli.options import Json
 from horizonval.cli.printing import print_json, print_summary
 from horizonval.cli.selection import ALL, Which, selects
-from horizonval.cli.work import resumable, told
+from horizonval.cli.work import resumable, watched
 from horizonval.core.errors import UserError
 
 archive_app = typer.Typer(help="The archive of a run: list, verify, export, clean, score again.", rich_markup_mode=None)
@@ -28,7 +28,8 @@ def archive_ls(folder: Archive, kind: Kind = None, which: Which = ALL, as_json: 
 
     store = _store(folder)
     wanted = which.filter(kind)
-    entries = store.index.select(wanted, told("reading headers"))
+    with watched("reading headers") as progress:
+        entries = store.index.select(wanted, progress)
     if as_json:
         print_json([asdict(entry) for entry in entries])
         return
@@ -72,7 +73,8 @@ def archive_verify(folder: Archive, as_json: Json = False) -> int:
     store = _store(folder)
     run_folder = run_folder_of(store.root)
     named = named_addresses(run_folder) if run_folder else {}
-    findings = store.verify(named, told("verifying"))
+    with watched("verifying") as progress:
+        findings = store.verify(named, progress)
     count = sum(1 for _ in store.entries())
     if as_json:
         problems = [
@@ -92,7 +94,9 @@ def archive_verify(folder: Archive, as_json: Json = False) -> int:
 def archive_reindex(folder: Archive) -> None:
     """Make the index anew, from the headers alone. What is missing by then is not missed any more."""
     store = _store(folder)
-    print(f"{store.index.path}: {store.index.rebuild(told('reading headers'))} entries")
+    with watched("reading headers") as progress:
+        count = store.index.rebuild(progress)
+    print(f"{store.index.path}: {count} entries")
 
 
 @archive_app.command("export")
@@ -123,10 +127,12 @@ def archive_export(
     if not paths:
         raise UserError("nothing to export", where=str(source), fix="see `horizonval archive ls`")
     out.mkdir(parents=True, exist_ok=True)
-    tell, count = told("exporting"), 0
-    for number, path in enumerate(paths, 1):
-        count += len(export_file(path, out, fits=fits, png=png))
-        tell(number, len(paths))
+    count = 0
+    with watched("exporting") as progress:
+        progress.start(len(paths), 0)
+        for path in paths:
+            count += len(export_file(path, out, fits=fits, png=png))
+            progress.done(path.name)
     print(f"{out}: {count} files of {len(paths)} {'entry' if len(paths) == 1 else 'entries'}")
 
 

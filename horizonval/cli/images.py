@@ -10,6 +10,7 @@ import typer
 from horizonval.cli.checks import check_target
 from horizonval.cli.options import Json
 from horizonval.cli.printing import print_json
+from horizonval.core import atomic
 from horizonval.core.errors import UserError
 
 
@@ -67,7 +68,7 @@ def sheet(
     for image in images:
         if image.is_file():
             check_target(out, image)
-    out.write_bytes(contact_sheet(tiles, columns))
+    atomic.write_bytes(out, contact_sheet(tiles, columns))
     print(f"{out}: {len(tiles)} images")
 
 

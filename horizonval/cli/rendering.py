@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -45,13 +44,13 @@ def render(
         targets = [out] if len(frames) == 1 else [out.with_name(f"{out.stem}.{name}{out.suffix}") for name in names]
         for target in targets:
             check_target(target)
-        from horizonval.jobs.progress import Tables
+        from horizonval.jobs.progress import Terminal
         from horizonval.renderer.scene.frame import render_frame
 
         for case, target in zip(frames, targets, strict=True):
             start = time.perf_counter()
-            with Tables() as tables:
-                frame = render_frame(case.scene, case.camera, tables.advance)
+            with Terminal() as progress:
+                frame = render_frame(case.scene, case.camera, progress)
             _write_frame(target, frame, start)
         return
     spec, camera = load_scene(scene, head)
@@ -128,12 +127,12 @@ def radiance(
         from horizonval.renderer.plugin.backend import activate
 
         activate()
-        from horizonval.jobs.progress import Tables
+        from horizonval.jobs.progress import Terminal
         from horizonval.renderer.kernel.radiance import radiance_along_rays
         from horizonval.renderer.scattering.multiple_scattering import FINE
 
         scattering = FINE if orders == "all" else None
-        with Tables() as progress:
+        with Terminal() as progress:
             values = radiance_along_rays(
                 model,
                 file.planet_radius_m,
@@ -141,7 +140,7 @@ def radiance(
                 table.direction,
                 table.sun,
                 scattering=scattering,
-                progress=progress.advance,
+                progress=progress,
             )
     write_radiance(out, table, values)
     print(f"{out}: {len(table.rows)} rays, bands {', '.join(values)}")
@@ -155,11 +154,11 @@ def gallery(
 ) -> None:
     """Pictures of the shipped scenes on one page: in colour, or as brightness temperatures in the infrared."""
     from horizonval.commands.gallery import make_gallery
+    from horizonval.jobs.progress import Terminal
 
-    def tell(name: str, number: int, count: int) -> None:
-        print(f"{number} of {count}: {name}", file=sys.stderr)
-
-    print(f"gallery: {make_gallery(out, scenes or [], tell)}")
+    with Terminal("gallery", "scenes") as progress:
+        page = make_gallery(out, scenes or [], progress)
+    print(f"gallery: {page}")
 
 
 def _write_frame(out: Path, frame: Any, start: float) -> None:

@@ -25,7 +25,7 @@ def reproduce(
 
     The same command again, after whatever interrupted it, finishes what is missing. Exit status 1 if a bar is missed.
     """
-    from horizonval.systems.book import printed_rows
+    from horizonval.systems.pages import printed_rows
     from horizonval.systems.run import reproduce_systems
 
     done = {}

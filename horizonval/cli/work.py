@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,13 +43,8 @@ def resumable(what: str, unit: str = "frames", *, kept: str | None = None) -> It
         raise SystemExit(130) from None
 
 
-def told(what: str) -> Callable[[int, int], None]:
-    """Return what shows on a terminal how far long work has come; a log is told nothing, for it ends by itself."""
-    shown = [time.monotonic()]
+def watched(what: str, unit: str = "files") -> Terminal:
+    """Show on a terminal how far work has come that needs no log."""
+    from horizonval.jobs.progress import Terminal
 
-    def tell(number: int, count: int) -> None:
-        if sys.stderr.isatty() and (time.monotonic() - shown[0] > 0.5 or (number == count and len(shown) > 1)):
-            shown[:] = [time.monotonic(), 1.0]
-            print(f"\r{what}: {number} of {count}", end="\n" if number == count else "", file=sys.stderr, flush=True)
-
-    return tell
+    return Terminal(what, unit, log=False)

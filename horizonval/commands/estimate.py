@@ -12,9 +12,10 @@ import numpy as np
 
 from horizonval.commands.picture import Picture, read_picture
 from horizonval.core.errors import UserError
+from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
-from horizonval.frame import DetectorImage, Frame
+from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.scoring.errors import ARCSEC, sigma_nadir_rad
 from horizonval.spec.sensor.camera import CameraSpec
@@ -67,7 +68,7 @@ def estimate_heads(paths: Sequence[Path], estimator_name: str) -> dict[str, Any]
         raise UserError(
             f"estimator {estimator.name!r} takes one image, not {len(paths)}", where=", ".join(map(str, paths))
         )
-    sources: dict[str, DetectorImage | Frame] = {}
+    sources: dict[str, DetectorImage | RadianceFrame] = {}
     housing = None
     for path in paths:
         source = read_picture(path).source
@@ -95,7 +96,7 @@ def estimate_heads(paths: Sequence[Path], estimator_name: str) -> dict[str, Any]
     return _report(estimator, result, time.perf_counter() - start)
 
 
-def _in_order(sources: Mapping[str, DetectorImage | Frame]) -> dict[str, DetectorImage | Frame]:
+def _in_order(sources: Mapping[str, DetectorImage | RadianceFrame]) -> dict[str, DetectorImage | RadianceFrame]:
     """Return images in the camera file's order of heads, which decides whose camera frame the answer is in."""
     heads = [head["name"] for head in next(iter(sources.values())).truth.camera.get("head", [])]
     return {name: sources[name] for name in sorted(sources, key=heads.index)}
@@ -152,7 +153,7 @@ def _full_scale(picture: Picture, camera: CameraSpec) -> float | None:
     return min(picture.full_scale, float(2**camera.detector.bits - 1))
 
 
-def _report(estimator: Estimator, result: Fit | NoFit, seconds: float) -> dict[str, Any]:
+def _report(estimator: Estimator, result: Fit | Refusal, seconds: float) -> dict[str, Any]:
     report: dict[str, Any] = {
         "estimator": estimator.name,
         "status": str(result.status),
@@ -166,7 +167,7 @@ def _report(estimator: Estimator, result: Fit | NoFit, seconds: float) -> dict[s
         "n_points": len(result.points),
         "seconds": round(seconds, 6),
     }
-    if isinstance(result, NoFit):
+    if isinstance(result, Refusal):
         return report | {"reason": result.reason}
     sigma = sigma_nadir_rad(result.nadir_cam, result.total_covariance_nadir_cam) / ARCSEC
     return report | {

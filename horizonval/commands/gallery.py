@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.core import atomic
 from horizonval.core.errors import UserError
+from horizonval.core.progress import Progress
 from horizonval.core.suggest import nearest
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.spectral.brightness import brightness_temperature_k
-from horizonval.frame import Frame, Hit
+from horizonval.frame import Hit, RadianceFrame
 from horizonval.geometry.ephemeris import AU_M, sun_itrs
 from horizonval.report.figures.infrared import ThermalPanel, infrared_picture
 from horizonval.report.figures.tone import tone_mapped
@@ -36,7 +38,7 @@ def scenes() -> list[str]:
     return shipped_names("scene")
 
 
-def make_gallery(folder: Path, names: Sequence[str], tell: Callable[[str, int, int], None]) -> Path:
+def make_gallery(folder: Path, names: Sequence[str], progress: Progress) -> Path:
     """Render scenes, write their pictures and ``index.html``, and return its path.
 
     A picture that lies there already is made again: the page is always that of the scenes as they are now.
@@ -46,8 +48,7 @@ def make_gallery(folder: Path, names: Sequence[str], tell: Callable[[str, int, i
     folder : Path
     names : sequence of str
         Shipped scenes; none for all.
-    tell : callable
-        Told the name, number and count of each scene before it is rendered.
+    progress : Progress
     """
     known = scenes()
     for name in names:
@@ -57,11 +58,12 @@ def make_gallery(folder: Path, names: Sequence[str], tell: Callable[[str, int, i
     halls: dict[str, list[Exhibit]] = {"visible": [], "infrared": []}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for number, name in enumerate(chosen, start=1):
-            tell(name, number, len(chosen))
+        progress.start(len(chosen), 0, unit="scenes")
+        for name in chosen:
             for hall, exhibit in _exhibits(name):
                 halls[hall].append(exhibit)
-                (folder / f"{exhibit.name}.png").write_bytes(exhibit.png)
+                atomic.write_bytes(folder / f"{exhibit.name}.png", exhibit.png)
+            progress.done(name)
         return write_gallery(halls["visible"], halls["infrared"], folder)
     except OSError as e:
         raise UserError(e.strerror or "cannot be written", where=str(folder), expected="a folder to write to") from e
@@ -91,7 +93,7 @@ def _infrared(name: str, text: str, scene: SceneSpec, camera: CameraSpec) -> Exh
     return Exhibit(name, text, infrared_picture([_panel(band, frame) for band in thermal]))
 
 
-def _panel(band: Band, frame: Frame) -> ThermalPanel:
+def _panel(band: Band, frame: RadianceFrame) -> ThermalPanel:
     hit, height = frame.maps["hit"], frame.maps["tangent_height"]
     counts = (hit == Hit.SURFACE) | (hit == Hit.CLOUD) | ((hit == Hit.ATMOSPHERE) & (height < LOW_LIMB_M))
     lo, hi = bands.limits_um(band)
@@ -100,7 +102,7 @@ def _panel(band: Band, frame: Frame) -> ThermalPanel:
     )
 
 
-def _render(scene: SceneSpec, camera: CameraSpec) -> Frame:
+def _render(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
     # Only here: the list of scenes is asked for without a renderer.
     from horizonval.renderer.scene.frame import render_frame
 
@@ -126,5 +128,8 @@ def caption(path: Path) -> str:
     for line in path.read_text(encoding="utf-8").splitlines():
         if not line.startswith("#"):
             break
+        if line.startswith("#:"):
+            # A word to editors: where the schema is.
+            continue
         lines.append(line.lstrip("# ").rstrip())
     return " ".join(lines)

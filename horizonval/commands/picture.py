@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.errors import UserError
 from horizonval.estimation.limb.grey import to_grey
-from horizonval.frame import DetectorImage, Frame
+from horizonval.frame import DetectorImage, RadianceFrame
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"
 MAX_FILE_BYTES = 4 * 1024**3
@@ -30,13 +30,13 @@ class Picture:
     grey : ndarray, shape (H, W), float64
     full_scale : float or None
         Largest value the file's integers can hold; None for floating point.
-    source : DetectorImage, Frame or None
+    source : DetectorImage, RadianceFrame or None
         The whole content, if the file is one of ours.
     """
 
     grey: NDArray[np.float64]
     full_scale: float | None
-    source: DetectorImage | Frame | None
+    source: DetectorImage | RadianceFrame | None
 
 
 def read_picture(path: Path) -> Picture:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.suggest import nearest
@@ -108,20 +108,16 @@ def write_radiance(path: Path, table: RayTable, radiance: dict[str, FloatArray])
     for name in added:
         if name in table.header:
             raise UserError(f"the table has a column {name} already", where=str(path), fix="rename that column")
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        with temporary.open("w", newline="", encoding="utf-8") as file:
+        with atomic.replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow([*table.header, *added])
             for i, row in enumerate(table.rows):
                 writer.writerow([*row, *(repr(float(values[i])) for values in added.values())])
-        temporary.replace(path)
     except OSError as e:
         raise UserError(
             e.strerror or "cannot be written", where=str(path), expected="a file that can be written"
         ) from e
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _vectors(path: Path, header: list[str], lines: list[tuple[int, list[str]]], names: tuple[str, ...]) -> FloatArray:

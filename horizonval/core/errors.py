@@ -6,6 +6,9 @@ status 2. Anything else that escapes is a defect of this package.
 
 from __future__ import annotations
 
+import traceback
+from pathlib import Path
+
 
 class UserError(Exception):
     """A mistake in what the user gave us: what is wrong, where, what was expected, how to mend it.
@@ -38,3 +41,15 @@ class UserError(Exception):
 
 class DamagedFileError(UserError):
     """A stored file is not what its writer wrote (truncated, altered, foreign, or without its header)."""
+
+
+def one_line(error: BaseException) -> str:
+    """Return what went wrong as one line for a record: a user's mistake in its own words, else a defect and its place.
+
+    Of the place only the file's name: where the package is installed must not show in a result.
+    """
+    if isinstance(error, UserError):
+        return error.line()
+    trace = traceback.extract_tb(error.__traceback__)
+    place = f" at {Path(trace[-1].filename).name}:{trace[-1].lineno}" if trace else ""
+    return " ".join(f"{type(error).__name__}{place}: {error}".split())

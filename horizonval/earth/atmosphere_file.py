@@ -31,6 +31,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere import ozone, rayleigh
@@ -387,4 +388,4 @@ def write_atmosphere(data: dict[str, Any], path: Path | str) -> None:
         Content the reader would refuse; nothing is written then.
     """
     parse_atmosphere(data, str(path))
-    Path(path).write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8")
+    atomic.write_text(Path(path), json.dumps(data, allow_nan=False) + "\n")

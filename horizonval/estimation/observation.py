@@ -1,6 +1,7 @@
 """What an estimator is given, and what it gives back.
 
-An estimator is a function of an :class:`Observation` that returns a :class:`Fit` or a :class:`NoFit`. It never sees
+An estimator is a function of an :class:`Observation` that returns a :class:`Fit` or a
+:class:`horizonval.core.refusal.Refusal`. It never sees
 the renderer or the truth, with one exception by definition: the ideal sensor module, whose input *is* the pose.
 """
 
@@ -14,7 +15,8 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
-from horizonval.geometry.camera import Camera
+from horizonval.core.refusal import Refusal
+from horizonval.geometry.camera import CameraModel
 
 WGS84_FLATTENING = 1.0 / 298.257223563
 
@@ -39,7 +41,7 @@ class Observation:
     ----------
     image : ndarray, shape (H, W)
         Digital numbers (or any grey level that grows, or falls, with radiance), float64.
-    camera : Camera
+    camera : CameraModel
         Calibrated intrinsics.
     q_cam_from_body : ndarray, shape (4,)
         Mounting, scalar last. Identity when camera and body axes coincide.
@@ -65,7 +67,7 @@ class Observation:
     """
 
     image: FloatArray
-    camera: Camera
+    camera: CameraModel
     q_cam_from_body: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
     full_scale: float | None = None
     altitude_m: float | None = None
@@ -129,15 +131,6 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class NoFit:
-    """A refusal that says why. ``status`` is never ``valid``."""
-
-    status: Outcome
-    reason: str
-    points: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-
-
-@dataclass(frozen=True)
 class Estimator:
     """A named method. ``run`` must not raise for any image.
 
@@ -157,8 +150,8 @@ class Estimator:
 
     name: str
     title: str
-    run: Callable[[Observation], Fit | NoFit]
+    run: Callable[[Observation], Fit | Refusal]
     estimates: Literal["geocentric", "geodetic"] = "geocentric"
     needs: Literal["image", "pose", "heads"] = "image"
-    from_points: Callable[[FloatArray, FloatArray, Observation], Fit | NoFit] | None = None
-    from_heads: Callable[[Mapping[str, FloatArray], Observation], Fit | NoFit] | None = None
+    from_points: Callable[[FloatArray, FloatArray, Observation], Fit | Refusal] | None = None
+    from_heads: Callable[[Mapping[str, FloatArray], Observation], Fit | Refusal] | None = None

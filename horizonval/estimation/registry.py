@@ -10,8 +10,9 @@ import numpy as np
 
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.core.suggest import nearest
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.estimation.observation import Estimator, Fit, Observation
 
 GROUP = "horizonval.estimators"
 
@@ -24,6 +25,12 @@ def _points() -> dict[str, EntryPoint]:
 def names() -> list[str]:
     """Return the names of all estimators that are installed, sorted."""
     return sorted(_points())
+
+
+def module_of(name: str) -> str | None:
+    """Return the module that an installed estimator is in, by its dotted name."""
+    point = _points().get(name)
+    return None if point is None else point.module
 
 
 @cache
@@ -54,19 +61,22 @@ def get(name: str) -> Estimator:
     return estimator
 
 
-def run_safely(estimator: Estimator, observation: Observation) -> Fit | NoFit:
+def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     """Run an estimator so that whatever it does becomes an outcome: exceptions, wrong types and NaN are refusals."""
     try:
-        result = estimator.run(observation)
+        # What a user's own method returns may be anything.
+        result: object = estimator.run(observation)
     except Exception as e:
-        return NoFit(Outcome.BAD_INPUT, " ".join(f"the estimator raised {type(e).__name__}: {e}".split()))
-    if isinstance(result, NoFit):
+        return Refusal(Outcome.BAD_INPUT, " ".join(f"the estimator raised {type(e).__name__}: {e}".split()))
+    if isinstance(result, Refusal):
         if result.status is Outcome.VALID:
-            return NoFit(Outcome.BAD_INPUT, "the estimator returned a refusal with status valid")
+            return Refusal(Outcome.BAD_INPUT, "the estimator returned a refusal with status valid")
         return result
     if not isinstance(result, Fit):
-        return NoFit(Outcome.BAD_INPUT, f"the estimator returned a {type(result).__name__}, neither Fit nor NoFit")
-    return result if _is_sound(result) else NoFit(Outcome.NOT_CONVERGED, "the estimator returned numbers that are none")
+        return Refusal(Outcome.BAD_INPUT, f"the estimator returned a {type(result).__name__}, neither Fit nor Refusal")
+    return (
+        result if _is_sound(result) else Refusal(Outcome.NOT_CONVERGED, "the estimator returned numbers that are none")
+    )
 
 
 def _is_sound(fit: Fit) -> bool:

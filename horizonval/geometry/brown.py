@@ -56,14 +56,15 @@ def invertible_radius(coefficients: Coefficients) -> float:
 
     def first_zero(angle: float) -> float:
         c, s = math.cos(angle), math.sin(angle)
-        xx = np.array(
+        xx: FloatArray = np.array(
             [k3 * (1 + 6 * c * c), 0, k2 * (1 + 4 * c * c), 0, k1 * (1 + 2 * c * c), 2 * p1 * s + 6 * p2 * c, 1]
         )
-        yy = np.array(
+        yy: FloatArray = np.array(
             [k3 * (1 + 6 * s * s), 0, k2 * (1 + 4 * s * s), 0, k1 * (1 + 2 * s * s), 6 * p1 * s + 2 * p2 * c, 1]
         )
-        xy = np.array([6 * k3 * c * s, 0, 4 * k2 * c * s, 0, 2 * k1 * c * s, 2 * p1 * c + 2 * p2 * s, 0])
-        roots = np.roots(np.polysub(np.polymul(xx, yy), np.polymul(xy, xy)))
+        xy: FloatArray = np.array([6 * k3 * c * s, 0, 4 * k2 * c * s, 0, 2 * k1 * c * s, 2 * p1 * c + 2 * p2 * s, 0])
+        determinant: FloatArray = np.polysub(np.polymul(xx, yy), np.polymul(xy, xy))
+        roots = np.roots(determinant)
         real = roots.real[(np.abs(roots.imag) < 1e-6 * np.abs(roots)) & (roots.real > 0)]
         return float(real.min()) if real.size else math.inf
 

@@ -36,7 +36,7 @@ Projection = Literal["pinhole", "fisheye", "equal_angle"]
 
 
 @dataclass(frozen=True)
-class Camera:
+class CameraModel:
     """Intrinsics of one camera. Lengths in pixels; see the module text for the conventions.
 
     ``distortion``: ``k1 k2 p1 p2 k3`` of a pinhole, ``k1 k2 k3 k4 0`` of a fisheye. ``image_circle_rad``: half-angle of
@@ -54,14 +54,14 @@ class Camera:
     image_circle_rad: float | None = None
 
 
-def camera_from_spec(spec: CameraGeometry) -> Camera:
+def camera_from_spec(spec: CameraGeometry) -> CameraModel:
     """Return the intrinsics of a camera file with every default filled in.
 
     The principal point defaults to the image centre ``((W - 1) / 2, (H - 1) / 2)`` and ``fy`` to ``fx``.
     """
     fx = spec.focal_px
     k = [*spec.distortion, 0.0, 0.0, 0.0, 0.0, 0.0][:5]
-    return Camera(
+    return CameraModel(
         width=spec.width,
         height=spec.height,
         fx=fx,
@@ -74,12 +74,12 @@ def camera_from_spec(spec: CameraGeometry) -> Camera:
     )
 
 
-def project(camera: Camera, d_cam: ArrayLike) -> tuple[FloatArray, NDArray[np.bool_]]:
+def project(camera: CameraModel, d_cam: ArrayLike) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return the pixel coordinates of directions.
 
     Parameters
     ----------
-    camera : Camera
+    camera : CameraModel
     d_cam : array_like, shape (..., 3)
         Directions in camera axes, of any length.
 
@@ -117,7 +117,7 @@ def project(camera: Camera, d_cam: ArrayLike) -> tuple[FloatArray, NDArray[np.bo
     return np.where(has_image[..., None], uv, np.nan), has_image
 
 
-def unproject(camera: Camera, uv: ArrayLike) -> FloatArray:
+def unproject(camera: CameraModel, uv: ArrayLike) -> FloatArray:
     """Return the unit directions, shape (..., 3), in camera axes, of pixel coordinates, shape (..., 2).
 
     The inverse of :func:`project` to 1e-12 of normalised coordinates. NaN where no direction has that image: beyond the
@@ -130,12 +130,12 @@ def unproject(camera: Camera, uv: ArrayLike) -> FloatArray:
     return np.where((_angle_to_axis(d) <= camera.image_circle_rad)[..., None], d, np.nan)
 
 
-def _normalised(camera: Camera, uv: ArrayLike) -> tuple[FloatArray, FloatArray]:
+def _normalised(camera: CameraModel, uv: ArrayLike) -> tuple[FloatArray, FloatArray]:
     pixels = np.asarray(uv, float)
     return (pixels[..., 0] - camera.cx) / camera.fx, (pixels[..., 1] - camera.cy) / camera.fy
 
 
-def _through_lens(camera: Camera, x: FloatArray, y: FloatArray) -> FloatArray:
+def _through_lens(camera: CameraModel, x: FloatArray, y: FloatArray) -> FloatArray:
     """Return the directions of normalised coordinates, whether inside the image circle or not."""
     if camera.projection == "equal_angle":
         good = (np.abs(x) <= math.pi) & (np.abs(y) <= math.pi / 2)
@@ -156,7 +156,7 @@ def _angle_to_axis(d: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(np.hypot(d[..., 0], d[..., 1]), d[..., 2]))
 
 
-def check_invertible(camera: Camera, where: str = "") -> None:
+def check_invertible(camera: CameraModel, where: str = "") -> None:
     """Raise if any place in the image has no, or no single, direction; what lies beyond the image circle may.
 
     The invertible disc and its image are simply connected, so the image lies inside where its border does; the border
@@ -164,7 +164,7 @@ def check_invertible(camera: Camera, where: str = "") -> None:
 
     Parameters
     ----------
-    camera : Camera
+    camera : CameraModel
     where : str
         File and key for the message.
 
@@ -212,7 +212,7 @@ def check_invertible(camera: Camera, where: str = "") -> None:
     )
 
 
-def _border(camera: Camera) -> FloatArray:
+def _border(camera: CameraModel) -> FloatArray:
     u, v = np.arange(-0.5, camera.width, 0.5), np.arange(-0.5, camera.height, 0.5)
     return np.concatenate(
         [
@@ -224,20 +224,20 @@ def _border(camera: Camera) -> FloatArray:
     )
 
 
-def pixel_grid(camera: Camera) -> FloatArray:
+def pixel_grid(camera: CameraModel) -> FloatArray:
     """Return the column and row of every pixel centre, shape (H, W, 2)."""
     u, v = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
     return np.stack([u, v], axis=-1)
 
 
-def in_image_circle(camera: Camera) -> NDArray[np.bool_]:
+def in_image_circle(camera: CameraModel) -> NDArray[np.bool_]:
     """Return which pixels see anything, shape (H, W): those whose centre lies inside the image circle."""
     if camera.image_circle_rad is None:
         return np.ones((camera.height, camera.width), dtype=bool)
     return np.asarray(np.isfinite(unproject(camera, pixel_grid(camera))).all(axis=-1))
 
 
-def pixel_solid_angle(camera: Camera) -> FloatArray:
+def pixel_solid_angle(camera: CameraModel) -> FloatArray:
     """Return the solid angle of every pixel [sr], shape (H, W), by the Jacobian at its centre; 0 beyond the circle.
 
     Pinhole: ``1 / (fx fy det J (1 + r^2)^1.5)``; fisheye: ``sin(theta) / (fx fy theta_d theta_d')``; equal-angle:
@@ -259,7 +259,7 @@ def pixel_solid_angle(camera: Camera) -> FloatArray:
     return solid_angle if camera.image_circle_rad is None else np.where(in_image_circle(camera), solid_angle, 0.0)
 
 
-def off_axis_angle(camera: Camera) -> FloatArray:
+def off_axis_angle(camera: CameraModel) -> FloatArray:
     """Return the angle between every pixel's direction and the boresight [rad], shape (H, W).
 
     Pi for pixels beyond the image circle: they look where no light comes from.

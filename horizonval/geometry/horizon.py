@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.geometry.camera import Camera, project
+from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geocentric_nadir
 from horizonval.geometry.frames import north_east, rotate
 
@@ -181,7 +181,7 @@ def _horizon_derivatives(
     return h, h1, h2
 
 
-def _in_image(camera: Camera, uv: FloatArray, in_front: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _in_image(camera: CameraModel, uv: FloatArray, in_front: NDArray[np.bool_]) -> NDArray[np.bool_]:
     with np.errstate(invalid="ignore"):
         return (
             in_front
@@ -195,7 +195,9 @@ def _in_image(camera: Camera, uv: FloatArray, in_front: NDArray[np.bool_]) -> ND
 class _View:
     """The horizon of one pose in one camera, as a function of its parameter."""
 
-    def __init__(self, camera: Camera, q_cam_from_itrs: ArrayLike, r_itrs: ArrayLike, ellipsoid: Ellipsoid) -> None:
+    def __init__(
+        self, camera: CameraModel, q_cam_from_itrs: ArrayLike, r_itrs: ArrayLike, ellipsoid: Ellipsoid
+    ) -> None:
         self.camera, self.r_itrs, self.ellipsoid = camera, np.asarray(r_itrs, float), ellipsoid
         self.q_cam_from_itrs = np.asarray(q_cam_from_itrs, float)
 
@@ -234,13 +236,13 @@ class _View:
 
 
 def horizon_pixels(
-    camera: Camera, q_cam_from_itrs: ArrayLike, r_itrs: ArrayLike, ellipsoid: Ellipsoid = WGS84, n: int = 720
+    camera: CameraModel, q_cam_from_itrs: ArrayLike, r_itrs: ArrayLike, ellipsoid: Ellipsoid = WGS84, n: int = 720
 ) -> list[FloatArray]:
     """Return the horizon inside the image as polylines.
 
     Parameters
     ----------
-    camera : Camera
+    camera : CameraModel
     q_cam_from_itrs : array_like, shape (4,)
     r_itrs : array_like, shape (3,)
         Observer [m], outside the ellipsoid.
@@ -264,7 +266,7 @@ def horizon_pixels(
 
 
 def horizon_fraction(
-    camera: Camera, q_cam_from_itrs: ArrayLike, r_itrs: ArrayLike, ellipsoid: Ellipsoid = WGS84
+    camera: CameraModel, q_cam_from_itrs: ArrayLike, r_itrs: ArrayLike, ellipsoid: Ellipsoid = WGS84
 ) -> float:
     """Return the share (0 to 1) of the horizon, by its parameter, that lies inside the image.
 
@@ -302,7 +304,7 @@ def _crossings(view: _View, axis: int, values: FloatArray) -> FloatArray:
 
 
 def horizon_rows(
-    camera: Camera,
+    camera: CameraModel,
     q_cam_from_itrs: ArrayLike,
     r_itrs: ArrayLike,
     columns: ArrayLike,
@@ -329,7 +331,7 @@ def horizon_rows(
 
 
 def horizon_columns(
-    camera: Camera,
+    camera: CameraModel,
     q_cam_from_itrs: ArrayLike,
     r_itrs: ArrayLike,
     rows: ArrayLike,

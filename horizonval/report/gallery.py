@@ -12,6 +12,8 @@ import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.core import atomic
+
 
 @dataclass(frozen=True)
 class Exhibit:
@@ -46,7 +48,5 @@ def write_gallery(visible: Sequence[Exhibit], infrared: Sequence[Exhibit], folde
         lstrip_blocks=True,
     )
     path = folder / "index.html"
-    path.write_text(
-        environment.get_template("gallery.html").render(visible=visible, infrared=infrared), encoding="utf-8"
-    )
+    atomic.write_text(path, environment.get_template("gallery.html").render(visible=visible, infrared=infrared))
     return path

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import jinja2
 
+from horizonval.core import atomic
 from horizonval.report import wording
 
 FOLDER = Path(__file__).parent
@@ -39,6 +39,4 @@ def shared_parts() -> dict[str, str]:
 
 def write(path: Path, text: str) -> None:
     """Write a page, whole or not at all."""
-    partial = path.with_name(f".{path.name}.part")
-    partial.write_text(text, encoding="utf-8", newline="\n")
-    os.replace(partial, path)
+    atomic.write_text(path, text)

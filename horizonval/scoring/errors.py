@@ -21,7 +21,8 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.observation import Estimator, Fit, NoFit
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Estimator, Fit
 from horizonval.frame import FrameTruth
 from horizonval.geometry import frames
 from horizonval.scoring import limits
@@ -81,7 +82,7 @@ class Score:
 
 
 def score(
-    truth: FrameTruth, estimator: Estimator, result: Fit | NoFit, *, earth_radius_m: float = METHOD_RADIUS_M
+    truth: FrameTruth, estimator: Estimator, result: Fit | Refusal, *, earth_radius_m: float = METHOD_RADIUS_M
 ) -> Score:
     """Compare one result with the truth of its frame.
 
@@ -90,7 +91,7 @@ def score(
     truth : FrameTruth
     estimator : Estimator
         Only ``estimates`` is used: which nadir is claimed.
-    result : Fit or NoFit
+    result : Fit or Refusal
     earth_radius_m : float, optional
         Radius that the method was given (``Observation.earth_radius_m``), for ``altitude_error_km``.
 
@@ -99,7 +100,7 @@ def score(
     Score
         Finite numbers or ``None`` only. A fit that is not finite counts as a false claim without errors.
     """
-    if isinstance(result, NoFit):
+    if isinstance(result, Refusal):
         return _refused(result)
     nadir_true = _unit(truth.nadir_geodetic_cam if estimator.estimates == "geodetic" else truth.nadir_geocentric_cam)
     nadir = np.asarray(result.nadir_cam, dtype=np.float64)
@@ -166,7 +167,7 @@ def sigma_nadir_rad(nadir_cam: FloatArray, covariance_nadir_cam: FloatArray) -> 
     return math.sqrt(max(float(np.trace(basis.T @ covariance_nadir_cam @ basis)), 0.0))
 
 
-def _refused(result: NoFit) -> Score:
+def _refused(result: Refusal) -> Score:
     return Score(
         status=str(result.status),
         reason=result.reason,

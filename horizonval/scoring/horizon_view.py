@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import Camera, project
+from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import horizon_cam, tangency_points
 from horizonval.scoring import limits
@@ -45,7 +45,7 @@ class HorizonView:
     cos_azimuth: FloatArray
 
 
-def horizon_view(truth: FrameTruth, camera: Camera) -> HorizonView:
+def horizon_view(truth: FrameTruth, camera: CameraModel) -> HorizonView:
     """Sample the horizon of a truth."""
     ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
     samples = _samples(camera)
@@ -66,7 +66,7 @@ def horizon_view(truth: FrameTruth, camera: Camera) -> HorizonView:
     return HorizonView(los, uv, inside_image(camera, uv), cos_zenith, np.clip(cos_azimuth, -1.0, 1.0))
 
 
-def inside_image(camera: Camera, uv: FloatArray, margin_px: float = 0.0) -> BoolArray:
+def inside_image(camera: CameraModel, uv: FloatArray, margin_px: float = 0.0) -> BoolArray:
     """Return which image points lie on the detector, a margin left out."""
     # Comparisons with NaN, the mark of a direction without an image, are False.
     inside: BoolArray = (
@@ -78,7 +78,7 @@ def inside_image(camera: Camera, uv: FloatArray, margin_px: float = 0.0) -> Bool
     return inside
 
 
-def extent(camera: Camera, uv: FloatArray, member: BoolArray, angular_radius_rad: float) -> tuple[float, float]:
+def extent(camera: CameraModel, uv: FloatArray, member: BoolArray, angular_radius_rad: float) -> tuple[float, float]:
     """Length [px] of the members of a closed curve, and the sagitta [px] of the circle's part that they span.
 
     The great circle through two points of a circle of angular radius ``rho``, ``2 h`` of azimuth apart, passes the
@@ -98,21 +98,21 @@ def extent(camera: Camera, uv: FloatArray, member: BoolArray, angular_radius_rad
     return float(steps[pair].sum()), (angular_radius_rad - polar) * min(camera.fx, camera.fy)
 
 
-def sun_in_frame(camera: Camera, truth: FrameTruth) -> bool:
+def sun_in_frame(camera: CameraModel, truth: FrameTruth) -> bool:
     """Whether any visible part of the Sun's disc lies inside the image."""
     if truth.sun_visible_fraction <= 0:
         return False
     return disc_in_frame(camera, np.array(truth.sun_cam), truth.sun_angular_radius_rad)
 
 
-def moon_in_frame(camera: Camera, truth: FrameTruth) -> bool:
+def moon_in_frame(camera: CameraModel, truth: FrameTruth) -> bool:
     """Whether any part of the Moon's disc, lit or not, lies inside the image."""
     if truth.moon_cam is None or truth.moon_visible_fraction <= 0:
         return False
     return disc_in_frame(camera, np.array(truth.moon_cam), truth.moon_angular_radius_rad)
 
 
-def disc_in_frame(camera: Camera, centre: FloatArray, radius_rad: float) -> bool:
+def disc_in_frame(camera: CameraModel, centre: FloatArray, radius_rad: float) -> bool:
     """Whether a disc's centre or any of 64 points of its rim lies inside the image."""
     across = np.cross(centre, np.eye(3)[int(np.argmin(np.abs(centre)))])
     across /= np.linalg.norm(across)
@@ -122,11 +122,11 @@ def disc_in_frame(camera: Camera, centre: FloatArray, radius_rad: float) -> bool
     return bool(inside_image(camera, project(camera, disc)[0]).any())
 
 
-def usable_margin_px(camera: Camera) -> float:
+def usable_margin_px(camera: CameraModel) -> float:
     """Return the width of the image's rim in which no search can follow a limb to either side."""
     return limits.RIM_PX * min(1.0, min(camera.width, camera.height) / limits.RIM_FULL_AT_PX)
 
 
-def _samples(camera: Camera) -> int:
+def _samples(camera: CameraModel) -> int:
     field = min(camera.width / camera.fx, camera.height / camera.fy)
     return int(min(max(_STEPS_ACROSS_FIELD * math.tau / field, _SAMPLES_MIN), _SAMPLES_MAX))

@@ -27,7 +27,7 @@ from scipy import constants
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral import bands
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import Camera, project, unproject
+from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.scoring import limits
 from horizonval.scoring.horizon_view import HorizonView
 from horizonval.scoring.limb_radiance import brightest_reflectance, limb_reflectance
@@ -59,7 +59,7 @@ class LimbSignal:
     veil_filling: FloatArray
 
 
-def limb_signal(truth: FrameTruth, spec: CameraSpec, band: Band, camera: Camera, view: HorizonView) -> LimbSignal:
+def limb_signal(truth: FrameTruth, spec: CameraSpec, band: Band, camera: CameraModel, view: HorizonView) -> LimbSignal:
     """Return the signal at the limb for one band."""
     n = len(view.in_view)
     if band.kind == "thermal":
@@ -115,7 +115,7 @@ def ground_and_air(scene: dict[str, Any]) -> tuple[bool, float, float]:
     return air, albedo, brightest
 
 
-def _etendue(camera: Camera, spec: CameraSpec, pitch_m: float, view: HorizonView) -> FloatArray:
+def _etendue(camera: CameraModel, spec: CameraSpec, pitch_m: float, view: HorizonView) -> FloatArray:
     """Return the etendue [m2 sr] of the pixels on the horizon; 0 out of view."""
     out = np.zeros(len(view.in_view))
     uv, los = view.uv[view.in_view], view.los_cam[view.in_view]
@@ -151,7 +151,7 @@ def _veil_w(
     truth: FrameTruth,
     spec: CameraSpec,
     band: Band,
-    camera: Camera,
+    camera: CameraModel,
     view: HorizonView,
     sun: stray_light.Sun,
     irradiance: float,

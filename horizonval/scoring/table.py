@@ -8,13 +8,13 @@ the machine is stored.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import duckdb
 
+from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.frame import FrameTruth
 from horizonval.scoring.errors import Score
@@ -159,14 +159,12 @@ def write_results(rows: Iterable[Mapping[str, Any]], path: Path) -> Path:
     """
     checked = [_checked(row, i) for i, row in enumerate(rows)]
     checked.sort(key=lambda row: tuple(row[key] or "" for key in SORT_KEY))
-    partial = path.with_name(f".{path.name}.part")
     columns = ", ".join(f'unnest(${i + 1}::{kind}[]) AS "{name}"' for i, (name, kind) in enumerate(COLUMNS.items()))
     # One thread keeps row order and row groups, hence the bytes, independent of the machine.
-    with duckdb.connect(config={"threads": 1}) as connection:
+    with atomic.replacing(path) as temporary, duckdb.connect(config={"threads": 1}) as connection:
         values = [[row[name] for row in checked] for name in COLUMNS]
         connection.execute(f"CREATE TABLE results AS SELECT {columns}", values)
-        connection.table("results").write_parquet(str(partial), compression="zstd")
-    os.replace(partial, path)
+        connection.table("results").write_parquet(str(temporary), compression="zstd")
     return path
 
 

@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import Camera, pixel_grid, project, unproject
+from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.frames import rotate
 
 GM_M3_PER_S2 = 3.986004418e14
@@ -56,7 +56,7 @@ def rate_cam_rad_s(truth: FrameTruth) -> FloatArray:
 
 
 def moved(
-    image: FloatArray, camera: Camera, rate_cam_rad_s: FloatArray, exposure_s: float, row_time_s: float = 0.0
+    image: FloatArray, camera: CameraModel, rate_cam_rad_s: FloatArray, exposure_s: float, row_time_s: float = 0.0
 ) -> FloatArray:
     """Return the mean image over an exposure, shape (H, W).
 
@@ -64,7 +64,7 @@ def moved(
     ----------
     image : ndarray, shape (H, W)
         As seen by a camera at rest.
-    camera : Camera
+    camera : CameraModel
     rate_cam_rad_s : ndarray, shape (3,)
         The camera's angular velocity in its own axes.
     exposure_s, row_time_s : float
@@ -83,7 +83,7 @@ def moved(
 
 
 def averaged(
-    image: FloatArray, camera: Camera, rate_cam_rad_s: FloatArray, time_s: FloatArray, weight: FloatArray
+    image: FloatArray, camera: CameraModel, rate_cam_rad_s: FloatArray, time_s: FloatArray, weight: FloatArray
 ) -> FloatArray:
     """Return the weighted mean of what is seen at instants, shape (H, W).
 
@@ -102,7 +102,7 @@ class _Path:
     bend: FloatArray
 
     @classmethod
-    def of(cls, camera: Camera, rate_cam_rad_s: FloatArray, longest_s: float) -> _Path | None:
+    def of(cls, camera: CameraModel, rate_cam_rad_s: FloatArray, longest_s: float) -> _Path | None:
         """Return the way of a turning camera up to a time before and after the frame; None if it is too short."""
         speed = float(np.linalg.norm(rate_cam_rad_s))
         if longest_s * speed == 0.0:
@@ -135,7 +135,7 @@ class _Path:
         return total
 
 
-def _seen_at(camera: Camera, place: FloatArray, turn_rad: FloatArray) -> FloatArray:
+def _seen_at(camera: CameraModel, place: FloatArray, turn_rad: FloatArray) -> FloatArray:
     """Return where in the still frame the pixels look after a turn, shape (H, W, 2); where they cannot, their place."""
     direction = (
         Rotation.from_rotvec(turn_rad).apply(unproject(camera, place).reshape(-1, 3)).reshape(*place.shape[:2], 3)

@@ -15,7 +15,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.frame import DetectorImage, Frame
+from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.sensor.detector import cmos, converter, thermal
 from horizonval.sensor.lens import lens_spread
@@ -25,13 +25,13 @@ from horizonval.spec.sensor.detector import Cmos, ThermalDetector
 
 
 def observe(
-    frame: Frame, camera: CameraSpec, band: str | None = None, seed: int = 0, *, noise: bool = True
+    frame: RadianceFrame, camera: CameraSpec, band: str | None = None, seed: int = 0, *, noise: bool = True
 ) -> DetectorImage:
     """Return what the camera's detector makes of one band of a frame.
 
     Parameters
     ----------
-    frame : Frame
+    frame : RadianceFrame
     camera : CameraSpec
         Must see what the frame's own camera saw; lens speed, blur, response table and detector may differ.
     band : str, optional
@@ -110,7 +110,7 @@ def _band(camera: CameraSpec, name: str | None) -> Band:
     )
 
 
-def _radiance(frame: Frame, camera: CameraSpec, band: str) -> FloatArray:
+def _radiance(frame: RadianceFrame, camera: CameraSpec, band: str) -> FloatArray:
     """Return the band's radiance in float64, after checking that it is one and that the camera fits the frame."""
     if band not in frame.radiance:
         raise UserError(

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import Camera, camera_from_spec
+from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.rotation import julian_utc
 from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.spec.sensor.detector import Cmos
@@ -195,7 +195,7 @@ def _times(a: FloatArray, b: FloatArray) -> FloatArray:
     return product
 
 
-def _camera_to_ndc(camera: Camera) -> FloatArray:
+def _camera_to_ndc(camera: CameraModel) -> FloatArray:
     """Return the matrix from the format's camera axes to the image, whose last component divides the others.
 
     The third component, a depth, is 1 everywhere: no plane of the scene is nearest or farthest.
@@ -207,7 +207,7 @@ def _camera_to_ndc(camera: Camera) -> FloatArray:
     return matrix
 
 
-def _screen_window(camera: Camera) -> dict[str, Any]:
+def _screen_window(camera: CameraModel) -> dict[str, Any]:
     """Return the image's outline in the plane at unit distance, its centre measured right and up."""
     right = ((camera.width - 1) / 2 - camera.cx) / camera.fx
     up = -((camera.height - 1) / 2 - camera.cy) / camera.fy
@@ -218,7 +218,7 @@ def _screen_window(camera: Camera) -> dict[str, Any]:
     }
 
 
-def _sensor(camera: Camera, pitch_um: float) -> dict[str, Any]:
+def _sensor(camera: CameraModel, pitch_um: float) -> dict[str, Any]:
     """Return the sensor's size and the focal length in millimetres, from the pitch of its pixels.
 
     The focal length of a distorting lens is that on its axis. Equal-angle grids are made by scanning and have none.

@@ -17,7 +17,6 @@ from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.store import exr
 
 _ADDRESS = re.compile(r"[0-9a-f]{64}")
-TEMPORARY = (".tmp", ".part")
 """Endings of files that are being written, or that an interrupted write left; their names begin with a dot."""
 INDEX_PREFIX = "index."
 """Files at the root with such names are made from the headers and may be made again."""

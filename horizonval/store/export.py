@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.core import atomic
 from horizonval.core.errors import UserError
-from horizonval.frame import DetectorImage, Frame
+from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.store import exr
 from horizonval.store.attributes import camera_of
 from horizonval.store.entry import is_address
@@ -49,7 +50,7 @@ def export_file(path: Path, out: Path, *, fits: bool, png: bool) -> list[Path]:
 
 
 def _files(
-    source: Frame | DetectorImage, name: str, address: str, fits: bool, png: bool
+    source: RadianceFrame | DetectorImage, name: str, address: str, fits: bool, png: bool
 ) -> Iterator[tuple[str, bytes]]:
     if fits:
         yield f"{name}.fits", fits_bytes(source, address)
@@ -68,7 +69,7 @@ def _files(
         yield f"{name}-{band}.json", _json(source, content)
 
 
-def _name(source: Frame | DetectorImage, path: Path, address: str) -> str:
+def _name(source: RadianceFrame | DetectorImage, path: Path, address: str) -> str:
     """Return a name that says what it is; of an archived file with the beginning of its address, which is unique."""
     if not address:
         return path.stem
@@ -85,7 +86,7 @@ def _png(values: NDArray[Any]) -> bytes:
     return data.tobytes()
 
 
-def _json(source: Frame | DetectorImage, content: dict[str, Any]) -> bytes:
+def _json(source: RadianceFrame | DetectorImage, content: dict[str, Any]) -> bytes:
     """Return what a PNG cannot say: ``value = scale * count`` in ``unit``, camera, and the truth."""
     observation = source.observation if isinstance(source, DetectorImage) else {}
     more: dict[str, Any] = {"full_scale": source.full_scale} if isinstance(source, DetectorImage) else {}
@@ -98,11 +99,7 @@ def _json(source: Frame | DetectorImage, content: dict[str, Any]) -> bytes:
 
 
 def _write(path: Path, data: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.tmp")
     try:
-        temporary.write_bytes(data)
-        temporary.replace(path)
+        atomic.write_bytes(path, data)
     except OSError as error:
         raise UserError(f"cannot be written: {error.strerror}", where=str(path)) from None
-    finally:
-        temporary.unlink(missing_ok=True)

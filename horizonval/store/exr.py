@@ -29,7 +29,6 @@ import io
 import json
 import os
 import re
-import secrets
 import sys
 import threading
 from collections.abc import Iterable, Iterator
@@ -40,8 +39,9 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
+from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.frame import MAP_UNITS, DetectorImage, Frame, FrameTruth
+from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.store import seal
 from horizonval.store.attributes import camera_of, own_attributes, standard_attributes
@@ -64,7 +64,7 @@ _quiet_lock = threading.Lock()
 Channels = dict[str, NDArray[Any]]
 
 
-def write_frame(path: str | os.PathLike[str], frame: Frame) -> None:
+def write_frame(path: str | os.PathLike[str], frame: RadianceFrame) -> None:
     """Write ``frame`` to ``path``, replacing what is there.
 
     Raises
@@ -113,7 +113,7 @@ def write_image(path: str | os.PathLike[str], image: DetectorImage) -> None:
     _write(Path(path), channels, own, image.truth, camera, image.observation.get("exposure_s"))
 
 
-def read_frame(path: str | os.PathLike[str]) -> Frame:
+def read_frame(path: str | os.PathLike[str]) -> RadianceFrame:
     """Read and verify a frame.
 
     Raises
@@ -136,7 +136,7 @@ def read_frame(path: str | os.PathLike[str]) -> Frame:
     maps = {name.removeprefix("truth."): values for name, values in channels.items() if name.startswith("truth.")}
     if missing := sorted(set(MAP_UNITS) - set(maps)):
         raise DamagedFileError(f"no truth map {missing[0]!r}", where=str(path))
-    return Frame(radiance=radiance, maps=maps, truth=_truth(header, path), render=header["render"])
+    return RadianceFrame(radiance=radiance, maps=maps, truth=_truth(header, path), render=header["render"])
 
 
 def read_image(path: str | os.PathLike[str]) -> DetectorImage:
@@ -279,31 +279,15 @@ def _write_sealed(path: Path, channels: Channels, own: dict[str, Any], standard:
         if isinstance(value, int) and not -(2**31) <= value < 2**31:
             raise ValueError(f"{key} = {value} does not fit the format's 32-bit integers")
     header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     try:
-        temporary.touch(exist_ok=False)  # OpenEXR does not say why it cannot write; this does.
-        with _quiet():
-            OpenEXR.File(header, channels).write(str(temporary))
-        seal.seal_file(temporary)
-        temporary.replace(path)
-        _flush_folder(path.parent)
+        with atomic.replacing(path) as temporary:
+            with _quiet():
+                OpenEXR.File(header, channels).write(str(temporary))
+            seal.seal_file(temporary)
     except FileNotFoundError:
         raise UserError(f"no folder {path.parent}", where=str(path), fix="create it first") from None
     except OSError as error:
         raise UserError(f"cannot be written: {error.strerror}", where=str(path)) from None
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-
-
-def _flush_folder(folder: Path) -> None:
-    """Make a rename last through a power cut. Systems that cannot open folders do without."""
-    with contextlib.suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def _own_kind(header: seal.Header, path: Path) -> Literal["frame", "image"]:

@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.errors import UserError
-from horizonval.frame import MAP_UNITS, DetectorImage, Frame, FrameTruth
+from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry import frames
-from horizonval.geometry.camera import Camera, camera_from_spec, unproject
+from horizonval.geometry.camera import CameraModel, camera_from_spec, unproject
 from horizonval.geometry.rotation import itrs_from_gcrs
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.spec.sensor.detector import Cmos
@@ -38,7 +38,7 @@ SIP_GRID = 33
 LARGEST_SIP_ERROR_PX = 0.1
 
 
-def fits_bytes(source: Frame | DetectorImage, address: str = "") -> bytes:
+def fits_bytes(source: RadianceFrame | DetectorImage, address: str = "") -> bytes:
     """Return a FITS file.
 
     Raises
@@ -63,7 +63,7 @@ def fits_bytes(source: Frame | DetectorImage, address: str = "") -> bytes:
             unit = {"BUNIT": (MAP_UNITS[name], "")} if MAP_UNITS.get(name) in ("m", "deg") else {}
             units.append(_with(fits.ImageHDU(values, name=f"TRUTH.{name}"), unit | coordinates))
     text = {"truth": source.truth.to_dict()}
-    text |= {"render": source.render} if isinstance(source, Frame) else {"observation": source.observation}
+    text |= {"render": source.render} if isinstance(source, RadianceFrame) else {"observation": source.observation}
     units.append(_json_table(fits, text))
     buffer = io.BytesIO()
     fits.HDUList(units).writeto(buffer, checksum=False)
@@ -146,7 +146,7 @@ def _band(spec: CameraSpec, name: str) -> Cards:
     return cards
 
 
-def _coordinates(truth: FrameTruth, camera: Camera) -> Cards:
+def _coordinates(truth: FrameTruth, camera: CameraModel) -> Cards:
     """Return the celestial coordinate system, or nothing where none is good to a tenth of a pixel."""
     if camera.projection == "equal_angle":
         return {}
@@ -181,7 +181,7 @@ def _coordinates(truth: FrameTruth, camera: Camera) -> Cards:
     }
 
 
-def _distortion(camera: Camera) -> tuple[Cards, float]:
+def _distortion(camera: CameraModel) -> tuple[Cards, float]:
     """Return SIP polynomials from the image to that of the undistorted lens, and their largest error in pixels."""
     if not any(camera.distortion):
         return {}, 0.0

@@ -1,4 +1,4 @@
-"""The folder of a run: its files, atomic writing, the lock, and what a killed run leaves behind.
+"""The folder of a run: its files, the lock, and what a killed run leaves behind.
 
 ::
 
@@ -15,15 +15,13 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from horizonval.core import atomic
 from horizonval.core.errors import UserError
-
-_TEMPORARY = (".tmp", ".part")
 
 
 @dataclass(frozen=True)
@@ -94,9 +92,8 @@ class RunFolder:
     def remove_temporary_files(self) -> None:
         """Delete what a killed run was writing. Call only with the lock held."""
         folders = (self.archive, self.cases, self.state, self.stability)
-        leftovers = [p for folder in folders for p in folder.rglob(".*") if p.name.endswith(_TEMPORARY)]
-        leftovers += [p for p in self.root.glob(".*") if p.name.endswith(_TEMPORARY)]
-        for path in leftovers:
+        below = [path for folder in folders for path in atomic.leftovers(folder)]
+        for path in (*below, *atomic.leftovers(self.root, below=False)):
             path.unlink(missing_ok=True)
 
     @contextlib.contextmanager
@@ -130,15 +127,7 @@ class RunFolder:
 def write_json(path: Path, data: Mapping[str, Any], *, indent: int | None = 1) -> None:
     """Write JSON, whole or not at all; equal data give equal bytes."""
     text = json.dumps(data, indent=indent, sort_keys=True, allow_nan=False) + "\n"
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with open(temporary, "w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    atomic.write_text(path, text)
 
 
 def read_json(path: Path) -> dict[str, Any] | None:

@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import astuple, dataclass, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.progress import Progress, Silent
 from horizonval.store.entry import INDEX_PREFIX, Entry, describe, places
 
 NAME = f"{INDEX_PREFIX}sqlite"
@@ -48,9 +49,6 @@ _TABLE = "CREATE TABLE entries ({}) WITHOUT ROWID".format(
     )
 )
 _INSERT = f"INSERT OR REPLACE INTO entries VALUES ({', '.join('?' * len(_COLUMNS))})"
-
-Tell = Callable[[int, int], None]
-"""Told how many headers of how many are read."""
 
 
 @dataclass(frozen=True)
@@ -113,22 +111,22 @@ class Index:
                 return None
             return {entry.address: entry for entry in _select(connection)}
 
-    def update(self, tell: Tell | None = None) -> None:
+    def update(self, progress: Progress | None = None) -> None:
         """Add the rows of entries that are not in the index; nothing is dropped, and no index made of no entries."""
         known = self.known()
         new = [path for path in places(self.root) if known is None or path.stem not in known]
         if not new and (known is not None or not self.path.exists()):
             return
-        entries = list(_described(new, tell))
+        entries = list(_described(new, progress))
         with self._reported(), self._open() as connection:
             connection.executemany(_INSERT, map(_row, entries))
 
-    def rebuild(self, tell: Tell | None = None) -> int:
+    def rebuild(self, progress: Progress | None = None) -> int:
         """Make the index anew from the headers alone and return the number of its rows."""
         if self._is_broken():
             for path in self.root.glob(f"{NAME}*"):
                 path.unlink(missing_ok=True)
-        entries = {entry.address: entry for entry in _described(places(self.root), tell)}
+        entries = {entry.address: entry for entry in _described(places(self.root), progress)}
         with self._reported(), self._open() as connection:
             # The lock is ours now; what came while the headers were read is read here, and nothing comes after.
             late = [path for path in places(self.root) if path.stem not in entries]
@@ -137,7 +135,7 @@ class Index:
             connection.executemany(_INSERT, [_row(entries[address]) for address in sorted(entries)])
         return len(entries)
 
-    def select(self, wanted: Filter | None = None, tell: Tell | None = None) -> list[Entry]:
+    def select(self, wanted: Filter | None = None, progress: Progress | None = None) -> list[Entry]:
         """Return the entries that a filter leaves, in the order of addresses, those of files that are gone included.
 
         The index catches up first. On a medium that cannot be written it does so in memory.
@@ -145,24 +143,24 @@ class Index:
         if not self.root.is_dir():
             return []
         try:
-            self.update(tell)
+            self.update(progress)
             in_memory = not self.path.is_file()
         except DamagedFileError:
             raise
         except UserError:
             in_memory = True
-        with self._reported(), self._in_memory(tell) if in_memory else self._open(write=False) as connection:
+        with self._reported(), self._in_memory(progress) if in_memory else self._open(write=False) as connection:
             entries = list(_select(connection, wanted))
         there = {path.stem for path in places(self.root)}
         return [entry if entry.address in there else replace(entry, kind="missing") for entry in entries]
 
     @contextlib.contextmanager
-    def _in_memory(self, tell: Tell | None) -> Iterator[sqlite3.Connection]:
+    def _in_memory(self, progress: Progress | None) -> Iterator[sqlite3.Connection]:
         known = self.known() or {}
         new = [path for path in places(self.root) if path.stem not in known]
         with contextlib.closing(sqlite3.connect(":memory:")) as connection:
             connection.execute(_TABLE)
-            connection.executemany(_INSERT, map(_row, [*known.values(), *_described(new, tell)]))
+            connection.executemany(_INSERT, map(_row, [*known.values(), *_described(new, progress)]))
             yield connection
 
     @contextlib.contextmanager
@@ -212,14 +210,13 @@ class Index:
         return False
 
 
-def _described(paths: list[Path], tell: Tell | None) -> Iterator[Entry]:
-    for number, path in enumerate(paths, 1):
-        try:
+def _described(paths: list[Path], progress: Progress | None) -> Iterator[Entry]:
+    listener = progress or Silent()
+    listener.start(len(paths), 0)
+    for path in paths:
+        with contextlib.suppress(OSError, UserError):  # Removed meanwhile, or not readable: nothing is known of it.
             yield describe(path)
-        except (OSError, UserError):  # Removed meanwhile, or not readable: nothing is known of it.
-            continue
-        if tell is not None:
-            tell(number, len(paths))
+        listener.done(path.name)
 
 
 def _is_current(connection: sqlite3.Connection) -> bool:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.store.entry import TEMPORARY, is_address, places
+from horizonval.store.entry import is_address, places
 from horizonval.store.folder import RunFolder, read_json
 from horizonval.store.store import Store
 
@@ -91,8 +92,7 @@ def garbage(folder: RunFolder) -> Garbage:
     named = named_addresses(folder, strict=True)
     entries = places(root)
     unnamed = [path for path in entries if path.stem not in named]
-    leftovers = sorted(p for p in root.rglob(".*") if p.name.endswith(TEMPORARY) and p.is_file())
-    return Garbage((*unnamed, *leftovers), len(entries) - len(unnamed))
+    return Garbage((*unnamed, *atomic.leftovers(root)), len(entries) - len(unnamed))
 
 
 def remove(found: Garbage, folder: RunFolder) -> None:

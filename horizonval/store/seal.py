@@ -18,7 +18,6 @@ https://openexr.com/en/latest/OpenEXRFileLayout.html.
 from __future__ import annotations
 
 import hashlib
-import os
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -138,7 +137,7 @@ def _looks_like(data: bytes) -> str:
 
 
 def seal_file(path: Path) -> None:
-    """Fill in both placeholders of a freshly written file and flush it to the disk."""
+    """Fill in both placeholders of a freshly written file."""
     data = bytearray(path.read_bytes())
     header = parse_header(bytes(data), path)
     body, seal = header.attributes[BODY], header.attributes[SEAL]
@@ -148,8 +147,6 @@ def seal_file(path: Path) -> None:
         for attribute in (body, seal):
             file.seek(attribute.start)
             file.write(data[attribute.start : attribute.start + len(attribute.raw)])
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def _put(data: bytearray, attribute: Attribute, text: str) -> None:

@@ -10,16 +10,17 @@ from __future__ import annotations
 
 import os
 import re
-import secrets
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.frame import DetectorImage, Frame
+from horizonval.core.progress import Progress
+from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.store import exr
 from horizonval.store.entry import Entry, describe, place, places, sha256
 from horizonval.store.index import Index
-from horizonval.store.verify import Finding, Tell, verify
+from horizonval.store.verify import Finding, verify
 
 
 class Store:
@@ -29,7 +30,7 @@ class Store:
         self.root = Path(root)
         self.index = Index(self.root)
 
-    def add_frame(self, frame: Frame) -> str:
+    def add_frame(self, frame: RadianceFrame) -> str:
         """Store ``frame`` and return its address; an intact entry stays untouched, a damaged one is mended."""
         return self._add(lambda path: exr.write_frame(path, frame))
 
@@ -42,16 +43,13 @@ class Store:
             self.root.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UserError(f"cannot be made: {error.strerror}", where=str(self.root)) from None
-        temporary = self.root / f".{secrets.token_hex(8)}.tmp"
-        try:
+        with atomic.temporary_in(self.root) as temporary:
             write(temporary)
             address = sha256(temporary)
             path = self.path(address)
             if not path.is_file() or sha256(path) != address:
                 path.parent.mkdir(exist_ok=True)
-                temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+                atomic.move(temporary, path)
         self.index.record(describe(path))
         return address
 
@@ -62,7 +60,7 @@ class Store:
     def __contains__(self, address: str) -> bool:
         return self.path(address).is_file()
 
-    def read_frame(self, address: str) -> Frame:
+    def read_frame(self, address: str) -> RadianceFrame:
         """Read and verify a frame; ``UserError`` if there is none, ``DamagedFileError`` if it is not what was added."""
         return exr.read_frame(self._verified(address))
 
@@ -99,6 +97,6 @@ class Store:
         for path in places(self.root):
             yield describe(path)
 
-    def verify(self, named: Mapping[str, str] | None = None, tell: Tell | None = None) -> list[Finding]:
+    def verify(self, named: Mapping[str, str] | None = None, progress: Progress | None = None) -> list[Finding]:
         """Read everything and return what is wrong; see :func:`horizonval.store.verify.verify`."""
-        return verify(self.root, named, tell)
+        return verify(self.root, named, progress)

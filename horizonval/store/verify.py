@@ -14,20 +14,19 @@ Bytes are compared with addresses, so that a file under a wrong name is recognis
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from horizonval.core import atomic
 from horizonval.core.errors import UserError
+from horizonval.core.progress import Progress, Silent
 from horizonval.store import exr
-from horizonval.store.entry import INDEX_PREFIX, TEMPORARY, Entry, describe, is_address, place, sha256
+from horizonval.store.entry import INDEX_PREFIX, Entry, describe, is_address, place, sha256
 from horizonval.store.index import NAME, Index
 
 Problem = Literal["damaged", "misplaced", "missing", "duplicate", "foreign", "leftover", "index"]
-
-Tell = Callable[[int, int], None]
-"""Told how many files of how many are looked at."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class _File:
     reason: str
 
 
-def verify(root: Path, named: Mapping[str, str] | None = None, tell: Tell | None = None) -> list[Finding]:
+def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progress | None = None) -> list[Finding]:
     """Read everything below ``root`` and return what is wrong, in the order of paths; nothing is changed.
 
     Parameters
@@ -57,17 +56,20 @@ def verify(root: Path, named: Mapping[str, str] | None = None, tell: Tell | None
     root : Path
     named : mapping of str to str, optional
         Addresses that somebody counts on, and who that is; those of the index are added.
-    tell : callable, optional
+    progress : Progress, optional
     """
     findings, known = _known(root)
     expected = dict.fromkeys(known, "the index") | dict(named or {})
     paths = sorted(_files(root))
     intact: dict[str, Entry] = {}
     strays: list[_File] = []
-    for number, path in enumerate(paths, 1):
+    listener = progress or Silent()
+    listener.start(len(paths), 0)
+    for path in paths:
+        listener.done(path.name)
         if path.parent == root and path.name.startswith(INDEX_PREFIX):
             continue
-        if path.name.startswith(".") and path.name.endswith(TEMPORARY):
+        if atomic.is_temporary(path):
             findings.append(Finding(path, "leftover", f"{_shown(path, root)}: left by an interrupted write; delete it"))
             continue
         file = _looked_at(path)
@@ -75,8 +77,6 @@ def verify(root: Path, named: Mapping[str, str] | None = None, tell: Tell | None
             intact[path.stem] = describe(path)
         else:
             strays.append(file)
-        if tell is not None:
-            tell(number, len(paths))
     home: dict[str, Path] = {}
     for file in strays:
         findings.append(_stray(file, root, intact, expected, home))

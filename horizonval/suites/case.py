@@ -18,17 +18,16 @@ import hashlib
 import math
 import os
 import time
-import traceback
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal
 
-from horizonval.core.errors import UserError
-from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.core.errors import UserError, one_line
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.sandbox import sandbox_of
-from horizonval.frame import DetectorImage, Frame, FrameTruth
+from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import Expected, expected_of_heads, expected_outcome
 from horizonval.scoring.repeats import mean_noise_nees
@@ -83,7 +82,7 @@ class _Taken:
     ``redrawn``: by band, the images with other noise.
     """
 
-    frame: Frame
+    frame: RadianceFrame
     frame_address: str | None
     images: dict[str, DetectorImage]
     redrawn: dict[str, list[DetectorImage]] = field(default_factory=dict)
@@ -246,7 +245,7 @@ def _score(
     estimator, truth = plan.estimator(estimator_name), taken.frame.truth
     with watch.stage(f"estimate {estimator_name}"):
         sandbox = sandbox_of(plan.limits)
-        result: Fit | NoFit = sandbox.run(estimator_name, next(observations))
+        result: Fit | Refusal = sandbox.run(estimator_name, next(observations))
     if sandbox.spent_s is not None:
         watch.add(PROCESSOR + estimator_name, sandbox.spent_s)
     results = [result]
@@ -272,7 +271,7 @@ def _score(
     taken.details[estimator_name if band_number == 0 else f"{estimator_name} [{band}]"] = details_of(result)
 
 
-def _frame(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> tuple[Frame, str | None]:
+def _frame(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> tuple[RadianceFrame, str | None]:
     """Return the frame and its address: from the archive if it was rendered before, else rendered.
 
     Where everything is kept it is stored at once, so that a run that is cut off has it.
@@ -318,12 +317,8 @@ def _recorded(errors: dict[str, str], name: str) -> Iterator[None]:
     """Turn whatever goes wrong inside into one line under a name."""
     try:
         yield
-    except UserError as e:
-        errors[name] = e.line()
     except Exception as e:
-        frame = traceback.extract_tb(e.__traceback__)[-1]
-        # The file's name only: where the package is installed must not show in a result.
-        errors[name] = f"{type(e).__name__} at {Path(frame.filename).name}:{frame.lineno}: {e}"
+        errors[name] = one_line(e)
 
 
 @contextlib.contextmanager

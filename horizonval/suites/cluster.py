@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import contextlib
 import os
-import secrets
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, TypeVar
 
+from horizonval.core import atomic
+from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
 from horizonval.jobs.pool import Results
 from horizonval.store.folder import RunFolder
-from horizonval.suites.identity import code_version
 from horizonval.suites.plan import Unit
 
 T = TypeVar("T")
@@ -128,12 +128,8 @@ def _check_workers(client: Any, folder: RunFolder, address: str) -> None:
         raise UserError("the cluster has no workers", where=where, fix="start some with `dask worker --nthreads 1`")
     if max(threads.values()) > 1:
         raise UserError("its workers have several threads", where=where, fix="start them with --nthreads 1")
-    marker = folder.root / f".{secrets.token_hex(8)}.part"
-    marker.touch()
-    try:
+    with atomic.temporary_in(folder.root) as marker:
         found = client.run(_look, str(marker))
-    finally:
-        marker.unlink(missing_ok=True)
     for worker, (sees, version) in found.items():
         if not sees:
             raise UserError(

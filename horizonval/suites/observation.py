@@ -10,14 +10,16 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.observation import Estimator, Observation, OraclePose
-from horizonval.frame import DetectorImage, Frame, FrameTruth
+from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.spec.sensor.camera import CameraSpec
 
 EARTH_RADIUS_M = Observation.earth_radius_m
 
 
-def observation_of(source: DetectorImage | Frame, estimator: Estimator, *, band: str | None = None) -> Observation:
+def observation_of(
+    source: DetectorImage | RadianceFrame, estimator: Estimator, *, band: str | None = None
+) -> Observation:
     """Return the observation of a detector image, or of one band of a frame (radiance, without a converter).
 
     The truth in the header gives the calibrated camera and its mounting, which a flight computer knows too; the pose
@@ -45,12 +47,12 @@ def observation_of(source: DetectorImage | Frame, estimator: Estimator, *, band:
     )
 
 
-def observation_of_heads(sources: Mapping[str, DetectorImage | Frame], estimator: Estimator) -> Observation:
+def observation_of_heads(sources: Mapping[str, DetectorImage | RadianceFrame], estimator: Estimator) -> Observation:
     """Return the observation of all heads of one housing at one instant.
 
     Parameters
     ----------
-    sources : mapping of str to DetectorImage or Frame
+    sources : mapping of str to DetectorImage or RadianceFrame
         By the heads' names, in the camera file's order; at least one.
     estimator : Estimator
 

@@ -7,13 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core.code import code_version
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.observation import Fit, NoFit
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Fit
 from horizonval.frame import FrameTruth
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.table import COLUMNS
 from horizonval.spec.load import Case
-from horizonval.suites.identity import code_version
+from horizonval.suites.identity import ROW_CODE
 from horizonval.suites.plan import Plan
 
 CASE_SCHEMA = 1
@@ -42,7 +44,7 @@ def record_of(
         "schema": CASE_SCHEMA,
         "case": name,
         "scene_id": truth.scene_id,
-        "version": code_version(),
+        "version": code_version(*ROW_CODE),
         "identity": identity,
         "truth_frame": addresses.get(""),
         "image": next(iter(images.values()), None),
@@ -79,7 +81,7 @@ def failed_record(name: str, identity: str, case: Case, estimators: Sequence[str
         "schema": CASE_SCHEMA,
         "case": name,
         "scene_id": truth.scene_id if truth else None,
-        "version": code_version(),
+        "version": code_version(*ROW_CODE),
         "identity": identity,
         "truth_frame": None,
         "image": None,
@@ -101,7 +103,7 @@ def is_failure(row: Mapping[str, Any]) -> bool:
     return bool(row["false_valid"]) or (row["status"] == valid) != (row["expected"] == valid)
 
 
-def details_of(result: Fit | NoFit) -> dict[str, Any]:
+def details_of(result: Fit | Refusal) -> dict[str, Any]:
     """Return what the report draws over the image: limb points, evenly thinned, and the fitted limb."""
     points = np.asarray(result.points, dtype=np.float64).reshape(-1, 2)
     points = points[np.isfinite(points).all(axis=1)]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
+from horizonval.core import atomic
 from horizonval.core.errors import UserError
 from horizonval.spec.load import Suite
 from horizonval.store.entry import INDEX_PREFIX
@@ -44,6 +44,4 @@ def _copy(path: Path, place: Path) -> None:
     if place.exists():
         return
     place.parent.mkdir(parents=True, exist_ok=True)
-    temporary = place.with_name(f".{place.name}.part")
-    shutil.copyfile(path, temporary)
-    temporary.replace(place)
+    atomic.copy_file(path, place)

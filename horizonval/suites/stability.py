@@ -13,17 +13,16 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 import time
-import traceback
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from horizonval.core.errors import UserError
+from horizonval.core import atomic
+from horizonval.core.errors import UserError, one_line
+from horizonval.core.progress import Progress
 from horizonval.jobs.pool import run_cases
-from horizonval.jobs.progress import Progress
 from horizonval.spec.load import Suite
 from horizonval.spec.stability import StabilitySpec
 from horizonval.stability import study
@@ -145,11 +144,8 @@ def _run_case(case: StabilityCase, folder: RunFolder) -> tuple[str | None, float
             "profiles": to_plain(profiles),
         }
         write_json(folder.stability_case(case.name), record, indent=None)
-    except UserError as e:
-        error = e.line()
     except Exception as e:
-        frame = traceback.extract_tb(e.__traceback__)[-1]
-        error = " ".join(f"{type(e).__name__} at {Path(frame.filename).name}:{frame.lineno}: {e}".split())
+        error = one_line(e)
     return error, round(time.perf_counter() - start, 4)
 
 
@@ -158,6 +154,4 @@ def _write_table(path: Path, header: list[str], lines: list[list[Any]]) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
     writer.writerows(lines)
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(text.getvalue(), encoding="utf-8", newline="\n")
-    os.replace(temporary, path)
+    atomic.write_text(path, text.getvalue())

@@ -1,4 +1,4 @@
-"""Do the experiments of the chosen systems, one after the other, and write the book."""
+"""Do the experiments of the chosen systems, one after the other, and write the pages."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from horizonval.core import atomic
 from horizonval.core.errors import UserError
+from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus
-from horizonval.jobs.progress import Progress, Silent
 from horizonval.store.folder import RunFolder, read_json, write_json
-from horizonval.systems.book import write_first_page, write_reproduction
+from horizonval.systems.pages import write_first_page, write_reproduction
 from horizonval.systems.systems import chosen, experiment
-from horizonval.systems.workshop import Workshop
+from horizonval.systems.task_cache import TaskCache
 
 WORK = ".work"
 """Folder beside the pages where finished parts of experiments wait for the rest; may be deleted at any time."""
@@ -56,12 +57,12 @@ def reproduce_systems(
         raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
     work = out / WORK
     work.mkdir(parents=True, exist_ok=True)
-    workshop = Workshop(work, seed, workers or available_cpus(), progress or Silent())
+    cache = TaskCache(work, seed, workers or available_cpus(), progress or Silent())
     with RunFolder(work).locked():
         _remove_temporary_files(out)
         for letter in letters:
             start = time.perf_counter()
-            content = write_reproduction(experiment(letter)(workshop), out, seed)
+            content = write_reproduction(experiment(letter)(cache), out, seed)
             spent = {**(read_json(out / TIMINGS) or {}), letter: round(time.perf_counter() - start, 1)}
             write_json(out / TIMINGS, spent)
             write_first_page(out)
@@ -70,7 +71,7 @@ def reproduce_systems(
 
 def _remove_temporary_files(out: Path) -> None:
     """Delete what a killed run was writing; call with the lock held."""
-    for path in (*out.glob(".*.tmp"), *(out / WORK).rglob(".*.tmp")):
+    for path in (*atomic.leftovers(out, below=False), *atomic.leftovers(out / WORK)):
         path.unlink(missing_ok=True)
 
 

@@ -7,15 +7,10 @@ from importlib import import_module
 
 from horizonval.core.errors import UserError
 from horizonval.systems.result import Reproduction
-from horizonval.systems.workshop import Workshop
+from horizonval.systems.task_cache import TaskCache
 
-SYSTEMS = {
-    "A": "altitude_free",
-    "B": "video_vertical",
-    "C": "ideal_module",
-    "D": "linear_heads",
-    "E": "localisation",
-}
+SYSTEMS = ("A", "B", "C", "D", "E")
+"""Letters of the published systems; each has a package of its name here."""
 
 
 def chosen(names: list[str]) -> list[str]:
@@ -32,7 +27,9 @@ def chosen(names: list[str]) -> list[str]:
     return [letter for letter in SYSTEMS if letter in wanted or "ALL" in wanted]
 
 
-def experiment(letter: str) -> Callable[[Workshop], Reproduction]:
+def experiment(letter: str) -> Callable[[TaskCache], Reproduction]:
     """Return the function that does a system's experiment again."""
-    function: Callable[[Workshop], Reproduction] = import_module(f"horizonval.reproduce.{SYSTEMS[letter]}").reproduce
+    function: Callable[[TaskCache], Reproduction] = import_module(
+        f"{__package__}.{letter.lower()}.experiment"
+    ).reproduce
     return function

@@ -15,7 +15,7 @@ import pytest
 from peak_memory import run_apart
 
 from horizonval.earth.column import OpticalModel, SpectralNode
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.plugin.backend import activate
 
 RADIUS_M, TOP_M, SCALE_HEIGHT_M, DEPTH = 6_371_000.0, 100_000.0, 8000.0, 0.1
@@ -26,7 +26,7 @@ MOST_BYTES = 1.5e9
 SUN = np.array([0.6, 0.0, 0.8])
 
 
-def _scene(pixels: int) -> tuple[OpticalModel, Any, Camera]:
+def _scene(pixels: int) -> tuple[OpticalModel, Any, CameraModel]:
     """Return the air, where everything is, and a camera with its boresight at the limb."""
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.reference.reference_scene import Placement
@@ -54,7 +54,7 @@ def _scene(pixels: int) -> tuple[OpticalModel, Any, Camera]:
     right = np.array([0.0, 1.0, 0.0])
     rotation = np.stack([right, np.cross(forward, right), forward], axis=1)
     focal = pixels / 2 / np.tan(np.radians(FIELD_DEG) / 2)
-    camera = Camera(pixels, pixels, focal, focal, (pixels - 1) / 2, (pixels - 1) / 2)
+    camera = CameraModel(pixels, pixels, focal, focal, (pixels - 1) / 2, (pixels - 1) / 2)
     place = Placement.below(Planet(RADIUS_M, RADIUS_M), r, rotation, SUN)
     return OpticalModel(z, TOP_M, (node,), ALBEDO, 1.0), place, camera
 

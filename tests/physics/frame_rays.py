@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.earth.optical import optical_model
-from horizonval.frame import Frame
+from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
 from horizonval.renderer.scene.emission import NODES, thermal_radiance
 from horizonval.renderer.scene.frame import render_frame
@@ -26,7 +26,7 @@ BANDS: dict[str, dict[str, Any]] = {
 class Marched:
     """A frame, and the direct march along the middle of every pixel; ``clear``: a pixel away from the hard limb."""
 
-    frame: Frame
+    frame: RadianceFrame
     radiance: dict[str, np.ndarray]
     height_m: np.ndarray
     clear: np.ndarray
@@ -63,7 +63,7 @@ def camera_of(width: int, height: int, fov_deg: float, bands: dict[str, dict[str
     return CameraSpec.model_validate({"camera": geometry, "band": listed})
 
 
-def directions(frame: Frame, camera: CameraSpec) -> np.ndarray:
+def directions(frame: RadianceFrame, camera: CameraSpec) -> np.ndarray:
     """Return the direction of every pixel's middle in Earth-fixed axes, shape (rows, columns, 3)."""
     pinhole = camera_from_spec(camera.camera)
     cam = unproject(pinhole, pixel_grid(pinhole))

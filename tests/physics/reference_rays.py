@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core import atomic
+
 DATA = Path(__file__).parents[1] / "data"
 RADIUS_KM = 6371.0
 OBSERVER_KM = 500.0
@@ -70,9 +72,7 @@ def fill(
             row = future.result()
             done[name(row)] = row
             rows = [done[name(job)] for job in jobs if name(job) in done]
-            part = path.with_suffix(".part")
-            with part.open("w", newline="") as file:
+            with atomic.replacing(path) as temporary, temporary.open("w", newline="") as file:
                 writer = csv.DictWriter(file, list(row), lineterminator="\n")
                 writer.writeheader()
                 writer.writerows(rows)
-            part.replace(path)

@@ -9,7 +9,7 @@ from hard_limb import hard_limb_image
 from horizonval.estimation.methods.altitude_free import ESTIMATOR
 from horizonval.estimation.methods.altitude_free_published import ESTIMATOR as PUBLISHED
 from horizonval.estimation.observation import Fit, Observation
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.frames import nadir_of_roll_pitch
 
 RADIUS_M = Observation.earth_radius_m
@@ -19,7 +19,7 @@ NEWTON_RAD = 1e-6
 
 def _fit(pixels: int, fov_deg: float, altitude_km: float, roll_deg: float, pitch_deg: float) -> tuple[Fit, np.ndarray]:
     focal = pixels / 2 / np.tan(np.radians(fov_deg) / 2)
-    camera = Camera(pixels, pixels, focal, focal, (pixels - 1) / 2, (pixels - 1) / 2)
+    camera = CameraModel(pixels, pixels, focal, focal, (pixels - 1) / 2, (pixels - 1) / 2)
     nadir = nadir_of_roll_pitch(np.radians(roll_deg), np.radians(pitch_deg))
     rho = np.arcsin(RADIUS_M / (RADIUS_M + altitude_km * 1e3))
     image = hard_limb_image(pixels, fov_deg, nadir, rho)
@@ -84,7 +84,7 @@ def test_whole_pixels_claim_what_they_are_off_by() -> None:
         off, azimuth = rho + np.radians(rng.uniform(-0.35, 0.35) * fov_deg), rng.uniform(0.0, 2.0 * np.pi)
         nadir = np.array([np.sin(off) * np.cos(azimuth), np.sin(off) * np.sin(azimuth), np.cos(off)])
         focal = pixels / 2 / np.tan(np.radians(fov_deg) / 2)
-        camera = Camera(pixels, pixels, focal, focal, (pixels - 1) / 2, (pixels - 1) / 2)
+        camera = CameraModel(pixels, pixels, focal, focal, (pixels - 1) / 2, (pixels - 1) / 2)
         image = hard_limb_image(pixels, fov_deg, nadir, rho, fine=8)
         fit = PUBLISHED.run(Observation(image=image, camera=camera, full_scale=255.0))
         if not isinstance(fit, Fit):

@@ -15,7 +15,7 @@ from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.optical import optical_model
 from horizonval.earth.spectral.brightness import brightness_temperature_k
-from horizonval.frame import Frame, Hit
+from horizonval.frame import Hit, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
 from horizonval.geometry.ellipsoid import geodetic_from_itrs
 from horizonval.geometry.frames import inverse, rotate
@@ -24,7 +24,7 @@ from horizonval.spec.load import deep_merge, load_scene
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
-Render = Callable[..., Frame]
+Render = Callable[..., RadianceFrame]
 
 
 def with_changes(
@@ -41,9 +41,9 @@ def with_changes(
 @pytest.fixture(scope="module")
 def rendered() -> Render:
     """Render a scene as :func:`with_changes` has it; the same one only once."""
-    done: dict[str, Frame] = {}
+    done: dict[str, RadianceFrame] = {}
 
-    def render(*arguments: Any, **changes: Any) -> Frame:
+    def render(*arguments: Any, **changes: Any) -> RadianceFrame:
         key = repr((arguments, changes))
         if key not in done:
             done[key] = render_frame(*with_changes(*arguments, **changes))
@@ -52,24 +52,24 @@ def rendered() -> Render:
     return render
 
 
-def rays_itrs(frame: Frame) -> FloatArray:
+def rays_itrs(frame: RadianceFrame) -> FloatArray:
     """Return the directions of all pixels' centres, shape (H, W, 3)."""
     camera = camera_from_spec(CameraSpec.model_validate(frame.truth.camera).camera)
     return rotate(inverse(frame.truth.q_cam_from_itrs), unproject(camera, pixel_grid(camera)))
 
 
-def ends(frame: Frame) -> tuple[FloatArray, FloatArray, FloatArray]:
+def ends(frame: RadianceFrame) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return latitude and longitude [rad] and height [m] of what pixels see; where that is nothing, the camera's."""
     distance = np.where(np.isfinite(frame.maps["distance"]), frame.maps["distance"], 0.0).astype(float)
     return geodetic_from_itrs(np.array(frame.truth.r_itrs) + rays_itrs(frame) * distance[..., None])
 
 
-def brightness_k(frame: Frame, name: str) -> FloatArray:
+def brightness_k(frame: RadianceFrame, name: str) -> FloatArray:
     band = next(b for b in CameraSpec.model_validate(frame.truth.camera).band if b.name == name)
     return brightness_temperature_k(band, frame.radiance[name])
 
 
-def below_the_horizon(frame: Frame) -> NDArray[np.bool_]:
+def below_the_horizon(frame: RadianceFrame) -> NDArray[np.bool_]:
     """Where a pixel and its neighbours see ground or cloud and nothing else: chords deeper than two pixels."""
     return frame.maps["tangent_height"] < -60e3
 
@@ -142,7 +142,7 @@ SUN: tuple[Any, ...] = ("ir-sun-in-frame", "co2 window", 40, 40, 1.0)
 TO_THE_SUN: dict[str, Any] = {"camera": {"mount_yaw_deg": 92.0, "mount_roll_deg": 69.1}}
 
 
-def transmission(band: EmittingBand, frame: Frame, pixels: FloatArray) -> FloatArray:
+def transmission(band: EmittingBand, frame: RadianceFrame, pixels: FloatArray) -> FloatArray:
     """Return exp(-tau) per g point of the whole air along rays, shape (n, g): midpoints of equal pieces of 1 km."""
     s = np.arange(500.0, 5e6, 1e3)
     passed = []
@@ -183,7 +183,7 @@ def test_the_sun_shines_through_the_limb_and_leaves_it_alone(rendered: Render) -
     assert brightness_k(with_sun, "window")[disc].mean() == pytest.approx(5000.0, abs=100.0)
 
 
-def plateau(frame: Frame, band: str, columns: slice) -> float:
+def plateau(frame: RadianceFrame, band: str, columns: slice) -> float:
     """Return the mean radiance of the limb between 12 and 24 km in some columns."""
     height = frame.maps["tangent_height"][:, columns]
     return float(frame.radiance[band][:, columns][(height > 12e3) & (height < 24e3)].mean())

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere
-from horizonval.frame import Frame, Hit
-from horizonval.geometry.camera import Camera
+from horizonval.frame import Hit, RadianceFrame
+from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.reference.reference import placement, render_reference
 from horizonval.renderer.scene.frame import describe, render_frame
@@ -43,7 +43,7 @@ def _scene(view: str, subsamples: int = 8, orders: str = "single", **changes: An
     return SceneSpec.model_validate(scene), CameraSpec.model_validate({"camera": camera, "band": [band]})
 
 
-def _groups(frame: Frame) -> dict[str, np.ndarray]:
+def _groups(frame: RadianceFrame) -> dict[str, np.ndarray]:
     height, hit = frame.maps["tangent_height"] / 1e3, frame.maps["hit"]
     groups = {"ground": hit == Hit.SURFACE}
     for low, high in LIMB_KM:
@@ -146,7 +146,7 @@ def test_all_orders_equal_an_independent_monte_carlo() -> None:
         table = [row for row in csv.DictReader(file) if float(row["sza_deg"]) == 60.0]
     rows = [row for row in table if float(row["tangent_km"]) < 25.0][::2][:6]
     assert len(rows) == 6
-    camera = Camera(1, 1, 1e4, 1e4, 0.0, 0.0)
+    camera = CameraModel(1, 1, 1e4, 1e4, 0.0, 0.0)
     for row in rows:
         position, forward, sun = (
             np.array([float(row[f"{name}_{axis}{unit}"]) for axis in "xyz"])

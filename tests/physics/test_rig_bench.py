@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.plugin.backend import activate
 from horizonval.systems.b.rig import bench
 from horizonval.systems.b.rig.panel import Panel
@@ -17,7 +17,7 @@ activate()
 
 from horizonval.systems.b.rig import scene  # noqa: E402
 
-CAMERA = Camera(256, 256, 222.0, 222.0, 130.0, 126.0)
+CAMERA = CameraModel(256, 256, 222.0, 222.0, 130.0, 126.0)
 EVEN = {"backlight_fall": 0.0, "backlight_slope": 0.0, "viewing_power": 0.0}
 
 
@@ -94,7 +94,7 @@ def test_the_moire_has_the_period_of_the_beat(distance_mm):
 
 def test_the_lens_wipes_the_moire_out_before_the_pixels_sample_it():
     panel = Panel(**EVEN)
-    camera = Camera(128, 128, 443.4, 443.4, 63.5, 63.5)
+    camera = CameraModel(128, 128, 443.4, 443.4, 63.5, 63.5)
     bare = rendered(panel, white(panel), camera)[32:96, 32:96]
     behind = rendered(panel, white(panel), camera, blur_px=0.7)[32:96, 32:96]
     assert bare.std() > 0.05 * bare.mean()

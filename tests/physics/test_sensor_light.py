@@ -11,7 +11,7 @@ import pytest
 from scipy import constants, integrate
 from scipy.special import j0, j1
 
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.sensor.lens import core_spread, lens_spread
 from horizonval.sensor.lens.stray_light import band_irradiance
 from horizonval.sensor.observe import observe
@@ -53,7 +53,7 @@ def test_spread_against_a_direct_sum_with_the_sun_at_1e9():
             part = kernel[rows - 1 - row : 2 * rows - 1 - row, columns - 1 - column : 2 * columns - 1 - column]
             expected += image[row, column] * part
             lost += image[row, column] * (1 - part.sum())
-    camera = Camera(columns, rows, focal, focal, (columns - 1) / 2, (rows - 1) / 2)
+    camera = CameraModel(columns, rows, focal, focal, (columns - 1) / 2, (rows - 1) / 2)
     lens = Optics.model_validate({"psf_sigma_px": SIGMA, "scatter": {"tis": TIS, "l_rad": L_RAD, "s": S}})
     out = lens_spread.spread(image, camera, lens, border="dark")
     assert out.min() >= 0
@@ -162,7 +162,7 @@ def test_irradiance_of_the_sun_in_the_band():
 
 def test_wings_go_on_outside_the_field_as_inside():
     """The Sun on a wide image's pixel, and the same Sun outside a crop of that image, veil the crop alike."""
-    wide = Camera(201, 41, 300.0, 300.0, 100.0, 20.0)
+    wide = CameraModel(201, 41, 300.0, 300.0, 100.0, 20.0)
     lens = Optics.model_validate({"scatter": {"tis": TIS, "l_rad": L_RAD, "s": S}})
     image = np.zeros((41, 201))
     image[20, 150] = 1e9

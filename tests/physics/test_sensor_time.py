@@ -14,14 +14,14 @@ import pytest
 from scipy import constants, integrate
 from scipy.spatial.transform import Rotation
 
-from horizonval.geometry.camera import Camera, pixel_grid, unproject
+from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.sensor import motion
 from horizonval.sensor.detector import thermal
 from horizonval.sensor.observe import observe
 from horizonval.spec.sensor.camera import CameraSpec
 
-PINHOLE = Camera(96, 72, 90.0, 90.0, 47.5, 35.5, distortion=(-0.12, 0.02, 0.001, -0.001, 0.0))
-FISHEYE = Camera(96, 96, 30.0, 30.0, 47.5, 47.5, projection="fisheye")
+PINHOLE = CameraModel(96, 72, 90.0, 90.0, 47.5, 35.5, distortion=(-0.12, 0.02, 0.001, -0.001, 0.0))
+FISHEYE = CameraModel(96, 96, 30.0, 30.0, 47.5, 47.5, projection="fisheye")
 RATE = np.radians([2.0, -5.0, 9.0])
 
 
@@ -34,7 +34,9 @@ def limb(d: np.ndarray) -> np.ndarray:
     return 1 / (1 + np.exp((angle - 0.9) / 0.06)) + 2 * np.exp(-0.5 * (away / 0.05) ** 2)
 
 
-def stepped(camera: Camera, rate: np.ndarray, exposure_s: float, row_time_s: float, steps: int = 120) -> np.ndarray:
+def stepped(
+    camera: CameraModel, rate: np.ndarray, exposure_s: float, row_time_s: float, steps: int = 120
+) -> np.ndarray:
     """Mean over the exposure of what every row sees, instant by instant."""
     d = unproject(camera, pixel_grid(camera))
     out = np.zeros((camera.height, camera.width))
@@ -66,7 +68,7 @@ def test_motion_and_rolling_shutter_against_steps_in_time(camera, exposure_s, ro
 
 def test_slant_of_an_upright_edge():
     """A camera turning right at 10 deg/s: row by row the edge moves left by f omega row_time; to 0.02 px of 10."""
-    camera = Camera(200, 101, 400.0, 400.0, 99.5, 50.0)
+    camera = CameraModel(200, 101, 400.0, 400.0, 99.5, 50.0)
     still = 1 / (1 + np.exp(-(np.arange(200) - 99.5) / 2.0)) * np.ones((101, 1))
     moved = motion.moved(still, camera, np.array([0.0, math.radians(10.0), 0.0]), 1e-6, 1.5e-3)
     edge = 200 - moved.sum(axis=1)
@@ -77,7 +79,7 @@ def test_slant_of_an_upright_edge():
 
 def test_a_long_blur_has_no_dots():
     """The Sun's disc, 3 px, drawn over 100 px: a line as even as a line can be, of the same light."""
-    camera = Camera(220, 21, 2000.0, 2000.0, 109.5, 10.0)
+    camera = CameraModel(220, 21, 2000.0, 2000.0, 109.5, 10.0)
     y, x = np.mgrid[0:21, 0:220]
     still = np.where((x - 110) ** 2 + (y - 10) ** 2 <= 2, 1e9, 1.0)
     drawn = motion.moved(still, camera, np.array([0.0, 0.05, 0.0]), 1.0)
@@ -89,7 +91,7 @@ def test_a_long_blur_has_no_dots():
 @pytest.mark.parametrize("drag_px", [0.5, 3.0, 8.0, 25.0])
 def test_the_time_constant_against_the_equation_of_a_warming_pixel(drag_px):
     """dS / dt = (L(t) - S) / tau for a hot edge, 0.7 px soft, that passes while the camera turns."""
-    camera = Camera(161, 3, 160.0, 160.0, 80.0, 1.0)
+    camera = CameraModel(161, 3, 160.0, 160.0, 80.0, 1.0)
     tau = 0.012
     omega = drag_px / 160.0 / tau
 

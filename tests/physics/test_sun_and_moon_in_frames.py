@@ -13,8 +13,8 @@ import pytest
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.light import airglow, limb_darkening, moonlight
 from horizonval.earth.optical import optical_model
-from horizonval.frame import Frame, Hit
-from horizonval.geometry.camera import Camera, camera_from_spec, unproject
+from horizonval.frame import Hit, RadianceFrame
+from horizonval.geometry.camera import CameraModel, camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.ephemeris import AU_M, sun_itrs, sun_visible_fraction
 from horizonval.renderer.plugin.backend import activate
@@ -63,7 +63,7 @@ def _looking_at(zenith_deg: float) -> dict[str, Any]:
     return {"camera": {"file": "test"}, "attitude": {"pitch_deg": 180.0 - zenith_deg}}
 
 
-def _solid_angle(camera: Camera) -> np.ndarray:
+def _solid_angle(camera: CameraModel) -> np.ndarray:
     """Solid angle of pixels by a 3 x 3 Gauss rule in the Jacobian of the analytic camera: nothing of the renderer's."""
     u, v = np.meshgrid(np.arange(camera.width * 1.0), np.arange(camera.height * 1.0))
     x, w = np.polynomial.legendre.leggauss(3)
@@ -80,7 +80,7 @@ def _solid_angle(camera: Camera) -> np.ndarray:
     return total
 
 
-def _irradiance(frame: Frame, camera: CameraSpec, band: str = "vis") -> float:
+def _irradiance(frame: RadianceFrame, camera: CameraSpec, band: str = "vis") -> float:
     return float((frame.radiance[band].astype(float) * _solid_angle(camera_from_spec(camera.camera))).sum())
 
 

@@ -13,7 +13,7 @@ from latitude_limb import Climate
 from scipy.integrate import quad
 from thermal_model import limb_rays, model_of
 
-from horizonval.frame import Frame
+from horizonval.frame import RadianceFrame
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.scene.emission import thermal_radiance
 from horizonval.renderer.scene.frame import render_frame
@@ -184,7 +184,7 @@ def test_threads_change_no_bit() -> None:
     scene = scene_of(clouds={"cover": 0.4}, render=fast, attitude={"roll_deg": 64.0})
     camera = camera_of(40, 30, 20.0, {"co2": BANDS["co2"]})
 
-    def digest(frame: Frame) -> bytes:
+    def digest(frame: RadianceFrame) -> bytes:
         return frame.radiance["co2"].tobytes()
 
     first, before = digest(render_frame(scene, camera)), dr.thread_count()

@@ -12,28 +12,28 @@ from horizonval.systems.a.bank import grid, limb_length_px, measure, set_ups
 from horizonval.systems.a.check import check
 from horizonval.systems.a.solvers import compare, conditions
 from horizonval.systems.a.table import bank_of, error_table, steps_with_pixels
-from horizonval.systems.workshop import Plain, Workshop
+from horizonval.systems.task_cache import Plain, TaskCache
 
 SMALL = (100, 200)
 
 
-def _bank(workshop: Workshop) -> tuple[dict[str, Plain], dict[str, Plain]]:
+def _bank(cache: TaskCache) -> tuple[dict[str, Plain], dict[str, Plain]]:
     """3000 km, fields of 40 and 80 deg, two attitudes, at 100 and 200 pixels."""
     items = {
         name: item
-        for name, item in grid(workshop.seed, SMALL, (-30.0, 30.0)).items()
+        for name, item in grid(cache.seed, SMALL, (-30.0, 30.0)).items()
         if item["roll_deg"] > 0.0 and item["altitude_km"] == 3000.0 and item["fov_deg"] != 60.0
     }
-    return items, workshop.each("small bank", measure, items)
+    return items, cache.each("small bank", measure, items)
 
 
 @pytest.fixture(scope="module")
-def workshop(tmp_path_factory: pytest.TempPathFactory) -> Workshop:
-    return Workshop(folder=tmp_path_factory.mktemp("altitude-free"), seed=1, workers=1)
+def cache(tmp_path_factory: pytest.TempPathFactory) -> TaskCache:
+    return TaskCache(folder=tmp_path_factory.mktemp("altitude-free"), seed=1, workers=1)
 
 
-def test_frames_of_the_grid_are_answered_and_better_with_more_pixels(workshop: Workshop) -> None:
-    items, results = _bank(workshop)
+def test_frames_of_the_grid_are_answered_and_better_with_more_pixels(cache: TaskCache) -> None:
+    items, results = _bank(cache)
     assert len(items) == 2 * 4
     bank = bank_of(items, results)
     for name, result in results.items():
@@ -48,7 +48,7 @@ def test_frames_of_the_grid_are_answered_and_better_with_more_pixels(workshop: W
     assert [row[:4] for row in table.rows] == [(3000.0, fov, pixels, 2) for fov in (40.0, 80.0) for pixels in SMALL]
 
 
-def test_the_seed_moves_attitudes_noise_and_draws(workshop: Workshop) -> None:
+def test_the_seed_moves_attitudes_noise_and_draws(cache: TaskCache) -> None:
     one, two = (next(iter(grid(seed, SMALL, (10.0,)).values())) for seed in (1, 2))
     assert one["roll_deg"] != two["roll_deg"]
     assert min(one["roll_deg"], two["roll_deg"]) >= 9.0
@@ -81,11 +81,11 @@ def test_the_image_generator_agrees_with_the_curve_and_with_a_stock_sphere() -> 
     assert abs(result["stock_mean_px"]) < 0.005
 
 
-def test_rows_tables_and_figures_come_of_a_small_run(workshop: Workshop, tmp_path: Path) -> None:
-    items, results = _bank(workshop)
+def test_rows_tables_and_figures_come_of_a_small_run(cache: TaskCache, tmp_path: Path) -> None:
+    items, results = _bank(cache)
     bank = bank_of(items, results)
-    shown = workshop.each("set-ups", measure, {"6000 km, 80 deg, 50 px": set_ups(1)["6000 km, 80 deg, 50 px"]})
-    solvers = workshop.each("solvers", compare, dict(list(conditions(1).items())[:4]))
+    shown = cache.each("set-ups", measure, {"6000 km, 80 deg, 50 px": set_ups(1)["6000 km, 80 deg, 50 px"]})
+    solvers = cache.each("solvers", compare, dict(list(conditions(1).items())[:4]))
     rows = [
         *report.set_up_rows(shown),
         *report.convergence_rows(shown, bank),

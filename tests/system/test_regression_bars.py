@@ -15,8 +15,8 @@ from scipy import ndimage
 
 import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
-from horizonval.estimation.observation import NoFit
 from horizonval.frame import FrameTruth
 from horizonval.sensor.observe import observe
 from horizonval.studies.regression.baseline.baseline import frames_of, pack_path, read_baseline
@@ -88,7 +88,7 @@ def test_replay_repeats_the_baseline_and_catches_ten_percent_more_error(suite, b
 
         def pushed(name, observation, nadir=nadir, run=run):
             fit = run(name, observation)
-            if isinstance(fit, NoFit):
+            if isinstance(fit, Refusal):
                 return fit
             moved = nadir + 1.1 * (fit.nadir_cam - nadir)
             return replace(fit, nadir_cam=moved / np.linalg.norm(moved))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from conftest import MINI_CAMERA, assert_one_line, outcome_of
 
-from horizonval.jobs.progress import Silent
+from horizonval.core.progress import Silent
 from horizonval.scoring.table import read_results
 from horizonval.store.store import Store
 from horizonval.suites.run import Where, run_suite

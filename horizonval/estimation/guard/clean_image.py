@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter1d
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.shape.cone import Cone, limb_directions, off_axis_angle, tangent_basis
-from horizonval.geometry.camera import Camera, pixel_grid, unproject
+from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 
 BoolArray = NDArray[np.bool_]
 
@@ -34,13 +34,13 @@ BINS = 720
 SMOOTHED_BINS = 9
 
 
-def cleaned(image: FloatArray, camera: Camera, cone: Cone, los_cam: FloatArray) -> FloatArray:
+def cleaned(image: FloatArray, camera: CameraModel, cone: Cone, los_cam: FloatArray) -> FloatArray:
     """Return the cleaned image, shape (H, W), float64.
 
     Parameters
     ----------
     image : ndarray, shape (H, W)
-    camera : Camera
+    camera : CameraModel
     cone : Cone
     los_cam : ndarray, shape (n, 3)
         Trusted limb points.

@@ -37,6 +37,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.clean_image import cleaned
 from horizonval.estimation.guard.guard_heads import run_heads
@@ -47,7 +48,6 @@ from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
 from horizonval.estimation.limb.model.sunlit import SunlitLimb, sun_angles, sunlit_limb
 from horizonval.estimation.limb.model.trusted import alone, faded, faint, read_sides, restless, saturated
-from horizonval.estimation.limb.result import NoLimb
 from horizonval.estimation.limb.shape.cone import (
     Cone,
     ConeUncertainty,
@@ -57,7 +57,7 @@ from horizonval.estimation.limb.shape.cone import (
     off_axis_angle,
     tangent_basis,
 )
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project
 from horizonval.geometry.frames import roll_pitch_of_nadir
 
@@ -104,24 +104,24 @@ def guarded(estimator: Estimator) -> Estimator:
 
     One that is given the pose has nothing to guard and is returned as it is under that name.
     """
-    run: Callable[[Observation], Fit | NoFit] = estimator.run
+    run: Callable[[Observation], Fit | Refusal] = estimator.run
     if estimator.needs != "pose":
         run = partial(run_heads if estimator.needs == "heads" else _run, estimator)
     return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
 
 
-def trusted_limb(observation: Observation, estimates: str = "geocentric") -> TrustedLimb | NoFit:
+def trusted_limb(observation: Observation, estimates: str = "geocentric") -> TrustedLimb | Refusal:
     """Return the limb points of an image that may be trusted, or why there are none."""
     found = find_limb(observation.image, observation.camera, observation.full_scale)
-    if isinstance(found, NoLimb):
-        return NoFit(found.status, found.reason)
+    if isinstance(found, Refusal):
+        return found
     image, camera = np.asarray(observation.image, dtype=np.float64), observation.camera
     cone = fit_cone(found.los_cam)
     sides = read_sides(image, camera, found.los_cam, cone.axis_cam)
     bright_inside = bool(np.median(sides.inner - sides.outer) > 0.0)
     los, _ = to_steepest(image, camera, found.los_cam, cone.axis_cam, bright_inside)
     if len(los) < limits.FEWEST_POINTS:
-        return NoFit(Outcome.SHORT_ARC, f"{len(los)} limb points have their profile in view", found.uv)
+        return Refusal(Outcome.SHORT_ARC, f"{len(los)} limb points have their profile in view", found.uv)
     sun = observation.sun_cam if observation.band_kind == "solar" else None
     if sun is not None:
         los = _into_twilight(los, image, observation, sun)
@@ -145,7 +145,7 @@ def trusted_limb(observation: Observation, estimates: str = "geocentric") -> Tru
     lost = 1.0 - len(trusted) / len(los)
     los = trusted
     if len(los) < limits.FEWEST_POINTS:
-        return NoFit(worst, f"{lost:.0%} of the limb points are not to be trusted", project(camera, los)[0])
+        return Refusal(worst, f"{lost:.0%} of the limb points are not to be trusted", project(camera, los)[0])
     cause = worst if lost > limits.MUCH_LOST else None
     if sun is None:
         return _determined(_Points(los, los, None, bright_inside), observation, estimates, cause)
@@ -191,7 +191,7 @@ def _sunlit(los: FloatArray, observation: Observation, sun: FloatArray) -> Sunli
 
 def _best_reach(
     los: FloatArray, observation: Observation, sun: FloatArray, estimates: str, cause: Outcome | None
-) -> TrustedLimb | NoFit:
+) -> TrustedLimb | Refusal:
     """Lower the points to the ground, and use those up to the Sun's zenith angle that determines the nadir best.
 
     More limb determines more, but what is known of it gets less towards the terminator.
@@ -204,7 +204,7 @@ def _best_reach(
     inwards /= np.linalg.norm(inwards, axis=1)[:, None]
     ground = np.cos(drop)[:, None] * los + np.sin(drop)[:, None] * inwards
     points = _Points(los, ground, limb.patterns_m, bright_inside=True)
-    best: TrustedLimb | NoFit | None = None
+    best: TrustedLimb | Refusal | None = None
     tried = -1
     for reach in limits.REACHES_RAD:
         within = limb.zenith_rad <= reach
@@ -219,8 +219,8 @@ def _best_reach(
     return best
 
 
-def _is_better(one: TrustedLimb, other: TrustedLimb | NoFit) -> bool:
-    return isinstance(other, NoFit) or one.sigma_rad < other.sigma_rad
+def _is_better(one: TrustedLimb, other: TrustedLimb | Refusal) -> bool:
+    return isinstance(other, Refusal) or one.sigma_rad < other.sigma_rad
 
 
 def _without_outliers(points: _Points, observation: Observation) -> _Points:
@@ -240,33 +240,33 @@ def _without_outliers(points: _Points, observation: Observation) -> _Points:
 
 def _determined(
     points: _Points, observation: Observation, estimates: str, cause: Outcome | None
-) -> TrustedLimb | NoFit:
+) -> TrustedLimb | Refusal:
     """Refuse points that leave the nadir open; ``cause``: what took the points that are missing."""
     points = _without_outliers(points, observation)
     uv = project(observation.camera, points.seen)[0]
     status = cause or Outcome.SHORT_ARC
     if len(points.los) < limits.FEWEST_POINTS:
-        return NoFit(status, f"{len(points.los)} limb points are left", uv)
+        return Refusal(status, f"{len(points.los)} limb points are left", uv)
     los = points.los
     cone = fit_cone(los)
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
     if rho < limits.SMALLEST_RHO_RAD:
-        return NoFit(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is not the Earth", uv)
+        return Refusal(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is not the Earth", uv)
     try:
         noise = cone_uncertainty(los, cone.axis_cam, rho)
         systematic = model_covariance(los, cone.axis_cam, rho, observation, estimates, points.patterns)
     except np.linalg.LinAlgError:
-        return NoFit(status, "the points do not determine a cone", uv)
+        return Refusal(status, "the points do not determine a cone", uv)
     limb = TrustedLimb(points.seen, los, uv, cone, rho, noise, systematic, points.bright_inside)
     if not limb.sigma_rad <= limits.LARGEST_SIGMA_RAD:
         sigma = np.degrees(limb.sigma_rad)
-        return NoFit(status, f"the limb that can be trusted determines the nadir to {sigma:.2f} deg", uv)
+        return Refusal(status, f"the limb that can be trusted determines the nadir to {sigma:.2f} deg", uv)
     return limb
 
 
-def _run(estimator: Estimator, observation: Observation) -> Fit | NoFit:
+def _run(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     limb = trusted_limb(observation, estimator.estimates)
-    if isinstance(limb, NoFit):
+    if isinstance(limb, Refusal):
         return limb
     if estimator.from_points is not None:
         result = estimator.from_points(limb.los_cam, limb.uv, observation)
@@ -276,13 +276,14 @@ def _run(estimator: Estimator, observation: Observation) -> Fit | NoFit:
         result = estimator.run(replace(observation, image=image))
         if isinstance(result, Fit):
             result = _turned(result, seen, limb.cone, observation)
-    if isinstance(result, NoFit):
+    if isinstance(result, Refusal):
         return result
     basis = limb.noise.basis
     result = replace(result, systematic_nadir_cam=basis @ limb.systematic[:2, :2] @ basis.T)
-    refused = check_fit(result, limb, observation)
-    if refused is not None or estimator.from_points is None:
-        return refused or result
+    if (refusal := check_fit(result, limb, observation)) is not None:
+        return refusal
+    if estimator.from_points is None:
+        return result
     return _noise_apart(result, limb, observation)
 
 
@@ -322,7 +323,7 @@ def _turned(fit: Fit, seen: Cone, ground: Cone, observation: Observation) -> Fit
     return replace(fit, nadir_cam=nadir, covariance_nadir_cam=covariance, roll_rad=float(roll), pitch_rad=float(pitch))
 
 
-def check_fit(fit: Fit, limb: TrustedLimb, observation: Observation) -> NoFit | None:
+def check_fit(fit: Fit, limb: TrustedLimb, observation: Observation) -> Refusal | None:
     """Return why a fit is not believed, or None.
 
     Its nadir must be that of the guard's cone within their noise, or within a pixel's worth of it; its residuals must
@@ -334,10 +335,10 @@ def check_fit(fit: Fit, limb: TrustedLimb, observation: Observation) -> NoFit | 
     floor = limits.AGREEMENT_FLOOR_RAD**2 * np.eye(2)
     if fit.nadir_cam @ limb.cone.axis_cam < 0 or apart @ np.linalg.solve(spread + floor, apart) > limits.AGREEMENT**2:
         angle = float(np.degrees(np.arccos(np.clip(fit.nadir_cam @ limb.cone.axis_cam, -1, 1))))
-        return NoFit(Outcome.AMBIGUOUS, f"the method's nadir lies {angle:.2f} deg from that of the limb", fit.points)
+        return Refusal(Outcome.AMBIGUOUS, f"the method's nadir lies {angle:.2f} deg from that of the limb", fit.points)
     sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ fit.total_covariance_nadir_cam @ basis)[-1]))
     if not sigma <= limits.LARGEST_SIGMA_RAD:
-        return NoFit(Outcome.SHORT_ARC, f"the method determines the nadir to {np.degrees(sigma):.2f} deg", fit.points)
+        return Refusal(Outcome.SHORT_ARC, f"the method determines the nadir to {np.degrees(sigma):.2f} deg", fit.points)
     if observation.altitude_m is not None:
         radius = observation.earth_radius_m
         expected = np.arcsin(radius / (radius + observation.altitude_m))
@@ -346,7 +347,7 @@ def check_fit(fit: Fit, limb: TrustedLimb, observation: Observation) -> NoFit | 
         low, high = (h * np.tan(expected) / radius for h in height)
         slack = limits.AGREEMENT * float(np.sqrt(limb.noise.covariance[2, 2] + limb.systematic[2, 2]))
         if not low - slack <= off <= high + slack:
-            return NoFit(
+            return Refusal(
                 Outcome.AMBIGUOUS,
                 f"the angular radius is {np.degrees(off):+.2f} deg from that of the known altitude",
                 fit.points,

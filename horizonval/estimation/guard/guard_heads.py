@@ -27,6 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.guard_rows import RowLimb, is_row, misfit, row_limb
 from horizonval.estimation.limb.finder import find_limb
@@ -34,9 +35,8 @@ from horizonval.estimation.limb.model.steepest import to_steepest
 from horizonval.estimation.limb.model.sunlit import sun_angles
 from horizonval.estimation.limb.model.systematic import systematic_covariance
 from horizonval.estimation.limb.model.trusted import faded, read_sides, restless, saturated
-from horizonval.estimation.limb.result import NoLimb
 from horizonval.estimation.limb.shape.cone import arc_order, cone_uncertainty, fit_cone, off_axis_angle, tangent_basis
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project, unproject
 
 AZIMUTHS = 7200
@@ -44,7 +44,7 @@ MOVED_RAD = 1e-4
 """How far the limb is moved to see what a method makes of it: a hundredth of a pixel and more, a hundredth of rho."""
 
 
-def run_heads(estimator: Estimator, observation: Observation) -> Fit | NoFit:
+def run_heads(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     """Run a method of several heads and believe it only if every head's image shows its limb."""
     heads = observation.heads
     if heads and all(is_row(head) for head in heads.values()):
@@ -68,15 +68,15 @@ class _Limb:
     systematic: FloatArray
 
 
-def _run_rows(estimator: Estimator, observation: Observation) -> Fit | NoFit:
+def _run_rows(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     rows: dict[str, RowLimb] = {}
     for name, head in observation.heads.items():
         found = row_limb(head)
-        if isinstance(found, NoFit):
-            return NoFit(found.status, f"head {name}: {found.reason}")
+        if isinstance(found, Refusal):
+            return found.of_head(name)
         rows[name] = found
     result = estimator.run(observation)
-    if isinstance(result, NoFit):
+    if isinstance(result, Refusal):
         return result
     turns = _turns(observation)
     down = {name: row.bright_side_down(turns[name].apply(result.nadir_cam)) for name, row in rows.items()}
@@ -84,58 +84,58 @@ def _run_rows(estimator: Estimator, observation: Observation) -> Fit | NoFit:
     wanted = observation.band_kind is not None or 2 * sum(down.values()) >= len(down)
     for name, one in down.items():
         if one != wanted:
-            return NoFit(Outcome.NO_LIMB, f"head {name}: the bright side lies away from the Earth", result.points)
+            return Refusal(Outcome.NO_LIMB, f"head {name}: the bright side lies away from the Earth", result.points)
     los = np.array([turns[name].inv().apply(row.los_cam) for name, row in rows.items()])
     sigma = np.array([row.sigma_rad for row in rows.values()])
     cone = fit_cone(los)
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
     if misfit(los, cone.axis_cam, rho, sigma, observation) < limits.MISFIT_CHANCE:
-        return NoFit(Outcome.AMBIGUOUS, "the crossings of the heads do not lie on one limb", result.points)
+        return Refusal(Outcome.AMBIGUOUS, "the crossings of the heads do not lie on one limb", result.points)
     basis = tangent_basis(cone.axis_cam)
     across = los @ basis
     across /= np.linalg.norm(across, axis=1)[:, None]
     gain = np.linalg.pinv(np.column_stack([across, np.ones(len(los))]))
     systematic = _systematic(los, cone.axis_cam, rho, observation, estimator.estimates)
     if systematic is None:
-        return NoFit(Outcome.SHORT_ARC, "the heads' crossings do not determine a cone", result.points)
+        return Refusal(Outcome.SHORT_ARC, "the heads' crossings do not determine a cone", result.points)
     limb = _Limb(cone.axis_cam, basis, rho, (gain * sigma**2) @ gain.T, systematic)
     return _confirmed(result, limb, observation, systematic[:2, :2])
 
 
-def _run_arcs(estimator: Estimator, observation: Observation) -> Fit | NoFit:
+def _run_arcs(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     assert estimator.from_heads is not None
     seen: dict[str, FloatArray] = {}
     for name, head in observation.heads.items():
         found = _arc_in_head(head)
-        if isinstance(found, NoFit):
-            return NoFit(found.status, f"head {name}: {found.reason}", found.points)
+        if isinstance(found, Refusal):
+            return found.of_head(name)
         seen[name] = found
     limb = _limb_of(seen, observation, estimator.estimates)
-    if isinstance(limb, NoFit):
+    if isinstance(limb, Refusal):
         return limb
     points = {name: project(observation.heads[name].camera, los)[0] for name, los in seen.items()}
     result = estimator.from_heads(points, observation)
-    if isinstance(result, NoFit):
+    if isinstance(result, Refusal):
         return result
     systematic = _of_method(estimator, result, seen, limb, observation)
     if systematic is None:
-        return NoFit(Outcome.NOT_CONVERGED, "the method jumps where the limb is moved a little", result.points)
+        return Refusal(Outcome.NOT_CONVERGED, "the method jumps where the limb is moved a little", result.points)
     return _confirmed(result, limb, observation, systematic)
 
 
-def _run_images(estimator: Estimator, observation: Observation) -> Fit | NoFit:
+def _run_images(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     result = estimator.run(observation)
-    if isinstance(result, NoFit):
+    if isinstance(result, Refusal):
         return result
     rho = _angular_radius(result, observation)
     seen: dict[str, FloatArray] = {}
     for name, turn in _turns(observation).items():
         found = _limb_near(observation.heads[name], turn.apply(result.nadir_cam), rho)
-        if isinstance(found, NoFit):
-            return NoFit(found.status, f"head {name}: {found.reason}", result.points)
+        if isinstance(found, Refusal):
+            return replace(found.of_head(name), points=result.points)
         seen[name] = found
     limb = _limb_of(seen, observation, estimator.estimates)
-    return limb if isinstance(limb, NoFit) else _confirmed(result, limb, observation, limb.systematic[:2, :2])
+    return limb if isinstance(limb, Refusal) else _confirmed(result, limb, observation, limb.systematic[:2, :2])
 
 
 def _turns(observation: Observation) -> dict[str, Rotation]:
@@ -156,21 +156,21 @@ def _angular_radius(fit: Fit, observation: Observation) -> float:
     return float(np.mean(angles)) if angles else float("nan")
 
 
-def _arc_in_head(head: Observation) -> FloatArray | NoFit:
+def _arc_in_head(head: Observation) -> FloatArray | Refusal:
     """Return lines of sight to a head's limb in its own axes, shape (n, 3), or why there is none to trust."""
     found = find_limb(head.image, head.camera, head.full_scale)
-    if isinstance(found, NoLimb):
-        return NoFit(found.status, found.reason)
+    if isinstance(found, Refusal):
+        return found
     image = np.asarray(head.image, dtype=np.float64)
     axis = fit_cone(found.los_cam).axis_cam
     sides = read_sides(image, head.camera, found.los_cam, axis)
     bright_inside = bool(np.median(sides.inner - sides.outer) > 0.0)
     if head.band_kind is not None and not bright_inside:
-        return NoFit(Outcome.NO_LIMB, "the limb has its bright side in space", found.uv)
+        return Refusal(Outcome.NO_LIMB, "the limb has its bright side in space", found.uv)
     los, kept = to_steepest(image, head.camera, found.los_cam, axis, bright_inside)
     uv = found.uv[kept]
     if len(los) < limits.FEWEST_POINTS:
-        return NoFit(Outcome.SHORT_ARC, f"{len(los)} limb points have their profile in view", uv)
+        return Refusal(Outcome.SHORT_ARC, f"{len(los)} limb points have their profile in view", uv)
     axis = fit_cone(los).axis_cam
     sides = read_sides(image, head.camera, los, axis)
     tests = {Outcome.DARK: faded(sides), Outcome.SUN_GLARE: restless(sides)}
@@ -185,7 +185,7 @@ def _arc_in_head(head: Observation) -> FloatArray | NoFit:
     length = float(np.linalg.norm(np.ptp(project(head.camera, los)[0], axis=0))) if len(los) else 0.0
     if len(los) < limits.FEWEST_POINTS or length < shortest:
         status = worst if bad.mean() > limits.MUCH_LOST else Outcome.SHORT_ARC
-        return NoFit(status, f"{length:.0f} px of limb are to be trusted, {shortest:.0f} are needed", uv)
+        return Refusal(status, f"{length:.0f} px of limb are to be trusted, {shortest:.0f} are needed", uv)
     return los[arc_order(los, fit_cone(los).axis_cam)]
 
 
@@ -203,10 +203,10 @@ def _without_outliers(los: FloatArray, head: Observation) -> FloatArray:
     return los
 
 
-def _limb_near(head: Observation, nadir_cam: FloatArray, rho_rad: float) -> FloatArray | NoFit:
+def _limb_near(head: Observation, nadir_cam: FloatArray, rho_rad: float) -> FloatArray | Refusal:
     """Return the limb's lines of sight in a head's own axes, shape (n, 3), near a cone, or why there is none."""
     if not np.isfinite(rho_rad):
-        return NoFit(Outcome.NOT_CONVERGED, "the answer has no angular radius")
+        return Refusal(Outcome.NOT_CONVERGED, "the answer has no angular radius")
     image = np.asarray(head.image, dtype=np.float64)
     turn = np.linspace(0.0, 2.0 * np.pi, AZIMUTHS, endpoint=False)
     basis = tangent_basis(nadir_cam)
@@ -219,14 +219,14 @@ def _limb_near(head: Observation, nadir_cam: FloatArray, rho_rad: float) -> Floa
         inside = in_front & ((uv >= rim) & (uv <= (head.camera.width - 1 - rim, head.camera.height - 1 - rim))).all(1)
     los = _one_per_pixel(los[inside], uv[inside])
     if len(los) < limits.FEWEST_POINTS:
-        return NoFit(Outcome.SHORT_ARC, f"{len(los)} px of the answer's limb are in view")
+        return Refusal(Outcome.SHORT_ARC, f"{len(los)} px of the answer's limb are in view")
     sides = read_sides(image, head.camera, los, nadir_cam)
     bright_inside = bool(np.median(sides.inner - sides.outer) > 0.0)
     if head.band_kind is not None and not bright_inside:
-        return NoFit(Outcome.NO_LIMB, "the answer's limb has its bright side in space")
+        return Refusal(Outcome.NO_LIMB, "the answer's limb has its bright side in space")
     moved, _ = to_steepest(image, head.camera, los, nadir_cam, bright_inside)
     if len(moved) < limits.FEWEST_POINTS:
-        return NoFit(Outcome.NO_LIMB, "there is no edge along the answer's limb")
+        return Refusal(Outcome.NO_LIMB, "there is no edge along the answer's limb")
     sides = read_sides(image, head.camera, moved, nadir_cam)
     bad = restless(sides)
     if head.full_scale is not None:
@@ -234,7 +234,7 @@ def _limb_near(head: Observation, nadir_cam: FloatArray, rho_rad: float) -> Floa
     off = off_axis_angle(moved, nadir_cam)
     bad = bad | (np.abs(off - np.median(off)) > limits.HEAD_SCATTER_PX / max(head.camera.fx, head.camera.fy))
     if np.mean(~bad) * len(moved) < limits.HEAD_LIMB_SHARE * len(los):
-        return NoFit(Outcome.NO_LIMB, f"{np.mean(~bad) * len(moved) / len(los):.0%} of the answer's limb is an edge")
+        return Refusal(Outcome.NO_LIMB, f"{np.mean(~bad) * len(moved) / len(los):.0%} of the answer's limb is an edge")
     return moved[~bad]
 
 
@@ -243,7 +243,7 @@ def _one_per_pixel(los: FloatArray, uv: FloatArray) -> FloatArray:
     return los[np.sort(first)]
 
 
-def _limb_of(seen: Mapping[str, FloatArray], observation: Observation, estimates: str) -> _Limb | NoFit:
+def _limb_of(seen: Mapping[str, FloatArray], observation: Observation, estimates: str) -> _Limb | Refusal:
     """Return the cone through the limbs of all heads, by name in the heads' own axes, or why there is none."""
     turns = _turns(observation)
     los = np.concatenate([turns[name].inv().apply(one) for name, one in seen.items()])
@@ -253,14 +253,14 @@ def _limb_of(seen: Mapping[str, FloatArray], observation: Observation, estimates
     camera = observation.camera
     missed, allowed = float(off.std()), limits.HEADS_MISFIT_PX / max(camera.fx, camera.fy) + limits.HEADS_MISFIT_RAD
     if missed > allowed:
-        return NoFit(Outcome.AMBIGUOUS, f"the limbs of the heads miss one cone by {np.degrees(missed):.2f} deg")
+        return Refusal(Outcome.AMBIGUOUS, f"the limbs of the heads miss one cone by {np.degrees(missed):.2f} deg")
     systematic = _systematic(los, cone.axis_cam, rho, observation, estimates)
     try:
         noise = cone_uncertainty(los, cone.axis_cam, rho)
     except np.linalg.LinAlgError:
         systematic = None
     if systematic is None:
-        return NoFit(Outcome.SHORT_ARC, "the heads' limbs do not determine a cone")
+        return Refusal(Outcome.SHORT_ARC, "the heads' limbs do not determine a cone")
     return _Limb(cone.axis_cam, noise.basis, rho, noise.covariance, systematic)
 
 
@@ -311,7 +311,7 @@ def _of_method(
                 for other, one in seen.items()
             }
             again = estimator.from_heads(points, observation)
-            if isinstance(again, NoFit):
+            if isinstance(again, Refusal):
                 return None
             knots.append(turns[name].inv().apply(los[round(place)]))
             gain.append((again.nadir_cam - fit.nadir_cam) @ limb.basis / MOVED_RAD)
@@ -320,11 +320,11 @@ def _of_method(
     return None if systematic is None else systematic[:2, :2]
 
 
-def _confirmed(fit: Fit, limb: _Limb, observation: Observation, systematic: FloatArray) -> Fit | NoFit:
+def _confirmed(fit: Fit, limb: _Limb, observation: Observation, systematic: FloatArray) -> Fit | Refusal:
     """Return the fit with its model error, ``systematic`` (2, 2), if the limb of all heads bears it out."""
     basis, rho = limb.basis, limb.rho_rad
     if not limits.SMALLEST_RHO_RAD <= rho <= limits.LARGEST_RHO_RAD:
-        return NoFit(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is no orbit's horizon", fit.points)
+        return Refusal(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is no orbit's horizon", fit.points)
     of_points = 0.0 if fit.systematic_nadir_cam is None else fit.systematic_nadir_cam
     confirmed = replace(fit, systematic_nadir_cam=of_points + basis @ systematic @ basis.T)
     apart = basis.T @ (np.asarray(fit.nadir_cam) - limb.axis)
@@ -333,11 +333,13 @@ def _confirmed(fit: Fit, limb: _Limb, observation: Observation, systematic: Floa
     floor = limits.AGREEMENT_FLOOR_RAD**2 * np.eye(2)
     if fit.nadir_cam @ limb.axis < 0 or apart @ np.linalg.solve(spread + floor, apart) > limits.AGREEMENT**2:
         angle = float(np.degrees(np.arccos(np.clip(fit.nadir_cam @ limb.axis, -1, 1))))
-        return NoFit(Outcome.AMBIGUOUS, f"the answer lies {angle:.2f} deg from the cone through all heads", fit.points)
+        return Refusal(
+            Outcome.AMBIGUOUS, f"the answer lies {angle:.2f} deg from the cone through all heads", fit.points
+        )
     total = basis.T @ confirmed.total_covariance_nadir_cam @ basis
     sigma = float(np.sqrt(np.linalg.eigvalsh(total)[-1]))
     if not sigma <= limits.LARGEST_SIGMA_RAD:
-        return NoFit(Outcome.SHORT_ARC, f"the heads determine the nadir to {np.degrees(sigma):.2f} deg", fit.points)
+        return Refusal(Outcome.SHORT_ARC, f"the heads determine the nadir to {np.degrees(sigma):.2f} deg", fit.points)
     if observation.altitude_m is not None:
         radius = observation.earth_radius_m
         expected = np.arcsin(radius / (radius + observation.altitude_m))
@@ -345,7 +347,7 @@ def _confirmed(fit: Fit, limb: _Limb, observation: Observation, systematic: Floa
         slack = limits.AGREEMENT * float(np.sqrt(limb.noise[2, 2] + limb.systematic[2, 2]))
         if not low - slack <= rho - expected <= high + slack:
             off = np.degrees(rho - expected)
-            return NoFit(
+            return Refusal(
                 Outcome.AMBIGUOUS, f"the angular radius is {off:+.2f} deg from that of the known altitude", fit.points
             )
     return confirmed

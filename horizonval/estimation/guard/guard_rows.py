@@ -26,12 +26,12 @@ from scipy.stats import chi2
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.limb.crossing import Crossing, row_noise, sub_pixel_crossing
 from horizonval.estimation.limb.model.systematic import oblate_limbs, relief_covariance
-from horizonval.estimation.limb.result import NoLimb
 from horizonval.estimation.limb.shape.cone import off_axis_angle, tangent_basis
-from horizonval.estimation.observation import NoFit, Observation
+from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import unproject
 
 
@@ -63,7 +63,7 @@ def is_row(observation: Observation) -> bool:
     return min(np.shape(observation.image), default=0) <= limits.ROW_PX and np.ndim(observation.image) == 2
 
 
-def row_limb(head: Observation) -> RowLimb | NoFit:
+def row_limb(head: Observation) -> RowLimb | Refusal:
     """Return where a head's row crosses the limb, or why it need not be the limb."""
     image = np.asarray(head.image, dtype=np.float64)
     v = image.shape[0] // 2
@@ -71,25 +71,25 @@ def row_limb(head: Observation) -> RowLimb | NoFit:
     crossing = sub_pixel_crossing(row)
     bright_left = _bright_left(row, crossing)
     if head.full_scale is not None and (row >= limits.ROW_SATURATED * head.full_scale).any():
-        return NoFit(*_saturation(row, crossing, bright_left, head.full_scale))
-    if isinstance(crossing, NoLimb):
-        return NoFit(crossing.status, crossing.reason)
+        return Refusal(*_saturation(row, crossing, bright_left, head.full_scale))
+    if isinstance(crossing, Refusal):
+        return crossing
     if reason := _second_edge(row, crossing, bright_left):
-        return NoFit(Outcome.AMBIGUOUS, reason)
+        return Refusal(Outcome.AMBIGUOUS, reason)
     columns = np.array([crossing.column - 0.5, crossing.column, crossing.column + 0.5])
     left, los, right = unproject(head.camera, np.column_stack([columns, np.full(3, float(v))]))
     along = left - right if bright_left else right - left
     return RowLimb(los, crossing.sigma_px * float(np.linalg.norm(along)), along)
 
 
-def _bright_left(row: FloatArray, crossing: Crossing | NoLimb) -> bool:
-    middle = len(row) / 2 if isinstance(crossing, NoLimb) else crossing.column
+def _bright_left(row: FloatArray, crossing: Crossing | Refusal) -> bool:
+    middle = len(row) / 2 if isinstance(crossing, Refusal) else crossing.column
     at = int(np.clip(round(middle), 1, len(row) - 1))
     return bool(np.median(row[:at]) > np.median(row[at:]))
 
 
 def _saturation(
-    row: FloatArray, crossing: Crossing | NoLimb, bright_left: bool, full_scale: float
+    row: FloatArray, crossing: Crossing | Refusal, bright_left: bool, full_scale: float
 ) -> tuple[Outcome, str]:
     at = np.flatnonzero(row >= limits.ROW_SATURATED * full_scale)
     if isinstance(crossing, Crossing):

@@ -14,9 +14,9 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.checks import check_image, saturated_pixels
 from horizonval.estimation.limb.edges import find_edges, scale_to_8_bit
-from horizonval.estimation.limb.result import NoLimb
 from horizonval.estimation.limb.shape.circle import Circle, fit_circle
 
 RIM_PX = 2
@@ -37,7 +37,7 @@ class Arc:
     circle: Circle
 
 
-def find_arc(image: FloatArray, full_scale: float | None = None) -> Arc | NoLimb:
+def find_arc(image: FloatArray, full_scale: float | None = None) -> Arc | Refusal:
     """Return the image's longest edge as an arc of whole pixels, or why there is none.
 
     Parameters
@@ -46,27 +46,27 @@ def find_arc(image: FloatArray, full_scale: float | None = None) -> Arc | NoLimb
     full_scale : float, optional
         Digital number at which the converter saturates.
     """
-    if refusal := check_image(image, full_scale):
+    if (refusal := check_image(image, full_scale)) is not None:
         return refusal
     grey = np.asarray(image, dtype=np.float64)
     edges = find_edges(scale_to_8_bit(grey, saturated_pixels(grey, full_scale)), RIM_PX)
     uv = longest_chain(edges.uv, (grey.shape[0], grey.shape[1]))
     if len(uv) < FEWEST_PIXELS:
         if full_scale is not None and float(np.percentile(grey, 99.9)) < DARK_SHARE * full_scale:
-            return NoLimb(Outcome.DARK, f"no edge of {FEWEST_PIXELS} pixels in a dark image")
-        return NoLimb(Outcome.NO_LIMB, f"the longest edge has {len(uv)} pixels; {FEWEST_PIXELS} are needed")
+            return Refusal(Outcome.DARK, f"no edge of {FEWEST_PIXELS} pixels in a dark image")
+        return Refusal(Outcome.NO_LIMB, f"the longest edge has {len(uv)} pixels; {FEWEST_PIXELS} are needed")
     for _ in range(2):
         circle = fit_circle(uv)
         if circle is None:
-            return NoLimb(Outcome.SHORT_ARC, "the longest edge is straight: it has no circle")
+            return Refusal(Outcome.SHORT_ARC, "the longest edge is straight: it has no circle")
         off = np.abs(circle.distance_px(uv))
         kept = off <= max(TRIM_SIGMAS * 1.4826 * float(np.median(off)), SMALLEST_TRIM_PX)
         uv = uv[kept]
         if len(uv) < FEWEST_PIXELS:
-            return NoLimb(Outcome.NO_LIMB, "the longest edge is no arc of a circle")
+            return Refusal(Outcome.NO_LIMB, "the longest edge is no arc of a circle")
     circle = fit_circle(uv)
     if circle is None:
-        return NoLimb(Outcome.SHORT_ARC, "the longest edge is straight: it has no circle")
+        return Refusal(Outcome.SHORT_ARC, "the longest edge is straight: it has no circle")
     return Arc(uv[np.argsort(circle.along(uv), kind="stable")], circle)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.limb.result import NoLimb
+from horizonval.core.refusal import Refusal
 
 SMALLEST_SIDE_PX = 8
 SATURATED_SHARE = 0.9
@@ -22,7 +22,7 @@ DARK_SHARE = 0.01
 """A constant image below this share of full scale is called dark."""
 
 
-def check_image(image: FloatArray, full_scale: float | None = None) -> NoLimb | None:
+def check_image(image: FloatArray, full_scale: float | None = None) -> Refusal | None:
     """Return why the image cannot hold a limb, or None if it may.
 
     Parameters
@@ -33,24 +33,24 @@ def check_image(image: FloatArray, full_scale: float | None = None) -> NoLimb | 
         Digital number at which the converter saturates.
     """
     if not isinstance(image, np.ndarray) or image.dtype.kind not in "buif":
-        return NoLimb(Outcome.BAD_INPUT, "the image is not an array of numbers")
+        return Refusal(Outcome.BAD_INPUT, "the image is not an array of numbers")
     if image.ndim != 2:
-        return NoLimb(Outcome.BAD_INPUT, f"the image has {image.ndim} dimensions; a grey image has 2")
+        return Refusal(Outcome.BAD_INPUT, f"the image has {image.ndim} dimensions; a grey image has 2")
     if min(image.shape) < SMALLEST_SIDE_PX:
         rows, columns = image.shape
-        return NoLimb(
+        return Refusal(
             Outcome.BAD_INPUT, f"the image is {columns} x {rows} pixels; {SMALLEST_SIDE_PX} a side are needed"
         )
     if not np.isfinite(image).all():
         bad = int(image.size - np.isfinite(image).sum())
-        return NoLimb(Outcome.BAD_INPUT, f"{bad} pixels are not finite")
+        return Refusal(Outcome.BAD_INPUT, f"{bad} pixels are not finite")
     low, high = float(image.min()), float(image.max())
     if high == low:
         return _flat(high, full_scale)
     if full_scale is not None:
         share = float(np.mean(image >= full_scale))
         if share > SATURATED_SHARE:
-            return NoLimb(Outcome.SATURATED, f"{share:.0%} of the pixels are saturated")
+            return Refusal(Outcome.SATURATED, f"{share:.0%} of the pixels are saturated")
     return None
 
 
@@ -67,10 +67,10 @@ def saturated_pixels(image: FloatArray, full_scale: float | None = None) -> NDAr
     return np.asarray(at_top)
 
 
-def _flat(level: float, full_scale: float | None) -> NoLimb:
+def _flat(level: float, full_scale: float | None) -> Refusal:
     scales = COMMON_FULL_SCALES if full_scale is None else (full_scale,)
     if level in scales or (full_scale is not None and level >= full_scale):
-        return NoLimb(Outcome.SATURATED, f"every pixel is saturated at {level:g}")
+        return Refusal(Outcome.SATURATED, f"every pixel is saturated at {level:g}")
     if level <= DARK_SHARE * (full_scale if full_scale is not None else COMMON_FULL_SCALES[0]):
-        return NoLimb(Outcome.DARK, f"every pixel is {level:g}: nothing is lit")
-    return NoLimb(Outcome.NO_LIMB, f"every pixel is {level:g}: there is no contrast")
+        return Refusal(Outcome.DARK, f"every pixel is {level:g}: nothing is lit")
+    return Refusal(Outcome.NO_LIMB, f"every pixel is {level:g}: there is no contrast")

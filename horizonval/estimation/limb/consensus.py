@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.edges import Edges
 from horizonval.estimation.limb.shape.cone import arc_order, cones_through, fit_cone
-from horizonval.geometry.camera import Camera, unproject
+from horizonval.geometry.camera import CameraModel, unproject
 
 IndexArray = NDArray[np.int64]
 
@@ -97,7 +97,7 @@ class Candidate:
     arc_px: float
 
 
-def to_sight(edges: Edges, camera: Camera, shape: tuple[int, int]) -> Sight:
+def to_sight(edges: Edges, camera: CameraModel, shape: tuple[int, int]) -> Sight:
     """Turn edge points into lines of sight; points where the camera has no direction are left out."""
     los = unproject(camera, edges.uv)
     step = np.array([[0.5, 0.0], [0.0, 0.5]])

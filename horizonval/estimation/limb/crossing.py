@@ -30,7 +30,7 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.limb.result import NoLimb
+from horizonval.core.refusal import Refusal
 
 FINE_STEP = 0.1
 FINE_REACH = 2
@@ -127,7 +127,7 @@ def _published_sigma_px(row: FloatArray, smooth: FloatArray, coarse: int) -> flo
     return float(np.sqrt(weight @ (near - weight @ near) ** 2 + 1.0 / 12.0))
 
 
-def sub_pixel_crossing(row: FloatArray) -> Crossing | NoLimb:
+def sub_pixel_crossing(row: FloatArray) -> Crossing | Refusal:
     """Return where a row crosses the limb, or why it does not.
 
     Parameters
@@ -137,10 +137,10 @@ def sub_pixel_crossing(row: FloatArray) -> Crossing | NoLimb:
     """
     row = np.asarray(row, dtype=np.float64)
     if len(row) < 2 * (AREA_REACH + FEWEST_LEVEL_PIXELS) + 1 or not np.isfinite(row).all():
-        return NoLimb(Outcome.BAD_INPUT, f"a row of {len(row)} finite pixels cannot hold a limb and its two levels")
+        return Refusal(Outcome.BAD_INPUT, f"a row of {len(row)} finite pixels cannot hold a limb and its two levels")
     edge = int(np.argmax(np.abs(gaussian_filter1d(row, 1.5, order=1, mode="nearest"))))
     if not 0 < edge < len(row) - 1:
-        return NoLimb(Outcome.NO_LIMB, "the largest step of the row lies at its very end")
+        return Refusal(Outcome.NO_LIMB, "the largest step of the row lies at its very end")
     noise = row_noise(row, edge)
     sharp = _by_area(row, edge, noise)
     if isinstance(sharp, Crossing) and sharp.width_px < RESOLVED_PX:
@@ -161,27 +161,27 @@ def row_noise(row: FloatArray, edge: int) -> float:
     return float(max(*estimates, rounding, 0.0))
 
 
-def _levels(row: FloatArray, left: range, right: range, noise: float) -> tuple[float, float, int, int] | NoLimb:
+def _levels(row: FloatArray, left: range, right: range, noise: float) -> tuple[float, float, int, int] | Refusal:
     """Return the means over two stretches of a row and how many pixels each has."""
     on_left = row[max(left.start, 0) : max(left.stop, 0)]
     on_right = row[max(right.start, 0) : max(right.stop, 0)]
     if min(len(on_left), len(on_right)) < FEWEST_LEVEL_PIXELS:
-        return NoLimb(Outcome.NO_LIMB, "the largest step of the row lies too near to its end to know the level beyond")
+        return Refusal(Outcome.NO_LIMB, "the largest step of the row lies too near to its end to know the level beyond")
     low, high = float(on_left.mean()), float(on_right.mean())
     step = abs(low - high)
     if step <= CONTRAST_SIGMA * noise:
-        return NoLimb(Outcome.NO_LIMB, f"no step in the row: {step:.3g} of levels, {noise:.3g} of noise")
+        return Refusal(Outcome.NO_LIMB, f"no step in the row: {step:.3g} of levels, {noise:.3g} of noise")
     # Smoothed, or the noise of a faint limb would count as its range.
     whole = float(np.ptp(gaussian_filter1d(row, 1.5, mode="nearest")))
     if step < OWN_SHARE * whole:
-        return NoLimb(Outcome.NO_LIMB, f"no limb: the steepest place has {step:.3g} of the row's range of {whole:.3g}")
+        return Refusal(Outcome.NO_LIMB, f"no limb: the steepest place has {step:.3g} of the row's range of {whole:.3g}")
     return low, high, len(on_left), len(on_right)
 
 
-def _by_area(row: FloatArray, edge: int, noise: float) -> Crossing | NoLimb:
+def _by_area(row: FloatArray, edge: int, noise: float) -> Crossing | Refusal:
     first, last = edge - AREA_REACH, edge + AREA_REACH + 1
     levels = _levels(row, range(first - LEVEL_PIXELS, first), range(last, last + LEVEL_PIXELS), noise)
-    if isinstance(levels, NoLimb):
+    if isinstance(levels, Refusal):
         return levels
     left, right, n_left, n_right = levels
     share = (row[first:last] - right) / (left - right)
@@ -191,7 +191,7 @@ def _by_area(row: FloatArray, edge: int, noise: float) -> Crossing | NoLimb:
     return Crossing(first - 0.5 + inside, float(sigma), "area", _width(share))
 
 
-def _half_level(row: FloatArray, edge: int, noise: float) -> Crossing | NoLimb:
+def _half_level(row: FloatArray, edge: int, noise: float) -> Crossing | Refusal:
     bright_left = row[max(edge - SPACE[0], 0) : edge].mean() > row[edge : edge + SPACE[0]].mean()
     # Earth to the left in the frame of the computation; the plateau is on its side.
     line = row if bright_left else row[::-1]
@@ -206,7 +206,7 @@ def _half_level(row: FloatArray, edge: int, noise: float) -> Crossing | NoLimb:
             range(start, centre + SPACE[1]),
             noise,
         )
-        if isinstance(levels, NoLimb):
+        if isinstance(levels, Refusal):
             return levels
         _, space, n_plateau, n_space = levels
         low, high = max(centre - PLATEAU[1] - 1, 0), min(centre + SPACE[0], len(line) - 1)
@@ -217,7 +217,7 @@ def _half_level(row: FloatArray, edge: int, noise: float) -> Crossing | NoLimb:
         roots = spline.solve(0.5 * plateau, extrapolate=False)
         roots = roots[spline(roots, 1) * plateau < 0.0]
         if not len(roots):
-            return NoLimb(Outcome.NO_LIMB, "the row does not fall to half of its step")
+            return Refusal(Outcome.NO_LIMB, "the row does not fall to half of its step")
         before, column = column, float(roots[-1])
         if abs(column - before) < 1e-4:
             break

@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.checks import check_image, saturated_pixels
 from horizonval.estimation.limb.consensus import Candidate, Sight, find_candidates, to_sight
 from horizonval.estimation.limb.edges import Edges, find_edges, scale_to_8_bit
-from horizonval.estimation.limb.result import LimbPoints, NoLimb
+from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import off_axis_angle
 from horizonval.estimation.limb.subpixel import half_window, refine
 from horizonval.estimation.limb.sun import find_sun
 from horizonval.estimation.limb.verdict import Limb, judge
-from horizonval.geometry.camera import Camera, unproject
+from horizonval.geometry.camera import CameraModel, unproject
 
 MOST_POINTS = 24_000
 """Edge points taken into the consensus: the calmest ones, since space is calm."""
@@ -45,24 +46,24 @@ DARK_LEVEL = 0.2
 """An image without edges below these shares of full scale shows an unlit scene, not a uniformly bright one."""
 
 
-def find_limb(image: FloatArray, camera: Camera, full_scale: float | None = None) -> LimbPoints | NoLimb:
+def find_limb(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
     """Return the sub-pixel points of the Earth's limb, or why there are none.
 
     Parameters
     ----------
     image : ndarray, shape (H, W)
         Grey levels that grow, or fall, with radiance. Anything else is refused, not raised.
-    camera : Camera
+    camera : CameraModel
         Its width and height must be the image's.
     full_scale : float, optional
         Digital number at which the converter saturates.
 
     Returns
     -------
-    LimbPoints or NoLimb
+    LimbPoints or Refusal
         The points in order along the limb.
     """
-    if refusal := _refuse(image, camera, full_scale):
+    if (refusal := _refuse(image, camera, full_scale)) is not None:
         return refusal
     grey = np.asarray(image, dtype=np.float64)
     saturated = saturated_pixels(grey, full_scale)
@@ -87,12 +88,12 @@ def find_limb(image: FloatArray, camera: Camera, full_scale: float | None = None
     return _decide(grey, camera, sight, candidates[:JUDGED], others, weight, rim, dazzled)
 
 
-def find_edges_only(image: FloatArray, camera: Camera, full_scale: float | None = None) -> LimbPoints | NoLimb:
+def find_edges_only(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
     """Return every edge point of the image, refined, with no test of whether it belongs to the limb.
 
     Parameters and returns as for :func:`find_limb`.
     """
-    if refusal := _refuse(image, camera, full_scale):
+    if (refusal := _refuse(image, camera, full_scale)) is not None:
         return refusal
     grey = np.asarray(image, dtype=np.float64)
     rim = half_window(grey.shape) + 1
@@ -102,18 +103,18 @@ def find_edges_only(image: FloatArray, camera: Camera, full_scale: float | None 
     los = unproject(camera, uv)
     good = np.isfinite(los).all(axis=1)
     if good.sum() < FEWEST_POINTS:
-        return NoLimb(Outcome.NO_LIMB, f"{int(good.sum())} edge points; {FEWEST_POINTS} are needed")
+        return Refusal(Outcome.NO_LIMB, f"{int(good.sum())} edge points; {FEWEST_POINTS} are needed")
     return LimbPoints(uv[good], los[good])
 
 
-def find_canny_pixels(image: FloatArray, camera: Camera, full_scale: float | None = None) -> LimbPoints | NoLimb:
+def find_canny_pixels(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
     """Return every pixel that Canny marks, as it marks it: no sub-pixel step, no test of whether it is the limb's.
 
     Nothing after Canny throws an edge away, so its threshold must: see :data:`LIMB_SHARE`.
 
     Parameters and returns as for :func:`find_limb`.
     """
-    if refusal := _refuse(image, camera, full_scale):
+    if (refusal := _refuse(image, camera, full_scale)) is not None:
         return refusal
     grey = np.asarray(image, dtype=np.float64)
     edges = find_edges(scale_to_8_bit(grey, saturated_pixels(grey, full_scale)), 1, LIMB_SHARE)
@@ -121,15 +122,15 @@ def find_canny_pixels(image: FloatArray, camera: Camera, full_scale: float | Non
     los = unproject(camera, edges.uv)
     good = np.isfinite(los).all(axis=1)
     if good.sum() < FEWEST_POINTS:
-        return NoLimb(Outcome.NO_LIMB, f"{int(good.sum())} edge points; {FEWEST_POINTS} are needed")
+        return Refusal(Outcome.NO_LIMB, f"{int(good.sum())} edge points; {FEWEST_POINTS} are needed")
     return LimbPoints(edges.uv[good], los[good])
 
 
-def _refuse(image: FloatArray, camera: Camera, full_scale: float | None) -> NoLimb | None:
-    if refusal := check_image(image, full_scale):
+def _refuse(image: FloatArray, camera: CameraModel, full_scale: float | None) -> Refusal | None:
+    if (refusal := check_image(image, full_scale)) is not None:
         return refusal
     if image.shape != (camera.height, camera.width):
-        return NoLimb(
+        return Refusal(
             Outcome.BAD_INPUT,
             f"the image is {image.shape[1]} x {image.shape[0]} pixels, the camera {camera.width} x {camera.height}",
         )
@@ -140,7 +141,7 @@ def _take(edges: Edges, rows: NDArray[np.integer] | NDArray[np.bool_]) -> Edges:
     return Edges(edges.uv[rows], edges.gradient[rows], edges.quiet[rows])
 
 
-def _inside_image_circle(edges: Edges, camera: Camera, rim_px: int) -> Edges:
+def _inside_image_circle(edges: Edges, camera: CameraModel, rim_px: int) -> Edges:
     """Leave out the lens's own edge: a perfect cone with nothing outside, everything a limb is."""
     if camera.image_circle_rad is None:
         return edges
@@ -150,42 +151,42 @@ def _inside_image_circle(edges: Edges, camera: Camera, rim_px: int) -> Edges:
     return _take(edges, np.asarray(np.isfinite(further).all(axis=1)))
 
 
-def _no_edges(image: FloatArray, saturated: NDArray[np.bool_], dazzled: bool, full_scale: float | None) -> NoLimb:
+def _no_edges(image: FloatArray, saturated: NDArray[np.bool_], dazzled: bool, full_scale: float | None) -> Refusal:
     if dazzled:
-        return NoLimb(Outcome.SUN_GLARE, "a saturated blob and no other edge")
+        return Refusal(Outcome.SUN_GLARE, "a saturated blob and no other edge")
     if saturated.mean() > 0.5:
-        return NoLimb(Outcome.SATURATED, f"{saturated.mean():.0%} of the pixels are saturated and no limb is left")
+        return Refusal(Outcome.SATURATED, f"{saturated.mean():.0%} of the pixels are saturated and no limb is left")
     if full_scale is not None:
         # a converter's black level is not light: what counts is how far the brightest pixels rise above the rest
         middle, bright = np.percentile(image, (50.0, 99.9))
         if bright - middle < DARK_CONTRAST * full_scale and bright < DARK_LEVEL * full_scale:
-            return NoLimb(Outcome.DARK, f"no edge, and a flat {middle / full_scale:.0%} of full scale")
-    return NoLimb(Outcome.NO_LIMB, "no edge stands out of the noise")
+            return Refusal(Outcome.DARK, f"no edge, and a flat {middle / full_scale:.0%} of full scale")
+    return Refusal(Outcome.NO_LIMB, "no edge stands out of the noise")
 
 
 def _decide(
     image: FloatArray,
-    camera: Camera,
+    camera: CameraModel,
     sight: Sight,
     candidates: list[Candidate],
     others: Sight,
     weight: float,
     rim: int,
     dazzled: bool,
-) -> LimbPoints | NoLimb:
+) -> LimbPoints | Refusal:
     """Judge the candidates; the longest accepted one wins unless another one contradicts it."""
     verdicts = [judge(image, camera, sight, c, others, weight, rim) for c in candidates]
     accepted = sorted((v for v in verdicts if isinstance(v, Limb)), key=lambda v: -v.arc_px)
     if not accepted:
         first = verdicts[0]
-        assert isinstance(first, NoLimb)
+        assert isinstance(first, Refusal)
         if dazzled:
-            return NoLimb(Outcome.SUN_GLARE, f"a saturated blob is in view; without it, {first.reason}")
+            return Refusal(Outcome.SUN_GLARE, f"a saturated blob is in view; without it, {first.reason}")
         return first
     best = accepted[0]
     for rival in accepted[1:]:
         if rival.arc_px > RIVAL_ARC_SHARE * best.arc_px and _contradicts(best, rival):
-            return NoLimb(Outcome.AMBIGUOUS, "two curves could be the limb and disagree on the nadir")
+            return Refusal(Outcome.AMBIGUOUS, "two curves could be the limb and disagree on the nadir")
     return best.points
 
 

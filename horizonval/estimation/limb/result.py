@@ -1,11 +1,10 @@
-"""What a search for the limb gives back: points, or a refusal that says why."""
+"""What a search for the limb gives back where it does not refuse (:mod:`horizonval.core.refusal`)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.outcome import Outcome
 
 
 @dataclass(frozen=True)
@@ -22,11 +21,3 @@ class LimbPoints:
 
     uv: FloatArray
     los_cam: FloatArray
-
-
-@dataclass(frozen=True)
-class NoLimb:
-    """A refusal. ``status`` is never ``valid``."""
-
-    status: Outcome
-    reason: str

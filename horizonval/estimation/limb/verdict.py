@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.consensus import Candidate, Sight, off_limb_px, unbroken_px
 from horizonval.estimation.limb.model.shading import SHARP, unshade
-from horizonval.estimation.limb.result import LimbPoints, NoLimb
+from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import (
     Cone,
     ConeUncertainty,
@@ -35,7 +36,7 @@ from horizonval.estimation.limb.shape.cone import (
     tangent_basis,
 )
 from horizonval.estimation.limb.subpixel import refine
-from horizonval.geometry.camera import Camera, project, unproject
+from horizonval.geometry.camera import CameraModel, project, unproject
 
 SHORTEST_SHARE_OF_WIDTH = 0.2
 SHORTEST_ARC_PX = 10.0
@@ -71,20 +72,20 @@ class Limb:
 
 def judge(
     image: FloatArray,
-    camera: Camera,
+    camera: CameraModel,
     sight: Sight,
     candidate: Candidate,
     others: Sight,
     others_weight: float,
     rim_px: int,
-) -> Limb | NoLimb:
+) -> Limb | Refusal:
     """Refine a candidate's points and decide whether they are a limb.
 
     Parameters
     ----------
     image : ndarray, shape (H, W)
         Grey levels; a refused candidate's reason names what failed first.
-    camera : Camera
+    camera : CameraModel
     sight : Sight
         The points that ``candidate.rows`` index.
     candidate : Candidate
@@ -117,33 +118,35 @@ def judge(
     cone = fit_cone(los)
     outside = float(np.sum(off_limb_px(others, cone.axis_cam, cone.cos_rho) < -OUTSIDE_MARGIN_PX)) * others_weight
     if outside > LARGEST_OUTSIDE * len(uv):
-        return NoLimb(
+        return Refusal(
             Outcome.NO_LIMB, f"{outside:.0f} edge points lie outside the best curve of {len(uv)}: no space there"
         )
-    if refusal := _sides(image, cone, camera, uv, gradient):
+    if (refusal := _sides(image, cone, camera, uv, gradient)) is not None:
         return refusal
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
     try:
         uncertainty = cone_uncertainty(los, cone.axis_cam, rho)
     except np.linalg.LinAlgError:
-        return NoLimb(Outcome.SHORT_ARC, "the points do not determine a cone")
+        return Refusal(Outcome.SHORT_ARC, "the points do not determine a cone")
     if np.pi / 2 - rho < CURVATURE_SIGMAS * uncertainty.sigma_rho_rad:
-        return NoLimb(Outcome.SHORT_ARC, "the curve is straight within its noise: the Earth's side is unknown")
+        return Refusal(Outcome.SHORT_ARC, "the curve is straight within its noise: the Earth's side is unknown")
     if rho > LARGEST_RHO_RAD:
-        return NoLimb(Outcome.NO_LIMB, f"the curve's angular radius of {np.rad2deg(rho):.1f} deg is no orbit's horizon")
+        return Refusal(
+            Outcome.NO_LIMB, f"the curve's angular radius of {np.rad2deg(rho):.1f} deg is no orbit's horizon"
+        )
     if uncertainty.sigma_axis_rad > LARGEST_SIGMA_RAD:
         sigma = np.rad2deg(uncertainty.sigma_axis_rad)
-        return NoLimb(Outcome.SHORT_ARC, f"the arc determines the nadir only to {sigma:.1f} deg")
+        return Refusal(Outcome.SHORT_ARC, f"the arc determines the nadir only to {sigma:.1f} deg")
     visible = _visible_px(camera, cone.axis_cam, rho, rim_px)
     if arc < SMALLEST_FILL * visible:
-        return NoLimb(Outcome.NO_LIMB, f"only {arc / visible:.0%} of the best curve's length in the image is an edge")
+        return Refusal(Outcome.NO_LIMB, f"only {arc / visible:.0%} of the best curve's length in the image is an edge")
     return Limb(LimbPoints(uv, los), cone, uncertainty, arc)
 
 
-def _short_or_none(arc: float, shortest: float) -> NoLimb:
+def _short_or_none(arc: float, shortest: float) -> Refusal:
     if arc > 0.4 * shortest:
-        return NoLimb(Outcome.SHORT_ARC, f"{arc:.0f} px of limb in view; {shortest:.0f} are needed")
-    return NoLimb(Outcome.NO_LIMB, f"the longest consistent curve measures {arc:.0f} px")
+        return Refusal(Outcome.SHORT_ARC, f"{arc:.0f} px of limb in view; {shortest:.0f} are needed")
+    return Refusal(Outcome.NO_LIMB, f"the longest consistent curve measures {arc:.0f} px")
 
 
 @dataclass(frozen=True)
@@ -157,7 +160,7 @@ class _Points:
         return _Points(self.uv[rows], self.los[rows], self.gradient[rows], self.sharpness[rows])
 
 
-def _unshaded(points: _Points, image: FloatArray, camera: Camera) -> _Points:
+def _unshaded(points: _Points, image: FloatArray, camera: CameraModel) -> _Points:
     """Return a hard limb's points freed of the shading's bias; a soft limb's as they are."""
     if np.median(points.sharpness) < SHARP:
         return points
@@ -165,7 +168,7 @@ def _unshaded(points: _Points, image: FloatArray, camera: Camera) -> _Points:
     return _Points(uv, unproject(camera, uv), points.gradient[kept], points.sharpness[kept])
 
 
-def _trim(points: _Points, camera: Camera) -> _Points:
+def _trim(points: _Points, camera: CameraModel) -> _Points:
     """Leave out refined points beyond 3.5 robust standard deviations of the limb, twice."""
     rad_per_px = 1.0 / max(camera.fx, camera.fy)
     for _ in range(2):
@@ -179,7 +182,7 @@ def _trim(points: _Points, camera: Camera) -> _Points:
     return points
 
 
-def _sides(image: FloatArray, cone: Cone, camera: Camera, uv: FloatArray, gradient: FloatArray) -> NoLimb | None:
+def _sides(image: FloatArray, cone: Cone, camera: CameraModel, uv: FloatArray, gradient: FloatArray) -> Refusal | None:
     """Refuse if the outer side is not one level, or the inner side is not on the same side of it everywhere."""
     height, width = image.shape
     reach = float(np.clip(min(height, width) / 12.0, 2.5, 8.0))
@@ -201,17 +204,17 @@ def _sides(image: FloatArray, cone: Cone, camera: Camera, uv: FloatArray, gradie
     saturated_inside = float(np.mean(deep >= image.max() * (1 - 1e-6))) > 0.9 and typical > 0
     still_falling = float(np.median(outer - further)) > HALO_SLOPE * float(np.median(inner - further))
     if saturated_inside and still_falling:
-        return NoLimb(Outcome.SUN_GLARE, "the best curve is the rim of a saturated blob with a halo")
+        return Refusal(Outcome.SUN_GLARE, "the best curve is the rim of a saturated blob with a halo")
     if typical == 0.0 or agree < SMALLEST_SIDE_AGREEMENT:
-        return NoLimb(
+        return Refusal(
             Outcome.NO_LIMB, f"the best curve has its bright side inside along {agree:.0%} of its length only"
         )
     if spread > LARGEST_OUTER_SPREAD * abs(typical):
-        return NoLimb(Outcome.NO_LIMB, "the grey level outside the best curve varies too much to be space")
+        return Refusal(Outcome.NO_LIMB, "the grey level outside the best curve varies too much to be space")
     return None
 
 
-def _visible_px(camera: Camera, axis: FloatArray, rho: float, rim_px: int) -> float:
+def _visible_px(camera: CameraModel, axis: FloatArray, rho: float, rim_px: int) -> float:
     """Return the length [px] of a cone's limb inside the image, its rim left out."""
     angle = np.linspace(0.0, 2.0 * np.pi, 3601)
     basis = tangent_basis(axis)

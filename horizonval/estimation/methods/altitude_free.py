@@ -32,9 +32,9 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard.limb_model import model_covariance
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.result import NoLimb
 from horizonval.estimation.limb.shape.cone import (
     SLOW_PX,
     SOFT_SLOW_PX,
@@ -45,7 +45,7 @@ from horizonval.estimation.limb.shape.cone import (
     fit_cone,
     off_axis_angle,
 )
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.frames import nadir_of_roll_pitch, roll_pitch_of_nadir
 
 MAX_STEPS = 20
@@ -138,15 +138,17 @@ def solve(los_cam: FloatArray) -> tuple[FloatArray, float, FloatArray]:
     return nadir, float(rho), iterates
 
 
-def run(observation: Observation) -> Fit | NoFit:
+def run(observation: Observation) -> Fit | Refusal:
     """Estimate nadir, roll, pitch and altitude from one image."""
     found = find_limb(observation.image, observation.camera, observation.full_scale)
-    if isinstance(found, NoLimb):
-        return NoFit(found.status, found.reason)
+    if isinstance(found, Refusal):
+        return found
     return fit_points(found.los_cam, found.uv, observation, SOFT_SLOW_PX)
 
 
-def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation, slow_px: float = SLOW_PX) -> Fit | NoFit:
+def fit_points(
+    los_cam: FloatArray, uv: FloatArray, observation: Observation, slow_px: float = SLOW_PX
+) -> Fit | Refusal:
     """Fit given limb points: the method behind the search for points.
 
     Parameters
@@ -160,15 +162,17 @@ def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation, sl
         As for :func:`horizonval.estimation.limb.shape.cone.slow_error`.
     """
     if len(los_cam) < 4:
-        return NoFit(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
+        return Refusal(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
     try:
         nadir, rho, steps = solve(los_cam)
         uncertainty = cone_uncertainty(los_cam, nadir, rho)
         model = model_covariance(los_cam, nadir, rho, observation, slow_px=slow_px)
     except np.linalg.LinAlgError as e:
-        return NoFit(Outcome.NOT_CONVERGED, str(e), uv)
+        return Refusal(Outcome.NOT_CONVERGED, str(e), uv)
     if not 0.0 < rho < np.pi / 2:
-        return NoFit(Outcome.NOT_CONVERGED, f"angular radius of {np.degrees(rho):.3g} deg is not that of a planet", uv)
+        return Refusal(
+            Outcome.NOT_CONVERGED, f"angular radius of {np.degrees(rho):.3g} deg is not that of a planet", uv
+        )
     return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps, model)
 
 

@@ -26,12 +26,12 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard.limb_model import model_covariance
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.result import NoLimb
 from horizonval.estimation.limb.shape.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, cone_scatter, off_axis_angle
 from horizonval.estimation.methods.altitude_free import fit_of_cone
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.estimation.observation import Estimator, Fit, Observation
 
 
 def solve(los_cam: FloatArray) -> tuple[FloatArray, float]:
@@ -89,24 +89,26 @@ def uncertainty_of(los_cam: FloatArray, nadir_cam: FloatArray, rho_rad: float) -
     return ConeUncertainty(scatter.basis, scatter.covariance + np.outer(shift, shift), scatter.correlation_length)
 
 
-def run(observation: Observation) -> Fit | NoFit:
+def run(observation: Observation) -> Fit | Refusal:
     """Estimate nadir, roll, pitch and altitude from one image."""
     found = find_limb(observation.image, observation.camera, observation.full_scale)
-    if isinstance(found, NoLimb):
-        return NoFit(found.status, found.reason)
+    if isinstance(found, Refusal):
+        return found
     return fit_points(found.los_cam, found.uv, observation, SOFT_SLOW_PX)
 
 
-def fit_points(los_cam: FloatArray, uv: FloatArray, observation: Observation, slow_px: float = SLOW_PX) -> Fit | NoFit:
+def fit_points(
+    los_cam: FloatArray, uv: FloatArray, observation: Observation, slow_px: float = SLOW_PX
+) -> Fit | Refusal:
     """Fit given limb points, shapes (n, 3) and (n, 2): the method behind the search for points."""
     if len(los_cam) < 4:
-        return NoFit(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
+        return Refusal(Outcome.SHORT_ARC, f"{len(los_cam)} limb points; at least 4 are needed", uv)
     try:
         nadir, rho = solve(los_cam)
         uncertainty = uncertainty_of(los_cam, nadir, rho)
         model = model_covariance(los_cam, nadir, rho, observation, slow_px=slow_px)
     except np.linalg.LinAlgError as e:
-        return NoFit(Outcome.NOT_CONVERGED, str(e), uv)
+        return Refusal(Outcome.NOT_CONVERGED, str(e), uv)
     return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, model=model)
 
 

@@ -25,11 +25,11 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.finder import find_canny_pixels
-from horizonval.estimation.limb.result import NoLimb
 from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty
 from horizonval.estimation.methods.altitude_free import fit_of_cone, newton
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.frames import nadir_of_roll_pitch
 
 START = np.array([0.0, 0.0, np.pi / 4])
@@ -44,29 +44,29 @@ def step_by_pseudo_inverse(jacobian: FloatArray, f: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(jacobian.T @ jacobian) @ jacobian.T @ f)
 
 
-def run(observation: Observation) -> Fit | NoFit:
+def run(observation: Observation) -> Fit | Refusal:
     """Estimate nadir, roll, pitch and altitude from one image."""
     found = find_canny_pixels(observation.image, observation.camera, observation.full_scale)
-    if isinstance(found, NoLimb):
-        return NoFit(found.status, found.reason)
+    if isinstance(found, Refusal):
+        return found
     return fit_pixels(found.los_cam, found.uv, observation)
 
 
-def fit_pixels(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | NoFit:
+def fit_pixels(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | Refusal:
     """Fit given whole-pixel points, shapes (n, 3) and (n, 2): the method behind the edge detector."""
     return _fit(los_cam, uv, observation, whole=True)
 
 
-def _fit(los_cam: FloatArray, uv: FloatArray, observation: Observation, *, whole: bool) -> Fit | NoFit:
+def _fit(los_cam: FloatArray, uv: FloatArray, observation: Observation, *, whole: bool) -> Fit | Refusal:
     if len(los_cam) < 4:
-        return NoFit(Outcome.SHORT_ARC, f"{len(los_cam)} edge points; at least 4 are needed", uv)
+        return Refusal(Outcome.SHORT_ARC, f"{len(los_cam)} edge points; at least 4 are needed", uv)
     if np.linalg.matrix_rank(los_cam) < 3:
-        return NoFit(Outcome.NOT_CONVERGED, "the points do not determine a cone", uv)
+        return Refusal(Outcome.NOT_CONVERGED, "the points do not determine a cone", uv)
     try:
         steps = newton(los_cam, START, step_by_pseudo_inverse)
         phi, theta, rho = steps[-1]
         if np.abs(steps[-1] - steps[-2]).max() > CONVERGED_RAD:
-            return NoFit(Outcome.NOT_CONVERGED, f"no convergence in {len(steps) - 1} Newton steps", uv)
+            return Refusal(Outcome.NOT_CONVERGED, f"no convergence in {len(steps) - 1} Newton steps", uv)
         nadir = nadir_of_roll_pitch(phi, theta)
         # cos rho = u.n is periodic in rho, and also holds for (-n, pi - rho); the Earth is the smaller cap
         nadir = nadir if np.cos(rho) > 0.0 else -nadir
@@ -75,11 +75,11 @@ def _fit(los_cam: FloatArray, uv: FloatArray, observation: Observation, *, whole
         if whole:
             uncertainty = with_common_offset(uncertainty, 1.0 / observation.camera.fx)
     except np.linalg.LinAlgError as e:
-        return NoFit(Outcome.NOT_CONVERGED, str(e), uv)
+        return Refusal(Outcome.NOT_CONVERGED, str(e), uv)
     return fit_of_cone(los_cam, uv, nadir, rho, uncertainty, observation, steps)
 
 
-def fit_found_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | NoFit:
+def fit_found_points(los_cam: FloatArray, uv: FloatArray, observation: Observation) -> Fit | Refusal:
     """Fit limb points that another search has found: the method without its whole pixels.
 
     Parameters

@@ -23,7 +23,8 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.frames import roll_pitch_of_nadir
 
 AXIS_TOLERANCE_RAD = 1e-12
@@ -107,15 +108,15 @@ def _sign(value: float) -> float:
     return -1.0 if value < 0.0 else 1.0
 
 
-def run(observation: Observation) -> Fit | NoFit:
+def run(observation: Observation) -> Fit | Refusal:
     """Return the exact nadir. The image is not looked at."""
     pose = observation.oracle
     if pose is None:
-        return NoFit(Outcome.BAD_INPUT, "the ideal sensor needs the pose, which only our own EXR files carry")
+        return Refusal(Outcome.BAD_INPUT, "the ideal sensor needs the pose, which only our own EXR files carry")
     r = np.asarray(pose.r_itrs, dtype=float)
     distance = float(np.linalg.norm(r))
     if not np.isfinite(distance) or distance <= pose.radius_m:
-        return NoFit(Outcome.BAD_INPUT, "the pose lies inside the Earth")
+        return Refusal(Outcome.BAD_INPUT, "the pose lies inside the Earth")
     nadir = Rotation.from_quat(pose.q_cam_from_itrs).apply(-r / distance)
     nadir /= np.linalg.norm(nadir)
     nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir)

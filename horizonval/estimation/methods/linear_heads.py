@@ -27,10 +27,10 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.crossing import published_crossing, sub_pixel_crossing
-from horizonval.estimation.limb.result import NoLimb
 from horizonval.estimation.limb.shape.cone import fit_cone, off_axis_angle, tangent_basis
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.frames import inverse, nadir_of_roll_pitch, roll_pitch_of_nadir, rotate
 
@@ -60,22 +60,22 @@ class HeadRow:
         return float(off_axis_angle(self.los_body(column - 0.5), self.los_body(column + 0.5)))
 
 
-def head_rows(observation: Observation) -> list[HeadRow] | NoFit:
+def head_rows(observation: Observation) -> list[HeadRow] | Refusal:
     """Return the rows of the four heads: the one row of a linear array, or of an image the row below its middle."""
     heads = observation.heads
     if len(heads) != 4:
-        return NoFit(Outcome.BAD_INPUT, f"four heads are needed, the observation has {len(heads)}")
+        return Refusal(Outcome.BAD_INPUT, f"four heads are needed, the observation has {len(heads)}")
     rows = []
     for name, head in heads.items():
         image = np.asarray(head.image, dtype=np.float64)
         if image.ndim != 2 or image.shape[1] < 16 or not np.isfinite(image).all():
-            return NoFit(Outcome.BAD_INPUT, f"head {name}: not a finite image of at least 16 columns")
+            return Refusal(Outcome.BAD_INPUT, f"head {name}: not a finite image of at least 16 columns")
         v = image.shape[0] // 2
         rows.append(HeadRow(name, image[v], v, head))
     return rows
 
 
-def published_axes(rows: list[HeadRow]) -> float | NoFit:
+def published_axes(rows: list[HeadRow]) -> float | Refusal:
     """Return the azimuth in the body [rad] of the axis about whose level normal P is the pitch; R is the roll about it.
 
     It is the direction of the first head turned back by 135 deg, the first being at a = 45 + 90.
@@ -84,7 +84,7 @@ def published_axes(rows: list[HeadRow]) -> float | NoFit:
     azimuth = np.arctan2(boresight[:, 1], boresight[:, 0])
     off = np.angle(np.exp(1j * (azimuth - azimuth[0] - np.arange(4) * (np.pi / 2))))
     if np.abs(off).max() > QUARTER_TOLERANCE_RAD:
-        return NoFit(Outcome.BAD_INPUT, "the published formula needs heads a quarter turn apart, in that order")
+        return Refusal(Outcome.BAD_INPUT, "the published formula needs heads a quarter turn apart, in that order")
     return float(azimuth[0] - 0.75 * np.pi)
 
 
@@ -95,17 +95,17 @@ def published_angles(columns: FloatArray, ifov_rad: float) -> tuple[float, float
     return float(scale * (a + b - c - d)), float(scale * (a + d - b - c))
 
 
-def run_published(observation: Observation) -> Fit | NoFit:
+def run_published(observation: Observation) -> Fit | Refusal:
     """Estimate roll and pitch as published."""
     rows = head_rows(observation)
-    if isinstance(rows, NoFit):
+    if isinstance(rows, Refusal):
         return rows
     forward = published_axes(rows)
-    if isinstance(forward, NoFit):
+    if isinstance(forward, Refusal):
         return forward
     # Whether there is a limb at all the published pipeline does not ask; a claim without one would be worth nothing.
     located = [sub_pixel_crossing(r.row) for r in rows]
-    if refusal := _missing(rows, located):
+    if (refusal := _missing(rows, located)) is not None:
         return refusal
     crossings = [published_crossing(r.row) for r in rows]
     columns = np.array([c.fine for c in crossings])
@@ -122,20 +122,20 @@ def run_published(observation: Observation) -> Fit | NoFit:
     return _fit(rows, columns, nadir_body, covariance_body)
 
 
-def run(observation: Observation) -> Fit | NoFit:
+def run(observation: Observation) -> Fit | Refusal:
     """Estimate the nadir from sub-pixel crossings and the cone through them."""
     rows = head_rows(observation)
-    if isinstance(rows, NoFit):
+    if isinstance(rows, Refusal):
         return rows
     located = [sub_pixel_crossing(r.row) for r in rows]
-    if refusal := _missing(rows, located):
+    if (refusal := _missing(rows, located)) is not None:
         return refusal
-    columns = np.array([c.column for c in located if not isinstance(c, NoLimb)])
-    sigma = np.array([c.sigma_px for c in located if not isinstance(c, NoLimb)])
+    columns = np.array([c.column for c in located if not isinstance(c, Refusal)])
+    sigma = np.array([c.sigma_px for c in located if not isinstance(c, Refusal)])
     return fit_crossings(rows, columns, sigma)
 
 
-def fit_crossings(rows: list[HeadRow], columns: FloatArray, sigma_px: FloatArray) -> Fit | NoFit:
+def fit_crossings(rows: list[HeadRow], columns: FloatArray, sigma_px: FloatArray) -> Fit | Refusal:
     """Fit the cone through crossings, shape (4,), of given standard deviations [pixels], shape (4,)."""
     los = np.array([r.los_body(c) for r, c in zip(rows, columns, strict=True)])
     sigma = sigma_px * [r.pixel_rad(c) for r, c in zip(rows, columns, strict=True)]
@@ -147,12 +147,12 @@ def fit_crossings(rows: list[HeadRow], columns: FloatArray, sigma_px: FloatArray
     try:
         gain = np.linalg.pinv(np.column_stack([across, np.ones(4)]))
     except np.linalg.LinAlgError as e:
-        return NoFit(Outcome.NOT_CONVERGED, str(e))
+        return Refusal(Outcome.NOT_CONVERGED, str(e))
     covariance = (gain * sigma**2) @ gain.T
     residual = off_axis_angle(los, cone.axis_cam) - rho
     if np.abs(residual).sum() > max(DISAGREEMENT_RAD, DISAGREEMENT_SIGMA * float(np.linalg.norm(sigma))):
         text = f"the four crossings miss one cone by {np.degrees(np.abs(residual).sum()):.2g} deg in sum"
-        return NoFit(Outcome.AMBIGUOUS, text, _points(rows, columns))
+        return Refusal(Outcome.AMBIGUOUS, text, _points(rows, columns))
     axis_body = cone.axis_cam
     return _fit(
         rows, columns, axis_body, basis @ covariance[:2, :2] @ basis.T, rho, float(np.sqrt(covariance[2, 2])), residual
@@ -189,10 +189,10 @@ def _points(rows: list[HeadRow], columns: FloatArray) -> FloatArray:
     return np.column_stack([columns, [float(r.v) for r in rows]])
 
 
-def _missing(rows: list[HeadRow], located: list) -> NoFit | None:
+def _missing(rows: list[HeadRow], located: list) -> Refusal | None:
     for r, found in zip(rows, located, strict=True):
-        if isinstance(found, NoLimb):
-            return NoFit(found.status, f"head {r.name}: {found.reason}")
+        if isinstance(found, Refusal):
+            return found.of_head(r.name)
     return None
 
 

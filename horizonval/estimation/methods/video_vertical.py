@@ -38,12 +38,12 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.arc import Arc, find_arc
-from horizonval.estimation.limb.result import NoLimb
 from horizonval.estimation.limb.shape.circle import fit_circle
 from horizonval.estimation.limb.shape.cone import SLOW_PX, cone_uncertainty, fit_cone, off_axis_angle
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
-from horizonval.geometry.camera import Camera, project, unproject
+from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.geometry.frames import roll_pitch_of_nadir
 
 HEADS = 2
@@ -64,7 +64,7 @@ class Ends(StrEnum):
     PLANE = "end points in the image plane"
 
 
-def chord(arc: Arc, camera: Camera, ends: Ends = Ends.SIGHT) -> FloatArray:
+def chord(arc: Arc, camera: CameraModel, ends: Ends = Ends.SIGHT) -> FloatArray:
     """Return the vector in camera axes, shape (3,), that joins an arc's end points."""
     if ends is Ends.SIGHT:
         first, last = (unproject(camera, uv).mean(axis=0) for uv in (arc.uv[:END_PIXELS], arc.uv[-END_PIXELS:]))
@@ -89,38 +89,38 @@ def vertical(chords_body: FloatArray) -> FloatArray | None:
     return np.asarray(across / length)
 
 
-def run(observation: Observation) -> Fit | NoFit:
+def run(observation: Observation) -> Fit | Refusal:
     """Estimate the nadir from the images of two heads."""
     return solve(observation)
 
 
-def solve(observation: Observation, ends: Ends = Ends.SIGHT) -> Fit | NoFit:
+def solve(observation: Observation, ends: Ends = Ends.SIGHT) -> Fit | Refusal:
     """Estimate the nadir from the images of two heads, with one of the readings of the end points."""
     if len(observation.heads) != HEADS:
-        return NoFit(Outcome.BAD_INPUT, f"{len(observation.heads)} heads; the method has {HEADS}")
+        return Refusal(Outcome.BAD_INPUT, f"{len(observation.heads)} heads; the method has {HEADS}")
     arcs: list[Arc] = []
     for name, head in observation.heads.items():
         if np.shape(head.image) != (head.camera.height, head.camera.width):
-            return NoFit(Outcome.BAD_INPUT, f"head {name}: the image is not of its camera's size")
+            return Refusal(Outcome.BAD_INPUT, f"head {name}: the image is not of its camera's size")
         found = find_arc(head.image, head.full_scale)
-        if isinstance(found, NoLimb):
-            return NoFit(found.status, f"head {name}: {found.reason}")
+        if isinstance(found, Refusal):
+            return found.of_head(name)
         arcs.append(found)
     return fit_arcs(arcs, list(observation.heads.values()), observation.earth_radius_m, ends)
 
 
-def from_heads(points: Mapping[str, FloatArray], observation: Observation) -> Fit | NoFit:
+def from_heads(points: Mapping[str, FloatArray], observation: Observation) -> Fit | Refusal:
     """Return the vertical from limb points, shape (n, 2) by the heads' names, that another search has found.
 
     They are no whole pixels: their scatter is what they show.
     """
     if len(points) != HEADS or any(len(uv) < 2 * END_PIXELS for uv in points.values()):
-        return NoFit(Outcome.BAD_INPUT, f"the method needs {2 * END_PIXELS} points in each of {HEADS} heads")
+        return Refusal(Outcome.BAD_INPUT, f"the method needs {2 * END_PIXELS} points in each of {HEADS} heads")
     arcs = []
     for name, uv in points.items():
         circle = fit_circle(uv)
         if circle is None:
-            return NoFit(Outcome.SHORT_ARC, f"head {name}: the limb is straight: it has no circle")
+            return Refusal(Outcome.SHORT_ARC, f"head {name}: the limb is straight: it has no circle")
         arcs.append(Arc(uv[np.argsort(circle.along(uv), kind="stable")], circle))
     heads = [observation.heads[name] for name in points]
     return fit_arcs(arcs, heads, observation.earth_radius_m, sub_pixel=True)
@@ -133,7 +133,7 @@ def fit_arcs(
     ends: Ends = Ends.SIGHT,
     *,
     sub_pixel: bool = False,
-) -> Fit | NoFit:
+) -> Fit | Refusal:
     """Return the vertical of two arcs: the method behind the search for arcs.
 
     ``sub_pixel``: the arcs' points are no whole pixels. Their scatter is then taken about each arc's own cone: about
@@ -146,7 +146,7 @@ def fit_arcs(
     chords_body = np.array(chords)
     nadir_body = vertical(chords_body)
     if nadir_body is None:
-        return NoFit(Outcome.SHORT_ARC, "the two chords are parallel: they span no plane", arcs[0].uv)
+        return Refusal(Outcome.SHORT_ARC, "the two chords are parallel: they span no plane", arcs[0].uv)
     los_body = []
     earthwards = 0.0
     for turn, arc, head in zip(body_from_head, arcs, heads, strict=True):
@@ -154,7 +154,7 @@ def fit_arcs(
         los_body.append(turn.apply(los))
         earthwards += float(turn.apply(_towards_centre(arc, head.camera)) @ nadir_body)
     if not np.isfinite(earthwards) or earthwards == 0.0:
-        return NoFit(Outcome.AMBIGUOUS, "the arcs do not tell on which side the Earth lies", arcs[0].uv)
+        return Refusal(Outcome.AMBIGUOUS, "the arcs do not tell on which side the Earth lies", arcs[0].uv)
     if earthwards < 0.0:
         nadir_body = -nadir_body
     angles = [off_axis_angle(los, nadir_body) for los in los_body]
@@ -207,7 +207,7 @@ def _pixels_alike(los: FloatArray, nadir: FloatArray, rho_rad: float) -> float:
         return float(END_PIXELS)
 
 
-def _px_per_rad(arc: Arc, camera: Camera, nadir_cam: FloatArray) -> FloatArray:
+def _px_per_rad(arc: Arc, camera: CameraModel, nadir_cam: FloatArray) -> FloatArray:
     """Return by how many pixels each of an arc's points moves per radian towards the nadir, shape (n,)."""
     los = unproject(camera, arc.uv)
     towards = nadir_cam - (los @ nadir_cam)[:, None] * los
@@ -217,7 +217,7 @@ def _px_per_rad(arc: Arc, camera: Camera, nadir_cam: FloatArray) -> FloatArray:
     return np.asarray(np.hypot(*(moved - arc.uv).T) / step)
 
 
-def _towards_centre(arc: Arc, camera: Camera) -> FloatArray:
+def _towards_centre(arc: Arc, camera: CameraModel) -> FloatArray:
     """Return how the line of sight to the arc's middle turns one pixel towards the circle's centre, shape (3,)."""
     middle = arc.uv[len(arc.uv) // 2]
     inwards = arc.circle.centre - middle

@@ -17,8 +17,9 @@ from typing import IO
 
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.process.external import external
 from horizonval.estimation.process.sandbox import HEADER, Limits
 
@@ -43,11 +44,11 @@ def main() -> None:
             _send(answers, _pickled(result, spent))
 
 
-def _run(name: str, observation: Observation, programs: dict[str, Estimator]) -> Fit | NoFit:
+def _run(name: str, observation: Observation, programs: dict[str, Estimator]) -> Fit | Refusal:
     try:
         estimator = programs[name] if name in programs else registry.get(name)
     except UserError as e:
-        return NoFit(Outcome.BAD_INPUT, e.line())
+        return Refusal(Outcome.BAD_INPUT, e.line())
     return registry.run_safely(estimator, observation)
 
 
@@ -57,12 +58,12 @@ def _processor_s() -> float:
     return time.process_time() + times.children_user + times.children_system
 
 
-def _pickled(result: Fit | NoFit, spent_s: float) -> bytes:
+def _pickled(result: Fit | Refusal, spent_s: float) -> bytes:
     try:
         return pickle.dumps((result, spent_s), protocol=pickle.HIGHEST_PROTOCOL)
     except Exception as e:
         reason = f"the estimator's result cannot be handed on: {type(e).__name__}: {e}"
-        return pickle.dumps((NoFit(Outcome.BAD_INPUT, " ".join(reason.split())), spent_s))
+        return pickle.dumps((Refusal(Outcome.BAD_INPUT, " ".join(reason.split())), spent_s))
 
 
 def _prepare(limits: Limits) -> None:

@@ -28,7 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.frames import inverse, roll_pitch_of_nadir, rotate
 from horizonval.spec.suite import ProgramSpec
 
@@ -68,7 +69,7 @@ def command_line(command: str, folder: Path, image: Path, camera: Path) -> list[
     return [str(program.resolve()) if "/" in words[0] and program.is_file() else words[0], *words[1:]]
 
 
-def _run(observation: Observation, *, command: str, folder: Path, limit_s: float) -> Fit | NoFit:
+def _run(observation: Observation, *, command: str, folder: Path, limit_s: float) -> Fit | Refusal:
     with tempfile.TemporaryDirectory(prefix="horizonval-") as place:
         image, camera = Path(place) / "image.png", Path(place) / "camera.toml"
         depth = np.uint16 if (observation.full_scale or np.inf) > 255 else np.uint8
@@ -80,7 +81,7 @@ def _run(observation: Observation, *, command: str, folder: Path, limit_s: float
         except (ValueError, IndexError) as e:
             return _bad(f"the command {command!r} cannot be read: {e}")
         answer = _answer(words, folder, limit_s)
-    return answer if isinstance(answer, NoFit) else result_of(answer, observation)
+    return answer if isinstance(answer, Refusal) else result_of(answer, observation)
 
 
 def camera_file(observation: Observation) -> str:
@@ -103,7 +104,7 @@ def camera_file(observation: Observation) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _answer(words: list[str], folder: Path, limit_s: float) -> bytes | NoFit:
+def _answer(words: list[str], folder: Path, limit_s: float) -> bytes | Refusal:
     """Run a program; return what it printed, or why that is nothing."""
     try:
         process = subprocess.Popen(
@@ -119,7 +120,7 @@ def _answer(words: list[str], folder: Path, limit_s: float) -> bytes | NoFit:
     assert process.stdout is not None
     try:
         printed = _read(process.stdout, time.monotonic() + limit_s)
-        if isinstance(printed, NoFit):
+        if isinstance(printed, Refusal):
             return printed
         status = process.wait(max(limit_s, 1.0))
     except subprocess.TimeoutExpired:
@@ -133,7 +134,7 @@ def _answer(words: list[str], folder: Path, limit_s: float) -> bytes | NoFit:
     return printed if status == 0 else _bad(f"the program ended with status {status}")
 
 
-def _read(pipe: IO[bytes], deadline: float) -> bytes | NoFit:
+def _read(pipe: IO[bytes], deadline: float) -> bytes | Refusal:
     import select
 
     found = bytearray()
@@ -149,7 +150,7 @@ def _read(pipe: IO[bytes], deadline: float) -> bytes | NoFit:
             return _bad("the program printed more than a megabyte, where one JSON object was expected")
 
 
-def result_of(answer: bytes, observation: Observation) -> Fit | NoFit:
+def result_of(answer: bytes, observation: Observation) -> Fit | Refusal:
     """Return what a program's answer says."""
     try:
         data = json.loads(answer)
@@ -163,7 +164,7 @@ def result_of(answer: bytes, observation: Observation) -> Fit | NoFit:
     try:
         points = np.asarray(data.get("points") or [], dtype=np.float64).reshape(-1, 2)
         if Outcome(status) is not Outcome.VALID:
-            return NoFit(Outcome(status), str(data.get("reason") or "no reason given"), points)
+            return Refusal(Outcome(status), str(data.get("reason") or "no reason given"), points)
         return _fit(data, points, observation)
     except (TypeError, ValueError, OverflowError) as e:
         return _bad(f"the program's answer cannot be used: {e}")
@@ -194,5 +195,5 @@ def _fit(data: Mapping[str, Any], points: NDArray[np.float64], observation: Obse
     )
 
 
-def _bad(reason: str) -> NoFit:
-    return NoFit(Outcome.BAD_INPUT, reason)
+def _bad(reason: str) -> Refusal:
+    return Refusal(Outcome.BAD_INPUT, reason)

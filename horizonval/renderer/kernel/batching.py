@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import drjit as dr
@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.progress import Progress
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.renderer.kernel.march import march, optical_depth
 from horizonval.renderer.kernel.node_batches import (
@@ -32,9 +33,6 @@ from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunTable, table_
 from horizonval.renderer.types import Values, constant
 
 SKY_POLAR_NODES = 24
-
-TableProgress = Callable[[str, int, float], None]
-"""Called with the spectral node, the order of scattering done and the share of light it added."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ def make_batches(
     planet: Planet,
     size: TableSize,
     scattering: Quality | None = None,
-    progress: TableProgress | None = None,
+    progress: Progress | None = None,
     air: ApparentRadiusAir | None = None,
 ) -> Iterator[tuple[list[SpectralNode], SolarNodes | ThermalNodes]]:
     """Yield ``(nodes, batch)`` until every spectral node of the model has been served.
@@ -76,7 +74,7 @@ def make_batches(
     ----------
     scattering : Quality, optional
         Of the tables of light scattered more than once; None for single scattering.
-    progress : callable, optional
+    progress : Progress, optional
         Told about tables that must be solved first.
     air : ApparentRadiusAir, optional
         Refraction: model and planet are those over apparent heights. Light scattered more than once is that of the
@@ -121,21 +119,14 @@ def _diffuse_field(
     planet: Planet,
     grid: AltitudeGrid,
     quality: Quality,
-    progress: TableProgress | None,
+    progress: Progress | None,
 ) -> DiffuseField:
     radius = mean_radius(planet)
 
     def sun_table() -> SunTable:
         return _fill_sun_table(planet, model.top_m, grid, mi.Float64(node.extinction_per_m), 1, IMAGE_TABLE)
 
-    solution = multiple_scattering(
-        node,
-        model.altitude_m,
-        radius,
-        quality,
-        sun_table,
-        None if progress is None else lambda order, share: progress(node.name, order, share),
-    )
+    solution = multiple_scattering(node, model.altitude_m, radius, quality, sun_table, progress)
     around = (
         model.albedo_around[[n.name for n in model.nodes].index(node.name)] if model.albedo_around else model.albedo
     )

@@ -12,8 +12,8 @@ function S::
     sunlight, scattered before:  S = (k_molecules S_molecules + k_particles S_particles) E0 / k     (source_table)
 
 Which of them a march adds up, its node batch says (``node_batches``). Where the steps go is in
-:mod:`horizonval.renderer.ray_path`: dense where the air is dense, no step straddles the umbra's edge, and airglow, which
-comes from a thin layer high up, has them above that layer's lower edge.
+:mod:`horizonval.renderer.ray_path`: dense where the air is dense, no step straddles the umbra's edge, and airglow,
+which comes from a thin layer high up, has them above that layer's lower edge.
 
 **One step** holds two Gauss points. Extinction and source are linear through them: the optical depth at the points and
 over the step follow exactly; thin steps (optical depth below 0.5) sum ``k S exp(-tau)`` with Gauss weights, thick ones

@@ -8,8 +8,9 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
+from horizonval.core.progress import Progress
 from horizonval.earth.column import OpticalModel
-from horizonval.renderer.kernel.batching import RAY_TABLE, TableProgress, make_batches
+from horizonval.renderer.kernel.batching import RAY_TABLE, make_batches
 from horizonval.renderer.kernel.march import march
 from horizonval.renderer.kernel.node_batches import SolarNodes
 from horizonval.renderer.planet import Planet
@@ -30,7 +31,7 @@ def radiance_along_rays(
     sun: FloatArray,
     nodes: int = RAY_NODES,
     scattering: Quality | None = None,
-    progress: TableProgress | None = None,
+    progress: Progress | None = None,
     polar_radius_m: float | None = None,
 ) -> dict[str, FloatArray]:
     """Return the radiance of every spectral node along rays over a planet.
@@ -48,7 +49,7 @@ def radiance_along_rays(
         Evaluations along each ray. The default leaves less than 1e-5 of error beside that of the tables.
     scattering : Quality, optional
         Of the tables of light scattered more than once; None for single scattering.
-    progress : callable, optional
+    progress : Progress, optional
         Told about tables that must be solved first.
     polar_radius_m : float, optional
         Of an oblate planet; the columns then lie over geodetic height.

@@ -1,8 +1,8 @@
 r"""All rays from one camera as two numbers each: where a table of what they meet is smooth.
 
-In the stretched space (see :mod:`horizonval.renderer.planet`) the ellipsoid is a sphere of radius a. A ray has an azimuth
-:math:`\alpha` about the direction to the sphere's centre, and a nadir angle :math:`\theta`. Seen from o' its miss
-distance is ``|o'| sin(theta)``: a on the hard limb, exactly. The second number depends on what the ray meets:
+In the stretched space (see :mod:`horizonval.renderer.planet`) the ellipsoid is a sphere of radius a. A ray has an
+azimuth :math:`\alpha` about the direction to the sphere's centre, and a nadir angle :math:`\theta`. Seen from o' its
+miss distance is ``|o'| sin(theta)``: a on the hard limb, exactly. The second number depends on what the ray meets:
 
 - ground: the elevation e at which it arrives there, ``|o'| sin(theta) = a cos(e)``. What lies between is smooth in e
   up to grazing rays, where the distance from the limb has a square root;

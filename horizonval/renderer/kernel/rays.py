@@ -20,7 +20,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.geometry.camera import Camera, Projection
+from horizonval.geometry.camera import CameraModel, Projection
 from horizonval.renderer.types import Number, Values, Vec
 
 UNDISTORT_STEPS = 8
@@ -51,7 +51,7 @@ class RayCamera:
     circle: mi.Float64 | None = None
 
     @classmethod
-    def of(cls, camera: Camera, itrs_from_cam: NDArray[np.float64]) -> RayCamera:
+    def of(cls, camera: CameraModel, itrs_from_cam: NDArray[np.float64]) -> RayCamera:
         """Build from intrinsics and a rotation matrix, shape (3, 3)."""
         numbers = [camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion]
         distorted = camera.projection == "pinhole" and any(camera.distortion)
@@ -155,7 +155,7 @@ def _widest(k: Sequence[float]) -> float:
     return low
 
 
-def _circle(camera: Camera) -> float | None:
+def _circle(camera: CameraModel) -> float | None:
     half = camera.image_circle_rad
     if half is None:
         return None
@@ -188,7 +188,7 @@ def _newton(
     return x - (jyy * fx - jxy * fy) / det, y - (jxx * fy - jxy * fx) / det
 
 
-def _stages(camera: Camera) -> int:
+def _stages(camera: CameraModel) -> int:
     """Return in how many stages :func:`_invert` must go: 1 if that ends where many do, all over the image."""
     u, v = np.meshgrid(np.linspace(-0.5, camera.width - 0.5, 33), np.linspace(-0.5, camera.height - 0.5, 33))
     xd, yd = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy

@@ -17,8 +17,9 @@ import sysconfig
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from horizonval.core import atomic
+from horizonval.core.cache import cache_folder
 from horizonval.core.errors import UserError
-from horizonval.renderer.cache import cache_folder
 
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 VARIANT_VARIABLE = "HORIZONVAL_VARIANT"
@@ -109,9 +110,7 @@ def probe(refresh: bool = False) -> BackendReport:
     report = BackendReport(tuple(attempts))
     if report.chosen:
         cache.parent.mkdir(parents=True, exist_ok=True)
-        temporary = cache.with_suffix(f".{os.getpid()}.tmp")
-        temporary.write_text(json.dumps([asdict(a) for a in attempts]))
-        temporary.replace(cache)
+        atomic.write_text(cache, json.dumps([asdict(a) for a in attempts]))
     return report
 
 

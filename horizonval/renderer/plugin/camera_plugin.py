@@ -15,14 +15,14 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.kernel.rays import RayCamera
 
 PLUGIN = "horizon_camera"
 
 
 def camera_properties(
-    camera: Camera, r_itrs: NDArray[np.float64], itrs_from_cam: NDArray[np.float64]
+    camera: CameraModel, r_itrs: NDArray[np.float64], itrs_from_cam: NDArray[np.float64]
 ) -> dict[str, Any]:
     """Return the plugin's properties. JSON carries float64 exactly; Mitsuba's own vectors would not."""
     pose = {"r_itrs_m": [float(v) for v in r_itrs], "itrs_from_cam": [float(v) for v in itrs_from_cam.ravel()]}
@@ -49,7 +49,7 @@ def make_plugin() -> type:
             intrinsics = json.loads(props.get("camera"))
             intrinsics["distortion"] = tuple(intrinsics["distortion"])
             pose = json.loads(props.get("pose"))
-            self.camera = Camera(**intrinsics)
+            self.camera = CameraModel(**intrinsics)
             self.r_itrs = np.array(pose["r_itrs_m"])
             self.itrs_from_cam = np.array(pose["itrs_from_cam"]).reshape(3, 3)
             self.rays = RayCamera.of(self.camera, self.itrs_from_cam)

@@ -15,9 +15,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from horizonval.core.progress import Progress
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.surface.surface import GroundModel
-from horizonval.renderer.kernel.batching import IMAGE_TABLE, TableProgress, make_batches
+from horizonval.renderer.kernel.batching import IMAGE_TABLE, make_batches
 from horizonval.renderer.kernel.cells import FrameGeometry, MoonInFrame
 from horizonval.renderer.kernel.discs import Disc
 from horizonval.renderer.kernel.node_batches import SolarNodes, ThermalNodes
@@ -93,7 +94,7 @@ def register_plugins() -> None:
     mi.register_sensor(camera_plugin.PLUGIN, lambda props: camera(props))
 
 
-def prepare(properties: dict[str, Any], progress: TableProgress | None = None) -> None:
+def prepare(properties: dict[str, Any], progress: Progress | None = None) -> None:
     """Make the tables of :func:`limb_properties` now, telling about those that take long."""
     planet = json.loads(properties["planet"])
     _prepare(properties["model"], Planet(planet["a_m"], planet["b_m"]), properties["orders"], progress)
@@ -107,7 +108,7 @@ def _moon(moon: dict[str, Any] | None) -> MoonInFrame | None:
     return MoonInFrame(disc, float(moon["nearness"]), constant_vector(moon["light_itrs"]), bool(moon["lights_earth"]))
 
 
-def _prepare(text: str, planet: Planet, orders: str, progress: TableProgress | None = None) -> _Prepared:
+def _prepare(text: str, planet: Planet, orders: str, progress: Progress | None = None) -> _Prepared:
     """Return a model and its kernel tables; those of the last few models stay, suites repeat them."""
     key = (text, planet, orders)
     if key not in _prepared:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from horizonval.core import atomic
 from horizonval.renderer.reference.reference import HOLDS, LEAVES_OUT, placement
 from horizonval.renderer.scene.description import Described, describe
 from horizonval.spec.scene import SceneSpec
@@ -42,9 +43,9 @@ def export_scene(scene: SceneSpec, camera: CameraSpec, folder: Path) -> list[Pat
     bands = ", ".join(described.model.bands)
     about = f'{SCENE} (needs horizonval): python -c "{LOAD}" gives radiance [W m-2 sr-1] of band {bands}.'
     head = f"horizonval scene {scene.scene.name}: deterministic limb march; W m-2 sr-1; bands {bands}"
-    (folder / SCENE).write_text(scene_xml(described.mitsuba, head), encoding="utf-8")
+    atomic.write_text(folder / SCENE, scene_xml(described.mitsuba, head))
     reference = _write_reference(scene, described, folder)
-    (folder / README).write_text(f"{about}\n{reference}\n", encoding="utf-8")
+    atomic.write_text(folder / README, f"{about}\n{reference}\n")
     return sorted(folder.iterdir())
 
 
@@ -76,5 +77,5 @@ def _write_reference(scene: SceneSpec, described: Described, folder: Path) -> st
         f"by Monte Carlo in stock Mitsuba 3, at {node.wavelength_um:.4g} um alone [W m-2 sr-1 um-1]: {HOLDS}; "
         f"without {LEAVES_OUT}; {air}{lens}; kilometres, origin on the ground below the camera"
     )
-    (folder / REFERENCE).write_text(scene_xml(data, f"horizonval scene {scene.scene.name} {about}"), encoding="utf-8")
+    atomic.write_text(folder / REFERENCE, scene_xml(data, f"horizonval scene {scene.scene.name} {about}"))
     return f"{REFERENCE} (mitsuba -m llvm_ad_mono {REFERENCE}): {about}."

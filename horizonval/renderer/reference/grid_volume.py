@@ -22,7 +22,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.reference.reference_scene import KM, Placement, Volume
 
 VOXELS = 2**23
@@ -70,7 +70,7 @@ class Box:
         return (self.low + unit * self.size) @ self.axes
 
 
-def seen_air(model: OpticalModel, place: Placement, camera: Camera, extinction: FloatArray) -> Box | None:
+def seen_air(model: OpticalModel, place: Placement, camera: CameraModel, extinction: FloatArray) -> Box | None:
     """Return the box around the air that a pinhole camera sees; None where it sees none."""
     top = _effective_top(model, extinction)
     origin = place.camera_m

@@ -7,7 +7,7 @@ estimate of its own noise: several passes with independent seeds, whose scatter 
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from horizonval import __version__
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.frame import Frame
+from horizonval.core.progress import Progress, Silent
+from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.renderer.scene.description import Described, describe
 from horizonval.spec.scene import SceneSpec
@@ -29,24 +30,6 @@ DEFAULT_SPP = 256
 LEAST_PASSES = 8
 LANES = 2**22
 """Most paths of one pass: bounds the memory and the time between two signs of life."""
-
-
-class PassProgress(Protocol):
-    """What a render tells about itself."""
-
-    def start(self, total: int, kept: int) -> None:
-        """``total`` passes, of which ``kept`` are finished already."""
-
-    def done(self, name: str) -> None:
-        """One more pass is finished."""
-
-
-class _Silent:
-    def start(self, total: int, kept: int) -> None:
-        pass
-
-    def done(self, name: str) -> None:
-        pass
 
 
 def check_sunlight(camera: CameraSpec, where: str) -> None:
@@ -99,8 +82,8 @@ def render_reference(
     scene: SceneSpec,
     camera: CameraSpec,
     spp: int = DEFAULT_SPP,
-    progress: PassProgress | None = None,
-) -> Frame:
+    progress: Progress | None = None,
+) -> RadianceFrame:
     """Return the frame by Monte Carlo, with the map ``standard_error.<band>`` beside its radiance.
 
     The seeds come from the scene's identity: the same scene, samples and number of threads give the same frame. Bands
@@ -110,7 +93,7 @@ def render_reference(
     ----------
     spp : int
         Samples per pixel and spectral node, at least 2; rounded up to a multiple of the number of passes.
-    progress : PassProgress, optional
+    progress : Progress, optional
 
     Raises
     ------
@@ -120,7 +103,7 @@ def render_reference(
     if spp < 2:
         raise UserError(f"{spp} samples per pixel", expected="at least 2: the standard error needs two passes")
     check_sunlight(camera, scene.camera.file)
-    progress = progress or _Silent()
+    progress = progress or Silent()
     described = describe(scene, camera)
     import mitsuba as mi
 
@@ -142,7 +125,7 @@ def render_reference(
     shape = (intrinsics.height, intrinsics.width)
     radiance = {band: np.zeros(shape) for band in bands}
     variance = {band: np.zeros(shape) for band in bands}
-    progress.start(len(model.nodes) * passes, 0)
+    progress.start(len(model.nodes) * passes, 0, unit="passes")
     for i, node in enumerate(model.nodes):
         mi_scene = mi.load_dict(stock.reference_scene(model, node, place, sensor, volume, orders))
         mean, squares = np.zeros(shape), np.zeros(shape)
@@ -173,7 +156,7 @@ def render_reference(
         "holds": HOLDS,
         "leaves_out": LEAVES_OUT,
     }
-    return Frame(
+    return RadianceFrame(
         radiance={band: r.astype(np.float32) for band, r in radiance.items()},
         maps=maps,
         truth=described.truth,

@@ -31,7 +31,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel, SpectralNode
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.planet import Planet
 
 KM = 1e-3
@@ -129,19 +129,19 @@ def reference_scene(
     return scene
 
 
-def is_stock(camera: Camera) -> bool:
+def is_stock(camera: CameraModel) -> bool:
     """Return whether ``perspective`` projects like this camera: pinhole, square pixels, no distortion."""
     return camera.projection == "pinhole" and camera.fx == camera.fy and not any(camera.distortion)
 
 
-def perspective(camera: Camera, place: Placement) -> dict[str, Any]:
+def perspective(camera: CameraModel, place: Placement) -> dict[str, Any]:
     """Return the stock pinhole; distortion, unequal ``fy`` and equal-angle projection are left out."""
     sensor = pinhole(camera, (place.camera_m - place.origin_m) * KM, place.itrs_from_cam, 1.0, 1e7)
     return sensor | {"sampler": {"type": "independent", "sample_count": 64}}
 
 
 def pinhole(
-    camera: Camera, position: FloatArray, world_from_cam: FloatArray, near: float, far: float
+    camera: CameraModel, position: FloatArray, world_from_cam: FloatArray, near: float, far: float
 ) -> dict[str, Any]:
     """Return the stock pinhole anywhere, all lengths in the scene's unit; what it leaves out: see above."""
     to_world = np.eye(4)
@@ -161,7 +161,7 @@ def pinhole(
     }
 
 
-def film(camera: Camera) -> dict[str, Any]:
+def film(camera: CameraModel) -> dict[str, Any]:
     """Return a film of the camera's size; with the box filter every sample counts in one pixel only."""
     return {
         "type": "hdrfilm",

@@ -36,7 +36,6 @@ Neglected: polarisation (1 % of radiance at 90 deg from the Sun), refraction, ho
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import drjit as dr
@@ -44,6 +43,7 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.progress import Progress, Silent
 from horizonval.earth.column import SpectralNode
 from horizonval.renderer import tables
 from horizonval.renderer.scattering.harmonics import cosines, pairs, polar_parts
@@ -129,10 +129,6 @@ class MultipleScattering:
         )
 
 
-Progress = Callable[[int, float], None]
-"""Called with the order of scattering done and what it still added (share of the sum)."""
-
-
 def degree_of(node: SpectralNode, quality: Quality) -> int:
     """Return the degree of the moments a node needs."""
     return quality.particle_degree if node.particle_per_m.any() else 2
@@ -158,16 +154,14 @@ def solve(
     sun_table : SunTable
         Optical depth towards the Sun of this node (width 1).
     quality : Quality
-    progress : callable, optional
+    progress : Progress, optional
     """
-    if progress is not None:
-        progress(1, 1.0)
-    solver = _Solver(node, altitude_m, planet_m, sun_table, quality)
-    air = solver.sum_of_orders(solver.scattered_once(), progress)
+    solver = _Solver(node, altitude_m, planet_m, sun_table, quality, progress)
+    air = solver.sum_of_orders(solver.scattered_once())
     mu = solver.sun_cosines
     direct = np.maximum(mu, 0.0) * _transmittance(sun_table, np.zeros_like(mu), mu)
     lit = (direct + air.irradiance) / math.pi
-    bounce = solver.sum_of_orders(solver.from_ground(lit), progress)
+    bounce = solver.sum_of_orders(solver.from_ground(lit))
     day = mu > 0.2
     albedo = float(np.sum(bounce.irradiance[day]) / np.sum(math.pi * lit[day]))
     return MultipleScattering(air, bounce, albedo)
@@ -187,7 +181,13 @@ class _Field:
 
 class _Solver:
     def __init__(
-        self, node: SpectralNode, altitude_m: FloatArray, planet_m: float, sun_table: SunTable, quality: Quality
+        self,
+        node: SpectralNode,
+        altitude_m: FloatArray,
+        planet_m: float,
+        sun_table: SunTable,
+        quality: Quality,
+        progress: Progress | None = None,
     ) -> None:
         self.node, self.altitude_m, self.planet_m, self.quality = node, altitude_m, planet_m, quality
         self.top_m = float(altitude_m[-1])
@@ -196,12 +196,18 @@ class _Solver:
         self.heights = self.top_m * np.linspace(0.0, 1.0, quality.n_height) ** 2
         self.sun_cosines = sun_angle_cosines(quality.n_sun)
         self.sun_table = sun_table
+        self.progress = progress or Silent()
+        self.tell(1, 1.0)
         q = quality
         self.rays = self._rays(q.n_up, q.n_down, q.n_nodes)
         # odd harmonics of the azimuth up to the degree must survive the sum over azimuths
         self.n_azimuth = max(q.n_azimuth, self.degree + 2)
         self.basis = self.basis_of(self.rays, self.n_azimuth)
         self.passes = _Passes(self, self.rays, self.n_azimuth)
+
+    def tell(self, order: int, share: float) -> None:
+        """Tell that an order of scattering is done, and the share of the sum that it added."""
+        self.progress.step(f"multiple scattering at {self.node.name}", f"order {order}, adding {share:.1%}")
 
     def _rays(self, n_up: int, n_down: int, n_nodes: int) -> ShellRays:
         return shell_rays(
@@ -241,7 +247,7 @@ class _Solver:
     def from_ground(self, lit: FloatArray) -> _Field:
         return self.moments_of(_ground_light(self, self.rays, self.n_azimuth, lit), self.rays, self.n_azimuth)
 
-    def sum_of_orders(self, first: _Field, progress: Progress | None) -> DiffuseField:
+    def sum_of_orders(self, first: _Field) -> DiffuseField:
         total, irradiance = first.moments.copy(), first.irradiance.copy()
         last = first
         for order in range(2, MOST_ORDERS):
@@ -249,8 +255,7 @@ class _Solver:
             total += following.moments
             irradiance += following.irradiance
             share = float(np.max(following.moments[..., 0] / np.maximum(total[..., 0], SMALLEST)))
-            if progress is not None:
-                progress(order, share)
+            self.tell(order, share)
             ratio = following.moments[..., 0] / np.maximum(last.moments[..., 0], SMALLEST)
             last = following
             if share < LAST_ORDER:

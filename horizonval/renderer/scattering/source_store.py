@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import os
 import zipfile
 from collections import OrderedDict
 from collections.abc import Callable
@@ -18,13 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
+from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
+from horizonval.core.cache import cache_folder
+from horizonval.core.progress import Progress
 from horizonval.earth.column import SpectralNode
-from horizonval.renderer.cache import cache_folder
 from horizonval.renderer.scattering.multiple_scattering import (
     DiffuseField,
     MultipleScattering,
-    Progress,
     Quality,
     degree_of,
     solve,
@@ -72,10 +72,9 @@ def multiple_scattering(
 
 def _write(path: Path, solution: MultipleScattering) -> None:
     """Keep a solution; a disk that does not take it costs the next run its time, no more."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
+    with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with temporary.open("wb") as file:
+        with atomic.replacing(path) as temporary, temporary.open("wb") as file:
             np.savez(
                 file,
                 air=solution.air.moments,
@@ -84,10 +83,6 @@ def _write(path: Path, solution: MultipleScattering) -> None:
                 bounce_irradiance=solution.bounce.irradiance,
                 spherical_albedo=solution.spherical_albedo,
             )
-        temporary.replace(path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def _read(path: Path, top_m: float, planet_m: float, degree: int) -> MultipleScattering | None:

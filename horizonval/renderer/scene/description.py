@@ -14,7 +14,7 @@ from horizonval.earth.light import moonlight, sky
 from horizonval.earth.optical import NO_ATMOSPHERE, OpticalModel, optical_model
 from horizonval.earth.surface.surface import ground_model, mean_albedo
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import Camera, camera_from_spec
+from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.ellipsoid import Ellipsoid, surface_normal
 from horizonval.geometry.ephemeris import AU_M, phase_angle, sun_itrs
 from horizonval.renderer.plugin.backend import activate
@@ -34,7 +34,7 @@ class Described:
     """
 
     truth: FrameTruth
-    camera: Camera
+    camera: CameraModel
     model: OpticalModel
     itrs_from_cam: NDArray[np.float64]
     mitsuba: dict[str, Any]

@@ -8,17 +8,17 @@ import numpy as np
 
 from horizonval import __version__
 from horizonval.earth.optical import node_counts
-from horizonval.frame import Frame
+from horizonval.frame import RadianceFrame
 from horizonval.renderer.scene.description import describe
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import with_infrared_horizon
 
 if TYPE_CHECKING:
-    from horizonval.renderer.kernel.batching import TableProgress
+    from horizonval.core.progress import Progress
 
 
-def render_frame(scene: SceneSpec, camera: CameraSpec, progress: TableProgress | None = None) -> Frame:
+def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None = None) -> RadianceFrame:
     """Return the frame a scene's camera sees.
 
     Deterministic: the same scene gives the same bytes for any number of threads.
@@ -27,7 +27,7 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: TableProgress |
     ----------
     scene : SceneSpec
     camera : CameraSpec
-    progress : callable, optional
+    progress : Progress, optional
         Told about tables of multiple scattering that must be solved first.
 
     Raises
@@ -54,7 +54,7 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: TableProgress |
         "orders": scene.render.orders,
         "spectral_nodes": node_counts(described.model),
     }
-    return Frame(
+    return RadianceFrame(
         radiance={band: np.ascontiguousarray(image[:, :, i]) for i, band in enumerate(integrator.bands)},
         maps=truth_maps(integrator.view(sensor)),
         truth=with_infrared_horizon(described.truth, described.model),

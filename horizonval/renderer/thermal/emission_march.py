@@ -4,8 +4,8 @@ For every g point, with extinction k and source S at a place, seen from the obse
 
     L_air = sum over g of int S_g exp(-tau_g) dtau_g,        through_g = exp(-tau_g at the end)
 
-Steps, their two Gauss points and what a step adds are those of :mod:`horizonval.renderer.kernel.march`; there is no Sun,
-so that steps are even in its ray parameter. The latitude of a place is that of the ellipsoid's normal below it.
+Steps, their two Gauss points and what a step adds are those of :mod:`horizonval.renderer.kernel.march`; there is no
+Sun, so that steps are even in its ray parameter. The latitude of a place is that of the ellipsoid's normal below it.
 
 Asked for stations, the march also writes down what a cloud top between the ends of a ray must know: at every station t
 the radiance P of the air before it, and ``Q = sum over g of exp(-tau_g(t)) S_g(air at t)``, the emission of a black

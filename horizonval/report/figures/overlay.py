@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import Camera, camera_from_spec, project
+from horizonval.geometry.camera import CameraModel, camera_from_spec, project
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import horizon_pixels
 from horizonval.spec.sensor.camera import CameraSpec
@@ -26,7 +26,7 @@ _POINTS_PER_LINE = 160
 """Vertices of a drawn line: a horizon bends by less than 0.1 px between them in a 1000 px image."""
 
 
-def camera_of(truth: FrameTruth) -> Camera:
+def camera_of(truth: FrameTruth) -> CameraModel:
     """Return the intrinsics of the camera that took a frame."""
     return camera_from_spec(CameraSpec.model_validate(truth.camera).camera)
 
@@ -38,7 +38,7 @@ def horizon_path(truth: FrameTruth) -> str:
     return "".join(_line(line) for line in lines)
 
 
-def limb_path(camera: Camera, nadir_cam: ArrayLike, angular_radius_rad: float) -> str:
+def limb_path(camera: CameraModel, nadir_cam: ArrayLike, angular_radius_rad: float) -> str:
     """Return the fitted limb inside the image; empty if it does not cross it."""
     n = np.asarray(nadir_cam, dtype=np.float64)
     n = n / np.linalg.norm(n)
@@ -57,7 +57,7 @@ def infrared_path(truth: FrameTruth, band: str) -> str:
     return _visible_path(camera_of(truth), np.concatenate([d_cam, d_cam[:1]]))
 
 
-def _visible_path(camera: Camera, d_cam: FloatArray) -> str:
+def _visible_path(camera: CameraModel, d_cam: FloatArray) -> str:
     """Return the parts inside the image of a curve given by close directions."""
     uv, _ = project(camera, d_cam)
     inside = (

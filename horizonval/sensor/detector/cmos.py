@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral import bands
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_from_itrs
 from horizonval.sensor import motion
 from horizonval.sensor.detector import (
@@ -44,7 +44,7 @@ Streams = Callable[[str], np.random.Generator | None]
 def respond(
     radiance: Callable[[Band], FloatArray],
     truth: FrameTruth,
-    geometry: Camera,
+    geometry: CameraModel,
     camera: CameraSpec,
     detector: Cmos,
     band: Band,

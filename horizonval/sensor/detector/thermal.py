@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.sensor import motion
 from horizonval.sensor.detector import converter, fixed_pattern, thermal_noise
 from horizonval.sensor.lens import image_plane, point_spread
@@ -43,7 +43,7 @@ SLICE = 2.5e-3
 def respond(
     radiance: FloatArray,
     truth: FrameTruth,
-    geometry: Camera,
+    geometry: CameraModel,
     camera: CameraSpec,
     detector: ThermalDetector,
     band: Band,
@@ -118,7 +118,7 @@ def offsets_k(
     return offset
 
 
-def dragged(image: FloatArray, geometry: Camera, rate_cam_rad_s: FloatArray, time_constant_s: float) -> FloatArray:
+def dragged(image: FloatArray, geometry: CameraModel, rate_cam_rad_s: FloatArray, time_constant_s: float) -> FloatArray:
     """Return the image of a turning camera whose pixels follow with a time constant, shape (H, W)."""
     if time_constant_s == 0.0:
         return image

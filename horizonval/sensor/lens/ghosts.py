@@ -19,13 +19,13 @@ from scipy.ndimage import gaussian_filter
 from scipy.sparse import csr_array
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.spec.sensor.optics import Ghost
 
 _CUT_SIGMA = 5.0
 
 
-def ghost_image(image: FloatArray, camera: Camera, ghost: Ghost) -> FloatArray:
+def ghost_image(image: FloatArray, camera: CameraModel, ghost: Ghost) -> FloatArray:
     """Return what the ghost adds to the image, shape (H, W)."""
     rows = _axis_map(camera.height, camera.cy, ghost.scale)
     columns = _axis_map(camera.width, camera.cx, ghost.scale)

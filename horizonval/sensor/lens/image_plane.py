@@ -23,7 +23,7 @@ from dataclasses import replace
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.camera import Camera, project
+from horizonval.geometry.camera import CameraModel, project
 from horizonval.sensor.lens import ghosts, lens_spread, optics, stray_light
 from horizonval.sensor.lens.stray_light import Sun
 from horizonval.spec.sensor.camera import Band
@@ -32,7 +32,7 @@ from horizonval.spec.sensor.optics import Optics
 
 def radiance_on_axis(
     radiance: FloatArray,
-    geometry: Camera,
+    geometry: CameraModel,
     lens: Optics,
     pixel_pitch_m: float | None = None,
     band: Band | None = None,
@@ -59,7 +59,7 @@ def radiance_on_axis(
 
 def pixel_power_w(
     radiance: FloatArray,
-    geometry: Camera,
+    geometry: CameraModel,
     lens: Optics,
     pixel_pitch_m: float,
     band: Band | None = None,
@@ -74,7 +74,7 @@ def pixel_power_w(
 
 def _through(
     light: FloatArray,
-    geometry: Camera,
+    geometry: CameraModel,
     lens: Optics,
     pixel_pitch_m: float | None,
     band: Band | None,
@@ -110,7 +110,7 @@ def _at_level(wings: FloatArray | float, veil: float) -> FloatArray | float:
 
 
 def _wings_of_sun_outside(
-    geometry: Camera, lens: Optics, pixel_pitch_m: float | None, band: Band, sun: Sun
+    geometry: CameraModel, lens: Optics, pixel_pitch_m: float | None, band: Band, sun: Sun
 ) -> FloatArray | float:
     """Return the irradiance [W m-2] across the Sun's rays times the share of it that lands on each pixel."""
     share, direction = stray_light.outside_image(geometry, sun)

@@ -16,7 +16,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.geometry.camera import Camera, off_axis_angle
+from horizonval.geometry.camera import CameraModel, off_axis_angle
 from horizonval.sensor.lens import convolution, core_spread, diffraction, field_spread, point_spread, scatter
 from horizonval.sensor.lens.convolution import Border
 from horizonval.spec.sensor.camera import Band
@@ -25,7 +25,7 @@ from horizonval.spec.sensor.optics import Optics
 
 def spread(
     image: FloatArray,
-    camera: Camera,
+    camera: CameraModel,
     lens: Optics,
     band: Band | None = None,
     pixel_pitch_m: float | None = None,
@@ -37,7 +37,7 @@ def spread(
     ----------
     image : ndarray, shape (H, W)
         Light per pixel, not below 0.
-    camera : Camera
+    camera : CameraModel
     lens : Optics
     band, pixel_pitch_m : optional
         For diffraction and defocus.
@@ -64,7 +64,7 @@ def check(lens: Optics, band: Band, pixel_pitch_m: float) -> None:
 
 
 def lost_share(
-    camera: Camera, lens: Optics, band: Band | None = None, pixel_pitch_m: float | None = None
+    camera: CameraModel, lens: Optics, band: Band | None = None, pixel_pitch_m: float | None = None
 ) -> FloatArray:
     """Return the share of every pixel's light that leaves the image over its border, shape (H, W).
 
@@ -79,7 +79,9 @@ def lost_share(
     return 1 - _with_wings(core, ones, camera, lens, band, pixel_pitch_m, "dark")
 
 
-def wing_quadrant(camera: Camera, lens: Optics, band: Band | None, pixel_pitch_m: float | None) -> FloatArray | None:
+def wing_quadrant(
+    camera: CameraModel, lens: Optics, band: Band | None, pixel_pitch_m: float | None
+) -> FloatArray | None:
     """Return the wings at offsets (0..H - 1, 0..W - 1), shape (H, W); None for a lens without."""
     wings = None
     if lens.scatter is not None:
@@ -94,7 +96,7 @@ def wing_quadrant(camera: Camera, lens: Optics, band: Band | None, pixel_pitch_m
 
 
 def wings_of_point(
-    camera: Camera, lens: Optics, band: Band | None, pixel_pitch_m: float | None, column: float, row: float
+    camera: CameraModel, lens: Optics, band: Band | None, pixel_pitch_m: float | None, column: float, row: float
 ) -> FloatArray:
     """Return the share per pixel of the light of a point outside the image, shape (H, W): wings only."""
     y, x = np.arange(camera.height)[:, None] - row, np.arange(camera.width)[None, :] - column
@@ -116,7 +118,7 @@ def wings_of_point(
 def _with_wings(
     core: FloatArray,
     image: FloatArray,
-    camera: Camera,
+    camera: CameraModel,
     lens: Optics,
     band: Band | None,
     pixel_pitch_m: float | None,
@@ -140,7 +142,7 @@ def _with_wings(
     return core + convolution.spread_wings(image, wings, total)
 
 
-def _over_field(camera: Camera, lens: Optics) -> list[tuple[float, FloatArray | None]]:
+def _over_field(camera: CameraModel, lens: Optics) -> list[tuple[float, FloatArray | None]]:
     """Return the sigmas of the Gaussians and the share of every pixel's light that each spreads; None for all of it."""
     if not lens.psf_field_deg:
         return [(lens.psf_sigma_px, None)]
@@ -187,7 +189,7 @@ def _core(lens: Optics, band: Band | None, pixel_pitch_m: float | None) -> tuple
     return radius, pixel_pitch_m, chosen, core_spread.reach_px(widest, radius, spread_px)
 
 
-def _diffraction_tail(camera: Camera, spread_px: float, reach: int) -> FloatArray:
+def _diffraction_tail(camera: CameraModel, spread_px: float, reach: int) -> FloatArray:
     """Return the diffraction beyond the core's square, scaled to hold exactly what the formula puts into the image."""
     y, x = np.arange(camera.height)[:, None], np.arange(camera.width)[None, :]
     outside = (y > reach) | (x > reach)

@@ -25,7 +25,7 @@ import math
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.camera import Camera, off_axis_angle, pixel_solid_angle
+from horizonval.geometry.camera import CameraModel, off_axis_angle, pixel_solid_angle
 from horizonval.spec.sensor.optics import Optics
 
 
@@ -34,13 +34,13 @@ def pupil_area_m2(focal_length_m: float, f_number: float) -> float:
     return math.pi / 4 * (focal_length_m / f_number) ** 2
 
 
-def etendue(camera: Camera, pixel_pitch_m: float, lens: Optics) -> FloatArray:
+def etendue(camera: CameraModel, pixel_pitch_m: float, lens: Optics) -> FloatArray:
     """Return every pixel's etendue ``A cos(theta) Omega V`` [m2 sr], shape (H, W); 0 where the lens gives no light."""
     area = pupil_area_m2(camera.fx * pixel_pitch_m, lens.f_number)
     return area * _foreshortened_solid_angle(camera, lens)
 
 
-def relative_illumination(camera: Camera, lens: Optics) -> FloatArray:
+def relative_illumination(camera: CameraModel, lens: Optics) -> FloatArray:
     """Return the etendue relative to the axis, shape (H, W): ``cos^4(theta)`` for a pinhole without vignetting."""
     return _foreshortened_solid_angle(camera, lens) * camera.fx * camera.fy
 
@@ -50,7 +50,7 @@ def pixel_power_w(radiance: FloatArray, etendue_m2_sr: FloatArray, transmission:
     return transmission * radiance * etendue_m2_sr
 
 
-def pupil_share(camera: Camera, lens: Optics, off_axis_rad: FloatArray) -> FloatArray:
+def pupil_share(camera: CameraModel, lens: Optics, off_axis_rad: FloatArray) -> FloatArray:
     """Return what the pupil shows of its area towards a direction, vignetting included: ``cos(theta) V(theta)``."""
     pupil = lens.pupil or ("constant" if camera.projection == "fisheye" else "flat")
     # Beyond 90 deg off axis a flat pupil is not seen at all.
@@ -60,7 +60,7 @@ def pupil_share(camera: Camera, lens: Optics, off_axis_rad: FloatArray) -> Float
     return share * np.interp(np.degrees(off_axis_rad), lens.vignetting_deg, lens.vignetting)
 
 
-def _foreshortened_solid_angle(camera: Camera, lens: Optics) -> FloatArray:
+def _foreshortened_solid_angle(camera: CameraModel, lens: Optics) -> FloatArray:
     seen = pupil_share(camera, lens, off_axis_angle(camera)) * pixel_solid_angle(camera)
     # Pixels outside the image circle have no direction.
     return np.where(np.isnan(seen), 0.0, seen)

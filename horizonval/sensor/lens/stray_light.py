@@ -28,7 +28,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import Camera, project
+from horizonval.geometry.camera import CameraModel, project
 from horizonval.spec.sensor.camera import Band
 from horizonval.spec.sensor.optics import Stray
 
@@ -66,7 +66,7 @@ def band_irradiance(band: Band, angular_radius_rad: float) -> float:
     return float(np.sum(weight * sunlight.irradiance(wavelength, distance_au)))
 
 
-def outside_image(camera: Camera, sun: Sun) -> tuple[float, FloatArray]:
+def outside_image(camera: CameraModel, sun: Sun) -> tuple[float, FloatArray]:
     """Return the share of the Sun's disc outside the image, and the unit vector to the middle of that share.
 
     Counted on 2048 points of equal area: to 0.3 % of the disc.
@@ -99,7 +99,7 @@ def transmittance(stray: Stray, off_axis_rad: float) -> float:
     return float(np.exp(np.interp(angle_deg, stray.angle_deg, np.log(stray.pst))))
 
 
-def detector_irradiance(stray: Stray, camera: Camera, band: Band, sun: Sun) -> float:
+def detector_irradiance(stray: Stray, camera: CameraModel, band: Band, sun: Sun) -> float:
     """Return the stray light's irradiance in the middle of the detector [W m-2]."""
     share, _ = outside_image(camera, sun)
     arriving = band_irradiance(band, sun.angular_radius_rad) * sun.visible_fraction * share

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.store.folder import read_json
 from horizonval.studies.regression.baseline.baseline import (
@@ -90,7 +91,7 @@ def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> 
     table = difference_table(before, results, scenes, head)
     write_baseline(baseline, head, results, scenes, pack)
     page = baseline.with_suffix(".md")
-    page.write_text(table, encoding="utf-8", newline="\n")
+    atomic.write_text(page, table)
     written = [baseline, pack_path(baseline), page]
     if release:
         made = copy_as_release(baseline)

@@ -163,10 +163,10 @@ def estimator_on_exact_limb() -> Anchor:
     """The altitude-free method on exact points of a sphere's limb: 0.01 arcsec, a ten-thousandth of a pixel."""
     from horizonval.estimation import registry
     from horizonval.estimation.observation import Fit, Observation
-    from horizonval.geometry.camera import Camera, project
+    from horizonval.geometry.camera import CameraModel, project
     from horizonval.geometry.frames import rotate
 
-    camera = Camera(512, 512, 500.0, 500.0, 255.5, 255.5)
+    camera = CameraModel(512, 512, 500.0, 500.0, 255.5, 255.5)
     found: list[float] = []
     estimator = registry.get("altitude-free")
     assert estimator.from_points is not None
@@ -191,7 +191,7 @@ def _sine_cosine(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
 
 def photon_transfer() -> Anchor:
     """Flat fields at four levels, 65 536 pixels: the variance's standard error is 0.55 %, the limit four of them."""
-    from horizonval.frame import MAP_UNITS, Frame
+    from horizonval.frame import MAP_UNITS, RadianceFrame
     from horizonval.sensor.observe import observe
     from horizonval.spec.scene import SceneSpec
     from horizonval.spec.sensor.camera import CameraSpec
@@ -226,7 +226,7 @@ def photon_transfer() -> Anchor:
     per_radiance = power * 2e-4 * 0.6 * 0.55e-6 / (constants.h * constants.c)
     found = []
     for radiance in (0.0, 3.0, 30.0, 100.0):
-        frame = Frame({"vis": np.full((size, size), radiance, np.float32)}, maps, truth)
+        frame = RadianceFrame({"vis": np.full((size, size), radiance, np.float32)}, maps, truth)
         dn = observe(frame, spec, seed=1).dn.astype(np.float64)
         electrons = per_radiance * radiance + dark
         variance = (electrons + read_noise**2) / gain**2 + 1 / 12

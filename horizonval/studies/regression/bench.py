@@ -9,8 +9,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
-import traceback
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -19,13 +17,20 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core import atomic
+from horizonval.core.code import code_digest
+from horizonval.core.errors import one_line
+from horizonval.core.progress import Progress
 from horizonval.jobs.pool import run_cases
-from horizonval.jobs.progress import Progress
 from horizonval.spec.load import Case
 from horizonval.store.folder import read_json, write_json
 from horizonval.studies.regression.units import render_scene, replay_scene
-from horizonval.suites.identity import code_version
+from horizonval.suites.identity import code_of
 from horizonval.suites.plan import Plan
+
+_UNITS = ("horizonval.studies.regression.units", "horizonval.estimation.process.estimator_process")
+CODE = {"replay": _UNITS, "render": _UNITS, "anchors": ("horizonval.studies.regression.anchors",)}
+"""The modules that make a unit, by its kind; the estimators come to them by name."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +105,7 @@ def _safely(task: tuple[Task, str], plan: Plan) -> str:
             _write_arrays(path.with_suffix(".npz"), arrays)
         write_json(path.with_suffix(".json"), record, indent=None)
     except Exception as e:
-        frame = traceback.extract_tb(e.__traceback__)[-1]
-        return f"{type(e).__name__} at {Path(frame.filename).name}:{frame.lineno}: {e}"
+        return one_line(e)
     return ""
 
 
@@ -123,15 +127,11 @@ def identity(task: Task, plan: Plan) -> str:
     if task.case is not None:
         case = [task.case.scene.model_dump(mode="json"), task.case.camera.model_dump(mode="json")]
     content = [task.kind, case, task.table, task.scene, sorted(task.known), task.depends_on, task.replicates]
-    text = json.dumps([content, plan.content(), code_version()], sort_keys=True)
+    code = code_digest(*CODE[task.kind], *code_of(plan.estimators if task.kind != "anchors" else ()))
+    text = json.dumps([content, plan.content(), code], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with open(temporary, "wb") as file:
-            np.savez_compressed(file, **dict(arrays))  # type: ignore[arg-type]
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with atomic.replacing(path) as temporary, open(temporary, "wb") as file:
+        np.savez_compressed(file, **dict(arrays))  # type: ignore[arg-type]

@@ -21,9 +21,10 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core import atomic
 from horizonval.core.errors import UserError
+from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus
-from horizonval.jobs.progress import Progress, Silent
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.regression import Lane, RegressionSpec
 from horizonval.store.folder import RunFolder, write_json
@@ -103,7 +104,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None) -> Plain:
     (wanted.out / WORK).mkdir(parents=True, exist_ok=True)
     folder = RunFolder(wanted.out / WORK)
     with folder.locked():
-        for path in (wanted.out / WORK).glob(".*.tmp"):
+        for path in atomic.leftovers(wanted.out / WORK, below=False):
             path.unlink(missing_ok=True)
         gathered = _Gathered(suite, spec, plan, wanted, accepted, progress or Silent())
         verdict = gathered.verdict(release, reference)

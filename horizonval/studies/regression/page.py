@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import jinja2
 
+from horizonval.core import atomic
 from horizonval.report.figures.plots import figure_uri
 from horizonval.studies.regression import trend_plots
 from horizonval.studies.regression.baseline import history
@@ -42,9 +42,7 @@ def write_page(path: Path, verdict: Mapping[str, Any], nights: Sequence[Mapping[
         nights=nights,
         most=MOST_LISTED,
     )
-    partial = path.with_name(f".{path.name}.part")
-    partial.write_text(text, encoding="utf-8", newline="\n")
-    os.replace(partial, path)
+    atomic.write_text(path, text)
 
 
 def headline(verdict: Mapping[str, Any]) -> str:

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.sandbox import sandbox_of
-from horizonval.frame import DetectorImage, Frame, FrameTruth
+from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_outcome
 from horizonval.sensor.observe import observe as observe_frame
@@ -30,8 +31,8 @@ from horizonval.suites.record import camera_name
 
 Row = dict[str, Any]
 Record = dict[str, Any]
-Run = Callable[[str, Observation], Fit | NoFit]
-Render = Callable[[Any, CameraSpec], Frame]
+Run = Callable[[str, Observation], Fit | Refusal]
+Render = Callable[[Any, CameraSpec], RadianceFrame]
 Observe = Callable[..., DetectorImage]
 
 DIGITS = 4

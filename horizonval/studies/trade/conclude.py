@@ -15,6 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.scoring.table import Row, read_results
@@ -211,6 +212,4 @@ def _write_table(path: Path, designs: Sequence[Plain], axes: Sequence[str]) -> N
             low, high = d[name]["interval"] or (None, None)
             line += [d[name]["rate"], low, high, d[name]["n"], d[name]["of"]]
         writer.writerow(["" if value is None else value for value in [*line, d["verdict"]]])
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(text.getvalue(), encoding="utf-8", newline="\n")
-    os.replace(temporary, path)
+    atomic.write_text(path, text.getvalue())

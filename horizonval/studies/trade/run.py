@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import UserError
-from horizonval.jobs.progress import Progress
+from horizonval.core.progress import Progress
 from horizonval.report.pages import study_page
 from horizonval.spec.study import Requirement
 from horizonval.store.folder import RunFolder, read_json

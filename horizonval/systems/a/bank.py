@@ -15,21 +15,22 @@ import cv2
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.edges import scale_to_8_bit
 from horizonval.estimation.limb.finder import find_canny_pixels, find_edges_only, find_limb
-from horizonval.estimation.limb.result import LimbPoints, NoLimb
+from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import SLOW_PX, off_axis_angle, slow_error, tangent_basis
 from horizonval.estimation.methods import altitude_free, altitude_free_closed_form, altitude_free_published
-from horizonval.estimation.observation import Fit, NoFit, Observation
-from horizonval.frame import Frame
-from horizonval.geometry.camera import Camera, camera_from_spec, project
+from horizonval.estimation.observation import Fit, Observation
+from horizonval.frame import RadianceFrame
+from horizonval.geometry.camera import CameraModel, camera_from_spec, project
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.systems.workshop import Plain, rng_of
+from horizonval.systems.task_cache import Plain, rng_of
 
 CAMERA = "vis-cmos-1024-60deg"
 ALTITUDES_KM = (400.0, 800.0, 3000.0, 6000.0)
@@ -138,7 +139,9 @@ def measure(item: Plain) -> Plain:
     return result
 
 
-def _errors(item: Plain, frame: Frame, image: FloatArray, camera: Camera, full_scale: float | None) -> Plain:
+def _errors(
+    item: Plain, frame: RadianceFrame, image: FloatArray, camera: CameraModel, full_scale: float | None
+) -> Plain:
     observation = Observation(image=image, camera=camera, full_scale=full_scale)
     nadir = np.array(frame.truth.nadir_geocentric_cam)
     whole = find_canny_pixels(image, camera, full_scale)
@@ -164,12 +167,12 @@ def _errors(item: Plain, frame: Frame, image: FloatArray, camera: Camera, full_s
 
 
 def _error(
-    item: Plain, points: LimbPoints | NoLimb, fit_points: Any, observation: Observation, nadir: Any, slow_px: float
+    item: Plain, points: LimbPoints | Refusal, fit_points: Any, observation: Observation, nadir: Any, slow_px: float
 ) -> Plain:
-    if isinstance(points, NoLimb):
+    if isinstance(points, Refusal):
         return {"refused": points.reason}
-    fit: Fit | NoFit = fit_points(points.los_cam, points.uv, observation)
-    if isinstance(fit, NoFit):
+    fit: Fit | Refusal = fit_points(points.los_cam, points.uv, observation)
+    if isinstance(fit, Refusal):
         return {"refused": fit.reason}
     off = fit.nadir_cam - nadir
     assert fit.altitude_m is not None

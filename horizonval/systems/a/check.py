@@ -18,7 +18,7 @@ from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.a.bank import camera_of, radius_of, scene_of
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 
 SAMPLES = 256
 """Stratified, per pixel of the stock sphere: an edge pixel's coverage to 0.02 or so."""

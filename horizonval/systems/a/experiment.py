@@ -23,18 +23,18 @@ from horizonval.systems.a.rows import (
 from horizonval.systems.a.solvers import DRAWS, POINTS, compare, conditions
 from horizonval.systems.a.table import METHODS, Bank, bank_of, error_table, rms, values
 from horizonval.systems.result import Figure, Reproduction, Table
-from horizonval.systems.workshop import Plain, Workshop
+from horizonval.systems.task_cache import Plain, TaskCache
 
 
-def reproduce(workshop: Workshop) -> Reproduction:
+def reproduce(cache: TaskCache) -> Reproduction:
     """Do the experiments of the paper again; see the module."""
-    seed = workshop.seed
+    seed = cache.seed
     published = set_ups(seed)
-    shown = workshop.each("set-ups", measure, published)
-    checks = workshop.each("image generator", check, published)
-    solvers = workshop.each("solvers", compare, conditions(seed))
+    shown = cache.each("set-ups", measure, published)
+    checks = cache.each("image generator", check, published)
+    solvers = cache.each("solvers", compare, conditions(seed))
     items = grid(seed)
-    bank = bank_of(items, workshop.each("grid of conditions", measure, items))
+    bank = bank_of(items, cache.each("grid of conditions", measure, items))
     rows = [*set_up_rows(shown), *check_rows(checks), *convergence_rows(shown, bank)]
     rows += [*accuracy_rows(bank), *trend_rows(bank), *closed_form_rows(bank, solvers)]
     first = next(iter(shown.values()))
@@ -42,7 +42,7 @@ def reproduce(workshop: Workshop) -> Reproduction:
         system="A",
         title="Altitude-free image horizon sensor",
         source='Raeisy and Ghofrani, "Imaged Based Earth Horizon Sensor with no Altitude Information", 2021',
-        summary=_summary(bank),
+        summary={"text": _summary(bank)},
         rows=tuple(rows),
         tables=(*(error_table(bank, method) for method in METHODS), solver_table(solvers)),
         figures=(

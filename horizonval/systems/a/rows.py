@@ -19,7 +19,7 @@ from horizonval.systems.a.table import (
     values,
 )
 from horizonval.systems.result import Row
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 
 SET_UP_OFF_AXIS_DEG = math.degrees(
     math.acos(math.cos(math.radians(SET_UP_ROLL_DEG)) * math.cos(math.radians(SET_UP_PITCH_DEG)))

@@ -8,7 +8,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.shape.cone import fit_cone, off_axis_angle
 from horizonval.estimation.methods import altitude_free, altitude_free_closed_form
 from horizonval.systems.a.bank import ARCSEC
-from horizonval.systems.workshop import Plain, rng_of
+from horizonval.systems.task_cache import Plain, rng_of
 
 PIXEL_RAD = float(2 * np.tan(np.radians(30.0)) / 1024)
 """Of 1024 pixels over 60 deg, at the centre: what the noise is stated in."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from horizonval.systems.a.bank import ALTITUDES_KM, FIELDS_DEG, PIXELS
 from horizonval.systems.result import Cell, Table
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 
 METHODS = {
     "whole, newton": "whole pixels, Newton: as published",

@@ -2,7 +2,7 @@
 
 The two cameras over a rendered Earth: their applicability region and model error, their failures in the shadow and
 under the Sun, and their claim to be as good as an infrared sensor. The test bench is in
-:mod:`horizonval.reproduce.rig`.
+:mod:`horizonval.systems.b.rig`.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from horizonval.systems.b.pair.sun import sun_in_frame
 from horizonval.systems.b.pair.sun_report import sun_rows, sun_table
 from horizonval.systems.b.rig.experiment import rig_parts
 from horizonval.systems.result import Figure, Reproduction, Row, Table
-from horizonval.systems.workshop import Workshop
+from horizonval.systems.task_cache import TaskCache
 
 PUBLISHED_RMS_DEG = 0.038
 SHOWN_SUN_DEG = (30.0, 80.0, 98.0, 109.0, 112.0)
 
 
-def reproduce(workshop: Workshop) -> Reproduction:
+def reproduce(cache: TaskCache) -> Reproduction:
     """Do the published experiments again, and return them beside the published figures."""
-    region = applicability(workshop)
-    orbit = lap(workshop)
-    suns = sun_in_frame(workshop)
-    bench_rows, bench_tables, bench_figures, bench_text = rig_parts(workshop)
+    region = applicability(cache)
+    orbit = lap(cache)
+    suns = sun_in_frame(cache)
+    bench_rows, bench_tables, bench_figures, bench_text = rig_parts(cache)
     rows = (*region_rows(region), *orbit_rows(orbit), *sun_rows(suns))
     tables = (readings_table(region.model), earth_table(region), orbit_table(orbit), sun_table(suns))
     drawn = (
@@ -77,7 +77,7 @@ def reproduce(workshop: Workshop) -> Reproduction:
         system="B",
         title="Video-vertical: the local vertical from two perpendicular cameras",
         source="I. Belokonov, I. Lomaka and others (Samara), about 2015; English version IFAC-PapersOnLine, 2016",
-        summary=f"{summary(region, orbit)}\n\n{bench_text}",
+        summary={"text": f"{summary(region, orbit)}\n\n{bench_text}"},
         rows=(*rows, *bench_rows),
         tables=(*tables, *bench_tables),
         figures=(*drawn, *bench_figures),

@@ -19,7 +19,7 @@ from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sen
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.horizon import horizon_directions, limb_side
 from horizonval.scoring.errors import angle_between
-from horizonval.systems.workshop import Plain, rng_of
+from horizonval.systems.task_cache import Plain, rng_of
 
 RADIUS_M = 6371e3
 CHORD_RAD = 1e-3

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.crossing import published_crossing, sub_pixel_crossing
-from horizonval.estimation.limb.result import NoLimb
 from horizonval.estimation.methods import linear_heads
 from horizonval.estimation.observation import Fit, Observation
-from horizonval.frame import Frame, FrameTruth
+from horizonval.frame import FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.ephemeris import sun_itrs
@@ -30,14 +30,15 @@ from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
 from horizonval.systems.circular_orbit import place_on_orbit
-from horizonval.systems.workshop import Plain
+from horizonval.systems.d.settings import PUBLISHED
+from horizonval.systems.task_cache import Plain
 from horizonval.truth.frame_truth import truth_of
 
 CAMERA = "ir-linear-160-four-heads"
 HOUSING_YAW_DEG = 90.0
-RADIUS_KM = 6378.137
-ALTITUDE_KM = 400.0
-INCLINATION_DEG = 97.0
+RADIUS_KM = PUBLISHED.number("earth_radius")
+ALTITUDE_KM = PUBLISHED.number("altitude")
+INCLINATION_DEG = PUBLISHED.number("inclination")
 EPOCH = "2016-03-20T12:00:00+00:00"
 
 HARD = {
@@ -107,7 +108,7 @@ def head_scene(item: Plain, head: str) -> SceneSpec:
     )
 
 
-def head_frames(item: Plain, camera: CameraSpec, heads: tuple[str, ...] = ()) -> dict[str, Frame]:
+def head_frames(item: Plain, camera: CameraSpec, heads: tuple[str, ...] = ()) -> dict[str, RadianceFrame]:
     """Return the frames of some heads, or of all, at one attitude, by the heads' names."""
     from horizonval.renderer.scene.frame import render_frame
 
@@ -115,7 +116,7 @@ def head_frames(item: Plain, camera: CameraSpec, heads: tuple[str, ...] = ()) ->
     return {name: render_frame(head_scene(item, name), camera) for name in names}
 
 
-def heads_observation(frames: dict[str, Frame], camera: CameraSpec, seed: int | None) -> Observation:
+def heads_observation(frames: dict[str, RadianceFrame], camera: CameraSpec, seed: int | None) -> Observation:
     """Return what the estimators get: digital numbers of all heads; without noise for no seed."""
     from horizonval.sensor.observe import observe
 
@@ -144,7 +145,7 @@ def read_heads(item: Plain) -> Plain:
     return result
 
 
-def exact_crossings(frames: dict[str, Frame], camera: CameraSpec) -> list[float | None]:
+def exact_crossings(frames: dict[str, RadianceFrame], camera: CameraSpec) -> list[float | None]:
     """Return the columns [pixels] at which the exact hard horizon crosses the heads' rows; None where it does not."""
     columns = []
     for frame in frames.values():
@@ -157,7 +158,7 @@ def exact_crossings(frames: dict[str, Frame], camera: CameraSpec) -> list[float 
     return columns
 
 
-def _reading(observation: Observation, frames: dict[str, Frame]) -> Plain:
+def _reading(observation: Observation, frames: dict[str, RadianceFrame]) -> Plain:
     """Return crossings and angles [deg] of both methods, with the scores against the frames' truth."""
     rows = linear_heads.head_rows(observation)
     assert isinstance(rows, list)
@@ -165,9 +166,9 @@ def _reading(observation: Observation, frames: dict[str, Frame]) -> Plain:
     truth = next(iter(frames.values())).truth
     result: Plain = {
         "published_px": [published_crossing(r.row).fine for r in rows],
-        "sub_pixel_px": [None if isinstance(c, NoLimb) else c.column for c in located],
-        "kind": ["none" if isinstance(c, NoLimb) else c.kind for c in located],
-        "sigma_px": [None if isinstance(c, NoLimb) else c.sigma_px for c in located],
+        "sub_pixel_px": [None if isinstance(c, Refusal) else c.column for c in located],
+        "kind": ["none" if isinstance(c, Refusal) else c.kind for c in located],
+        "sigma_px": [None if isinstance(c, Refusal) else c.sigma_px for c in located],
     }
     for key, estimator in (("published", linear_heads.PUBLISHED), ("sub_pixel", linear_heads.ESTIMATOR)):
         fit = estimator.run(observation)
@@ -243,7 +244,7 @@ TILTED_HEADS = ("az135", "az315")
 def _both_see(item: Plain, camera: CameraSpec) -> bool:
     observation = heads_observation(head_frames(item, camera, TILTED_HEADS), camera, None)
     rows = [head.image[len(head.image) // 2] for head in observation.heads.values()]
-    return all(not isinstance(sub_pixel_crossing(row), NoLimb) for row in rows)
+    return all(not isinstance(sub_pixel_crossing(row), Refusal) for row in rows)
 
 
 def _bisected(holds: Callable[[float], bool], good: float, bad: float, step: float) -> float:

@@ -34,7 +34,7 @@ from horizonval.systems.e.orbit.triangulation import triangulate
 from horizonval.systems.e.tables import Rows, cases, mean, meaning_table, noise_table, rounding_table
 from horizonval.systems.e.trials import WHITE_ARCSEC, gathered, items_of, rounding_items, work
 from horizonval.systems.result import Figure, Reproduction, Row
-from horizonval.systems.workshop import Workshop
+from horizonval.systems.task_cache import TaskCache
 
 DRAWS = 48
 """Independent passes behind every figure of the noise table."""
@@ -43,14 +43,14 @@ _MEANING_DRAWS = 48
 _CLAMPED_S = 5.0
 
 
-def reproduce(workshop: Workshop) -> Reproduction:
+def reproduce(cache: TaskCache) -> Reproduction:
     """Do the experiment: rounding, noise, honesty of the covariances; then from rendered frames."""
     columns = {
-        meaning: noise.plain_column(meaning, workshop.rng("localisation", "meaning", meaning.words), _MEANING_DRAWS)
+        meaning: noise.plain_column(meaning, cache.rng("localisation", "meaning", meaning.words), _MEANING_DRAWS)
         for meaning in noise.MEANINGS
     }
     nearest = min(columns, key=lambda meaning: noise.distance(columns[meaning]))
-    seed = workshop.seed
+    seed = cache.seed
     items = rounding_items(seed, 24) | items_of("white", DRAWS, seed, kind="white")
     for name, meaning, draws in (("noisy", nearest, DRAWS), ("noisiest", noise.LARGEST, 24)):
         for amount in NOISE_ARCSEC:
@@ -58,14 +58,14 @@ def reproduce(workshop: Workshop) -> Reproduction:
                 f"{name} {amount:g}", draws, seed, kind="noisy", shape=meaning.shape, order=meaning.order, amount=amount
             )
     items |= items_of("exact", 1, seed, kind="exact")
-    rows = dict(gathered(workshop.each("localisation from angles", work, items)))
-    frames = frame_part(workshop, ENVISAT, STATIONS, EPOCH_UTC, exact_pass().times_s)
+    rows = dict(gathered(cache.each("localisation from angles", work, items)))
+    frames = frame_part(cache, ENVISAT, STATIONS, EPOCH_UTC, exact_pass().times_s)
     from_frames = frames_part_of(frames.passes)
     return Reproduction(
         system="E",
         title="Passive satellite localisation from angles only",
         source="Hadinejad & Amiri 2020; adaptive filter after Akhlaghi, Zhou & Huang 2017",
-        summary=f"{_summary(rows, nearest, noise.distance(columns[nearest]))}\n\n{from_frames.words}",
+        summary={"text": f"{_summary(rows, nearest, noise.distance(columns[nearest]))}\n\n{from_frames.words}"},
         rows=(
             *_plain_rows(rows, nearest, columns[nearest]),
             *_proposed_rows(rows),

@@ -11,7 +11,7 @@ from horizonval.systems.e.case import METHODS, ROUNDING_DEG, exact_pass, rounded
 from horizonval.systems.e.noise import Meaning, noisy
 from horizonval.systems.e.orbit.celestial import ARCSEC, celestial_errors, normalised_squares, rms
 from horizonval.systems.e.orbit.pipeline import Located, locate
-from horizonval.systems.workshop import Plain, rng_of
+from horizonval.systems.task_cache import Plain, rng_of
 
 _AT_ONCE = 12
 WHITE_ARCSEC = 200.0

@@ -7,12 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.shape.cone import fit_cone, noise_bias, off_axis_angle
 from horizonval.estimation.methods import altitude_free_closed_form as closed_form
 from horizonval.estimation.methods import altitude_free_published as published
 from horizonval.estimation.methods.altitude_free import newton, solve, step_by_qr
-from horizonval.estimation.observation import Fit, NoFit, Observation
-from horizonval.geometry.camera import Camera, project
+from horizonval.estimation.observation import Fit, Observation
+from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.frames import nadir_of_roll_pitch
 
 RADIUS_M = Observation.earth_radius_m
@@ -37,11 +38,11 @@ def _noisy(rng: np.random.Generator, width_rad: float, n: int, sigma: float, rho
 
 
 def _observation() -> Observation:
-    camera = Camera(400, 400, 346.4, 346.4, 199.5, 199.5)
+    camera = CameraModel(400, 400, 346.4, 346.4, 199.5, 199.5)
     return Observation(image=np.zeros((400, 400)), camera=camera)
 
 
-def _fit(module, los: np.ndarray, observation: Observation | None = None) -> Fit | NoFit:  # type: ignore[no-untyped-def]
+def _fit(module, los: np.ndarray, observation: Observation | None = None) -> Fit | Refusal:  # type: ignore[no-untyped-def]
     observation = observation or _observation()
     uv = project(observation.camera, los)[0]
     return (module.fit_pixels if module is published else module.fit_points)(los, uv, observation)
@@ -171,10 +172,10 @@ def test_radius_near_ninety_degrees_is_lost_to_the_linear_form_alone() -> None:
 def test_points_that_determine_no_cone_are_refused(module) -> None:  # type: ignore[no-untyped-def]
     los = _arc(NADIR, RHO, 1.0, 3)[0]
     few = _fit(module, los)
-    assert isinstance(few, NoFit)
+    assert isinstance(few, Refusal)
     assert few.status is Outcome.SHORT_ARC
     same = _fit(module, np.repeat(los[:1], 30, axis=0))
-    assert isinstance(same, NoFit)
+    assert isinstance(same, Refusal)
     assert same.status is Outcome.NOT_CONVERGED
 
 
@@ -183,7 +184,7 @@ def test_points_that_determine_no_cone_are_refused(module) -> None:  # type: ign
 def test_images_without_an_edge_are_refused(module, level: float) -> None:  # type: ignore[no-untyped-def]
     camera = _observation().camera
     result = module.ESTIMATOR.run(Observation(image=np.full((400, 400), level), camera=camera, full_scale=255.0))
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
     assert result.status is not Outcome.VALID
 
 

@@ -8,13 +8,14 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.methods.altitude_free import ESTIMATOR as ALTITUDE_FREE
 from horizonval.estimation.methods.altitude_free import solve
 from horizonval.estimation.methods.ideal import ESTIMATOR as IDEAL
 from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation, OraclePose
-from horizonval.geometry.camera import Camera
+from horizonval.estimation.observation import Estimator, Fit, Observation, OraclePose
+from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.frames import nadir_of_roll_pitch
 
 RADIUS_M = 6_371_008.8
@@ -66,7 +67,7 @@ def test_boresight_at_nadir_zenith_and_inside_are_statuses() -> None:
 
 
 def _observation(**changes: object) -> Observation:
-    values = {"image": np.zeros((48, 64)), "camera": Camera(64, 48, 55.0, 55.0, 31.5, 23.5)} | changes
+    values = {"image": np.zeros((48, 64)), "camera": CameraModel(64, 48, 55.0, 55.0, 31.5, 23.5)} | changes
     return Observation(**values)  # type: ignore[arg-type]
 
 
@@ -77,7 +78,7 @@ def test_ideal_estimator_gives_the_exact_nadir_and_needs_a_pose() -> None:
     assert isinstance(fit, Fit)
     assert fit.nadir_cam == pytest.approx(q.apply([-1.0, 0.0, 0.0]), abs=1e-12)
     refusal = IDEAL.run(_observation())
-    assert isinstance(refusal, NoFit)
+    assert isinstance(refusal, Refusal)
     assert refusal.status is Outcome.BAD_INPUT
 
 
@@ -110,7 +111,7 @@ HOPELESS = {
 @pytest.mark.parametrize("name", HOPELESS)
 def test_hopeless_images_are_refused(name: str) -> None:
     result = registry.run_safely(ALTITUDE_FREE, _observation(image=HOPELESS[name], full_scale=1023.0))
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
     assert result.status is not Outcome.VALID
     assert result.reason
 
@@ -122,7 +123,7 @@ def test_unknown_estimator_names_the_nearest_first() -> None:
 
 
 def _broken(kind: str) -> Estimator:
-    def run(observation: Observation) -> Fit | NoFit:
+    def run(observation: Observation) -> Fit | Refusal:
         if kind == "raises":
             raise ZeroDivisionError("no points")
         if kind == "nan":
@@ -135,7 +136,7 @@ def _broken(kind: str) -> Estimator:
 @pytest.mark.parametrize("kind", ["raises", "nan", "garbage"])
 def test_a_broken_plug_in_becomes_a_refusal(kind: str) -> None:
     result = registry.run_safely(_broken(kind), _observation())
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
     assert result.status in (Outcome.BAD_INPUT, Outcome.NOT_CONVERGED)
 
 

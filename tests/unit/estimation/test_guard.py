@@ -15,17 +15,18 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard.clean_image import cleaned
 from horizonval.estimation.guard.guard import guarded, trusted_limb
 from horizonval.estimation.limb.model.sunlit import blur_rad, sunlit_limb
 from horizonval.estimation.limb.shape.cone import Cone, fit_cone, off_axis_angle, tangent_basis
 from horizonval.estimation.methods import altitude_free, altitude_free_published
-from horizonval.estimation.observation import Estimator, Fit, NoFit, Observation
-from horizonval.geometry.camera import Camera, pixel_grid, unproject
+from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.scoring.repeats import noise_nees
 
 SIZE = 160
-CAMERA = Camera(width=SIZE, height=SIZE, fx=140.0, fy=140.0, cx=(SIZE - 1) / 2, cy=(SIZE - 1) / 2)
+CAMERA = CameraModel(width=SIZE, height=SIZE, fx=140.0, fy=140.0, cx=(SIZE - 1) / 2, cy=(SIZE - 1) / 2)
 PX = 1.0 / CAMERA.fx
 RHO = math.radians(60.0)
 GUARDED = guarded(altitude_free.ESTIMATOR)
@@ -37,7 +38,7 @@ def nadir_at(off_deg: float = 62.0, turn_deg: float = 12.0) -> np.ndarray:
     return np.array([math.sin(off) * math.sin(turn), math.sin(off) * math.cos(turn), math.cos(off)])
 
 
-def picture(nadir: np.ndarray, camera: Camera = CAMERA, seed: int | None = 0, noise: float = 6.0) -> np.ndarray:
+def picture(nadir: np.ndarray, camera: CameraModel = CAMERA, seed: int | None = 0, noise: float = 6.0) -> np.ndarray:
     los = unproject(camera, pixel_grid(camera))
     image = DARK + (BRIGHT - DARK) * ndtr((RHO - off_axis_angle(los, nadir)) / (0.8 * PX))
     if seed is not None:
@@ -108,7 +109,7 @@ def test_a_saturated_ground_is_refused():
     """The picture of a limb whose bright side is clipped at full scale shows where the clipping is."""
     image = DARK + (picture(nadir_at(), seed=None) - DARK) * 3.0
     result = GUARDED.run(observe(image + np.random.default_rng(0).normal(0, 6, image.shape)))
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
     assert result.status is Outcome.SATURATED
 
 
@@ -118,7 +119,7 @@ def test_a_clipped_part_of_the_limb_is_left_out():
     left = np.arange(SIZE) < 60
     image[:, left] = DARK + (image[:, left] - DARK) * 3.0
     limb = trusted_limb(observe(image + np.random.default_rng(0).normal(0, 6, image.shape)))
-    points = limb.uv if not isinstance(limb, NoFit) else limb.points
+    points = limb.uv if not isinstance(limb, Refusal) else limb.points
     assert len(points) > 40
     assert points[:, 0].min() > 52
 
@@ -132,7 +133,7 @@ def test_a_limb_under_a_low_sun_is_refused_where_the_sun_is_known():
     across = np.cross(nadir, [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
     low = GUARDED.run(observe(picture(nadir), sun_cam=across * math.sin(2.0) + up * math.cos(2.0)))
-    assert isinstance(low, NoFit)
+    assert isinstance(low, Refusal)
     assert low.status is Outcome.DARK
     # Heat does not come from the Sun.
     thermal = observe(picture(nadir), sun_cam=across * math.sin(2.0) + up * math.cos(2.0), band_kind="thermal")
@@ -145,7 +146,7 @@ def test_a_short_arc_is_refused():
     image = picture(nadir)
     image[:, :100] = DARK + np.random.default_rng(3).normal(0, 6, (SIZE, 100))
     result = GUARDED.run(observe(image))
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
 
 
 def test_a_disc_of_half_a_degree_is_not_the_earth():
@@ -156,7 +157,7 @@ def test_a_disc_of_half_a_degree_is_not_the_earth():
     image = image + np.random.default_rng(0).normal(0, 6, image.shape)
     assert isinstance(altitude_free.ESTIMATOR.run(replace(observe(image), camera=tele)), Fit)
     result = GUARDED.run(replace(observe(image), camera=tele))
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
     assert "not the Earth" in result.reason
 
 
@@ -164,12 +165,12 @@ def test_a_known_altitude_that_does_not_fit_is_refused():
     altitude = 6371008.8 / math.sin(RHO) - 6371008.8
     assert isinstance(GUARDED.run(observe(picture(nadir_at()), altitude_m=altitude)), Fit)
     wrong = GUARDED.run(observe(picture(nadir_at()), altitude_m=altitude + 400e3))
-    assert isinstance(wrong, NoFit)
+    assert isinstance(wrong, Refusal)
     assert wrong.status is Outcome.AMBIGUOUS
 
 
 def liar(off_deg: float) -> Estimator:
-    def run(observation: Observation) -> Fit | NoFit:
+    def run(observation: Observation) -> Fit | Refusal:
         fit = altitude_free.ESTIMATOR.run(observation)
         assert isinstance(fit, Fit)
         turn = Rotation.from_rotvec([math.radians(off_deg), 0.0, 0.0])
@@ -182,7 +183,7 @@ def test_an_answer_far_from_the_limb_is_refused_and_a_near_one_is_not():
     image = picture(nadir_at())
     assert isinstance(guarded(liar(0.0)).run(observe(image)), Fit)
     result = guarded(liar(3.0)).run(observe(image))
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
     assert result.status is Outcome.AMBIGUOUS
 
 
@@ -194,7 +195,7 @@ def test_the_cleaned_image_has_one_edge():
     busy = np.where(depth > 14, 100.0 + 900.0 * (np.indices(clean.shape).sum(axis=0) // 6 % 2), clean)
     busy = np.where(np.hypot(*(np.indices(clean.shape) - np.array([12, 130])[:, None, None])) < 5, 900.0, busy)
     limb = trusted_limb(observe(clean + np.random.default_rng(0).normal(0, 3, clean.shape)))
-    assert not isinstance(limb, NoFit)
+    assert not isinstance(limb, Refusal)
     out = cleaned(busy, CAMERA, Cone(nadir, math.cos(RHO)), limb.los_cam)
     # Within, the level may sink along the limb where that leaves the image, slower than any edge.
     within = (depth > 13)[:, 1:] & (depth > 13)[:, :-1]
@@ -205,7 +206,7 @@ def test_the_cleaned_image_has_one_edge():
 
 
 def test_one_that_is_given_the_pose_is_not_touched():
-    oracle = Estimator(name="oracle", title="", run=lambda _: NoFit(Outcome.NO_LIMB, ""), needs="pose")
+    oracle = Estimator(name="oracle", title="", run=lambda _: Refusal(Outcome.NO_LIMB, ""), needs="pose")
     assert guarded(oracle).run is oracle.run
 
 
@@ -221,7 +222,7 @@ def pair(nadir_body: np.ndarray, seed: int = 0) -> Observation:
 
 
 def honest_pair(off_deg: float) -> Estimator:
-    def run(observation: Observation) -> Fit | NoFit:
+    def run(observation: Observation) -> Fit | Refusal:
         nadir = Rotation.from_rotvec([0.0, 0.0, math.radians(off_deg)]).apply(PAIR_NADIR)
         covariance = math.radians(0.02) ** 2 * (np.eye(3) - np.outer(nadir, nadir))
         return Fit(nadir, covariance, 0.0, 0.0, angular_radius_rad=RHO)
@@ -237,8 +238,8 @@ def test_heads_confirm_a_right_answer_and_refuse_a_wrong_one():
     fit = guarded(honest_pair(0.0)).run(observation)
     assert isinstance(fit, Fit), fit.reason
     assert fit.systematic_nadir_cam is not None
-    assert isinstance(guarded(honest_pair(1.5)).run(observation), NoFit)
-    assert isinstance(guarded(honest_pair(8.0)).run(observation), NoFit)
+    assert isinstance(guarded(honest_pair(1.5)).run(observation), Refusal)
+    assert isinstance(guarded(honest_pair(8.0)).run(observation), Refusal)
 
 
 def test_a_head_that_sees_only_space_refuses():
@@ -247,11 +248,11 @@ def test_a_head_that_sees_only_space_refuses():
     noise = np.random.default_rng(5).normal(0, 6, (SIZE, SIZE))
     heads["b"] = replace(heads["b"], image=DARK + noise)
     result = guarded(honest_pair(0.0)).run(replace(observation, heads=heads))
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
     assert result.reason.startswith("head b")
 
 
-def raised_picture(nadir: np.ndarray, sun: np.ndarray, camera: Camera) -> np.ndarray:
+def raised_picture(nadir: np.ndarray, sun: np.ndarray, camera: CameraModel) -> np.ndarray:
     """A limb that stands where the table of sunlit limbs says."""
     los = unproject(camera, pixel_grid(camera)).reshape(-1, 3)
     blur = blur_rad(camera, los, nadir, 1.0 / camera.fx)
@@ -273,11 +274,11 @@ def test_a_known_sun_takes_the_bow_of_the_limb_away():
     image = raised_picture(nadir, sun, CAMERA)
     told = trusted_limb(observe(image, sun_cam=sun))
     untold = trusted_limb(observe(image))
-    assert not isinstance(told, NoFit)
+    assert not isinstance(told, Refusal)
     # A tenth of a degree is what half a kilometre of bow makes of this arc; the coarse grid of the table leaves that.
     assert angle_deg(told.cone.axis_cam, nadir) < 0.12
     cone = (
-        untold.cone.axis_cam if not isinstance(untold, NoFit) else fit_cone(unproject(CAMERA, untold.points)).axis_cam
+        untold.cone.axis_cam if not isinstance(untold, Refusal) else fit_cone(unproject(CAMERA, untold.points)).axis_cam
     )
     assert angle_deg(cone, nadir) > 2.0 * angle_deg(told.cone.axis_cam, nadir)
 
@@ -288,7 +289,7 @@ def test_spots_between_clipped_ground_are_not_used():
     spots = np.arange(SIZE) % 40 < 28
     image[:, spots] = DARK + (image[:, spots] - DARK) * 3.0
     result = trusted_limb(observe(image + np.random.default_rng(0).normal(0, 6, image.shape)))
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
 
 
 def test_the_published_method_answers_on_the_points_that_are_trusted():

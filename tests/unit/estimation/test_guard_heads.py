@@ -15,11 +15,12 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard.guard import guarded
 from horizonval.estimation.limb.shape.cone import off_axis_angle
 from horizonval.estimation.methods import linear_heads, video_vertical
-from horizonval.estimation.observation import Fit, NoFit, Observation
-from horizonval.geometry.camera import Camera, pixel_grid, project, unproject
+from horizonval.estimation.observation import Fit, Observation
+from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.scoring.errors import is_false
 
@@ -27,19 +28,19 @@ DARK, BRIGHT, FULL = 40.0, 1600.0, 4095.0
 RADIUS_M = 6371008.8
 RHO = math.asin(RADIUS_M / (RADIUS_M + 400e3))
 
-ROW = Camera(160, 1, 573.0, 573.0, 79.5, 0.0, projection="equal_angle")
+ROW = CameraModel(160, 1, 573.0, 573.0, 79.5, 0.0, projection="equal_angle")
 """160 pixels of 0.1 deg."""
 ROW_NAMES = ("north", "east", "south", "west")
 ROWS = guarded(linear_heads.ESTIMATOR)
 ROWS_PUBLISHED = guarded(linear_heads.PUBLISHED)
 
-PICTURE = Camera(160, 160, 140.0, 140.0, 79.5, 79.5)
+PICTURE = CameraModel(160, 160, 140.0, 140.0, 79.5, 79.5)
 PAIR = guarded(video_vertical.ESTIMATOR)
 TURNS = {"a": Rotation.identity(), "b": Rotation.from_euler("y", -90, degrees=True)}
 PAIR_NADIR = np.array([0.62, 0.5, 0.62]) / np.linalg.norm([0.62, 0.5, 0.62])
 
 
-def level(camera: Camera, nadir_cam: np.ndarray, width_px: float, off_rad: float = 0.0) -> np.ndarray:
+def level(camera: CameraModel, nadir_cam: np.ndarray, width_px: float, off_rad: float = 0.0) -> np.ndarray:
     los = unproject(camera, pixel_grid(camera))
     return DARK + (BRIGHT - DARK) * ndtr((RHO + off_rad - off_axis_angle(los, nadir_cam)) * camera.fx / width_px)
 
@@ -142,7 +143,7 @@ def upside_down(row: np.ndarray) -> np.ndarray:
 
 def test_a_sun_in_a_row_is_refused() -> None:
     result = ROWS.run(four(change=with_disc))
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
     assert result.status is Outcome.SUN_GLARE
     assert result.reason.startswith("head east")
 
@@ -161,14 +162,14 @@ def test_rows_that_the_bare_method_takes_for_limbs_are_refused(change, status: O
     assert isinstance(linear_heads.ESTIMATOR.run(seen), Fit)
     for estimator in (ROWS, ROWS_PUBLISHED):
         result = estimator.run(seen)
-        assert isinstance(result, NoFit)
+        assert isinstance(result, Refusal)
         assert result.status is status
         assert "head east" in result.reason
 
 
 def test_a_saturated_earth_is_refused() -> None:
     result = ROWS.run(four(change=lambda row: 3.0 * row))
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
     assert result.status is Outcome.SATURATED
 
 
@@ -178,9 +179,9 @@ def test_an_offset_crossing_is_refused_unless_an_ellipsoid_would_have_it() -> No
     four moved alike are another altitude."""
     for estimator in (ROWS, ROWS_PUBLISHED):
         result = estimator.run(four(off_deg=(0.0, 0.5, 0.0, 0.0)))
-        assert isinstance(result, NoFit)
+        assert isinstance(result, Refusal)
         assert result.status is Outcome.AMBIGUOUS
-        assert isinstance(estimator.run(four(off_deg=(0.15, 0.0, 0.15, 0.0))), NoFit)
+        assert isinstance(estimator.run(four(off_deg=(0.15, 0.0, 0.15, 0.0))), Refusal)
         oblate = estimator.run(four(off_deg=(0.15, 0.0, 0.15, 0.0), flattening=1 / 298.257))
         assert isinstance(oblate, Fit), oblate.reason
         assert isinstance(estimator.run(four(off_deg=(0.5, 0.5, 0.5, 0.5))), Fit)
@@ -189,7 +190,7 @@ def test_an_offset_crossing_is_refused_unless_an_ellipsoid_would_have_it() -> No
 def test_a_known_altitude_that_does_not_fit_is_refused() -> None:
     assert isinstance(ROWS.run(four(altitude_m=400e3)), Fit)
     result = ROWS.run(four(altitude_m=500e3))
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
     assert result.status is Outcome.AMBIGUOUS
     assert "altitude" in result.reason
 
@@ -256,5 +257,5 @@ def test_heads_with_limbs_of_two_planets_are_refused() -> None:
     seen = two(b=level(PICTURE, TURNS["b"].apply(other), 0.8))
     assert isinstance(video_vertical.ESTIMATOR.run(seen), Fit)
     result = PAIR.run(seen)
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
     assert result.status is Outcome.AMBIGUOUS

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.methods.linear_heads import (
     ESTIMATOR,
     PUBLISHED,
@@ -16,7 +17,7 @@ from horizonval.estimation.methods.linear_heads import (
     head_rows,
     published_angles,
 )
-from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.frames import cam_from_body, compose, nadir_of_roll_pitch, roll_pitch_of_nadir
@@ -168,7 +169,7 @@ def test_a_head_without_limb_is_a_refusal() -> None:
     heads = {**seen.heads, "az225": replace(seen.heads["az225"], image=space)}
     for estimator in (PUBLISHED, ESTIMATOR):
         result = estimator.run(replace(seen, heads=heads))
-        assert isinstance(result, NoFit)
+        assert isinstance(result, Refusal)
         assert result.status is Outcome.NO_LIMB
         assert "az225" in result.reason
 
@@ -179,9 +180,9 @@ def test_three_heads_or_another_order_are_refused() -> None:
     swapped = {name: seen.heads[name] for name in ("az45", "az225", "az135", "az315")}
     for estimator in (PUBLISHED, ESTIMATOR):
         result = estimator.run(replace(seen, heads=three))
-        assert isinstance(result, NoFit)
+        assert isinstance(result, Refusal)
         assert result.status is Outcome.BAD_INPUT
-    assert isinstance(PUBLISHED.run(replace(seen, heads=swapped)), NoFit)
+    assert isinstance(PUBLISHED.run(replace(seen, heads=swapped)), Refusal)
     # The cone does not care which head is which.
     assert isinstance(ESTIMATOR.run(replace(seen, heads=swapped)), Fit)
 
@@ -189,5 +190,5 @@ def test_three_heads_or_another_order_are_refused() -> None:
 def test_heads_that_contradict_each_other_are_refused() -> None:
     columns, mounts = crossings(0.0, 0.0)
     result = ESTIMATOR.run(observation(columns + np.array([30.0, 0.0, 30.0, 0.0]), mounts))
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
     assert result.status is Outcome.AMBIGUOUS

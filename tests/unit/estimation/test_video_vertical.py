@@ -9,17 +9,18 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.arc import Arc, find_arc, longest_chain
 from horizonval.estimation.limb.shape.circle import fit_circle
 from horizonval.estimation.methods import video_vertical
 from horizonval.estimation.methods.video_vertical import ESTIMATOR, Ends, fit_arcs, solve, vertical
-from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry import frames
-from horizonval.geometry.camera import Camera, pixel_grid, project, unproject
+from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.scoring.errors import angle_between
 
 WIDTH = 512
-CAMERA = Camera(WIDTH, WIDTH, 215.0, 215.0, (WIDTH - 1) / 2, (WIDTH - 1) / 2)
+CAMERA = CameraModel(WIDTH, WIDTH, 215.0, 215.0, (WIDTH - 1) / 2, (WIDTH - 1) / 2)
 """A field of 100 deg."""
 MOUNTS = {
     "left": frames.cam_from_body(0.0, 0.0, math.pi / 2),
@@ -151,21 +152,21 @@ def test_other_numbers_of_heads_are_refused(names: tuple[str, ...]) -> None:
     observation = two_heads(0.0, 0.0)
     heads = {name: observation.heads["left"] for name in names}
     found = ESTIMATOR.run(replace(observation, heads=heads))
-    assert isinstance(found, NoFit)
+    assert isinstance(found, Refusal)
     assert found.status is Outcome.BAD_INPUT
 
 
 def test_a_dark_head_is_named() -> None:
     dark = np.rint(np.random.default_rng(1).normal(32.0, 1.5, (WIDTH, WIDTH)))
     found = ESTIMATOR.run(two_heads(0.0, 0.0, forward=dark))
-    assert isinstance(found, NoFit)
+    assert isinstance(found, Refusal)
     assert found.status is Outcome.DARK
     assert "forward" in found.reason
 
 
 def test_an_image_of_another_size_is_refused() -> None:
     found = ESTIMATOR.run(two_heads(0.0, 0.0, left=np.zeros((20, 30))))
-    assert isinstance(found, NoFit)
+    assert isinstance(found, Refusal)
     assert found.status is Outcome.BAD_INPUT
 
 
@@ -173,7 +174,7 @@ def test_two_heads_that_look_the_same_way_span_no_plane() -> None:
     observation = two_heads(0.0, 0.0)
     heads = {"left": observation.heads["left"], "again": observation.heads["left"]}
     found = ESTIMATOR.run(replace(observation, heads=heads))
-    assert isinstance(found, NoFit)
+    assert isinstance(found, Refusal)
     assert found.status is Outcome.SHORT_ARC
     assert vertical(np.zeros((2, 3))) is None
 
@@ -181,7 +182,7 @@ def test_two_heads_that_look_the_same_way_span_no_plane() -> None:
 def test_a_straight_edge_has_no_circle() -> None:
     image = np.where(np.arange(WIDTH)[:, None] > 300, 800.0, 30.0) * np.ones((1, WIDTH))
     found = ESTIMATOR.run(two_heads(0.0, 0.0, left=image))
-    assert isinstance(found, NoFit)
+    assert isinstance(found, Refusal)
     assert found.status is Outcome.SHORT_ARC
 
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.errors import UserError
 from horizonval.geometry.camera import (
-    Camera,
+    CameraModel,
     check_invertible,
     in_image_circle,
     off_axis_angle,
@@ -33,11 +33,11 @@ LENSES = {
 RNG_SEED = 5
 
 
-def camera(k: tuple[float, ...], width: int = 1000, circle_deg: float | None = None) -> Camera:
+def camera(k: tuple[float, ...], width: int = 1000, circle_deg: float | None = None) -> CameraModel:
     half = (width - 1) / 2
     circle = None if circle_deg is None else math.radians(circle_deg) / 2
     coefficients = (k[0], k[1], k[2], k[3], 0.0)
-    return Camera(
+    return CameraModel(
         width,
         width,
         0.3 * width,
@@ -117,7 +117,7 @@ def test_solid_angles_fill_the_image_circle(width: int, relative: float) -> None
     """
     half = (width - 1) / 2
     f = (width / 2) / math.radians(96.0)
-    lens = Camera(width, width, f, f, half, half, projection="fisheye", image_circle_rad=math.radians(95.0))
+    lens = CameraModel(width, width, f, f, half, half, projection="fisheye", image_circle_rad=math.radians(95.0))
     total = pixel_solid_angle(lens).sum()
     assert total == pytest.approx(2 * math.pi * (1 - math.cos(math.radians(95.0))), rel=relative)
 
@@ -150,14 +150,14 @@ def test_the_horizon_behind_the_camera_plane_is_in_the_image() -> None:
     """
     planet, up = sphere(6371e3), np.array([0.0, 0.0, 1.0])
     r_itrs = (6371e3 + 500e3) * up
-    lens = Camera(400, 400, 80.0, 80.0, 199.5, 199.5, projection="fisheye", image_circle_rad=math.radians(125.0))
+    lens = CameraModel(400, 400, 80.0, 80.0, 199.5, 199.5, projection="fisheye", image_circle_rad=math.radians(125.0))
     (line,) = horizon_pixels(lens, [0.0, 0.0, 0.0, 1.0], r_itrs, planet)
     radius = 80.0 * (math.pi - math.asin(6371.0 / 6871.0))
     assert np.abs(np.hypot(*(line - 199.5).T) - radius).max() < 1e-9
     assert horizon_fraction(lens, [0.0, 0.0, 0.0, 1.0], r_itrs, planet) == 1.0
     rows = horizon_rows(lens, [0.0, 0.0, 0.0, 1.0], r_itrs, [250.0], planet)[0]
     assert rows == pytest.approx(199.5 + np.array([-1, 1]) * math.sqrt(radius**2 - 50.5**2), abs=1e-9)
-    narrow = Camera(400, 400, 80.0, 80.0, 199.5, 199.5, projection="fisheye", image_circle_rad=math.radians(110.0))
+    narrow = CameraModel(400, 400, 80.0, 80.0, 199.5, 199.5, projection="fisheye", image_circle_rad=math.radians(110.0))
     assert horizon_pixels(narrow, [0.0, 0.0, 0.0, 1.0], r_itrs, planet) == []
 
 
@@ -166,7 +166,7 @@ def test_points_of_an_oblate_horizon_are_on_it_and_inside_the_circle() -> None:
     tilt = math.radians(40.0) / 2
     q = [math.sin(tilt), 0.0, 0.0, math.cos(tilt)]
     r_itrs = np.array([6.9e6, 1e6, 2e6])
-    lens = Camera(300, 300, 90.0, 90.0, 149.5, 149.5, (0.01, -0.002, 0.0, 0.0, 0.0), "fisheye", math.radians(95.0))
+    lens = CameraModel(300, 300, 90.0, 90.0, 149.5, 149.5, (0.01, -0.002, 0.0, 0.0, 0.0), "fisheye", math.radians(95.0))
     lines = horizon_pixels(lens, q, r_itrs, WGS84)
     assert 0.1 < horizon_fraction(lens, q, r_itrs, WGS84) < 0.9
     theta = math.radians(95.0)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import sph_harm_y
 
+from horizonval.core.progress import Silent
 from horizonval.earth.column import SpectralNode
 from horizonval.renderer.plugin.backend import activate
 
@@ -86,16 +87,20 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_tables_are_kept_and_damage_is_noticed(store: Path) -> None:
-    def solved(told: list[int]) -> np.ndarray:
-        source_store._memory.clear()
-        found = multiple_scattering(
-            _node(), ALTITUDE_M, PLANET_M, COARSE, _sun_table, lambda order, _: told.append(order)
-        )
-        return found.air.moments
+    class Listening(Silent):
+        def __init__(self, told: list[str]) -> None:
+            self.told = told
 
-    told: list[int] = []
+        def step(self, what: str, state: str = "") -> None:
+            self.told.append(state.split(",")[0])
+
+    def solved(told: list[str]) -> np.ndarray:
+        source_store._memory.clear()
+        return multiple_scattering(_node(), ALTITUDE_M, PLANET_M, COARSE, _sun_table, Listening(told)).air.moments
+
+    told: list[str] = []
     first = solved(told)
-    assert told[:2] == [1, 2]
+    assert told[:2] == ["order 1", "order 2"]
     told = []
     np.testing.assert_array_equal(solved(told), first)
     assert told == []
@@ -105,7 +110,7 @@ def test_tables_are_kept_and_damage_is_noticed(store: Path) -> None:
         path.write_bytes(damaged)
         told = []
         np.testing.assert_array_equal(solved(told), first)
-        assert told[0] == 1
+        assert told[0] == "order 1"
         assert path.read_bytes() == whole
 
 

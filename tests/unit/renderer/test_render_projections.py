@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.frame import Frame, Hit
+from horizonval.frame import Hit, RadianceFrame
 from horizonval.geometry.camera import (
-    Camera,
+    CameraModel,
     camera_from_spec,
     check_invertible,
     in_image_circle,
@@ -42,7 +42,7 @@ def mi() -> Any:
 
 def frame_of(
     geometry: dict[str, Any], band: dict[str, Any], *, altitude_km: float = 500.0, **scene: Any
-) -> tuple[Frame, Camera]:
+) -> tuple[RadianceFrame, CameraModel]:
     """A planet without air, black in the infrared and in sunlight, the Sun behind it; and the camera that sees it."""
     spec = CameraSpec.model_validate({"camera": geometry, "band": [band]})
     data = {
@@ -57,7 +57,7 @@ def frame_of(
     return frame, camera_from_spec(spec.camera)
 
 
-def limb_angle(frame: Frame, camera: Camera) -> Any:
+def limb_angle(frame: RadianceFrame, camera: CameraModel) -> Any:
     """Exact angle [rad] of every pixel's centre inside the Earth's outline; NaN beyond the image circle."""
     truth = frame.truth
     d = rotate(inverse(truth.q_cam_from_itrs), unproject(camera, pixel_grid(camera)))
@@ -68,17 +68,17 @@ def limb_angle(frame: Frame, camera: Camera) -> Any:
 
 
 CAMERAS = {
-    "f-theta": Camera(640, 480, 200.0, 201.0, 320.4, 241.0, projection="fisheye"),
-    "fisheye": Camera(640, 480, 170.0, 170.0, 319.5, 239.5, (0.03, -0.012, 0.002, -0.0001, 0.0), "fisheye"),
-    "fisheye beside its fold": Camera(640, 480, 466.0, 466.0, 319.5, 239.5, (-0.2, 0.0, 0.0, 0.0, 0.0), "fisheye"),
-    "barrel": Camera(640, 480, 500.0, 510.0, 320.4, 241.0, (-0.45, 0.25, 1e-3, -5e-4, -0.05)),
-    "pincushion": Camera(640, 480, 250.0, 250.0, 319.5, 239.5, (0.17, 0.05, 2e-3, -5e-4, 0.02)),
-    "moustache": Camera(640, 480, 400.0, 400.0, 319.5, 239.5, (0.63, 5e-3, -1e-2, -1e-2, -0.4)),
+    "f-theta": CameraModel(640, 480, 200.0, 201.0, 320.4, 241.0, projection="fisheye"),
+    "fisheye": CameraModel(640, 480, 170.0, 170.0, 319.5, 239.5, (0.03, -0.012, 0.002, -0.0001, 0.0), "fisheye"),
+    "fisheye beside its fold": CameraModel(640, 480, 466.0, 466.0, 319.5, 239.5, (-0.2, 0.0, 0.0, 0.0, 0.0), "fisheye"),
+    "barrel": CameraModel(640, 480, 500.0, 510.0, 320.4, 241.0, (-0.45, 0.25, 1e-3, -5e-4, -0.05)),
+    "pincushion": CameraModel(640, 480, 250.0, 250.0, 319.5, 239.5, (0.17, 0.05, 2e-3, -5e-4, 0.02)),
+    "moustache": CameraModel(640, 480, 400.0, 400.0, 319.5, 239.5, (0.63, 5e-3, -1e-2, -1e-2, -0.4)),
 }
 
 
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
-def test_rays_equal_the_analytic_camera(mi: Any, camera: Camera) -> None:
+def test_rays_equal_the_analytic_camera(mi: Any, camera: CameraModel) -> None:
     """1e-9 rad, 0.2 milliarcsec: both are float64 and share no code. All over the image and its outer edge."""
     check_invertible(camera)
     u, v = np.meshgrid(np.linspace(-0.5, 639.5, 65), np.linspace(-0.5, 479.5, 49))
@@ -89,7 +89,7 @@ def test_rays_equal_the_analytic_camera(mi: Any, camera: Camera) -> None:
 
 @pytest.mark.parametrize("projection", ["fisheye", "pinhole", "equal_angle"])
 def test_both_sides_see_the_same_image_circle(mi: Any, projection: Any) -> None:
-    camera = Camera(64, 48, 30.0, 30.0, 31.0, 24.2, (0.01, 0.0, 0.0, 0.0, 0.0), projection, math.radians(41.0))
+    camera = CameraModel(64, 48, 30.0, 30.0, 31.0, 24.2, (0.01, 0.0, 0.0, 0.0, 0.0), projection, math.radians(41.0))
     grid = pixel_grid(camera).reshape(-1, 2)
     sees = RayCamera.of(camera, np.eye(3)).sees(mi.Float64(grid[:, 0].copy()), mi.Float64(grid[:, 1].copy()))
     assert np.array_equal(np.array(sees).reshape(48, 64), in_image_circle(camera))

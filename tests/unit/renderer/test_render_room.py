@@ -13,7 +13,7 @@ import pytest
 
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.spectral import planck
-from horizonval.geometry.camera import Camera, unproject
+from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height
 from horizonval.renderer.kernel.coverage import cell_coverage
 from horizonval.renderer.kernel.radiance import radiance_along_rays
@@ -83,12 +83,12 @@ def test_geodetic_height_in_the_kernel_equals_geometry(mi: Any) -> None:
 @pytest.mark.parametrize(
     "camera",
     [
-        Camera(640, 480, 500.0, 510.0, 320.4, 241.0),
-        Camera(640, 480, 500.0, 510.0, 320.4, 241.0, (-0.2, 0.05, 1e-3, -5e-4, -0.01)),
-        Camera(640, 640, 3000.0, 3000.0, 319.5, 319.5, projection="equal_angle"),
+        CameraModel(640, 480, 500.0, 510.0, 320.4, 241.0),
+        CameraModel(640, 480, 500.0, 510.0, 320.4, 241.0, (-0.2, 0.05, 1e-3, -5e-4, -0.01)),
+        CameraModel(640, 640, 3000.0, 3000.0, 319.5, 319.5, projection="equal_angle"),
     ],
 )
-def test_kernel_rays_equal_the_analytic_camera(mi: Any, camera: Camera) -> None:
+def test_kernel_rays_equal_the_analytic_camera(mi: Any, camera: CameraModel) -> None:
     """1e-12 rad: both are float64 and share no code."""
     uv = np.array(list(itertools.product(np.linspace(-0.5, 639.5, 17), np.linspace(-0.5, 479.5, 13))))
     rays = RayCamera.of(camera, np.eye(3))
@@ -192,7 +192,7 @@ def test_sun_in_the_frame_carries_the_solar_constant(mi: Any) -> None:
     )
     spec = CameraSpec.model_validate({"camera": {"width": 120, "height": 90, "fov_deg": 24.0}, "band": [SOLAR]})
     frame = render_frame(scene, spec)
-    camera = Camera(120, 90, 60 / np.tan(np.radians(12.0)), 60 / np.tan(np.radians(12.0)), 59.5, 44.5)
+    camera = CameraModel(120, 90, 60 / np.tan(np.radians(12.0)), 60 / np.tan(np.radians(12.0)), 59.5, 44.5)
     u, v = np.meshgrid(np.arange(120.0), np.arange(90.0))
     cosine = unproject(camera, np.stack([u, v], axis=-1))[..., 2]
     irradiance = float((frame.radiance["vis"] * cosine**3).sum() / camera.fx**2)

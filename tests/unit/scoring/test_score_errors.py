@@ -11,7 +11,7 @@ from scipy import stats
 from synthetic import estimator, fit_of, truth_at
 
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.observation import NoFit
+from horizonval.core.refusal import Refusal
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.scoring import limits
 from horizonval.scoring.errors import ARCSEC, METHOD_RADIUS_M, angle_between, is_false, score, sigma_nadir_rad
@@ -132,7 +132,7 @@ def test_the_sigma_limit_is_one_of_chance():
 
 
 def test_a_refusal_keeps_its_reason_and_has_no_numbers():
-    s = score(truth_at(), estimator(), NoFit(Outcome.DARK, "too dark", np.zeros((7, 2))))
+    s = score(truth_at(), estimator(), Refusal(Outcome.DARK, "too dark", np.zeros((7, 2))))
     assert (s.status, s.reason, s.n_points, s.false_valid) == ("dark", "too dark", 7, False)
     numbers = dataclasses.asdict(s)
     assert [v for k, v in numbers.items() if k not in ("status", "reason", "n_points", "false_valid")] == [None] * 10

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from horizonval.geometry.camera import Camera, camera_from_spec, project, unproject
+from horizonval.geometry.camera import CameraModel, camera_from_spec, project, unproject
 from horizonval.sensor import motion
 from horizonval.sensor.detector import auto_exposure, bayer, charge, exposure, fixed_pattern, protons
 from horizonval.sensor.observe import observe
@@ -250,7 +250,7 @@ def test_a_mosaic_wants_three_colours_and_a_whole_cell():
         CameraSpec.model_validate(line)
 
 
-WIDE = Camera(width=160, height=120, fx=200.0, fy=200.0, cx=79.5, cy=59.5)
+WIDE = CameraModel(width=160, height=120, fx=200.0, fy=200.0, cx=79.5, cy=59.5)
 
 
 def spot(place: np.ndarray) -> np.ndarray:

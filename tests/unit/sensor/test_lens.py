@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.sensor.lens import image_plane, lens_spread, optics, scatter
 from horizonval.sensor.lens.stray_light import band_irradiance
 from horizonval.sensor.observe import observe
 from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.spec.sensor.optics import Optics
 
-CAMERA = Camera(width=200, height=160, fx=170.0, fy=175.0, cx=99.5, cy=79.5)
+CAMERA = CameraModel(width=200, height=160, fx=170.0, fy=175.0, cx=99.5, cy=79.5)
 BAND = Band(name="vis", kind="solar", lo_um=0.45, hi_um=0.75)
 PITCH = 5.5e-6
 
@@ -67,7 +67,7 @@ def test_energy_is_kept_but_for_what_leaves(name):
 
 def test_what_leaves_is_what_the_formulas_say():
     """From the middle pixel the core stays; the wings beyond the border are integrals in closed form."""
-    camera = Camera(width=201, height=161, fx=170.0, fy=175.0, cx=100.0, cy=80.0)
+    camera = CameraModel(width=201, height=161, fx=170.0, fy=175.0, cx=100.0, cy=80.0)
     lost = lens_spread.lost_share(camera, lens_of("scatter"), BAND, PITCH)[80, 100]
     given = lens_of("scatter").scatter
     assert given is not None

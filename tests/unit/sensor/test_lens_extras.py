@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from horizonval.geometry.camera import Camera, off_axis_angle
+from horizonval.geometry.camera import CameraModel, off_axis_angle
 from horizonval.sensor.lens import field_spread, ghosts, lens_spread, optics
 from horizonval.spec.sensor.optics import Ghost, Optics
 
-CAMERA = Camera(width=81, height=61, fx=60.0, fy=60.0, cx=40.0, cy=30.0)
+CAMERA = CameraModel(width=81, height=61, fx=60.0, fy=60.0, cx=40.0, cy=30.0)
 RNG = np.random.default_rng(3)
 
 
@@ -27,7 +27,7 @@ def test_vignetting_multiplies_the_cosine_law():
 
 def test_a_constant_pupil_leaves_the_cosine_out():
     """180 deg of an equal-angle lens: what is left is its solid angle, with a flat pupil nothing at the border."""
-    camera = Camera(width=201, height=201, fx=63.67, fy=63.67, cx=100.0, cy=100.0, projection="equal_angle")
+    camera = CameraModel(width=201, height=201, fx=63.67, fy=63.67, cx=100.0, cy=100.0, projection="equal_angle")
     # Along the middle row the equal-angle grid has a solid angle without change; along a column it is the cosine.
     constant = optics.relative_illumination(camera, Optics(pupil="constant"))
     flat = optics.relative_illumination(camera, Optics())

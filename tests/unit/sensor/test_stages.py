@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from horizonval.geometry.camera import Camera, pixel_grid
+from horizonval.geometry.camera import CameraModel, pixel_grid
 from horizonval.sensor.detector import converter, exposure, readout, thermal_noise
 from horizonval.sensor.lens import optics, point_spread
 from horizonval.sensor.streams import stream
@@ -35,7 +35,7 @@ def test_streams_differ_in_every_part_of_their_identity():
 
 
 def test_cosine_fourth_law():
-    camera = Camera(width=200, height=150, fx=120.0, fy=120.0, cx=99.5, cy=74.5)
+    camera = CameraModel(width=200, height=150, fx=120.0, fy=120.0, cx=99.5, cy=74.5)
     offset = pixel_grid(camera) - [camera.cx, camera.cy]
     cosine = 120 / np.sqrt(120**2 + (offset**2).sum(axis=-1))
     np.testing.assert_allclose(optics.relative_illumination(camera, Optics()), cosine**4, rtol=1e-12)
@@ -45,7 +45,7 @@ def test_cosine_fourth_law():
 def test_power_on_the_axis_follows_the_sine_condition():
     """``P = pi tau L p^2 / (4 N^2)``, whatever the focal length."""
     for focal_px in (100.0, 5000.0):
-        camera = Camera(width=3, height=3, fx=focal_px, fy=focal_px, cx=1.0, cy=1.0)
+        camera = CameraModel(width=3, height=3, fx=focal_px, fy=focal_px, cx=1.0, cy=1.0)
         power = optics.pixel_power_w(np.full((3, 3), 7.0), optics.etendue(camera, 5e-6, Optics(f_number=2.8)), 0.9)
         assert power[1, 1] == pytest.approx(math.pi * 0.9 * 7.0 * (5e-6) ** 2 / (4 * 2.8**2), rel=1e-12)
 
@@ -54,7 +54,7 @@ def test_distortion_carries_light_with_it():
     """A barrel lens puts the same scene on fewer pixels; what they collect in total stays the same."""
 
     def collected(k1: float) -> float:
-        camera = Camera(width=601, height=601, fx=400.0, fy=400.0, cx=300.0, cy=300.0, distortion=(k1, 0, 0, 0, 0))
+        camera = CameraModel(width=601, height=601, fx=400.0, fy=400.0, cx=300.0, cy=300.0, distortion=(k1, 0, 0, 0, 0))
         r = np.hypot(*(pixel_grid(camera) - 300).T) / 400
         inside = r < 0.5 * (1 + k1 * 0.25)  # The image of a disc of tan(theta) = 0.5.
         return float(optics.etendue(camera, 5e-6, Optics(f_number=2.0))[inside].sum())

@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 from scipy import constants
 
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.sensor.detector import thermal, thermal_noise
 from horizonval.sensor.observe import observe
 from horizonval.sensor.streams import stream
@@ -130,7 +130,7 @@ def test_without_noise_all_pixels_are_alike(kelvin):
     assert abs(image[0, 0]) < 2e-3
 
 
-WIDE = Camera(width=200, height=60, fx=200.0, fy=200.0, cx=99.5, cy=29.5)
+WIDE = CameraModel(width=200, height=60, fx=200.0, fy=200.0, cx=99.5, cy=29.5)
 
 
 def test_the_time_constant_drags_an_edge():

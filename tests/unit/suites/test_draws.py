@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.observation import Fit, NoFit
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Fit
 from horizonval.scoring.repeats import noise_nees
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import Case, load_suite
@@ -43,7 +44,7 @@ def fits_about(nadir_cam, offs, sigma=SIGMA):
     return made
 
 
-REFUSAL = NoFit(Outcome.DARK, "dark")
+REFUSAL = Refusal(Outcome.DARK, "dark")
 
 
 @pytest.fixture

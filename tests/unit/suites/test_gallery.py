@@ -9,7 +9,8 @@ import pytest
 
 from horizonval.commands import gallery
 from horizonval.core.errors import UserError
-from horizonval.frame import Frame
+from horizonval.core.progress import Silent
+from horizonval.frame import RadianceFrame
 from horizonval.spec.files import shipped_path
 from horizonval.spec.load import load_scene
 from horizonval.spec.scene import SceneSpec
@@ -31,7 +32,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch, make_frame: Any) -> dict[str, CameraS
     """Frames by hand instead of rendered ones; what cameras they were asked of, by scene."""
     asked: dict[str, CameraSpec] = {}
 
-    def render(scene: SceneSpec, camera: CameraSpec) -> Frame:
+    def render(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
         asked[scene.scene.name] = camera
         return make_frame({band.name: 5.0 for band in camera.band}, camera.model_dump(mode="json"))
 
@@ -41,8 +42,16 @@ def drawn(monkeypatch: pytest.MonkeyPatch, make_frame: Any) -> dict[str, CameraS
 
 def test_scenes_are_shown_in_what_their_cameras_see(tmp_path: Path, drawn: dict[str, CameraSpec]) -> None:
     told = []
-    page = gallery.make_gallery(tmp_path, ["glint", "ir-limb-tropical"], lambda *words: told.append(words))
-    assert told == [("glint", 1, 2), ("ir-limb-tropical", 2, 2)]
+
+    class Listening(Silent):
+        def start(self, total: int, kept: int, *, unit: str = "", what: str = "") -> None:
+            told.append(total)
+
+        def done(self, name: str, *, failed: str | None = None) -> None:
+            told.append(name)
+
+    page = gallery.make_gallery(tmp_path, ["glint", "ir-limb-tropical"], Listening())
+    assert told == [2, "glint", "ir-limb-tropical"]
     assert [band.name for band in drawn["glint"].band] == ["red", "green", "blue"]
     assert drawn["ir-limb-tropical"] == load_scene("ir-limb-tropical")[1]
     text = page.read_text()
@@ -52,8 +61,8 @@ def test_scenes_are_shown_in_what_their_cameras_see(tmp_path: Path, drawn: dict[
 
 
 def test_a_hall_without_pictures_is_not_there(tmp_path: Path, drawn: dict[str, CameraSpec]) -> None:
-    assert "infrared" not in gallery.make_gallery(tmp_path, ["glint"], lambda *_: None).read_text()
-    assert "visible light" not in gallery.make_gallery(tmp_path, ["limb-night-ir"], lambda *_: None).read_text()
+    assert "infrared" not in gallery.make_gallery(tmp_path, ["glint"], Silent()).read_text()
+    assert "visible light" not in gallery.make_gallery(tmp_path, ["limb-night-ir"], Silent()).read_text()
 
 
 def test_colours_take_the_place_of_the_cameras_own_bands() -> None:
@@ -63,11 +72,11 @@ def test_colours_take_the_place_of_the_cameras_own_bands() -> None:
 
 def test_unknown_scene(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="twilight-06"):
-        gallery.make_gallery(tmp_path / "out", ["twilight-6"], lambda *_: None)
+        gallery.make_gallery(tmp_path / "out", ["twilight-6"], Silent())
     assert not (tmp_path / "out").exists()
 
 
 def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(UserError, match="file"):
-        gallery.make_gallery(tmp_path / "file" / "out", ["glint"], lambda *_: None)
+        gallery.make_gallery(tmp_path / "file" / "out", ["glint"], Silent())

@@ -13,8 +13,8 @@ import pytest
 import horizonval.report
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.observation import NoFit
-from horizonval.jobs.progress import Silent
+from horizonval.core.progress import Silent
+from horizonval.core.refusal import Refusal
 from horizonval.scoring.table import read_results
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites import case as of_case
@@ -51,7 +51,7 @@ class Refusing:
     spent_s = None
 
     def run(self, name, observation):
-        return NoFit(Outcome.DARK, "dark")
+        return Refusal(Outcome.DARK, "dark")
 
 
 @pytest.fixture

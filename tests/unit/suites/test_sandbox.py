@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.external import camera_file, result_of
 from horizonval.estimation.process.sandbox import Limits, Sandbox
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.spec.load import load_camera
 from horizonval.spec.suite import ProgramSpec
 
 BAD = """
 import ctypes, os, time
-from horizonval.estimation.observation import Estimator, NoFit
+from horizonval.estimation.observation import Estimator
 from horizonval.core.outcome import Outcome
 
 def make(name, run):
@@ -43,7 +44,7 @@ def chatter(observation):
     for _ in range(1000):
         print("garbage " * 100, flush=True)
     os.write(1, b"x" * 100_000)
-    return NoFit(Outcome.DARK, "said enough")
+    return Refusal(Outcome.DARK, "said enough")
 
 def wrong(observation):
     return {"nadir": 1}
@@ -52,7 +53,7 @@ HANG, EAT, DIE = make("hang", hang), make("eat", eat), make("die", die)
 LEAVE, CHATTER, WRONG = make("leave", leave), make("chatter", chatter), make("wrong", wrong)
 """
 NAMES = ("hang", "eat", "die", "leave", "chatter", "wrong")
-OBSERVATION = Observation(np.full((48, 64), 100.0), Camera(64, 48, 55.0, 55.0, 31.5, 23.5), full_scale=1023.0)
+OBSERVATION = Observation(np.full((48, 64), 100.0), CameraModel(64, 48, 55.0, 55.0, 31.5, 23.5), full_scale=1023.0)
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +104,7 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory):
 )
 def test_misbehaviour_is_an_outcome(sandbox, name, status, reason):
     result = sandbox.run(name, OBSERVATION)
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
     assert result.status is status
     assert reason in result.reason
 
@@ -137,11 +138,11 @@ def test_the_camera_file_reads_back(tmp_path: Path):
 )
 def test_wrong_answers_are_refused(answer, reason):
     result = result_of(answer, OBSERVATION)
-    assert isinstance(result, NoFit)
+    assert isinstance(result, Refusal)
     assert reason in result.reason
 
 
 def test_a_refusal_keeps_its_reason():
-    assert result_of(b'{"status": "dark", "reason": "night"}', OBSERVATION) == NoFit(
+    assert result_of(b'{"status": "dark", "reason": "night"}', OBSERVATION) == Refusal(
         Outcome.DARK, "night", pytest.approx(np.empty((0, 2)))
     )

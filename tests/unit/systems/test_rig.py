@@ -8,20 +8,20 @@ import cv2
 import numpy as np
 import pytest
 
-from horizonval.geometry.camera import Camera, pixel_grid, unproject
+from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.systems.b.rig import bench, design, runs
 from horizonval.systems.b.rig.accelerometer import NOISE_MG, SAMPLES, STEP_MG, Accelerometer
 from horizonval.systems.b.rig.panel import Panel, levels, share_shown
 from horizonval.systems.b.rig.tilt import tilt_rad
 
-CAMERA = Camera(512, 512, 443.4, 443.4, 255.5, 255.5)
+CAMERA = CameraModel(512, 512, 443.4, 443.4, 255.5, 255.5)
 
 
 def horizon_image(camera, tilt_deg, rho_deg=68.0):
     """A hard, sunlit disc seen with a level boresight, the camera turned clockwise, as a lens of 0.7 px blurs it."""
     tilt = math.radians(tilt_deg)
     nadir = np.array([math.sin(tilt), math.cos(tilt), 0.0])
-    finer = Camera(2048, 2048, 4 * camera.fx, 4 * camera.fy, 4 * camera.cx + 1.5, 4 * camera.cy + 1.5)
+    finer = CameraModel(2048, 2048, 4 * camera.fx, 4 * camera.fy, 4 * camera.cx + 1.5, 4 * camera.cy + 1.5)
     lit = unproject(finer, pixel_grid(finer)) @ nadir > math.cos(math.radians(rho_deg))
     return cv2.GaussianBlur(lit.reshape(512, 4, 512, 4).mean(axis=(1, 3)), (0, 0), 0.7) * 800.0 + 32.0
 

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.shape.cone import off_axis_angle, tangent_basis
-from horizonval.geometry.camera import Camera, unproject
+from horizonval.geometry.camera import CameraModel, unproject
 
 HALF_PX = 7
 """Half length of the window, an eighth of a tiny image's side at most. The inner pixels used end 2.5 px from the edge,
@@ -48,14 +48,14 @@ Directions in which ``t`` spreads less (rms) are left out: along arcs below some
 
 
 def unshade(
-    image: FloatArray, camera: Camera, axis_cam: FloatArray, uv: FloatArray, gradient: FloatArray
+    image: FloatArray, camera: CameraModel, axis_cam: FloatArray, uv: FloatArray, gradient: FloatArray
 ) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return refined points of a hard limb with the shading of its inner side taken into account.
 
     Parameters
     ----------
     image : ndarray, shape (H, W)
-    camera : Camera
+    camera : CameraModel
     axis_cam : ndarray, shape (3,)
         Of the cone fitted so far.
     uv : ndarray, shape (n, 2)
@@ -139,7 +139,7 @@ def _robust_fit(design: FloatArray, values: FloatArray, weight: FloatArray) -> F
     return np.asarray(coefficients)
 
 
-def _angle_per_pixel(camera: Camera, axis_cam: FloatArray, uv: FloatArray, step: FloatArray) -> FloatArray:
+def _angle_per_pixel(camera: CameraModel, axis_cam: FloatArray, uv: FloatArray, step: FloatArray) -> FloatArray:
     """Return how fast the angle to the axis falls along steps of one pixel [rad/px]."""
     before, behind = (off_axis_angle(unproject(camera, uv + sign * step), axis_cam) for sign in (-1.0, 1.0))
     return (before - behind) / 2.0

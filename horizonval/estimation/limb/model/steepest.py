@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.camera import Camera, project
+from horizonval.geometry.camera import CameraModel, project
 
 REACH_PX = 10.0
 SEARCH_PX = 6.0
@@ -31,14 +31,14 @@ ROUNDING = 1e-9
 
 
 def to_steepest(
-    image: FloatArray, camera: Camera, los_cam: FloatArray, axis_cam: FloatArray, bright_inside: bool
+    image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray, bright_inside: bool
 ) -> tuple[FloatArray, NDArray[np.int64]]:
     """Move lines of sight across the limb to the steepest place of the image.
 
     Parameters
     ----------
     image : ndarray, shape (H, W)
-    camera : Camera
+    camera : CameraModel
     los_cam : ndarray, shape (n, 3)
         Unit lines of sight to the limb, right to a few pixels.
     axis_cam : ndarray, shape (3,)
@@ -71,7 +71,7 @@ def _inwards(los: FloatArray, axis: FloatArray) -> FloatArray:
 
 
 def _shift(
-    image: FloatArray, camera: Camera, los: FloatArray, axis: FloatArray, sign: float
+    image: FloatArray, camera: CameraModel, los: FloatArray, axis: FloatArray, sign: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return how far inwards [rad] the steepest place lies, and whether there is one."""
     offset_px, uv, in_view = profile_places(camera, los, axis)
@@ -92,13 +92,13 @@ def _shift(
 
 
 def profile_places(
-    camera: Camera, los_cam: FloatArray, axis_cam: FloatArray
+    camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Return where the profiles across a limb are read.
 
     Parameters
     ----------
-    camera : Camera
+    camera : CameraModel
     los_cam : ndarray, shape (n, 3)
         Middles of the profiles.
     axis_cam : ndarray, shape (3,)

@@ -31,7 +31,7 @@ from scipy.ndimage import gaussian_filter1d
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.model.steepest import SIGMA_PX, STEP_PX, profile_places, steepest_sample
 from horizonval.estimation.limb.shape.cone import off_axis_angle, tangent_basis
-from horizonval.geometry.camera import Camera, pixel_grid, unproject
+from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 
 NEAREST_PX, FARTHEST_PX = 5.0, 30.0
 """Distance from the limb of the pixels that noise is read from: none of the limb's own profile, the same light."""
@@ -48,14 +48,14 @@ MEDIAN_OF_SQUARE = 0.4549
 
 
 def pixel_variance(
-    image: FloatArray, camera: Camera, axis_cam: FloatArray, rho_rad: float, full_scale: float | None = None
+    image: FloatArray, camera: CameraModel, axis_cam: FloatArray, rho_rad: float, full_scale: float | None = None
 ) -> FloatArray:
     """Return the variance of every pixel's noise, shape (H, W), as the surroundings of the limb show it.
 
     Parameters
     ----------
     image : ndarray, shape (H, W)
-    camera : Camera
+    camera : CameraModel
     axis_cam : ndarray, shape (3,)
         Axis of the cone of the limb.
     rho_rad : float
@@ -89,7 +89,7 @@ def pixel_variance(
 
 def noise_covariance(
     image: FloatArray,
-    camera: Camera,
+    camera: CameraModel,
     los_cam: FloatArray,
     axis_cam: FloatArray,
     rho_rad: float,
@@ -103,7 +103,7 @@ def noise_covariance(
     Parameters
     ----------
     image : ndarray, shape (H, W)
-    camera : Camera
+    camera : CameraModel
     los_cam : ndarray, shape (n, 3)
         Lines of sight to steepest places of the image, n >= 3.
     axis_cam : ndarray, shape (3,)
@@ -130,7 +130,9 @@ def noise_covariance(
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def _response(image: FloatArray, camera: Camera, los: FloatArray, axis: FloatArray, sign: float) -> sparse.csr_matrix:
+def _response(
+    image: FloatArray, camera: CameraModel, los: FloatArray, axis: FloatArray, sign: float
+) -> sparse.csr_matrix:
     """Return how far inwards [rad] a unit of every pixel's grey level moves every point, shape (n, pixels)."""
     offset_px, uv, _ = profile_places(camera, los, axis)
     n, samples = len(los), len(offset_px)
@@ -157,7 +159,7 @@ def _response(image: FloatArray, camera: Camera, los: FloatArray, axis: FloatArr
     return of_samples @ bilinear
 
 
-def _bilinear(uv: FloatArray, camera: Camera) -> sparse.csr_matrix:
+def _bilinear(uv: FloatArray, camera: CameraModel) -> sparse.csr_matrix:
     """Return the weights that interpolate an image at places (k, 2), shape (k, H W)."""
     first = np.clip(np.floor(uv).astype(np.int64), 0, (camera.width - 2, camera.height - 2))
     right, down = (uv - first).T

@@ -27,7 +27,7 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.camera import Camera, project
+from horizonval.geometry.camera import CameraModel, project
 
 TABLE = Path(__file__).parent / "data" / "sunlit_limb.npz"
 EARTH_RADIUS_KM = 6371.0088
@@ -113,7 +113,7 @@ def sun_angles(los_cam: FloatArray, axis_cam: FloatArray, sun_cam: FloatArray) -
     return np.arccos(cosine), np.arccos(np.clip(ahead, -1.0, 1.0))
 
 
-def blur_rad(camera: Camera, los_cam: FloatArray, axis_cam: FloatArray, smoothing_rad: float) -> FloatArray:
+def blur_rad(camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray, smoothing_rad: float) -> FloatArray:
     """Return the blur across the limb [rad], shape (n,): that of lens and pixels, and a search's own smoothing."""
     inwards = axis_cam - los_cam * (los_cam @ axis_cam)[:, None]
     inwards /= np.linalg.norm(inwards, axis=1)[:, None]

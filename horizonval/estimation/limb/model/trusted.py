@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.shape.cone import arc_order, fit_cone, tangent_basis
-from horizonval.geometry.camera import Camera, project
+from horizonval.geometry.camera import CameraModel, project
 
 BoolArray = NDArray[np.bool_]
 
@@ -62,13 +62,13 @@ class Sides:
     azimuth: FloatArray
 
 
-def read_sides(image: FloatArray, camera: Camera, los_cam: FloatArray, axis_cam: FloatArray) -> Sides:
+def read_sides(image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray) -> Sides:
     """Read the image on both sides of limb points, along the direction to the cone's axis.
 
     Parameters
     ----------
     image : ndarray, shape (H, W)
-    camera : Camera
+    camera : CameraModel
     los_cam : ndarray, shape (n, 3)
     axis_cam : ndarray, shape (3,)
     """
@@ -110,7 +110,7 @@ def restless(sides: Sides) -> BoolArray:
     return np.asarray(sides.spread > RESTLESS_SHARE * np.percentile(np.abs(sides.inner - sides.outer), 75.0))
 
 
-def _levels(image: FloatArray, camera: Camera, d_cam: FloatArray) -> FloatArray:
+def _levels(image: FloatArray, camera: CameraModel, d_cam: FloatArray) -> FloatArray:
     uv, in_front = project(camera, d_cam)
     height, width = image.shape
     good: BoolArray = np.logical_and(in_front, np.isfinite(uv).all(axis=1))
@@ -130,7 +130,7 @@ def _nanpick(what: Callable[..., FloatArray], values: FloatArray) -> FloatArray:
     return np.asarray(what(np.where(empty[None, :], 0.0, values), axis=0))
 
 
-def alone(los_cam: FloatArray, camera: Camera) -> BoolArray:
+def alone(los_cam: FloatArray, camera: CameraModel) -> BoolArray:
     """Return which points, in any order, belong to no unbroken stretch of some length: spots between what was left out.
 
     What took the neighbours, clouds that saturate mostly, is not far from those either.

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.camera import Camera, project
+from horizonval.geometry.camera import CameraModel, project
 
 AZIMUTHS = 7200
 
@@ -253,12 +253,12 @@ def slow_error(los_cam: FloatArray, basis: FloatArray, px_rad: float, slow_px: f
     return np.asarray(0.5 * (covariance + covariance.T))
 
 
-def limb_directions(camera: Camera, axis_cam: FloatArray, rho_rad: float, rim_px: float) -> FloatArray:
+def limb_directions(camera: CameraModel, axis_cam: FloatArray, rho_rad: float, rim_px: float) -> FloatArray:
     """Return lines of sight on a cone, shape (n, 3), one for every pixel of its limb in view, in order of azimuth.
 
     Parameters
     ----------
-    camera : Camera
+    camera : CameraModel
     axis_cam : ndarray, shape (3,)
     rho_rad : float
     rim_px : float

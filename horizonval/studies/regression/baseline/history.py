@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import secrets
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from horizonval.core import atomic
 from horizonval.studies.regression.statistics.steps import pieces
 
 FILE = "history.jsonl"
@@ -36,12 +35,7 @@ def append(path: Path, verdict: Mapping[str, Any]) -> None:
     }
     lines = [one for one in read(path, most=None) if one["night"] != line["night"]] + [line]
     text = "".join(json.dumps(one, sort_keys=True, allow_nan=False) + "\n" for one in lines)
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
-    try:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    atomic.write_text(path, text)
 
 
 def read(path: Path, most: int | None = NIGHTS) -> list[Plain]:

@@ -11,8 +11,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
-import secrets
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
 
 PACK_SCHEMA = 1
@@ -109,19 +108,14 @@ def write_pack(path: Path, pack: Pack) -> None:
     }
     text = json.dumps(head, sort_keys=True, separators=(",", ":")).encode()
     arrays["head"] = np.frombuffer(text, dtype=np.uint8)
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
-    try:
-        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_LZMA) as file:
-            for name in sorted(arrays):
-                buffer = io.BytesIO()
-                np.lib.format.write_array(buffer, np.ascontiguousarray(arrays[name]), allow_pickle=False)
-                # A fixed date: equal content, equal bytes.
-                info = zipfile.ZipInfo(f"{name}.npy", (2000, 1, 1, 0, 0, 0))
-                info.compress_type = zipfile.ZIP_LZMA
-                file.writestr(info, buffer.getvalue())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with atomic.replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_LZMA) as file:
+        for name in sorted(arrays):
+            buffer = io.BytesIO()
+            np.lib.format.write_array(buffer, np.ascontiguousarray(arrays[name]), allow_pickle=False)
+            # A fixed date: equal content, equal bytes.
+            info = zipfile.ZipInfo(f"{name}.npy", (2000, 1, 1, 0, 0, 0))
+            info.compress_type = zipfile.ZIP_LZMA
+            file.writestr(info, buffer.getvalue())
 
 
 @lru_cache(maxsize=4)

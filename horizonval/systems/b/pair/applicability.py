@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.systems.b.pair.frames import answered, attitude, pair, scene, view
-from horizonval.systems.workshop import Plain, Workshop
+from horizonval.systems.task_cache import Plain, TaskCache
 
 REGION_DEG = 20.0
 """Half the side of the published region."""
@@ -78,7 +78,7 @@ def grid(step_deg: float, largest_deg: float = LARGEST_DEG, *, finer_within_deg:
 
 
 def measured_map(
-    workshop: Workshop, title: str, camera: Plain, attitudes: FloatArray, scenery: Plain | None = None
+    cache: TaskCache, title: str, camera: Plain, attitudes: FloatArray, scenery: Plain | None = None
 ) -> Map:
     """Return the map of one camera pair over one kind of Earth."""
     changes = {"air": False, "sun": OVERHEAD, **(scenery or {})}
@@ -88,9 +88,9 @@ def measured_map(
         items[name] = {
             "camera": camera,
             "scene": scene(name, attitude=attitude(float(pitch), float(yaw)), **changes),
-            "seed": workshop.seed,
+            "seed": cache.seed,
         }
-    results = workshop.each(title, view, items)
+    results = cache.each(title, view, items)
     return Map(attitudes[:, 0], attitudes[:, 1], list(results.values()))
 
 
@@ -104,10 +104,10 @@ class Applicability:
     by_altitude: Mapping[float, Map]
 
 
-def applicability(workshop: Workshop) -> Applicability:
+def applicability(cache: TaskCache) -> Applicability:
     """Do the experiment: the published model, then what each departure from it does."""
-    model = measured_map(workshop, "B: map, sphere", pair(), grid(STEP_DEG, finer_within_deg=REGION_DEG))
-    shipped = measured_map(workshop, "B: map, 60 deg", pair(field_deg=60.0), grid(STEP_DEG, REGION_DEG))
+    model = measured_map(cache, "B: map, sphere", pair(), grid(STEP_DEG, finer_within_deg=REGION_DEG))
+    shipped = measured_map(cache, "B: map, 60 deg", pair(field_deg=60.0), grid(STEP_DEG, REGION_DEG))
     bare = {"earth": {"shape": "wgs84"}, "platform": {"altitude_km": 500.0, "latitude_deg": 45.0}}
     sceneries: dict[str, Plain] = {
         "sphere, no air": {},
@@ -115,12 +115,12 @@ def applicability(workshop: Workshop) -> Applicability:
         "WGS84, air": {"air": True, "sun": HIGH_SUN},
     }
     coarse = {
-        name: measured_map(workshop, f"B: map, {name}", pair(512), grid(2 * STEP_DEG), scenery)
+        name: measured_map(cache, f"B: map, {name}", pair(512), grid(2 * STEP_DEG), scenery)
         for name, scenery in sceneries.items()
     }
     by_altitude = {
         altitude: measured_map(
-            workshop,
+            cache,
             f"B: {altitude:g} km",
             pair(),
             grid(STEP_DEG, STEP_DEG),

@@ -15,7 +15,7 @@ from matplotlib.patheffects import withStroke
 from horizonval.systems.b.pair.applicability import LIMIT_DEG, REGION_DEG, Map
 from horizonval.systems.b.pair.orbit import COASTS, INFRARED, LINEAR, VISIBLE, Lap, errors_deg
 from horizonval.systems.b.pair.sun import LIMB_ZENITH_DEG
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 
 _NORM = LogNorm(0.003, 10.0, clip=True)
 _COLOURS = "viridis_r"

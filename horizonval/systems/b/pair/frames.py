@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.arc import Arc, find_arc
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.result import NoLimb
 from horizonval.estimation.limb.shape.circle import fit_circle
 from horizonval.estimation.limb.shape.cone import fit_cone
 from horizonval.estimation.methods.video_vertical import ESTIMATOR, Ends, fit_arcs, solve
-from horizonval.estimation.observation import Fit, NoFit, Observation
+from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.geometry.camera import camera_from_spec, project, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
@@ -29,7 +29,7 @@ from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 
 SHIPPED = "vis-pair-1024-60deg"
 WITH_GLARE = "vis-cmos-1024-60deg-full"
@@ -125,13 +125,13 @@ def measured(images: dict[str, DetectorImage]) -> Plain:
     nadir_body = _body(truth, truth.nadir_geocentric_cam)
     found: Plain = {
         "status": str(result.status),
-        "reason": result.reason if isinstance(result, NoFit) else "",
+        "reason": result.reason if isinstance(result, Refusal) else "",
         "tilt_deg": math.degrees(angle_between(down_body, nadir_body)),
         "in_view_px": {name: horizon_in_view_px(image.truth) for name, image in images.items()},
         "saturated": {name: float(np.mean(image.dn >= image.full_scale)) for name, image in images.items()},
         "error_deg": {},
     }
-    if isinstance(result, NoFit):
+    if isinstance(result, Refusal):
         return found
     scored = score(truth, ESTIMATOR, result, earth_radius_m=observation.earth_radius_m)
     assert scored.sigma_nadir_arcsec is not None
@@ -158,14 +158,14 @@ def searched(images: dict[str, DetectorImage]) -> Plain:
     arcs = []
     for name, head in observation.heads.items():
         limb = find_limb(head.image, head.camera, head.full_scale)
-        if isinstance(limb, NoLimb):
-            return {"status": str(limb.status), "reason": f"head {name}: {limb.reason}", "error_deg": {}}
+        if isinstance(limb, Refusal):
+            return {"status": str(limb.status), "reason": limb.of_head(name).reason, "error_deg": {}}
         circle = fit_circle(limb.uv)
         if circle is None:
             return {"status": str(Outcome.SHORT_ARC), "reason": f"head {name}: the limb is straight", "error_deg": {}}
         arcs.append(Arc(limb.uv[np.argsort(circle.along(limb.uv), kind="stable")], circle))
     result = fit_arcs(arcs, list(observation.heads.values()), observation.earth_radius_m)
-    if isinstance(result, NoFit):
+    if isinstance(result, Refusal):
         return {"status": str(result.status), "reason": result.reason, "error_deg": {}}
     return {"status": str(result.status), "reason": "", "error_deg": {"SIGHT": _error_deg(truth, result.nadir_cam)}}
 
@@ -196,7 +196,7 @@ def _cone_and_circle(observation: Observation, truth: FrameTruth) -> tuple[float
     los, off = [], []
     for head in observation.heads.values():
         arc = find_arc(head.image, head.full_scale)
-        assert not isinstance(arc, NoLimb), "the method has found it before"
+        assert not isinstance(arc, Refusal), "the method has found it before"
         turn = first * Rotation.from_quat(head.q_cam_from_body).inv()
         los.append(turn.apply(unproject(head.camera, arc.uv)))
         off.append(arc.circle.distance_px(arc.uv))

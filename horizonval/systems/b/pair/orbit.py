@@ -24,7 +24,7 @@ from horizonval.suites.observation import observation_of_heads
 from horizonval.systems.b.pair.frames import THERMAL, pair, scene, view
 from horizonval.systems.circular_orbit import place_on_orbit
 from horizonval.systems.d.frames import CAMERA, HOUSING_YAW_DEG
-from horizonval.systems.workshop import Plain, Workshop
+from horizonval.systems.task_cache import Plain, TaskCache
 from horizonval.truth.frame_truth import truth_of
 
 POSITIONS = 24
@@ -88,11 +88,11 @@ def _lit(item: Plain) -> float:
     return truth_of(chosen, camera, infrared=False).sun_visible_fraction
 
 
-def lap(workshop: Workshop) -> Lap:
+def lap(cache: TaskCache) -> Lap:
     """Do the experiment: all sensors at the same places in the same attitudes."""
     arguments = [360.0 * k / POSITIONS for k in range(POSITIONS)]
-    tilts = workshop.rng("B", "orbit", "attitudes").uniform(-LARGEST_TILT_DEG, LARGEST_TILT_DEG, (POSITIONS, 2))
-    turns = workshop.rng("B", "orbit", "turns").uniform(-180.0, 180.0, POSITIONS)
+    tilts = cache.rng("B", "orbit", "attitudes").uniform(-LARGEST_TILT_DEG, LARGEST_TILT_DEG, (POSITIONS, 2))
+    turns = cache.rng("B", "orbit", "turns").uniform(-180.0, 180.0, POSITIONS)
     one_air, own_air = {"profile": "us_standard"}, {"profile": "by_latitude_month"}
     plain, coasts = {"kind": "uniform"}, {"kind": "earth"}
     sensors = {
@@ -112,8 +112,8 @@ def lap(workshop: Workshop) -> Lap:
                 "surface": ground,
             }
             made = scene(f"orbit-{argument:g}", air=True, **tables)
-            items[f"{argument:g}"] = {"camera": camera, "scene": made, "seed": workshop.seed, "searched": True}
-        by_sensor[sensor] = list(workshop.each(f"B: orbit, {sensor}", work, items).values())
+            items[f"{argument:g}"] = {"camera": camera, "scene": made, "seed": cache.seed, "searched": True}
+        by_sensor[sensor] = list(cache.each(f"B: orbit, {sensor}", work, items).values())
     return Lap(arguments, [one["lit"] for one in by_sensor[VISIBLE]], by_sensor)
 
 

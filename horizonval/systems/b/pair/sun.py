@@ -6,7 +6,7 @@ import math
 
 from horizonval.estimation.observation import Observation
 from horizonval.systems.b.pair.frames import ALTITUDE_KM, FIELD_DEG, glare_optics, pair, scene, view
-from horizonval.systems.workshop import Plain, Workshop
+from horizonval.systems.task_cache import Plain, TaskCache
 
 ZENITH_DEG = (30.0, 60.0, 80.0, 90.0, 98.0, 104.0, 109.0, 112.0)
 HIGHEST_IN_FRAME_DEG = 90.0 - 0.5 * FIELD_DEG
@@ -23,7 +23,7 @@ HAZE = {"scattered": 0.05, "ghost": 1e-3}
 """A lens without coating or baffle, as small satellites fly them; the good one scatters 0.3 %, its ghost is 1e-4."""
 
 
-def sun_in_frame(workshop: Workshop) -> dict[str, dict[float, Plain]]:
+def sun_in_frame(cache: TaskCache) -> dict[str, dict[float, Plain]]:
     """Do the experiment: what the method makes of each height of the Sun, by lens and by zenith angle [deg]."""
     found: dict[str, dict[float, Plain]] = {}
     for lens, shares in ((GOOD, {}), (HAZY, HAZE)):
@@ -36,10 +36,10 @@ def sun_in_frame(workshop: Workshop) -> dict[str, dict[float, Plain]]:
             items[f"{zenith:g}"] = {
                 "camera": pair(WIDTH_PX, tables={"optics": glare_optics(**shares)}),
                 "scene": scene(f"sun-{zenith:g}", air=True, **tables),
-                "seed": workshop.seed,
+                "seed": cache.seed,
                 "picture": True,
                 "searched": True,
             }
-        results = workshop.each(f"B: Sun in the frame, {lens}", view, items)
+        results = cache.each(f"B: Sun in the frame, {lens}", view, items)
         found[lens] = dict(zip(ZENITH_DEG, results.values(), strict=True))
     return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from horizonval.systems.b.pair.applicability import LIMIT_DEG
 from horizonval.systems.b.pair.sun import GOOD, HAZY, HIGHEST_IN_FRAME_DEG, LIMB_ZENITH_DEG
 from horizonval.systems.result import Row, Table
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 
 
 def sun_rows(found: dict[str, dict[float, Plain]]) -> list[Row]:

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.constants import c, h
 
 from horizonval.earth.spectral.bands import reference_wavelength_um
-from horizonval.frame import DetectorImage, Frame, FrameTruth
-from horizonval.geometry.camera import Camera, camera_from_spec
+from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
+from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.sensor.observe import observe
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
@@ -49,7 +49,7 @@ def behind_lens(camera: CameraSpec) -> CameraSpec:
     return camera.model_copy(update={"optics": camera.optics.model_copy(update={"psf_sigma_px": 0.0})})
 
 
-def built(camera: CameraSpec, errors: Errors) -> Camera:
+def built(camera: CameraSpec, errors: Errors) -> CameraModel:
     """Return the lens as it was built: its optical centre off by the bench's errors."""
     ideal = camera_from_spec(camera.camera)
     return replace(ideal, cx=ideal.cx + errors.centre_x_px, cy=ideal.cy + errors.centre_y_px)
@@ -70,7 +70,9 @@ def photograph(
         Of the frame: noise belongs to it and to the seed.
     """
     truth = replace(_truth(shown.model_dump_json(), camera.model_dump_json()), scene_id=name)
-    return observe(Frame({camera.band[0].name: radiance}, {}, truth), behind_lens(camera), seed=seed, noise=noise)
+    return observe(
+        RadianceFrame({camera.band[0].name: radiance}, {}, truth), behind_lens(camera), seed=seed, noise=noise
+    )
 
 
 @lru_cache(maxsize=4)

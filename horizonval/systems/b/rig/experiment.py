@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from horizonval.core import atomic
 from horizonval.spec.load import load_camera
 from horizonval.systems.b.rig import figures, runs
 from horizonval.systems.b.rig.bench import STATED
@@ -20,7 +21,7 @@ from horizonval.systems.b.rig.results import Results
 from horizonval.systems.b.rig.runs import IMPERFECTIONS
 from horizonval.systems.b.rig.tables import ablation_table, sensitivity_table
 from horizonval.systems.result import Figure, Row, Table
-from horizonval.systems.workshop import Plain, Workshop
+from horizonval.systems.task_cache import Plain, TaskCache
 
 TILTS_DEG = (-20.0, -10.0, 0.0, 10.0, 20.0)
 SHARP_LENS_PX = 0.0
@@ -28,11 +29,11 @@ PUBLISHED_RIG_DEG, PUBLISHED_MODEL_DEG = 0.752, 0.038
 LARGEST_RIG_DEG, SMALLEST_RIG_DEG, LARGEST_PERFECT_DEG = 1.0, 0.5, 0.1
 
 
-def rig_parts(workshop: Workshop) -> tuple[tuple[Row, ...], tuple[Table, ...], tuple[Figure, ...], str]:
+def rig_parts(cache: TaskCache) -> tuple[tuple[Row, ...], tuple[Table, ...], tuple[Figure, ...], str]:
     """Do the experiment; return its rows, tables and figures, and a paragraph about it."""
-    picture = _picture_file(workshop)
-    results = measure(workshop, picture)
-    view = workshop.each("bench pictures", show, {"view": _view(workshop, picture)})["view"]
+    picture = _picture_file(cache)
+    results = measure(cache, picture)
+    view = cache.each("bench pictures", show, {"view": _view(cache, picture)})["view"]
     drawn = (
         Figure(
             "rig-view",
@@ -58,16 +59,16 @@ def rig_parts(workshop: Workshop) -> tuple[tuple[Row, ...], tuple[Table, ...], t
     return rows(results), (ablation_table(results), sensitivity_table(results.whole)), drawn, summary(results)
 
 
-def measure(workshop: Workshop, picture: str) -> Results:
+def measure(cache: TaskCache, picture: str) -> Results:
     """Run the bench as often as the experiment asks."""
     soft = (runs.PIXELS, runs.FRAME_NOISE)
     plans = {"whole": IMPERFECTIONS, "perfect": (), "soft": soft} | {name: (name,) for name in IMPERFECTIONS}
-    first = runs.run_all(workshop, picture, {name: (on, TILTS_DEG) for name, on in plans.items()})
+    first = runs.run_all(cache, picture, {name: (on, TILTS_DEG) for name, on in plans.items()})
     alone = {name: first[name] for name in IMPERFECTIONS}
     order = tuple(sorted(IMPERFECTIONS, key=lambda name: -alone[name].rms_deg))
     left = {name: order[i + 1 :] for i, name in enumerate(order)}
-    after = runs.run_all(workshop, picture, {name: (on, TILTS_DEG) for name, on in left.items()})
-    sharp = runs.run_all(workshop, picture, {"sharp": (soft, TILTS_DEG)}, blur_px=SHARP_LENS_PX)["sharp"]
+    after = runs.run_all(cache, picture, {name: (on, TILTS_DEG) for name, on in left.items()})
+    sharp = runs.run_all(cache, picture, {"sharp": (soft, TILTS_DEG)}, blur_px=SHARP_LENS_PX)["sharp"]
     return Results(first["whole"], first["perfect"], alone, order, after, first["soft"], sharp)
 
 
@@ -163,15 +164,15 @@ def summary(results: Results) -> str:
     )
 
 
-def _picture_file(workshop: Workshop) -> str:
+def _picture_file(cache: TaskCache) -> str:
     """Make the panel's picture; return its file, whose name is its digest."""
-    text = workshop.each("panel's picture", make_picture, {"picture": {}})["picture"]["png"]
-    path = workshop.folder / f"panel-{hashlib.sha256(text.encode('ascii')).hexdigest()[:16]}.txt"
-    path.write_text(text, encoding="ascii")
+    text = cache.each("panel's picture", make_picture, {"picture": {}})["picture"]["png"]
+    path = cache.folder / f"panel-{hashlib.sha256(text.encode('ascii')).hexdigest()[:16]}.txt"
+    atomic.write_text(path, text)
     return str(path)
 
 
-def _view(workshop: Workshop, picture: str) -> Plain:
+def _view(cache: TaskCache, picture: str) -> Plain:
     return {
         "picture": picture,
         "panel": asdict(runs.panel_of(IMPERFECTIONS)),
@@ -179,6 +180,6 @@ def _view(workshop: Workshop, picture: str) -> Plain:
         "tilts_deg": [10.0],
         "noise": True,
         "name": "view",
-        "seed": workshop.seed,
+        "seed": cache.seed,
         "blur_px": runs.LENS_BLUR_PX,
     }

@@ -13,7 +13,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.systems.b.rig.frames import MAGNIFIER, SPAN, read_png
 from horizonval.systems.b.rig.results import Results
 from horizonval.systems.b.rig.runs import Run
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 
 CLOSE_PX = 40
 ALONE, LEFT, MARK = "#4477aa", "#bbbbbb", "#aa3322"

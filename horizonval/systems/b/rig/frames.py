@@ -19,7 +19,7 @@ from horizonval.geometry.camera import camera_from_spec
 from horizonval.spec.load import load_camera
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.b.rig import bench, detector, panel, picture, tilt
-from horizonval.systems.workshop import Plain
+from horizonval.systems.task_cache import Plain
 
 CAMERA = "vis-cmos-512-60deg"
 DISTANCE_MM = 200.0

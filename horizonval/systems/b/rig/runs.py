@@ -20,7 +20,7 @@ from horizonval.systems.b.rig.accelerometer import Accelerometer
 from horizonval.systems.b.rig.bench import STATED, Errors
 from horizonval.systems.b.rig.frames import sweep
 from horizonval.systems.b.rig.panel import Panel
-from horizonval.systems.workshop import Plain, Workshop
+from horizonval.systems.task_cache import Plain, TaskCache
 
 PIXELS = "panel pixels: levels, stripes, moire"
 BACKLIGHT = "uneven backlight"
@@ -88,7 +88,7 @@ class Run:
 
 
 def run_all(
-    workshop: Workshop,
+    cache: TaskCache,
     picture: str,
     wanted: Mapping[str, tuple[Iterable[str], tuple[float, ...]]],
     blur_px: float = LENS_BLUR_PX,
@@ -109,13 +109,13 @@ def run_all(
     for name, (imperfections, tilts) in wanted.items():
         plans[name] = []
         for number, errors in enumerate(design.benches(errors_of(imperfections))):
-            item = _item(workshop, picture, set(imperfections), errors, tilts, number, blur_px)
+            item = _item(cache, picture, set(imperfections), errors, tilts, number, blur_px)
             key = _digest(item)
             items[key] = item
             plans[name].append(key)
-    swept = workshop.each("bench", sweep, items)
+    swept = cache.each("bench", sweep, items)
     return {
-        name: _run(workshop, set(imperfections), tilts, [swept[key]["tilt_rad"] for key in plans[name]])
+        name: _run(cache, set(imperfections), tilts, [swept[key]["tilt_rad"] for key in plans[name]])
         for name, (imperfections, tilts) in wanted.items()
     }
 
@@ -135,7 +135,7 @@ def panel_of(imperfections: Iterable[str]) -> Panel:
 
 
 def _item(
-    workshop: Workshop,
+    cache: TaskCache,
     picture: str,
     on: set[str],
     errors: Errors,
@@ -156,17 +156,17 @@ def _item(
         "noise": noise,
         "blur_px": blur_px,
         "name": f"bench {own} {sorted(asdict(seen).items())}" if noise else "bench",
-        "seed": workshop.seed if noise else 0,
+        "seed": cache.seed if noise else 0,
     }
 
 
-def _run(workshop: Workshop, on: set[str], tilts: tuple[float, ...], found: list[list[float | None]]) -> Run:
+def _run(cache: TaskCache, on: set[str], tilts: tuple[float, ...], found: list[list[float | None]]) -> Run:
     estimated = np.array([[math.nan if value is None else value for value in row] for row in found], dtype=float)
     reference = [
         [
             Accelerometer(math.radians(errors.accelerometer_roll_deg), errors.accelerometer_zero_mg).tilt_rad(
                 math.radians(tilt),
-                workshop.rng("accelerometer", str(number), f"{tilt:g}") if REFERENCE_NOISE in on else None,
+                cache.rng("accelerometer", str(number), f"{tilt:g}") if REFERENCE_NOISE in on else None,
             )
             for tilt in tilts
         ]

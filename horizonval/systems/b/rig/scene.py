@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.reference.reference_scene import pinhole
 from horizonval.systems.b.rig.bench import Pose
 from horizonval.systems.b.rig.panel import Panel
@@ -40,7 +40,7 @@ FINE = 4
 detector's own noise is 1 %."""
 
 
-def bench_scene(panel: Panel, share: FloatArray, panel_at: Pose, camera: Camera, camera_at: Pose) -> Any:
+def bench_scene(panel: Panel, share: FloatArray, panel_at: Pose, camera: CameraModel, camera_at: Pose) -> Any:
     """Return the loaded Mitsuba scene, in millimetres; it must outlive what is rendered from it.
 
     Parameters
@@ -49,7 +49,7 @@ def bench_scene(panel: Panel, share: FloatArray, panel_at: Pose, camera: Camera,
     share : ndarray, shape (H, W)
         Of white, what each of the panel's pixels shines with.
     panel_at : Pose
-    camera : Camera
+    camera : CameraModel
         Undistorted pinhole.
     camera_at : Pose
     """
@@ -76,7 +76,7 @@ def bench_scene(panel: Panel, share: FloatArray, panel_at: Pose, camera: Camera,
     return mi.load_dict(scene)
 
 
-def finer(camera: Camera) -> Camera:
+def finer(camera: CameraModel) -> CameraModel:
     """Return the same lens in front of ``FINE`` times as many pixels each way."""
     return replace(
         camera,

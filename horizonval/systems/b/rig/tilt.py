@@ -17,16 +17,16 @@ import math
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.arc import find_arc
-from horizonval.estimation.limb.result import NoLimb
 from horizonval.estimation.methods.video_vertical import chord
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 
 
-def tilt_rad(image: FloatArray, camera: Camera, full_scale: float) -> float | None:
+def tilt_rad(image: FloatArray, camera: CameraModel, full_scale: float) -> float | None:
     """Return how far the camera is turned about its boresight, clockwise as it looks; None where it sees no arc."""
     arc = find_arc(image, full_scale)
-    if isinstance(arc, NoLimb):
+    if isinstance(arc, Refusal):
         return None
     across = chord(arc, camera)
     down = np.array([-across[1], across[0]])

@@ -26,7 +26,7 @@ from horizonval.systems.e.ground.reduction import measure, tangents
 from horizonval.systems.e.ground.satellite import ENVISAT
 from horizonval.systems.e.ground.sky import Sky, render_sky
 from horizonval.systems.e.orbit.stations import Station
-from horizonval.systems.workshop import Plain, Workshop
+from horizonval.systems.task_cache import Plain, TaskCache
 
 FRAMES_PER_ITEM = 24
 VALID = "valid"
@@ -93,7 +93,7 @@ class StationPass:
 
 
 @dataclass(frozen=True)
-class Scene:
+class PassSetup:
     """A pass as plain data for worker processes."""
 
     elements: ElementSet
@@ -104,7 +104,7 @@ class Scene:
 
 
 def measure_pass(
-    workshop: Workshop,
+    cache: TaskCache,
     elements: ElementSet,
     stations: Sequence[Station],
     epoch_utc: datetime,
@@ -114,7 +114,7 @@ def measure_pass(
 
     Parameters
     ----------
-    workshop : Workshop
+    cache : TaskCache
         Its seed is that of all noise and errors.
     elements : ElementSet
         The orbit; it is the truth.
@@ -123,14 +123,14 @@ def measure_pass(
     seconds : ndarray, shape (n,)
         Middles of the exposures after the epoch.
     """
-    scene = Scene(elements, tuple(stations), epoch_utc, np.asarray(seconds, float), workshop.seed)
-    skies = rendered_skies(workshop, scene)
+    scene = PassSetup(elements, tuple(stations), epoch_utc, np.asarray(seconds, float), cache.seed)
+    skies = rendered_skies(cache, scene)
     items = {}
     for station in stations:
         for first in range(0, len(seconds), FRAMES_PER_ITEM):
             part = scene.seconds[first : first + FRAMES_PER_ITEM].tolist()
             items[f"{station.name} from {part[0]:g} s"] = frames_item(scene, station, skies[station.name], part)
-    done = list(workshop.each("satellite frames", expose_and_measure, items).values())
+    done = list(cache.each("satellite frames", expose_and_measure, items).values())
     per_station = len(done) // len(scene.stations)
     return tuple(
         _gathered(scene, station, skies[station.name], done[k * per_station : (k + 1) * per_station])
@@ -139,7 +139,7 @@ def measure_pass(
 
 
 def dimmed_frames(
-    workshop: Workshop, passes: Sequence[StationPass], dimmer_mag: Sequence[float | None], frames: int = 8
+    cache: TaskCache, passes: Sequence[StationPass], dimmer_mag: Sequence[float | None], frames: int = 8
 ) -> dict[tuple[str, float | None], list[Plain]]:
     """Return what is measured in some frames of every pass with a fainter satellite, or (None) with none.
 
@@ -148,24 +148,24 @@ def dimmed_frames(
     items, keys = {}, []
     for one in passes:
         path, sky = one.frames.path, one.frames.sky.plain()
-        scene = Scene(path.elements, (path.station,), path.epoch_utc, one.seconds, workshop.seed)
+        scene = PassSetup(path.elements, (path.station,), path.epoch_utc, one.seconds, cache.seed)
         some = one.seconds[np.linspace(0, len(one.seconds) - 1, frames).round().astype(int)].tolist()
         for dimmer in dimmer_mag:
             keys.append((path.station.name, dimmer))
             items[f"{path.station.name} fainter by {dimmer}"] = frames_item(scene, path.station, sky, some, dimmer)
-    done = workshop.each("fainter satellites", expose_and_measure, items).values()
+    done = cache.each("fainter satellites", expose_and_measure, items).values()
     return {key: part["frames"] for key, part in zip(keys, done, strict=True)}
 
 
-def rendered_skies(workshop: Workshop, scene: Scene, pixels: int = 33) -> dict[str, Plain]:
+def rendered_skies(cache: TaskCache, scene: PassSetup, pixels: int = 33) -> dict[str, Plain]:
     """Return every station's sky as plain data, by the station's name; ``pixels`` squared."""
     times = [float(scene.seconds[0]), float(np.mean(scene.seconds[[0, -1]])), float(scene.seconds[-1])]
     items = {s.name: {**_place(scene, s), "times": times, "pixels": pixels} for s in scene.stations}
-    return workshop.each("twilight skies", sky_of, items)
+    return cache.each("twilight skies", sky_of, items)
 
 
 def frames_item(
-    scene: Scene, station: Station, sky: Plain, seconds: Sequence[float], dimmer_mag: float | None = 0.0
+    scene: PassSetup, station: Station, sky: Plain, seconds: Sequence[float], dimmer_mag: float | None = 0.0
 ) -> Plain:
     """Return the item of :func:`expose_and_measure` for some exposures; ``dimmer_mag`` None: no satellite."""
     return {
@@ -232,7 +232,7 @@ def _one(frames: Frames, second: float) -> Plain:
     }
 
 
-def _gathered(scene: Scene, station: Station, sky: Plain, parts: list[Plain]) -> StationPass:
+def _gathered(scene: PassSetup, station: Station, sky: Plain, parts: list[Plain]) -> StationPass:
     frames = [frame for part in parts for frame in part["frames"]]
     n = len(frames)
 
@@ -267,7 +267,7 @@ def _gathered(scene: Scene, station: Station, sky: Plain, parts: list[Plain]) ->
     )
 
 
-def _place(scene: Scene, station: Station) -> Plain:
+def _place(scene: PassSetup, station: Station) -> Plain:
     return {
         "elements": [scene.elements.line1, scene.elements.line2],
         "station": {field.name: getattr(station, field.name) for field in fields(station)},

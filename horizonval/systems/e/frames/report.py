@@ -13,7 +13,7 @@ from horizonval.geometry.tle import ElementSet
 from horizonval.systems.e.frames import figures as figures
 from horizonval.systems.e.frames.frames import (
     VALID,
-    Scene,
+    PassSetup,
     StationPass,
     dimmed_frames,
     measure_pass,
@@ -32,7 +32,7 @@ from horizonval.systems.e.ground.satellite import ENVISAT, standard_magnitude
 from horizonval.systems.e.ground.sky import Sky
 from horizonval.systems.e.orbit.stations import Station, enu_directions
 from horizonval.systems.result import Figure, Row, Table
-from horizonval.systems.workshop import Plain, Workshop
+from horizonval.systems.task_cache import Plain, TaskCache
 
 DIMMER_MAG = (0.0, 2.0, 4.0, 5.0, 5.5, 6.0, 6.5, 7.0, 8.0)
 WRONG_PX = 3.0
@@ -51,17 +51,17 @@ class FramePart:
 
 
 def frame_part(
-    workshop: Workshop,
+    cache: TaskCache,
     elements: ElementSet,
     stations: Sequence[Station],
     epoch_utc: datetime,
     seconds: FloatArray,
 ) -> FramePart:
     """Return the passes from :func:`measure_pass` with everything there is to say about them."""
-    passes = measure_pass(workshop, elements, stations, epoch_utc, seconds)
-    fainter = dimmed_frames(workshop, passes, (*DIMMER_MAG, None))
-    scene = Scene(elements, tuple(stations), epoch_utc, np.asarray(seconds, float), workshop.seed)
-    finer = rendered_skies(workshop, scene, FINER_SKY)
+    passes = measure_pass(cache, elements, stations, epoch_utc, seconds)
+    fainter = dimmed_frames(cache, passes, (*DIMMER_MAG, None))
+    scene = PassSetup(elements, tuple(stations), epoch_utc, np.asarray(seconds, float), cache.seed)
+    finer = rendered_skies(cache, scene, FINER_SKY)
     curve = faintness(passes, fainter)
     return FramePart(
         passes,

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.optical import OpticalModel, optical_model
-from horizonval.geometry.camera import Camera, camera_from_spec, project, unproject
+from horizonval.geometry.camera import CameraModel, camera_from_spec, project, unproject
 from horizonval.sensor.streams import stream
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.e.ground import ground_camera as cam
@@ -118,7 +118,7 @@ class Frames:
         return optical_model(sky_scene(self.path.station, self.path.epoch_utc, 0.0), self.camera)
 
     @cached_property
-    def geometry(self) -> Camera:
+    def geometry(self) -> CameraModel:
         """The camera's intrinsics."""
         return camera_from_spec(self.camera.camera)
 
@@ -201,7 +201,7 @@ class Frames:
         return rng.uniform(-0.5, size - 0.5, (count, 2)), 10 ** (-0.4 * (m - SUN_MAGNITUDE))
 
 
-def _between_corners(corner: FloatArray, camera: Camera) -> FloatArray:
+def _between_corners(corner: FloatArray, camera: CameraModel) -> FloatArray:
     """Return values at every pixel, shape (H, W), bilinear between those at the four corner pixels, row by row."""
     x, y = np.linspace(0.0, 1.0, camera.width), np.linspace(0.0, 1.0, camera.height)
     return np.stack([1.0 - y, y], axis=1) @ corner.reshape(2, 2) @ np.stack([1.0 - x, x])

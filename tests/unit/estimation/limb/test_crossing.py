@@ -7,8 +7,8 @@ import pytest
 from scipy.special import erf
 
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.crossing import Crossing, published_crossing, sub_pixel_crossing
-from horizonval.estimation.limb.result import NoLimb
 
 PIXELS = np.arange(160.0)
 PLACES = 79.5 + np.linspace(-0.5, 0.5, 21)
@@ -106,7 +106,7 @@ def test_published_median_filter_removes_a_dead_pixel() -> None:
 )
 def test_rows_without_a_limb_are_refused(row: np.ndarray, word: str) -> None:
     found = sub_pixel_crossing(row)
-    assert isinstance(found, NoLimb)
+    assert isinstance(found, Refusal)
     assert found.status is Outcome.NO_LIMB
     assert word in found.reason
 
@@ -114,7 +114,7 @@ def test_rows_without_a_limb_are_refused(row: np.ndarray, word: str) -> None:
 @pytest.mark.parametrize("row", [np.full(160, np.nan), np.ones(5)])
 def test_rows_that_cannot_hold_a_limb(row: np.ndarray) -> None:
     found = sub_pixel_crossing(row)
-    assert isinstance(found, NoLimb)
+    assert isinstance(found, Refusal)
     assert found.status is Outcome.BAD_INPUT
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.result import LimbPoints
-from horizonval.geometry.camera import Camera, project
+from horizonval.geometry.camera import CameraModel, project
 
-CAMERA = Camera(200, 160, 180.0, 180.0, 99.5, 79.5)
+CAMERA = CameraModel(200, 160, 180.0, 180.0, 99.5, 79.5)
 NADIR = np.array([0.1, 0.92, 0.35]) / np.linalg.norm([0.1, 0.92, 0.35])
 RHO = 1.15
 

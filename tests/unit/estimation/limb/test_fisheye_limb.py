@@ -9,21 +9,22 @@ import numpy as np
 import pytest
 
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.result import LimbPoints, NoLimb
+from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import fit_cone
-from horizonval.geometry.camera import Camera, in_image_circle, pixel_grid, unproject
+from horizonval.geometry.camera import CameraModel, in_image_circle, pixel_grid, unproject
 
 RHO = math.radians(68.0)
 
 
-def fisheye(circle_deg: float) -> Camera:
-    return Camera(
+def fisheye(circle_deg: float) -> CameraModel:
+    return CameraModel(
         240, 240, 72.0, 72.0, 119.5, 119.5, (0.01, -0.002, 0.0, 0.0, 0.0), "fisheye", math.radians(circle_deg) / 2
     )
 
 
-def picture(camera: Camera, nadir: Any) -> Any:
+def picture(camera: CameraModel, nadir: Any) -> Any:
     """A bright disc of angular radius RHO about the nadir on black, its edge one pixel (0.8 deg) wide."""
     d = unproject(camera, pixel_grid(camera))
     off = np.arctan2(np.linalg.norm(np.cross(d, nadir), axis=-1), d @ nadir)
@@ -51,12 +52,12 @@ def test_the_edge_of_the_field_is_no_limb() -> None:
     """A lens of 120 deg that looks down sees ground alone: a bright disc with black around it, all of it its own."""
     camera = fisheye(120.0)
     found = find_limb(picture(camera, np.array([0.0, 0.0, 1.0])), camera, 1023.0)
-    assert isinstance(found, NoLimb)
+    assert isinstance(found, Refusal)
     assert found.status is Outcome.NO_LIMB
 
 
 def test_a_line_of_pixels_is_refused_as_an_image() -> None:
-    camera = Camera(160, 1, 569.0, 569.0, 79.5, 0.0)
+    camera = CameraModel(160, 1, 569.0, 569.0, 79.5, 0.0)
     found = find_limb(np.linspace(0.0, 100.0, 160)[None, :], camera)
-    assert isinstance(found, NoLimb)
+    assert isinstance(found, Refusal)
     assert found.status is Outcome.BAD_INPUT

@@ -9,10 +9,10 @@ from horizonval.estimation.limb.edges import find_edges, scale_to_8_bit
 from horizonval.estimation.limb.model.shading import unshade
 from horizonval.estimation.limb.shape.cone import fit_cone, off_axis_angle
 from horizonval.estimation.limb.subpixel import refine
-from horizonval.geometry.camera import Camera, unproject
+from horizonval.geometry.camera import CameraModel, unproject
 
 SIDE = 240
-CAMERA = Camera(SIDE, SIDE, 300.0, 300.0, 119.5, 119.5)
+CAMERA = CameraModel(SIDE, SIDE, 300.0, 300.0, 119.5, 119.5)
 RHO = np.radians(31.0)
 NADIR = np.array([np.sin(0.55) * 0.6, np.sin(0.55) * 0.8, np.cos(0.55)])
 FINE = 14
@@ -91,6 +91,6 @@ def test_windows_over_the_rim_are_left_out_and_tiny_images_stay(pictures: dict[s
     same, kept = unshade(image, CAMERA, axis, uv, gradient)
     assert np.array_equal(same, uv)
     assert len(kept) == 20
-    tiny = Camera(32, 32, 40.0, 40.0, 15.5, 15.5)
+    tiny = CameraModel(32, 32, 40.0, 40.0, 15.5, 15.5)
     same, _ = unshade(image[:32, :32], tiny, axis, uv[:, :] / 8.0, gradient)
     assert np.array_equal(same, uv / 8.0)

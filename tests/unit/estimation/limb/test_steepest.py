@@ -11,9 +11,9 @@ from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.model.steepest import to_steepest
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import off_axis_angle
-from horizonval.geometry.camera import Camera, pixel_grid, unproject
+from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 
-CAMERA = Camera(width=256, height=256, fx=222.0, fy=222.0, cx=127.5, cy=127.5)
+CAMERA = CameraModel(width=256, height=256, fx=222.0, fy=222.0, cx=127.5, cy=127.5)
 RHO = math.radians(68.0)
 SCALE_PX = 2.0
 """Scale height of the air in pixels: 8 km seen from 500 km are 0.7, from nearer or with a longer lens more."""

@@ -11,10 +11,10 @@ from scipy.special import ndtr
 from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
 from horizonval.estimation.limb.shape.cone import fit_cone, limb_directions, off_axis_angle, tangent_basis
-from horizonval.geometry.camera import Camera, pixel_grid, unproject
+from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 
 SIZE = 128
-CAMERA = Camera(width=SIZE, height=SIZE, fx=111.0, fy=111.0, cx=63.5, cy=63.5)
+CAMERA = CameraModel(width=SIZE, height=SIZE, fx=111.0, fy=111.0, cx=63.5, cy=63.5)
 RHO = math.radians(66.0)
 NADIR = np.array([math.sin(1.1) * math.sin(0.3), math.sin(1.1) * math.cos(0.3), math.cos(1.1)])
 DARK, BRIGHT, FULL = 32.0, 600.0, 1023.0

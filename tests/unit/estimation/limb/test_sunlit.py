@@ -10,12 +10,12 @@ import pytest
 from horizonval.estimation.limb.model.bow import moves, unknown_sun_covariance
 from horizonval.estimation.limb.model.sunlit import blur_rad, sun_angles, sunlit_limb
 from horizonval.estimation.limb.shape.cone import fit_cone, limb_directions, off_axis_angle, tangent_basis
-from horizonval.geometry.camera import Camera
+from horizonval.geometry.camera import CameraModel
 
 RADIUS_M = 6371008.8
 RHO = math.asin(RADIUS_M / (RADIUS_M + 500e3))
 NADIR = np.array([0.1, 0.8, 0.5]) / np.linalg.norm([0.1, 0.8, 0.5])
-CAMERA = Camera(width=256, height=256, fx=128.0, fy=128.0, cx=127.5, cy=127.5)
+CAMERA = CameraModel(width=256, height=256, fx=128.0, fy=128.0, cx=127.5, cy=127.5)
 
 
 def arc(width: float = 1.6, n: int = 161) -> np.ndarray:

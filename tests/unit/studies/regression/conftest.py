@@ -11,7 +11,7 @@ import pytest
 
 import horizonval.renderer  # noqa: F401  (names the LLVM library before any test imports Dr.Jit)
 from horizonval.estimation import registry
-from horizonval.frame import Frame, FrameTruth
+from horizonval.frame import FrameTruth, RadianceFrame
 from horizonval.spec.load import Case, Suite
 from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage
 from horizonval.studies.regression.images import compare_images
@@ -91,7 +91,7 @@ class Night:
     suite: Suite
     plan: Plan
     replicates: int = 1
-    frames: dict[str, Frame] = field(default_factory=dict)
+    frames: dict[str, RadianceFrame] = field(default_factory=dict)
     records: dict[str, dict[str, Any]] = field(default_factory=dict)
     arrays: dict[str, dict[str, Any]] = field(default_factory=dict)
     _unchanged: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
@@ -162,7 +162,7 @@ def night(tmp_path_factory) -> Night:
     suite = load_suite(path)
     made = Night(path, suite, plan_of(suite))
 
-    def render(scene: Any, camera: Any) -> Frame:
+    def render(scene: Any, camera: Any) -> RadianceFrame:
         frame = render_frame(scene, camera)
         made.frames[scene.scene.name] = frame
         return frame

@@ -9,8 +9,8 @@ import pytest
 from scipy import ndimage
 
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
-from horizonval.estimation.observation import NoFit
 from horizonval.sensor.observe import observe
 from horizonval.spec.regression import GateSpec
 from horizonval.spec.sensor.camera import CameraSpec
@@ -50,7 +50,7 @@ def test_an_error_ten_percent_larger_is_caught_by_replay(night):
 
     def worse(name, observation):
         result = plainly(name, observation)
-        if isinstance(result, NoFit):
+        if isinstance(result, Refusal):
             return result
         true = np.array(truth[observation.image.astype(np.uint16).tobytes()])
         pushed = true + 1.1 * (result.nadir_cam - true)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,17 +17,18 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core.code import code_digest
+from horizonval.core.errors import one_line
+from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus, run_cases
-from horizonval.jobs.progress import Progress, Silent
 from horizonval.store.folder import read_json, write_json
-from horizonval.suites.identity import code_version
 
 Plain = dict[str, Any]
 """What JSON can hold, no NaN."""
 
 
 @dataclass(frozen=True)
-class Workshop:
+class TaskCache:
     """A folder for results, a seed, worker processes.
 
     Attributes
@@ -87,7 +87,7 @@ class Workshop:
         return rng_of(self.seed, *names)
 
     def _path(self, work: Callable[[Plain], Plain], item: Plain) -> Path:
-        content = json.dumps([work.__module__, work.__qualname__, item, code_version()], sort_keys=True)
+        content = json.dumps([work.__module__, work.__qualname__, item, code_digest(work.__module__)], sort_keys=True)
         digest = hashlib.sha256(content.encode()).hexdigest()
         return self.folder / digest[:2] / f"{digest}.json"
 
@@ -103,5 +103,4 @@ def _safely(work: Callable[[Plain], Plain], task: tuple[str, Plain, str]) -> Pla
     try:
         return {"value": work(item)}
     except Exception as e:
-        frame = traceback.extract_tb(e.__traceback__)[-1]
-        return {"error": f"{type(e).__name__} at {Path(frame.filename).name}:{frame.lineno}: {e}"}
+        return {"error": one_line(e)}

@@ -12,10 +12,10 @@ from matplotlib.figure import Figure as MplFigure
 
 from horizonval.core.errors import UserError
 from horizonval.systems import run as run_module
-from horizonval.systems.book import printed_rows, write_first_page, write_reproduction
+from horizonval.systems.pages import printed_rows, write_first_page, write_reproduction
 from horizonval.systems.result import Figure, Reproduction, Row, Table
 from horizonval.systems.systems import SYSTEMS, chosen, experiment
-from horizonval.systems.workshop import Workshop, rng_of
+from horizonval.systems.task_cache import TaskCache, rng_of
 
 
 def _draw() -> MplFigure:
@@ -29,7 +29,7 @@ def _result(measured: float = 0.03) -> Reproduction:
         system="B",
         title="a method",
         source="Somebody 2001",
-        summary="What was done.",
+        summary={"text": "What was done."},
         rows=(
             Row("rms", 0.038, measured, "deg", "alike", limit=0.038),
             Row("entry | one", 1.0, 1.05, "deg", "quantised", limit=0.0708, against=1.0),
@@ -103,7 +103,7 @@ def _square(item):
 def test_what_is_done_is_kept_when_another_item_fails(tmp_path):
     log = tmp_path / "log"
     items = {str(x): {"x": x, "log": str(log)} for x in (2, 13, 3)}
-    shop = Workshop(tmp_path / "work", workers=2)
+    shop = TaskCache(tmp_path / "work", workers=2)
     for _ in range(2):
         with pytest.raises(RuntimeError, match="thirteen"):
             shop.each("squares", _square, items)
@@ -121,7 +121,7 @@ def test_a_foreign_folder_is_left_alone(tmp_path):
 
 
 def test_a_second_run_in_the_same_folder_is_refused_and_leftovers_of_a_killed_one_go(tmp_path, monkeypatch):
-    monkeypatch.setattr(run_module, "experiment", lambda letter: lambda workshop: _result())
+    monkeypatch.setattr(run_module, "experiment", lambda letter: lambda cache: _result())
     out = tmp_path / "pages"
     left = out / run_module.WORK / "ab" / ".abc.json.1.tmp"
     left.parent.mkdir(parents=True)

@@ -1,0 +1,38 @@
+"""What long work tells about itself while it goes on. Who shows it, and how, is not the work's business."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class Progress(Protocol):
+    """Told how far the work has come: items that are counted, and steps whose length nobody knows."""
+
+    def start(self, total: int, kept: int, *, unit: str = "", what: str = "") -> None:
+        """Begin with ``total`` items, of which ``kept`` are finished already.
+
+        Parameters
+        ----------
+        total, kept : int
+        unit, what : str
+            What is counted, and of what work; empty for what the listener was made for.
+        """
+
+    def done(self, name: str, *, failed: str | None = None) -> None:
+        """One more item is finished; ``failed`` says why it has no result."""
+
+    def step(self, what: str, state: str = "") -> None:
+        """Something that takes a while is under way: ``what`` it is, and how it stands."""
+
+
+class Silent:
+    """A listener that shows nothing."""
+
+    def start(self, total: int, kept: int, *, unit: str = "", what: str = "") -> None:
+        """Ignore."""
+
+    def done(self, name: str, *, failed: str | None = None) -> None:
+        """Ignore."""
+
+    def step(self, what: str, state: str = "") -> None:
+        """Ignore."""
