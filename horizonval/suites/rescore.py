@@ -22,7 +22,7 @@ from horizonval.core.progress import Progress, Silent
 from horizonval.estimation import registry
 from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process.sandbox import Limits, Sandbox
-from horizonval.frame import DetectorImage, FrameTruth
+from horizonval.frame import DetectorImage
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_of_heads, expected_outcome
 from horizonval.scoring.row import Row, make_row
@@ -269,7 +269,7 @@ def _record(
     first = next(iter(images))
     truth = next(iter(images[first].values())).truth
     # The report draws the first band; it is the camera file's first, as in a run.
-    order = [band["name"] for band in truth.camera.get("band", [])]
+    order = [band.name for band in truth.camera_spec.band]
     bands = sorted(images[first], key=lambda band: (order.index(band) if band in order else len(order), band))
     rows, details = [], {}
     for number, band in enumerate(bands):
@@ -292,7 +292,7 @@ def _record(
 def _in_order(images: dict[str, dict[str, DetectorImage]]) -> dict[str, dict[str, DetectorImage]]:
     """Return heads in the order of the camera file, which decides whose camera frame an answer is in."""
     truth = next(iter(next(iter(images.values())).values())).truth
-    order = [head["name"] for head in truth.camera.get("head", [])]
+    order = [head.name for head in truth.camera_spec.head]
     return {name: images[name] for name in sorted(images, key=lambda h: (order.index(h) if h in order else -1, h))}
 
 
@@ -310,7 +310,7 @@ def _scored(
     result = sandbox.run(estimator.name, observation)
     row = make_row(
         case=item.name,
-        camera=_camera_name(truth),
+        camera=truth.camera_name,
         band=image.band,
         estimator=estimator.name,
         truth=truth,
@@ -320,11 +320,6 @@ def _scored(
     # The Sun troubles the head it is nearest to, which need not be the first.
     nearest_rad = min(other.truth.sun_boresight_rad for other in taken.values())
     return replace(row, sun_boresight_deg=math.degrees(nearest_rad)), details_of(result)
-
-
-def _camera_name(truth: FrameTruth) -> str:
-    name = truth.camera.get("camera", {}).get("name")
-    return name or truth.scene.get("camera", {}).get("file", "").rsplit("/", 1)[-1].removesuffix(".toml")
 
 
 def _conclude(folder: RunFolder, head: dict[str, Any], rows: list[Row], failed: dict[str, str]) -> Rescored:

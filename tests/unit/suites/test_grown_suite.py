@@ -16,7 +16,6 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.progress import Silent
 from horizonval.core.refusal import Refusal
 from horizonval.scoring.table import read_results
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites import case as of_case
 from horizonval.suites import run as of_run
 from horizonval.suites.run import run_suite
@@ -57,7 +56,7 @@ class Refusing:
 @pytest.fixture
 def suite_file(make_frame, monkeypatch, tmp_path) -> Path:
     frame = make_frame()
-    camera = CameraSpec.model_validate(frame.truth.camera)
+    camera = frame.truth.camera_spec
     monkeypatch.setattr(of_case, "_frame", lambda *_: (frame, None))
     monkeypatch.setattr(of_case, "sandbox_of", lambda _: Refusing())
     monkeypatch.setattr(of_run, "run_cases", lambda work, units, _: ((unit, work(unit)) for unit in units))
