@@ -137,7 +137,7 @@ def estimator(name: str = "made-up", **changes: Any) -> Estimator:
 
 def toy_image(truth: FrameTruth, full_scale: int = 1023) -> DetectorImage:
     """Ground, an exponential limb of 8 km scale height, dark current, and the Sun's disc if it is in the frame."""
-    spec = CameraSpec.model_validate(truth.camera)
+    spec = truth.camera_spec
     camera = camera_from_spec(spec.camera)
     ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
     d_cam = unproject(camera, pixel_grid(camera))
@@ -214,7 +214,7 @@ def synthetic_cases() -> list[Case]:
 
 def limb_points(truth: FrameTruth, generator: np.random.Generator, n: int = 300) -> NDArray[np.float64]:
     """Points near the horizon of a sphere, 0.3 px of noise, inside the image."""
-    camera = camera_from_spec(CameraSpec.model_validate(truth.camera).camera)
+    camera = truth.camera_model
     nadir = np.array(truth.nadir_geocentric_cam)
     first = np.cross(nadir, [0.3, 0.5, -0.7])
     first /= np.linalg.norm(first)

@@ -156,7 +156,7 @@ def _tile(view: View, estimators: Sequence[str], index: int, reduced: bool) -> d
     rows = [_tile_row(view, name) for name in estimators if name in view.rows]
     some = next(iter(view.rows.values()), None)
     expected = expected_outcome(image.truth, view.band) if image is not None else None
-    camera = some.camera if some else (image.truth.camera["camera"].get("name") or "" if image else "")
+    camera = some.camera if some else (image.truth.camera_spec.camera.name or "" if image else "")
     tile: dict[str, Any] = {
         "index": index,
         "name": view.case,
@@ -237,7 +237,7 @@ def _tile_row(view: View, estimator: str) -> dict[str, Any]:
 
 
 def _layers(view: View, truth: FrameTruth, estimators: Sequence[str]) -> list[dict[str, str]]:
-    camera = overlay.camera_of(truth)
+    camera = truth.camera_model
     layers = []
     for name in estimators:
         detail = view.details.get(name) or {}

@@ -64,14 +64,14 @@ def archived_record(item: Item, plan: Plan, store: Store, watch: Stopwatch) -> R
 def _observed(addresses: Iterable[str], store: Store) -> Observed:
     """Read images; the bands are in the camera file's order, as in a run: the report draws the first one."""
     images = [store.read_image(address) for address in addresses]
-    order = [band["name"] for band in images[0].truth.camera.get("band", [])]
+    order = [band.name for band in images[0].truth.camera_spec.band]
     images.sort(key=lambda image: (order.index(image.band) if image.band in order else len(order), image.band))
     return Observed({image.band: image for image in images})
 
 
 def _in_order(heads: dict[str, Observed]) -> dict[str, Observed]:
     """Return heads in the order of the camera file, which decides whose camera frame an answer is in."""
-    order = [head["name"] for head in next(iter(heads.values())).truth.camera.get("head", [])]
+    order = [head.name for head in next(iter(heads.values())).truth.camera_spec.head]
     return {name: heads[name] for name in sorted(heads, key=lambda h: (order.index(h) if h in order else -1, h))}
 
 

@@ -93,12 +93,6 @@ def camera_name(case: Case) -> str:
     return case.camera.camera.name or case.scene.camera.file.rsplit("/", 1)[-1].removesuffix(".toml")
 
 
-def camera_of_truth(truth: FrameTruth) -> str:
-    """Return the name of the camera that a truth is of, as :func:`camera_name` does."""
-    name = truth.camera.get("camera", {}).get("name")
-    return name or truth.scene.get("camera", {}).get("file", "").rsplit("/", 1)[-1].removesuffix(".toml")
-
-
 def details_of(result: Fit | Refusal) -> dict[str, Any]:
     """Return what the report draws over the image: limb points, evenly thinned, and the fitted limb."""
     points = np.asarray(result.points, dtype=np.float64).reshape(-1, 2)

@@ -21,7 +21,7 @@ from horizonval.scoring.repeats import mean_noise_nees
 from horizonval.scoring.row import Row, make_row
 from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads
 from horizonval.suites.plan import Plan
-from horizonval.suites.record import camera_of_truth, details_of
+from horizonval.suites.record import details_of
 
 PROCESSOR = "processor "
 """With an estimator's name, the stage of its processor time; ``estimate`` with the name is that of the clock."""
@@ -135,7 +135,7 @@ def _score(
             scored = replace(scored, nees_noise=mean_noise_nees(fits), noise_draws=len(fits))
         row = make_row(
             case=name,
-            camera=camera_of_truth(truth),
+            camera=truth.camera_name,
             band=band,
             estimator=estimator_name,
             truth=truth,

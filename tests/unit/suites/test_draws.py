@@ -14,7 +14,6 @@ from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.scoring.repeats import noise_nees
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import Case, load_suite
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.store.folder import RunFolder
 from horizonval.suites import case as module
 from horizonval.suites import scored
@@ -54,7 +53,7 @@ REFUSAL = Refusal(Outcome.DARK, "dark")
 def take(make_frame, monkeypatch, tmp_path):
     """Take one case whose frame is made by hand, with scripted answers; its row, what was seen, the frame."""
     frame = make_frame()
-    camera = CameraSpec.model_validate(frame.truth.camera)
+    camera = frame.truth.camera_spec
     monkeypatch.setattr(module, "_frame", lambda *_: (frame, None))
     (tmp_path / "s.toml").write_text(
         '[suite]\nname = "s"\nestimators = ["altitude-free"]\n[[frame]]\nscene.name = "f"\n'
@@ -121,7 +120,7 @@ def test_heads_are_drawn_together(make_frame, monkeypatch, tmp_path):
     plan = Plan(suite.estimators, draws=3)
     (unit,) = units_of(suite.cases, plan)
     frame = make_frame()
-    camera = CameraSpec.model_validate(frame.truth.camera)
+    camera = frame.truth.camera_spec
     taken = {}
     for head, one in enumerate(unit.cases):
         images = [observe(frame, camera, seed=10 * head + seed) for seed in range(3)]

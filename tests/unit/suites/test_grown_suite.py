@@ -17,7 +17,6 @@ from horizonval.core.progress import Silent
 from horizonval.core.refusal import Refusal
 from horizonval.jobs import engine
 from horizonval.scoring.table import read_results
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites import case as of_case
 from horizonval.suites import scored
 from horizonval.suites.run import run_suite
@@ -58,7 +57,7 @@ class Refusing:
 @pytest.fixture
 def suite_file(make_frame, monkeypatch, tmp_path) -> Path:
     frame = make_frame()
-    camera = CameraSpec.model_validate(frame.truth.camera)
+    camera = frame.truth.camera_spec
     monkeypatch.setattr(of_case, "_frame", lambda *_: (frame, None))
     monkeypatch.setattr(scored, "sandbox_of", lambda _: Refusing())
     monkeypatch.setattr(engine, "run_in_processes", lambda work, items, *_, **__: ((one, work(one)) for one in items))
