@@ -92,11 +92,11 @@ def test_the_help_of_a_command_makes_nothing_again(changed: Changed) -> None:
 @pytest.mark.parametrize(
     ("name", "kinds"),
     [
-        ("renderer/kernel/march.py", {"frame", "row", "ideal row", "rescored", "stability"}),
+        ("renderer/kernel/march.py", {"frame", "row", "ideal row", "stability"}),
         ("earth/column.py", {"frame", "row", "ideal row", "rescored", "stability"}),
         ("truth/frame_truth.py", {"frame", "row", "ideal row", "rescored"}),
         ("store/seal.py", {"frame", "row", "ideal row", "rescored"}),
-        ("sensor/observe.py", {"row", "ideal row", "rescored"}),
+        ("sensor/observe.py", {"row", "ideal row"}),
         ("scoring/errors.py", {"row", "ideal row", "rescored"}),
         ("estimation/process/sandbox.py", {"row", "ideal row", "rescored"}),
         ("estimation/methods/guarded.py", {"row"}),
