@@ -14,16 +14,17 @@ from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin.model_text import dump_model, load_model
 from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings, MoonSettings
+from horizonval.renderer.types import PluginDict
 
 INTEGRATOR, SENSOR = "horizon_limb", "horizon_camera"
 
 
-def scene_properties(limb: LimbSettings, camera: CameraSettings) -> dict[str, Any]:
+def scene_properties(limb: LimbSettings, camera: CameraSettings) -> PluginDict:
     """Return a scene of both plugins as a dictionary of text, fit for a file."""
     return {"type": "scene", "integrator": limb_properties(limb), "sensor": camera_properties(camera)}
 
 
-def limb_properties(limb: LimbSettings) -> dict[str, Any]:
+def limb_properties(limb: LimbSettings) -> PluginDict:
     """Return the integrator's properties."""
     sun = {"direction_itrs": list(limb.sun_itrs), "angular_radius_rad": limb.sun_angular_radius_rad}
     return {
@@ -58,7 +59,7 @@ def limb_settings(properties: Any) -> LimbSettings:
     )
 
 
-def camera_properties(camera: CameraSettings) -> dict[str, Any]:
+def camera_properties(camera: CameraSettings) -> PluginDict:
     """Return the sensor's properties. JSON carries float64 exactly; Mitsuba's own vectors would not."""
     pose = {
         "r_itrs_m": [float(v) for v in camera.r_itrs],
@@ -72,7 +73,7 @@ def camera_properties(camera: CameraSettings) -> dict[str, Any]:
     }
 
 
-def film_properties(camera: CameraModel) -> dict[str, Any]:
+def film_properties(camera: CameraModel) -> PluginDict:
     """Return the stock film behind a camera."""
     return {
         "type": "hdrfilm",

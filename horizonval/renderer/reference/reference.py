@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ from horizonval.geometry.camera import camera_from_spec
 from horizonval.renderer.scene.description import Described, describe
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
+
+if TYPE_CHECKING:
+    from horizonval.renderer.reference.reference_scene import Placement
 
 HOLDS = "molecules, ozone, particles, uniform Lambert ground, Sun as a point"
 LEAVES_OUT = "Sun's disc and glare, surface map, clouds"
@@ -167,7 +170,7 @@ def render_reference(
     )
 
 
-def placement(described: Described) -> Any:
+def placement(described: Described) -> Placement:
     """Return where things are in the reference scene, its origin below the camera."""
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.reference.reference_scene import Placement
