@@ -63,6 +63,13 @@ class Score:
         Limb points used.
     false_valid : bool
         Claims valid, but is wrong; see :mod:`horizonval.scoring.limits`.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> frame = hv.open_frame("frame.exr")
+    >>> hv.score(hv.estimate(frame, "ideal"), frame)
+    <Score valid: nadir off by 0.0000 deg>
     """
 
     status: str
@@ -80,17 +87,28 @@ class Score:
     nees_nadir_total: float | None = None
     sigma_systematic_arcsec: float | None = None
 
+    @property
+    def nadir_error_deg(self) -> float | None:
+        """Angle between the claimed and the true nadir [deg]; None for a refusal."""
+        return None if self.nadir_error_arcsec is None else self.nadir_error_arcsec / 3600.0
+
+    def __repr__(self) -> str:
+        if self.nadir_error_deg is None:
+            return f"<Score {self.status}: {self.reason}>"
+        false = ", a false claim" if self.false_valid else ""
+        return f"<Score {self.status}: nadir off by {self.nadir_error_deg:.4f} deg{false}>"
+
 
 def score(
-    truth: FrameTruth, estimator: Estimator, result: Fit | Refusal, *, earth_radius_m: float = METHOD_RADIUS_M
+    truth: FrameTruth, estimator: Estimator | None, result: Fit | Refusal, *, earth_radius_m: float = METHOD_RADIUS_M
 ) -> Score:
     """Compare one result with the truth of its frame.
 
     Parameters
     ----------
     truth : FrameTruth
-    estimator : Estimator
-        Only ``estimates`` is used: which nadir is claimed.
+    estimator : Estimator or None
+        Only ``estimates`` is used: which nadir is claimed. None for what the fit itself says.
     result : Fit or Refusal
     earth_radius_m : float, optional
         Radius that the method was given (``Observation.earth_radius_m``), for ``altitude_error_km``.
@@ -102,7 +120,8 @@ def score(
     """
     if isinstance(result, Refusal):
         return _refused(result)
-    nadir_true = _unit(truth.nadir_geodetic_cam if estimator.estimates == "geodetic" else truth.nadir_geocentric_cam)
+    estimates = result.estimates if estimator is None else estimator.estimates
+    nadir_true = _unit(truth.nadir_geodetic_cam if estimates == "geodetic" else truth.nadir_geocentric_cam)
     nadir = np.asarray(result.nadir_cam, dtype=np.float64)
     norm = float(np.linalg.norm(nadir))
     if not math.isfinite(norm) or norm == 0.0:
