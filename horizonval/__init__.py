@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from horizonval.core.outcome import Outcome
     from horizonval.core.refusal import Refusal
     from horizonval.estimation.observation import Estimator, Fit, Observation
-    from horizonval.scoring.errors import Score
+    from horizonval.scoring.row import Score
 
 __version__ = "0.1.0"
 
@@ -78,7 +78,7 @@ _HOMES = {
     "core.outcome": ("Outcome",),
     "core.refusal": ("Refusal",),
     "estimation.observation": ("Estimator", "Fit", "Observation"),
-    "scoring.errors": ("Score",),
+    "scoring.row": ("Score",),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

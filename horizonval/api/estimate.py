@@ -17,8 +17,8 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.frame import DetectorImage, RadianceFrame
-from horizonval.scoring.errors import Score
 from horizonval.scoring.errors import score as scored
+from horizonval.scoring.row import Score
 from horizonval.suites.observation import method_radius_m
 
 AnyImage: TypeAlias = DetectorImage | RadianceFrame | str | Path | NDArray[Any]

@@ -42,7 +42,7 @@ class Run:
     >>> run
     <Run orbit: 2 rows, 0 frames failed>
     >>> run.rows().project("estimator, status").fetchall()
-    [('altitude-free', 'valid'), ('ideal', 'valid')]
+    [('altitude-free', 'ambiguous'), ('ideal', 'valid')]
     """
 
     out: Path

@@ -90,7 +90,7 @@ def observation_from_heads(pictures: Mapping[str, Picture], estimator: Estimator
     housing = None
     for where, picture in pictures.items():
         source = picture.source
-        head = None if source is None else source.truth.scene.get("camera", {}).get("head")
+        head = None if source is None else source.truth.head
         if source is None or head is None:
             raise UserError(
                 "this image does not say which head took it", where=where, expected="an EXR file written by horizonval"
@@ -112,7 +112,7 @@ def observation_from_heads(pictures: Mapping[str, Picture], estimator: Estimator
 
 def _in_order(sources: Mapping[str, DetectorImage | RadianceFrame]) -> dict[str, DetectorImage | RadianceFrame]:
     """Return images in the camera file's order of heads, which decides whose camera frame the answer is in."""
-    heads = [head["name"] for head in next(iter(sources.values())).truth.camera.get("head", [])]
+    heads = [head.name for head in next(iter(sources.values())).truth.camera_spec.head]
     return {name: sources[name] for name in sorted(sources, key=heads.index)}
 
 

@@ -48,7 +48,7 @@ from horizonval.core.outcome import Outcome
 from horizonval.estimation.limb.model.systematic import Relief, systematic_covariance
 from horizonval.estimation.limb.shape.cone import fit_cone, off_axis_angle, tangent_basis
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import CameraModel, camera_from_spec, project
+from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import signed_limb_angle
 from horizonval.scoring import limits
@@ -123,10 +123,36 @@ class Expected:
     moon_in_frame: bool = False
 
 
+@dataclass(frozen=True)
+class Examined:
+    """What a truth says about one band of a frame, and what it follows from.
+
+    Attributes
+    ----------
+    camera : CameraModel
+    view : HorizonView
+        For a linear array among several heads that of the infrared horizon, where the truth has it.
+    signal : LimbSignal
+    expected : Expected
+    """
+
+    camera: CameraModel
+    view: HorizonView
+    signal: LimbSignal
+    expected: Expected
+
+
 def expected_outcome(
     truth: FrameTruth, band: str | None = None, *, needs: Literal["image", "pose", "heads"] = "image"
 ) -> Expected:
-    """Return what an estimator should report for one band of a frame.
+    """Return what an estimator should report for one band of a frame; parameters and errors as :func:`examine`."""
+    return examine(truth, band, needs=needs).expected
+
+
+def examine(
+    truth: FrameTruth, band: str | None = None, *, needs: Literal["image", "pose", "heads"] = "image"
+) -> Examined:
+    """Return what an estimator should report for one band of a frame, with the horizon and its signal.
 
     Parameters
     ----------
@@ -142,8 +168,7 @@ def expected_outcome(
     UserError
         The camera has no such band.
     """
-    spec = CameraSpec.model_validate(truth.camera)
-    camera = camera_from_spec(spec.camera)
+    spec, camera = truth.camera_spec, truth.camera_model
     chosen = _band(spec, band)
     view = horizon_view(truth, camera)
     if needs == "heads" and _linear(camera) and chosen.name in truth.infrared_horizon:
@@ -167,7 +192,7 @@ def expected_outcome(
     seen = view.in_view
     up_cam = -np.array(truth.nadir_geodetic_cam)
     ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
-    return Expected(
+    expected = Expected(
         outcome=outcome,
         horizon_fraction_in_view=float(seen.mean()),
         horizon_arc_px=arc_px,
@@ -185,6 +210,7 @@ def expected_outcome(
         determined_deg=math.degrees(determined) if math.isfinite(determined) else None,
         moon_in_frame=moon_in_frame(camera, truth),
     )
+    return Examined(camera, view, signal, expected)
 
 
 def expected_of_heads(heads: Sequence[Expected]) -> Expected:

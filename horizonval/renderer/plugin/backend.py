@@ -17,8 +17,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from horizonval.core import atomic, llvm
+from horizonval.core.cache import cache_folder
 from horizonval.core.errors import UserError
-from horizonval.renderer.cache import cache_folder
 
 VARIANT_VARIABLE = "HORIZONVAL_VARIANT"
 VARIANTS = ("cuda_ad_mono", "llvm_ad_mono")
