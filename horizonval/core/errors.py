@@ -24,6 +24,15 @@ class UserError(Exception):
         What would have been right.
     fix : str, optional
         What to do now.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> try:
+    ...     hv.Camera.from_file("vis-cmos-512-60deg").changed(camera={"width": "512"})
+    ... except hv.UserError as e:
+    ...     print(e)
+    Camera: camera.width: found "512"; expected a whole number from 1 to 16384
     """
 
     def __init__(self, what: str, *, where: str = "", expected: str = "", fix: str = "") -> None:

@@ -313,8 +313,17 @@ class Shelf:
         self._cameras: dict[str, CameraSpec] = {}
         self._files: dict[tuple[Kind, str], Path] = {}
 
-    def resolve(self, data: Plain, *, inside: str) -> tuple[SceneSpec, CameraSpec]:
+    def resolve(self, data: Plain, *, inside: str, camera: CameraSpec | None = None) -> tuple[SceneSpec, CameraSpec]:
         """Return scene and camera of plain data.
+
+        Parameters
+        ----------
+        data : dict
+            A scene, as a TOML file has it; ``camera`` may hold tables of the camera file that change it.
+        inside : str
+            Place in the file, for errors.
+        camera : CameraSpec, optional
+            In place of the file that ``camera.file`` names, which need not exist then.
 
         Raises
         ------
@@ -327,7 +336,14 @@ class Shelf:
             data = {**data, "camera": {key: value for key, value in use.items() if key not in changes}}
         scene = validate(SceneSpec, _with_datetime(data), str(self._path), inside=inside)
         prefix = f"{self._path}: {inside}: " if inside else f"{self._path}: "
-        camera = self._camera(scene.camera.file, changes, inside, prefix)
+        if camera is None:
+            camera = self._camera(scene.camera.file, changes, inside, prefix)
+        if not camera.band:
+            raise UserError(
+                f"camera {scene.camera.file!r} has no spectral band",
+                where=prefix + "camera.file",
+                expected="at least one [[band]] in the camera file",
+            )
         if scene.atmosphere.file is not None:
             file = self._find("atmosphere", scene.atmosphere.file, prefix + "atmosphere.file")
             scene = _with_atmosphere(scene, file=str(file.resolve()))
@@ -356,23 +372,17 @@ class Shelf:
             validate(CameraSpec, data, str(file))
             camera = validate(
                 CameraSpec,
-                _changed(data, changes, prefix),
+                changed_camera(data, changes, prefix),
                 str(self._path),
                 inside=f"{inside}: camera".removeprefix(": "),
             )
         else:
             camera = validate(CameraSpec, data, str(file))
-        if not camera.band:
-            raise UserError(
-                f"camera {name!r} has no spectral band",
-                where=prefix + "camera.file",
-                expected="at least one [[band]] in the camera file",
-            )
         self._cameras[key] = camera
         return camera
 
 
-def _changed(camera: Plain, changes: Plain, prefix: str) -> Plain:
+def changed_camera(camera: Plain, changes: Plain, prefix: str) -> Plain:
     """Return a camera file's data with a scene's changes; bands are changed by their names."""
     bands = changes.get("band")
     if not isinstance(bands, Mapping):
