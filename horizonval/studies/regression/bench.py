@@ -31,12 +31,15 @@ CODE = {"replay": _UNITS, "render": _UNITS, "anchors": ("horizonval.studies.regr
 
 @dataclass(frozen=True)
 class Task:
-    """One unit: ``kind`` is ``replay``, ``render`` or ``anchors``; the other fields are what that kind needs."""
+    """One unit: ``kind`` is ``replay``, ``render`` or ``anchors``; the other fields are what that kind needs.
+
+    ``batch`` is the number of the batch of fresh scenes that a case belongs to, ``None`` for one of the suite's own.
+    """
 
     name: str
     kind: str
     case: Case | None = None
-    table: str = ""
+    batch: int | None = None
     replicates: int = 1
     pack: Path | None = None
     scene: str = ""
@@ -66,10 +69,11 @@ class NightWork(Recorded[Task]):
 
     def identity(self, item: Task) -> str:
         """Return the digest of what a unit's result depends on: the name of its files."""
-        case = None
+        case, table = None, ""
         if item.case is not None:
+            table = item.case.table or ""
             case = [item.case.scene.model_dump(mode="json"), item.case.camera.model_dump(mode="json")]
-        content = [item.kind, case, item.table, item.scene, sorted(item.known), item.depends_on, item.replicates]
+        content = [item.kind, case, table, item.scene, sorted(item.known), item.depends_on, item.replicates]
         code = code_digest(*CODE[item.kind], *code_of(self.plan.estimators if item.kind != "anchors" else ()))
         text = json.dumps([content, self.plan.content(), code], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -88,7 +92,7 @@ class NightWork(Recorded[Task]):
             assert item.pack is not None
             return {"rows": replay_scene(item.pack, item.scene, self.plan)}
         assert item.case is not None
-        record, arrays = render_scene(item.case, item.table, self.plan, item.replicates, item.known)
+        record, arrays = render_scene(item.case, self.plan, item.replicates, item.known)
         with atomic.replacing(self.arrays(item)) as temporary, open(temporary, "wb") as file:
             np.savez_compressed(file, **dict(arrays))  # type: ignore[arg-type]
         return record

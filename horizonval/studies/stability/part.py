@@ -62,7 +62,7 @@ class StabilityPart:
                 where = f"{suite.source}: stability.band[{i}] ({band.name})"
                 if "atmosphere" in e.where:
                     where = f"{suite.source}: stability.atmosphere"
-                raise UserError(e.what, where=where, expected=e.expected, fix=e.fix) from e
+                raise e.at(where) from e
 
     def run(self, suite: Suite, folder: RunFolder, execution: Execution, progress: Progress) -> PartOutcome:
         """Run what is missing of the study and conclude it.

@@ -68,7 +68,7 @@ def take(make_frame, monkeypatch, tmp_path):
         sandbox = Scripted(answers)
         monkeypatch.setattr(scored, "sandbox_of", lambda _: sandbox)
         plan, watch = Plan(("altitude-free",), draws=draws), Stopwatch()
-        taken = module._make(Case("f", scene, camera), plan, RunFolder(tmp_path), watch).observed
+        taken = module._make(Case(scene, camera), plan, RunFolder(tmp_path), watch).observed
         return taken, sandbox.seen, frame, camera, watch
 
     return run
