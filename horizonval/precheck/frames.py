@@ -11,7 +11,6 @@ from horizonval.core.errors import UserError
 from horizonval.earth.optical import node_counts, optical_model
 from horizonval.precheck.cost import (
     RECORD_BYTES,
-    SCATTERING_TABLE_S,
     Cost,
     FrameCost,
     column_key,
@@ -153,7 +152,8 @@ def total_cost(groups: Sequence[Group], looks: Sequence[Look], keep: Keep, draws
         return None
     totals: Mapping[str, float] = dict.fromkeys(("cells", "evaluations", "render_s", "observe_s", "estimate_s"), 0.0)
     totals = dict(totals)
-    disk, frames, columns, each = 0.0, 0, set(), 0
+    disk, frames = 0.0, 0
+    columns: dict[tuple[object, ...], FrameCost] = {}
     for group, look in zip(groups, looks, strict=True):
         costs, n = look.costs or known, len(group.cases)
         for key in totals:
@@ -163,17 +163,15 @@ def total_cost(groups: Sequence[Group], looks: Sequence[Look], keep: Keep, draws
         )
         disk += n * RECORD_BYTES + (0.0 if keep == "none" else n * (frame_bytes + image_bytes))
         frames += n
-        tables = round(float(np.mean([cost.tables for cost in costs])))
-        if tables:
-            columns |= {column_key(case.scene, case.camera) for case in group.cases}
-            each = max(each, tables)
+        # Columns of a group differ in what they hold, hardly in how many nodes they have.
+        columns |= {column_key(case.scene, case.camera): costs[0] for case in group.cases if costs[0].tables}
     totals["observe_s"] *= draws
     totals["estimate_s"] *= draws
     return Cost(
         frames=frames,
         **totals,
-        tables=len(columns) * each,
-        tables_s=len(columns) * each * SCATTERING_TABLE_S,
+        tables=sum(cost.tables for cost in columns.values()),
+        tables_s=sum(cost.tables_s for cost in columns.values()),
         memory_mb=max(cost.memory_mb for cost in known),
         disk_mb=disk / 1e6,
     )

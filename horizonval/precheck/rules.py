@@ -201,10 +201,9 @@ def _determined_limit_deg() -> float:
 def _level_text(views: Sequence[LimbView]) -> str:
     """Return "limb at 140 % of full scale" of one frame, or the range over several."""
     highest = [view.highest for view in views if view.highest is not None]
-    low, high = min(highest), max(highest)
-    if len(highest) == 1 or high - low < 0.005 * high:
-        return f"limb at {percent(high)} of full scale"
-    return f"limb at {percent(low)} to {percent(high)} of full scale"
+    low, high = percent(min(highest)), percent(max(highest))
+    text = f"limb at {high if low == high else f'{low} to {high}'} of full scale"
+    return text + (" over clouds or snow" if all(view.patchy for view in views) else "")
 
 
 def _exposure_fix(views: Iterable[LimbView]) -> str:
@@ -296,7 +295,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "nearly-saturated", None, _nearly_saturated, lambda v: f"{_level_text(v)}, close to saturation", _exposure_fix
     ),
-    Rule("dim", None, _dim, lambda v: f"limb at {percent(v[0].level or 0.0, 2)} of full scale only", _exposure_fix),
+    Rule("dim", None, _dim, lambda v: f"limb at {percent(v[0].level or 0.0)} of full scale only", _exposure_fix),
     Rule(
         "noisy",
         None,
@@ -328,9 +327,9 @@ CODES = (*(rule.code for rule in RULES), "cannot-run")
 """All codes of findings."""
 
 
-def percent(share: float, digits: int = 0) -> str:
-    """Return a share as text."""
-    return f"{100.0 * share:.{digits}g} %" if digits else f"{100.0 * share:.0f} %"
+def percent(share: float) -> str:
+    """Return a share as text: whole per cent, small ones to two digits."""
+    return f"{100.0 * share:.2g} %" if 0.0 < share < 0.1 else f"{100.0 * share:.0f} %"
 
 
 def duration(seconds: float) -> str:
