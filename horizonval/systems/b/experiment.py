@@ -77,7 +77,7 @@ def reproduce(cache: TaskCache) -> Reproduction:
         system="B",
         title="Video-vertical: the local vertical from two perpendicular cameras",
         source="I. Belokonov, I. Lomaka and others (Samara), about 2015; English version IFAC-PapersOnLine, 2016",
-        summary=f"{summary(region, orbit)}\n\n{bench_text}",
+        summary={"text": f"{summary(region, orbit)}\n\n{bench_text}"},
         rows=(*rows, *bench_rows),
         tables=(*tables, *bench_tables),
         figures=(*drawn, *bench_figures),

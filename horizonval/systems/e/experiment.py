@@ -65,7 +65,7 @@ def reproduce(cache: TaskCache) -> Reproduction:
         system="E",
         title="Passive satellite localisation from angles only",
         source="Hadinejad & Amiri 2020; adaptive filter after Akhlaghi, Zhou & Huang 2017",
-        summary=f"{_summary(rows, nearest, noise.distance(columns[nearest]))}\n\n{from_frames.words}",
+        summary={"text": f"{_summary(rows, nearest, noise.distance(columns[nearest]))}\n\n{from_frames.words}"},
         rows=(
             *_plain_rows(rows, nearest, columns[nearest]),
             *_proposed_rows(rows),
