@@ -92,7 +92,7 @@ class Watcher:
     def __init__(self) -> None:
         self._spectral: dict[tuple[str, ...], dict[str, int]] = {}
 
-    def look(self, group: Group, count: int, *, infrared: bool) -> Look:
+    def look(self, group: Group, count: int, *, infrared: bool, cost: bool = True) -> Look:
         """Look at a sample of a group.
 
         Parameters
@@ -103,19 +103,22 @@ class Watcher:
         infrared : bool
             Whether to work out the infrared horizon of its first frame, hence the level of thermal limbs there: up to
             2 s for every thermal band.
+        cost : bool
+            Whether to work out what the frames cost, and with it whether their air and bands are known.
         """
         seen = Look()
         for number, case in enumerate(spread(group.cases, count)):
             seen.examined += 1
             try:
-                spectral = self.spectral(case)
+                spectral = self.spectral(case) if cost else None
                 truth = truth_of(case.scene, case.camera, infrared=infrared and number == 0)
             except UserError as e:
                 seen.errors.append(cannot_run(e, group.subject))
                 continue
             for view in limb_views(case.name, truth, case.camera, group.needs):
                 seen.views.setdefault(view.band, []).append(view)
-            seen.costs.append(frame_cost(truth, case.scene, case.camera, spectral, group.estimators))
+            if spectral is not None:
+                seen.costs.append(frame_cost(truth, case.scene, case.camera, spectral, group.estimators))
         return seen
 
     def spectral(self, case: Case) -> dict[str, int]:

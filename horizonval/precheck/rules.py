@@ -65,7 +65,9 @@ class Rule:
     fix: Callable[[Sequence[LimbView]], str]
 
 
-def findings_of(views: Sequence[LimbView], subject: str, *, single: bool = False) -> list[Finding]:
+def findings_of(
+    views: Sequence[LimbView], subject: str, *, total: int | None = None, single: bool = False
+) -> list[Finding]:
     """Return the findings of frames that have a camera or a design in common.
 
     Parameters
@@ -74,6 +76,8 @@ def findings_of(views: Sequence[LimbView], subject: str, *, single: bool = False
         One band of every frame.
     subject : str
         What they have in common.
+    total : int, optional
+        How many frames there are, where not all of them were looked at.
     single : bool
         Whether they are a scene of its own: its problems are warnings.
     """
@@ -82,7 +86,7 @@ def findings_of(views: Sequence[LimbView], subject: str, *, single: bool = False
         troubled = [(problem, view) for view in views if (problem := rule.find(view)) is not None]
         if not troubled:
             continue
-        troubled.sort(key=lambda pair: _gravity(pair[0]), reverse=True)
+        troubled.sort(key=lambda pair: gravity(pair[0].value, pair[0].limit), reverse=True)
         worst, members = troubled[0][0], [view for _, view in troubled]
         share = len(members) / len(views)
         grave = rule.share is not None and (single or share >= rule.share)
@@ -98,15 +102,17 @@ def findings_of(views: Sequence[LimbView], subject: str, *, single: bool = False
                 subject,
                 len(members),
                 len(views),
+                len(views) if total is None else total,
             )
         )
     return findings
 
 
-def _gravity(problem: Problem) -> float:
-    if problem.value is None or problem.limit is None:
+def gravity(value: float | None, limit: float | None) -> float:
+    """Return how far a value is beyond its limit; without a value there is nothing at all, which is the worst."""
+    if limit is None:
         return 0.0
-    return abs(problem.value - problem.limit)
+    return math.inf if value is None else abs(value - limit)
 
 
 def _saturated(view: LimbView) -> Problem | None:
