@@ -235,8 +235,11 @@ def _short_arc_text(views: Sequence[LimbView]) -> str:
         return f"{arc}, at least {view.shortest_px:.0f} px are needed"
     if view.sagitta_px < limits.MIN_ARC_SAGITTA_PX:
         return f"{arc} bend by {view.sagitta_px:.2f} px only, at least {limits.MIN_ARC_SAGITTA_PX:g} px are needed"
-    found = "nothing" if view.determined_deg is None else f"the nadir to {view.determined_deg:.2g} deg only"
-    return f"{arc} determine {found}, {_determined_limit_deg():g} deg are needed"
+    if view.determined_deg is None:
+        return f"{arc} do not determine the nadir"
+    return (
+        f"{arc} determine the nadir to {view.determined_deg:.2g} deg only, {_determined_limit_deg():g} deg are needed"
+    )
 
 
 def _snr_text(views: Sequence[LimbView]) -> str:

@@ -79,7 +79,7 @@ def cost_lines(cost: Cost) -> list[str]:
     """Return what a run takes, a line or two."""
     frames = f"{cost.frames} frame{'s' if cost.frames != 1 else ''}"
     lines = [
-        f"cost: {frames}, about {seconds(cost.processor_s)} of processor time (within a factor of two to three), "
+        f"cost: {frames}, about {seconds(cost.processor_s)} of processor time (to a factor of three), "
         f"{size(cost.memory_mb)} a process, {size(cost.disk_mb)} on disk"
     ]
     if cost.tables:
