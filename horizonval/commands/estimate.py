@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from horizonval.commands.picture import Picture, read_picture
+from horizonval.commands.picture import GreyImage, read_picture
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
@@ -103,7 +103,7 @@ def _in_order(sources: Mapping[str, DetectorImage | RadianceFrame]) -> dict[str,
 
 
 def _observation(
-    picture: Picture, estimator: Estimator, path: Path, camera: CameraSpec | None, camera_file: str
+    picture: GreyImage, estimator: Estimator, path: Path, camera: CameraSpec | None, camera_file: str
 ) -> Observation:
     if picture.source is None and estimator.needs == "pose":
         raise UserError(
@@ -146,7 +146,7 @@ def _band_kind(camera: CameraSpec) -> Literal["solar", "thermal"] | None:
     return kinds.pop() if len(kinds) == 1 else None
 
 
-def _full_scale(picture: Picture, camera: CameraSpec) -> float | None:
+def _full_scale(picture: GreyImage, camera: CameraSpec) -> float | None:
     """A 12 bit converter saturates at 4095, also in a 16 bit file; the detector knows, the file does not."""
     if picture.full_scale is None or picture.source is not None or camera.detector is None:
         return picture.full_scale

@@ -22,7 +22,7 @@ MAX_FILE_BYTES = 4 * 1024**3
 
 
 @dataclass(frozen=True)
-class Picture:
+class GreyImage:
     """A grey image from a file.
 
     Attributes
@@ -39,7 +39,7 @@ class Picture:
     source: DetectorImage | RadianceFrame | None
 
 
-def read_picture(path: Path) -> Picture:
+def read_picture(path: Path) -> GreyImage:
     """Read a picture; the content decides what it is, not the name.
 
     Raises
@@ -57,22 +57,22 @@ def read_picture(path: Path) -> Picture:
     return _read_exr(path) if magic == EXR_MAGIC else _read_common(path)
 
 
-def _read_exr(path: Path) -> Picture:
+def _read_exr(path: Path) -> GreyImage:
     from horizonval.store import exr
 
     match exr.kind(path):
         case "image":
             image = exr.read_image(path)
-            return Picture(image.dn.astype(np.float64), float(image.full_scale), image)
+            return GreyImage(image.dn.astype(np.float64), float(image.full_scale), image)
         case "frame":
             frame = exr.read_frame(path)
             first = next(iter(frame.radiance.values()))
-            return Picture(first.astype(np.float64), None, frame)
+            return GreyImage(first.astype(np.float64), None, frame)
         case _:
-            return Picture(exr.read_foreign_grey(path), None, None)
+            return GreyImage(exr.read_foreign_grey(path), None, None)
 
 
-def _read_common(path: Path) -> Picture:
+def _read_common(path: Path) -> GreyImage:
     import cv2
 
     expected = "an EXR, PNG, TIFF or JPEG image"
@@ -90,7 +90,7 @@ def _read_common(path: Path) -> Picture:
         what = "not an image that can be read" if data.size else "the file is empty"
         raise UserError(what, where=str(path), expected=expected)
     full_scale = float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind in "ui" else None
-    return Picture(to_grey(pixels), full_scale, None)
+    return GreyImage(to_grey(pixels), full_scale, None)
 
 
 @contextlib.contextmanager

@@ -23,7 +23,7 @@ from horizonval.core import atomic
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
 from horizonval.store import exr
-from horizonval.store.entry import INDEX_PREFIX, Entry, describe, is_address, place, sha256
+from horizonval.store.entry import INDEX_PREFIX, StoreEntry, describe, is_address, place, sha256
 from horizonval.store.index import NAME, Index
 
 Problem = Literal["damaged", "misplaced", "missing", "duplicate", "foreign", "leftover", "index"]
@@ -61,7 +61,7 @@ def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progres
     findings, known = _known(root)
     expected = dict.fromkeys(known, "the index") | dict(named or {})
     paths = sorted(_files(root))
-    intact: dict[str, Entry] = {}
+    intact: dict[str, StoreEntry] = {}
     strays: list[_File] = []
     listener = progress or Silent()
     listener.start(len(paths), 0)
@@ -134,7 +134,7 @@ def _damage(path: Path) -> str:
 
 
 def _stray(
-    file: _File, root: Path, intact: Mapping[str, Entry], expected: Mapping[str, str], home: dict[str, Path]
+    file: _File, root: Path, intact: Mapping[str, StoreEntry], expected: Mapping[str, str], home: dict[str, Path]
 ) -> Finding:
     """Say what a file is that is no intact entry at its place.
 
@@ -157,7 +157,7 @@ def _stray(
     return Finding(path, "misplaced", f"{shown}: belongs at {proper}", file.digest)
 
 
-def _same_content(root: Path, intact: Mapping[str, Entry], expected: Mapping[str, str]) -> list[Finding]:
+def _same_content(root: Path, intact: Mapping[str, StoreEntry], expected: Mapping[str, str]) -> list[Finding]:
     """Tell entries whose pixels and truth are those of another one, compressed otherwise; one that is named stays."""
     groups: dict[str, list[str]] = {}
     for address, entry in intact.items():
@@ -172,7 +172,7 @@ def _same_content(root: Path, intact: Mapping[str, Entry], expected: Mapping[str
     return findings
 
 
-def _known(root: Path) -> tuple[list[Finding], dict[str, Entry]]:
+def _known(root: Path) -> tuple[list[Finding], dict[str, StoreEntry]]:
     index = Index(root)
     try:
         return [], index.known() or {}
@@ -181,7 +181,7 @@ def _known(root: Path) -> tuple[list[Finding], dict[str, Entry]]:
         return [Finding(index.path, "index", f"{NAME}: {error.what}{fix}")], {}
 
 
-def _stale_rows(root: Path, intact: Mapping[str, Entry], known: Mapping[str, Entry]) -> list[Finding]:
+def _stale_rows(root: Path, intact: Mapping[str, StoreEntry], known: Mapping[str, StoreEntry]) -> list[Finding]:
     stale = [address for address, entry in known.items() if address in intact and intact[address] != entry]
     stale += [address for address in known if not is_address(address)]
     if not stale:

@@ -19,7 +19,7 @@ from horizonval.core.errors import UserError
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
 from horizonval.stability.case import StabilityCase
-from horizonval.suites.plan import Plan, Unit, plan_of
+from horizonval.suites.plan import CasePlan, Unit, plan_of
 
 _STABILITY_ROOMS = ("stability", "renderer", "earth", "geometry", "spec")
 _FRAME_ROOMS = ("renderer", "frame.py", "truth.py", "infrared_horizon", "earth", "geometry", "spec", "archive")
@@ -40,7 +40,7 @@ def case_identity(case: Case, estimators: tuple[str, ...]) -> str:
     return _digest(_scene_content(case), json.dumps(estimators), code_version())
 
 
-def unit_identity(unit: Unit, plan: Plan) -> str:
+def unit_identity(unit: Unit, plan: CasePlan) -> str:
     """Return the digest of what the results of a unit depend on: all its cases, their estimators, what is kept."""
     content = plan.content(plan.of(unit.cases[0]))
     return _digest(*(_scene_content(case) for case in unit.cases), content, code_version())

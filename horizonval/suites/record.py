@@ -15,7 +15,7 @@ from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.table import COLUMNS
 from horizonval.spec.load import Case
 from horizonval.suites.identity import code_version
-from horizonval.suites.plan import Plan
+from horizonval.suites.plan import CasePlan
 
 CASE_SCHEMA = 1
 MAX_POINTS = 2000
@@ -54,7 +54,9 @@ def record_of(
     }
 
 
-def failed_record(name: str, identity: str, case: Case, estimators: Sequence[str], plan: Plan, error: str) -> Record:
+def failed_record(
+    name: str, identity: str, case: Case, estimators: Sequence[str], plan: CasePlan, error: str
+) -> Record:
     """Return the record of a case that has no result because something broke."""
     truth = _truth_or_none(case)
     reason = " ".join(error.split())

@@ -28,7 +28,7 @@ WHOLE = 1e-9
 
 
 @dataclass(frozen=True)
-class Moon:
+class FrameMoon:
     """The Moon of a frame.
 
     Attributes
@@ -50,7 +50,7 @@ class Moon:
 
 
 @dataclass(frozen=True)
-class View:
+class FrameGeometry:
     """Everything geometric about one frame. ``origin`` and ``sun`` hold size-1 arrays.
 
     ``ground`` is None for a Lambert ground without clouds.
@@ -70,7 +70,7 @@ class View:
     top_m: float
     subsamples: int
     ground: Ground | None = None
-    moon: Moon | None = None
+    moon: FrameMoon | None = None
     sunless: bool = False
     glow_top_m: float = 0.0
     turning: Turning | None = None
@@ -103,7 +103,7 @@ class Cells:
     moon: DiscCells | None
 
 
-def cell_centre(view: View, cell: Any) -> tuple[Any, Any]:
+def cell_centre(view: FrameGeometry, cell: Any) -> tuple[Any, Any]:
     """Return pixel coordinates (column, row) of cell centres; the cells of a pixel are neighbours in memory."""
     k = view.subsamples
     pixel, sub = cell // (k * k), cell % (k * k)
@@ -112,7 +112,7 @@ def cell_centre(view: View, cell: Any) -> tuple[Any, Any]:
     return u, v
 
 
-def group_cells(view: View) -> Cells:
+def group_cells(view: FrameGeometry) -> Cells:
     """Find out what every cell sees."""
     count = view.width * view.height * view.subsamples**2
     half = 0.5 / view.subsamples
@@ -151,7 +151,7 @@ def group_cells(view: View) -> Cells:
     return Cells(count, share, _joined(ground), _joined(limb), space, sun, moon)
 
 
-def _edge_cells(view: View, edge: Any) -> tuple[Any, Rays, Rays]:
+def _edge_cells(view: FrameGeometry, edge: Any) -> tuple[Any, Rays, Rays]:
     """Return the covered share of cells on the limb, rays through the covered parts and through the free parts."""
     size = 1.0 / view.subsamples
 
@@ -179,7 +179,7 @@ def _edge_cells(view: View, edge: Any) -> tuple[Any, Rays, Rays]:
     return share, inner, outer
 
 
-def _limb_function(view: View, d: Vec) -> Any:
+def _limb_function(view: FrameGeometry, d: Vec) -> Any:
     """Return a smooth function of directions, positive inside the Earth, close to the angle from the limb [rad]."""
     planet = view.planet
     o1 = planet.stretch(view.origin)
@@ -195,7 +195,7 @@ def _gap(a: Vec, b: Vec) -> Any:
     return x * x + y * y + z * z
 
 
-def _through_centres(view: View, index: Any) -> Rays:
+def _through_centres(view: FrameGeometry, index: Any) -> Rays:
     if not dr.width(index):
         return Rays(index, _NO_DIRECTION, 0)
     return Rays(index, view.rays.direction(*cell_centre(view, index)), dr.width(index))
@@ -209,7 +209,7 @@ def _joined(groups: list[Rays]) -> Rays:
     return Rays(dr.concat([g.cell for g in filled]), (x, y, z), sum(g.count for g in filled))
 
 
-def _disc_cells(view: View, disc: Disc, centre: Vec, reach: Any, lit: Any) -> DiscCells | None:
+def _disc_cells(view: FrameGeometry, disc: Disc, centre: Vec, reach: Any, lit: Any) -> DiscCells | None:
     """Return the cells near a disc, split as it needs; None where it is outside the frame. ``lit``: cells to look at.
 
     With refraction the disc stands where the rays point that have left the air behind.
@@ -245,7 +245,7 @@ def _disc_cells(view: View, disc: Disc, centre: Vec, reach: Any, lit: Any) -> Di
     )
 
 
-def _height_at_limb_rad(view: View, disc: Disc) -> float | None:
+def _height_at_limb_rad(view: FrameGeometry, disc: Disc) -> float | None:
     """Return the angle of :data:`SPLIT_HEIGHT_M` at the limb, or None for a disc clear of air and ground."""
     toward, distance2 = float(dot(view.origin, disc.direction)[0]), float(dot(view.origin, view.origin)[0])
     miss = math.sqrt(max(distance2 - toward * toward, 0.0))

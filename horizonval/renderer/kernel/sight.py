@@ -54,7 +54,7 @@ def _data(value: float) -> Any:
 
 
 @dataclass(frozen=True)
-class Sight:
+class RayFan:
     """The rays of one camera position.
 
     Attributes
@@ -80,7 +80,7 @@ class Sight:
     inside: bool
 
     @classmethod
-    def of(cls, planet: Planet, origin: FloatArray, top_m: float) -> Sight:
+    def of(cls, planet: Planet, origin: FloatArray, top_m: float) -> RayFan:
         """Build for a camera at ``origin``; nothing is above ``top_m``."""
         stretched = origin * np.array([1.0, 1.0, planet.a_m / planet.b_m])
         r = max(float(np.linalg.norm(stretched)), planet.a_m * (1.0 + 1e-12))

@@ -22,7 +22,7 @@ import mitsuba as mi
 
 from horizonval.earth.column import SpectralNode
 from horizonval.earth.surface.ground_emission import GroundEmission
-from horizonval.renderer.kernel.cells import Cells, Rays, View, group_cells
+from horizonval.renderer.kernel.cells import Cells, FrameGeometry, Rays, group_cells
 from horizonval.renderer.kernel.discs import DiscCells
 from horizonval.renderer.kernel.march import Chunk, march
 from horizonval.renderer.kernel.radiance import SOLAR_CONCENTRATION
@@ -33,7 +33,7 @@ from horizonval.renderer.thermal.emission_table import ThermalAir
 
 
 def render_bands(
-    view: View,
+    view: FrameGeometry,
     chunks: Iterable[tuple[list[SpectralNode], Chunk]],
     bands: list[str],
     nodes: int,
@@ -89,7 +89,7 @@ class _Landings:
     moon: Landing | None = None
 
 
-def _land(view: View, cells: Cells, light: Vec) -> _Landings:
+def _land(view: FrameGeometry, cells: Cells, light: Vec) -> _Landings:
     """Look where rays end under a light, once for all spectral nodes. Rays past the Earth end on clouds only."""
     if view.ground is None:
         return _Landings()
@@ -104,7 +104,7 @@ def _land(view: View, cells: Cells, light: Vec) -> _Landings:
 
 
 def _parts(
-    view: View, cells: Cells, landings: list[_Landings], group: list[SpectralNode], chunk: Chunk, nodes: int
+    view: FrameGeometry, cells: Cells, landings: list[_Landings], group: list[SpectralNode], chunk: Chunk, nodes: int
 ) -> Iterator[tuple[Any, Any, list[Any]]]:
     """Yield ``(cells, share of the cell, radiance per node)`` of all that shines; each cell once in each.
 

@@ -18,7 +18,7 @@ import numpy as np
 from horizonval.core.progress import Progress
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.surface.surface import GroundModel
-from horizonval.renderer.kernel.cells import Moon, View
+from horizonval.renderer.kernel.cells import FrameGeometry, FrameMoon
 from horizonval.renderer.kernel.chunks import IMAGE_TABLE, make_chunks
 from horizonval.renderer.kernel.discs import Disc
 from horizonval.renderer.kernel.march import Chunk
@@ -69,7 +69,8 @@ def limb_properties(
     ``orders`` of scattering are "single" or "all". Without ``ground`` the model's albedo is all there is.
     ``moon``: ``direction_itrs`` (from the camera), ``angular_radius_rad``, ``to_sun_itrs`` (unit vector from the Moon),
     ``light_itrs`` (unit vector from the Earth's centre), ``nearness`` and ``lights_earth``; see
-    :class:`horizonval.renderer.kernel.cells.Moon`. ``sunless``: see :class:`horizonval.renderer.kernel.cells.View`.
+    :class:`horizonval.renderer.kernel.cells.FrameMoon`. ``sunless``: see
+    :class:`horizonval.renderer.kernel.cells.FrameGeometry`.
     """
     sun = {"direction_itrs": list(sun_itrs), "angular_radius_rad": sun_angular_radius_rad}
     return {
@@ -104,12 +105,12 @@ def _vector(values: Any) -> Vec:
     return x, y, z
 
 
-def _moon(moon: dict[str, Any] | None) -> Moon | None:
+def _moon(moon: dict[str, Any] | None) -> FrameMoon | None:
     if moon is None:
         return None
     radius = dr.opaque(mi.Float64, float(moon["angular_radius_rad"]), 1)
     disc = Disc(_vector(moon["direction_itrs"]), radius, _vector(moon["to_sun_itrs"]))
-    return Moon(disc, float(moon["nearness"]), _vector(moon["light_itrs"]), bool(moon["lights_earth"]))
+    return FrameMoon(disc, float(moon["nearness"]), _vector(moon["light_itrs"]), bool(moon["lights_earth"]))
 
 
 def _prepare(text: str, planet: Planet, orders: str, progress: Progress | None = None) -> _Prepared:
@@ -148,10 +149,10 @@ def _make_plugin() -> type:
             self.ground = load_ground(props.get("ground")) if "ground" in props else None
             self.bands = list(self.prepared.model.bands)
 
-        def view(self, sensor: Any) -> View:
+        def view(self, sensor: Any) -> FrameGeometry:
             """Return the geometry of a frame taken by a ``horizon_camera``, refraction left out."""
             origin: Any = tuple(float(v) for v in sensor.r_itrs)
-            return View(
+            return FrameGeometry(
                 sensor.rays,
                 sensor.camera.width,
                 sensor.camera.height,
@@ -167,7 +168,7 @@ def _make_plugin() -> type:
                 self.prepared.model.glow_top_m,
             )
 
-        def apparent_view(self, sensor: Any) -> View:
+        def apparent_view(self, sensor: Any) -> FrameGeometry:
             """Return the geometry in which light goes straight."""
             view, air = self.view(sensor), self.prepared.air
             if air is None:

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.frame import Hit
-from horizonval.renderer.kernel.cells import View
+from horizonval.renderer.kernel.cells import FrameGeometry
 from horizonval.renderer.kernel.clouds import first_cloud
 from horizonval.renderer.planet import Vec, along, dot
 
 
-def truth_maps(view: View) -> dict[str, NDArray[np.float32]]:
+def truth_maps(view: FrameGeometry) -> dict[str, NDArray[np.float32]]:
     """Return the maps of :data:`horizonval.frame.MAP_UNITS`, each of shape (H, W), float32.
 
     The tangent height of a ray that hits the surface is minus the depth of its chord below it, measured at the point

@@ -15,10 +15,10 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.earth.surface.ground_emission import LAG_RAD, GroundEmission
-from horizonval.renderer.kernel.cells import Cells, Rays, View
+from horizonval.renderer.kernel.cells import Cells, FrameGeometry, Rays
 from horizonval.renderer.kernel.clouds import first_cloud
 from horizonval.renderer.kernel.discs import DiscCells
-from horizonval.renderer.kernel.sight import Sight
+from horizonval.renderer.kernel.sight import RayFan
 from horizonval.renderer.kernel.surface import is_land, snow_share
 from horizonval.renderer.planet import Vec, along
 from horizonval.renderer.spline_table import Azimuths, StationTable, azimuths_in_view
@@ -39,7 +39,7 @@ OUTLINE_POINTS = 64
 
 
 @dataclass(frozen=True)
-class Ends:
+class RayTermination:
     """What rays meet. ``cloud`` (None: no clouds), ``t``: where; ``shares``, ``warmth`` [K] by kind of ground."""
 
     cloud: Any
@@ -52,24 +52,24 @@ class Ends:
 class ThermalFrame:
     """What all thermal bands of a frame share."""
 
-    view: View
+    view: FrameGeometry
     cells: Cells
     emission: GroundEmission
-    sight: Sight
-    ground: Ends
-    limb: Ends
-    sun: Ends
+    sight: RayFan
+    ground: RayTermination
+    limb: RayTermination
+    sun: RayTermination
     nodes: int
 
     @classmethod
-    def of(cls, view: View, cells: Cells, emission: GroundEmission, top_m: float, nodes: int) -> ThermalFrame:
+    def of(cls, view: FrameGeometry, cells: Cells, emission: GroundEmission, top_m: float, nodes: int) -> ThermalFrame:
         """Look where all rays end."""
         origin = np.array([float(c[0]) for c in view.origin])
         return cls(
             view,
             cells,
             emission,
-            Sight.of(view.planet, origin, top_m),
+            RayFan.of(view.planet, origin, top_m),
             _ends(view, cells.ground, emission, to_ground=True),
             _ends(view, cells.limb, emission, to_ground=False),
             _ends(view, cells.sun, emission, to_ground=False),
@@ -130,7 +130,13 @@ class ThermalFrame:
         return sun.radiance(math.pi * dr.sin(self.view.sun_radius) ** 2, (1.0,), through)
 
     def _behind_clouds(
-        self, tables: BandTables, table: StationTable | None, ends: Ends, d: Vec, radiance: Any, to_ground: bool
+        self,
+        tables: BandTables,
+        table: StationTable | None,
+        ends: RayTermination,
+        d: Vec,
+        radiance: Any,
+        to_ground: bool,
     ) -> Any:
         """Return the radiance of rays with the clouds before them."""
         if table is None or ends.cloud is None:
@@ -151,7 +157,7 @@ class ThermalFrame:
         return radiance
 
 
-def _outline(view: View) -> Vec:
+def _outline(view: FrameGeometry) -> Vec:
     """Return directions along the frame's edge, once around."""
     s = (np.arange(OUTLINE_POINTS) + 0.0) / OUTLINE_POINTS
     zero, one = np.zeros(OUTLINE_POINTS), np.ones(OUTLINE_POINTS)
@@ -160,7 +166,7 @@ def _outline(view: View) -> Vec:
     return view.rays.direction(mi.Float64(x), mi.Float64(y))
 
 
-def mixed(values: Sequence[Any], kinds: list[WarmKind], ends: Ends) -> Any:
+def mixed(values: Sequence[Any], kinds: list[WarmKind], ends: RayTermination) -> Any:
     """Return the radiance of ground of several kinds, each at its own temperature."""
     total: Any = 0.0
     first = 0
@@ -176,16 +182,18 @@ def mixed(values: Sequence[Any], kinds: list[WarmKind], ends: Ends) -> Any:
     return total
 
 
-def _ends(view: View, rays: Rays | DiscCells | None, emission: GroundEmission, to_ground: bool) -> Ends:
+def _ends(
+    view: FrameGeometry, rays: Rays | DiscCells | None, emission: GroundEmission, to_ground: bool
+) -> RayTermination:
     """Look where rays end: on which kind of ground, how warm, and on which cloud before it."""
     if rays is None or not rays.count:
-        return Ends(None, None, {}, {})
+        return RayTermination(None, None, {}, {})
     cloud = t = None
     if view.ground is not None and view.ground.clouds is not None:
         cloud, t = first_cloud(view.ground.clouds, view.planet, view.origin, rays.direction, to_ground)
         dr.eval(cloud, t)
     if not to_ground:
-        return Ends(cloud, t, {}, {})
+        return RayTermination(cloud, t, {}, {})
     mid, half, _ = view.planet.chord(view.origin, rays.direction)
     _, normal = view.planet.height_and_normal(along(view.origin, rays.direction, mid - half))
     shares: dict[str, Any] = {}
@@ -196,7 +204,7 @@ def _ends(view: View, rays: Rays | DiscCells | None, emission: GroundEmission, t
         shares = {"land": dry * (1.0 - snow), "snow": dry * snow, "water": 1.0 - dry}
     warmth = warmth_k(emission, normal, view.sun)
     dr.eval(shares, warmth)
-    return Ends(cloud, t, shares, warmth)
+    return RayTermination(cloud, t, shares, warmth)
 
 
 def warmth_k(emission: GroundEmission, normal: Vec, sun: Vec) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand, SourceSpline
 from horizonval.earth.surface.ground_emission import GroundEmission
 from horizonval.renderer.kernel.radiance import vectors
-from horizonval.renderer.kernel.sight import Sight
+from horizonval.renderer.kernel.sight import RayFan
 from horizonval.renderer.planet import Planet, Vec, dot
 from horizonval.renderer.spline_table import Azimuths, RayTable, StationTable
 from horizonval.renderer.thermal.emission_columns import AirColumns, ColumnChunk
@@ -96,7 +96,7 @@ def lagrange(t: Any, nodes: Sequence[Any] | FloatArray) -> list[Any]:
 class BandTables:
     """Everything a cell of one band looks up. ``clouds_*``: None without clouds; ``layer_m`` their stations' begin."""
 
-    sight: Sight
+    sight: RayFan
     kinds: list[WarmKind]
     ground: RayTable | None
     limb: RayTable | None
@@ -108,7 +108,7 @@ class BandTables:
 def make_tables(
     air: ThermalAir,
     emission: GroundEmission,
-    sight: Sight,
+    sight: RayFan,
     azimuths: Azimuths,
     nodes: int,
     cloud_top_m: float | None,
@@ -152,7 +152,7 @@ def make_tables(
     return BandTables(sight, kinds, ground, limb, clouds_ground, clouds_limb, layer_m)
 
 
-def _rows_below(sight: Sight, v: FloatArray, layer_m: float) -> int:
+def _rows_below(sight: RayFan, v: FloatArray, layer_m: float) -> int:
     """Return how many rows of the limb's axis may meet a layer, and two more."""
     highest = layer_m * 1.01
     a, r = sight.planet.a_m, sight.distance_m

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from horizonval.estimation.methods.video_vertical import END_PIXELS, PIXEL_SIGMA_PX, Ends
+from horizonval.estimation.methods.video_vertical import END_PIXELS, PIXEL_SIGMA_PX, ChordEnds
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.b.pair import figures
@@ -91,13 +91,13 @@ def summary(region: Applicability, orbit: Lap) -> str:
     return (
         "Two perpendicular cameras are rendered in every attitude; Canny edges, the longest arc, its circle, its end "
         "points, and the cross product of the two chords give the vertical. With lines of sight to the arc's two end "
-        f"pixels the method has an rms error of {rms(region.model.error_deg(Ends.PIXEL.name)[inside]):.3f} deg within "
-        f"+-{REGION_DEG:g} deg (published {PUBLISHED_RMS_DEG} deg), which is the rounding of four pixels; with the "
-        f"mean of {END_PIXELS} pixels for every end, which is as exact, "
+        f"pixels the method has an rms error of {rms(region.model.error_deg(ChordEnds.PIXEL.name)[inside]):.3f} deg "
+        f"within +-{REGION_DEG:g} deg (published {PUBLISHED_RMS_DEG} deg), which is the rounding of four pixels; with "
+        f"the mean of {END_PIXELS} pixels for every end, which is as exact, "
         f"{rms(region.model.error_deg()[inside]):.3f} deg. With the end points on the fitted circle it would be "
-        f"{rms(region.model.error_deg(Ends.CIRCLE.name)[inside]):.2f} deg, because the horizon's image is a conic, and "
-        f"with chords in the image plane {rms(region.model.error_deg(Ends.PLANE.name)[inside]):.1f} deg. "
-        + verdict(orbit)
+        f"{rms(region.model.error_deg(ChordEnds.CIRCLE.name)[inside]):.2f} deg, because the horizon's image is "
+        f"a conic, and with chords in the image plane {rms(region.model.error_deg(ChordEnds.PLANE.name)[inside]):.1f} "
+        "deg. " + verdict(orbit)
     )
 
 
@@ -125,7 +125,7 @@ def region_rows(region: Applicability) -> list[Row]:
         Row(
             "model RMS with single end pixels",
             PUBLISHED_RMS_DEG,
-            rms(model.error_deg(Ends.PIXEL.name)[inside]),
+            rms(model.error_deg(ChordEnds.PIXEL.name)[inside]),
             "deg",
             f"The published recipe to the letter: the rounding of four pixels, {pixel_deg:.3f} deg each at the image's "
             "middle, makes figures of this size.",
@@ -179,7 +179,7 @@ def readings_table(model: Map) -> Table:
     """Return the table of what the end points are taken to be."""
     inside = model.within(REGION_DEG)
     lines = []
-    names = {ends.name: ends.value for ends in Ends} | {"CONE": "(no end points: one cone through all pixels)"}
+    names = {ends.name: ends.value for ends in ChordEnds} | {"CONE": "(no end points: one cone through all pixels)"}
     for key, text in names.items():
         error = model.error_deg(key)[inside]
         lines.append((text, rms(error), float(np.nanmax(error))))

@@ -29,7 +29,7 @@ CLOUDS = {"cover": 0.6, "top_km": 12.0, "mean_top_km": 8.0}
 
 
 def _tables(air: OpticalModel, origin: FloatArray) -> Any:
-    from horizonval.renderer.kernel.sight import Sight
+    from horizonval.renderer.kernel.sight import RayFan
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.spline_table import Azimuths
     from horizonval.renderer.thermal.emission_columns import AirColumns
@@ -39,20 +39,20 @@ def _tables(air: OpticalModel, origin: FloatArray) -> Any:
     b = air.thermal[0]
     assert air.emission is not None
     thermal = ThermalAir.of(b, air.emission, AirColumns.of(b))
-    sight = Sight.of(Planet(WGS84.a_m, WGS84.b_m), origin, thermal.top_m)
+    sight = RayFan.of(Planet(WGS84.a_m, WGS84.b_m), origin, thermal.top_m)
     whole = Azimuths(FEWEST_AZIMUTHS, 0, FEWEST_AZIMUTHS)
     return make_tables(thermal, air.emission, sight, whole, 256, None, (True, True))
 
 
 def _looked(tables: Any, air: OpticalModel, o: Any, d: Any, row: Any, angle: Any, to_ground: bool) -> Any:
     from horizonval.renderer.thermal.emission_ground import mirrored
-    from horizonval.renderer.thermal.emission_image import Ends, mixed, warmth_k
+    from horizonval.renderer.thermal.emission_image import RayTermination, mixed, warmth_k
 
     if not to_ground:
         return tables.limb.look(row, angle)[0]
     assert air.emission is not None
     _, normal, _ = mirrored(tables.sight.planet, o, d)
-    ends = Ends(None, None, {}, warmth_k(air.emission, normal, o))
+    ends = RayTermination(None, None, {}, warmth_k(air.emission, normal, o))
     return mixed(tables.ground.look(row, angle), tables.kinds, ends)
 
 
@@ -222,7 +222,7 @@ def test_what_a_cloud_top_reads_is_what_the_march_wrote(spectrum: dict[str, Any]
     Tops at 12 km at most; limb rays that pass below 10 km, and rays to the ground.
     """
     from horizonval.renderer.kernel.radiance import vectors
-    from horizonval.renderer.kernel.sight import Sight
+    from horizonval.renderer.kernel.sight import RayFan
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.spline_table import Azimuths
     from horizonval.renderer.thermal import emission_table
@@ -233,7 +233,7 @@ def test_what_a_cloud_top_reads_is_what_the_march_wrote(spectrum: dict[str, Any]
     assert air.emission is not None
     thermal = ThermalAir.of(air.thermal[0], air.emission, AirColumns.of(air.thermal[0]))
     origin = (WGS84.a_m + 500e3) * np.array([np.cos(0.4), 0.0, np.sin(0.4)])
-    sight = Sight.of(Planet(WGS84.a_m, WGS84.b_m), origin, thermal.top_m)
+    sight = RayFan.of(Planet(WGS84.a_m, WGS84.b_m), origin, thermal.top_m)
     tables = make_tables(thermal, air.emission, sight, Azimuths(96, 0, 96), 128, 12e3, (True, True))
     rng = np.random.default_rng(np.random.SeedSequence(9))
     twice = 2 * emission_table.STATIONS - 1

@@ -17,7 +17,7 @@ from horizonval.spec.load import load_camera
 from horizonval.systems.b.rig import figures, runs
 from horizonval.systems.b.rig.bench import STATED
 from horizonval.systems.b.rig.frames import CAMERA, make_picture, show
-from horizonval.systems.b.rig.results import Results
+from horizonval.systems.b.rig.results import RigResults
 from horizonval.systems.b.rig.runs import IMPERFECTIONS
 from horizonval.systems.b.rig.tables import ablation_table, sensitivity_table
 from horizonval.systems.result import Figure, Row, Table
@@ -59,7 +59,7 @@ def rig_parts(cache: TaskCache) -> tuple[tuple[Row, ...], tuple[Table, ...], tup
     return rows(results), (ablation_table(results), sensitivity_table(results.whole)), drawn, summary(results)
 
 
-def measure(cache: TaskCache, picture: str) -> Results:
+def measure(cache: TaskCache, picture: str) -> RigResults:
     """Run the bench as often as the experiment asks."""
     soft = (runs.PIXELS, runs.FRAME_NOISE)
     plans = {"whole": IMPERFECTIONS, "perfect": (), "soft": soft} | {name: (name,) for name in IMPERFECTIONS}
@@ -69,10 +69,10 @@ def measure(cache: TaskCache, picture: str) -> Results:
     left = {name: order[i + 1 :] for i, name in enumerate(order)}
     after = runs.run_all(cache, picture, {name: (on, TILTS_DEG) for name, on in left.items()})
     sharp = runs.run_all(cache, picture, {"sharp": (soft, TILTS_DEG)}, blur_px=SHARP_LENS_PX)["sharp"]
-    return Results(first["whole"], first["perfect"], alone, order, after, first["soft"], sharp)
+    return RigResults(first["whole"], first["perfect"], alone, order, after, first["soft"], sharp)
 
 
-def rows(results: Results) -> tuple[Row, ...]:
+def rows(results: RigResults) -> tuple[Row, ...]:
     """Return the published figures beside ours."""
     whole, perfect = results.whole.rms_deg, results.perfect.rms_deg
     largest = results.order[0]
@@ -147,7 +147,7 @@ def rows(results: Results) -> tuple[Row, ...]:
     )
 
 
-def summary(results: Results) -> str:
+def summary(results: RigResults) -> str:
     """Return a paragraph for the page."""
     family = results.families()
     return (
