@@ -11,8 +11,9 @@ import typer
 
 from horizonval.cli.archive import archive_app
 from horizonval.cli.campaign import report, run
+from horizonval.cli.check import check
 from horizonval.cli.images import estimate, observe, sheet
-from horizonval.cli.info import doctor, list_names
+from horizonval.cli.info import doctor, list_names, schema
 from horizonval.cli.regression import baseline_app, regress
 from horizonval.cli.rendering import gallery, mitsuba, radiance, render
 from horizonval.cli.reproduce import reproduce
@@ -29,6 +30,7 @@ app = typer.Typer(
 )
 COMMANDS: tuple[Callable[..., int | None], ...] = (
     run,
+    check,
     render,
     mitsuba,
     observe,
@@ -40,6 +42,7 @@ COMMANDS: tuple[Callable[..., int | None], ...] = (
     reproduce,
     regress,
     gallery,
+    schema,
     doctor,
 )
 for _command in COMMANDS:

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from horizonval.cli.check import print_warnings
 from horizonval.cli.options import Dask, Json, Shard, Workers
 from horizonval.cli.printing import print_json, print_shard, print_summary
 from horizonval.cli.work import place, resumable
@@ -50,6 +51,7 @@ def run(
 
     where = place(workers, shard, dask, merge)
     loaded = with_options(load_suite(suite, frames, seed), time_limit, keep)
+    print_warnings(loaded)
     with resumable(f"suite {loaded.name}", kept="frames") as progress:
         result = run_suite(loaded, out, progress=progress, where=where)
     if as_json:

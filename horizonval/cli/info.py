@@ -45,3 +45,16 @@ def list_names(
     else:
         for name in names:
             print(name)
+
+
+def schema(kind: Annotated[str, typer.Argument(help="scene, camera, suite or study.")]) -> None:
+    """Print the JSON Schema (draft 2020-12) of a kind of file, for editors and other programs."""
+    from horizonval.core.suggest import nearest
+    from horizonval.spec.keys import MODELS
+    from horizonval.spec.schema import schema_text
+
+    known = next((name for name in MODELS if name == kind), None)
+    if known is None:
+        expected = f"one of {', '.join(nearest(kind, list(MODELS)))}"
+        raise UserError(f"there is no schema of {kind!r}", where="schema", expected=expected)
+    print(schema_text(known), end="")

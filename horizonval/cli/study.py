@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from horizonval.cli.check import print_warnings
 from horizonval.cli.options import Dask, Json, Shard, Workers
 from horizonval.cli.printing import print_json, print_shard
 from horizonval.cli.work import place, resumable
@@ -57,9 +58,11 @@ def study(
             raise UserError(
                 f"used with --out {out}", where=name, fix=f"run the study, then `horizonval study {out} {name}`"
             )
+    from horizonval.studies.trade.design import expand, read_study
     from horizonval.studies.trade.run import run_study
 
     where = place(workers, shard, dask, merge)
+    print_warnings(expand(*read_study(study, frames)))
     with resumable("study", kept="frames") as progress:
         done = run_study(study, out, where=where, progress=progress, frames=frames)
     if as_json:

@@ -128,5 +128,8 @@ def caption(path: Path) -> str:
     for line in path.read_text(encoding="utf-8").splitlines():
         if not line.startswith("#"):
             break
+        if line.startswith("#:"):
+            # A word to editors: where the schema is.
+            continue
         lines.append(line.lstrip("# ").rstrip())
     return " ".join(lines)

@@ -27,6 +27,12 @@ def names() -> list[str]:
     return sorted(_points())
 
 
+def module_of(name: str) -> str | None:
+    """Return the module that an installed estimator is in, by its dotted name."""
+    point = _points().get(name)
+    return None if point is None else point.module
+
+
 @cache
 def get(name: str) -> Estimator:
     """Return an estimator.

@@ -123,10 +123,36 @@ class Expected:
     moon_in_frame: bool = False
 
 
+@dataclass(frozen=True)
+class Examined:
+    """What a truth says about one band of a frame, and what it follows from.
+
+    Attributes
+    ----------
+    camera : CameraModel
+    view : HorizonView
+        For a linear array among several heads that of the infrared horizon, where the truth has it.
+    signal : LimbSignal
+    expected : Expected
+    """
+
+    camera: CameraModel
+    view: HorizonView
+    signal: LimbSignal
+    expected: Expected
+
+
 def expected_outcome(
     truth: FrameTruth, band: str | None = None, *, needs: Literal["image", "pose", "heads"] = "image"
 ) -> Expected:
-    """Return what an estimator should report for one band of a frame.
+    """Return what an estimator should report for one band of a frame; parameters and errors as :func:`examine`."""
+    return examine(truth, band, needs=needs).expected
+
+
+def examine(
+    truth: FrameTruth, band: str | None = None, *, needs: Literal["image", "pose", "heads"] = "image"
+) -> Examined:
+    """Return what an estimator should report for one band of a frame, with the horizon and its signal.
 
     Parameters
     ----------
@@ -167,7 +193,7 @@ def expected_outcome(
     seen = view.in_view
     up_cam = -np.array(truth.nadir_geodetic_cam)
     ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
-    return Expected(
+    expected = Expected(
         outcome=outcome,
         horizon_fraction_in_view=float(seen.mean()),
         horizon_arc_px=arc_px,
@@ -185,6 +211,7 @@ def expected_outcome(
         determined_deg=math.degrees(determined) if math.isfinite(determined) else None,
         moon_in_frame=moon_in_frame(camera, truth),
     )
+    return Examined(camera, view, signal, expected)
 
 
 def expected_of_heads(heads: Sequence[Expected]) -> Expected:

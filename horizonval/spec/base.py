@@ -10,6 +10,8 @@ from pydantic import BaseModel, ConfigDict, SerializerFunctionWrapHandler, model
 class Model(BaseModel):
     """Base of every specification: unknown keys are refused, values cannot be changed.
 
+    The text below a key is its description in the schema and in the reference.
+
     Attributes
     ----------
     later_keys : frozenset of str
@@ -17,7 +19,7 @@ class Model(BaseModel):
         ``model_dump``, so that a file that does not use them keeps its identity, hence its noise and its bytes.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
     later_keys: ClassVar[frozenset[str]] = frozenset()
 
     @model_serializer(mode="wrap")

@@ -9,6 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from horizonval.spec.base import Model
 from horizonval.spec.numbers import Angle, Finite, Listed, NonNegative, Positive
+from horizonval.spec.units import unit
 
 Angles = Annotated[tuple[Angle, Angle, Angle], Listed]
 Vector = Annotated[tuple[Finite, Finite, Finite], Listed]
@@ -19,33 +20,42 @@ _SIZES = ("altitude_km", "semi_major_axis_km", "perigee_km")
 
 
 class SlewSpec(Model):
-    """A turn from the offset to other angles (yaw, pitch, roll against the reference)."""
+    """A turn from the offset to other angles."""
 
     to_deg: Angles
+    """Yaw, pitch and roll at the end, against the reference."""
     start_s: NonNegative = 0.0
+    """Time of its start, from the first sample."""
     duration_s: Positive
+    """How long it takes."""
 
 
 class ErrorSpec(Model):
-    """A pointing error: Gaussian, of given rms about yaw, pitch and roll, correlated over ``correlation_s``."""
+    """A pointing error: a stationary Gaussian process about each axis."""
 
     rms_deg: Annotated[tuple[NonNegative, NonNegative, NonNegative], Listed]
+    """Standard deviation about yaw, pitch and roll."""
     correlation_s: Positive = 60.0
+    """Time over which the error keeps its value."""
 
 
 class OrbitAttitude(Model):
-    """What the body does along the orbit; see :mod:`horizonval.geometry.attitude_profile`.
-
-    ``pointing``: ``nadir`` (the local vertical), ``sun`` (``sun_axis`` towards it) or ``inertial`` (the local vertical
-    of the first instant). ``offset_deg`` is yaw, pitch, roll against that; ``tumble_deg_s`` a rate in body axes.
-    """
+    """What the body does along the orbit; see `horizonval.geometry.attitude_profile`."""
 
     pointing: Literal["nadir", "sun", "inertial"] = "nadir"
+    """Reference: `nadir` (the local vertical), `sun` (`sun_axis` towards it) or `inertial` (the local vertical of the
+    first instant).
+    """
     offset_deg: Angles = (0.0, 0.0, 0.0)
+    """Yaw, pitch and roll against the reference."""
     slew: SlewSpec | None = None
+    """A turn from the offset to other angles."""
     tumble_deg_s: Vector = (0.0, 0.0, 0.0)
+    """A constant rate, in body axes."""
     error: ErrorSpec | None = None
-    sun_axis: Vector = (0.0, 0.0, -1.0)
+    """A random pointing error."""
+    sun_axis: Annotated[Vector, unit("1")] = (0.0, 0.0, -1.0)
+    """Axis of the body that `pointing = "sun"` turns towards the Sun; of any length but 0."""
 
     @model_validator(mode="after")
     def _the_axis_has_a_direction(self) -> OrbitAttitude:
@@ -57,35 +67,51 @@ class OrbitAttitude(Model):
 class OrbitSpec(Model):
     """Samples of an orbit, evenly spread over some revolutions or seconds; the end itself is left out.
 
-    Size: ``altitude_km`` (a circle, above the equator's radius), ``perigee_km`` with ``apogee_km``, or
-    ``semi_major_axis_km`` with ``eccentricity``. Plane: ``inclination_deg``, or ``sun_synchronous = true``; the node by
-    ``raan_deg`` (right ascension, equinox of date), ``node_longitude_deg`` (where the node is passed over at the epoch)
-    or its mean local time ``ltan_h`` (ascending) or ``ltdn_h`` (descending). ``true_anomaly_deg`` from the perigee,
-    which stands ``argument_of_perigee_deg`` after the node.
-
-    Or ``tle``: two lines, or the file beside the suite that holds them; SGP4 then says where the satellite is. Without
-    ``epoch_utc`` the orbit starts at the lines' own epoch.
+    Size: `altitude_km`, `perigee_km` with `apogee_km`, or `semi_major_axis_km` with `eccentricity`. Plane:
+    `inclination_deg`, or `sun_synchronous = true`. Node: one of `raan_deg`, `node_longitude_deg`, `ltan_h`, `ltdn_h`.
+    Or `tle` in place of them all.
     """
 
     epoch_utc: datetime | None = None
+    """Time of the first sample, UTC. With `tle` it can be left out: the orbit then starts at the lines' own epoch."""
     altitude_km: Positive | None = None
+    """Altitude of a circle, above the equator's radius."""
     perigee_km: Positive | None = None
+    """Altitude of the perigee, above the equator's radius."""
     apogee_km: Positive | None = None
+    """Altitude of the apogee, above the equator's radius."""
     semi_major_axis_km: Positive | None = None
-    eccentricity: Annotated[float, Field(ge=0, le=0.95)] | None = None
+    """Half the long axis of the ellipse."""
+    eccentricity: Annotated[float, Field(ge=0, le=0.95), unit("1")] | None = None
+    """Eccentricity; goes with `semi_major_axis_km`."""
     inclination_deg: Annotated[float, Field(ge=0, le=180)] | None = None
+    """Inclination against the equator."""
     sun_synchronous: bool = False
+    """Whether the node keeps pace with the mean Sun; the inclination follows."""
     raan_deg: Angle | None = None
+    """Right ascension of the ascending node, equinox of date."""
     node_longitude_deg: Angle | None = None
+    """Longitude where the ascending node is passed over at the epoch."""
     ltan_h: Hour | None = None
+    """Mean local time of the ascending node."""
     ltdn_h: Hour | None = None
+    """Mean local time of the descending node."""
     argument_of_perigee_deg: Angle = 0.0
+    """Angle from the node to the perigee."""
     true_anomaly_deg: Angle = 0.0
+    """Angle from the perigee to the first sample."""
     tle: Annotated[list[str], Field(min_length=2, max_length=3)] | str | None = None
-    revolutions: Positive | None = None
+    """Two-line elements: the two lines (a title before them is allowed), or the file beside the suite that holds them.
+    SGP4 then says where the satellite is.
+    """
+    revolutions: Annotated[Positive, unit("1")] | None = None
+    """Span of the samples in revolutions."""
     duration_s: Positive | None = None
-    n: Annotated[int, Field(ge=1, le=MOST_SAMPLES)]
+    """Span of the samples in seconds."""
+    n: Annotated[int, Field(ge=1, le=MOST_SAMPLES), unit("1")]
+    """Number of samples."""
     attitude: OrbitAttitude = OrbitAttitude()
+    """What the body does along the orbit."""
 
     @field_validator("epoch_utc")
     @classmethod

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
 from horizonval.spec.numbers import Positive
+from horizonval.spec.units import unit
 
 MOST_GATES = 10
 """More gates are more chances for a false alarm, paid for with power by all."""
@@ -35,23 +36,30 @@ TWO_SIDED = ("limb_radiance", "disc_radiance", "noise")
 
 
 class GateSpec(Model):
-    """One gate: a metric in one lane, the largest change for the worse that does not matter, and why.
-
-    ``nadir_error``: mean change of the angle between claimed and true nadir where both runs claim one.
-    ``availability``: loss among frames that should give an attitude. ``false_valid``: gain of false claims among all
-    frames. ``limb_radiance``, ``disc_radiance``: bias of the region's mean. ``limb_displacement``: root mean square,
-    along the limb. ``noise``: change of the detector noise's standard deviation, in space. ``estimators`` and ``cases``
-    (tables of the suite) narrow a gate down; empty is all.
-    """
+    """One gate: a metric in one lane, the largest change for the worse that does not matter, and why."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]
+    """Name of the gate."""
     lane: Lane
+    """`replay` (frozen images through today's estimators), `rerender` (the same scenes and noise again) or `fresh`
+    (scenes drawn anew).
+    """
     metric: Metric
-    margin: Positive
+    """`nadir_error`: mean change of the angle between claimed and true nadir where both runs claim one. `availability`:
+    loss among frames that should give an attitude. `false_valid`: gain of false claims among all frames.
+    `limb_radiance`, `disc_radiance`: bias of the region's mean. `limb_displacement`: root mean square, along the limb.
+    `noise`: change of the detector noise's standard deviation, in space.
+    """
+    margin: Annotated[Positive, unit("that of the key `unit`")]
+    """Largest change for the worse that does not matter."""
     unit: str
+    """Unit of the margin; each metric has its own."""
     reason: Annotated[str, Field(min_length=20)]
+    """Engineering reason of the margin."""
     estimators: list[str] = []
+    """Estimators that the gate looks at; all where it is empty."""
     cases: list[str] = []
+    """Tables `[[cases]]` that the gate looks at; all where it is empty."""
 
     @model_validator(mode="after")
     def _sense(self) -> GateSpec:
@@ -65,14 +73,15 @@ class GateSpec(Model):
 class RegressionSpec(Model):
     """What a night does with the suite.
 
-    ``replicates``: detector images of every frame, each with noise of its own. The fresh lane draws the suite's Sobol
-    tables again with a seed of the night; where its gates are inconclusive it takes further batches, up to
-    ``most_batches`` in all.
+    The fresh lane draws the suite's Sobol tables again with a seed of the night.
     """
 
-    replicates: Annotated[int, Field(ge=1, le=1000)] = 4
-    most_batches: Annotated[int, Field(ge=1, le=10)] = 2
+    replicates: Annotated[int, Field(ge=1, le=1000), unit("1")] = 4
+    """Detector images of every frame, each with noise of its own."""
+    most_batches: Annotated[int, Field(ge=1, le=10), unit("1")] = 2
+    """Batches that the fresh lane takes at most: further ones where its gates are inconclusive."""
     gate: Annotated[list[GateSpec], Field(min_length=1, max_length=MOST_GATES)]
+    """The gates."""
 
     @model_validator(mode="after")
     def _unique_names(self) -> RegressionSpec:

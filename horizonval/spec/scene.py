@@ -8,51 +8,66 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, field_validator, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import Angle, Finite, Fraction, Listed, Positive
+from horizonval.spec.numbers import Angle, Finite, Fraction, Listed, Positive, Whole
+from horizonval.spec.units import unit
 
 
 class SceneName(Model):
-    """Identity of the scene; the seed of everything random is a hash of it.
-
-    ``draw``: a name that stands in place of the scene's own identity wherever something is drawn. Scenes of the same
-    draw and seed have the same clouds and, with the same camera name, the same noise: common random numbers, for
-    comparing cameras and methods frame by frame.
-    """
+    """Identity of the scene; the seed of everything random is a hash of it."""
 
     later_keys: ClassVar[frozenset[str]] = frozenset({"draw"})
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")] = "scene"
-    seed: Annotated[int, Field(ge=0)] = 0
+    """Name of the scene. Clouds are drawn from it, unless there is a `draw`; with all the rest of scene and camera it
+    also seeds the noise.
+    """
+    seed: Whole = 0
+    """Another number draws other clouds and other noise. In a suite the default is the suite's seed."""
     draw: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")] | None = None
+    """A name that stands in place of the scene's own identity wherever something is drawn. Scenes of the same draw and
+    seed have the same clouds and, with the same camera name, the same noise: common random numbers, for comparing
+    cameras and methods frame by frame.
+    """
 
 
 class CameraUse(Model):
-    """Which camera (a shipped name, or a path beside the scene file), and how it is mounted in the body.
+    """Which camera, and how it is mounted in the body.
 
-    The mounting turns body axes into camera axes: yaw about z, then pitch about y, then roll about x.
-
-    ``head``: which one of a camera file with several ``[[head]]`` tables. The mounting then turns body axes into those
-    of the housing that holds the heads, and the head's own angles turn these into camera axes. ``"all"`` stands for
-    one frame per head, named ``<scene>.<head>``; a suite's frame without the key does the same.
+    The mounting turns body axes into camera axes: yaw about z, then pitch about y, then roll about x. Where the camera
+    has heads it turns body axes into those of the housing, and the head's own angles turn these into camera axes.
     """
 
     later_keys: ClassVar[frozenset[str]] = frozenset({"head"})
 
     file: str
+    """Name of a shipped camera (`horizonval list cameras`), or the path of a camera file; a relative path starts from
+    the folder of this file.
+    """
     head: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")] | None = None
+    """Name of one of the camera file's `[[head]]` tables, or `"all"` for one frame per head, named `<scene>.<head>`.
+    Without the key a suite's frame does the same, and a scene file asks for a choice.
+    """
     mount_yaw_deg: Angle = 0.0
+    """Yaw of the mounting, about z."""
     mount_pitch_deg: Angle = 0.0
+    """Pitch of the mounting, about y."""
     mount_roll_deg: Angle = 0.0
+    """Roll of the mounting, about x."""
 
 
 class Platform(Model):
-    """Where the satellite is. ``altitude_km`` is geodetic; ``heading_deg`` is the velocity's azimuth from north."""
+    """Where the satellite is, and when."""
 
     epoch_utc: datetime = datetime(2026, 3, 20, 12, 0, 0, tzinfo=UTC)
+    """Date and time, UTC; years 1960 to 2099. It decides where Sun and Moon are, the season and the local time."""
     latitude_deg: Annotated[float, Field(ge=-90, le=90)] = 0.0
+    """Geodetic latitude of the satellite."""
     longitude_deg: Angle = 0.0
+    """Longitude of the satellite, positive to the east."""
     altitude_km: Annotated[float, Field(gt=0, le=2_000_000)]
+    """Geodetic altitude: height above the ellipsoid, or above the sphere."""
     heading_deg: Angle = 0.0
+    """Azimuth of the velocity, from north towards east; it says where x of lvlh points."""
 
     @field_validator("epoch_utc")
     @classmethod
@@ -61,26 +76,33 @@ class Platform(Model):
 
 
 class Attitude(Model):
-    """Body against lvlh (x to the velocity, z to the geocentric nadir): yaw about z, pitch about y, roll about x.
-
-    ``rate_deg_s``: the body's angular velocity against lvlh, in body axes, which blurs exposures and slants rolling
-    shutters. ``hold = "inertial"`` adds the orbital rate: a body that is fixed among the stars.
+    """Body against lvlh (x to the velocity, z to the geocentric nadir): yaw about z, then pitch about y, then roll
+    about x.
     """
 
     later_keys: ClassVar[frozenset[str]] = frozenset({"rate_deg_s", "hold"})
 
     yaw_deg: Angle = 0.0
+    """Yaw, about z."""
     pitch_deg: Angle = 0.0
+    """Pitch, about y."""
     roll_deg: Angle = 0.0
+    """Roll, about x."""
     rate_deg_s: Annotated[tuple[Finite, Finite, Finite], Listed] = (0.0, 0.0, 0.0)
+    """Angular velocity of the body against lvlh, in body axes; it blurs exposures and slants rolling shutters."""
     hold: Literal["lvlh", "inertial"] = "lvlh"
+    """What `rate_deg_s` is counted from: `lvlh`, or `inertial`, which adds the orbital rate (a body that is fixed among
+    the stars).
+    """
 
 
 class Earth(Model):
-    """Shape of the planet. ``radius_km`` is for the sphere only."""
+    """Shape of the planet."""
 
     shape: Literal["wgs84", "sphere"] = "wgs84"
+    """The WGS84 ellipsoid, or a sphere."""
     radius_km: Positive = 6371.0088
+    """Radius; for the sphere only."""
 
     @model_validator(mode="after")
     def _radius_is_for_spheres(self) -> Earth:
@@ -90,44 +112,43 @@ class Earth(Model):
 
 
 class Atmosphere(Model):
-    """What the air is made of.
-
-    ``profile``: temperature and gases by name (``horizonval list atmospheres``). ``none`` is no atmosphere at all;
-    ``by_latitude_month`` blends the AFGL climates for the month of the epoch, or for ``month`` (1 to 12) where it is
-    given. Thermal bands then have the air of every latitude in sight, solar bands one column for the whole frame, that
-    of the point below the satellite. With ``latitude_deg`` the climate of that latitude serves everywhere in all bands.
-
-    ``co2_ppm``: carbon dioxide of the lower atmosphere, for thermal bands only; the absorption tables stand at 330 and
-    420 ppm, see :mod:`horizonval.earth.spectral.thermal_absorption`.
-
-    ``profile_file``: temperature and gases from a CSV or JSON file beside the scene, in place of ``profile``; see
-    :mod:`horizonval.earth.atmosphere.profile_file`.
-
-    ``file``: optical properties from a file in the ``radiance`` command's format, in place of everything else here. Its
-    bands must be named after the camera's bands.
-
-    ``aerosol``: LOWTRAN7's particles, see :mod:`horizonval.earth.atmosphere.aerosol`: ``none`` (the default: clean
-    air, and a third of the time), ``background`` (haze of 23 km visibility at the ground, a quiet stratosphere),
-    ``volcanic_moderate`` or ``volcanic_high``.
-
-    ``ozone``: whether ozone absorbs sunlight.
-
-    ``refraction``: the air bends light. The hard limb is then seen where the limb of a planet larger by n - 1 times its
-    radius would be (1.77 km in visible light, 2.4 arcmin from 500 km); the frame's truth and its maps stay those of
-    straight lines. A file must have ``refractivity``. Light scattered more than once is computed without refraction,
-    and there can be no clouds. With 128 nodes the march is then within 0.5 % of its limit in bright pixels with the Sun
-    up, 0.9 % with the Sun 5 deg below the horizon, and 1.2 % and 4 % down to a thousandth of the brightest.
-    """
+    """What the air is made of."""
 
     profile: str = "us_standard"
+    """Temperature and gases by name (`horizonval list atmospheres`). `none` is no atmosphere at all.
+    `by_latitude_month` blends the AFGL climates by latitude and month: thermal bands then have the air of every
+    latitude in sight, solar bands one column for the whole frame, that of the point below the satellite.
+    """
     profile_file: str | None = None
+    """Temperature and gases from a CSV or JSON file beside this one, in place of `profile`; see
+    `horizonval.earth.atmosphere.profile_file`.
+    """
     file: str | None = None
+    """Optical properties from a file in the format of the `radiance` command, in place of everything else here; a
+    shipped name or a path. Its bands are named after the camera's bands.
+    """
     latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
-    month: Annotated[int, Field(ge=1, le=12)] | None = None
+    """The climate of this latitude serves everywhere in all bands; for `profile = "by_latitude_month"`."""
+    month: Annotated[int, Field(ge=1, le=12), unit("1")] | None = None
+    """Month, 1 to 12, in place of the epoch's; for `profile = "by_latitude_month"`."""
     aerosol: Literal["none", "background", "volcanic_moderate", "volcanic_high"] = "none"
+    """LOWTRAN7's particles. `none` is clean air and a third of the time, `background` haze of 23 km visibility at the
+    ground below a quiet stratosphere, the others a stratosphere after an eruption. See
+    `horizonval.earth.atmosphere.aerosol`.
+    """
     ozone: bool = True
+    """Whether ozone absorbs sunlight."""
     co2_ppm: Annotated[float, Field(ge=280, le=560)] = 420.0
+    """Carbon dioxide of the lower atmosphere, for thermal bands only. The absorption tables stand at 330 and 420 ppm;
+    see `horizonval.earth.spectral.thermal_absorption`.
+    """
     refraction: bool = False
+    """Whether the air bends light. The hard limb is then seen where that of a planet larger by n - 1 times its radius
+    would be (1.77 km in visible light, 2.4 arcmin from 500 km); the frame's truth and its maps stay those of straight
+    lines. A `file` must then have `refractivity`; there can be no clouds, and light scattered more than once is
+    computed without refraction. With 128 nodes the march is within 0.5 % of its limit in bright pixels with the Sun up,
+    0.9 % with the Sun 5 deg below the horizon, and 1.2 % and 4 % down to a thousandth of the brightest.
+    """
 
     @model_validator(mode="after")
     def _consistent(self) -> Atmosphere:
@@ -155,18 +176,23 @@ class Atmosphere(Model):
 class Surface(Model):
     """The ground.
 
-    ``uniform`` is a Lambert ground of one ``albedo`` and one ``emissivity``; without ``temperature_k`` it is as warm as
-    the lowest air. ``earth`` has land, seasonal snow and an ocean that glints in the Sun, each with its own spectrum of
-    albedo and emissivity; ``wind_speed_m_s`` roughens the ocean for sunlight (default 7). Land, snow and ocean are as
-    warm as their latitude and month say, land with its day and night
-    (:mod:`horizonval.earth.surface.surface_temperature`); ``temperature_k`` puts one temperature in place of all that.
+    `uniform` is a Lambert ground of one albedo and one emissivity. `earth` has land, seasonal snow and an ocean that
+    glints in the Sun, each with its own spectrum of albedo and emissivity, as warm as their latitude and month say,
+    land with its day and night (`horizonval.earth.surface.surface_temperature`).
     """
 
     kind: Literal["uniform", "earth"] = "uniform"
+    """`uniform` or `earth`; see above."""
     albedo: Fraction = 0.3
+    """Share of the sunlight that the uniform ground reflects."""
     wind_speed_m_s: Annotated[float, Field(ge=0, le=40)] | None = None
+    """Wind that roughens the ocean of `earth` for sunlight; 7 without the key."""
     emissivity: Fraction = 1.0
+    """Of the uniform ground, in thermal bands."""
     temperature_k: Positive | None = None
+    """One temperature for all ground. Without the key a uniform ground is as warm as the lowest air, and `earth` as its
+    latitude and month say.
+    """
 
     @model_validator(mode="after")
     def _keys_belong_to_the_kind(self) -> Surface:
@@ -182,24 +208,29 @@ class Surface(Model):
 class Clouds(Model):
     """Opaque clouds: a random relief of white tops. No clouds without this table.
 
-    ``cover`` is the covered share of the whole globe. The highest tops reach ``top_km``, or the tropopause where it is
-    lower (17 km in the tropics, 9 km at the poles); ``mean_top_km`` is the mean over the clouds where it is not
-    (default: four tenths of ``top_km``, and 0.3). ``albedo`` is that of the highest tops; lower ones are greyer.
-    ``scale_km`` is the size of the largest structures; there are smaller ones down to 3 km. Without a ``seed`` the
-    scene's name and seed decide.
-
-    In thermal bands the tops are as warm as the air there and emit ``emissivity`` of a black body: 1, the default, for
-    all but thin clouds (a water cloud of 70 g m-2 or an ice cloud of 190 emits 0.99). What they do not emit they let
-    through from below; they reflect nothing.
+    In thermal bands the tops are as warm as the air there. What they do not emit they let through from below; they
+    reflect nothing.
     """
 
     cover: Fraction
+    """Covered share of the whole globe."""
     top_km: Annotated[float, Field(ge=1, le=17)] = 12.0
+    """Height of the highest tops; they end at the tropopause where that is lower (17 km in the tropics, 9 km at the
+    poles).
+    """
     mean_top_km: Annotated[float, Field(gt=0.5, le=17)] | None = None
+    """Mean height of the tops where the tropopause is not lower; without the key four tenths of `top_km`, and 0.3 km.
+    """
     scale_km: Annotated[float, Field(ge=3, le=5000)] = 300.0
-    seed: Annotated[int, Field(ge=0, le=2**32 - 1)] | None = None
+    """Size of the largest structures; there are smaller ones down to 3 km."""
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1), unit("1")] | None = None
+    """Draws the relief; without the key the scene's name (or its `draw`) and seed do."""
     albedo: Fraction = 0.8
+    """Of the highest tops; lower ones are greyer."""
     emissivity: Fraction = 1.0
+    """Share of a black body's emission in thermal bands: 1 for all but thin clouds (a water cloud of 70 g m-2 or an ice
+    cloud of 190 emits 0.99).
+    """
 
     @model_validator(mode="after")
     def _the_mean_is_below_the_highest(self) -> Clouds:
@@ -212,66 +243,91 @@ class SunOverride(Model):
     """Place the Sun by hand, seen from the point below the satellite; without this table the epoch decides."""
 
     zenith_deg: Annotated[float, Field(ge=0, le=180)]
+    """Angle of the Sun from the zenith of the point below the satellite; above 90 it is below the horizon there."""
     azimuth_deg: Angle = 0.0
+    """Azimuth of the Sun at that point, from north towards east."""
 
 
 class Moon(Model):
-    """The Moon. Its place comes from the epoch, or from ``zenith_deg`` and ``azimuth_deg``, as the Sun's in ``[sun]``.
+    """The Moon. Its place comes from the epoch, or from `zenith_deg` and `azimuth_deg`, as the Sun's in `[sun]`.
 
     Where the Sun is placed by hand there is no Moon unless it is placed by hand too: that of the epoch would not fit.
     """
 
     enabled: bool = True
+    """Whether there is a Moon."""
     zenith_deg: Annotated[float, Field(ge=0, le=180)] | None = None
+    """Angle of the Moon from the zenith of the point below the satellite; places it by hand."""
     azimuth_deg: Angle = 0.0
+    """Azimuth of the Moon at that point, from north towards east; goes with `zenith_deg`."""
 
 
 class Night(Model):
-    """What shines where the Sun does not: airglow (needs air), the sky behind, and moonlight on ground and air.
+    """What shines where the Sun does not.
 
-    They are left out of frames in which the Sun is nowhere lower than 9 deg below the horizon, and moonlight also where
-    the Moon is a thin crescent (within some 20 deg of the Sun). Thermal bands have none of them, and no Moon.
+    Left out of frames in which the Sun is nowhere lower than 9 deg below the horizon, and moonlight also where the Moon
+    is a thin crescent (within some 20 deg of the Sun). Thermal bands have none of it, and no Moon.
     """
 
     airglow: bool = True
+    """Light that the upper air emits; needs air."""
     sky_background: bool = True
+    """The sky behind everything."""
     moonlight: bool = True
+    """Moonlight on ground and air."""
 
 
 class RenderSettings(Model):
-    """Accuracy of the march: ``subsamples`` per pixel and axis, ``nodes`` along each ray; ``orders`` of scattering.
+    """Accuracy of the march along each ray.
 
     With 128 nodes the march is within 0.3 % of its limit wherever a pixel has a twentieth of the brightest one's
     radiance, and within 1 % (in twilight 0.3 %, with particles 1.5 %) down to a thousandth, with the Sun at any height
     to 8 deg below the horizon.
+    """
 
-    ``band_error``: largest relative error of a solar band's radiance, from limb and ground under a high or a low Sun,
-    that too few wavelengths may leave; decides how many a band gets that does not say so itself (``nodes`` of the
+    subsamples: Annotated[int, Field(ge=1, le=16), unit("1")] = 2
+    """Rays per pixel along each axis; a pixel has the square of it."""
+    nodes: Annotated[int, Field(ge=8, le=4096), unit("1")] = 128
+    """Points along each ray at which air is looked up."""
+    orders: Literal["single", "all"] = "all"
+    """Orders of scattering of sunlight: `single`, or `all`."""
+    band_error: Annotated[float, Field(ge=1e-4, le=0.1), unit("1")] = 0.012
+    """Largest relative error of a solar band's radiance, from limb and ground under a high or a low Sun, that too few
+    wavelengths may leave. It decides how many wavelengths a band gets that does not say so itself (`nodes` of the
     camera's band). With 1.2 % a band of 450 to 750 nm gets 4, and is within 0.4 % but where the Sun stands low; 0.3 %
     takes 6, and twice the time.
     """
 
-    subsamples: Annotated[int, Field(ge=1, le=16)] = 2
-    nodes: Annotated[int, Field(ge=8, le=4096)] = 128
-    orders: Literal["single", "all"] = "all"
-    band_error: Annotated[float, Field(ge=1e-4, le=0.1)] = 0.012
-
 
 class SceneSpec(Model):
-    """One scene file."""
+    """One scene file: one camera, one pose, one planet, one instant."""
 
     scene: SceneName = SceneName()
+    """Name and seed."""
     camera: CameraUse
+    """Which camera, and its mounting. Every table of the camera file can be changed in place:
+    `camera.detector.exposure_s`, and a band by its name, `camera.band.<name>.lo_um`.
+    """
     platform: Platform
+    """Where the satellite is."""
     attitude: Attitude = Attitude()
+    """How the body is turned."""
     earth: Earth = Earth()
+    """Shape of the planet."""
     atmosphere: Atmosphere = Atmosphere()
+    """The air."""
     surface: Surface = Surface()
+    """The ground."""
     clouds: Clouds | None = None
+    """Clouds; none without this table."""
     sun: SunOverride | None = None
+    """The Sun placed by hand."""
     moon: Moon = Moon()
+    """The Moon."""
     night: Night = Night()
+    """Light of the night."""
     render: RenderSettings = RenderSettings()
+    """Accuracy of the rendering."""
 
     @model_validator(mode="after")
     def _clouds_lie_at_unbent_heights(self) -> SceneSpec:

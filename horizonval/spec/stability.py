@@ -10,17 +10,21 @@ from pydantic import Field, model_validator
 from horizonval.spec.base import Model
 from horizonval.spec.scene import Atmosphere, Surface
 from horizonval.spec.sensor.camera import Band, Positive
+from horizonval.spec.units import unit
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
-Month = Annotated[int, Field(ge=1, le=12)]
+Month = Annotated[int, Field(ge=1, le=12), unit("1")]
 
 
 class StabilityBand(Model):
-    """A thermal band with a rectangular response from ``lo_um`` to ``hi_um``."""
+    """A thermal band with a rectangular response."""
 
     name: Name
+    """Name of the band."""
     lo_um: Positive
+    """Lower end."""
     hi_um: Positive
+    """Upper end."""
 
     @model_validator(mode="after")
     def _limits(self) -> StabilityBand:
@@ -35,46 +39,58 @@ class StabilityBand(Model):
 
 
 class EdgeSensor(Model):
-    """Four heads that each report the nadir angle of an edge.
-
-    ``locator``: what is taken for the edge. ``half`` is half of the head's own plateau, ``gradient`` the steepest fall,
-    ``threshold`` a radiance fixed for good: half of the plateau's mean over the year and the orbit.
-    """
+    """Four heads that each report the nadir angle of an edge."""
 
     name: Name
+    """Name of the sensor."""
     kind: Literal["edge"]
+    """A sensor of edges."""
     locator: Literal["half", "gradient", "threshold"]
+    """What is taken for the edge: `half` of the head's own plateau, `gradient` the steepest fall, `threshold` a
+    radiance fixed for good, half of the plateau's mean over the year and the orbit.
+    """
 
 
 class FieldSensor(Model):
     """Four heads with a square field across the horizon; their output is the mean radiance in the field."""
 
     name: Name
+    """Name of the sensor."""
     kind: Literal["field"]
+    """A sensor of the mean radiance in a field."""
     field_deg: Annotated[float, Field(ge=0.1, le=10)]
+    """Side of the field."""
 
 
 Sensor = Annotated[EdgeSensor | FieldSensor, Field(discriminator="kind")]
 
 
 class StabilitySpec(Model):
-    """A circular orbit, the months, the bands and the sensors of a study.
+    """A circular orbit, the months, the bands and the sensors of a study of the infrared horizon.
 
-    The heads look forward, right, aft and left, turned to the right by ``first_head_deg``. ``altitude_km`` is counted
-    from the equator's radius. ``positions`` are spread evenly over the orbit. ``atmosphere`` and ``surface`` are those
-    of a scene; the month comes from ``months``.
+    The heads look forward, right, aft and left, turned to the right by `first_head_deg`.
     """
 
     altitude_km: Annotated[float, Field(ge=200, le=40_000)]
+    """Altitude of the circular orbit, above the equator's radius."""
     inclination_deg: Annotated[float, Field(ge=0, le=180)] = 90.0
-    positions: Annotated[int, Field(ge=4, le=720)] = 72
+    """Inclination of the orbit."""
+    positions: Annotated[int, Field(ge=4, le=720), unit("1")] = 72
+    """Positions, evenly spread over the orbit."""
     months: Annotated[list[Month], Field(min_length=1, max_length=12)] = list(range(1, 13))
+    """Months of the year, 1 to 12."""
     first_head_deg: Annotated[float, Field(ge=0, lt=90)] = 0.0
+    """Azimuth of the first head from the velocity, to the right."""
     requirement_deg: Annotated[list[Positive], Field(min_length=2, max_length=2)] = [0.03, 0.1]
+    """Two accuracies that the report holds the errors against, the smaller first."""
     band: Annotated[list[StabilityBand], Field(min_length=1)]
+    """Thermal bands."""
     sensor: Annotated[list[Sensor], Field(min_length=1)]
+    """Sensors; their `kind` is `edge` or `field`."""
     atmosphere: Atmosphere = Atmosphere(profile="by_latitude_month")
+    """The air, as in a scene; the month comes from `months`."""
     surface: Surface = Surface()
+    """The ground, as in a scene; `uniform` only."""
 
     @model_validator(mode="after")
     def _consistent(self) -> StabilitySpec:

@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import Positive
+from horizonval.spec.numbers import Positive, Whole
 from horizonval.spec.suite import Keep, Name, ProgramSpec, Scenes, SobolSpec
+from horizonval.spec.units import unit
 
 Price = Literal["pixel_rate", "processor"]
 LIST_AXIS = "design"
@@ -16,47 +17,56 @@ LIST_AXIS = "design"
 
 
 class Requirement(Model):
-    """The nadir within ``error_deg`` in at least the share ``availability`` of all conditions.
+    """The nadir within `error_deg` in at least the share `availability` of all conditions.
 
     A refusal is a miss like an error that is too large: one share answers for accuracy and availability together.
     """
 
     error_deg: Positive = 0.05
-    availability: Annotated[float, Field(gt=0, lt=1)] = 0.99
+    """Largest angle between claimed and true nadir."""
+    availability: Annotated[float, Field(gt=0, lt=1), unit("1")] = 0.99
+    """Share of all conditions in which it is kept."""
 
 
 class StudyHead(Model):
-    """What the study is.
-
-    ``estimators``: each of them makes a design of its own of every entry of ``[design]``. ``frame_rate_hz`` turns the
-    pixels of an estimate into a pixel rate. ``cheapest_by``: what the cheapest design costs least of, ``pixel_rate`` or
-    ``processor`` (seconds of an estimate). ``keep`` and the limits are those of a suite.
-    """
+    """What the study is."""
 
     name: Name
+    """Name of the study."""
     title: str = ""
-    seed: Annotated[int, Field(ge=0)] = 0
+    """Title of its report."""
+    seed: Whole = 0
+    """Another number draws other Sobol points, clouds and noise."""
     estimators: Annotated[list[str], Field(min_length=1)]
+    """Names (`horizonval list estimators`, or of `[[estimator]]` tables). Each of them makes a design of its own of
+    every entry of `[design]`.
+    """
     frame_rate_hz: Positive = 1.0
+    """Estimates per second; turns the pixels of an estimate into a pixel rate."""
     cheapest_by: Price = "pixel_rate"
+    """What the cheapest design costs least of: `pixel_rate`, or `processor` (seconds of an estimate)."""
     requirement: Requirement = Requirement()
+    """What a design must reach."""
     keep: Keep = "none"
+    """Which frames and images stay in the archive; see a suite's `keep`."""
     time_limit_s: Positive = 60.0
+    """Time limit of one estimate."""
     memory_limit_mb: Annotated[int, Field(ge=64)] = 4096
+    """Memory limit of one estimate."""
 
 
 class DesignSpec(Model):
-    """What is varied between designs: every entry of ``list`` and of each of ``choices`` with every point of ``grid``.
-
-    ``grid`` has an axis for each dotted key, as in a suite's ``[[cases]]``: of the scene, of the camera file
-    (``camera.<table>.<key>``), of the frames' orbit (``orbit.<key>``; the season is ``orbit.epoch_utc`` or
-    ``platform.epoch_utc``). ``list`` holds partial scenes with a ``name``; ``estimators`` in one stands in place of the
-    study's. ``choices`` holds several such lists by name, each an axis: keys that belong together change together.
-    """
+    """What is varied between designs: every entry of `list` and of each of `choices` with every point of `grid`."""
 
     list: Annotated[Scenes, Field(min_length=1)] | None = None
+    """Partial scenes with a `name`; `estimators` in one stands in place of the study's."""
     choices: dict[Name, Annotated[Scenes, Field(min_length=1)]] = {}
+    """Several such lists by name, each an axis: keys that belong together change together."""
     grid: Annotated[dict[str, Any], Field(min_length=1)] | None = None
+    """An axis for each dotted key, as in a suite's `[[cases]]`: of the scene, of the camera file
+    (`camera.<table>.<key>`), of the frames' orbit (`orbit.<key>`; the season is `orbit.epoch_utc` or
+    `platform.epoch_utc`).
+    """
 
     @property
     def lists(self) -> dict[str, Scenes]:
@@ -79,17 +89,22 @@ class DesignSpec(Model):
 
 
 class FramesSpec(Model):
-    """The conditions that every design meets: ``base`` with all that the other tables make of it.
+    """The conditions that every design meets: `base` with all that the other tables make of it.
 
-    The keys are those of a suite's ``[[cases]]``. Every design meets the same conditions, with the same draw of clouds
-    and noise, so that two designs can be compared frame by frame.
+    Every design meets the same conditions, with the same draw of clouds and noise, so that two designs can be compared
+    frame by frame.
     """
 
     base: dict[str, Any] = {}
+    """Partial scene over the defaults."""
     list: Annotated[Scenes, Field(min_length=1)] | None = None
+    """Partial scenes; each makes conditions of its own."""
     grid: Annotated[dict[str, Any], Field(min_length=1)] | None = None
+    """An axis for each dotted key, as in a suite's `[[cases]]`."""
     sobol: SobolSpec | None = None
+    """Points of a Sobol sequence over ranges of keys."""
     orbit: dict[str, Any] | None = None
+    """An orbit whose samples are conditions."""
 
     @model_validator(mode="after")
     def _points_are_counted(self) -> FramesSpec:
@@ -99,10 +114,15 @@ class FramesSpec(Model):
 
 
 class StudySpec(Model):
-    """One study file. ``[defaults]`` and ``[[estimator]]`` are those of a suite."""
+    """One study file: designs that are compared on the same frames, and what a design must reach."""
 
     study: StudyHead
+    """What the study is."""
     defaults: dict[str, Any] = {}
+    """Partial scene below all others."""
     design: DesignSpec = DesignSpec()
+    """What is varied between designs."""
     frames: FramesSpec
+    """The conditions that every design meets."""
     estimator: list[ProgramSpec] = []
+    """Programs as estimators."""

@@ -7,9 +7,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import Positive
+from horizonval.spec.numbers import Positive, Whole
 from horizonval.spec.regression import RegressionSpec
 from horizonval.spec.stability import StabilitySpec
+from horizonval.spec.units import unit
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]
 Keep = Literal["all", "failures", "none"]
@@ -19,52 +20,66 @@ SHARE_TOLERANCE = 1e-6
 
 
 class SuiteHead(Model):
-    """What the suite is.
-
-    ``keep``: which frames and images stay in the archive: ``all``, ``failures`` (of frames with an outcome that was not
-    the expected one, or false) or ``none``. What is not kept can be made again from the suite and the case's name.
-    ``time_limit_s`` and ``memory_limit_mb`` are those of one estimate. ``frames`` is the number of scenes that Sobol
-    points with a ``share`` divide among them. ``draws``: how often every frame is observed, each time with other noise;
-    what the estimates scatter by then tests the noise that they claim. All else is that of the first draw.
-    """
+    """What the suite is."""
 
     name: Name
+    """Name of the suite."""
     title: str = ""
-    seed: Annotated[int, Field(ge=0)] = 0
+    """Title of its report."""
+    seed: Whole = 0
+    """Another number draws other Sobol points, clouds and noise."""
     estimators: Annotated[list[str], Field(min_length=1)]
-    frames: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
-    draws: Annotated[int, Field(ge=1, le=1000)] = 1
+    """Names of estimators (`horizonval list estimators`, or of `[[estimator]]` tables)."""
+    frames: Annotated[int, Field(ge=1, le=1_000_000), unit("1")] | None = None
+    """Number of scenes that Sobol points with a `share` divide among them."""
+    draws: Annotated[int, Field(ge=1, le=1000), unit("1")] = 1
+    """How often every frame is observed, each time with other noise; what the estimates scatter by then tests the noise
+    that they claim. All else is that of the first draw.
+    """
     keep: Keep = "all"
+    """Which frames and images stay in the archive: `all`, `failures` (of frames with an outcome that was not the
+    expected one, or false) or `none`. What is not kept can be made again from the suite and the case's name.
+    """
     time_limit_s: Positive = 60.0
+    """Time limit of one estimate."""
     memory_limit_mb: Annotated[int, Field(ge=64)] = 4096
+    """Memory limit of one estimate."""
 
 
 class ProgramSpec(Model):
     """A program as an estimator: it is run with the paths of an image and of a camera file, and prints JSON.
 
-    ``{image}`` and ``{camera}`` in the command stand for the paths, which otherwise come last. A relative path of the
-    program starts from the suite's folder. What it prints has the keys of ``horizonval estimate --json``.
+    What it prints has the keys of `horizonval estimate --json`.
     """
 
     name: Name
+    """Name of the estimator."""
     command: Annotated[str, Field(min_length=1)]
+    """The command line. `{image}` and `{camera}` stand for the paths, which otherwise come last. A relative path of the
+    program starts from the suite's folder.
+    """
     estimates: Literal["geocentric", "geodetic"] = "geocentric"
+    """Which nadir it estimates."""
 
 
 class SobolSpec(Model):
-    """``n`` points of a scrambled Sobol sequence over ranges of keys; the suite's seed and the table's name draw it.
+    """Points of a scrambled Sobol sequence over ranges of keys; the suite's seed and the table's name draw it.
 
-    In place of ``n`` a ``share`` of ``suite.frames`` can be given: so many scenes all that the table makes of them are
-    to be, so that one number sets the size of a suite. Fewer points are the first of more.
-
-    A range is ``[from, to]``, or a table ``{from, to, scale}`` with the scale ``linear``, ``log`` or ``sine`` (evenly
-    in the sine of an angle in degrees: latitudes evenly over the globe). Epochs can be ranges.
+    Fewer points are the first of more.
     """
 
-    n: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
-    share: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
-    seed: Annotated[int, Field(ge=0)] = 0
+    n: Annotated[int, Field(ge=1, le=1_000_000), unit("1")] | None = None
+    """Number of points."""
+    share: Annotated[float, Field(gt=0.0, le=1.0), unit("1")] | None = None
+    """In place of `n`, a share of `suite.frames`: so many scenes all that the table makes of them are to be, so that
+    one number sets the size of a suite.
+    """
+    seed: Whole = 0
+    """Draws other points of this table alone."""
     ranges: Annotated[dict[str, Any], Field(min_length=1)]
+    """By dotted key a range `[from, to]`, or a table `{from, to, scale}` with the scale `linear`, `log` or `sine`
+    (evenly in the sine of an angle in degrees: latitudes evenly over the globe). Epochs can be ranges.
+    """
 
     @model_validator(mode="after")
     def _one_count(self) -> SobolSpec:
@@ -74,23 +89,29 @@ class SobolSpec(Model):
 
 
 class CasesSpec(Model):
-    """Many frames at once: ``base`` with everything that ``list``, ``grid``, ``sobol`` and ``orbit`` make of it.
+    """Many frames at once: `base` with everything that `list`, `grid`, `sobol` and `orbit` make of it.
 
-    ``base`` is a partial scene over the suite's defaults. ``list`` holds partial scenes; ``grid`` an axis for each key,
-    a list of values or ``{from, to, step}`` or ``{from, to, n}``. Where several are given, every one of the first goes
-    with every one of the next. Keys of grid and sobol are dotted: a key of the scene, ``camera.<table>.<key>`` for one
-    of the camera file (``camera.band.<name>.<key>`` of a band), ``orbit.<key>`` for one of the orbit.
-
-    ``estimators``: those of the suite's that run on these frames; all of them by default.
+    Where several are given, every one of the first goes with every one of the next. Keys of grid and sobol are dotted:
+    a key of the scene, `camera.<table>.<key>` for one of the camera file (`camera.band.<name>.<key>` of a band),
+    `orbit.<key>` for one of the orbit.
     """
 
     name: Name
+    """Name of the table; the frames' names begin with it."""
     estimators: Annotated[Names, Field(min_length=1)] | None = None
+    """Those of the suite's that run on these frames; all of them by default."""
     base: dict[str, Any] = {}
+    """Partial scene over the suite's defaults."""
     list: Annotated[Scenes, Field(min_length=1)] | None = None
+    """Partial scenes; each makes frames of its own."""
     grid: Annotated[dict[str, Any], Field(min_length=1)] | None = None
+    """An axis for each dotted key: a list of values, `{from, to, step}` or `{from, to, n}`; with `n` also a `scale`,
+    `linear`, `log` or `sine`.
+    """
     sobol: SobolSpec | None = None
+    """Points of a Sobol sequence over ranges of keys."""
     orbit: dict[str, Any] | None = None
+    """An orbit whose samples are frames."""
 
     @model_validator(mode="after")
     def _something_to_vary(self) -> CasesSpec:
@@ -100,20 +121,23 @@ class CasesSpec(Model):
 
 
 class FigureSpec(Model):
-    """A figure of the report over the frames of one ``[[cases]]`` table, or of all.
-
-    ``timeline``: outcomes and errors along the time; ``map``: the error over the keys ``x`` and ``y``; ``sweep``: the
-    error and the share of right answers over the key ``x``; ``exclusion``: the same over the Sun's distance from the
-    boresight, with the angle beyond which every answer is right. Keys are dotted, as in ``grid``. ``by``: a figure for
-    each value of this key.
-    """
+    """A figure of the report over the frames of one `[[cases]]` table, or of all."""
 
     kind: Literal["timeline", "map", "sweep", "exclusion"]
+    """`timeline`: outcomes and errors along the time; `map`: the error over the keys `x` and `y`; `sweep`: the error
+    and the share of right answers over the key `x`; `exclusion`: the same over the Sun's distance from the boresight,
+    with the angle beyond which every answer is right.
+    """
     cases: Name | None = None
+    """Name of the table; all frames without the key."""
     x: str | None = None
+    """Dotted key of the horizontal axis, as in `grid`."""
     y: str | None = None
+    """Dotted key of the vertical axis of a map."""
     by: str | None = None
+    """Dotted key: a figure for each of its values."""
     title: str = ""
+    """Title of the figure."""
 
     @model_validator(mode="after")
     def _axes_belong_to_the_kind(self) -> FigureSpec:
@@ -125,23 +149,24 @@ class FigureSpec(Model):
 
 
 class SuiteSpec(Model):
-    """One suite file.
-
-    ``[defaults]`` is a partial scene; every ``[[frame]]`` is a partial scene laid over it, with a unique
-    ``scene.name`` and, if it wants, ``estimators`` of its own; every ``[[cases]]`` table makes many. ``[[estimator]]``
-    adds programs to the estimators that are known by name. ``[[figure]]`` asks for figures on a page of their own,
-    ``[stability]`` for a study of the infrared horizon beside the frames, ``[regression]`` says how
-    `horizonval regress` compares nights.
-    """
+    """One suite file: many scenes that share defaults, and the estimators to score on them."""
 
     suite: SuiteHead
+    """What the suite is."""
     defaults: dict[str, Any] = {}
+    """Partial scene below all others."""
     frame: list[dict[str, Any]] = []
+    """A partial scene laid over the defaults, with a unique `scene.name` and, if it wants, `estimators` of its own."""
     cases: list[CasesSpec] = []
+    """Tables that make many frames each."""
     estimator: list[ProgramSpec] = []
+    """Programs, beside the estimators that are known by name."""
     figure: list[FigureSpec] = []
+    """Figures on a page of their own."""
     stability: StabilitySpec | None = None
+    """A study of the infrared horizon beside the frames."""
     regression: RegressionSpec | None = None
+    """How `horizonval regress` compares nights."""
 
     @model_validator(mode="after")
     def _unique_names(self) -> SuiteSpec:

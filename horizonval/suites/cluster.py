@@ -13,10 +13,10 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any, TypeVar
 
 from horizonval.core import atomic
+from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
 from horizonval.jobs.pool import Results
 from horizonval.store.folder import RunFolder
-from horizonval.suites.identity import code_version
 from horizonval.suites.plan import Unit
 
 T = TypeVar("T")

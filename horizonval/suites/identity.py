@@ -1,8 +1,9 @@
 """What a case depends on, as one digest: equal digests mean equal results.
 
 A case is a pure function of its scene, its camera, the atmosphere or profile file it may use, and the code. The code
-enters with its own digest and not only with the version number, so that a result made by older code is never mistaken
-for one of this code.
+enters with its own digest (:mod:`horizonval.core.code`) and not only with the version number, so that a result made by
+older code is never mistaken for one of this code. Of every kind of result only the code that it flows through counts:
+an estimator that was changed leaves the frames as they are, and a page of the report leaves everything.
 """
 
 from __future__ import annotations
@@ -10,40 +11,39 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable
-from functools import cache
-from importlib.resources import files
 from pathlib import Path
 
-import horizonval
+from horizonval.core.code import code_digest
 from horizonval.core.errors import UserError
+from horizonval.estimation import registry
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
 from horizonval.stability.case import StabilityCase
 from horizonval.suites.plan import CasePlan, Unit, plan_of
 
-_STABILITY_ROOMS = ("stability", "renderer", "earth", "geometry", "spec")
-_FRAME_ROOMS = ("renderer", "frame.py", "truth.py", "infrared_horizon", "earth", "geometry", "spec", "archive")
+FRAME_CODE = ("horizonval.renderer.scene.frame", "horizonval.store.exr")
+"""The modules that make a frame and its file; those that they import are found."""
+ROW_CODE = ("horizonval.suites.case", "horizonval.estimation.process.estimator_process")
+"""The modules that make images and rows; the estimators come to them by name."""
+RESCORED_CODE = ("horizonval.suites.rescore", "horizonval.estimation.process.estimator_process")
+STABILITY_CODE = ("horizonval.stability.profiles",)
 
 
-def code_version() -> str:
-    """Return the version and a digest of everything in the package that can change a result."""
-    return f"{horizonval.__version__}+{_code_digest(('',))[:12]}"
+def code_of(estimators: Iterable[str]) -> tuple[str, ...]:
+    """Return the modules of estimators: of ours and of users' packages; programs are files, see :class:`Plan`."""
+    return tuple(sorted({module for name in estimators if (module := registry.module_of(name)) is not None}))
 
 
 def frame_identity(case: Case) -> str:
     """Return the digest of what a frame depends on; detectors, estimators and scores do not change a frame."""
-    return _digest(_scene_content(case), _code_digest(_FRAME_ROOMS))
-
-
-def case_identity(case: Case, estimators: tuple[str, ...]) -> str:
-    """Return the digest of what a case's results depend on."""
-    return _digest(_scene_content(case), json.dumps(estimators), code_version())
+    return _digest(_scene_content(case), code_digest(*FRAME_CODE))
 
 
 def unit_identity(unit: Unit, plan: CasePlan) -> str:
     """Return the digest of what the results of a unit depend on: all its cases, their estimators, what is kept."""
-    content = plan.content(plan.of(unit.cases[0]))
-    return _digest(*(_scene_content(case) for case in unit.cases), content, code_version())
+    estimators = plan.of(unit.cases[0])
+    code = code_digest(*ROW_CODE, *code_of(estimators))
+    return _digest(*(_scene_content(case) for case in unit.cases), plan.content(estimators), code)
 
 
 def suite_identity(suite: Suite) -> str:
@@ -58,12 +58,13 @@ def suite_identity(suite: Suite) -> str:
 
 def stability_identity(case: StabilityCase) -> str:
     """Return the digest of what the profiles of a study's case depend on."""
-    return _digest(case.spec.model_dump_json(), case.name, _code_digest(_STABILITY_ROOMS))
+    return _digest(case.spec.model_dump_json(), case.name, code_digest(*STABILITY_CODE))
 
 
 def rescored_identity(addresses: Iterable[str], estimators: Iterable[str]) -> str:
     """Return the digest of what the results of archived images depend on: their bytes, the estimators, the code."""
-    return _digest(json.dumps([*addresses]), json.dumps([*estimators]), code_version())
+    names = [*estimators]
+    return _digest(json.dumps([*addresses]), json.dumps(names), code_digest(*RESCORED_CODE, *code_of(names)))
 
 
 def _scene_content(case: Case) -> str:
@@ -87,23 +88,6 @@ def _atmosphere_files(case: Case) -> dict[str, Path]:
     if atmosphere.profile_file is not None:
         found["profile_file"] = Path(atmosphere.profile_file)
     return found
-
-
-@cache
-def _code_digest(rooms: tuple[str, ...]) -> str:
-    """Digest of the package's Python files and data tables below ``rooms`` (paths relative to the package)."""
-    package = Path(str(files("horizonval")))
-    digest = hashlib.sha256()
-    chosen = (
-        p
-        for room in rooms
-        for p in ([package / room] if (package / room).is_file() else (package / room).rglob("*"))
-        if p.is_file() and p.suffix in (".py", ".npz", ".csv", ".json")
-    )
-    for path in sorted(chosen):
-        digest.update(f"{path.relative_to(package).as_posix()}\0".encode())
-        digest.update(hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()
 
 
 def _digest(*parts: str) -> str:

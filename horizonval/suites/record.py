@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core.code import code_version
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Fit
@@ -14,7 +15,7 @@ from horizonval.frame import FrameTruth
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.table import COLUMNS
 from horizonval.spec.load import Case
-from horizonval.suites.identity import code_version
+from horizonval.suites.identity import ROW_CODE
 from horizonval.suites.plan import CasePlan
 
 CASE_SCHEMA = 1
@@ -43,7 +44,7 @@ def record_of(
         "schema": CASE_SCHEMA,
         "case": name,
         "scene_id": truth.scene_id,
-        "version": code_version(),
+        "version": code_version(*ROW_CODE),
         "identity": identity,
         "truth_frame": addresses.get(""),
         "image": next(iter(images.values()), None),
@@ -82,7 +83,7 @@ def failed_record(
         "schema": CASE_SCHEMA,
         "case": name,
         "scene_id": truth.scene_id if truth else None,
-        "version": code_version(),
+        "version": code_version(*ROW_CODE),
         "identity": identity,
         "truth_frame": None,
         "image": None,

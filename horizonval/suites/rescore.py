@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
 from horizonval.estimation import registry
@@ -30,7 +31,7 @@ from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Filter
 from horizonval.store.named import run_folder_of
 from horizonval.store.store import Store
-from horizonval.suites.identity import code_version, rescored_identity
+from horizonval.suites.identity import rescored_identity
 from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads
 from horizonval.suites.record import details_of, record_of
 

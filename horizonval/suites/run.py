@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus, run_cases
@@ -23,7 +24,7 @@ from horizonval.store.index import Index
 from horizonval.suites.axes import figure_plans
 from horizonval.suites.case import Brief, finished, give_up, run_unit
 from horizonval.suites.check import check_suite
-from horizonval.suites.identity import code_version, suite_identity
+from horizonval.suites.identity import suite_identity
 from horizonval.suites.plan import CasePlan, Unit, plan_of, shard_of, units_of
 from horizonval.suites.shards import adopt
 from horizonval.suites.stability import StudyOutcome, run_stability

@@ -14,9 +14,9 @@ from typing import Any
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from horizonval.core import atomic
+from horizonval.core.code import code_version
 from horizonval.report.figures.plots import house_style
 from horizonval.store.folder import read_json, write_json
-from horizonval.suites.identity import code_version
 from horizonval.systems.result import Cell, Figure, Reproduction, Row, Table
 
 SCHEMA = 1

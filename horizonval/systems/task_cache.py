@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core.code import code_digest
 from horizonval.core.errors import one_line
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus, run_cases
 from horizonval.store.folder import read_json, write_json
-from horizonval.suites.identity import code_version
 
 Plain = dict[str, Any]
 """What JSON can hold, no NaN."""
@@ -87,7 +87,7 @@ class TaskCache:
         return rng_of(self.seed, *names)
 
     def _path(self, work: Callable[[Plain], Plain], item: Plain) -> Path:
-        content = json.dumps([work.__module__, work.__qualname__, item, code_version()], sort_keys=True)
+        content = json.dumps([work.__module__, work.__qualname__, item, code_digest(work.__module__)], sort_keys=True)
         digest = hashlib.sha256(content.encode()).hexdigest()
         return self.folder / digest[:2] / f"{digest}.json"
 

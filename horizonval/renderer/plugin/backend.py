@@ -18,8 +18,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from horizonval.core import atomic
+from horizonval.core.cache import cache_folder
 from horizonval.core.errors import UserError
-from horizonval.renderer.cache import cache_folder
 
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 VARIANT_VARIABLE = "HORIZONVAL_VARIANT"

@@ -19,9 +19,9 @@ import numpy as np
 
 from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
+from horizonval.core.cache import cache_folder
 from horizonval.core.progress import Progress
 from horizonval.earth.column import SpectralNode
-from horizonval.renderer.cache import cache_folder
 from horizonval.renderer.scattering.multiple_scattering import (
     DiffuseField,
     MultipleScattering,

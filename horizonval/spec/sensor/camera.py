@@ -13,6 +13,7 @@ from horizonval.spec.sensor.camera_geometry import CameraGeometry
 from horizonval.spec.sensor.cmos import Cmos
 from horizonval.spec.sensor.detector import Detector, ThermalDetector
 from horizonval.spec.sensor.optics import Optics
+from horizonval.spec.units import unit
 
 ALL_HEADS = "all"
 """In place of a head's name: every head, one frame each."""
@@ -26,23 +27,30 @@ class PlatformPrior(Model):
     """What a user knows of the platform; a prior, never the truth."""
 
     altitude_km: Positive | None = None
+    """Altitude that methods with a prior start from."""
 
 
 class Band(Model):
-    """Spectral response, relative, as a top hat (``lo_um``, ``hi_um``) or a table.
-
-    ``kind = "solar"``: scattered sunlight; the table is a quantum efficiency (electrons per photon).
-    ``kind = "thermal"``: emission; the table is a response per unit power.
-    ``nodes``: spectral nodes of the solar quadrature; left out, the fewest that keep the scene's ``render.band_error``.
-    """
+    """One spectral band: a top hat (`lo_um`, `hi_um`) or a table (`wavelength_um`, `response`)."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+    """Name of the band; the camera's bands have different names."""
     kind: Literal["solar", "thermal"]
+    """`solar`: scattered sunlight, the response is a quantum efficiency (electrons per photon). `thermal`: emission,
+    the response is per unit power.
+    """
     lo_um: Positive | None = None
+    """Lower end of a top hat."""
     hi_um: Positive | None = None
+    """Upper end of a top hat."""
     wavelength_um: list[Positive] = []
+    """Wavelengths of the table, rising."""
     response: list[Fraction] = []
-    nodes: Annotated[int, Field(ge=1, le=64)] | None = None
+    """Relative response at these wavelengths; linear between them, zero outside, scaled to a peak of 1."""
+    nodes: Annotated[int, Field(ge=1, le=64), unit("1")] | None = None
+    """Wavelengths at which a solar band is computed; without the key the fewest that keep the scene's
+    `render.band_error`.
+    """
 
     @model_validator(mode="after")
     def _one_shape(self) -> Band:
@@ -66,13 +74,17 @@ class Head(Model):
     """One of several equal cameras in a housing, and how it is turned in it.
 
     The angles turn the housing's axes into those of the head's camera: yaw about z, then pitch about y, then roll about
-    x. The scene's ``camera.mount_*`` angles turn the satellite's body axes into those of the housing; they come first.
+    x. The scene's `camera.mount_*` angles turn the satellite's body axes into those of the housing; they come first.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+    """Name of the head, anything but `all`."""
     mount_yaw_deg: Angle = 0.0
+    """Yaw in the housing, about z."""
     mount_pitch_deg: Angle = 0.0
+    """Pitch in the housing, about y."""
     mount_roll_deg: Angle = 0.0
+    """Roll in the housing, about x."""
 
     @model_validator(mode="after")
     def _all_is_all_of_them(self) -> Head:
@@ -82,22 +94,26 @@ class Head(Model):
 
 
 class CameraSpec(Model):
-    """One camera file. ``estimate`` needs only ``[camera]``; rendering also ``[[band]]``; observing ``[detector]``.
+    """One camera file. `horizonval estimate` needs only `[camera]`; rendering also `[[band]]`; observing also
+    `[detector]`.
 
     A detector sees either solar or thermal bands. Without one, a camera may have both.
-
-    With ``[[head]]`` tables the file describes several cameras that differ in nothing but how they are turned; a scene
-    chooses one with ``camera.head``.
     """
 
     later_keys: ClassVar[frozenset[str]] = frozenset({"head"})
 
     camera: CameraGeometry
+    """Image size, projection and scale."""
     platform: PlatformPrior = PlatformPrior()
+    """What is known of the platform."""
     optics: Optics = Optics()
+    """The lens."""
     band: list[Band] = []
+    """Spectral bands; rendering needs at least one."""
     head: list[Head] = []
+    """Several cameras that differ in nothing but how they are turned; a scene chooses one with `camera.head`."""
     detector: Detector | None = None
+    """What becomes of the light; its `kind` is `cmos`, `microbolometer`, `thermopile` or `linear`."""
 
     @model_validator(mode="after")
     def _consistent(self) -> CameraSpec:

@@ -10,38 +10,50 @@ from pydantic import Field, model_validator
 from horizonval.spec.base import Model
 from horizonval.spec.numbers import Finite, Positive
 from horizonval.spec.sensor import fisheye
+from horizonval.spec.units import unit
 
 
 class CameraGeometry(Model):
-    """Intrinsics. Either ``fov_deg`` or ``fx``, or neither where ``focal_length_mm`` and the pixel pitch say it.
+    """Image size, projection and scale.
 
-    ``fov_deg`` is the horizontal full angle between the outer edges of the first and last column of a centred image:
-    below 180 for a pinhole (its distortion left out), below 360 for the others.
-
-    ``projection``: ``pinhole`` with ``distortion`` k1 k2 p1 p2 k3 (OpenCV's Brown-Conrady), ``fisheye`` with
-    ``distortion`` k1 k2 k3 k4 (OpenCV's fisheye; none of them is an f-theta lens), or ``equal_angle``.
-
-    ``image_circle_deg`` is the full angle of the field that the lens fills. Pixels whose centre lies beyond it see
-    nothing; without the key every pixel must see something.
-
-    ``focal_length_mm`` of the lens. With ``detector.pixel_pitch_um`` it gives ``fx``, and may not contradict it.
+    The scale is given by `fov_deg` or `fx`, or by neither where `focal_length_mm` and the detector's pixel pitch say
+    it.
     """
 
     later_keys: ClassVar[frozenset[str]] = frozenset({"focal_length_mm", "image_circle_deg"})
 
     name: str = ""
+    """Name of the camera; noise and fixed patterns are drawn from it."""
     source: str = ""
-    width: Annotated[int, Field(ge=1, le=16384)]
-    height: Annotated[int, Field(ge=1, le=16384)]
+    """Where the figures come from, in words."""
+    width: Annotated[int, Field(ge=1, le=16384), unit("px")]
+    """Columns of the image."""
+    height: Annotated[int, Field(ge=1, le=16384), unit("px")]
+    """Rows of the image."""
     fov_deg: Annotated[float, Field(gt=0, lt=360)] | None = None
-    fx: Positive | None = None
-    fy: Positive | None = None
-    cx: Finite | None = None
-    cy: Finite | None = None
-    distortion: Annotated[list[Finite], Field(max_length=5)] = []
+    """Horizontal full angle between the outer edges of the first and last column of a centred image: below 180 for a
+    pinhole (its distortion left out), below 360 for the others.
+    """
+    fx: Annotated[Positive, unit("px")] | None = None
+    """Focal length along the rows, in pixels; per radian for `equal_angle`."""
+    fy: Annotated[Positive, unit("px")] | None = None
+    """Focal length along the columns; without the key as `fx`."""
+    cx: Annotated[Finite, unit("px")] | None = None
+    """Column of the principal point, 0 at the centre of the first column; without the key `(width - 1) / 2`."""
+    cy: Annotated[Finite, unit("px")] | None = None
+    """Row of the principal point, 0 at the centre of the first row; without the key `(height - 1) / 2`."""
+    distortion: Annotated[list[Finite], Field(max_length=5), unit("1")] = []
+    """Coefficients: `k1 k2 p1 p2 k3` of a pinhole (OpenCV's Brown-Conrady), `k1 k2 k3 k4` of a fisheye (OpenCV's; none
+    of them is an f-theta lens).
+    """
     projection: Literal["pinhole", "fisheye", "equal_angle"] = "pinhole"
+    """How directions become pixels. `equal_angle` is the fixed grid of geostationary imagers."""
     image_circle_deg: Annotated[float, Field(gt=0, lt=360)] | None = None
+    """Full angle of the field that the lens fills. Pixels whose centre lies beyond it see nothing; without the key
+    every pixel must see something.
+    """
     focal_length_mm: Positive | None = None
+    """Focal length of the lens. With `detector.pixel_pitch_um` it gives `fx`, and may not contradict it."""
 
     @model_validator(mode="after")
     def _one_scale(self) -> CameraGeometry:

@@ -7,22 +7,27 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import NonNegative, Positive
+from horizonval.spec.numbers import NonNegative, Positive, Whole
+from horizonval.spec.units import unit
 
 ABSOLUTE_ZERO_C = -273.15
 LONGEST_EXPOSURE_S = 3600.0
 
 
 class AutoExposure(Model):
-    """Exposure chosen by the camera: ``percentile`` of the pixels stay below ``target`` of the full well.
+    """Exposure chosen by the camera: `percentile` of the pixels stay below `target` of the full well.
 
-    It is found from the expected image, between ``min_s`` and ``max_s``, and takes the place of ``exposure_s``.
+    It is found from the expected image and takes the place of `exposure_s`.
     """
 
-    target: Annotated[float, Field(gt=0, le=1)] = 0.7
-    percentile: Annotated[float, Field(gt=0, le=100)] = 99.0
+    target: Annotated[float, Field(gt=0, le=1), unit("1")] = 0.7
+    """Share of the full well."""
+    percentile: Annotated[float, Field(gt=0, le=100), unit("%")] = 99.0
+    """Percentage of the pixels that stay below the target."""
     min_s: Positive
+    """Shortest exposure."""
     max_s: Annotated[float, Field(gt=0, le=LONGEST_EXPOSURE_S)]
+    """Longest exposure."""
 
     @model_validator(mode="after")
     def _range(self) -> AutoExposure:
@@ -32,37 +37,23 @@ class AutoExposure(Model):
 
 
 class Radiation(Model):
-    """Protons that cross the array while it integrates or is read, leaving streaks.
-
-    ``flux_per_cm2_s`` is the omnidirectional flux behind the shielding in the middle of the South Atlantic anomaly;
-    elsewhere it falls off as :mod:`horizonval.sensor.detector.protons` says. ``depth_um`` is the layer that collects
-    charge, ``charge_e_per_um`` the mean charge that a proton frees on its way.
-    """
+    """Protons that cross the array while it integrates or is read, leaving streaks."""
 
     flux_per_cm2_s: Annotated[float, Field(ge=0, le=1e7)]
+    """Omnidirectional flux behind the shielding in the middle of the South Atlantic anomaly; elsewhere it falls off as
+    `horizonval.sensor.detector.protons` says.
+    """
     depth_um: Annotated[float, Field(gt=0, le=1000)] = 5.0
+    """Thickness of the layer that collects charge."""
     charge_e_per_um: Annotated[float, Field(gt=0, le=1e6)] = 400.0
+    """Mean charge that a proton frees on its way."""
 
 
 class Cmos(Model):
-    """Visible CMOS or CCD. Peak of the quantum efficiency curve is ``quantum_efficiency``.
+    """Visible CMOS or CCD array.
 
-    What a pixel collects: ``full_well_e``; what is beyond is lost (``blooming = "none"``, an array with drains) or
-    runs along the columns (``"column"``).
-
-    ``dark_current_e_per_s`` holds at ``dark_reference_c`` and doubles every ``dark_doubling_k``; the array is at
-    ``temperature_c``. Without the two temperatures it holds as it is.
-
-    Pixels differ: by ``prnu`` in response (rms, relative), by ``dsnu_e`` in what they show in the dark (rms, at the
-    exposure in use), and ``hot_pixel_fraction`` of them have a dark current that is higher by an exponentially
-    distributed amount of mean ``hot_pixel_e_per_s``. ``serial`` numbers the units of a kind: each has its own pattern.
-
-    ``shutter``: ``global``; ``rolling``, rows exposed one ``row_time_s`` after the other, the frame's pose being that
-    of the middle of the image; ``frame_transfer``, a CCD whose charge takes ``row_time_s`` per row to its storage and
-    is smeared on the way.
-
-    ``bayer``: colours of the upper left 2 x 2 pixels, such as ``RGGB``. The camera then has three bands whose names
-    begin with r, g and b, and an image of a band is interpolated from that band's pixels.
+    Dark current holds at `dark_reference_c` and doubles every `dark_doubling_k`; without the two temperatures it holds
+    as it is.
     """
 
     later_keys: ClassVar[frozenset[str]] = frozenset(
@@ -85,29 +76,59 @@ class Cmos(Model):
     )
 
     kind: Literal["cmos"] = "cmos"
+    """A visible CMOS or CCD array."""
     pixel_pitch_um: Annotated[float, Field(ge=0.1, le=1000)]
+    """Distance of two pixels."""
     exposure_s: Annotated[float, Field(gt=0, le=LONGEST_EXPOSURE_S)]
-    quantum_efficiency: Annotated[float, Field(gt=0, le=1)]
+    """Integration time."""
+    quantum_efficiency: Annotated[float, Field(gt=0, le=1), unit("1")]
+    """Peak of the quantum efficiency curve, whose shape the band has: electrons per photon."""
     full_well_e: Annotated[float, Field(gt=0, le=1e12)]
+    """Charge that a pixel holds."""
     read_noise_e: NonNegative
+    """Standard deviation of the read-out."""
     dark_current_e_per_s: Annotated[float, Field(ge=0, le=1e12)] = 0.0
-    bits: Annotated[int, Field(ge=1, le=16)]
+    """Dark current of a pixel."""
+    bits: Annotated[int, Field(ge=1, le=16), unit("1")]
+    """Bits of the converter."""
     black_level_dn: NonNegative = 0.0
+    """Digital number of no light."""
     gain_e_per_dn: Positive | None = None
+    """Electrons per digital number; without the key a full well is the largest digital number."""
     temperature_c: Annotated[float, Field(ge=ABSOLUTE_ZERO_C, le=200)] | None = None
+    """Temperature of the array; goes with `dark_reference_c`."""
     dark_reference_c: Annotated[float, Field(ge=ABSOLUTE_ZERO_C, le=200)] | None = None
+    """Temperature at which the dark current holds."""
     dark_doubling_k: Annotated[float, Field(ge=1, le=100)] = 8.0
-    prnu: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
+    """Warming that doubles the dark current."""
+    prnu: Annotated[float, Field(ge=0, lt=0.3), unit("1")] = 0.0
+    """Standard deviation of the pixels' response, relative."""
     dsnu_e: NonNegative = 0.0
-    hot_pixel_fraction: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    """Standard deviation of what pixels show in the dark, at the exposure in use."""
+    hot_pixel_fraction: Annotated[float, Field(ge=0, le=0.1), unit("1")] = 0.0
+    """Share of pixels with a higher dark current."""
     hot_pixel_e_per_s: Annotated[float, Field(ge=0, le=1e12)] = 0.0
-    serial: Annotated[int, Field(ge=0)] = 0
+    """Mean of what hot pixels have more; exponentially distributed."""
+    serial: Whole = 0
+    """Number of the unit: each unit of a kind has its own pattern."""
     blooming: Literal["none", "column"] = "none"
+    """What becomes of charge beyond the full well: lost (`none`, an array with drains), or it runs along the columns
+    (`column`).
+    """
     shutter: Literal["global", "rolling", "frame_transfer"] = "global"
+    """`global`; `rolling`: rows exposed one `row_time_s` after the other, the frame's pose being that of the middle of
+    the image; `frame_transfer`: a CCD whose charge takes `row_time_s` per row to its storage and is smeared on the way.
+    """
     row_time_s: Annotated[float, Field(gt=0, le=1)] | None = None
+    """Time of one row; for shutters other than `global`."""
     bayer: Annotated[str, Field(pattern="^(RGGB|BGGR|GRBG|GBRG)$")] | None = None
+    """Colours of the upper left 2 x 2 pixels, such as `RGGB`. The camera then has three bands whose names begin with r,
+    g and b, and an image of a band is interpolated from that band's pixels.
+    """
     auto_exposure: AutoExposure | None = None
+    """Exposure chosen by the camera."""
     radiation: Radiation | None = None
+    """Protons; none without this table."""
 
     @model_validator(mode="after")
     def _temperatures(self) -> Cmos:

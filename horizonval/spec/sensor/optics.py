@@ -12,10 +12,11 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import Finite, Positive
+from horizonval.spec.numbers import Finite, Fraction, Positive
+from horizonval.spec.units import unit
 
 FieldAngles = list[Annotated[float, Field(ge=0, le=180)]]
-FNumber = Annotated[float, Field(ge=0.5, le=1000)]
+FNumber = Annotated[float, Field(ge=0.5, le=1000), unit("1")]
 """In air no lens is faster than f/0.5 (the sine condition)."""
 Blur = Annotated[float, Field(ge=0, le=100)]
 """Standard deviation in pixels."""
@@ -24,13 +25,17 @@ Blur = Annotated[float, Field(ge=0, le=100)]
 class Scatter(Model):
     """Scatter of the whole lens, ``BSDF = b0 (1 + (x / l_rad)^2)^(s / 2)`` [1/sr] with ``x = |beta - beta0|``.
 
-    Either ``b0`` or ``tis``, the share of the light that is scattered, fixes the level.
+    Either ``b0`` or ``tis`` fixes the level.
     """
 
-    b0: Positive | None = None
-    tis: Annotated[float, Field(gt=0)] | None = None
-    l_rad: Annotated[float, Field(gt=0, le=1)]
-    s: Annotated[float, Field(ge=-4, lt=0)]
+    b0: Annotated[Positive, unit("1/sr")] | None = None
+    """Level of the BSDF towards the mirror direction."""
+    tis: Annotated[float, Field(gt=0), unit("1")] | None = None
+    """Share of the light that is scattered."""
+    l_rad: Annotated[float, Field(gt=0, le=1), unit("1")]
+    """Width of the core, in direction cosines."""
+    s: Annotated[float, Field(ge=-4, lt=0), unit("1")]
+    """Slope of the wings."""
 
     @model_validator(mode="after")
     def _below_one(self) -> Scatter:
@@ -79,8 +84,11 @@ class Stray(Model):
     """
 
     angle_deg: Annotated[FieldAngles, Field(min_length=1)]
-    pst: Annotated[list[Positive], Field(min_length=1)]
+    """Angles between the Sun and the boresight, rising."""
+    pst: Annotated[list[Positive], Field(min_length=1), unit("1")]
+    """Point-source transmittance at these angles."""
     cutoff_deg: Annotated[float, Field(gt=0, le=180)] = 180.0
+    """Angle from which nothing comes in."""
 
     @model_validator(mode="after")
     def _table(self) -> Stray:
@@ -96,15 +104,14 @@ class Stray(Model):
 
 
 class Ghost(Model):
-    """One image of the scene by two reflections inside the lens.
+    """One image of the scene by two reflections inside the lens."""
 
-    ``ratio``: its light over the scene's. ``scale``: its size and sense about the principal point, -1 is mirrored
-    through it. ``blur_px``: Gaussian standard deviation.
-    """
-
-    ratio: Annotated[float, Field(gt=0, lt=1)]
-    scale: Finite = -1.0
+    ratio: Annotated[float, Field(gt=0, lt=1), unit("1")]
+    """Its light over the scene's."""
+    scale: Annotated[Finite, unit("1")] = -1.0
+    """Its size and sense about the principal point, 0.01 to 100 in size; -1 is mirrored through it."""
     blur_px: Blur = 0.0
+    """Standard deviation of its Gaussian blur."""
 
     @model_validator(mode="after")
     def _some_size(self) -> Ghost:
@@ -114,15 +121,7 @@ class Ghost(Model):
 
 
 class Optics(Model):
-    """The lens.
-
-    ``aperture_mm``: diameter of the entrance pupil, only to check ``f_number`` and the focal length against it.
-    ``pupil``: how much of the entrance pupil is seen from off the axis, ``flat`` as the cosine, ``constant`` as in
-    fisheye lenses; by default as the projection. ``vignetting``: illumination beyond that law, against the field angle.
-    ``psf_sigma_px``: Gaussian point spread, pixel integration not included; ``psf_field_sigma_px`` in its place where
-    it changes with the field angle. ``diffraction``: of the f-number and the band. ``defocus_um``: of the detector
-    along the axis.
-    """
+    """The lens. Every key has a default that switches its stage off, except `f_number` and `transmission`."""
 
     later_keys: ClassVar[frozenset[str]] = frozenset(
         {
@@ -141,19 +140,35 @@ class Optics(Model):
     )
 
     f_number: FNumber = 2.8
-    transmission: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Focal length over the diameter of the entrance pupil."""
+    transmission: Annotated[float, Field(gt=0, le=1), unit("1")] = 1.0
+    """Share of the light that comes through."""
     psf_sigma_px: Blur = 0.0
+    """Standard deviation of the Gaussian point spread, pixel integration not included."""
     aperture_mm: Positive | None = None
+    """Diameter of the entrance pupil, only to check `f_number` and the focal length against it."""
     pupil: Literal["flat", "constant"] | None = None
+    """How much of the entrance pupil is seen from off the axis: `flat` as the cosine, `constant` as in fisheye lenses;
+    without the key as the projection.
+    """
     vignetting_deg: FieldAngles = []
-    vignetting: list[Annotated[float, Field(ge=0, le=1)]] = []
+    """Field angles of `vignetting`, rising."""
+    vignetting: list[Fraction] = []
+    """Illumination at these field angles, beyond the law of the pupil."""
     psf_field_deg: FieldAngles = []
+    """Field angles of `psf_field_sigma_px`, rising."""
     psf_field_sigma_px: list[Blur] = []
+    """Standard deviation of the point spread at these field angles, in place of `psf_sigma_px`."""
     diffraction: bool = False
+    """Whether the aperture diffracts, by the f-number and the band."""
     defocus_um: Finite = 0.0
+    """Distance of the detector from the focus, along the axis."""
     scatter: Scatter | None = None
+    """Scatter; none without this table."""
     stray: Stray | None = None
+    """Sunlight from outside the field; none without this table."""
     ghost: list[Ghost] = []
+    """Ghost images."""
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Optics:

@@ -18,14 +18,19 @@ from typing import Any
 import numpy as np
 
 from horizonval.core import atomic
+from horizonval.core.code import code_digest
 from horizonval.core.errors import one_line
 from horizonval.core.progress import Progress
 from horizonval.jobs.pool import run_cases
 from horizonval.spec.load import Case
 from horizonval.store.folder import read_json, write_json
 from horizonval.studies.regression.units import render_scene, replay_scene
-from horizonval.suites.identity import code_version
+from horizonval.suites.identity import code_of
 from horizonval.suites.plan import CasePlan
+
+_UNITS = ("horizonval.studies.regression.units", "horizonval.estimation.process.estimator_process")
+CODE = {"replay": _UNITS, "render": _UNITS, "anchors": ("horizonval.studies.regression.anchors",)}
+"""The modules that make a unit, by its kind; the estimators come to them by name."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +127,8 @@ def identity(task: Task, plan: CasePlan) -> str:
     if task.case is not None:
         case = [task.case.scene.model_dump(mode="json"), task.case.camera.model_dump(mode="json")]
     content = [task.kind, case, task.table, task.scene, sorted(task.known), task.depends_on, task.replicates]
-    text = json.dumps([content, plan.content(), code_version()], sort_keys=True)
+    code = code_digest(*CODE[task.kind], *code_of(plan.estimators if task.kind != "anchors" else ()))
+    text = json.dumps([content, plan.content(), code], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import horizonval
-from horizonval.suites.identity import code_version
+from horizonval.core.code import code_version
 
 PACKAGES = (
     "mitsuba", "drjit", "karellen-llvm-core", "numpy", "scipy", "opencv-python-headless", "OpenEXR", "pyerfa",

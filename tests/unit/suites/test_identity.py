@@ -42,7 +42,7 @@ def _all(suite: Suite) -> tuple[str, str, str]:
     case = suite.cases[0]
     return (
         identity.frame_identity(case),
-        identity.case_identity(case, suite.estimators),
+        identity.unit_identity(units_of([case], plan_of(suite))[0], plan_of(suite)),
         identity.suite_identity(suite),
     )
 
@@ -140,8 +140,3 @@ def test_a_study_counts_for_the_suite_and_not_for_its_frames(load):
     before, after = (identity.stability_identity(cases_of(s)[0]) for s in (two.stability, three.stability))
     assert before != after
     assert before == identity.stability_identity(cases_of(two.stability)[0])
-
-
-def test_the_code_counts():
-    assert identity.code_version().startswith(identity.horizonval.__version__ + "+")
-    assert identity._code_digest(("",)) != identity._code_digest(("earth",))

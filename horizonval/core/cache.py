@@ -1,4 +1,4 @@
-"""Where what is dear to make is kept between runs."""
+"""Where what is expensive to make is kept between runs."""
 
 from __future__ import annotations
 

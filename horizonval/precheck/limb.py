@@ -1,0 +1,193 @@
+"""What a camera will see of the horizon and how bright it will be, from the truth of a frame alone.
+
+Nothing is rendered: the horizon comes from :mod:`horizonval.scoring.horizon_view`, its light from
+:mod:`horizonval.scoring.limb_signal`, the outcome from :mod:`horizonval.scoring.expected`, so that a check says before
+a run what its score would say after it.
+
+**Level** of a solar band: the brightest thing at the limb or some ten kilometres below it, with the Sun's veil, over
+full scale above the black level. Against rendered and observed frames the median along the limb is 1.0 to 1.15 of what
+the pixels show by day with aerosol-free air, and within 30 % in other air (the tables of
+:mod:`horizonval.scoring.limb_radiance` say why).
+
+**Level** of a thermal band: the plateau of the limb between the converter's ends, from the truth's infrared horizon.
+Rendered limbs are 2 to 15 % lower within the blur of the edge. Without the infrared horizon there is none.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from horizonval.core.outcome import Outcome
+from horizonval.earth.spectral.brightness import black_body_radiance, brightness_temperature_k
+from horizonval.frame import FrameTruth
+from horizonval.geometry.camera import CameraModel, project, unproject
+from horizonval.scoring import limits
+from horizonval.scoring.expected import Examined, examine
+from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.spec.sensor.detector import Cmos
+
+Needs = Literal["image", "pose", "heads"]
+
+
+@dataclass(frozen=True)
+class LimbView:
+    """One band of one frame before it is rendered.
+
+    Attributes
+    ----------
+    frame, band : str
+        Names.
+    kind : {"solar", "thermal"}
+    outcome : Outcome
+        What an estimator should report.
+    borderline : bool
+        The outcome hangs on a threshold.
+    arc_deg : float
+        Azimuth about the nadir of the horizon in view, of 360.
+    arc_px, sagitta_px : float
+        Its length in the image, and how far it bends.
+    shortest_px : float
+        Arc that an estimator needs.
+    lit_fraction : float or None
+        Share of the arc over which the Sun stands.
+    level : float or None
+        Median along the limb in view, over full scale; None without a limb, a detector or an infrared horizon.
+    highest : float or None
+        The largest along the limb in view.
+    saturated_share : float
+        Of the limb in view.
+    plateau_k : float or None
+        Brightness temperature of a thermal limb.
+    snr : float or None
+        Signal-to-noise ratio of a pixel's step at the limb, median; at most 1e6.
+    veil : float
+        Largest veil of the Sun over full scale.
+    determined_deg : float or None
+        To what the usable limb determines the nadir.
+    sun_in_frame, moon_in_frame : bool
+    sun_outside_deg : float or None
+        How far outside the image the Sun's centre is; None where the Sun is in the frame or behind the Earth.
+    sun_visible_fraction : float
+        0 in the Earth's shadow.
+    exposure_s : float or None
+        A fixed exposure; None for automatic and thermal ones.
+    """
+
+    frame: str
+    band: str
+    kind: str
+    outcome: Outcome
+    borderline: bool
+    arc_deg: float
+    arc_px: float
+    sagitta_px: float
+    shortest_px: float
+    lit_fraction: float | None
+    level: float | None
+    highest: float | None
+    saturated_share: float
+    plateau_k: float | None
+    snr: float | None
+    veil: float
+    determined_deg: float | None
+    sun_in_frame: bool
+    moon_in_frame: bool
+    sun_outside_deg: float | None
+    sun_visible_fraction: float
+    exposure_s: float | None
+
+
+def limb_views(frame: str, truth: FrameTruth, camera: CameraSpec, needs: Needs = "image") -> list[LimbView]:
+    """Return what every band of a frame will see.
+
+    Parameters
+    ----------
+    frame : str
+        Its name.
+    truth : FrameTruth
+        Without the infrared horizon thermal bands have no level, and a linear array among several heads is taken to see
+        the ground's horizon.
+    camera : CameraSpec
+    needs : {"image", "pose", "heads"}
+        What the estimators look through; see :func:`horizonval.scoring.expected.examine`.
+    """
+    return [_limb_view(frame, truth, camera, band, needs) for band in camera.band]
+
+
+def _limb_view(frame: str, truth: FrameTruth, camera: CameraSpec, band: Band, needs: Needs) -> LimbView:
+    found = examine(truth, band.name, needs=needs)
+    expected, detector = found.expected, camera.detector
+    level, highest, saturated, plateau_k = _levels(found, truth, camera, band)
+    fixed = isinstance(detector, Cmos) and detector.auto_exposure is None
+    return LimbView(
+        frame=frame,
+        band=band.name,
+        kind=band.kind,
+        outcome=expected.outcome,
+        borderline=expected.borderline,
+        arc_deg=360.0 * expected.horizon_fraction_in_view,
+        arc_px=expected.horizon_arc_px,
+        sagitta_px=expected.horizon_sagitta_px,
+        shortest_px=limits.NOMINAL.arc_fraction * min(found.camera.width, found.camera.height),
+        lit_fraction=expected.lit_fraction,
+        level=level,
+        highest=highest,
+        saturated_share=saturated,
+        plateau_k=plateau_k,
+        snr=expected.limb_snr,
+        veil=expected.veil_fraction,
+        determined_deg=expected.determined_deg,
+        sun_in_frame=expected.sun_in_frame,
+        moon_in_frame=expected.moon_in_frame,
+        sun_outside_deg=None if expected.sun_in_frame else sun_outside_deg(found.camera, truth),
+        sun_visible_fraction=truth.sun_visible_fraction,
+        exposure_s=detector.exposure_s if isinstance(detector, Cmos) and fixed else None,
+    )
+
+
+def _levels(
+    found: Examined, truth: FrameTruth, camera: CameraSpec, band: Band
+) -> tuple[float | None, float | None, float, float | None]:
+    """Return the median and the largest level, the saturated share of the limb, and a thermal plateau [K]."""
+    in_view, detector = found.view.in_view, camera.detector
+    if band.kind == "solar":
+        if not in_view.any() or not isinstance(detector, Cmos):
+            return None, None, 0.0, None
+        level = found.signal.filling[in_view]
+        return float(np.median(level)), float(level.max()), float((level > 1.0).mean()), None
+    horizon = truth.infrared_horizon.get(band.name)
+    if horizon is None or not horizon["plateau_radiance"]:
+        return None, None, 0.0, None
+    # Azimuths of the truth's plateau are about the nadir; it changes by a few per cent between them.
+    plateau = np.array(horizon["plateau_radiance"])
+    plateau_k = float(brightness_temperature_k(band, np.median(plateau)))
+    if detector is None or isinstance(detector, Cmos) or not in_view.any():
+        return None, None, 0.0, plateau_k
+    ends_k = np.array([detector.scene_min_k, detector.scene_max_k])
+    low, high = np.where(ends_k > 0.0, black_body_radiance(band, np.maximum(ends_k, 1.0)), 0.0)
+    level = (plateau - low) / (high - low)
+    return float(np.median(level)), float(level.max()), float((level > 1.0).mean()), plateau_k
+
+
+def sun_outside_deg(camera: CameraModel, truth: FrameTruth) -> float | None:
+    """Return the angle from the Sun's centre to the nearest point of the image's outline; None behind the Earth.
+
+    The outline is taken at 400 pixels, which leaves a hundredth of the field.
+    """
+    if truth.sun_visible_fraction <= 0.0:
+        return None
+    s = np.linspace(0.0, 1.0, 100, endpoint=False)
+    zero, one = np.zeros_like(s), np.ones_like(s)
+    u = np.concatenate([s, one, 1.0 - s, zero]) * camera.width - 0.5
+    v = np.concatenate([zero, s, one, 1.0 - s]) * camera.height - 0.5
+    outline = unproject(camera, np.stack([u, v], axis=-1))
+    cosine = outline @ np.array(truth.sun_cam)
+    # Pixels beyond a lens's image circle have no direction.
+    if not np.isfinite(cosine).any():
+        place, has_image = project(camera, np.array(truth.sun_cam))
+        return 0.0 if bool(has_image) and np.isfinite(place).all() else None
+    return math.degrees(math.acos(max(-1.0, min(1.0, float(np.nanmax(cosine))))))

@@ -1,0 +1,136 @@
+"""The JSON Schema of the files: shipped files keep it, mistakes do not, and the kept copies are the printed ones."""
+
+from __future__ import annotations
+
+import tomllib
+from datetime import datetime
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from horizonval.cli.app import run_command_line
+from horizonval.core.errors import UserError
+from horizonval.spec.files import shipped_names, shipped_path, shipped_root
+from horizonval.spec.keys import MODELS, holds_numbers, tables, unit_of
+from horizonval.spec.load import load_scene
+from horizonval.spec.schema import json_schema
+
+FILES = [(kind, name) for kind in MODELS for name in shipped_names(kind)]
+SCENE = {"camera": {"file": "vis-cmos-512-60deg"}, "platform": {"altitude_km": 500.0}}
+CASES = {"suite": {"name": "s", "estimators": ["ideal"]}}
+
+
+def _plain(value: Any) -> Any:
+    """As JSON has it: dates are text."""
+    if isinstance(value, datetime):
+        return value.isoformat()
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}
+    return [_plain(inner) for inner in value] if isinstance(value, list) else value
+
+
+def _validator(kind) -> Draft202012Validator:
+    return Draft202012Validator(json_schema(kind))
+
+
+def _grid(**grid: Any) -> dict[str, Any]:
+    return CASES | {"cases": [{"name": "t", "grid": grid}]}
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_it_is_a_schema(kind):
+    Draft202012Validator.check_schema(json_schema(kind))
+
+
+@pytest.mark.parametrize(("kind", "name"), FILES)
+def test_every_shipped_file_keeps_it_and_names_it(kind, name):
+    path = shipped_path(kind, name)
+    text = path.read_text(encoding="utf-8")
+    errors = list(_validator(kind).iter_errors(_plain(tomllib.loads(text))))
+    assert errors == []
+    first = text.splitlines()[0]
+    assert first.startswith("#:schema ")
+    assert (path.parent / first.removeprefix("#:schema ")).resolve() == shipped_root() / "schema" / f"{kind}.json"
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_the_kept_copy_is_what_is_printed(kind, capsys):
+    assert run_command_line(["schema", kind]) == 0
+    assert (shipped_root() / "schema" / f"{kind}.json").read_text(encoding="utf-8") == capsys.readouterr().out
+
+
+def test_another_kind_is_a_mistake_in_one_line(capsys):
+    assert run_command_line(["schema", "camra"]) == 2
+    assert capsys.readouterr().err == (
+        "horizonval: error: schema: there is no schema of 'camra'; expected one of camera, scene, suite, study\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "data"),
+    [
+        ("scene", SCENE | {"platform": {"altitude_km": "500"}}),
+        ("scene", SCENE | {"platfrom": {}}),
+        ("scene", SCENE | {"camera": {"file": "x", "detector": {"exposure": 1.0}}}),
+        ("scene", SCENE | {"camera": {"file": "x", "band": {"vis": {"lo": 1.0}}}}),
+        ("scene", SCENE | {"surface": {"albedo": 1.5}}),
+        ("camera", {"camera": {"width": 4, "height": 4, "fov_deg": 400.0}}),
+        ("suite", CASES | {"defaults": {"platform": {"altitude": 500.0}}}),
+        ("suite", CASES | {"frame": [{"scene": {"seed": 1}}]}),
+        ("suite", _grid(platform={"latitude": [1.0, 2.0]})),
+        ("suite", _grid(platform={"latitude_deg": 3.0})),
+        ("suite", _grid(platform={"latitude_deg": {"from": 0, "to": 1, "step": 1, "n": 2}})),
+        ("study", {"study": {"name": "s", "estimators": ["a"]}, "frames": {}, "design": {"list": [{"surface": {}}]}}),
+    ],
+)
+def test_mistakes_are_found(kind, data):
+    assert not _validator(kind).is_valid(data)
+
+
+@pytest.mark.parametrize(
+    "grid",
+    [
+        {"platform": {"latitude_deg": [1.0, 2.0]}},
+        {"platform.latitude_deg": [1.0, 2.0]},
+        {"platform": {"latitude_deg": {"from": 0, "to": 60, "n": 4, "scale": "sine"}}},
+        {"camera": {"detector": {"exposure_s": {"from": 0.1, "to": 0.2, "step": 0.05}}}},
+        {"camera": {"band": {"vis": {"nodes": [2, 4]}}}},
+        {"clouds": [{"cover": 0.2}, {"cover": 0.4, "top_km": 9.0}]},
+        {"orbit": {"altitude_km": [400.0, 600.0]}},
+    ],
+)
+def test_axes_over_any_key_are_let_through(grid):
+    assert list(_validator("suite").iter_errors(_grid(**grid))) == []
+
+
+def test_a_scene_that_keeps_it_is_read(tmp_path):
+    assert _validator("scene").is_valid(SCENE)
+    path = tmp_path / "scene.toml"
+    path.write_text('camera.file = "vis-cmos-512-60deg"\nplatform.altitude_km = 500.0\n')
+    load_scene(path)
+    path.write_text('camera.file = "vis-cmos-512-60deg"\nplatform.altitude = 500.0\n')
+    with pytest.raises(UserError):
+        load_scene(path)
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_every_key_has_a_meaning_and_every_number_a_unit(kind):
+    schema = MODELS[kind].model_json_schema()
+    for table in [schema, *schema["$defs"].values()]:
+        for name, node in table["properties"].items():
+            # A text that the key shares with its table is left out beside the reference.
+            below = schema["$defs"].get(node.get("$ref", "").rsplit("/", 1)[-1], {})
+            assert len(node.get("description", below.get("description", ""))) >= 8, (table["title"], name)
+            if holds_numbers(node):
+                assert unit_of(name, node) is not None, (table["title"], name)
+    assert all(table.meaning for table in tables(kind))
+
+
+def test_the_schema_tells_meaning_unit_default_and_range():
+    key = json_schema("camera")["$defs"]["CameraGeometry"]["properties"]["fov_deg"]
+    assert key["title"] == "fov_deg [deg]"
+    assert key["unit"] == "deg"
+    assert key["exclusiveMaximum"] == 360
+    assert key["description"].startswith("Horizontal full angle")
+    assert json_schema("scene")["$defs"]["RenderSettings"]["properties"]["nodes"]["default"] == 128
