@@ -20,7 +20,7 @@ from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.store import exr
 from horizonval.store.entry import StoreEntry, describe, place, places, sha256
 from horizonval.store.index import Index
-from horizonval.store.verify import Finding, verify
+from horizonval.store.verify import StoreFinding, verify
 
 
 class Store:
@@ -97,6 +97,6 @@ class Store:
         for path in places(self.root):
             yield describe(path)
 
-    def verify(self, named: Mapping[str, str] | None = None, progress: Progress | None = None) -> list[Finding]:
+    def verify(self, named: Mapping[str, str] | None = None, progress: Progress | None = None) -> list[StoreFinding]:
         """Read everything and return what is wrong; see :func:`horizonval.store.verify.verify`."""
         return verify(self.root, named, progress)
