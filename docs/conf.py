@@ -24,6 +24,8 @@ autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 napoleon_use_ivar = True
 
+smartquotes = False
+
 html_theme = "furo"
 html_title = "horizonval"
 html_static_path = ["_static"]

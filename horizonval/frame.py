@@ -7,12 +7,17 @@ re-scored.
 
 from __future__ import annotations
 
+import math
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from enum import IntEnum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from horizonval.geometry.camera import CameraModel, camera_from_spec
+from horizonval.spec.sensor.camera import CameraSpec
 
 FRAME_SCHEMA = 3
 """Of the truth's fields. 1: before there was a Moon; 2: before the infrared horizon. Fields that an older truth lacks
@@ -127,6 +132,42 @@ class FrameTruth:
     moon_visible_fraction: float = 0.0
     moon_phase_angle_rad: float = 0.0
     infrared_horizon: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def camera_spec(self) -> CameraSpec:
+        """The camera that took the frame, validated once."""
+        return CameraSpec.model_validate(self.camera)
+
+    @cached_property
+    def camera_model(self) -> CameraModel:
+        """Its intrinsics."""
+        return camera_from_spec(self.camera_spec.camera)
+
+    @property
+    def camera_file(self) -> str:
+        """File, or shipped name, that the scene names for its camera; empty where it names none."""
+        return str(self.scene.get("camera", {}).get("file", ""))
+
+    @property
+    def camera_name(self) -> str:
+        """The camera's own name, else its file's."""
+        return self.camera_spec.camera.name or self.camera_file.rsplit("/", 1)[-1].removesuffix(".toml")
+
+    @property
+    def head(self) -> str | None:
+        """Name of the head that took the frame, ``None`` for a camera without heads."""
+        head: str | None = self.scene.get("camera", {}).get("head")
+        return head
+
+    @property
+    def scene_name(self) -> str:
+        """Name of the scene; empty where it has none."""
+        return str(self.scene.get("scene", {}).get("name", ""))
+
+    @property
+    def sun_boresight_rad(self) -> float:
+        """Angle from the optical axis to the Sun's centre, behind the Earth or not."""
+        return math.acos(max(-1.0, min(1.0, self.sun_cam[2])))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data (JSON keeps every bit: ``repr`` of a float64 round-trips)."""

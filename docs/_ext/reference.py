@@ -2,17 +2,156 @@
 
 from __future__ import annotations
 
+import contextlib
+import inspect
+import io
+import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import typer
 from sphinx.application import Sphinx
+
+import horizonval
+from horizonval.cli.app import app as command_line
+from horizonval.cli.app import run_command_line
+from horizonval.scoring.row import COLUMNS
+from horizonval.spec.reference.keys import MODELS, FileKind, Key, KeyTable, tables
 
 GENERATED = Path(__file__).parents[1] / "reference" / "generated"
 """Not kept in the repository."""
+HELP_COLUMNS = 96
+
+INTRODUCTIONS: dict[FileKind, str] = {
+    "scene": "A scene is one frame: one camera, one pose, one planet, one instant. `horizonval render` takes it.",
+    "camera": "A camera file describes a sensor as its data sheet does. What is left out is off.",
+    "suite": "A suite makes many scenes and names the estimators that are scored on them. `horizonval run` takes it.",
+    "study": "A study compares designs on the same frames. `horizonval study` takes it.",
+}
+SCENE_TABLES = (
+    "`defaults`, `base` and the entries of `list` are partial scenes: any key of a [scene file](scene-keys.md). "
+    "Inside `[camera]` they also change the [camera file](camera-keys.md), as `camera.detector.exposure_s`."
+)
 
 
 def pages() -> dict[str, str]:
     """Return the Markdown of every generated page by its name."""
-    return {}
+    made = {f"{kind}-keys": _keys_page(kind) for kind in MODELS}
+    made["command-line"] = _command_page()
+    made["api"] = _api_page()
+    made["results"] = _results_page()
+    return made
+
+
+def _keys_page(kind: FileKind) -> str:
+    lines = [f"# {kind.capitalize()} files", "", INTRODUCTIONS[kind]]
+    if kind in ("suite", "study"):
+        lines.append(SCENE_TABLES)
+    lines += [
+        f"`horizonval schema {kind}` prints the same as JSON Schema.",
+        "A dash is a key that can be left out, which then means what the text says.",
+        "The unit 1 is that of pure numbers.",
+    ]
+    for table in tables(kind):
+        if table.header:
+            variant = f", {table.variant}" if table.variant else ""
+            lines += ["", f"## `{table.header}`{variant}"]
+        lines += ["", _meaning(table.meaning)]
+        if table.keys:
+            lines += ["", *_keys_table(table)]
+    return "\n".join(lines) + "\n"
+
+
+def _keys_table(table: KeyTable) -> Iterator[str]:
+    yield "| key | meaning | value | unit | default |"
+    yield "|---|---|---|---|---|"
+    for key in table.keys:
+        cells = (f"`{key.name}`", key.meaning, _values(key), key.unit or "", _default(key))
+        yield "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _values(key: Key) -> str:
+    return key.values.replace("_", "\\_").replace("*", "\\*")
+
+
+def _default(key: Key) -> str:
+    match key.default:
+        case None:
+            return "*required*"
+        case "":
+            return "–"
+        case "a table":
+            return "empty"
+        case text:
+            return f"`{text}`"
+
+
+def _meaning(text: str) -> str:
+    return text.replace("  ", "\n\n")
+
+
+def _command_page() -> str:
+    lines = [
+        "# Command line",
+        "",
+        "Text for people by default, `--json` for programs.",
+        "Exit status 0 is success, 1 a check that failed, and 2 wrong use or bad input, told in one line.",
+        "Long commands show their progress, can be interrupted, and go on from there.",
+    ]
+    for path in _commands(typer.main.get_command(command_line), ()):
+        lines += ["", f"## `{' '.join(('horizonval', *path))}`", "", "```text", _help(path), "```"]
+    return "\n".join(lines) + "\n"
+
+
+def _commands(command: Any, path: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+    if path:
+        yield path
+    for name, inner in getattr(command, "commands", {}).items():
+        yield from _commands(inner, (*path, name))
+
+
+def _help(path: tuple[str, ...]) -> str:
+    """Return what ``--help`` prints."""
+    text = io.StringIO()
+    os.environ["COLUMNS"] = str(HELP_COLUMNS)
+    with contextlib.redirect_stdout(text):
+        run_command_line([*path, "--help"])
+    return text.getvalue().rstrip()
+
+
+def _api_page() -> str:
+    lines = [
+        "# Python",
+        "",
+        "Everything here is a name of the package itself: `import horizonval as hv`.",
+        "The renderer is loaded when it is first needed.",
+    ]
+    for name in getattr(horizonval, "__all__", ()):
+        thing = getattr(horizonval, name)
+        kind = "class" if inspect.isclass(thing) else "function" if callable(thing) else "data"
+        if inspect.isclass(thing) and issubclass(thing, BaseException):
+            kind = "exception"
+        lines += ["", f"## {name}", "", "```{eval-rst}", f".. auto{kind}:: horizonval.{name}"]
+        lines += ["   :members:"] if kind == "class" else []
+        lines.append("```")
+    return "\n".join(lines) + "\n"
+
+
+def _results_page() -> str:
+    lines = [
+        "# Table of results",
+        "",
+        "`results.parquet` of a run has one row for every image and estimator.",
+        "Columns marked optional are empty where they do not apply.",
+        "",
+        "| column | meaning | unit | type |",
+        "|---|---|---|---|",
+    ]
+    for column in COLUMNS:
+        kind = column.sql_type + (", optional" if column.optional else "")
+        lines.append(f"| `{column.name}` | {column.meaning} | {column.unit} | {kind} |")
+    return "\n".join(lines) + "\n"
 
 
 def _write(_app: Sphinx) -> None:

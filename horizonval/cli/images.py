@@ -36,11 +36,10 @@ def observe(
     from horizonval.commands.observing import plans
     from horizonval.sensor.observe import observe as observe_frame
     from horizonval.spec.load import load_camera
-    from horizonval.spec.sensor.camera import CameraSpec
     from horizonval.store.exr import read_frame, write_image
 
     stored = read_frame(frame)
-    spec = CameraSpec.model_validate(stored.truth.camera) if camera is None else load_camera(camera)
+    spec = stored.truth.camera_spec if camera is None else load_camera(camera)
     todo = plans(out, seed or [], exposure or [], band or [], spec)
     if todo[0].path.parent == Path(out):
         Path(out).mkdir(exist_ok=True)

@@ -72,7 +72,7 @@ def estimate_heads(paths: Sequence[Path], estimator_name: str) -> dict[str, Any]
     housing = None
     for path in paths:
         source = read_picture(path).source
-        head = None if source is None else source.truth.scene.get("camera", {}).get("head")
+        head = None if source is None else source.truth.head
         if source is None or head is None:
             raise UserError(
                 "this image does not say which head took it",
@@ -98,7 +98,7 @@ def estimate_heads(paths: Sequence[Path], estimator_name: str) -> dict[str, Any]
 
 def _in_order(sources: Mapping[str, DetectorImage | RadianceFrame]) -> dict[str, DetectorImage | RadianceFrame]:
     """Return images in the camera file's order of heads, which decides whose camera frame the answer is in."""
-    heads = [head["name"] for head in next(iter(sources.values())).truth.camera.get("head", [])]
+    heads = [head.name for head in next(iter(sources.values())).truth.camera_spec.head]
     return {name: sources[name] for name in sorted(sources, key=heads.index)}
 
 

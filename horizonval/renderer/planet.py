@@ -9,25 +9,24 @@ instead of the textbook discriminant ``b^2 - ac``, which cancels at planetary di
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
+import mitsuba as mi
 
-Vec = tuple[Any, Any, Any]
-"""Three Dr.Jit Float64 arrays, broadcast against each other."""
+from horizonval.renderer.types import Real, Vec, Vec3
 
 
-def dot(p: Vec, q: Vec) -> Any:
+def dot(p: Vec3[Real], q: Vec3[Real]) -> Real:
     """Return the scalar product."""
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
-def along(o: Vec, d: Vec, t: Any) -> Vec:
+def along(o: Vec, d: Vec, t: mi.Float64 | float) -> Vec:
     """Return the point ``o + t d``."""
     return dr.fma(d[0], t, o[0]), dr.fma(d[1], t, o[1]), dr.fma(d[2], t, o[2])
 
 
-def cross_squared(p: Vec, q: Vec) -> Any:
+def cross_squared(p: Vec, q: Vec) -> mi.Float64:
     """Return ``|p x q|^2``."""
     x = p[1] * q[2] - p[2] * q[1]
     y = p[2] * q[0] - p[0] * q[2]
@@ -46,12 +45,12 @@ class Planet:
         """Return ``p`` with z scaled so that the ellipsoid with axes ``a + h, b + h`` is a sphere."""
         return p[0], p[1], p[2] * ((self.a_m + height_m) / (self.b_m + height_m))
 
-    def miss_distance(self, o: Vec, d: Vec, height_m: float = 0.0) -> Any:
+    def miss_distance(self, o: Vec, d: Vec, height_m: float = 0.0) -> mi.Float64:
         """Return ``m / (a + h)``: below 1 for lines that meet the ellipsoid raised by ``height_m``."""
         o1, d1 = self.stretch(o, height_m), self.stretch(d, height_m)
         return dr.sqrt(cross_squared(o1, d1) / dot(d1, d1)) / (self.a_m + height_m)
 
-    def chord(self, o: Vec, d: Vec, height_m: float = 0.0) -> tuple[Any, Any, Any]:
+    def chord(self, o: Vec, d: Vec, height_m: float = 0.0) -> tuple[mi.Float64, mi.Float64, mi.Bool]:
         """Return ``(t_mid, t_half, meets)`` of the chord cut out by the ellipsoid raised by ``height_m``.
 
         ``t_mid`` is the parameter of the point nearest to the surface; the crossings are ``t_mid -+ t_half``.
@@ -62,7 +61,7 @@ class Planet:
         gap = (self.a_m + height_m) ** 2 - cross_squared(o1, d1) / dd
         return -dot(o1, d1) / dd, dr.sqrt(dr.maximum(gap, 0.0) / dd), gap > 0.0
 
-    def height_and_normal(self, p: Vec) -> tuple[Any, Vec]:
+    def height_and_normal(self, p: Vec3[Real]) -> tuple[Real, Vec3[Real]]:
         """Return geodetic height [m] and outward normal of the ellipsoid below ``p``.
 
         One step of Bowring's iteration (1976) from his improved start; the height error is below 1 mm from the surface
@@ -89,7 +88,7 @@ class Planet:
         per_rho = cp / dr.maximum(rho, 1e-9)
         return height, (p[0] * per_rho, p[1] * per_rho, sp)
 
-    def shadow_crossings(self, o: Vec, d: Vec, sun: Vec) -> tuple[Any, Any, Any]:
+    def shadow_crossings(self, o: Vec, d: Vec, sun: Vec) -> tuple[mi.Float64, mi.Float64, mi.Bool]:
         """Return ``(t1, t2, crosses)``: where a line enters and leaves the umbra of a Sun at infinity.
 
         In the stretched space the umbra is the half cylinder of radius ``a`` behind the planet:
@@ -107,7 +106,7 @@ class Planet:
         q2 = dr.maximum(q2, 1e-12)
         return (-q1 - root) / q2, (-q1 + root) / q2, crosses
 
-    def in_umbra(self, p: Vec, sun: Vec) -> Any:
+    def in_umbra(self, p: Vec, sun: Vec) -> mi.Bool:
         """Return whether the Sun's centre is hidden by the ellipsoid from ``p`` (no refraction)."""
         p1, s1 = self.stretch(p), self._unit(self.stretch(sun))
         ps = dot(p1, s1)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -16,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.tables import gather_chunk, table_of
+from horizonval.renderer.tables import gather_row, table_of
+from horizonval.renderer.types import Values
 
 
-def cubic_weights(w: Any) -> list[Any]:
+def cubic_weights(w: mi.Float64) -> Values:
     """Return the weights of four neighbours at ``w`` from 0 to 1 between the middle two."""
     w2 = w * w
     w3 = w2 * w
@@ -49,14 +49,14 @@ class Azimuths:
     first: int
     count: int
 
-    def marched(self) -> FloatArray:
+    def node_azimuths(self) -> FloatArray:
         """Return the azimuths [rad] at which values are needed."""
         extra = 0 if self.count == self.whole else 3
         start = self.first - (1 if extra else 0)
         return np.asarray((start + np.arange(self.count + extra)) * (2.0 * math.pi / self.whole), dtype=np.float64)
 
     def padded(self, values: FloatArray) -> FloatArray:
-        """Return values over :meth:`marched` (second axis) with a neighbour before and two after."""
+        """Return values over :meth:`node_azimuths` (second axis) with a neighbour before and two after."""
         if self.count != self.whole:
             return values
         return np.concatenate([values[:, -1:], values, values[:, :2]], axis=1)
@@ -66,7 +66,7 @@ class Azimuths:
         """Length of the padded axis."""
         return self.count + 3
 
-    def place(self, azimuth: Any) -> tuple[Any, Any]:
+    def place(self, azimuth: mi.Float64) -> tuple[mi.UInt32, mi.Float64]:
         """Return the lowest of the four neighbours (padded index) and the weight between the middle two."""
         whole = float(self.whole)
         u = azimuth * (whole / (2.0 * math.pi)) - dr.opaque(mi.Float64, float(self.first), 1)
@@ -98,22 +98,22 @@ def azimuths_in_view(azimuth: FloatArray, coarsest: int, least: int = 48) -> Azi
 
 
 @dataclass(frozen=True)
-class RayTable:
+class SplineTable:
     """Values on rows (places on an axis of rays), columns (azimuths) and several quantities.
 
     ``values``: Float64 of shape (rows + 2, columns, width), flat; ``width`` is the number of quantities, filled up to a
     multiple of four if there are more than two.
     """
 
-    values: Any
+    values: mi.Float64
     rows: int
     azimuths: Azimuths
     quantities: int
     width: int
 
     @classmethod
-    def of(cls, values: FloatArray, azimuths: Azimuths) -> RayTable:
-        """Build from values of shape (rows, marched azimuths, quantities)."""
+    def of(cls, values: FloatArray, azimuths: Azimuths) -> SplineTable:
+        """Build from values of shape (rows, node azimuths, quantities)."""
         rows, _, quantities = values.shape
         width = quantities if quantities <= 2 else -(-quantities // 4) * 4
         padded = azimuths.padded(with_ghosts(values))
@@ -121,7 +121,7 @@ class RayTable:
         full[..., :quantities] = padded
         return cls(table_of(mi.Float64, full), rows, azimuths, quantities, width)
 
-    def look(self, row: Any, azimuth: Any) -> list[Any]:
+    def look(self, row: mi.Float64, azimuth: mi.Float64) -> list[mi.Float64]:
         """Return all quantities at places ``row`` [steps] and azimuths [rad]; what is below 0 counts as 0.
 
         Light is never negative, but the cubic through it dips below where the air ends.
@@ -130,7 +130,7 @@ class RayTable:
         j, v = self.azimuths.place(azimuth)
         down, across = cubic_weights(w), cubic_weights(v)
         columns = dr.opaque(mi.UInt32, self.azimuths.columns, 1)
-        total: list[Any] = [0.0] * self.width
+        total = [mi.Float64(0.0)] * self.width
         for a, weight_a in enumerate(down):
             start = (i + a) * columns + j
             for b, weight_b in enumerate(across):
@@ -139,14 +139,14 @@ class RayTable:
                     total[q] = dr.fma(weight, value, total[q])
         return [dr.maximum(value, 0.0) for value in total[: self.quantities]]
 
-    def _gather(self, node: Any) -> list[Any]:
+    def _gather(self, node: mi.UInt32) -> Values:
         if self.width <= 2:
-            return gather_chunk(self.values, node, self.width)
+            return gather_row(self.values, node, self.width)
         packets = self.width // 4
-        return [v for k in range(packets) for v in gather_chunk(self.values, node * packets + k, 4)]
+        return [v for k in range(packets) for v in gather_row(self.values, node * packets + k, 4)]
 
 
-def row_of(place: Any, rows: int) -> tuple[Any, Any]:
+def row_of(place: mi.Float64, rows: int) -> tuple[mi.UInt32, mi.Float64]:
     """Return the lowest of the four neighbouring rows (ghost included) and the weight between the middle two."""
     i = dr.minimum(mi.UInt32(dr.maximum(place, 0.0)), rows - 2)
     return i, place - mi.Float64(i)
@@ -160,32 +160,31 @@ class StationTable:
     next, so that two gathers fetch four stations.
     """
 
-    values: Any
+    values: mi.Float64
     rows: int
     azimuths: Azimuths
     stations: int
 
     @classmethod
     def of(cls, values: NDArray[np.float64], azimuths: Azimuths) -> StationTable:
-        """Build from values of shape (rows, marched azimuths, stations, 2)."""
+        """Build from values of shape (rows, node azimuths, stations, 2)."""
         padded = with_ghosts(azimuths.padded(with_ghosts(values)), axis=2)
         following = np.concatenate([padded[:, :, 1:], padded[:, :, -1:]], axis=2)
         packed = np.concatenate([padded, following], axis=-1)
         return cls(table_of(mi.Float64, packed), len(values), azimuths, values.shape[2])
 
-    def look(self, row: Any, azimuth: Any, along: Any) -> tuple[Any, Any]:
+    def look(self, row: mi.Float64, azimuth: mi.Float64, along: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
         """Return both quantities; ``along`` from 0 at the first station to 1 at the last."""
         i, w = row_of(row, self.rows)
         j, v = self.azimuths.place(azimuth)
         k, u = row_of(dr.clip(along, 0.0, 1.0) * (self.stations - 1.0), self.stations)
         down, across, far = cubic_weights(w), cubic_weights(v), cubic_weights(u)
         columns = dr.opaque(mi.UInt32, self.azimuths.columns, 1)
-        p: Any = 0.0
-        q: Any = 0.0
+        p, q = mi.Float64(0.0), mi.Float64(0.0)
         for a, weight_a in enumerate(down):
             for b, weight_b in enumerate(across):
                 start = ((i + a) * columns + j + b) * (self.stations + 2) + k
-                near, next_ = (gather_chunk(self.values, start + s, 4) for s in (0, 2))
+                near, next_ = (gather_row(self.values, start + s, 4) for s in (0, 2))
                 weight = weight_a * weight_b
                 for f, g, h in zip(far, (near, near, next_, next_), (0, 2, 0, 2), strict=True):
                     p = dr.fma(weight * f, g[h], p)

@@ -1,7 +1,7 @@
 """Altitude profiles and the Sun's optical depth as tables that a kernel reads.
 
-Profiles are linear in altitude between the nodes of one common grid and zero above the top. The nodes of a chunk lie
-side by side in memory, so that one packet gather serves the chunk.
+Profiles are linear in altitude between the nodes of one common grid and zero above the top. The nodes of a batch lie
+side by side in memory, so that one packet gather serves the batch.
 
 The optical depth towards the Sun from height ``h`` under solar zenith cosine ``mu`` is tabulated on::
 
@@ -22,12 +22,15 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.core.arrays import FloatArray
+from horizonval.renderer.types import Real, Values
+
 TAU_FLOOR = 1e-12
 
 _ALIGNMENT = 128
 
 
-def gather_chunk(table: Any, index: Any, width: int) -> list[Any]:
+def gather_row(table: Real, index: mi.UInt32, width: int) -> list[Real]:
     """Return the ``width`` neighbouring entries of a flat table at row ``index``."""
     if width == 4:
         packet = dr.gather(packet_type(type(table)), table, index)
@@ -35,8 +38,8 @@ def gather_chunk(table: Any, index: Any, width: int) -> list[Any]:
     return [dr.gather(type(table), table, index * width + k) for k in range(width)]
 
 
-def table_of(scalar: Any, values: NDArray[np.floating[Any]]) -> Any:
-    """Return values as a flat array of the type ``scalar`` (Float32 or Float64), fit for :func:`gather_chunk`.
+def table_of(scalar: type[Real], values: NDArray[np.floating]) -> Real:
+    """Return values as a flat array of the type ``scalar`` (Float32 or Float64), fit for :func:`gather_row`.
 
     Dr.Jit reads NumPy's memory in place, and gathers packets and loads vectors with one instruction only where they are
     aligned. NumPy's arrays are by chance, and every combination of chances would be a kernel of its own to compile.
@@ -49,7 +52,7 @@ def table_of(scalar: Any, values: NDArray[np.floating[Any]]) -> Any:
     return scalar(aligned)
 
 
-def packet_type(scalar: Any) -> Any:
+def packet_type(scalar: type[Real]) -> Any:
     """Return the type of four neighbouring Float32 or Float64 values."""
     module = dr.cuda if dr.backend_v(scalar) == dr.JitBackend.CUDA else dr.llvm
     return module.ad.Array4f if dr.type_v(scalar) == dr.VarType.Float32 else module.ad.Array4f64
@@ -59,7 +62,7 @@ def packet_type(scalar: Any) -> Any:
 class AltitudeGrid:
     """Where on the common altitude grid a height lies. Uniform grids need no search."""
 
-    altitude_m: Any
+    altitude_m: mi.Float64
     count: int
     step_m: float | None
 
@@ -70,7 +73,7 @@ class AltitudeGrid:
         uniform = bool(np.all(np.abs(steps - steps[0]) <= 1e-9 * altitude_m[-1]))
         return cls(mi.Float64(altitude_m), len(altitude_m), float(altitude_m[-1]) / len(steps) if uniform else None)
 
-    def locate(self, height_m: Any) -> tuple[Any, Any, Any]:
+    def locate(self, height_m: mi.Float64) -> tuple[mi.UInt32, mi.Float64, mi.Bool]:
         """Return ``(i, w, inside)``: lower node, weight of the upper one, and whether the height is at most the top.
 
         Heights below 0 (rounding at the ground) count as 0.
@@ -88,31 +91,31 @@ class AltitudeGrid:
         return i, dr.minimum(w, 1.0), w <= 1.0 + 1e-9
 
 
-def interpolate(table: Any, i: Any, w: Any, width: int, stride: int = 1) -> list[Any]:
-    """Return the chunk's values linear between rows ``i`` and ``i + stride``."""
-    low, high = gather_chunk(table, i, width), gather_chunk(table, i + stride, width)
+def interpolate(table: Real, i: mi.UInt32, w: Real, width: int, stride: int = 1) -> list[Real]:
+    """Return a row's values linear between rows ``i`` and ``i + stride``."""
+    low, high = gather_row(table, i, width), gather_row(table, i + stride, width)
     return [dr.fma(b - a, w, a) for a, b in zip(low, high, strict=True)]
 
 
 @dataclass(frozen=True)
 class SunTable:
-    """``ln(tau + tau_0)`` of a chunk, shape (n_height, n_mu, width) flattened."""
+    """``ln(tau + tau_0)`` of a node batch, shape (n_height, n_mu, width) flattened."""
 
-    values: Any
+    values: mi.Float64
     n_height: int
     n_mu: int
     radius_m: float
     top_m: float
 
     @staticmethod
-    def nodes(n_height: int, n_mu: int, radius_m: float, top_m: float) -> tuple[NDArray[Any], NDArray[Any]]:
+    def nodes(n_height: int, n_mu: int, radius_m: float, top_m: float) -> tuple[FloatArray, FloatArray]:
         """Return heights (n_height,) [m] and solar zenith cosines (n_height, n_mu) of the table's nodes."""
         h = top_m * np.linspace(0.0, 1.0, n_height) ** 2
         mu_h = -np.sqrt(h * (2 * radius_m + h)) / (radius_m + h)
         mu = mu_h[:, None] + (1.0 - mu_h[:, None]) * np.linspace(0.0, 1.0, n_mu)[None, :] ** 2
         return h, mu
 
-    def transmittance(self, height_m: Any, mu: Any, width: int) -> list[Any]:
+    def transmittance(self, height_m: mi.Float64, mu: mi.Float64, width: int) -> Values:
         """Return ``exp(-tau)`` towards the Sun. Directions below the geometric horizon count as on it."""
         h = dr.clip(height_m, 0.0, self.top_m)
         mu_h = -dr.sqrt(h * (2.0 * self.radius_m + h)) / (self.radius_m + h)

@@ -25,7 +25,6 @@ from horizonval.report.verdict import VERDICTS, verdict_of
 from horizonval.scoring import limits
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
-from horizonval.scoring.table import claimed_sigma_arcsec
 
 STRIP_RATIO = 20
 """Wider images than this are drawn as a strip of their own proportions."""
@@ -157,7 +156,7 @@ def _tile(view: CaseView, estimators: Sequence[str], index: int, reduced: bool) 
     rows = [_tile_row(view, name) for name in estimators if name in view.rows]
     some = next(iter(view.rows.values()), None)
     expected = expected_outcome(image.truth, view.band) if image is not None else None
-    camera = some["camera"] if some else (image.truth.camera["camera"].get("name") or "" if image else "")
+    camera = some.camera if some else (image.truth.camera_spec.camera.name or "" if image else "")
     tile: dict[str, Any] = {
         "index": index,
         "name": view.case,
@@ -199,33 +198,33 @@ def _tile_row(view: CaseView, estimator: str) -> dict[str, Any]:
     row = view.rows[estimator]
     verdict = verdict_of(row, broken=view.broken)
     number = wording.number
-    expected = wording.meaning(row["expected"])
-    if row["status"] == Outcome.VALID:
-        text = f"{number(row['nadir_error_arcsec'])} arcsec off"
-        if sigma := claimed_sigma_arcsec(row):
+    expected = wording.meaning(row.expected)
+    if row.is_claim:
+        text = f"{number(row.nadir_error_arcsec)} arcsec off"
+        if sigma := row.sigma_total_arcsec:
             text += f", claims {number(sigma)} arcsec (1 sigma)"
-        if row["expected"] != Outcome.VALID:
+        if row.expected != Outcome.VALID:
             text += f"; expected to refuse: {expected}"
     else:
-        text = f"refused, {wording.outcome(row['status'])}"
-        if row["status"] != row["expected"] and not view.broken:
-            usable = row["expected"] == Outcome.VALID
-            text += f"; expected {'an attitude' if usable else wording.outcome(row['expected'])}"
-        if row["reason"] and not view.broken:
-            text += f". Its reason: {row['reason']}"
+        text = f"refused, {wording.outcome(row.status)}"
+        if row.status != row.expected and not view.broken:
+            usable = row.expected == Outcome.VALID
+            text += f"; expected {'an attitude' if usable else wording.outcome(row.expected)}"
+        if row.reason and not view.broken:
+            text += f". Its reason: {row.reason}"
     values = [
-        ("reported", wording.outcome(row["status"])),
-        ("expected", f"{wording.outcome(row['expected'])} ({expected})"),
-        ("reason given", row["reason"] or ""),
-        ("nadir error", f"{number(row['nadir_error_arcsec'])} arcsec"),
-        ("claimed (1 sigma)", f"{number(claimed_sigma_arcsec(row))} arcsec"),
-        ("normalised error squared", f"{number(row['nees_nadir_total'])} (2 expected)"),
-        ("of the noise alone", f"{number(row.get('nees_noise'))} in {row.get('noise_draws')} draws (2 expected)"),
-        ("roll error", f"{number(row['roll_error_arcsec'])} arcsec"),
-        ("pitch error", f"{number(row['pitch_error_arcsec'])} arcsec"),
-        ("altitude error", f"{number(row['altitude_error_km'])} km"),
-        ("angular radius error", f"{number(row['angular_radius_error_arcsec'])} arcsec"),
-        ("limb points", str(row["n_points"] if row["n_points"] is not None else 0)),
+        ("reported", wording.outcome(row.status)),
+        ("expected", f"{wording.outcome(row.expected)} ({expected})"),
+        ("reason given", row.reason or ""),
+        ("nadir error", f"{number(row.nadir_error_arcsec)} arcsec"),
+        ("claimed (1 sigma)", f"{number(row.sigma_total_arcsec)} arcsec"),
+        ("normalised error squared", f"{number(row.nees_nadir_total)} (2 expected)"),
+        ("of the noise alone", f"{number(row.nees_noise)} in {row.noise_draws} draws (2 expected)"),
+        ("roll error", f"{number(row.roll_error_arcsec)} arcsec"),
+        ("pitch error", f"{number(row.pitch_error_arcsec)} arcsec"),
+        ("altitude error", f"{number(row.altitude_error_km)} km"),
+        ("angular radius error", f"{number(row.angular_radius_error_arcsec)} arcsec"),
+        ("limb points", str(row.n_points)),
     ]
     values = [(key, value) for key, value in values if value and not value.startswith("–")]
     return {
@@ -233,12 +232,12 @@ def _tile_row(view: CaseView, estimator: str) -> dict[str, Any]:
         "verdict": verdict,
         "text": text,
         "values": values,
-        "error": row["nadir_error_arcsec"],
+        "error": row.nadir_error_arcsec,
     }
 
 
 def _layers(view: CaseView, truth: FrameTruth, estimators: Sequence[str]) -> list[dict[str, str]]:
-    camera = overlay.camera_of(truth)
+    camera = truth.camera_model
     layers = []
     for name in estimators:
         detail = view.details.get(name) or {}

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.core.outcome import Outcome
 from horizonval.frame import DetectorImage
+from horizonval.scoring.row import Row
 from horizonval.store.store import Store
 
 
@@ -25,7 +25,7 @@ class CaseView:
 
     case: str
     band: str
-    rows: dict[str, dict[str, Any]]
+    rows: dict[str, Row]
     details: dict[str, dict[str, Any]]
     image: DetectorImage | None
     problem: str
@@ -53,7 +53,7 @@ class ReportRun:
     study: bool = False
 
     @property
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Row]:
         """Every row, in the order of the views."""
         return [row for view in self.views for row in view.rows.values()]
 
@@ -93,7 +93,7 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
             try:
                 heads = _head_images(run_dir, name, names) if name in shown else {}
                 views += _views(record, store, run_dir, name in shown, heads)
-            except (KeyError, TypeError, AttributeError) as error:
+            except (KeyError, TypeError, AttributeError, ValueError) as error:
                 raise DamagedFileError(f"not a case's results ({error!r})", where=str(case_path)) from error
         else:
             missing.append(name)
@@ -140,10 +140,7 @@ def _is_striking(path: Path) -> bool:
     if not path.is_file():
         return False
     record = _read(path, ("rows",))
-    valid = str(Outcome.VALID)
-    return bool(record.get("error")) or any(
-        row["false_valid"] or (row["status"] == valid) != (row["expected"] == valid) for row in record["rows"]
-    )
+    return bool(record.get("error")) or any(Row.from_dict(row).is_failure for row in record["rows"])
 
 
 def _head_images(run_dir: Path, name: str, names: list[str]) -> dict[str, dict[str, str]]:
@@ -162,13 +159,14 @@ def _views(
     images: dict[str, str] = dict(record.get("images") or {})
     if not images and record.get("image"):
         images = {"": record["image"]}
+    rows = [Row.from_dict(row) for row in record["rows"]]
     # A failed frame has rows but no images; a frame without estimators has images but no rows.
-    bands = list(dict.fromkeys([*(band for band in images if band), *(row["band"] for row in record["rows"])])) or [""]
+    bands = list(dict.fromkeys([*(band for band in images if band), *(row.band for row in rows)])) or [""]
     views = []
     for i, band in enumerate(bands):
         address = images.get(band) or (images.get("") if i == 0 else None)
         image, problem = _image(store, address, record.get("error")) if shown else (None, "")
-        names = {row["estimator"] for row in record["rows"]} | set(record["details"])
+        names = {row.estimator for row in rows} | set(record["details"])
         details = {
             name: found
             for name in sorted(names)
@@ -178,7 +176,7 @@ def _views(
             CaseView(
                 case=record["case"],
                 band=band or (image.band if image else ""),
-                rows={row["estimator"]: row for row in record["rows"] if row["band"] == band or not band},
+                rows={row.estimator: row for row in rows if row.band == band or not band},
                 details=details,
                 image=image,
                 problem=problem,

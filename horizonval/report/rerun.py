@@ -16,7 +16,6 @@ from typing import Any
 from horizonval.frame import FrameTruth
 from horizonval.spec.files import shipped_names, shipped_path
 from horizonval.spec.load import load_camera
-from horizonval.spec.sensor.camera import CameraSpec
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -49,7 +48,7 @@ def rerun_of(
         Those that were run on it.
     """
     files = [(f"{case}.toml", toml(truth.scene))]
-    camera_file = str(truth.scene.get("camera", {}).get("file", ""))
+    camera_file = truth.camera_file
     if not _is_shipped(camera_file, truth):
         # Under the name that the scene has for it, which is part of the seed; a file beside a scene wins over a shipped
         # one of that name.
@@ -75,7 +74,7 @@ def _is_shipped(name: str, truth: FrameTruth) -> bool:
     """Whether a frame's camera is a shipped one as it is: a suite may have changed its keys."""
     if name not in shipped_names("camera"):
         return False
-    return load_camera(shipped_path("camera", name)) == CameraSpec.model_validate(truth.camera)
+    return load_camera(shipped_path("camera", name)) == truth.camera_spec
 
 
 def toml(data: Mapping[str, Any]) -> str:

@@ -6,11 +6,9 @@ apart, darkened where they must be read as text on white.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from horizonval.core.outcome import Outcome
+from horizonval.scoring.row import Row
 
 
 @dataclass(frozen=True)
@@ -38,7 +36,7 @@ VERDICTS = (FALSE_VALID, MISSED, OTHER, FAIR, REFUSED, BONUS, VALID, BROKEN, NON
 """Worst first."""
 
 
-def verdict_of(row: Mapping[str, Any] | None, *, broken: bool = False) -> VerdictMark:
+def verdict_of(row: Row | None, *, broken: bool = False) -> VerdictMark:
     """Return the verdict on one row; ``broken``: the frame itself failed, so the row is not the estimator's doing.
 
     On a borderline frame a refusal is as fair as a claim that is not false.
@@ -47,14 +45,12 @@ def verdict_of(row: Mapping[str, Any] | None, *, broken: bool = False) -> Verdic
         return BROKEN
     if row is None:
         return NONE
-    expected, status = row["expected"], row["status"]
-    if row["false_valid"]:
+    if row.false_valid:
         return FALSE_VALID
-    fair = bool(row.get("borderline"))
-    if status == Outcome.VALID:
-        return VALID if fair or expected == Outcome.VALID else BONUS
-    if fair:
+    if row.is_claim:
+        return VALID if row.borderline or row.is_due else BONUS
+    if row.borderline:
         return FAIR
-    if expected == Outcome.VALID:
+    if row.is_due:
         return MISSED
-    return REFUSED if status == expected else OTHER
+    return REFUSED if row.status == row.expected else OTHER

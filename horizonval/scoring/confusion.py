@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 from horizonval.core.outcome import Outcome
 from horizonval.scoring.limits import NADIR_ERROR_LIMIT_RAD
+from horizonval.scoring.row import Row, Score
 
 LIMIT_ARCSEC = math.degrees(NADIR_ERROR_LIMIT_RAD) * 3600.0
 BORDERLINE = "borderline"
@@ -22,42 +22,39 @@ BEYOND_SIGMA = "false_beyond_sigma"
 """Columns of a matrix for claims that are false; the column ``valid`` holds the others."""
 
 
-def why_false(row: Mapping[str, Any]) -> str | None:
+def why_false(row: Score) -> str | None:
     """Return what makes a claim false: its error, else an error beyond its own sigma; ``None`` where it is not.
 
     A claim whose error is no number is beyond every limit.
     """
-    if not row["false_valid"]:
+    if not row.false_valid:
         return None
-    error = row.get("nadir_error_arcsec")
-    if error is None or error > LIMIT_ARCSEC:
+    if row.nadir_error_arcsec is None or row.nadir_error_arcsec > LIMIT_ARCSEC:
         return BEYOND_LIMIT
     return BEYOND_SIGMA
 
 
-def confusion(rows: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
+def confusion(rows: Iterable[Row]) -> dict[str, dict[str, int]]:
     """Return ``{expected: {reported: n}}``, both in the order of the outcomes, empty cells left out."""
-    counts: dict[str, Counter[str]] = {}
-    for row in rows:
-        counts.setdefault(row["expected"], Counter())[row["status"]] += 1
-    return {expected: in_order(counts[expected]) for expected in sorted(counts, key=_rank)}
+    return _matrix((row.expected, row.status) for row in rows)
 
 
-def strict_confusion(rows: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
+def strict_confusion(rows: Iterable[Row]) -> dict[str, dict[str, int]]:
     """Return the same with borderline frames on a line and false claims in a column of their own."""
-    return confusion(
-        {
-            "expected": BORDERLINE if row.get("borderline") else row["expected"],
-            "status": why_false(row) or row["status"],
-        }
-        for row in rows
-    )
+    return _matrix((BORDERLINE if row.borderline else row.expected, why_false(row) or row.status) for row in rows)
 
 
-def confusion_by_estimator(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dict[str, int]]]:
+def confusion_by_estimator(rows: Sequence[Row]) -> dict[str, dict[str, dict[str, int]]]:
     """Return the strict matrix of every estimator, all cameras together."""
-    names = sorted({row["estimator"] for row in rows})
-    return {name: strict_confusion(row for row in rows if row["estimator"] == name) for name in names}
+    names = sorted({row.estimator for row in rows})
+    return {name: strict_confusion(row for row in rows if row.estimator == name) for name in names}
+
+
+def _matrix(cells: Iterable[tuple[str, str]]) -> dict[str, dict[str, int]]:
+    counts: dict[str, Counter[str]] = {}
+    for expected, reported in cells:
+        counts.setdefault(expected, Counter())[reported] += 1
+    return {expected: in_order(counts[expected]) for expected in sorted(counts, key=_rank)}
 
 
 def in_order(counts: Mapping[str, int]) -> dict[str, int]:

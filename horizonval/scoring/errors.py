@@ -15,7 +15,6 @@ angles of that nadir in body axes.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,59 +25,10 @@ from horizonval.estimation.observation import Estimator, Fit
 from horizonval.frame import FrameTruth
 from horizonval.geometry import frames
 from horizonval.scoring import limits
+from horizonval.scoring.row import Score
 
 ARCSEC = math.radians(1 / 3600)
 METHOD_RADIUS_M = 6371008.8
-
-
-@dataclass(frozen=True)
-class Score:
-    """What an estimator reported for a frame and how far it is from the truth. ``None`` where nothing applies.
-
-    Attributes
-    ----------
-    status, reason : str
-        As reported; ``reason`` is empty for a fit.
-    nadir_error_arcsec : float or None
-        Angle between the claimed and the true nadir.
-    roll_error_arcsec, pitch_error_arcsec : float or None
-        Claimed minus true, body axes, wrapped to +-180 deg. Roll is empty near pitch +-90 deg.
-    altitude_error_km : float or None
-        Claimed altitude minus (distance to the Earth's centre - radius that the method assumes): the method's own
-        quantity, ``R / sin(rho) - R`` on a sphere.
-    altitude_error_geodetic_km : float or None
-        Claimed altitude minus the geodetic height. Differs from the former by up to 14 km on the ellipsoid.
-    angular_radius_error_arcsec : float or None
-        Claimed minus true (mean over the horizon for an ellipsoid).
-    sigma_nadir_arcsec : float or None
-        Claimed root-mean-square nadir error, the square root of the trace of the projected covariance.
-    nees_nadir : float or None
-        Normalised error squared of the nadir by the claimed covariance of noise alone, 2 degrees of freedom; ``None``
-        where that covariance is singular.
-    nees_nadir_total : float or None
-        The same by noise and claimed model error together; equal to ``nees_nadir`` where no model error is claimed.
-    sigma_systematic_arcsec : float or None
-        Root mean square of the claimed model error of the nadir.
-    n_points : int
-        Limb points used.
-    false_valid : bool
-        Claims valid, but is wrong; see :mod:`horizonval.scoring.limits`.
-    """
-
-    status: str
-    reason: str
-    nadir_error_arcsec: float | None
-    roll_error_arcsec: float | None
-    pitch_error_arcsec: float | None
-    altitude_error_km: float | None
-    altitude_error_geodetic_km: float | None
-    angular_radius_error_arcsec: float | None
-    sigma_nadir_arcsec: float | None
-    nees_nadir: float | None
-    n_points: int
-    false_valid: bool
-    nees_nadir_total: float | None = None
-    sigma_systematic_arcsec: float | None = None
 
 
 def score(
@@ -101,14 +51,12 @@ def score(
         Finite numbers or ``None`` only. A fit that is not finite counts as a false claim without errors.
     """
     if isinstance(result, Refusal):
-        return _refused(result)
+        return Score(status=str(result.status), reason=result.reason or None, n_points=len(result.points))
     nadir_true = _unit(truth.nadir_geodetic_cam if estimator.estimates == "geodetic" else truth.nadir_geocentric_cam)
     nadir = np.asarray(result.nadir_cam, dtype=np.float64)
     norm = float(np.linalg.norm(nadir))
     if not math.isfinite(norm) or norm == 0.0:
-        return Score(
-            Outcome.VALID, "", None, None, None, None, None, None, None, None, len(result.points), false_valid=True
-        )
+        return Score(status=str(Outcome.VALID), n_points=len(result.points), false_valid=True)
     nadir = nadir / norm
     error = angle_between(nadir_true, nadir)
     noise = np.asarray(result.covariance_nadir_cam, dtype=np.float64)
@@ -129,7 +77,6 @@ def score(
         radius_error = (result.angular_radius_rad - truth.angular_radius_rad) / ARCSEC
     return Score(
         status=str(Outcome.VALID),
-        reason="",
         nadir_error_arcsec=error / ARCSEC,
         roll_error_arcsec=roll_error,
         pitch_error_arcsec=pitch_error,
@@ -165,23 +112,6 @@ def sigma_nadir_rad(nadir_cam: FloatArray, covariance_nadir_cam: FloatArray) -> 
     """Claimed root-mean-square nadir error [rad]: square root of the trace of the covariance across ``nadir_cam``."""
     basis = _tangent_basis(_unit(nadir_cam))
     return math.sqrt(max(float(np.trace(basis.T @ covariance_nadir_cam @ basis)), 0.0))
-
-
-def _refused(result: Refusal) -> Score:
-    return Score(
-        status=str(result.status),
-        reason=result.reason,
-        nadir_error_arcsec=None,
-        roll_error_arcsec=None,
-        pitch_error_arcsec=None,
-        altitude_error_km=None,
-        altitude_error_geodetic_km=None,
-        angular_radius_error_arcsec=None,
-        sigma_nadir_arcsec=None,
-        nees_nadir=None,
-        n_points=len(result.points),
-        false_valid=False,
-    )
 
 
 def _attitude_errors(truth: FrameTruth, nadir_true_cam: FloatArray, fit: Fit) -> tuple[float | None, float | None]:

@@ -6,15 +6,7 @@ wrong or refused frame further out moves it there, because a mission cannot fly 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
-from horizonval.core.outcome import Outcome
-
-
-def is_right(row: Mapping[str, Any]) -> bool:
-    """Whether a row is a claim that is not false."""
-    return bool(row["status"] == Outcome.VALID and not row["false_valid"])
+from collections.abc import Sequence
 
 
 def exclusion_angle_deg(angle_deg: Sequence[float], right: Sequence[bool]) -> float | None:

@@ -48,7 +48,7 @@ from horizonval.core.outcome import Outcome
 from horizonval.estimation.limb.model.systematic import Relief, systematic_covariance
 from horizonval.estimation.limb.shape.cone import fit_cone, off_axis_angle, tangent_basis
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import CameraModel, camera_from_spec, project
+from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import signed_limb_angle
 from horizonval.scoring import limits
@@ -168,8 +168,7 @@ def examine(
     UserError
         The camera has no such band.
     """
-    spec = CameraSpec.model_validate(truth.camera)
-    camera = camera_from_spec(spec.camera)
+    spec, camera = truth.camera_spec, truth.camera_model
     chosen = _band(spec, band)
     view = horizon_view(truth, camera)
     if needs == "heads" and _linear(camera) and chosen.name in truth.infrared_horizon:

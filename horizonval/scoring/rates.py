@@ -11,13 +11,13 @@ counts wherever it is made.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from scipy import stats
 
-from horizonval.core.outcome import Outcome
 from horizonval.scoring.confusion import BEYOND_LIMIT, BEYOND_SIGMA, why_false
+from horizonval.scoring.row import Row
 
 CONFIDENCE = 0.95
 
@@ -38,7 +38,7 @@ def upper_bound(k: int, n: int) -> float | None:
     return float(one_sided.high)
 
 
-def rates(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def rates(rows: Sequence[Row]) -> dict[str, Any]:
     """Return what an estimator delivers and at what risk, from rows of results.
 
     Returns
@@ -50,17 +50,17 @@ def rates(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         ones among all frames. ``n_borderline``: frames not counted in the
         first three.
     """
-    claims = [row for row in rows if row["status"] == Outcome.VALID]
-    clear = [row for row in rows if not row.get("borderline")]
-    due = [row for row in clear if row["expected"] == Outcome.VALID]
-    others = [row for row in clear if row["expected"] != Outcome.VALID]
-    answered = sum(row["status"] == Outcome.VALID for row in due)
-    reasons = Counter(why_false(row) for row in claims if row["false_valid"])
+    claims = [row for row in rows if row.is_claim]
+    clear = [row for row in rows if not row.borderline]
+    due = [row for row in clear if row.is_due]
+    others = [row for row in clear if not row.is_due]
+    answered = sum(row.is_claim for row in due)
+    reasons = Counter(why_false(row) for row in claims if row.false_valid)
     false = reasons.total()
     return {
         "availability": proportion(answered, len(due)),
         "refusal": proportion(len(due) - answered, len(due)),
-        "bonus": proportion(sum(row["status"] == Outcome.VALID for row in others), len(others)),
+        "bonus": proportion(sum(row.is_claim for row in others), len(others)),
         "false_valid": proportion(false, len(claims))
         | {"upper_bound": upper_bound(false, len(claims))}
         | {"beyond_limit": reasons[BEYOND_LIMIT], "beyond_sigma": reasons[BEYOND_SIGMA]},

@@ -12,15 +12,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from horizonval.core.outcome import Outcome
 from horizonval.scoring.confusion import confusion, in_order, strict_confusion
 from horizonval.scoring.rates import rates
+from horizonval.scoring.row import Row
 
 SUMMARY_SCHEMA = 1
 NEES_EXPECTED = 2.0
@@ -28,8 +28,8 @@ NEES_EXPECTED = 2.0
 Summary = dict[str, Any]
 
 
-def summarise(rows: Sequence[Mapping[str, Any]]) -> Summary:
-    """Summarise rows of :data:`horizonval.scoring.table.COLUMNS`.
+def summarise(rows: Sequence[Row]) -> Summary:
+    """Summarise rows of results.
 
     Returns
     -------
@@ -38,12 +38,12 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> Summary:
         :func:`horizonval.scoring.rates.rates`, and ``groups``, a list sorted by estimator and camera of what
         :func:`summarise_group` returns.
     """
-    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
-        groups.setdefault((row["estimator"], row["camera"]), []).append(row)
+        groups.setdefault((row.estimator, row.camera), []).append(row)
     return {
         "schema": SUMMARY_SCHEMA,
-        "n_cases": len({row["case"] for row in rows}),
+        "n_cases": len({row.case for row in rows}),
         "n_rows": len(rows),
         "rates": rates(rows),
         "groups": [
@@ -53,7 +53,7 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> Summary:
     }
 
 
-def summarise_group(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def summarise_group(rows: Sequence[Row]) -> dict[str, Any]:
     """Statistics over rows that belong together; ``None`` wherever there is nothing to compute from.
 
     Returns
@@ -70,8 +70,8 @@ def summarise_group(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         fits, claimed at the first draw or not, and ``draws``, their fits, and ``standard_error`` of the mean.
         Proportions carry ``interval``, the Clopper-Pearson 95 % one. ``p95`` interpolates linearly between the ranks.
     """
-    claims = [row for row in rows if row["status"] == Outcome.VALID]
-    due = [row for row in rows if row["expected"] == Outcome.VALID and not row.get("borderline")]
+    claims = [row for row in rows if row.is_claim]
+    due = [row for row in rows if row.is_due]
     return {
         "n": len(rows),
         "n_expected_valid": len(due),
@@ -80,18 +80,18 @@ def summarise_group(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "roll_error_arcsec": _bias(_column(claims, "roll_error_arcsec")),
         "pitch_error_arcsec": _bias(_column(claims, "pitch_error_arcsec")),
         "altitude_error_km": _bias(_column(claims, "altitude_error_km")),
-        "refusals": in_order(Counter(row["status"] for row in rows if row["status"] != Outcome.VALID)),
+        "refusals": in_order(Counter(row.status for row in rows if not row.is_claim)),
         "confusion": confusion(rows),
         "strict_confusion": strict_confusion(rows),
         "nees_nadir": _nees(_column(claims, "nees_nadir")),
         "nees_nadir_total": _nees(_column(claims, "nees_nadir_total")),
-        "nees_noise": _noise([row for row in rows if row.get("nees_noise") is not None]),
+        "nees_noise": _noise(rows),
         **rates(rows),
     }
 
 
-def _column(rows: Sequence[Mapping[str, Any]], name: str) -> np.ndarray:
-    return np.array([row[name] for row in rows if row.get(name) is not None], dtype=np.float64)
+def _column(rows: Sequence[Row], name: str) -> np.ndarray:
+    return np.array([value for row in rows if (value := getattr(row, name)) is not None], dtype=np.float64)
 
 
 def _magnitude(values: np.ndarray) -> dict[str, Any]:
@@ -125,18 +125,21 @@ def _nees(values: np.ndarray) -> dict[str, Any]:
     return {"n": n, "mean": mean, "expected": NEES_EXPECTED, "interval": [float(low) / n, float(high) / n]}
 
 
-def _noise(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _noise(rows: Sequence[Row]) -> dict[str, Any]:
     """Mean over frames, each by its degrees of freedom: k fits about their own mean have 2 (k - 1).
 
     The standard error is that of such a ratio of sums, from the scatter between frames.
     """
-    n = len(rows)
-    draws = sum(row["noise_draws"] for row in rows)
+    frames = [
+        (row.nees_noise, row.noise_draws) for row in rows if row.nees_noise is not None and row.noise_draws is not None
+    ]
+    n = len(frames)
+    draws = sum(fits for _, fits in frames)
     if n == 0:
         none: dict[str, Any] = dict.fromkeys(("mean", "standard_error", "interval"))
         return {"n": 0, "draws": 0, "expected": NEES_EXPECTED} | none
-    weights = np.array([row["noise_draws"] - 1 for row in rows], dtype=np.float64)
-    values = _column(rows, "nees_noise")
+    weights = np.array([fits - 1 for _, fits in frames], dtype=np.float64)
+    values = np.array([value for value, _ in frames], dtype=np.float64)
     free = draws - n
     mean = math.fsum(weights * values) / free
     error = math.sqrt(math.fsum((weights * (values - mean)) ** 2) * n / (n - 1)) / free if n > 1 else None

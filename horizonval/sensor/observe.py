@@ -119,7 +119,7 @@ def _radiance(frame: RadianceFrame, camera: CameraSpec, band: str) -> FloatArray
             expected=" or ".join(repr(name) for name in frame.radiance),
             fix="render the scene again with this camera",
         )
-    made_for = camera_from_spec(CameraSpec.model_validate(frame.truth.camera).camera)
+    made_for = frame.truth.camera_model
     wanted = camera_from_spec(camera.camera)
     for key in ("width", "height", "fx", "fy", "cx", "cy", "distortion", "projection", "image_circle_rad"):
         if getattr(wanted, key) != getattr(made_for, key):

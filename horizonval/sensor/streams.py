@@ -22,8 +22,7 @@ def drawn_as(truth: FrameTruth) -> str:
     scene = truth.scene.get("scene", {})
     if scene.get("draw") is None:
         return truth.scene_id
-    head = truth.scene.get("camera", {}).get("head")
-    return hashlib.sha256(json.dumps(["draw", scene["draw"], scene.get("seed"), head]).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(["draw", scene["draw"], scene.get("seed"), truth.head]).encode()).hexdigest()
 
 
 def stream(scene_id: str, camera: str, band: str, stage: str, seed: int) -> np.random.Generator:

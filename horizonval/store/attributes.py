@@ -147,7 +147,8 @@ def own_attributes(truth: FrameTruth, spec: CameraSpec, exposure_s: float | None
 
 def camera_of(truth: FrameTruth, observation: Mapping[str, Any] | None = None) -> CameraSpec:
     """Return the camera that took an image: the one the observation names, else the frame's own."""
-    return CameraSpec.model_validate((observation or {}).get("camera") or truth.camera)
+    named = (observation or {}).get("camera")
+    return CameraSpec.model_validate(named) if named else truth.camera_spec
 
 
 def _double(value: float) -> FloatArray:
@@ -168,9 +169,8 @@ def _tai_mjd(truth: FrameTruth) -> float:
 
 
 def _summary(truth: FrameTruth, spec: CameraSpec) -> str:
-    scene = truth.scene.get("scene", {}).get("name", "")
     bands = ", ".join(band.name for band in spec.band)
-    return f"scene {scene}, {truth.epoch_utc}, bands {bands}; world axes are ITRS in metres"
+    return f"scene {truth.scene_name}, {truth.epoch_utc}, bands {bands}; world axes are ITRS in metres"
 
 
 def _ends_um(band: Band) -> tuple[float, float]:

@@ -73,8 +73,7 @@ def _name(source: RadianceFrame | DetectorImage, path: Path, address: str) -> st
     """Return a name that says what it is; of an archived file with the beginning of its address, which is unique."""
     if not address:
         return path.stem
-    scene = source.truth.scene
-    parts = [scene.get("scene", {}).get("name", ""), scene.get("camera", {}).get("head") or ""]
+    parts = [source.truth.scene_name, source.truth.head or ""]
     parts += [source.band if isinstance(source, DetectorImage) else "frame", address[:12]]
     return "-".join(_UNFIT.sub("_", part) for part in parts if part)
 

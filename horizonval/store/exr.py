@@ -262,7 +262,7 @@ def _write(
         if not _BAND.fullmatch(band):
             raise ValueError(f"band name {band!r}: letters, digits, _ and - only")
     own = {"schema": FILE_SCHEMA, **own, "scene_id": truth.scene_id, "epoch_utc": truth.epoch_utc}
-    own |= {"scene": str(truth.scene.get("scene", {}).get("name", "")), "world_frame": "ITRS"}
+    own |= {"scene": truth.scene_name, "world_frame": "ITRS"}
     own |= {"projection": spec.camera.projection}
     typed = {_PREFIX + key: value for key, value in own_attributes(truth, spec, exposure_s).items()}
     _write_sealed(path, channels, own, standard_attributes(truth, spec, exposure_s) | typed)

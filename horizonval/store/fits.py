@@ -102,7 +102,7 @@ def _keywords(truth: FrameTruth, spec: CameraSpec, address: str) -> Cards:
     cards: Cards = {
         "ORIGIN": ("horizonval", "a simulation"),
         "INSTRUME": (spec.camera.name, "camera"),
-        "OBJECT": (truth.scene.get("scene", {}).get("name", ""), "scene"),
+        "OBJECT": (truth.scene_name, "scene"),
         "DATE-OBS": (epoch.replace(tzinfo=None).isoformat(timespec="milliseconds"), ""),
         "TIMESYS": ("UTC", ""),
         "OBSGEO-X": (truth.r_itrs[0], "[m] camera, ITRS"),

@@ -20,25 +20,25 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from horizonval.core.errors import UserError, one_line
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.sandbox import sandbox_of
-from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
+from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import Expected, expected_of_heads, expected_outcome
 from horizonval.scoring.repeats import mean_noise_nees
-from horizonval.scoring.table import make_row
+from horizonval.scoring.row import Row, make_row
 from horizonval.spec.load import Case
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.store import Store
 from horizonval.suites.identity import frame_identity, unit_identity
 from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads
 from horizonval.suites.plan import CasePlan, Unit
-from horizonval.suites.record import Record, camera_name, details_of, failed_record, is_failure, record_of
+from horizonval.suites.record import Record, camera_name, details_of, failed_record, record_of
 
 PROCESSOR = "processor "
 """With an estimator's name, the stage of its processor time; ``estimate`` with the name is that of the clock."""
@@ -71,7 +71,7 @@ class Stopwatch:
 class Brief:
     """What a run keeps of a record in memory: its rows, and why there is no result."""
 
-    rows: list[dict[str, Any]]
+    rows: list[Row]
     error: str | None
 
 
@@ -86,7 +86,7 @@ class _Taken:
     frame_address: str | None
     images: dict[str, DetectorImage]
     redrawn: dict[str, list[DetectorImage]] = field(default_factory=dict)
-    rows: list[dict[str, Any]] = field(default_factory=list)
+    rows: list[Row] = field(default_factory=list)
     details: dict[str, Any] = field(default_factory=dict)
     expected: dict[tuple[str, str], Expected] = field(default_factory=dict)
 
@@ -109,7 +109,7 @@ def run_unit(unit: Unit, plan: CasePlan, folder: RunFolder) -> tuple[dict[str, B
     for name, record in records.items():
         write_json(folder.case(name), record, indent=None)
     seconds = {stage: round(spent, 4) for stage, spent in watch.seconds.items()}
-    return {name: Brief(record["rows"], record["error"]) for name, record in records.items()}, seconds
+    return {name: _brief(record) for name, record in records.items()}, seconds
 
 
 def finished(unit: Unit, plan: CasePlan, folder: RunFolder) -> dict[str, Brief] | None:
@@ -124,8 +124,12 @@ def finished(unit: Unit, plan: CasePlan, folder: RunFolder) -> dict[str, Brief] 
         addresses = [a for a in (record["truth_frame"], *record["images"].values()) if a is not None]
         if not all(_is_intact(store, address) for address in addresses):
             return None
-        found[name] = Brief(record["rows"], None)
+        found[name] = _brief(record)
     return found
+
+
+def _brief(record: Record) -> Brief:
+    return Brief([Row.from_dict(row) for row in record["rows"]], record["error"])
 
 
 def give_up(unit: Unit, plan: CasePlan, folder: RunFolder, error: str) -> dict[str, Brief]:
@@ -133,7 +137,7 @@ def give_up(unit: Unit, plan: CasePlan, folder: RunFolder, error: str) -> dict[s
     briefs = {}
     for name, record in _failed(unit, plan, dict.fromkeys(unit.names, error)).items():
         write_json(folder.case(name), record, indent=None)
-        briefs[name] = Brief(record["rows"], record["error"])
+        briefs[name] = _brief(record)
     return briefs
 
 
@@ -152,7 +156,7 @@ def _records(unit: Unit, plan: CasePlan, folder: RunFolder, watch: Stopwatch) ->
             with _recorded(errors, unit.name):
                 scene = _take_together(unit, taken, plan, watch)
     results = [*taken.values(), *([scene] if scene is not None else [])]
-    kept = plan.keep == "all" or (plan.keep == "failures" and any(is_failure(r) for t in results for r in t.rows))
+    kept = plan.keep == "all" or (plan.keep == "failures" and any(row.is_failure for t in results for row in t.rows))
     records: dict[str, Record] = {}
     addresses: dict[str, dict[str, str]] = {}
     identity = unit_identity(unit, plan)
@@ -220,14 +224,9 @@ def _take_together(unit: Unit, taken: Mapping[str, _Taken], plan: CasePlan, watc
             observations = (observation_of_heads(images, estimator) for images in draws)
             _score(scene, unit.name, case, band.name, number, name, observations, plan, watch)
     # The Sun troubles the head it is nearest to, which need not be the first.
-    nearest = min(_sun_boresight_deg(taken[other.name].frame.truth) for other in unit.cases)
-    for row in scene.rows:
-        row["sun_boresight_deg"] = nearest
+    nearest_rad = min(taken[other.name].frame.truth.sun_boresight_rad for other in unit.cases)
+    scene.rows = [replace(row, sun_boresight_deg=math.degrees(nearest_rad)) for row in scene.rows]
     return scene
-
-
-def _sun_boresight_deg(truth: FrameTruth) -> float:
-    return math.degrees(math.acos(max(-1.0, min(1.0, truth.sun_cam[2]))))
 
 
 def _score(
@@ -254,6 +253,9 @@ def _score(
             results.append(sandbox.run(estimator_name, other))
     fits = [one for one in results if isinstance(one, Fit)]
     with watch.stage("score"):
+        scored = score(truth, estimator, result, earth_radius_m=method_radius_m(truth))
+        if plan.draws > 1:
+            scored = replace(scored, nees_noise=mean_noise_nees(fits), noise_draws=len(fits))
         taken.rows.append(
             make_row(
                 case=name,
@@ -262,9 +264,7 @@ def _score(
                 estimator=estimator_name,
                 truth=truth,
                 expected=taken.expected_of(band, estimator.needs),
-                score=score(truth, estimator, result, earth_radius_m=method_radius_m(truth)),
-                nees_noise=mean_noise_nees(fits) if plan.draws > 1 else None,
-                noise_draws=len(fits) if plan.draws > 1 else None,
+                score=scored,
             )
         )
     # The report draws the first band; further bands keep their own entry beside it.

@@ -11,8 +11,6 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.observation import Estimator, Observation, OraclePose
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
-from horizonval.geometry.camera import camera_from_spec
-from horizonval.spec.sensor.camera import CameraSpec
 
 EARTH_RADIUS_M = Observation.earth_radius_m
 
@@ -26,7 +24,7 @@ def observation_of(
     itself is handed only to an estimator that is ideal by definition.
     """
     truth = source.truth
-    spec = CameraSpec.model_validate(truth.camera)
+    spec = truth.camera_spec
     name = source.band if isinstance(source, DetectorImage) else band or next(iter(source.radiance))
     if isinstance(source, DetectorImage):
         grey, full_scale = source.dn.astype(np.float64), float(source.full_scale)
@@ -35,7 +33,7 @@ def observation_of(
     prior = spec.platform.altitude_km
     return Observation(
         image=grey,
-        camera=camera_from_spec(spec.camera),
+        camera=truth.camera_model,
         q_cam_from_body=np.array(truth.q_cam_from_body),
         full_scale=full_scale,
         altitude_m=None if prior is None else prior * 1e3,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Fit
 from horizonval.frame import FrameTruth
 from horizonval.scoring.expected import expected_outcome
-from horizonval.scoring.table import COLUMNS
+from horizonval.scoring.row import Row
 from horizonval.spec.load import Case
 from horizonval.suites.identity import ROW_CODE
 from horizonval.suites.plan import CasePlan
@@ -28,7 +29,7 @@ def record_of(
     name: str,
     identity: str,
     truth: FrameTruth,
-    rows: Sequence[Mapping[str, Any]],
+    rows: Sequence[Row],
     details: Mapping[str, Any],
     addresses: Mapping[str, str],
 ) -> Record:
@@ -38,7 +39,7 @@ def record_of(
     """
     images = {band: address for band, address in addresses.items() if band}
     placed = [
-        {**row, "frame_address": addresses.get(""), "image_address": images.get(str(row["band"]))} for row in rows
+        replace(row, frame_address=addresses.get(""), image_address=images.get(row.band)).to_dict() for row in rows
     ]
     return {
         "schema": CASE_SCHEMA,
@@ -67,18 +68,16 @@ def failed_record(
             expected = Outcome.BAD_INPUT
             if truth is not None:
                 expected = expected_outcome(truth, band.name, needs=plan.estimator(estimator).needs).outcome
-            row = dict.fromkeys(COLUMNS) | {
-                "case": name,
-                "camera": camera_name(case),
-                "band": band.name,
-                "estimator": estimator,
-                "expected": str(expected),
-                "status": str(Outcome.BAD_INPUT),
-                "reason": reason,
-                "n_points": 0,
-                "false_valid": False,
-            }
-            rows.append(row)
+            row = Row(
+                case=name,
+                camera=camera_name(case),
+                band=band.name,
+                estimator=estimator,
+                expected=str(expected),
+                status=str(Outcome.BAD_INPUT),
+                reason=reason,
+            )
+            rows.append(row.to_dict())
     return {
         "schema": CASE_SCHEMA,
         "case": name,
@@ -97,12 +96,6 @@ def failed_record(
 def camera_name(case: Case) -> str:
     """Return the camera's own name, else its file's."""
     return case.camera.camera.name or case.scene.camera.file.rsplit("/", 1)[-1].removesuffix(".toml")
-
-
-def is_failure(row: Mapping[str, Any]) -> bool:
-    """Whether an outcome is worth a look: a false claim, a claim where none was due, a refusal where one was."""
-    valid = str(Outcome.VALID)
-    return bool(row["false_valid"]) or (row["status"] == valid) != (row["expected"] == valid)
 
 
 def details_of(result: Fit | Refusal) -> dict[str, Any]:

@@ -22,10 +22,10 @@ from horizonval.core.progress import Progress, Silent
 from horizonval.estimation import registry
 from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process.sandbox import Limits, Sandbox
-from horizonval.frame import DetectorImage, FrameTruth
+from horizonval.frame import DetectorImage
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_of_heads, expected_outcome
-from horizonval.scoring.table import make_row
+from horizonval.scoring.row import Row, make_row
 from horizonval.store.entry import StoreEntry
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Filter
@@ -109,14 +109,14 @@ def rescore(
     folder = RunFolder(out)
     _claim(folder, store, head, chosen, items)
     failed: dict[str, str] = {}
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     with folder.locked():
         progress.start(len(items), 0)
         for item, record in _records(items, store, chosen, folder, workers, limits):
             if isinstance(record, str):
                 failed[item.name] = record
             else:
-                rows += record["rows"]
+                rows += [Row.from_dict(row) for row in record["rows"]]
             progress.done(item.name, failed=failed.get(item.name))
         return _conclude(folder, head, rows, failed)
 
@@ -269,7 +269,7 @@ def _record(
     first = next(iter(images))
     truth = next(iter(images[first].values())).truth
     # The report draws the first band; it is the camera file's first, as in a run.
-    order = [band["name"] for band in truth.camera.get("band", [])]
+    order = [band.name for band in truth.camera_spec.band]
     bands = sorted(images[first], key=lambda band: (order.index(band) if band in order else len(order), band))
     rows, details = [], {}
     for number, band in enumerate(bands):
@@ -292,13 +292,13 @@ def _record(
 def _in_order(images: dict[str, dict[str, DetectorImage]]) -> dict[str, dict[str, DetectorImage]]:
     """Return heads in the order of the camera file, which decides whose camera frame an answer is in."""
     truth = next(iter(next(iter(images.values())).values())).truth
-    order = [head["name"] for head in truth.camera.get("head", [])]
+    order = [head.name for head in truth.camera_spec.head]
     return {name: images[name] for name in sorted(images, key=lambda h: (order.index(h) if h in order else -1, h))}
 
 
 def _scored(
     item: Item, taken: dict[str, DetectorImage], estimator: Estimator, sandbox: Sandbox
-) -> tuple[dict[str, Any], dict[str, Any]]:
+) -> tuple[Row, dict[str, Any]]:
     image = next(iter(taken.values()))
     truth = image.truth
     if item.together:
@@ -310,7 +310,7 @@ def _scored(
     result = sandbox.run(estimator.name, observation)
     row = make_row(
         case=item.name,
-        camera=_camera_name(truth),
+        camera=truth.camera_name,
         band=image.band,
         estimator=estimator.name,
         truth=truth,
@@ -318,23 +318,16 @@ def _scored(
         score=score(truth, estimator, result, earth_radius_m=method_radius_m(truth)),
     )
     # The Sun troubles the head it is nearest to, which need not be the first.
-    row["sun_boresight_deg"] = min(
-        math.degrees(math.acos(max(-1.0, min(1.0, one.truth.sun_cam[2])))) for one in taken.values()
-    )
-    return row, details_of(result)
+    nearest_rad = min(other.truth.sun_boresight_rad for other in taken.values())
+    return replace(row, sun_boresight_deg=math.degrees(nearest_rad)), details_of(result)
 
 
-def _camera_name(truth: FrameTruth) -> str:
-    name = truth.camera.get("camera", {}).get("name")
-    return name or truth.scene.get("camera", {}).get("file", "").rsplit("/", 1)[-1].removesuffix(".toml")
-
-
-def _conclude(folder: RunFolder, head: dict[str, Any], rows: list[dict[str, Any]], failed: dict[str, str]) -> Rescored:
+def _conclude(folder: RunFolder, head: dict[str, Any], rows: list[Row], failed: dict[str, str]) -> Rescored:
     from horizonval.report import build_report
     from horizonval.scoring.summary import summarise
-    from horizonval.scoring.table import SORT_KEY, write_results
+    from horizonval.scoring.table import write_results
 
-    rows.sort(key=lambda row: tuple(row[key] or "" for key in SORT_KEY))
+    rows.sort(key=lambda row: row.sort_key)
     summary = {"suite": head.get("suite"), "version": code_version(), "failed": failed, **summarise(rows)}
     write_results(rows, folder.results)
     write_json(folder.summary, summary)

@@ -6,7 +6,7 @@ the printed table all say the same.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ Cell = str | int | float | None
 
 
 @dataclass(frozen=True)
-class Row:
+class ComparisonRow:
     """One published figure beside ours.
 
     Attributes
@@ -56,6 +56,20 @@ class Row:
         departure = self.measured - (self.against or 0.0)
         return bool(departure >= self.limit if self.at_least else abs(departure) <= self.limit)
 
+    def plain(self) -> dict[str, Any]:
+        """Return the row as in the JSON file."""
+        return {
+            "name": self.name,
+            "published": self.published,
+            "measured": float(self.measured),
+            "unit": self.unit,
+            "why": self.why,
+            "limit": self.limit,
+            "against": self.against,
+            "at_least": self.at_least,
+            "holds": self.holds,
+        }
+
 
 @dataclass(frozen=True)
 class Table:
@@ -86,17 +100,22 @@ class Reproduction:
         The letter of the command: A to E.
     title, source : str
         What the system is, and who published it.
-    summary : str
-        A few sentences for people: what was done and what came of it; may hold Markdown, and figures of this run.
     rows, tables, figures
         See there.
+    settings : dict
+        What was rendered, for the JSON file.
+    template : str
+        Of the page, in this folder; its summary says in a few sentences what was done and what came of it.
+    summary : dict
+        Numbers of this run in the summary, by their names in the template.
     """
 
     system: str
     title: str
     source: str
-    summary: str
-    rows: tuple[Row, ...]
+    rows: tuple[ComparisonRow, ...]
     tables: tuple[Table, ...] = ()
     figures: tuple[Figure, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
+    template: str = "page.md.jinja"
+    summary: Mapping[str, Any] = field(default_factory=dict)

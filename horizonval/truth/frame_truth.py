@@ -161,7 +161,7 @@ def with_infrared_horizon(truth: FrameTruth, model: OpticalModel) -> FrameTruth:
     line = snow_line_deg(datetime.fromisoformat(truth.epoch_utc))
     found = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs, snow_line_deg=line)
     from_file = truth.scene.get("atmosphere", {}).get("file") is not None
-    bands = {band.name: band for band in CameraSpec.model_validate(truth.camera).band}
+    bands = {band.name: band for band in truth.camera_spec.band}
     for name, horizon in found.items():
         horizon["accuracy"] = None if from_file else _plain_accuracy(bands[name])
     return replace(truth, infrared_horizon=found)

@@ -16,7 +16,7 @@ from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.optical import optical_model
 from horizonval.earth.spectral.brightness import brightness_temperature_k
 from horizonval.frame import Hit, RadianceFrame
-from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
+from horizonval.geometry.camera import pixel_grid, unproject
 from horizonval.geometry.ellipsoid import geodetic_from_itrs
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.renderer.scene.frame import render_frame
@@ -54,7 +54,7 @@ def rendered() -> Render:
 
 def rays_itrs(frame: RadianceFrame) -> FloatArray:
     """Return the directions of all pixels' centres, shape (H, W, 3)."""
-    camera = camera_from_spec(CameraSpec.model_validate(frame.truth.camera).camera)
+    camera = frame.truth.camera_model
     return rotate(inverse(frame.truth.q_cam_from_itrs), unproject(camera, pixel_grid(camera)))
 
 
@@ -65,7 +65,7 @@ def ends(frame: RadianceFrame) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def brightness_k(frame: RadianceFrame, name: str) -> FloatArray:
-    band = next(b for b in CameraSpec.model_validate(frame.truth.camera).band if b.name == name)
+    band = next(b for b in frame.truth.camera_spec.band if b.name == name)
     return brightness_temperature_k(band, frame.radiance[name])
 
 

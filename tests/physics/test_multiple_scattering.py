@@ -19,7 +19,7 @@ from horizonval.renderer.plugin.backend import activate
 
 activate()
 
-from horizonval.renderer.kernel import chunks  # noqa: E402
+from horizonval.renderer.kernel import batching  # noqa: E402
 from horizonval.renderer.kernel.radiance import radiance_along_rays  # noqa: E402
 from horizonval.renderer.planet import Planet  # noqa: E402
 from horizonval.renderer.scattering import multiple_scattering  # noqa: E402
@@ -69,7 +69,7 @@ class Table:
 def sun_table(model: OpticalModel, extinction: np.ndarray) -> SunTable:
     planet = Planet(RADIUS_M, RADIUS_M)
     grid = AltitudeGrid.of(model.altitude_m)
-    return chunks._fill_sun_table(planet, model.top_m, grid, mi.Float64(extinction), 1, chunks.IMAGE_TABLE)
+    return batching._fill_sun_table(planet, model.top_m, grid, mi.Float64(extinction), 1, batching.IMAGE_TABLE)
 
 
 def test_by_day_equals_successive_orders_of_another_code() -> None:

@@ -18,10 +18,10 @@ from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere, write_atmosphere
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.renderer.kernel.radiance import radiance_along_rays
-from horizonval.renderer.kernel.refraction import Turning, true_direction
-from horizonval.renderer.kernel.straightened import straighten
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
+from horizonval.renderer.refraction.bending import BendingField, true_direction
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
@@ -65,8 +65,8 @@ def _exponential(ground: float, scale_m: float) -> OpticalModel:
     return _model(ground * share, 1.2e-5 * share)
 
 
-def _turning(model: OpticalModel, planet: Planet | None = None) -> Turning:
-    return Turning.of(straighten(model, planet or Planet(RADIUS_M, RADIUS_M)))
+def _bending_field(model: OpticalModel, planet: Planet | None = None) -> BendingField:
+    return BendingField.of(to_apparent_radius(model, planet or Planet(RADIUS_M, RADIUS_M)))
 
 
 def _limb(sza_deg: float, azimuth_deg: float, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -94,16 +94,16 @@ def _bending_by_ode(ground: float, scale_m: float, lowest_m: float) -> tuple[flo
     return index * (RADIUS_M + lowest_m), 2.0 * float(end[1] - end[2])
 
 
-def _bending(mi: Any, turning: Turning, impact_m: float) -> float:
+def _bending(mi: Any, field: BendingField, impact_m: float) -> float:
     o = tuple(mi.Float64(v) for v in (-2e7, 0.0, impact_m))
-    return float(turning.angle(o, tuple(mi.Float64(v) for v in (1.0, 0.0, 0.0)))[0])
+    return float(field.angle(o, tuple(mi.Float64(v) for v in (1.0, 0.0, 0.0)))[0])
 
 
 @pytest.mark.parametrize("lowest_m", [0.0, 10e3, 30e3])
 def test_bending_equals_the_ray_equation(mi: Any, lowest_m: float) -> None:
     """1e-4 from the ground up, as often bent as the Earth's air bends light."""
     impact, expected = _bending_by_ode(2.8e-4, 8000.0, lowest_m)
-    assert _bending(mi, _turning(_exponential(2.8e-4, 8000.0)), impact) == pytest.approx(expected, rel=1e-4)
+    assert _bending(mi, _bending_field(_exponential(2.8e-4, 8000.0)), impact) == pytest.approx(expected, rel=1e-4)
 
 
 def test_weak_bending_equals_the_closed_form(mi: Any) -> None:
@@ -112,7 +112,7 @@ def test_weak_bending_equals_the_closed_form(mi: Any) -> None:
     impact, _ = _bending_by_ode(ground, scale, lowest)
     at_lowest = ground * np.exp(-lowest / scale)
     expected = at_lowest * np.sqrt(2.0 * np.pi * (RADIUS_M + lowest) / scale)
-    assert _bending(mi, _turning(_exponential(ground, scale)), impact) == pytest.approx(expected, rel=5e-3)
+    assert _bending(mi, _bending_field(_exponential(ground, scale)), impact) == pytest.approx(expected, rel=5e-3)
 
 
 def _standard_air() -> OpticalModel:
@@ -120,43 +120,43 @@ def _standard_air() -> OpticalModel:
     return _model(rayleigh.refractivity(state.number_density_air, 0.59), 1e-5 * np.exp(-Z / 8000.0))
 
 
-def _from_the_ground(mi: Any, turning: Turning, elevation_rad: np.ndarray) -> np.ndarray:
+def _from_the_ground(mi: Any, field: BendingField, elevation_rad: np.ndarray) -> np.ndarray:
     """Return true elevations of what is seen at apparent ones by an observer on the ground."""
     zero = mi.Float64(np.zeros_like(elevation_rad))
-    o = (zero, zero, zero + turning.planet.a_m)
+    o = (zero, zero, zero + field.planet.a_m)
     d = (mi.Float64(np.cos(elevation_rad)), zero, mi.Float64(np.sin(elevation_rad)))
-    x, _, z = (np.array(v) for v in true_direction(turning, o, d))
+    x, _, z = (np.array(v) for v in true_direction(field, o, d))
     return np.arctan2(z, x)
 
 
 def test_horizontal_refraction_of_standard_air(mi: Any) -> None:
     """About 34' on the horizon (the almanacs' value at 10 C; 33' at 15 C), 58" tan z high up, 1 % at 45 deg."""
-    turning = _turning(_standard_air())
+    field = _bending_field(_standard_air())
     apparent = np.array([0.0, np.radians(45.0)])
-    lift = apparent - _from_the_ground(mi, turning, apparent)
+    lift = apparent - _from_the_ground(mi, field, apparent)
     assert 32.0 < lift[0] / ARCMIN < 35.0
     assert lift[1] == pytest.approx(2.772e-4 * (1.0 - 8400.0 / RADIUS_M), rel=1e-2)
 
 
 def test_setting_sun_is_flattened(mi: Any) -> None:
     """From the ground the Sun standing on the horizon is 0.8 to 0.85 as high as wide."""
-    turning = _turning(_standard_air())
+    field = _bending_field(_standard_air())
     apparent = np.linspace(0.0, 1.0, 601) * 40.0 * ARCMIN
-    true = _from_the_ground(mi, turning, apparent)
+    true = _from_the_ground(mi, field, apparent)
     upper = np.interp(true[0] + 32.0 * ARCMIN, true, apparent)
     assert 0.8 < upper / (32.0 * ARCMIN) < 0.85
 
 
 def test_disc_behind_the_air_is_where_the_ray_equation_puts_it(mi: Any) -> None:
     """From 500 km, half way through the air the Sun's limbs: 1e-4 of the disc's height."""
-    turning = _turning(_exponential(2.8e-4, 8000.0))
+    field = _bending_field(_exponential(2.8e-4, 8000.0))
     distance = RADIUS_M + 500e3
     impact, bending = np.array([_bending_by_ode(2.8e-4, 8000.0, h) for h in (2e3, 8e3, 20e3, 40e3)]).T
     dip = np.arccos(impact / distance)
     zero = mi.Float64(np.zeros(4))
     o = (zero, zero, zero + distance)
     d = (mi.Float64(np.cos(dip)), zero, mi.Float64(-np.sin(dip)))
-    x, _, z = (np.array(v) for v in true_direction(turning, o, d))
+    x, _, z = (np.array(v) for v in true_direction(field, o, d))
     assert np.abs(np.arctan2(-z, x) - (dip + bending)).max() < 1e-4 * 32.0 * ARCMIN
 
 
@@ -224,7 +224,7 @@ def test_air_that_holds_light_is_refused(mi: Any) -> None:
     """A duct: the index falls by more than 1.57e-7 per metre."""
     refractivity = np.interp(Z, [0.0, 1000.0, 1200.0, 1e5], [2.8e-4, 2.7e-4, 2.2e-4, 0.0])
     with pytest.raises(UserError, match="refractivity: the air at 1"):
-        straighten(_model(refractivity, np.zeros_like(Z)), Planet(RADIUS_M, RADIUS_M))
+        to_apparent_radius(_model(refractivity, np.zeros_like(Z)), Planet(RADIUS_M, RADIUS_M))
 
 
 def _frame(tmp_path: Path, scene: dict[str, Any], camera: dict[str, Any], refraction: bool) -> np.ndarray:

@@ -235,8 +235,8 @@ RADIUS_M, LAYER_M = 6_371_000.0, 95_000.0
 
 
 def _thin_layer(mi: Any) -> tuple[Any, OpticalModel]:
-    """A layer 3 km thick at 95 km in empty space: a chunk that glows, unit column."""
-    from horizonval.renderer.kernel.chunks import RAY_TABLE, make_chunks
+    """A layer 3 km thick at 95 km in empty space: a batch that glows, unit column."""
+    from horizonval.renderer.kernel.batching import RAY_TABLE, make_batches
     from horizonval.renderer.planet import Planet
 
     z = np.arange(0.0, 120_001.0, 100.0)
@@ -244,40 +244,40 @@ def _thin_layer(mi: Any) -> tuple[Any, OpticalModel]:
     zero = np.zeros_like(z)
     node = SpectralNode("n", "n", 1.0, 0.55, zero, zero, 0.75, zero, zero, 1.0, zero, 0.0, 0.0, glow_per_m=shape)
     model = OpticalModel(z, float(z[-1]), (node,), albedo=0.0, emissivity=1.0, glow_altitude_m=z)
-    (_, chunk), *_ = make_chunks(model, Planet(RADIUS_M, RADIUS_M), RAY_TABLE)
-    return chunk, model
+    (_, batch), *_ = make_batches(model, Planet(RADIUS_M, RADIUS_M), RAY_TABLE)
+    return batch, model
 
 
-def _along(mi: Any, chunk: Any, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+def _along(mi: Any, batch: Any, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
     from horizonval.renderer.kernel.march import march
     from horizonval.renderer.planet import Planet
 
     o, d = (tuple(mi.Float64(np.ascontiguousarray(a[:, k])) for k in range(3)) for a in (origin, direction))
     up = (mi.Float64(0.0), mi.Float64(0.0), mi.Float64(1.0))
     planet = Planet(RADIUS_M, RADIUS_M)
-    radiance, _ = march(planet, 120e3, chunk.glow, o, d, up, mi.Bool(False), 256, 0.15)
+    radiance, _ = march(planet, 120e3, batch.glow, o, d, up, mi.Bool(False), 256, 0.15)
     return np.array(radiance[0])
 
 
 def test_airglow_brightens_towards_the_horizon_as_van_rhijn_says(mi: Any) -> None:
     """Van Rhijn (1921): ``1 / sqrt(1 - (R sin z / (R + h))^2)`` for a thin layer seen from the ground: 1 %."""
-    chunk, _ = _thin_layer(mi)
+    batch, _ = _thin_layer(mi)
     zenith = np.radians([0.0, 30.0, 60.0, 75.0, 80.0, 85.0, 88.0])
     zero = np.zeros_like(zenith)
     origin = np.stack([zero, zero, zero + RADIUS_M + 1.0], axis=1)
-    radiance = _along(mi, chunk, origin, np.stack([np.sin(zenith), zero, np.cos(zenith)], axis=1))
+    radiance = _along(mi, batch, origin, np.stack([np.sin(zenith), zero, np.cos(zenith)], axis=1))
     expected = 1.0 / np.sqrt(1.0 - (RADIUS_M * np.sin(zenith) / (RADIUS_M + LAYER_M)) ** 2)
     assert radiance == pytest.approx(expected, rel=0.01)
 
 
 def test_airglow_limb_seen_from_space(mi: Any) -> None:
     """Both passages through a thin layer, tangent below it: ``2 / sqrt(1 - ((R + h_t) / (R + h))^2)``: 1 %."""
-    chunk, _ = _thin_layer(mi)
+    batch, _ = _thin_layer(mi)
     tangent = np.array([5e3, 30e3, 60e3, 70e3, 80e3])
     zero = np.zeros_like(tangent)
     impact = RADIUS_M + tangent
     origin = np.stack([-np.sqrt((RADIUS_M + 500e3) ** 2 - impact**2), zero, impact], axis=1)
-    radiance = _along(mi, chunk, origin, np.tile([1.0, 0.0, 0.0], (5, 1)))
+    radiance = _along(mi, batch, origin, np.tile([1.0, 0.0, 0.0], (5, 1)))
     expected = 2.0 / np.sqrt(1.0 - (impact / (RADIUS_M + LAYER_M)) ** 2)
     assert radiance == pytest.approx(expected, rel=0.01)
 

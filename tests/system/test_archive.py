@@ -160,7 +160,7 @@ def test_scoring_again_gives_the_runs_own_results(horizonval, out):
     """From the archive alone; what is damaged is told, and made good by the same command later."""
     before = read_results(out / "results.parquet")
     shutil.move(out / "archive", out.parent / "kept")
-    victim = next(row["image_address"] for row in before if row["case"] == "frame-2")
+    victim = next(row.image_address for row in before if row.case == "frame-2")
     path = out.parent / "kept" / victim[:2] / f"{victim}.exr"
     good = path.read_bytes()
     path.write_bytes(good[:-9])
@@ -170,7 +170,7 @@ def test_scoring_again_gives_the_runs_own_results(horizonval, out):
     assert "frame-2: " in done.stderr.splitlines()[-1]
     again = out.parent / "again"
     rows = read_results(again / "results.parquet")
-    assert rows == [row for row in before if row["case"] != "frame-2"]
+    assert rows == [row for row in before if row.case != "frame-2"]
     assert len(rows) == 10
     # What the report is made of has the images, which lie elsewhere.
     views = load_run(again).views

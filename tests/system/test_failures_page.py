@@ -97,7 +97,7 @@ def test_the_commands_of_a_scene_of_all_heads_give_its_result_again(run, horizon
     assert [report["estimator"] for report in reports] == ["video-vertical", "guarded-video-vertical", "video-vertical"]
     for report in reports:
         row = view.rows[report["estimator"]]
-        assert report["status"] == row["status"]
+        assert report["status"] == row.status
         fit = (view.details[report["estimator"]] or {}).get("fit") or {}
         # The same bits went in: rendering, noise and estimate repeat exactly.
         assert report["nadir_cam"] == fit.get("nadir_cam")

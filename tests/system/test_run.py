@@ -23,7 +23,7 @@ def test_a_run_is_complete(mini_run):
     assert (summary["n_cases"], summary["n_rows"], summary["failed"]) == (6, 12, {})
     assert {g["estimator"] for g in summary["groups"]} == {"altitude-free", "ideal"}
     rows = read_results(mini_run / "results.parquet")
-    assert [(r["case"], r["estimator"]) for r in rows] == [
+    assert [(r.case, r.estimator) for r in rows] == [
         (f"frame-{i}", e) for i in range(6) for e in ("altitude-free", "ideal")
     ]
     assert (mini_run / "report" / "index.html").is_file()
@@ -222,8 +222,8 @@ def test_a_broken_frame_costs_only_itself(program, mini_suite, tmp_path):
     assert "ZeroDivisionError" in done.stderr
     rows = read_results(tmp_path / "out" / "results.parquet")
     assert len(rows) == 12
-    assert {(r["case"], r["status"]) for r in rows if r["status"] == "bad_input"} == {("frame-3", "bad_input")}
-    assert all("on purpose" in r["reason"] for r in rows if r["case"] == "frame-3")
+    assert {(r.case, r.status) for r in rows if r.status == "bad_input"} == {("frame-3", "bad_input")}
+    assert all("on purpose" in r.reason for r in rows if r.case == "frame-3")
     # Once the cause is gone, the same command makes what is missing.
     assert program("run", mini_suite, "--out", "out").returncode == 0
-    assert not [r for r in read_results(tmp_path / "out" / "results.parquet") if r["status"] == "bad_input"]
+    assert not [r for r in read_results(tmp_path / "out" / "results.parquet") if r.status == "bad_input"]

@@ -59,7 +59,7 @@ def whole(suite_file, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str
 
 def test_a_table_runs_the_methods_it_names(whole, suite_file, tmp_path_factory):
     out = next(tmp_path_factory.getbasetemp().glob("whole*")) / "out"
-    ran = {(row["case"].rpartition("_")[0], row["estimator"]) for row in read_results(out / "results.parquet")}
+    ran = {(row.case.rpartition("_")[0], row.estimator) for row in read_results(out / "results.parquet")}
     assert ran == {("one-method", "altitude-free"), ("all-methods", "altitude-free"), ("all-methods", "ideal")}
 
 

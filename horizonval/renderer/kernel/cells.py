@@ -10,25 +10,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from horizonval.renderer.kernel.coverage import cell_coverage
-from horizonval.renderer.kernel.discs import SPLIT_HEIGHT_M, Disc, DiscCells, disc_cells
+from horizonval.renderer.kernel.discs import SPLIT_HEIGHT_M, Direction, Disc, DiscCells, disc_cells
 from horizonval.renderer.kernel.rays import RayCamera
-from horizonval.renderer.kernel.refraction import Turning, true_direction
 from horizonval.renderer.kernel.surface import Ground
-from horizonval.renderer.planet import Planet, Vec, dot
+from horizonval.renderer.planet import Planet, dot
+from horizonval.renderer.refraction.bending import BendingField, true_direction
+from horizonval.renderer.types import Vec, indices_where
 
-_NO_DIRECTION: Vec = (None, None, None)
 WHOLE = 1e-9
 """Rounding of a cell's covered share: within it of 0 or 1 the outline does not cut the cell."""
 
 
 @dataclass(frozen=True)
-class FrameMoon:
+class MoonInFrame:
     """The Moon of a frame.
 
     Attributes
@@ -56,8 +55,8 @@ class FrameGeometry:
     ``ground`` is None for a Lambert ground without clouds.
     ``sunless``: all air and ground in view lie in the Earth's shadow. ``glow_top_m``: nothing shines above; at least
     ``top_m``.
-    With refraction ``planet``, ``top_m`` and ``origin`` are those among which light goes straight, and ``turning``
-    tells by how much it turned.
+    With refraction ``planet``, ``top_m`` and ``origin`` are apparent ones, among which light goes straight, and
+    ``bending`` tells by how much it bends.
     """
 
     rays: RayCamera
@@ -65,15 +64,15 @@ class FrameGeometry:
     height: int
     origin: Vec
     sun: Vec
-    sun_radius: Any
+    sun_radius: mi.Float64
     planet: Planet
     top_m: float
     subsamples: int
     ground: Ground | None = None
-    moon: FrameMoon | None = None
+    moon: MoonInFrame | None = None
     sunless: bool = False
     glow_top_m: float = 0.0
-    turning: Turning | None = None
+    bending: BendingField | None = None
 
     @property
     def highest_m(self) -> float:
@@ -85,7 +84,7 @@ class FrameGeometry:
 class Rays:
     """Directions of a group of cells, and which cell each belongs to."""
 
-    cell: Any
+    cell: mi.UInt32
     direction: Vec
     count: int
 
@@ -95,15 +94,15 @@ class Cells:
     """All cells of a frame, grouped. ``share``: covered by the Earth; ``space``: cells that see neither it nor air."""
 
     count: int
-    share: Any
+    share: mi.Float64
     ground: Rays
     limb: Rays
-    space: Any
+    space: mi.UInt32
     sun: DiscCells | None
     moon: DiscCells | None
 
 
-def cell_centre(view: FrameGeometry, cell: Any) -> tuple[Any, Any]:
+def cell_centre(view: FrameGeometry, cell: mi.UInt32) -> tuple[mi.Float64, mi.Float64]:
     """Return pixel coordinates (column, row) of cell centres; the cells of a pixel are neighbours in memory."""
     k = view.subsamples
     pixel, sub = cell // (k * k), cell % (k * k)
@@ -124,8 +123,8 @@ def group_cells(view: FrameGeometry) -> Cells:
     depth = _limb_function(view, centre)
     share = dr.select(depth > 0.0, mi.Float64(1.0), 0.0)
     clear = dr.abs(depth) >= reach
-    edge: Any = ~clear
-    lit: Any = None
+    edge = ~clear
+    lit: mi.Bool | None = None
     if view.rays.circle is not None:
         # a pixel beyond the lens's image circle sees nothing, by its centre, as geometry.camera has it
         pixel = cell // view.subsamples**2
@@ -135,14 +134,14 @@ def group_cells(view: FrameGeometry) -> Cells:
     meets_air = view.planet.miss_distance(view.origin, centre, view.highest_m) < 1.0
     ahead = dot(view.origin, centre) < 0.0
     inside_air = dot(view.origin, view.origin) < (view.planet.a_m + view.highest_m) ** 2
-    ground = [_through_centres(view, dr.compress(clear & (depth > 0.0)))]
+    ground = [_through_centres(view, indices_where(clear & (depth > 0.0)))]
     in_air = (meets_air & ahead) | inside_air
-    limb = [_through_centres(view, dr.compress(clear & (depth <= 0.0) & in_air))]
-    space = dr.compress(clear & (depth <= 0.0) & ~in_air)
-    edge = dr.compress(edge)
-    if dr.width(edge):
-        edge_share, inner, outer = _edge_cells(view, edge)
-        dr.scatter(share, edge_share, edge)
+    limb = [_through_centres(view, indices_where(clear & (depth <= 0.0) & in_air))]
+    space = indices_where(clear & (depth <= 0.0) & ~in_air)
+    edge_cells = indices_where(edge)
+    if dr.width(edge_cells):
+        edge_share, inner, outer = _edge_cells(view, edge_cells)
+        dr.scatter(share, edge_share, edge_cells)
         ground.append(inner)
         limb.append(outer)
     dr.eval(share)
@@ -151,11 +150,11 @@ def group_cells(view: FrameGeometry) -> Cells:
     return Cells(count, share, _joined(ground), _joined(limb), space, sun, moon)
 
 
-def _edge_cells(view: FrameGeometry, edge: Any) -> tuple[Any, Rays, Rays]:
+def _edge_cells(view: FrameGeometry, edge: mi.UInt32) -> tuple[mi.Float64, Rays, Rays]:
     """Return the covered share of cells on the limb, rays through the covered parts and through the free parts."""
     size = 1.0 / view.subsamples
 
-    def limb(x: Any, y: Any) -> Any:
+    def limb(x: mi.Float64, y: mi.Float64) -> mi.Float64:
         return _limb_function(view, view.rays.direction(x, y))
 
     u, v = cell_centre(view, edge)
@@ -166,20 +165,21 @@ def _edge_cells(view: FrameGeometry, edge: Any) -> tuple[Any, Rays, Rays]:
     offset = limb(u, v) / dr.maximum(slope, 1e-300)
     dr.eval(share, du, dv, offset)
 
-    def through(pick: Any, depth: Any, whole: Any) -> Rays:
-        """Rays of the picked cells, unless they are ``whole`` moved to ``depth`` pixels inside the outline."""
-        if not dr.width(pick):
-            return Rays(pick, _NO_DIRECTION, 0)
-        move = dr.select(whole, 0.0, dr.clip(depth - offset, -2.0 * size, 2.0 * size))
-        x, y = (dr.gather(mi.Float64, w, pick) for w in (u + move * du, v + move * dv))
-        return Rays(dr.gather(mi.UInt32, edge, pick), view.rays.direction(x, y), dr.width(pick))
+    def through(index: mi.UInt32, depth: mi.Float64, whole: mi.Bool) -> Rays:
+        """Rays of some of the cells, unless they are ``whole`` through points ``depth`` pixels inside the outline."""
+        if not dr.width(index):
+            return _no_rays(index)
+        shift: mi.Float64 = dr.clip(depth - offset, -2.0 * size, 2.0 * size)
+        shift = dr.select(whole, 0.0, shift)
+        x, y = (dr.gather(mi.Float64, w, index) for w in (u + shift * du, v + shift * dv))
+        return Rays(dr.gather(mi.UInt32, edge, index), view.rays.direction(x, y), dr.width(index))
 
-    inner = through(dr.compress(share > 0.0), 0.5 * size * share, share > 1.0 - WHOLE)
-    outer = through(dr.compress(share < 1.0), -0.5 * size * (1.0 - share), share < WHOLE)
+    inner = through(indices_where(share > 0.0), 0.5 * size * share, share > 1.0 - WHOLE)
+    outer = through(indices_where(share < 1.0), -0.5 * size * (1.0 - share), share < WHOLE)
     return share, inner, outer
 
 
-def _limb_function(view: FrameGeometry, d: Vec) -> Any:
+def _limb_function(view: FrameGeometry, d: Vec) -> mi.Float64:
     """Return a smooth function of directions, positive inside the Earth, close to the angle from the limb [rad]."""
     planet = view.planet
     o1 = planet.stretch(view.origin)
@@ -190,14 +190,20 @@ def _limb_function(view: FrameGeometry, d: Vec) -> Any:
     return dr.select(dot(o1, planet.stretch(d)) < 0.0, f, -1.0)
 
 
-def _gap(a: Vec, b: Vec) -> Any:
+def _gap(a: Vec, b: Vec) -> mi.Float64:
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return x * x + y * y + z * z
 
 
-def _through_centres(view: FrameGeometry, index: Any) -> Rays:
+def _no_rays(index: mi.UInt32) -> Rays:
+    """Return rays of no cells."""
+    none = mi.Float64()
+    return Rays(index, (none, none, none), 0)
+
+
+def _through_centres(view: FrameGeometry, index: mi.UInt32) -> Rays:
     if not dr.width(index):
-        return Rays(index, _NO_DIRECTION, 0)
+        return _no_rays(index)
     return Rays(index, view.rays.direction(*cell_centre(view, index)), dr.width(index))
 
 
@@ -209,27 +215,32 @@ def _joined(groups: list[Rays]) -> Rays:
     return Rays(dr.concat([g.cell for g in filled]), (x, y, z), sum(g.count for g in filled))
 
 
-def _disc_cells(view: FrameGeometry, disc: Disc, centre: Vec, reach: Any, lit: Any) -> DiscCells | None:
+def _disc_cells(
+    view: FrameGeometry, disc: Disc, centre: Vec, reach: mi.Float64, lit: mi.Bool | None
+) -> DiscCells | None:
     """Return the cells near a disc, split as it needs; None where it is outside the frame. ``lit``: cells to look at.
 
     With refraction the disc stands where the rays point that have left the air behind.
     """
-    lift, through = 0.0, None
-    if view.turning is not None:
-        lift = view.turning.most()
 
-        def through(x: Any, y: Any) -> Vec:
-            assert view.turning is not None
-            return true_direction(view.turning, view.origin, view.rays.direction(x, y))
+    def refracted(x: mi.Float64, y: mi.Float64) -> Vec:
+        assert view.bending is not None
+        return true_direction(view.bending, view.origin, view.rays.direction(x, y))
 
-    touched = dr.sqrt(_gap(centre, disc.direction)) < disc.radius + reach + lift
-    near: Any = dr.compress(touched if lit is None else touched & lit)
+    lift = 0.0
+    through: Direction | None = None
+    if view.bending is not None:
+        lift = view.bending.largest_angle()
+        through = refracted
+
+    touching = dr.sqrt(_gap(centre, disc.direction)) < disc.radius + reach + lift
+    near = indices_where(touching if lit is None else touching & lit)
     if not dr.width(near):
         return None
     k = view.subsamples
     pixel = near // (k * k)
 
-    def limb(x: Any, y: Any) -> Any:
+    def limb(x: mi.Float64, y: mi.Float64) -> mi.Float64:
         return _limb_function(view, view.rays.direction(x, y))
 
     return disc_cells(

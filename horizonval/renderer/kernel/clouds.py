@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -22,31 +22,34 @@ import numpy as np
 
 from horizonval.earth.atmosphere import clouds
 from horizonval.earth.atmosphere.clouds import BASE_M, CloudField
-from horizonval.renderer.planet import Planet, Vec, along, dot
+from horizonval.renderer.planet import Planet, along, dot
+from horizonval.renderer.types import Vec, constant, constant_vector
 
 TABLE_SIDE = 3072
 BISECTIONS = 10
 NARROWEST_STEP_M = 250.0
 _KEPT_TABLES = 2
-_tables: OrderedDict[tuple[Any, ...], CloudTable] = OrderedDict()
+_Key: TypeAlias = tuple[CloudField, Planet, tuple[float, float, float], str | None]
+_tables: OrderedDict[_Key, CloudTable] = OrderedDict()
 
 
 @dataclass(frozen=True)
 class CloudTable:
     """Tops [m] over the globe around ``up``; ``axes`` are the map's x and y directions, ``per_unit`` nodes per unit."""
 
-    values: Any
+    values: mi.Float32
     axes: tuple[Vec, Vec]
     up: Vec
-    per_unit: Any
-    step_m: Any
+    per_unit: mi.Float64
+    step_m: mi.Float64
     layer_m: float
 
-    def top(self, normal: Vec) -> Any:
+    def top(self, normal: Vec) -> mi.Float64:
         """Return the relief [m] at unit normals: below BASE_M where there is no cloud."""
         stretch = dr.sqrt(2.0 / dr.maximum(1.0 + dot(normal, self.up), 1e-6)) * self.per_unit
-        x = dr.clip(dr.fma(dot(normal, self.axes[0]), stretch, 0.5 * (TABLE_SIDE - 1)), 0.0, TABLE_SIDE - 1.001)
-        y = dr.clip(dr.fma(dot(normal, self.axes[1]), stretch, 0.5 * (TABLE_SIDE - 1)), 0.0, TABLE_SIDE - 1.001)
+        east, north = dot(normal, self.axes[0]), dot(normal, self.axes[1])
+        x, y = (dr.fma(c, stretch, 0.5 * (TABLE_SIDE - 1)) for c in (east, north))
+        x, y = (dr.clip(c, 0.0, TABLE_SIDE - 1.001) for c in (x, y))
         i, j = mi.UInt32(x), mi.UInt32(y)
         wx, wy = x - mi.Float64(i), y - mi.Float64(j)
         row = j * TABLE_SIDE + i
@@ -68,10 +71,6 @@ def cloud_table(field: CloudField, planet: Planet, origin: tuple[float, float, f
     return _tables[key]
 
 
-def _opaque(v: Any) -> Any:
-    return dr.opaque(mi.Float64, float(v), 1)
-
-
 def _make_table(field: CloudField, planet: Planet, origin: tuple[float, float, float]) -> CloudTable:
     r = math.sqrt(sum(v * v for v in origin))
     up = np.array(origin) / r
@@ -83,23 +82,23 @@ def _make_table(field: CloudField, planet: Planet, origin: tuple[float, float, f
     reach = math.acos(min(radius / r, 1.0)) + math.acos(radius / (radius + field.top_m)) + math.radians(1.0)
     half = 2.0 * math.sin(0.5 * min(reach, math.pi))
     per_unit = 0.5 * (TABLE_SIDE - 1) / half
-    vectors = [tuple(_opaque(v) for v in w) for w in (x_axis, y_axis, up)]
+    east, north, vertical = (constant_vector(w) for w in (x_axis, y_axis, up))
     node = dr.arange(mi.UInt32, TABLE_SIDE * TABLE_SIDE)
-    x = (mi.Float64(node % TABLE_SIDE) - 0.5 * (TABLE_SIDE - 1)) / _opaque(per_unit)
-    y = (mi.Float64(node // TABLE_SIDE) - 0.5 * (TABLE_SIDE - 1)) / _opaque(per_unit)
+    x = (mi.Float64(node % TABLE_SIDE) - 0.5 * (TABLE_SIDE - 1)) / constant(per_unit)
+    y = (mi.Float64(node // TABLE_SIDE) - 0.5 * (TABLE_SIDE - 1)) / constant(per_unit)
     rho2 = dr.minimum(x * x + y * y, 4.0)
     shrink, rise = dr.sqrt(1.0 - 0.25 * rho2), 1.0 - 0.5 * rho2
-    normal: Any = tuple(x * shrink * e1 + y * shrink * e2 + rise * e3 for e1, e2, e3 in zip(*vectors, strict=True))
-    values = mi.Float32(relief(field, normal))
+    u, v, w = (x * shrink * e1 + y * shrink * e2 + rise * e3 for e1, e2, e3 in zip(east, north, vertical, strict=True))
+    values = mi.Float32(relief(field, (u, v, w)))
     dr.eval(values)
     step_m = max(0.5 * radius / per_unit, NARROWEST_STEP_M)
-    return CloudTable(values, (vectors[0], vectors[1]), vectors[2], _opaque(per_unit), _opaque(step_m), field.top_m)
+    return CloudTable(values, (east, north), vertical, constant(per_unit), constant(step_m), field.top_m)
 
 
-def relief(field: CloudField, normal: Vec) -> Any:
+def relief(field: CloudField, normal: Vec) -> mi.Float64:
     """Return :func:`horizonval.earth.atmosphere.clouds.top_m` at unit normals."""
 
-    def split(v: Any) -> tuple[Any, Any]:
+    def split(v: mi.Float64) -> tuple[mi.UInt32, mi.Float64]:
         whole = mi.UInt32(v)
         return whole, v - mi.Float64(whole)
 
@@ -114,21 +113,21 @@ def relief(field: CloudField, normal: Vec) -> Any:
     return BASE_M + (_ceiling(field, normal) - BASE_M) * dr.select(s > 0.0, risen, s)
 
 
-def brightness(field: CloudField, planet: Planet, p: Vec) -> Any:
+def brightness(field: CloudField, planet: Planet, p: Vec) -> mi.Float64:
     """Return the albedo of tops at points on them, over that of the highest."""
     height, normal = planet.height_and_normal(p)
     risen = dr.clip((height - BASE_M) / (_ceiling(field, normal) - BASE_M), 0.0, 1.0)
     return clouds.BASE_BRIGHTNESS + (1.0 - clouds.BASE_BRIGHTNESS) * risen
 
 
-def _ceiling(field: CloudField, normal: Vec) -> Any:
+def _ceiling(field: CloudField, normal: Vec) -> mi.Float64:
     latitude = dr.abs(dr.rad2deg(dr.asin(dr.clip(normal[2], -1.0, 1.0))))
     middle = 0.5 * (clouds.TROPICAL_TROPOPAUSE_M + clouds.POLAR_TROPOPAUSE_M)
     half = 0.5 * (clouds.TROPICAL_TROPOPAUSE_M - clouds.POLAR_TROPOPAUSE_M)
     return dr.minimum(field.top_m, middle - half * dr.tanh((latitude - 40.0) / 10.0))
 
 
-def first_cloud(table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bool) -> tuple[Any, Any]:
+def first_cloud(table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bool) -> tuple[mi.Bool, mi.Float64]:
     """Return ``(hit, t)``: whether rays meet a cloud, and at what parameter.
 
     ``to_ground``: the rays meet the ground, and nothing beyond it counts.
@@ -141,25 +140,25 @@ def first_cloud(table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bo
     meets &= end > start
     count = dr.ceil((end - start) / table.step_m)
 
-    def inside(t: Any) -> Any:
+    def inside(t: mi.Float64) -> mi.Bool:
         height, normal = planet.height_and_normal(along(o, d, t))
         top = table.top(normal)
         return (top > BASE_M) & (height <= top)
 
-    def advance(i: Any, found: Any, going: Any) -> tuple[Any, Any, Any]:
-        found = inside(dr.minimum(dr.fma(i, table.step_m, start), end))
-        following = dr.select(found, i, i + 1.0)
-        return following, found, ~found & (following <= count)
+    def advance(i: mi.Float64, hit: mi.Bool, going: mi.Bool) -> tuple[mi.Float64, mi.Bool, mi.Bool]:
+        hit = inside(dr.minimum(dr.fma(i, table.step_m, start), end))
+        following = dr.select(hit, i, i + 1.0)
+        return following, hit, ~hit & (following <= count)
 
-    index, found, _ = dr.while_loop(
+    index, hit, _ = dr.while_loop(
         (0.0 * start, meets & ~meets, dr.copy(meets)),
-        lambda i, found, going: going,
+        lambda i, hit, going: going,
         advance,
-        labels=("i", "found", "going"),
+        labels=("i", "hit", "going"),
         label="cloud search",
     )
 
-    def halve(k: Any, low: Any, high: Any) -> tuple[Any, Any, Any]:
+    def halve(k: mi.UInt32, low: mi.Float64, high: mi.Float64) -> tuple[mi.UInt32, mi.Float64, mi.Float64]:
         middle = 0.5 * (low + high)
         covered = inside(middle)
         return k + 1, dr.select(covered, low, middle), dr.select(covered, middle, high)
@@ -167,9 +166,9 @@ def first_cloud(table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bo
     high = dr.minimum(dr.fma(index, table.step_m, start), end)
     _, _, high = dr.while_loop(
         (mi.UInt32(0), dr.maximum(dr.fma(index - 1.0, table.step_m, start), start), high),
-        lambda k, low, high: found & (k < BISECTIONS),
+        lambda k, low, high: hit & (k < BISECTIONS),
         halve,
         labels=("k", "low", "high"),
         label="cloud edge",
     )
-    return found, high
+    return hit, high

@@ -14,12 +14,12 @@ radius of curvature in the image: below 1e-6 of a cell for a radius of 100 cells
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import drjit as dr
+import mitsuba as mi
 
 
-def _root(low: Any, mid: Any, high: Any) -> Any:
+def _root(low: mi.Float64, mid: mi.Float64, high: mi.Float64) -> mi.Float64:
     """Return where the parabola through values at -1/2, 0, 1/2 crosses zero: the root nearest to the middle."""
     a = 2.0 * (low + high) - 4.0 * mid
     b = high - low
@@ -28,10 +28,10 @@ def _root(low: Any, mid: Any, high: Any) -> Any:
     return mid / dr.select(dr.abs(q) < 1e-300, 1e-300, q)
 
 
-def _positive_area(c0: Any, c1: Any, c2: Any) -> Any:
+def _positive_area(c0: mi.Float64, c1: mi.Float64, c2: mi.Float64) -> mi.Float64:
     """Return the integral of ``max(c0 + c1 s + c2 s^2, 0)`` over [-1/2, 1/2]."""
 
-    def primitive(s: Any) -> Any:
+    def primitive(s: mi.Float64 | float) -> mi.Float64:
         return s * (c0 + s * (c1 / 2.0 + s * (c2 / 3.0)))
 
     disc = c1 * c1 - 4.0 * c2 * c0
@@ -48,7 +48,9 @@ def _positive_area(c0: Any, c1: Any, c2: Any) -> Any:
     return dr.select(disc <= 0.0, dr.select(c0 > 0.0, whole, 0.0), crossed)
 
 
-def cell_coverage(inside: Callable[[Any, Any], Any], u: Any, v: Any, size: Any) -> tuple[Any, Any, Any]:
+def cell_coverage(
+    inside: Callable[[mi.Float64, mi.Float64], mi.Float64], u: mi.Float64, v: mi.Float64, size: mi.Float64 | float
+) -> tuple[mi.Float64, mi.Float64, mi.Float64]:
     """Return the covered share of square cells and the unit step towards the inside.
 
     Parameters

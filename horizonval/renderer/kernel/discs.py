@@ -27,14 +27,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypeAlias
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from horizonval.renderer.kernel.coverage import cell_coverage
-from horizonval.renderer.planet import Vec, dot
+from horizonval.renderer.planet import dot
+from horizonval.renderer.types import Vec, indices_where
 
 SPLITS_PER_RADIUS = 6.0
 """Sub-cells across the radius of a disc, at least; twice as many where the limb may cut it, four times on the Moon."""
@@ -44,8 +45,8 @@ MOST_SUB_CELLS = 2**19
 _X, _W = np.polynomial.legendre.leggauss(12)
 _POINTS = 4
 
-Direction = Callable[[Any, Any], Vec]
-Limb = Callable[[Any, Any], Any]
+Direction: TypeAlias = "Callable[[mi.Float64, mi.Float64], Vec]"
+Limb: TypeAlias = "Callable[[mi.Float64, mi.Float64], mi.Float64]"
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Disc:
     """
 
     direction: Vec
-    radius: Any
+    radius: mi.Float64
     light: Vec | None = None
 
 
@@ -80,20 +81,20 @@ class DiscCells:
         Radiance of each sub-cell over the disc's mean; None for a disc that shines by itself.
     """
 
-    cell: Any
-    sub: Any
+    cell: mi.UInt32
+    sub: mi.UInt32
     splits: int
     direction: Vec
-    corners: list[tuple[Any, Any]]
-    free: Any
-    phase: Any = None
+    corners: list[tuple[mi.Float64, mi.Float64]]
+    free: mi.Float64
+    phase: mi.Float64 | None = None
 
     @property
     def count(self) -> int:
         """Sub-cells to march through."""
         return int(dr.width(self.sub)) if dr.width(self.cell) else 0
 
-    def radiance(self, irradiance: Any, darkening: Sequence[float], transmittance: Any) -> Any:
+    def radiance(self, irradiance: mi.Float64, darkening: Sequence[float], transmittance: mi.Float64) -> mi.Float64:
         """Return what a disc of this irradiance adds to the radiance of every cell of ``cell``."""
         value = irradiance * share_of_disc(self.corners, darkening) * self.free * transmittance
         if self.phase is not None:
@@ -104,13 +105,13 @@ class DiscCells:
         return dr.block_sum(full, self.splits**2)
 
 
-def share_of_disc(corners: list[tuple[Any, Any]], darkening: Sequence[float]) -> Any:
+def share_of_disc(corners: list[tuple[mi.Float64, mi.Float64]], darkening: Sequence[float]) -> mi.Float64:
     """Return the share of a disc's light inside polygons; corners in radii of the disc, from its centre."""
     terms = [a / (k + 2.0) for k, a in enumerate(darkening)]
     total = sum(terms)
     terms = [t / total for t in terms]
 
-    def within(r2: Any) -> Any:
+    def within(r2: mi.Float64) -> mi.Float64:
         """Return Q(r)."""
         mu2 = dr.maximum(1.0 - r2, 0.0)
         mu = dr.sqrt(mu2)
@@ -119,7 +120,7 @@ def share_of_disc(corners: list[tuple[Any, Any]], darkening: Sequence[float]) ->
             outer = outer * mu + t
         return 1.0 - outer * mu2
 
-    turned = mi.Float64(0.0)
+    winding = mi.Float64(0.0)
     for (x0, y0), (x1, y1) in zip(corners, corners[1:] + corners[:1], strict=True):
         dx, dy = x1 - x0, y1 - y0
         scale = dr.rsqrt(dr.maximum(dx * dx + dy * dy, 1e-300))
@@ -135,15 +136,15 @@ def share_of_disc(corners: list[tuple[Any, Any]], darkening: Sequence[float]) ->
             s = 0.5 * (a + b) + 0.5 * (b - a) * float(node)
             r2 = dr.maximum(h * h + s * s, 1e-24)
             inside = inside + float(weight) * within(r2) / r2
-        turned = turned + dr.sign(h) * outside + h * 0.5 * (b - a) * inside
-    return dr.abs(turned) * (0.5 / math.pi)
+        winding = winding + dr.sign(h) * outside + h * 0.5 * (b - a) * inside
+    return dr.abs(winding) * (0.5 / math.pi)
 
 
 def disc_cells(
     disc: Disc,
-    cell: Any,
-    centre: tuple[Any, Any],
-    pixel: tuple[Any, Any],
+    cell: mi.UInt32,
+    centre: tuple[mi.Float64, mi.Float64],
+    pixel: tuple[mi.Float64, mi.Float64],
     subsamples: int,
     seen: Direction,
     limb: Limb,
@@ -185,31 +186,32 @@ def disc_cells(
     e1, e2 = _axes(disc.direction)
     tangent = dr.tan(disc.radius)
 
-    def on_disc(x: Any, y: Any) -> tuple[Any, Any]:
+    def on_disc(x: mi.Float64, y: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
         d = through(x, y)
         scale = dr.rcp(dr.maximum(dot(d, disc.direction), 1e-3) * tangent)
         return dot(d, e1) * scale, dot(d, e2) * scale
 
-    sub: Any = dr.arange(mi.UInt32, dr.width(cell) * splits**2)
+    sub = dr.arange(mi.UInt32, dr.width(cell) * splits**2)
 
-    def place(index: Any) -> tuple[Any, Any]:
+    def centre_of(index: mi.UInt32) -> tuple[mi.Float64, mi.Float64]:
         owner, part = index // parts, index % parts
         u = dr.gather(mi.Float64, centre[0], owner) + (mi.Float64(part % across) + 0.5) * small - 0.5 * size
         v = dr.gather(mi.Float64, centre[1], owner) + (mi.Float64(part // across) + 0.5) * small - 0.5 * size
         return u, v
 
-    def corners(u: Any, v: Any) -> list[tuple[Any, Any]]:
+    def corners(u: mi.Float64, v: mi.Float64) -> list[tuple[mi.Float64, mi.Float64]]:
         h = 0.5 * small
         return [on_disc(u + i * h, v + j * h) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
 
-    sub = dr.compress(share_of_disc(corners(*place(sub)), (1.0,)) > 0.0)
+    sub = indices_where(share_of_disc(corners(*centre_of(sub)), (1.0,)) > 0.0)
     if not dr.width(sub):
-        return DiscCells(cell, sub, splits, (None, None, None), [], mi.Float64(0.0))
-    u, v = place(sub)
+        none = mi.Float64()
+        return DiscCells(cell, sub, splits, (none, none, none), [], mi.Float64(0.0))
+    u, v = centre_of(sub)
     covered, du, dv = cell_coverage(limb, u, v, small)
     owner = sub // parts
-    at = tuple(dr.gather(mi.Float64, w, owner) for w in pixel)
-    solid_angle = _solid_angle(seen, at[0], at[1]) / subsamples**2
+    column, line = (dr.gather(mi.Float64, w, owner) for w in pixel)
+    solid_angle = _solid_angle(seen, column, line) / subsamples**2
     # through the middle of the part that is seen: away from the Earth where the limb cuts the sub-cell
     move = 0.5 * small * covered
     result = DiscCells(
@@ -225,11 +227,11 @@ def disc_cells(
     return result
 
 
-def _solid_angle(seen: Direction, u: Any, v: Any) -> Any:
+def _solid_angle(seen: Direction, u: mi.Float64, v: mi.Float64) -> mi.Float64:
     """Return the solid angle of pixels: the two spherical triangles of the corners (Van Oosterom and Strackee 1983)."""
     a, b, c, d = (seen(u + i * 0.5, v + j * 0.5) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
 
-    def triangle(p: Vec, q: Vec, r: Vec) -> Any:
+    def triangle(p: Vec, q: Vec, r: Vec) -> mi.Float64:
         # differences of neighbours: the plain triple product of near vectors would cancel
         s, t = tuple(x - y for x, y in zip(q, p, strict=True)), tuple(x - y for x, y in zip(r, p, strict=True))
         cross = (s[1] * t[2] - s[2] * t[1], s[2] * t[0] - s[0] * t[2], s[0] * t[1] - s[1] * t[0])
@@ -238,14 +240,21 @@ def _solid_angle(seen: Direction, u: Any, v: Any) -> Any:
     return triangle(a, b, c) + triangle(a, c, d)
 
 
-def _phase(disc: Disc, on_disc: Callable[[Any, Any], Any], axes: tuple[Vec, Vec], u: Any, v: Any, size: Any) -> Any:
+def _phase(
+    disc: Disc,
+    on_disc: Callable[[mi.Float64, mi.Float64], tuple[mi.Float64, mi.Float64]],
+    axes: tuple[Vec, Vec],
+    u: mi.Float64,
+    v: mi.Float64,
+    size: mi.Float64,
+) -> mi.Float64:
     """Return the mean of ``mu0 / (mu0 + mu)`` in sub-cells over that of the whole disc, at most at its edge."""
     assert disc.light is not None
     to_observer = -dot(disc.light, disc.direction)
     lx, ly = dot(disc.light, axes[0]), dot(disc.light, axes[1])
     half = 0.5 * dr.acos(dr.clip(to_observer, -1.0, 1.0))
     tan_quarter = dr.clip(dr.tan(0.5 * half), 1e-12, 1.0 - 1e-12)
-    whole: Any = 0.5 * (1.0 + dr.sin(half) * dr.tan(half) * dr.log(tan_quarter))
+    whole = 0.5 * (1.0 + dr.sin(half) * dr.tan(half) * dr.log(tan_quarter))
     total, points = mi.Float64(0.0), mi.Float64(0.0)
     for i in range(_POINTS):
         for j in range(_POINTS):
@@ -263,8 +272,7 @@ def _phase(disc: Disc, on_disc: Callable[[Any, Any], Any], axes: tuple[Vec, Vec]
 
 def _axes(s: Vec) -> tuple[Vec, Vec]:
     """Return two unit vectors across ``s``."""
-    first: Any = dr.abs(s[0])
-    steep = first < 0.6
+    steep = dr.abs(s[0]) < 0.6
     helper = (dr.select(steep, mi.Float64(1.0), 0.0), dr.select(steep, mi.Float64(0.0), 1.0), mi.Float64(0.0))
     x = s[1] * helper[2] - s[2] * helper[1]
     y = s[2] * helper[0] - s[0] * helper[2]
@@ -275,6 +283,6 @@ def _axes(s: Vec) -> tuple[Vec, Vec]:
     return e1, e2
 
 
-def _gap(a: Vec, b: Vec) -> Any:
+def _gap(a: Vec, b: Vec) -> mi.Float64:
     x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
     return x * x + y * y + z * z

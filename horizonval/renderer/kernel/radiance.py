@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -12,11 +10,13 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
 from horizonval.earth.column import OpticalModel
-from horizonval.renderer.kernel.chunks import RAY_TABLE, make_chunks
+from horizonval.renderer.kernel.batching import RAY_TABLE, make_batches
 from horizonval.renderer.kernel.march import march
-from horizonval.renderer.kernel.straightened import straighten
+from horizonval.renderer.kernel.node_batches import SolarNodes
 from horizonval.renderer.planet import Planet
+from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
 from horizonval.renderer.scattering.multiple_scattering import Quality
+from horizonval.renderer.types import Vec
 
 RAY_NODES = 2048
 SOLAR_CONCENTRATION = 0.15
@@ -71,14 +71,14 @@ def radiance_along_rays(
     o, d, s = vectors(observer_m), vectors(direction), vectors(sun)
     air = None
     if model.refractivity is not None:
-        air = straighten(model, planet)
-        o, model, planet = air.raised(o), air.model, air.planet
+        air = to_apparent_radius(model, planet)
+        o, model, planet = air.apparent_position(o), air.model, air.planet
     ground_mid, _, meets = planet.chord(o, d)
     to_ground = meets & (ground_mid > 0.0)
     out: dict[str, FloatArray] = {}
-    for group, chunk in make_chunks(model, planet, RAY_TABLE, scattering, progress, air):
-        c = SOLAR_CONCENTRATION if chunk.kind == "solar" else THERMAL_CONCENTRATION
-        radiance, _ = march(planet, model.top_m, chunk, o, d, s, to_ground, nodes, c)
+    for group, batch in make_batches(model, planet, RAY_TABLE, scattering, progress, air):
+        c = SOLAR_CONCENTRATION if isinstance(batch, SolarNodes) else THERMAL_CONCENTRATION
+        radiance, _ = march(planet, model.top_m, batch, o, d, s, to_ground, nodes, c)
         dr.eval(radiance)
         for node, value in zip(group, radiance, strict=False):
             out[node.name] = np.broadcast_to(np.array(value, dtype=float), (len(observer_m),)).copy()
@@ -98,9 +98,10 @@ def check_observers(observer_m: FloatArray, radius_m: float, polar_radius_m: flo
         )
 
 
-def vectors(v: FloatArray) -> tuple[Any, Any, Any]:
+def vectors(v: FloatArray) -> Vec:
     """Return rows (n, 3) as three kernel arrays."""
-    return tuple(mi.Float64(np.ascontiguousarray(v[:, k])) for k in range(3))  # type: ignore[return-value]
+    x, y, z = (mi.Float64(np.ascontiguousarray(v[:, k])) for k in range(3))
+    return x, y, z
 
 
 def unit_directions(v: FloatArray, name: str) -> FloatArray:

@@ -12,8 +12,8 @@ Pixels beyond that angle get rays at it, harmlessly: they lie outside the image 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.geometry.camera import CameraModel, Projection
-from horizonval.renderer.planet import Vec
+from horizonval.renderer.types import Number, Values, Vec
 
 UNDISTORT_STEPS = 8
 _STAGES, _STRONG_STEPS = 16, 32
@@ -42,13 +42,13 @@ class RayCamera:
     it fills the image.
     """
 
-    values: list[Any]
-    rows: list[Any]
+    values: Values
+    rows: Values
     projection: Projection
     distorted: bool = False
     stages: int = 1
-    widest: Any = None
-    circle: Any = None
+    widest: mi.Float64 | None = None
+    circle: mi.Float64 | None = None
 
     @classmethod
     def of(cls, camera: CameraModel, itrs_from_cam: NDArray[np.float64]) -> RayCamera:
@@ -66,26 +66,27 @@ class RayCamera:
             None if circle is None else dr.opaque(mi.Float64, circle, 1),
         )
 
-    def direction(self, u: Any, v: Any) -> Vec:
+    def direction(self, u: mi.Float64, v: mi.Float64) -> Vec:
         """Return unit directions in Earth-fixed axes through pixel coordinates (column, row)."""
         return self._rotate(*self._in_camera_axes(u, v))
 
-    def sees(self, u: Any, v: Any) -> Any:
+    def sees(self, u: mi.Float64, v: mi.Float64) -> mi.Bool:
         """Return whether the lens fills pixel coordinates with light; for cameras with an image circle only.
 
         A fisheye's circle is measured in the image, in focal lengths; the others' as the chord to the boresight.
         """
+        assert self.circle is not None
         if self.projection == "fisheye":
             x, y = self._normalised(u, v)
             return dr.sqrt(x * x + y * y) <= self.circle
         x, y, z = self._in_camera_axes(u, v)
         return dr.sqrt(x * x + y * y + (z - 1.0) * (z - 1.0)) <= self.circle
 
-    def _normalised(self, u: Any, v: Any) -> tuple[Any, Any]:
+    def _normalised(self, u: mi.Float64, v: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
         fx, fy, cx, cy = self.values[:4]
         return (u - cx) / fx, (v - cy) / fy
 
-    def _in_camera_axes(self, u: Any, v: Any) -> Vec:
+    def _in_camera_axes(self, u: mi.Float64, v: mi.Float64) -> Vec:
         x, y = self._normalised(u, v)
         if self.projection == "equal_angle":
             sin_y, cos_y = dr.sincos(y)
@@ -101,12 +102,13 @@ class RayCamera:
         s = dr.rsqrt(dr.fma(x, x, dr.fma(y, y, 1.0)))
         return x * s, y * s, s
 
-    def _off_axis(self, radius: Any) -> Any:
+    def _off_axis(self, radius: mi.Float64) -> mi.Float64:
         """Invert a fisheye's polynomial ``t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) = radius``."""
         k = self.values[4:8]
+        assert self.widest is not None
         low, high = dr.zeros(mi.Float64, dr.width(radius)), self.widest
 
-        def excess(t: Any) -> Any:
+        def excess(t: mi.Float64) -> mi.Float64:
             return _fisheye(k, t) - radius
 
         for _ in range(_BISECTIONS):
@@ -118,10 +120,10 @@ class RayCamera:
             t = dr.clip(t - excess(t) / dr.maximum(_fisheye_slope(k, t), 1e-12), low, high)
         return t
 
-    def _undistort(self, xd: Any, yd: Any) -> tuple[Any, Any]:
+    def _undistort(self, xd: mi.Float64, yd: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
         return _invert(self.values[4:], xd, yd, self.stages)
 
-    def _rotate(self, x: Any, y: Any, z: Any) -> Vec:
+    def _rotate(self, x: mi.Float64, y: mi.Float64, z: mi.Float64) -> Vec:
         m = self.rows
         return (
             m[0] * x + m[1] * y + m[2] * z,
@@ -130,17 +132,17 @@ class RayCamera:
         )
 
 
-def _fisheye(k: Any, t: Any) -> Any:
+def _fisheye(k: Sequence[Number] | Sequence[float], t: Number) -> Number:
     s = t * t
     return t * (1.0 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))))
 
 
-def _fisheye_slope(k: Any, t: Any) -> Any:
+def _fisheye_slope(k: Sequence[Number] | Sequence[float], t: Number) -> Number:
     s = t * t
     return 1.0 + s * (3.0 * k[0] + s * (5.0 * k[1] + s * (7.0 * k[2] + s * 9.0 * k[3])))
 
 
-def _widest(k: Any) -> float:
+def _widest(k: Sequence[float]) -> float:
     """Return the angle, at most pi, at which a fisheye's polynomial stops to grow; to rounding, by sign change."""
     t = np.linspace(0.0, math.pi, 2**16 + 1)
     falling = np.flatnonzero(_fisheye_slope(k, t) <= 0.0)
@@ -160,7 +162,7 @@ def _circle(camera: CameraModel) -> float | None:
     return float(_fisheye(camera.distortion, half)) if camera.projection == "fisheye" else 2.0 * math.sin(half / 2.0)
 
 
-def _invert(k: Any, xd: Any, yd: Any, stages: int) -> tuple[Any, Any]:
+def _invert(k: Sequence[Number] | Sequence[float], xd: Number, yd: Number, stages: int) -> tuple[Number, Number]:
     """Invert Brown-Conrady; from the distorted point in one stage, else from the axis outwards."""
     x, y = xd / stages, yd / stages
     for stage in range(1, stages):
@@ -170,7 +172,9 @@ def _invert(k: Any, xd: Any, yd: Any, stages: int) -> tuple[Any, Any]:
     return x, y
 
 
-def _newton(k: Any, x: Any, y: Any, xd: Any, yd: Any) -> tuple[Any, Any]:
+def _newton(
+    k: Sequence[Number] | Sequence[float], x: Number, y: Number, xd: Number, yd: Number
+) -> tuple[Number, Number]:
     k1, k2, p1, p2, k3 = k
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -189,6 +193,6 @@ def _stages(camera: CameraModel) -> int:
     u, v = np.meshgrid(np.linspace(-0.5, camera.width - 0.5, 33), np.linspace(-0.5, camera.height - 0.5, 33))
     xd, yd = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
     with np.errstate(all="ignore"):
-        one, many = (_invert(camera.distortion, xd, yd, stages) for stages in (1, _STAGES))
-        apart = np.hypot(one[0] - many[0], one[1] - many[1])
+        few, many = (_invert(camera.distortion, xd, yd, stages) for stages in (1, _STAGES))
+        apart = np.hypot(few[0] - many[0], few[1] - many[1])
     return 1 if bool(np.all(apart < 1e-12)) else _STAGES

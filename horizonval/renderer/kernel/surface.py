@@ -1,8 +1,8 @@
 """What lies at the end of rays: land, snow, water or cloud, and how it reflects the Sun.
 
-Nothing here depends on wavelength but the albedos, so every group of rays is looked at once a frame (:func:`land_on`)
-and each chunk of spectral nodes only mixes its own albedos with the shares found (:meth:`Landing.reflectance`). The
-physics is that of :mod:`horizonval.earth.surface.surface`, written again for the kernel.
+Nothing here depends on wavelength but the albedos, so every group of rays is traced once a frame
+(:func:`surface_hits`), and each node batch only mixes its albedos with those shares (:meth:`SurfaceHit.reflectance`).
+The physics is that of :mod:`horizonval.earth.surface.surface`, written again for the kernel.
 
 Cloud tops are horizontal Lambert reflectors at their height. Where a cloud stands before the Sun, ground and clouds are
 without its beam: one ray to the Sun's centre decides. Facets of the sea reflect the Sun's beam to the camera; skylight
@@ -15,7 +15,6 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -24,7 +23,8 @@ from horizonval.earth.atmosphere.clouds import CloudField
 from horizonval.earth.surface import land, surface
 from horizonval.earth.surface.surface import Albedos, GroundModel
 from horizonval.renderer.kernel.clouds import CloudTable, brightness, cloud_table, first_cloud
-from horizonval.renderer.planet import Planet, Vec, along, dot
+from horizonval.renderer.planet import Planet, along, dot
+from horizonval.renderer.types import Values, Vec
 
 
 @dataclass(frozen=True)
@@ -32,17 +32,17 @@ class Ground:
     """Ground and clouds of a frame. ``land``: the packed map, or None for a uniform ground."""
 
     model: GroundModel
-    land: Any
+    land: mi.UInt32 | None
     clouds: CloudTable | None
 
 
 @dataclass(frozen=True)
-class Landing:
+class SurfaceHit:
     """Where rays end and what is there.
 
     Attributes
     ----------
-    hit : Bool
+    ends : Bool
         Whether a ray ends on anything at all.
     cloud : Bool
         Whether that is a cloud.
@@ -60,28 +60,29 @@ class Landing:
         Of the spectral nodes at hand; size-1 arrays.
     """
 
-    hit: Any
-    cloud: Any
-    t: Any
-    sunlit: Any
-    shares: dict[str, Any]
-    entering: Any
-    glint: Any
-    albedos: tuple[dict[str, Any], ...] = ()
+    ends: mi.Bool
+    cloud: mi.Bool
+    t: mi.Float64
+    sunlit: mi.Float64
+    shares: dict[str, mi.Float64]
+    entering: mi.Float64
+    glint: mi.Float64
+    albedos: tuple[dict[str, mi.Float64], ...] = ()
 
-    def at(self, model: GroundModel, wavelength_um: Sequence[float], width: int) -> Landing:
-        """Return the same for the nodes of a chunk, padded to its width."""
+    def at(self, model: GroundModel, wavelength_um: Sequence[float], width: int) -> SurfaceHit:
+        """Return the same for the nodes of a batch, padded to its width."""
         nodes = [surface.albedos(model, w) for w in wavelength_um]
         nodes += [Albedos(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * (width - len(nodes))
         return replace(
             self, albedos=tuple({k: dr.opaque(mi.Float64, v, 1) for k, v in asdict(a).items()} for a in nodes)
         )
 
-    def reflectance(self) -> tuple[list[Any], list[Any]]:
+    def reflectance(self) -> tuple[Values, Values]:
         """Return ``(direct, diffuse)`` per node [1/sr]: radiance per irradiance of the Sun's beam and of the sky."""
         direct, diffuse = [], []
         for a in self.albedos:
-            dry = sum(self.shares[k] * a[k] for k in self.shares if k not in ("water", "sky"))
+            kinds = [k for k in self.shares if k not in ("water", "sky")]
+            dry = sum((self.shares[k] * a[k] for k in kinds), start=mi.Float64(0.0))
             if "water" not in self.shares:
                 direct.append(self.sunlit * dry / math.pi)
                 diffuse.append(dry / math.pi)
@@ -112,7 +113,7 @@ def make_ground(model: GroundModel, planet: Planet, origin: tuple[float, float, 
     return Ground(model, words, cloud_table(model.clouds, planet, origin) if model.clouds else None)
 
 
-def land_on(ground: Ground, planet: Planet, o: Vec, d: Vec, sun: Vec, to_ground: bool) -> Landing:
+def surface_hits(ground: Ground, planet: Planet, o: Vec, d: Vec, sun: Vec, to_ground: bool) -> SurfaceHit:
     """Find where rays end. ``to_ground``: they all meet the ellipsoid, unless a cloud is before it."""
     count = dr.width(d[0])
     nowhere, zero = dr.full(mi.Bool, False, count), dr.zeros(mi.Float64, count)
@@ -129,10 +130,10 @@ def land_on(ground: Ground, planet: Planet, o: Vec, d: Vec, sun: Vec, to_ground:
     if ground.clouds is not None:
         sunlit = _sunlit(ground.clouds, planet, along(o, d, end), sun)
         dr.eval(sunlit)
-    shares: dict[str, Any] = {"cloud": white}
+    shares: dict[str, mi.Float64] = {"cloud": white}
     entering = glint = zero
     if not to_ground:
-        return Landing(cloud, cloud, t, sunlit, shares, entering, glint)
+        return SurfaceHit(cloud, cloud, t, sunlit, shares, entering, glint)
     clear = dr.select(cloud, mi.Float64(0.0), 1.0)
     if ground.land is None:
         shares["land"] = clear
@@ -148,17 +149,17 @@ def land_on(ground: Ground, planet: Planet, o: Vec, d: Vec, sun: Vec, to_ground:
         glint = wet * glint_brdf(mu_sun, -dot(normal, d), -dot(d, sun), variance)
         entering = (1.0 - fresnel(dr.maximum(mu_sun, 0.0))) / (1.0 - surface.water_sky_albedo())
     dr.eval(shares, entering, glint)
-    return Landing(dr.full(mi.Bool, True, count), cloud, t, sunlit, shares, entering, glint)
+    return SurfaceHit(dr.full(mi.Bool, True, count), cloud, t, sunlit, shares, entering, glint)
 
 
-def _sunlit(clouds: CloudTable, planet: Planet, p: Vec, sun: Vec) -> Any:
+def _sunlit(clouds: CloudTable, planet: Planet, p: Vec, sun: Vec) -> mi.Float64:
     """Return 1 where no cloud is between points and the Sun, else 0. The search begins a step away from the point."""
     start = along(p, sun, clouds.step_m)
     shaded, _ = first_cloud(clouds, planet, start, sun, to_ground=False)
     return dr.select(shaded, mi.Float64(0.0), 1.0)
 
 
-def is_land(words: Any, normal: Vec) -> Any:
+def is_land(words: mi.UInt32, normal: Vec) -> mi.Bool:
     """Return :func:`horizonval.earth.surface.land.is_land` below unit normals of the ellipsoid."""
     latitude = dr.rad2deg(dr.asin(dr.clip(normal[2], -1.0, 1.0)))
     longitude = dr.rad2deg(dr.atan2(normal[1], normal[0]))
@@ -168,7 +169,7 @@ def is_land(words: Any, normal: Vec) -> Any:
     i, j = dr.minimum(mi.UInt32(y), land.ROWS - 2), mi.UInt32(x)
     wy, wx = y - mi.Float64(i), x - mi.Float64(j)
 
-    def cell(row: Any, column: Any) -> Any:
+    def cell(row: mi.UInt32, column: mi.UInt32) -> mi.Float64:
         bit = row * land.COLUMNS + column % land.COLUMNS
         word = dr.gather(mi.UInt32, words, bit >> 5)
         return mi.Float64((word >> (bit & 31)) & 1)
@@ -178,7 +179,7 @@ def is_land(words: Any, normal: Vec) -> Any:
     return dr.lerp(low, high, wy) > 0.5
 
 
-def snow_share(normal: Vec, line_deg: float) -> Any:
+def snow_share(normal: Vec, line_deg: float) -> mi.Float64:
     """Return :func:`horizonval.earth.surface.surface.snow_share` below unit normals of the ellipsoid."""
     latitude = dr.rad2deg(dr.asin(dr.clip(normal[2], -1.0, 1.0)))
     line = dr.opaque(mi.Float64, line_deg, 1)
@@ -186,7 +187,7 @@ def snow_share(normal: Vec, line_deg: float) -> Any:
     return dr.maximum(north, dr.select(latitude < surface.SOUTHERN_SNOW_DEG, mi.Float64(1.0), 0.0))
 
 
-def fresnel(c: Any) -> Any:
+def fresnel(c: mi.Float64) -> mi.Float64:
     """Return :func:`horizonval.earth.surface.surface.fresnel` of water."""
     g = dr.sqrt(surface.WATER_INDEX**2 - 1.0 + c * c)
     across = (g - c) / (g + c)
@@ -194,12 +195,12 @@ def fresnel(c: Any) -> Any:
     return 0.5 * across * across * (1.0 + along_ * along_)
 
 
-def _hidden(mu: Any, variance: Any) -> Any:
+def _hidden(mu: mi.Float64, variance: mi.Float64) -> mi.Float64:
     v = dr.minimum(mu * dr.rsqrt(dr.maximum(1.0 - mu * mu, 1e-12) * variance), 25.0)
     return dr.maximum(0.5 * (dr.exp(-v * v) / (v * math.sqrt(math.pi)) - (1.0 - dr.erf(v))), 0.0)
 
 
-def glint_brdf(mu_sun: Any, mu_view: Any, cosine: Any, variance: Any) -> Any:
+def glint_brdf(mu_sun: mi.Float64, mu_view: mi.Float64, cosine: mi.Float64, variance: mi.Float64) -> mi.Float64:
     """Return :func:`horizonval.earth.surface.surface.glint_brdf`."""
     up = (mu_sun > 0.0) & (mu_view > 0.0)
     mu_sun, mu_view = dr.clip(mu_sun, 1e-6, 1.0), dr.clip(mu_view, 1e-6, 1.0)

@@ -76,11 +76,11 @@ def llvm_candidates() -> list[str]:
     """
     if _USERS_LIBRARY:
         return [_USERS_LIBRARY]
-    found: list[str] = []
+    libraries: list[str] = []
     for folder in dict.fromkeys([Path(sys.prefix, "lib"), Path(sysconfig.get_path("data"), "lib")]):
         for pattern in ("libLLVM.so", "libLLVM*.so", "libLLVM.dylib"):
-            found += [str(p) for p in sorted(folder.glob(pattern))]
-    return [*list(dict.fromkeys(found))[:2], ""]
+            libraries += [str(p) for p in sorted(folder.glob(pattern))]
+    return [*list(dict.fromkeys(libraries))[:2], ""]
 
 
 def name_library() -> None:
@@ -99,8 +99,8 @@ def probe(refresh: bool = False) -> BackendReport:
         except (ValueError, TypeError):
             cache.unlink(missing_ok=True)
     attempts: list[Attempt] = []
-    wanted = os.environ.get(VARIANT_VARIABLE)
-    for variant in [wanted] if wanted else VARIANTS:
+    named = os.environ.get(VARIANT_VARIABLE)
+    for variant in [named] if named else VARIANTS:
         for library in llvm_candidates() if variant.startswith("llvm") else [""]:
             attempts.append(_try(variant, library))
             if attempts[-1].works:
@@ -168,7 +168,7 @@ def _try(variant: str, library: str) -> Attempt:
     environment.pop(LLVM_VARIABLE, None)
     if library:
         environment[LLVM_VARIABLE] = library
-    shown = library or ("system search" if variant.startswith("llvm") else "")
+    label = library or ("system search" if variant.startswith("llvm") else "")
     try:
         run = subprocess.run(
             [sys.executable, "-c", _PROBE, variant],
@@ -179,10 +179,10 @@ def _try(variant: str, library: str) -> Attempt:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return Attempt(variant, shown, False, f"no answer within {PROBE_SECONDS} s")
+        return Attempt(variant, label, False, f"no answer within {PROBE_SECONDS} s")
     if run.returncode == 0 and "horizonval-probe-ok" in run.stdout:
         return Attempt(variant, library, True, "renders")
     if run.returncode < 0:
-        return Attempt(variant, shown, False, f"the process was killed by signal {-run.returncode} (unsuitable LLVM)")
+        return Attempt(variant, label, False, f"the process was killed by signal {-run.returncode} (unsuitable LLVM)")
     lines = [line.strip() for line in run.stderr.splitlines() if line.strip()]
-    return Attempt(variant, shown, False, lines[-1][:300] if lines else f"exit status {run.returncode}")
+    return Attempt(variant, label, False, lines[-1][:300] if lines else f"exit status {run.returncode}")

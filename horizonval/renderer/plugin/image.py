@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -24,22 +24,29 @@ from horizonval.earth.column import SpectralNode
 from horizonval.earth.surface.ground_emission import GroundEmission
 from horizonval.renderer.kernel.cells import Cells, FrameGeometry, Rays, group_cells
 from horizonval.renderer.kernel.discs import DiscCells
-from horizonval.renderer.kernel.march import Chunk, march
+from horizonval.renderer.kernel.march import march
+from horizonval.renderer.kernel.node_batches import GlowNodes, ShiningNodes, SolarNodes, ThermalNodes
 from horizonval.renderer.kernel.radiance import SOLAR_CONCENTRATION
-from horizonval.renderer.kernel.surface import Landing, land_on
-from horizonval.renderer.planet import Vec
+from horizonval.renderer.kernel.surface import SurfaceHit, surface_hits
 from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_table import ThermalAir
+from horizonval.renderer.types import Values, Vec
+
+BandPart: TypeAlias = "tuple[mi.UInt32, mi.Float64, mi.Float64]"
+"""Cells, the share of each cell, and its radiance."""
+
+NodePart: TypeAlias = "tuple[mi.UInt32, mi.Float64, Values]"
+"""The same with the radiance of every spectral node of a batch."""
 
 
 def render_bands(
     view: FrameGeometry,
-    chunks: Iterable[tuple[list[SpectralNode], Chunk]],
+    batches: Iterable[tuple[list[SpectralNode], SolarNodes | ThermalNodes]],
     bands: list[str],
     nodes: int,
     thermal: Sequence[ThermalAir] = (),
     emission: GroundEmission | None = None,
-) -> dict[str, Any]:
+) -> dict[str, mi.Float64]:
     """Return the radiance per band as Float64 arrays, one value per pixel in row order.
 
     ``thermal``: the thermal bands among ``bands``; they need to know what the ground emits.
@@ -47,7 +54,7 @@ def render_bands(
     cells = group_cells(view)
     out = {band: dr.zeros(mi.Float64, view.width * view.height) for band in bands}
 
-    def add(band: str, parts: Iterable[tuple[Any, Any, Any]]) -> None:
+    def add(band: str, parts: Iterable[BandPart]) -> None:
         total = dr.zeros(mi.Float64, cells.count)
         for cell, share, radiance in parts:
             dr.scatter_add(total, share * radiance, cell, mode=dr.ReduceMode.NoConflicts)
@@ -57,13 +64,13 @@ def render_bands(
         out[band] = out[band] + dr.block_sum(total, k2) / k2
         dr.eval(out[band])
 
-    landings: list[_Landings] = []
-    for group, chunk in chunks:
-        if not landings:
-            landings = [_land(view, cells, view.sun)]
+    hits: list[_SurfaceHits] = []
+    for group, batch in batches:
+        if not hits:
+            hits = [_look(view, cells, view.sun)]
             if view.moon is not None and view.moon.lights_earth:
-                landings.append(_land(view, cells, view.moon.light))
-        parts = list(_parts(view, cells, landings, group, chunk, nodes))
+                hits.append(_look(view, cells, view.moon.light))
+        parts = list(_parts(view, cells, hits, group, batch, nodes))
         for band in dict.fromkeys(node.band for node in group):
             weight = [dr.opaque(mi.Float64, n.weight if n.band == band else 0.0, 1) for n in group]
             add(band, ((cell, share, _weighted(weight, radiance)) for cell, share, radiance in parts))
@@ -75,94 +82,102 @@ def render_bands(
     return out
 
 
-def _weighted(weight: list[Any], radiance: list[Any]) -> Any:
-    return sum(w * r for w, r in zip(weight, radiance, strict=False))
+def _weighted(weight: Values, radiance: Values) -> mi.Float64:
+    return sum((w * r for w, r in zip(weight, radiance, strict=False)), start=mi.Float64(0.0))
 
 
 @dataclass(frozen=True)
-class _Landings:
+class _SurfaceHits:
     """Where the rays of every group of cells end; None for a Lambert ground without clouds."""
 
-    ground: Landing | None = None
-    limb: Landing | None = None
-    sun: Landing | None = None
-    moon: Landing | None = None
+    ground: SurfaceHit | None = None
+    limb: SurfaceHit | None = None
+    sun: SurfaceHit | None = None
+    moon: SurfaceHit | None = None
 
 
-def _land(view: FrameGeometry, cells: Cells, light: Vec) -> _Landings:
+def _look(view: FrameGeometry, cells: Cells, light: Vec) -> _SurfaceHits:
     """Look where rays end under a light, once for all spectral nodes. Rays past the Earth end on clouds only."""
     if view.ground is None:
-        return _Landings()
+        return _SurfaceHits()
 
-    def look(rays: Rays | DiscCells | None, to_ground: bool) -> Landing | None:
+    def ends(rays: Rays | DiscCells | None, to_ground: bool) -> SurfaceHit | None:
         assert view.ground is not None
         if rays is None or not rays.count or not (to_ground or view.ground.clouds):
             return None
-        return land_on(view.ground, view.planet, view.origin, rays.direction, light, to_ground)
+        return surface_hits(view.ground, view.planet, view.origin, rays.direction, light, to_ground)
 
-    return _Landings(look(cells.ground, True), look(cells.limb, False), look(cells.sun, False), look(cells.moon, False))
+    return _SurfaceHits(
+        ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False)
+    )
 
 
 def _parts(
-    view: FrameGeometry, cells: Cells, landings: list[_Landings], group: list[SpectralNode], chunk: Chunk, nodes: int
-) -> Iterator[tuple[Any, Any, list[Any]]]:
+    view: FrameGeometry,
+    cells: Cells,
+    hits: list[_SurfaceHits],
+    group: list[SpectralNode],
+    batch: SolarNodes | ThermalNodes,
+    nodes: int,
+) -> Iterator[NodePart]:
     """Yield ``(cells, share of the cell, radiance per node)`` of all that shines; each cell once in each.
 
-    ``landings``: under the Sun, and under the Moon where it lights the Earth.
+    ``hits``: under the Sun, and under the Moon where it lights the Earth.
     """
 
-    def marched(
-        direction: Vec, to_ground: bool, lit: Chunk, light: Vec, landing: Landing | None
-    ) -> tuple[list[Any], list[Any]]:
+    def march_light(
+        direction: Vec, to_ground: bool, lit: ShiningNodes, light: Vec, hit: SurfaceHit | None
+    ) -> tuple[Values, Values]:
         # airglow is known to a factor of two: 0.6 % of error in it, with half the nodes, is plenty
-        top_m, n = (view.highest_m, max(nodes // 2, 8)) if lit.kind == "glow" else (view.top_m, nodes)
-        if landing is not None and view.ground is not None:
-            landing = landing.at(view.ground.model, [node.wavelength_um for node in group], chunk.width)
+        top_m, n = (view.highest_m, max(nodes // 2, 8)) if isinstance(lit, GlowNodes) else (view.top_m, nodes)
+        if hit is not None and view.ground is not None:
+            hit = hit.at(view.ground.model, [node.wavelength_um for node in group], batch.width)
         result = march(
-            view.planet, top_m, lit, view.origin, direction, light, mi.Bool(to_ground), n, SOLAR_CONCENTRATION, landing
+            view.planet, top_m, lit, view.origin, direction, light, mi.Bool(to_ground), n, SOLAR_CONCENTRATION, hit
         )
         dr.eval(result)
         return result
 
-    def through(rays: Rays, to_ground: bool, places: list[Landing | None]) -> tuple[list[Any], list[Any]]:
+    def through(rays: Rays, to_ground: bool, hits_under: list[SurfaceHit | None]) -> tuple[Values, Values]:
         """March once for every light: the Sun, the Moon, the air itself. The march is linear in them."""
-        lights = [(chunk, view.sun, places[0])]
-        if view.moon is not None and view.moon.lights_earth and chunk.moonlight is not None:
-            lights.append((replace(chunk, irradiance=chunk.moonlight), view.moon.light, places[1]))
-        if chunk.glow is not None:
-            lights.append((chunk.glow, view.sun, places[0]))
+        lights: list[tuple[ShiningNodes, Vec, SurfaceHit | None]] = [(batch, view.sun, hits_under[0])]
+        if isinstance(batch, SolarNodes):
+            if view.moon is not None and view.moon.lights_earth and batch.moonlight is not None:
+                lights.append((batch.in_moonlight(), view.moon.light, hits_under[1]))
+            if batch.glow is not None:
+                lights.append((batch.glow, view.sun, hits_under[0]))
         if view.sunless and len(lights) > 1:
             del lights[0]
-        radiance, transmittance = marched(rays.direction, to_ground, *lights[0])
+        radiance, transmittance = march_light(rays.direction, to_ground, *lights[0])
         for light in lights[1:]:
-            more, _ = marched(rays.direction, to_ground, *light)
+            more, _ = march_light(rays.direction, to_ground, *light)
             radiance = [a + b for a, b in zip(radiance, more, strict=True)]
         dr.eval(radiance)
         return radiance, transmittance
 
     sky = [dr.opaque(mi.Float64, n.sky_radiance, 1) for n in group] if any(n.sky_radiance for n in group) else []
 
-    def past_clouds(disc: DiscCells, landing: Landing | None) -> list[Any]:
-        _, transmittance = marched(disc.direction, False, chunk, view.sun, None)
-        return transmittance if landing is None else [dr.select(landing.hit, 0.0, t) for t in transmittance]
+    def past_clouds(disc: DiscCells, hit: SurfaceHit | None) -> Values:
+        _, transmittance = march_light(disc.direction, False, batch, view.sun, None)
+        return transmittance if hit is None else [dr.select(hit.ends, 0.0, t) for t in transmittance]
 
-    def covered(rays: Rays) -> Any:
+    def coverage(rays: Rays) -> mi.Float64:
         return dr.gather(mi.Float64, cells.share, rays.cell)
 
     if cells.ground.count:
-        places = [under.ground for under in landings]
-        yield cells.ground.cell, covered(cells.ground), through(cells.ground, True, places)[0]
+        hits_under = [under.ground for under in hits]
+        yield cells.ground.cell, coverage(cells.ground), through(cells.ground, True, hits_under)[0]
     if cells.limb.count:
-        radiance, transmittance = through(cells.limb, False, [places.limb for places in landings])
-        clouds = landings[0].limb
+        radiance, transmittance = through(cells.limb, False, [under.limb for under in hits])
+        clouds = hits[0].limb
         for k, behind in enumerate(sky):
             seen = behind * transmittance[k]
-            radiance[k] = radiance[k] + (seen if clouds is None else dr.select(clouds.hit, 0.0, seen))
-        yield cells.limb.cell, 1.0 - covered(cells.limb), radiance
+            radiance[k] = radiance[k] + (seen if clouds is None else dr.select(clouds.ends, 0.0, seen))
+        yield cells.limb.cell, 1.0 - coverage(cells.limb), radiance
     if sky and dr.width(cells.space):
         yield cells.space, mi.Float64(1.0), sky
     if cells.sun is not None and cells.sun.count:
-        transmittance = past_clouds(cells.sun, landings[0].sun)
+        transmittance = past_clouds(cells.sun, hits[0].sun)
         disc = math.pi * dr.sin(view.sun_radius) ** 2
         light = [
             cells.sun.radiance(dr.opaque(mi.Float64, n.sun_radiance, 1) * disc, n.limb_darkening, t)
@@ -171,7 +186,7 @@ def _parts(
         yield cells.sun.cell, mi.Float64(1.0), light
     if cells.moon is not None and cells.moon.count and any(n.moon_irradiance for n in group):
         assert view.moon is not None
-        transmittance = past_clouds(cells.moon, landings[0].moon)
+        transmittance = past_clouds(cells.moon, hits[0].moon)
         light = [
             cells.moon.radiance(dr.opaque(mi.Float64, n.moon_irradiance * view.moon.nearness, 1), (1.0,), t)
             for n, t in zip(group, transmittance, strict=False)

@@ -18,20 +18,21 @@ import numpy as np
 from horizonval.core.progress import Progress
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.surface.surface import GroundModel
-from horizonval.renderer.kernel.cells import FrameGeometry, FrameMoon
-from horizonval.renderer.kernel.chunks import IMAGE_TABLE, make_chunks
+from horizonval.renderer.kernel.batching import IMAGE_TABLE, make_batches
+from horizonval.renderer.kernel.cells import FrameGeometry, MoonInFrame
 from horizonval.renderer.kernel.discs import Disc
-from horizonval.renderer.kernel.march import Chunk
-from horizonval.renderer.kernel.refraction import Turning
-from horizonval.renderer.kernel.straightened import StraightAir, straighten
+from horizonval.renderer.kernel.node_batches import SolarNodes, ThermalNodes
 from horizonval.renderer.kernel.surface import dump_ground, load_ground, make_ground
-from horizonval.renderer.planet import Planet, Vec
+from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin import camera_plugin
 from horizonval.renderer.plugin.image import render_bands
 from horizonval.renderer.plugin.model_text import dump_model, load_model
+from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir, to_apparent_radius
+from horizonval.renderer.refraction.bending import BendingField
 from horizonval.renderer.scattering.multiple_scattering import STANDARD
 from horizonval.renderer.thermal.emission_columns import AirColumns
 from horizonval.renderer.thermal.emission_table import ThermalAir
+from horizonval.renderer.types import constant, constant_vector
 
 PLUGIN = "horizon_limb"
 _KEPT_MODELS = 4
@@ -39,14 +40,14 @@ _KEPT_MODELS = 4
 
 @dataclass(frozen=True)
 class _Prepared:
-    """A model as the march takes it; with refraction the straightened one, and its apparent planet."""
+    """A model as the march takes it; with refraction over apparent heights, and its apparent planet."""
 
     model: OpticalModel
     planet: Planet
-    chunks: list[tuple[list[SpectralNode], Chunk]]
+    batches: list[tuple[list[SpectralNode], SolarNodes | ThermalNodes]]
     thermal: list[ThermalAir]
-    air: StraightAir | None
-    turning: Turning | None
+    air: ApparentRadiusAir | None
+    bending: BendingField | None
 
 
 _prepared: OrderedDict[tuple[str, Planet, str], _Prepared] = OrderedDict()
@@ -69,8 +70,7 @@ def limb_properties(
     ``orders`` of scattering are "single" or "all". Without ``ground`` the model's albedo is all there is.
     ``moon``: ``direction_itrs`` (from the camera), ``angular_radius_rad``, ``to_sun_itrs`` (unit vector from the Moon),
     ``light_itrs`` (unit vector from the Earth's centre), ``nearness`` and ``lights_earth``; see
-    :class:`horizonval.renderer.kernel.cells.FrameMoon`. ``sunless``: see
-    :class:`horizonval.renderer.kernel.cells.FrameGeometry`.
+    :class:`horizonval.renderer.kernel.cells.MoonInFrame`. ``sunless``: see its ``FrameGeometry``.
     """
     sun = {"direction_itrs": list(sun_itrs), "angular_radius_rad": sun_angular_radius_rad}
     return {
@@ -100,32 +100,27 @@ def prepare(properties: dict[str, Any], progress: Progress | None = None) -> Non
     _prepare(properties["model"], Planet(planet["a_m"], planet["b_m"]), properties["orders"], progress)
 
 
-def _vector(values: Any) -> Vec:
-    x, y, z = (dr.opaque(mi.Float64, float(v), 1) for v in values)
-    return x, y, z
-
-
-def _moon(moon: dict[str, Any] | None) -> FrameMoon | None:
+def _moon(moon: dict[str, Any] | None) -> MoonInFrame | None:
     if moon is None:
         return None
-    radius = dr.opaque(mi.Float64, float(moon["angular_radius_rad"]), 1)
-    disc = Disc(_vector(moon["direction_itrs"]), radius, _vector(moon["to_sun_itrs"]))
-    return FrameMoon(disc, float(moon["nearness"]), _vector(moon["light_itrs"]), bool(moon["lights_earth"]))
+    radius = constant(moon["angular_radius_rad"])
+    disc = Disc(constant_vector(moon["direction_itrs"]), radius, constant_vector(moon["to_sun_itrs"]))
+    return MoonInFrame(disc, float(moon["nearness"]), constant_vector(moon["light_itrs"]), bool(moon["lights_earth"]))
 
 
 def _prepare(text: str, planet: Planet, orders: str, progress: Progress | None = None) -> _Prepared:
     """Return a model and its kernel tables; those of the last few models stay, suites repeat them."""
     key = (text, planet, orders)
     if key not in _prepared:
-        model, air, turning = load_model(text), None, None
+        model, air, bending = load_model(text), None, None
         if model.refractivity is not None:
-            air = straighten(model, planet)
-            model, turning = air.model, Turning.of(air)
+            air = to_apparent_radius(model, planet)
+            model, bending = air.model, BendingField.of(air)
         apparent = planet if air is None else air.planet
         scattering = STANDARD if orders == "all" else None
-        chunks = list(make_chunks(model, apparent, IMAGE_TABLE, scattering, progress, air))
+        batches = list(make_batches(model, apparent, IMAGE_TABLE, scattering, progress, air))
         thermal = [ThermalAir.of(b, model.emission, AirColumns.of(b, air)) for b in model.thermal if model.emission]
-        _prepared[key] = _Prepared(model, apparent, chunks, thermal, air, turning)
+        _prepared[key] = _Prepared(model, apparent, batches, thermal, air, bending)
         if len(_prepared) > _KEPT_MODELS:
             _prepared.popitem(last=False)
     _prepared.move_to_end(key)
@@ -156,9 +151,9 @@ def _make_plugin() -> type:
                 sensor.rays,
                 sensor.camera.width,
                 sensor.camera.height,
-                _vector(origin),
-                _vector(self.sun_itrs),
-                dr.opaque(mi.Float64, self.sun_radius, 1),
+                constant_vector(origin),
+                constant_vector(self.sun_itrs),
+                constant(self.sun_radius),
                 self.planet,
                 self.prepared.model.top_m,
                 self.subsamples,
@@ -173,8 +168,8 @@ def _make_plugin() -> type:
             view, air = self.view(sensor), self.prepared.air
             if air is None:
                 return view
-            x, y, z = (dr.opaque(mi.Float64, v[0], 1) for v in air.raised(view.origin))
-            return replace(view, planet=air.planet, origin=(x, y, z), turning=self.prepared.turning)
+            x, y, z = (dr.opaque(mi.Float64, v[0], 1) for v in air.apparent_position(view.origin))
+            return replace(view, planet=air.planet, origin=(x, y, z), bending=self.prepared.bending)
 
         def render(
             self,
@@ -192,7 +187,7 @@ def _make_plugin() -> type:
             prepared = self.prepared
             bands = render_bands(
                 self.apparent_view(sensor),
-                prepared.chunks,
+                prepared.batches,
                 self.bands,
                 self.nodes,
                 prepared.thermal,

@@ -16,7 +16,8 @@ eqs. 11 to 13, rescaled to unit norm over the sphere.
 from __future__ import annotations
 
 import math
-from typing import Any
+
+from horizonval.renderer.types import Number
 
 
 def pairs(degree: int) -> list[tuple[int, int]]:
@@ -24,9 +25,9 @@ def pairs(degree: int) -> list[tuple[int, int]]:
     return [(n, m) for n in range(degree + 1) for m in range(n + 1)]
 
 
-def polar_parts(degree: int, cosine: Any, sine: Any) -> dict[tuple[int, int], Any]:
+def polar_parts(degree: int, cosine: Number, sine: Number) -> dict[tuple[int, int], Number]:
     """Return the harmonics without ``cos(m phi)``, by ``(l, m)``; ``sine >= 0``."""
-    p: dict[tuple[int, int], Any] = {(0, 0): cosine * 0.0 + math.sqrt(0.25 / math.pi)}
+    p: dict[tuple[int, int], Number] = {(0, 0): cosine * 0.0 + math.sqrt(0.25 / math.pi)}
     for m in range(1, degree + 1):
         p[m, m] = math.sqrt((2 * m + 1) / (2 * m)) * sine * p[m - 1, m - 1]
     for m in range(degree + 1):
@@ -38,7 +39,7 @@ def polar_parts(degree: int, cosine: Any, sine: Any) -> dict[tuple[int, int], An
     return {(n, m): v if m == 0 else math.sqrt(2.0) * v for (n, m), v in p.items()}
 
 
-def cosines(degree: int, cosine: Any) -> list[Any]:
+def cosines(degree: int, cosine: Number) -> list[Number]:
     """Return ``cos(m phi)`` for m from 0 to ``degree`` by Chebyshev's recurrence, from ``cos(phi)``."""
     out = [cosine * 0.0 + 1.0, cosine]
     while len(out) <= degree:

@@ -59,11 +59,11 @@ def multiple_scattering(
     key = content_key(node, altitude_m, planet_m, quality)
     if key not in _memory:
         path = cache_folder() / "scattering" / f"{key}.npz"
-        found = _read(path, float(altitude_m[-1]), planet_m, degree_of(node, quality))
-        if found is None:
-            found = solve(node, altitude_m, planet_m, sun_table(), quality, progress)
-            _write(path, found)
-        _memory[key] = found
+        solution = _read(path, float(altitude_m[-1]), planet_m, degree_of(node, quality))
+        if solution is None:
+            solution = solve(node, altitude_m, planet_m, sun_table(), quality, progress)
+            _write(path, solution)
+        _memory[key] = solution
         if len(_memory) > _KEPT:
             _memory.popitem(last=False)
     _memory.move_to_end(key)

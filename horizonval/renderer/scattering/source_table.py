@@ -1,7 +1,7 @@
 r"""The diffuse field as the march reads it: the source it makes at a point of a ray, and the skylight on the ground.
 
-For every spectral node of a chunk the moments of :mod:`multiple_scattering` lie side by side in memory: ``ln I_00`` and
-the ratios ``I_lm / I_00``, bilinear in height (``h = top x^2``) and Sun angle. With the local zenith as polar axis, the
+For every node of a batch the moments of :mod:`multiple_scattering` lie side by side in memory: ``ln I_00`` and the
+ratios ``I_lm / I_00``, bilinear in height (``h = top x^2``) and Sun angle. With the local zenith as polar axis, the
 ray's angle to it and its azimuth from the Sun's side, one lookup gives the source per unit of scattering coefficient
 and solar irradiance, of molecules and of particles::
 
@@ -15,22 +15,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from horizonval.renderer.planet import Vec, dot
+from horizonval.renderer.planet import dot
 from horizonval.renderer.scattering.harmonics import cosines, pairs, polar_parts
 from horizonval.renderer.scattering.multiple_scattering import SMALLEST, DiffuseField
 from horizonval.renderer.scattering.sun_angles import sun_angle_position
 from horizonval.renderer.tables import interpolate, table_of
+from horizonval.renderer.types import Values, Vec, Vec3
 
 
 @dataclass(frozen=True)
 class SourceTable:
-    """Diffuse fields of a chunk.
+    """Diffuse fields of a node batch.
 
     Attributes
     ----------
@@ -41,8 +41,8 @@ class SourceTable:
         Harmonics (l, m) stored; the first is (0, 0).
     """
 
-    moments: Any
-    irradiance: Any
+    moments: mi.Float32
+    irradiance: mi.Float32
     used: list[tuple[int, int]]
     n_height: int
     n_sun: int
@@ -51,7 +51,7 @@ class SourceTable:
 
     @classmethod
     def of(cls, fields: Sequence[DiffuseField], width: int, with_particles: bool) -> SourceTable:
-        """Pack the fields of a chunk's nodes; fields of lower degree have zeros above it."""
+        """Pack the fields of a node batch's nodes; fields of lower degree have zeros above it."""
         first = fields[0]
         n_height, n_sun = first.moments.shape[:2]
         everything = pairs(max(f.degree for f in fields))
@@ -76,15 +76,21 @@ class SourceTable:
         )
 
     def log_sources(
-        self, height_m: Any, normal: Vec, d: Vec, sun: Vec, cos2: Sequence[Any], asymmetry: Sequence[Any] | None
-    ) -> list[Any]:
+        self,
+        height_m: mi.Float32,
+        normal: Vec3[mi.Float32],
+        d: Vec,
+        sun: Vec,
+        cos2: Values,
+        asymmetry: Values | None,
+    ) -> list[mi.Float32]:
         """Return ``ln`` of the source per scattering coefficient and irradiance [1/sr], Float32.
 
         Of molecules for every node, and then of particles for every node.
 
         Parameters
         ----------
-        height_m, normal : Float64, Vec
+        height_m, normal : Float32
             Geodetic height and vertical of the point.
         d, sun : Vec
             The ray's direction and the direction to the Sun.
@@ -92,16 +98,16 @@ class SourceTable:
             Phase functions of the nodes at the point; without ``asymmetry`` there are no particles.
         """
         degree = self.used[-1][0]
-        zenith, ray, light = _single(normal), _single(d), _single(sun)
+        zenith, ray, light = normal, _single(d), _single(sun)
         mu_s, up, nu = dot(zenith, light), dot(zenith, ray), mi.Float32(dot(d, sun))
         sine = dr.sqrt(dr.maximum(1.0 - up * up, 0.0))
         sines = dr.maximum(sine * dr.sqrt(dr.maximum(1.0 - mu_s * mu_s, 0.0)), 1e-5)
         azimuthal = cosines(degree, dr.clip((nu - mu_s * up) / sines, -1.0, 1.0))
         polar = polar_parts(degree, up, sine)
-        row, wx, wy = self._locate(mi.Float32(height_m), mu_s)
+        row, wx, wy = self._locate(height_m, mu_s)
         stored = [self._bilinear(row, p, wx, wy) for p in range(len(self.used))]
         width = self.width
-        by_degree: list[list[Any]] = [[mi.Float32(0.0)] * width for _ in range(degree + 1)]
+        by_degree: list[list[mi.Float32]] = [[mi.Float32(0.0)] * width for _ in range(degree + 1)]
         by_degree[0] = [polar[0, 0]] * width
         for values, (n, m) in zip(stored[1:], self.used[1:], strict=True):
             shape = polar[n, m] * azimuthal[m]
@@ -117,29 +123,29 @@ class SourceTable:
         # cut short, the series may fall below zero where there is next to no light
         return [stored[0][n % width] + dr.log(dr.maximum(shape, 1e-6)) for n, shape in enumerate(shapes)]
 
-    def ground_irradiance(self, mu_s: Any) -> list[Any]:
+    def ground_irradiance(self, mu_s: mi.Float64) -> Values:
         """Return the diffuse irradiance on level ground per unit solar irradiance, per node."""
         x = sun_angle_position(mi.Float32(mu_s), self.n_sun)
         j = dr.minimum(mi.UInt32(x), self.n_sun - 2)
         values = interpolate(self.irradiance, j, x - mi.Float32(j), self.width)
         return [mi.Float64(dr.exp(v)) for v in values]
 
-    def _locate(self, height_m: Any, mu_s: Any) -> tuple[Any, Any, Any]:
+    def _locate(self, height_m: mi.Float32, mu_s: mi.Float32) -> tuple[mi.UInt32, mi.Float32, mi.Float32]:
         x = dr.sqrt(dr.clip(height_m * (1.0 / self.top_m), 0.0, 1.0)) * (self.n_height - 1)
         y = sun_angle_position(mu_s, self.n_sun)
         i = dr.minimum(mi.UInt32(x), self.n_height - 2)
         j = dr.minimum(mi.UInt32(y), self.n_sun - 2)
         return i * self.n_sun + j, x - mi.Float32(i), y - mi.Float32(j)
 
-    def _bilinear(self, row: Any, p: int, wx: Any, wy: Any) -> list[Any]:
+    def _bilinear(self, row: mi.UInt32, p: int, wx: mi.Float32, wy: mi.Float32) -> list[mi.Float32]:
         used = len(self.used)
 
-        def at(r: Any) -> list[Any]:
+        def at(r: mi.UInt32) -> list[mi.Float32]:
             return interpolate(self.moments, r * used + p, wy, self.width, stride=used)
 
         near, far = at(row), at(row + self.n_sun)
         return [dr.fma(b - a, wx, a) for a, b in zip(near, far, strict=True)]
 
 
-def _single(v: Vec) -> Vec:
+def _single(v: Vec) -> Vec3[mi.Float32]:
     return mi.Float32(v[0]), mi.Float32(v[1]), mi.Float32(v[2])

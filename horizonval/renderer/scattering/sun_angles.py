@@ -7,12 +7,15 @@ With ``u`` uniform between its ends, ``mu_s = -0.05 + 0.1 sinh(u)`` runs from -0
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TypeVar
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+
+Mu = TypeVar("Mu", FloatArray, "mi.Float32", "mi.Float64")
 
 SUN_LOWEST = -0.40
 _MIDDLE, _SCALE = -0.05, 0.1
@@ -27,7 +30,7 @@ def sun_angle_cosines(count: int) -> FloatArray:
     return mu
 
 
-def sun_angle_position(mu: Any, count: int) -> Any:
+def sun_angle_position(mu: Mu, count: int) -> Mu:
     """Return the fractional index of cosines (numpy or Dr.Jit); beyond the ends they count as the ends."""
     x = (mu - _MIDDLE) / _SCALE
     scale = (count - 1) / (_LAST - _FIRST)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -13,9 +11,9 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.surface.surface import GroundModel
 from horizonval.renderer.kernel.radiance import check_observers, unit_directions, vectors
-from horizonval.renderer.kernel.straightened import straighten
-from horizonval.renderer.planet import Planet, Vec
+from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
 from horizonval.renderer.thermal.emission_columns import AirColumns
 from horizonval.renderer.thermal.emission_ground import (
     GroundSource,
@@ -25,6 +23,7 @@ from horizonval.renderer.thermal.emission_ground import (
     temperatures_k,
 )
 from horizonval.renderer.thermal.emission_march import march_emission
+from horizonval.renderer.types import Vec
 
 NODES = 256
 BATCH = 65536
@@ -76,52 +75,52 @@ def thermal_radiance(
     direction = unit_directions(direction, "dir")
     check_observers(observer_m, radius_m, polar_radius_m)
     planet = Planet(radius_m, polar_radius_m or radius_m)
-    air = None if model.refractivity is None else straighten(model, planet)
+    air = None if model.refractivity is None else to_apparent_radius(model, planet)
     apparent = planet if air is None else air.planet
     sun = np.asarray(sun_itrs, dtype=np.float64)
     out: dict[str, FloatArray] = {}
     for band in model.thermal:
         assert model.emission is not None
         columns, source = AirColumns.of(band, air), GroundSource(band, model.emission)
-        chunks = list(columns.chunks())
+        batches = list(columns.batches())
         radiance = np.zeros(len(direction))
         for first in range(0, len(direction), BATCH):
             part = slice(first, first + BATCH)
             o, d = vectors(observer_m[part]), vectors(direction[part])
-            o = o if air is None else air.raised(o)
+            o = o if air is None else air.apparent_position(o)
             mid, _, meets = apparent.chord(o, d)
             to_ground = meets & (mid > 0.0)
             ends = np.flatnonzero(np.array(to_ground))
-            p, normal, up = _landings(apparent, o, d, ends)
+            p, normal, up = _ground_points(apparent, o, d, ends)
             cosine = -np.sum(normal * direction[part][ends], axis=1)
             first_g = 0
-            for chunk in chunks:
-                more, through, _ = march_emission(apparent, columns.top_m, chunk, o, d, to_ground, nodes)
+            for batch in batches:
+                more, through, _ = march_emission(apparent, columns.top_m, batch, o, d, to_ground, nodes)
                 radiance[part] += sum(np.array(m) for m in more)
                 if ends.size:
-                    points = slice(first_g, first_g + chunk.used)
-                    mirror = np.zeros((chunk.used, len(ends)))
+                    points = slice(first_g, first_g + batch.used)
+                    mirror = np.zeros((batch.used, len(ends)))
                     if source.mirrors:
-                        above, _, _ = march_emission(apparent, columns.top_m, chunk, p, up, mi.Bool(False), nodes // 2)
+                        above, _, _ = march_emission(apparent, columns.top_m, batch, p, up, mi.Bool(False), nodes // 2)
                         mirror = np.stack([np.array(a) for a in above])
                     below = ground_radiance(source, points, ground, normal, cosine, sun, mirror)
                     radiance[first + ends] += sum(np.array(t)[ends] * b for t, b in zip(through, below, strict=True))
-                first_g += chunk.used
+                first_g += batch.used
         out[band.name] = radiance
     return out
 
 
-def _landings(planet: Planet, o: Vec, d: Vec, index: IntArray) -> tuple[Vec, FloatArray, Vec]:
+def _ground_points(planet: Planet, o: Vec, d: Vec, index: IntArray) -> tuple[Vec, FloatArray, Vec]:
     """Return points on the ground, normals (n, 3) and mirrored directions of some rays."""
-    at: Any = mi.UInt32(index)
+    at = mi.UInt32(index)
     if not index.size:
         return o, np.zeros((0, 3)), d
 
-    def chosen(v: Vec) -> Vec:
+    def gather(v: Vec) -> Vec:
         x, y, z = (dr.gather(mi.Float64, c, at) for c in v)
         return x, y, z
 
-    p, normal, up = mirrored(planet, chosen(o), chosen(d))
+    p, normal, up = mirrored(planet, gather(o), gather(d))
     dr.eval(p, normal, up)
     return p, np.stack([np.array(c) for c in normal], axis=1), up
 

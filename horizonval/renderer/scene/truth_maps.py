@@ -6,7 +6,6 @@ They describe the picture for a reader; the truth that scores an estimator is an
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -16,7 +15,8 @@ from numpy.typing import NDArray
 from horizonval.frame import Hit
 from horizonval.renderer.kernel.cells import FrameGeometry
 from horizonval.renderer.kernel.clouds import first_cloud
-from horizonval.renderer.planet import Vec, along, dot
+from horizonval.renderer.planet import along, dot
+from horizonval.renderer.types import Vec
 
 
 def truth_maps(view: FrameGeometry) -> dict[str, NDArray[np.float32]]:
@@ -40,7 +40,7 @@ def truth_maps(view: FrameGeometry) -> dict[str, NDArray[np.float32]]:
     cosine = dr.select(hits, dot(ground_normal, view.sun), dot(normal, view.sun))
     zenith = dr.rad2deg(dr.acos(dr.clip(cosine, -1.0, 1.0)))
 
-    def on_disc(direction: Vec, radius: Any) -> Any:
+    def on_disc(direction: Vec, radius: mi.Float64) -> mi.Bool:
         chord = [a - b for a, b in zip(d, direction, strict=True)]
         return dr.sqrt(chord[0] ** 2 + chord[1] ** 2 + chord[2] ** 2) < radius
 

@@ -1,7 +1,7 @@
 """The air of a thermal band as the emission march reads it: columns over latitude, a few g points at a time.
 
 Extinction and source function are linear in height between the nodes of one grid, linear in the sine of geodetic
-latitude between rows, and beyond the outermost rows as on them. In memory the g points of a chunk lie side by side,
+latitude between rows, and beyond the outermost rows as on them. In memory the g points of a batch lie side by side,
 extinction and source of a node one after the other, so that one node costs two packet gathers.
 """
 
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -17,8 +16,9 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.renderer.kernel.straightened import StraightAir
-from horizonval.renderer.tables import AltitudeGrid, gather_chunk, table_of
+from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
+from horizonval.renderer.tables import AltitudeGrid, gather_row, table_of
+from horizonval.renderer.types import Values
 
 WIDTH = 4
 """g points per kernel launch; they share all geometry."""
@@ -42,7 +42,7 @@ class AirColumns:
     source: FloatArray
 
     @classmethod
-    def of(cls, band: EmittingBand, air: StraightAir | None = None) -> AirColumns:
+    def of(cls, band: EmittingBand, air: ApparentRadiusAir | None = None) -> AirColumns:
         """Build from a band; with refraction (``air``) per metre of the straight line, over apparent heights."""
         extinction, source = band.columns()
         if air is None:
@@ -56,7 +56,7 @@ class AirColumns:
 
         inside = air.height_m <= band.altitude_m[-1] * (1.0 + 1e-12)
         return cls(
-            air.model.altitude_m, band.sin_latitude, at(extinction) * np.where(inside, air.shrink, 0.0), at(source)
+            air.model.altitude_m, band.sin_latitude, at(extinction) * np.where(inside, air.dr_dx, 0.0), at(source)
         )
 
     @property
@@ -64,7 +64,7 @@ class AirColumns:
         """Vacuum above."""
         return float(self.altitude_m[-1])
 
-    def chunks(self) -> Iterator[ColumnChunk]:
+    def batches(self) -> Iterator[ColumnBatch]:
         """Yield the columns for the kernel, :data:`WIDTH` g points at a time; the last is filled up with nothing."""
         count = len(self.extinction)
         width = 1 if count == 1 else WIDTH
@@ -76,7 +76,7 @@ class AirColumns:
             packed = np.zeros((rows, len(self.altitude_m), 2, width))
             packed[:, :, 0, : part.stop - first] = np.moveaxis(self.extinction[part], 0, -1)
             packed[:, :, 1, : part.stop - first] = np.moveaxis(self.source[part], 0, -1)
-            yield ColumnChunk(
+            yield ColumnBatch(
                 table_of(mi.Float64, packed),
                 grid,
                 width,
@@ -88,22 +88,22 @@ class AirColumns:
 
 
 @dataclass(frozen=True)
-class ColumnChunk:
+class ColumnBatch:
     """Columns of up to :data:`WIDTH` g points in the kernel's memory.
 
     ``values``: Float64 of shape (rows, n, 2, width), flat. ``used``: g points that are not filling. ``low`` and
     ``per_row`` (size 1) place the rows.
     """
 
-    values: Any
+    values: mi.Float64
     grid: AltitudeGrid
     width: int
     used: int
     rows: int
-    low: Any
-    per_row: Any
+    low: mi.Float64
+    per_row: mi.Float64
 
-    def at(self, height_m: Any, sin_latitude: Any) -> tuple[list[Any], list[Any]]:
+    def at(self, height_m: mi.Float64, sin_latitude: mi.Float64) -> tuple[Values, Values]:
         """Return extinction and source per g point; no extinction above the top."""
         i, w, inside = self.grid.locate(height_m)
         corners = [(i, 1.0 - w), (i + 1, w)]
@@ -117,9 +117,9 @@ class ColumnChunk:
             ]
         out = []
         for part in (0, 1):
-            total: list[Any] = []
+            total: Values = []
             for k, v in corners:
-                values = gather_chunk(self.values, 2 * k + part, self.width)
+                values = gather_row(self.values, 2 * k + part, self.width)
                 total = (
                     [dr.fma(a, v, b) for a, b in zip(values, total, strict=True)] if total else [a * v for a in values]
                 )

@@ -23,7 +23,8 @@ from horizonval.earth.surface import land, surface
 from horizonval.earth.surface.emissivity import emissivity, water_emissivity
 from horizonval.earth.surface.ground_emission import LAG_RAD, GroundEmission
 from horizonval.earth.surface.surface import GroundModel
-from horizonval.renderer.planet import Planet, Vec, along, dot
+from horizonval.renderer.planet import Planet, along, dot
+from horizonval.renderer.types import Vec
 
 KINDS = ("land", "snow", "water")
 SKY_LAYERS = 160

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -18,9 +17,9 @@ from horizonval.earth.surface.ground_emission import LAG_RAD, GroundEmission
 from horizonval.renderer.kernel.cells import Cells, FrameGeometry, Rays
 from horizonval.renderer.kernel.clouds import first_cloud
 from horizonval.renderer.kernel.discs import DiscCells
-from horizonval.renderer.kernel.sight import RayFan
+from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.kernel.surface import is_land, snow_share
-from horizonval.renderer.planet import Vec, along
+from horizonval.renderer.planet import along
 from horizonval.renderer.spline_table import Azimuths, StationTable, azimuths_in_view
 from horizonval.renderer.thermal.emission_table import (
     BandTables,
@@ -30,6 +29,7 @@ from horizonval.renderer.thermal.emission_table import (
     make_tables,
     way_through,
 )
+from horizonval.renderer.types import Vec, indices_where
 
 AZIMUTHS_ALIKE, FEWEST_AZIMUTHS, MOST_AZIMUTHS = 24, 96, 256
 """Steps of a full circle: through air that is the same everywhere, and through air that is not."""
@@ -39,13 +39,13 @@ OUTLINE_POINTS = 64
 
 
 @dataclass(frozen=True)
-class RayTermination:
+class RayEnds:
     """What rays meet. ``cloud`` (None: no clouds), ``t``: where; ``shares``, ``warmth`` [K] by kind of ground."""
 
-    cloud: Any
-    t: Any
-    shares: dict[str, Any]
-    warmth: dict[str, Any]
+    cloud: mi.Bool | None
+    t: mi.Float64 | None
+    shares: dict[str, mi.Float64]
+    warmth: dict[str, mi.Float64]
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,10 @@ class ThermalFrame:
     view: FrameGeometry
     cells: Cells
     emission: GroundEmission
-    sight: RayFan
-    ground: RayTermination
-    limb: RayTermination
-    sun: RayTermination
+    coordinates: RayCoordinates
+    ground: RayEnds
+    limb: RayEnds
+    sun: RayEnds
     nodes: int
 
     @classmethod
@@ -69,14 +69,14 @@ class ThermalFrame:
             view,
             cells,
             emission,
-            RayFan.of(view.planet, origin, top_m),
+            RayCoordinates.of(view.planet, origin, top_m),
             _ends(view, cells.ground, emission, to_ground=True),
             _ends(view, cells.limb, emission, to_ground=False),
             _ends(view, cells.sun, emission, to_ground=False),
             nodes,
         )
 
-    def parts(self, air: ThermalAir) -> Iterator[tuple[Any, Any, Any]]:
+    def parts(self, air: ThermalAir) -> Iterator[tuple[mi.UInt32, mi.Float64, mi.Float64]]:
         """Yield ``(cells, share of the cell, radiance)`` of all that shines in a band; each cell once in each."""
         cells, view = self.cells, self.view
         sun = cells.sun if cells.sun is not None and cells.sun.count else None
@@ -84,7 +84,7 @@ class ThermalFrame:
         tables = make_tables(
             air,
             self.emission,
-            self.sight,
+            self.coordinates,
             self._azimuths(len(air.band.sin_latitude)),
             self.nodes,
             None if clouds is None else clouds.top_m,
@@ -101,29 +101,29 @@ class ThermalFrame:
     def _azimuths(self, rows: int) -> Azimuths:
         whole = AZIMUTHS_ALIKE
         if rows > 1:
-            horizon = math.acos(min(self.view.planet.a_m / self.sight.distance_m, 1.0))
-            wanted = 2.0 * math.pi * math.sin(horizon) / LIMB_STEP_RAD
-            whole = 8 * math.ceil(min(max(wanted, FEWEST_AZIMUTHS), MOST_AZIMUTHS) / 8)
-        _, azimuth = self.sight.place(self.view.origin, _outline(self.view), to_ground=False)
+            horizon = math.acos(min(self.view.planet.a_m / self.coordinates.distance_m, 1.0))
+            steps = 2.0 * math.pi * math.sin(horizon) / LIMB_STEP_RAD
+            whole = 8 * math.ceil(min(max(steps, FEWEST_AZIMUTHS), MOST_AZIMUTHS) / 8)
+        _, azimuth = self.coordinates.place(self.view.origin, _outline(self.view), to_ground=False)
         return azimuths_in_view(np.array(azimuth), whole)
 
-    def _ground(self, tables: BandTables) -> Any:
+    def _ground(self, tables: BandTables) -> mi.Float64:
         assert tables.ground is not None
         d = self.cells.ground.direction
-        row, azimuth = tables.sight.place(self.view.origin, d, to_ground=True)
+        row, azimuth = tables.coordinates.place(self.view.origin, d, to_ground=True)
         radiance = mixed(tables.ground.look(row, azimuth), tables.kinds, self.ground)
         return self._behind_clouds(tables, tables.clouds_ground, self.ground, d, radiance, to_ground=True)
 
-    def _limb(self, tables: BandTables) -> Any:
+    def _limb(self, tables: BandTables) -> mi.Float64:
         assert tables.limb is not None
         d = self.cells.limb.direction
-        row, azimuth = tables.sight.place(self.view.origin, d, to_ground=False)
+        row, azimuth = tables.coordinates.place(self.view.origin, d, to_ground=False)
         radiance = tables.limb.look(row, azimuth)[0]
         return self._behind_clouds(tables, tables.clouds_limb, self.limb, d, radiance, to_ground=False)
 
-    def _disc(self, tables: BandTables, sun: DiscCells) -> Any:
+    def _disc(self, tables: BandTables, sun: DiscCells) -> mi.Float64:
         assert tables.limb is not None
-        row, azimuth = tables.sight.place(self.view.origin, sun.direction, to_ground=False)
+        row, azimuth = tables.coordinates.place(self.view.origin, sun.direction, to_ground=False)
         through = tables.limb.look(row, azimuth)[1]
         if self.sun.cloud is not None:
             through = through * dr.select(self.sun.cloud, 1.0 - self.emission.cloud_emissivity, 1.0)
@@ -133,23 +133,23 @@ class ThermalFrame:
         self,
         tables: BandTables,
         table: StationTable | None,
-        ends: RayTermination,
+        ends: RayEnds,
         d: Vec,
-        radiance: Any,
+        radiance: mi.Float64,
         to_ground: bool,
-    ) -> Any:
+    ) -> mi.Float64:
         """Return the radiance of rays with the clouds before them."""
         if table is None or ends.cloud is None:
             return radiance
         dr.eval(radiance)
-        index: Any = dr.compress(ends.cloud)
+        index = indices_where(ends.cloud)
         if not dr.width(index):
             return radiance
         x, y, z = (dr.gather(mi.Float64, c, index) for c in d)
         o, near = self.view.origin, (x, y, z)
         start, end = way_through(self.view.planet, o, near, tables.layer_m, to_ground)
         share = (dr.gather(mi.Float64, ends.t, index) - start) / dr.maximum(end - start, 1e-3)
-        row, azimuth = tables.sight.place(o, near, to_ground)
+        row, azimuth = tables.coordinates.place(o, near, to_ground)
         before, black = table.look(row, azimuth, share)
         e = dr.opaque(mi.Float64, self.emission.cloud_emissivity, 1)
         behind = dr.gather(mi.Float64, radiance, index) - before
@@ -160,54 +160,54 @@ class ThermalFrame:
 def _outline(view: FrameGeometry) -> Vec:
     """Return directions along the frame's edge, once around."""
     s = (np.arange(OUTLINE_POINTS) + 0.0) / OUTLINE_POINTS
-    zero, one = np.zeros(OUTLINE_POINTS), np.ones(OUTLINE_POINTS)
-    x = np.concatenate([s, one, 1.0 - s, zero]) * view.width - 0.5
-    y = np.concatenate([zero, s, one, 1.0 - s]) * view.height - 0.5
+    zero, unity = np.zeros(OUTLINE_POINTS), np.ones(OUTLINE_POINTS)
+    x = np.concatenate([s, unity, 1.0 - s, zero]) * view.width - 0.5
+    y = np.concatenate([zero, s, unity, 1.0 - s]) * view.height - 0.5
     return view.rays.direction(mi.Float64(x), mi.Float64(y))
 
 
-def mixed(values: Sequence[Any], kinds: list[WarmKind], ends: RayTermination) -> Any:
+def mixed(values: Sequence[mi.Float64], kinds: list[WarmKind], ends: RayEnds) -> mi.Float64:
     """Return the radiance of ground of several kinds, each at its own temperature."""
-    total: Any = 0.0
+    total = mi.Float64(0.0)
     first = 0
     for kind in kinds:
         count = len(kind.temperature_k)
-        part: Any = values[first]
+        part = values[first]
         if count > 1:
             nodes = [dr.opaque(mi.Float64, float(t), 1) for t in kind.temperature_k]
             basis = lagrange(ends.warmth[kind.name], nodes)
-            part = sum(b * v for b, v in zip(basis, values[first : first + count], strict=True))
+            terms = (b * v for b, v in zip(basis, values[first : first + count], strict=True))
+            part = sum(terms, start=mi.Float64(0.0))
         total = total + (ends.shares[kind.name] * part if len(kinds) > 1 else part)
         first += count
     return total
 
 
-def _ends(
-    view: FrameGeometry, rays: Rays | DiscCells | None, emission: GroundEmission, to_ground: bool
-) -> RayTermination:
+def _ends(view: FrameGeometry, rays: Rays | DiscCells | None, emission: GroundEmission, to_ground: bool) -> RayEnds:
     """Look where rays end: on which kind of ground, how warm, and on which cloud before it."""
     if rays is None or not rays.count:
-        return RayTermination(None, None, {}, {})
+        return RayEnds(None, None, {}, {})
     cloud = t = None
     if view.ground is not None and view.ground.clouds is not None:
         cloud, t = first_cloud(view.ground.clouds, view.planet, view.origin, rays.direction, to_ground)
         dr.eval(cloud, t)
     if not to_ground:
-        return RayTermination(cloud, t, {}, {})
+        return RayEnds(cloud, t, {}, {})
     mid, half, _ = view.planet.chord(view.origin, rays.direction)
     _, normal = view.planet.height_and_normal(along(view.origin, rays.direction, mid - half))
-    shares: dict[str, Any] = {}
+    shares: dict[str, mi.Float64] = {}
     if emission.kind == "earth":
         assert view.ground is not None
+        assert view.ground.land is not None
         dry = dr.select(is_land(view.ground.land, normal), mi.Float64(1.0), 0.0)
         snow = snow_share(normal, view.ground.model.snow_line_deg)
         shares = {"land": dry * (1.0 - snow), "snow": dry * snow, "water": 1.0 - dry}
     warmth = warmth_k(emission, normal, view.sun)
     dr.eval(shares, warmth)
-    return RayTermination(cloud, t, shares, warmth)
+    return RayEnds(cloud, t, shares, warmth)
 
 
-def warmth_k(emission: GroundEmission, normal: Vec, sun: Vec) -> dict[str, Any]:
+def warmth_k(emission: GroundEmission, normal: Vec, sun: Vec) -> dict[str, mi.Float64]:
     """Return :func:`horizonval.renderer.thermal.emission_ground.temperatures_k` for the kernel."""
     count = len(emission.sin_latitude)
     low = emission.sin_latitude[0]
@@ -216,7 +216,7 @@ def warmth_k(emission: GroundEmission, normal: Vec, sun: Vec) -> dict[str, Any]:
     i = dr.minimum(mi.UInt32(x), count - 2)
     w = x - mi.Float64(i)
 
-    def at(values: tuple[float, ...]) -> Any:
+    def at(values: tuple[float, ...]) -> mi.Float64:
         table = mi.Float64(np.array(values))
         return dr.lerp(dr.gather(mi.Float64, table, i), dr.gather(mi.Float64, table, i + 1), w)
 

@@ -15,17 +15,18 @@ body as warm as the air there.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.renderer.kernel.march import GAUSS_LOW, Path, find_path, gain, warp
-from horizonval.renderer.planet import Planet, Vec, along
-from horizonval.renderer.thermal.emission_columns import ColumnChunk
+from horizonval.renderer.kernel.march import gain
+from horizonval.renderer.planet import Planet, along
+from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, find_path, warp
+from horizonval.renderer.thermal.emission_columns import ColumnBatch
+from horizonval.renderer.types import Values, Vec
 
 CONCENTRATION = 0.5
-"""How the steps crowd at the lowest point: the ``c`` of :mod:`horizonval.renderer.kernel.march`."""
+"""How the steps crowd at the lowest point: the ``c`` of :mod:`horizonval.renderer.ray_path`."""
 
 THICK_STEP = 0.02
 """Optical depth from which the source is integrated against exp(-tau) exactly; emission knows its source everywhere, so
@@ -39,8 +40,8 @@ class Stations:
     ``steps``: march steps from each to the next.
     """
 
-    first: Any
-    last: Any
+    first: mi.Float64
+    last: mi.Float64
     count: int
     steps: int
 
@@ -48,13 +49,13 @@ class Stations:
 def march_emission(
     planet: Planet,
     top_m: float,
-    chunk: ColumnChunk,
+    batch: ColumnBatch,
     o: Vec,
     d: Vec,
-    to_ground: Any,
+    to_ground: mi.Bool,
     nodes: int,
     stations: Stations | None = None,
-) -> tuple[list[Any], list[Any], tuple[Any, Any] | None]:
+) -> tuple[Values, Values, tuple[mi.Float64, mi.Float64] | None]:
     """Return what the air of a few g points sends along rays.
 
     Parameters
@@ -81,52 +82,54 @@ def march_emission(
     zero = dr.zeros(mi.Float64, rays)
     total = count if stations is None else count + (stations.count - 1) * stations.steps
     lane = dr.arange(mi.UInt32, rays)
-    kept = None
+    at_stations = None
     if stations is not None:
-        kept = dr.zeros(mi.Float64, rays * stations.count), dr.zeros(mi.Float64, rays * stations.count)
+        at_stations = dr.zeros(mi.Float64, rays * stations.count), dr.zeros(mi.Float64, rays * stations.count)
 
-    def boundary(i: Any) -> Any:
+    def boundary(i: mi.UInt32) -> mi.Float64:
         return _boundary(path, mi.Float64(i), count, stations)
 
-    def place(t: Any) -> tuple[list[Any], list[Any]]:
+    def air_at(t: mi.Float64) -> tuple[Values, Values]:
         height, normal = planet.height_and_normal(along(o, d, t))
-        return chunk.at(height, normal[2])
+        return batch.at(height, normal[2])
 
-    def body(i: Any, t0: Any, tau: list[Any], radiance: list[Any]) -> tuple[Any, Any, list[Any], list[Any]]:
+    def body(
+        i: mi.UInt32, t0: mi.Float64, tau: Values, radiance: Values
+    ) -> tuple[mi.UInt32, mi.Float64, Values, Values]:
         tau, radiance = list(tau), list(radiance)
         t1 = boundary(i + 1)
         h = t1 - t0
-        k_a, s_a = place(t0 + GAUSS_LOW * h)
-        k_b, s_b = place(t0 + (1.0 - GAUSS_LOW) * h)
-        for n in range(chunk.width):
+        k_a, s_a = air_at(t0 + GAUSS_LOW * h)
+        k_b, s_b = air_at(t0 + (1.0 - GAUSS_LOW) * h)
+        for n in range(batch.width):
             step = 0.5 * h * (k_a[n] + k_b[n])
             added = gain(h, k_a[n], k_b[n], k_a[n] * s_a[n], k_b[n] * s_b[n], step, THICK_STEP)
             radiance[n] = dr.fma(dr.exp(-tau[n]), added, radiance[n])
             tau[n] = tau[n] + step
-        if stations is not None and kept is not None:
-            _, s = place(t1)
-            black = sum(dr.exp(-tau[n]) * s[n] for n in range(chunk.width))
+        if stations is not None and at_stations is not None:
+            _, s = air_at(t1)
+            black = sum(dr.exp(-tau[n]) * s[n] for n in range(batch.width))
             past = i + 1 - count
-            wanted = (i + 1 >= count) & (past % stations.steps == 0)
+            station = (i + 1 >= count) & (past % stations.steps == 0)
             index = past // stations.steps * rays + lane
-            dr.scatter(kept[0], sum(radiance), index, wanted, mode=dr.ReduceMode.NoConflicts)
-            dr.scatter(kept[1], black, index, wanted, mode=dr.ReduceMode.NoConflicts)
+            dr.scatter(at_stations[0], sum(radiance), index, station, mode=dr.ReduceMode.NoConflicts)
+            dr.scatter(at_stations[1], black, index, station, mode=dr.ReduceMode.NoConflicts)
         return i + 1, t1, tau, radiance
 
     _, _, tau, radiance = dr.while_loop(
-        (mi.UInt32(0), boundary(mi.UInt32(0)) + zero, [zero + 0.0] * chunk.width, [zero + 0.0] * chunk.width),
+        (mi.UInt32(0), boundary(mi.UInt32(0)) + zero, [zero + 0.0] * batch.width, [zero + 0.0] * batch.width),
         lambda i, *_: i < total,
         body,
         labels=("i", "t", "tau", "radiance"),
         label="emission march",
     )
-    through = [dr.exp(-v) for v in tau[: chunk.used]]
-    radiance = radiance[: chunk.used]
-    dr.eval(radiance, through, kept)
-    return radiance, through, kept
+    through = [dr.exp(-v) for v in tau[: batch.used]]
+    radiance = radiance[: batch.used]
+    dr.eval(radiance, through, at_stations)
+    return radiance, through, at_stations
 
 
-def _boundary(path: Path, i: Any, count: int, stations: Stations | None) -> Any:
+def _boundary(path: AirPath, i: mi.Float64, count: int, stations: Stations | None) -> mi.Float64:
     """Return the ray parameter of step boundary ``i``."""
     if stations is None:
         return warp(path, path.y0 + (path.y1 - path.y0) * (i / count), CONCENTRATION)

@@ -1,6 +1,6 @@
 r"""Tables of a thermal band from one camera position: march a few ten thousand rays, look millions of cells up.
 
-Tabulated over the two numbers of a ray (:mod:`horizonval.renderer.kernel.sight`), clouds left out:
+Tabulated over the two numbers of a ray (:mod:`horizonval.renderer.kernel.ray_coordinates`), clouds left out:
 
 - limb: radiance of the air; and of the Sun's disc behind it, ``sum over g of through_g sun_g``;
 - ground: for every kind of ground and a few temperatures T_j the whole radiance of a ray that ends on such ground,
@@ -28,12 +28,13 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand, SourceSpline
 from horizonval.earth.surface.ground_emission import GroundEmission
 from horizonval.renderer.kernel.radiance import vectors
-from horizonval.renderer.kernel.sight import RayFan
-from horizonval.renderer.planet import Planet, Vec, dot
-from horizonval.renderer.spline_table import Azimuths, RayTable, StationTable
-from horizonval.renderer.thermal.emission_columns import AirColumns, ColumnChunk
+from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
+from horizonval.renderer.planet import Planet, dot
+from horizonval.renderer.spline_table import Azimuths, SplineTable, StationTable
+from horizonval.renderer.thermal.emission_columns import AirColumns, ColumnBatch
 from horizonval.renderer.thermal.emission_ground import GroundSource, kinds_of, mirrored, temperature_range_k
 from horizonval.renderer.thermal.emission_march import Stations, march_emission
+from horizonval.renderer.types import Number, Vec
 
 TEMPERATURE_ERROR = 2e-5
 STATIONS, STATION_STEPS = 80, 1
@@ -48,13 +49,13 @@ class ThermalAir:
 
     band: EmittingBand
     top_m: float
-    chunks: list[ColumnChunk]
+    batches: list[ColumnBatch]
     source: GroundSource
 
     @classmethod
     def of(cls, band: EmittingBand, emission: GroundEmission, columns: AirColumns) -> ThermalAir:
-        """Build; ``columns`` are the straightened ones with refraction."""
-        return cls(band, columns.top_m, list(columns.chunks()), GroundSource(band, emission))
+        """Build; ``columns`` are over apparent heights with refraction."""
+        return cls(band, columns.top_m, list(columns.batches()), GroundSource(band, emission))
 
 
 @dataclass(frozen=True)
@@ -80,15 +81,15 @@ class WarmKind:
         return cls(name, nodes)
 
 
-def lagrange(t: Any, nodes: Sequence[Any] | FloatArray) -> list[Any]:
+def lagrange(t: Number, nodes: Sequence[Number] | FloatArray) -> list[Number]:
     """Return Lagrange's polynomials of the nodes at ``t``; numpy or kernel arrays."""
-    out = []
-    for j, own in enumerate(nodes):
+    out: list[Number] = []
+    for j, node in enumerate(nodes):
         factor: Any = 1.0
         for k, other in enumerate(nodes):
             if k != j:
-                factor = factor * ((t - other) * (1.0 / (own - other)))
-        out.append(factor if len(nodes) > 1 else 1.0)
+                factor = factor * ((t - other) * (1.0 / (node - other)))
+        out.append(factor)
     return out
 
 
@@ -96,10 +97,10 @@ def lagrange(t: Any, nodes: Sequence[Any] | FloatArray) -> list[Any]:
 class BandTables:
     """Everything a cell of one band looks up. ``clouds_*``: None without clouds; ``layer_m`` their stations' begin."""
 
-    sight: RayFan
+    coordinates: RayCoordinates
     kinds: list[WarmKind]
-    ground: RayTable | None
-    limb: RayTable | None
+    ground: SplineTable | None
+    limb: SplineTable | None
     clouds_ground: StationTable | None
     clouds_limb: StationTable | None
     layer_m: float
@@ -108,11 +109,11 @@ class BandTables:
 def make_tables(
     air: ThermalAir,
     emission: GroundEmission,
-    sight: RayFan,
+    coordinates: RayCoordinates,
     azimuths: Azimuths,
     nodes: int,
     cloud_top_m: float | None,
-    wanted: tuple[bool, bool],
+    to_ground_and_limb: tuple[bool, bool],
 ) -> BandTables:
     """Return the tables of a band.
 
@@ -124,39 +125,39 @@ def make_tables(
         Evaluations along each ray.
     cloud_top_m : float or None
         Of the highest cloud; None without clouds.
-    wanted : tuple of bool
+    to_ground_and_limb : tuple of bool
         Whether there are rays to the ground, and rays past it.
     """
     layer_m = 0.0 if cloud_top_m is None else cloud_top_m + ABOVE_TOPS_M
-    angle = azimuths.marched()
-    o = vectors(sight.origin[None, :])
+    angle = azimuths.node_azimuths()
+    o = vectors(coordinates.origin[None, :])
     kinds = [WarmKind.of(kind, emission, air.source.spline) for kind in kinds_of(emission)]
     ground = limb = clouds_ground = clouds_limb = None
-    if wanted[0]:
-        v = sight.ground.nodes()
-        d = sight.directions(v, angle, to_ground=True).reshape(-1, 3)
-        values = _ground_values(air, sight.planet, kinds, o, d, nodes)
-        ground = RayTable.of(values.reshape(len(v), len(angle), -1), azimuths)
+    if to_ground_and_limb[0]:
+        v = coordinates.ground.nodes()
+        d = coordinates.directions(v, angle, to_ground=True).reshape(-1, 3)
+        values = _ground_values(air, coordinates.planet, kinds, o, d, nodes)
+        ground = SplineTable.of(values.reshape(len(v), len(angle), -1), azimuths)
         if layer_m:
-            stations = _station_values(air, sight.planet, o, d, True, nodes, layer_m)
+            stations = _station_values(air, coordinates.planet, o, d, True, nodes, layer_m)
             clouds_ground = StationTable.of(stations.reshape(len(v), len(angle), STATIONS, 2), azimuths)
-    if wanted[1]:
-        v = sight.limb.nodes()
-        d = sight.directions(v, angle, to_ground=False).reshape(-1, 3)
-        values = _limb_values(air, sight.planet, o, d, nodes)
-        limb = RayTable.of(values.reshape(len(v), len(angle), 2), azimuths)
+    if to_ground_and_limb[1]:
+        v = coordinates.limb.nodes()
+        d = coordinates.directions(v, angle, to_ground=False).reshape(-1, 3)
+        values = _limb_values(air, coordinates.planet, o, d, nodes)
+        limb = SplineTable.of(values.reshape(len(v), len(angle), 2), azimuths)
         if layer_m:
-            rows = _rows_below(sight, v, layer_m)
-            stations = _station_values(air, sight.planet, o, d[: rows * len(angle)], False, nodes, layer_m)
+            rows = _rows_below(coordinates, v, layer_m)
+            stations = _station_values(air, coordinates.planet, o, d[: rows * len(angle)], False, nodes, layer_m)
             clouds_limb = StationTable.of(stations.reshape(rows, len(angle), STATIONS, 2), azimuths)
-    return BandTables(sight, kinds, ground, limb, clouds_ground, clouds_limb, layer_m)
+    return BandTables(coordinates, kinds, ground, limb, clouds_ground, clouds_limb, layer_m)
 
 
-def _rows_below(sight: RayFan, v: FloatArray, layer_m: float) -> int:
+def _rows_below(coordinates: RayCoordinates, v: FloatArray, layer_m: float) -> int:
     """Return how many rows of the limb's axis may meet a layer, and two more."""
     highest = layer_m * 1.01
-    a, r = sight.planet.a_m, sight.distance_m
-    if not sight.inside:
+    a, r = coordinates.planet.a_m, coordinates.distance_m
+    if not coordinates.inside:
         limit = highest
     elif r > a + highest:
         limit = math.asin((a + highest) / r) - math.asin(a / r)
@@ -169,12 +170,12 @@ def _limb_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: 
     """Return radiance of the air and of the Sun's disc through it, shape (rays, 2)."""
     out = np.zeros((len(d), 2))
     first = 0
-    for chunk in air.chunks:
-        more, through, _ = march_emission(planet, air.top_m, chunk, o, vectors(d), mi.Bool(False), nodes)
+    for batch in air.batches:
+        more, through, _ = march_emission(planet, air.top_m, batch, o, vectors(d), mi.Bool(False), nodes)
         out[:, 0] += sum(np.array(m) for m in more)
-        for passed, sun in zip(through, air.band.sun_radiance[first : first + chunk.used], strict=True):
-            out[:, 1] += np.array(passed) * sun
-        first += chunk.used
+        for transmittance, sun in zip(through, air.band.sun_radiance[first : first + batch.used], strict=True):
+            out[:, 1] += np.array(transmittance) * sun
+        first += batch.used
     return out
 
 
@@ -189,27 +190,27 @@ def _ground_values(
     black = {k.name: source.spline(k.temperature_k) for k in kinds}
     out = np.zeros((sum(len(k.temperature_k) for k in kinds), len(d)))
     first = 0
-    for chunk in air.chunks:
-        more, through, _ = march_emission(planet, air.top_m, chunk, o, ray, mi.Bool(True), nodes)
-        part = slice(first, first + chunk.used)
-        passed = np.stack([np.array(t) for t in through])
+    for batch in air.batches:
+        more, through, _ = march_emission(planet, air.top_m, batch, o, ray, mi.Bool(True), nodes)
+        part = slice(first, first + batch.used)
+        transmittance = np.stack([np.array(t) for t in through])
         out += sum(np.array(m) for m in more)
         sky = mirror = source.sky_at(sin_latitude, part)
         if source.mirrors:
-            above, _, _ = march_emission(planet, air.top_m, chunk, p, up, mi.Bool(False), nodes // 2)
+            above, _, _ = march_emission(planet, air.top_m, batch, p, up, mi.Bool(False), nodes // 2)
             mirror = np.stack([np.array(a) for a in above])
         column = 0
         for k in kinds:
             e = source.emissivities(k.name, cosine, part)
-            reflected = np.sum(passed * (1.0 - e) * (mirror if k.name == "water" else sky), axis=0)
+            reflected = np.sum(transmittance * (1.0 - e) * (mirror if k.name == "water" else sky), axis=0)
             rows = slice(column, column + len(k.temperature_k))
-            out[rows] += black[k.name][:, part] @ (passed * e) + reflected
+            out[rows] += black[k.name][:, part] @ (transmittance * e) + reflected
             column = rows.stop
-        first += chunk.used
+        first += batch.used
     return out.T
 
 
-def way_through(planet: Planet, o: Vec, d: Vec, layer_m: float, to_ground: bool) -> tuple[Any, Any]:
+def way_through(planet: Planet, o: Vec, d: Vec, layer_m: float, to_ground: bool) -> tuple[mi.Float64, mi.Float64]:
     """Return the ray parameters between which the stations lie."""
     mid, half, _ = planet.chord(o, d, layer_m)
     start, end = dr.maximum(mid - half, 0.0), dr.maximum(mid + half, 0.0)
@@ -227,8 +228,8 @@ def _station_values(
     start, end = way_through(planet, o, ray, layer_m, to_ground)
     stations = Stations(start, end, STATIONS, STATION_STEPS)
     total = np.zeros((2, STATIONS, len(d)))
-    for chunk in air.chunks:
-        _, _, kept = march_emission(planet, air.top_m, chunk, o, ray, mi.Bool(to_ground), nodes, stations)
-        assert kept is not None
-        total += np.stack([np.array(k).reshape(STATIONS, len(d)) for k in kept])
+    for batch in air.batches:
+        _, _, at_stations = march_emission(planet, air.top_m, batch, o, ray, mi.Bool(to_ground), nodes, stations)
+        assert at_stations is not None
+        total += np.stack([np.array(k).reshape(STATIONS, len(d)) for k in at_stations])
     return np.moveaxis(total, 0, -1).swapaxes(0, 1)

@@ -26,10 +26,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.report.figures.plots import ESTIMATOR_COLOURS, ESTIMATOR_MARKERS, FLOOR_ARCSEC, Draw, house_style
 from horizonval.report.verdict import FALSE_VALID, MISSED, VALID, VerdictMark, verdict_of
 from horizonval.scoring import limits
-from horizonval.scoring.exclusion import is_right
-from horizonval.scoring.table import claimed_sigma_arcsec
+from horizonval.scoring.row import Row
 
-Row = Mapping[str, Any]
 Link = Callable[[Row], str | None]
 
 THIN_CELL = 3
@@ -87,7 +85,7 @@ def timeline(
 
     Parameters
     ----------
-    rows : sequence of mapping
+    rows : sequence of Row
         Of one camera and band.
     minutes : mapping
         Time of every case [min].
@@ -105,10 +103,10 @@ def timeline(
             _shade(axes, spans)
         ends = _error_ends(rows)
         for i, name in enumerate(estimators):
-            own = sorted((row for row in rows if row["estimator"] == name), key=lambda row: minutes[row["case"]])
-            _strip_line(strip, [minutes[row["case"]] for row in own], own, i, link)
-            claims = [row for row in own if row["nadir_error_arcsec"] is not None]
-            _error_panel(panels[i], [minutes[row["case"]] for row in claims], claims, ends, i, link)
+            own = sorted((row for row in rows if row.estimator == name), key=lambda row: minutes[row.case])
+            _strip_line(strip, [minutes[row.case] for row in own], own, i, link)
+            claims = [row for row in own if row.nadir_error_arcsec is not None]
+            _error_panel(panels[i], [minutes[row.case] for row in claims], claims, ends, i, link)
             panels[i].set_title(f"{name}, {len(claims)} claims of {len(own)} frames", loc="left", fontsize=9.5)
         _strip_names(strip, estimators)
         panels[-1].set_xlabel("time from the first frame [min]")
@@ -168,21 +166,25 @@ def _error_panel(
 
 def _error_ends(rows: Sequence[Row]) -> tuple[float, float]:
     """Return the ends of the axis that all panels share, so that they can be compared."""
-    errors = [_error_deg(row) for row in rows if row["nadir_error_arcsec"] is not None]
+    errors = [_error_deg(row) for row in rows if row.nadir_error_arcsec is not None]
     return max(min([*errors, LIMIT_DEG]) / 2, LEAST_SHOWN_DEG), 2 * max([*errors, LIMIT_DEG])
 
 
 def _claimed_deg(row: Row) -> float:
-    return (claimed_sigma_arcsec(row) or 0.0) / 3600.0
+    return (row.sigma_total_arcsec or 0.0) / 3600.0
 
 
 def _error_deg(row: Row) -> float:
-    return float(max(row["nadir_error_arcsec"] / 3600.0, LEAST_SHOWN_DEG))
+    return max((row.nadir_error_arcsec or 0.0) / 3600.0, LEAST_SHOWN_DEG)
+
+
+def _shown_arcsec(row: Row) -> float:
+    return max(row.nadir_error_arcsec or 0.0, FLOOR_ARCSEC)
 
 
 def answered(rows: Sequence[Row], estimator: str) -> bool:
     """Whether an estimator made any claim."""
-    return any(row["estimator"] == estimator and row["nadir_error_arcsec"] is not None for row in rows)
+    return any(row.estimator == estimator and row.nadir_error_arcsec is not None for row in rows)
 
 
 def timeline_height_in(rows: Sequence[Row], estimators: Sequence[str]) -> float:
@@ -221,7 +223,7 @@ def heat_map(
 
     Parameters
     ----------
-    rows : sequence of mapping
+    rows : sequence of Row
         Of one estimator, camera and band.
     x_of, y_of : mapping
         Axis values of every case.
@@ -230,8 +232,8 @@ def heat_map(
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        xs = np.array(sorted({x_of[row["case"]] for row in rows}))
-        ys = np.array(sorted({y_of[row["case"]] for row in rows}))
+        xs = np.array(sorted({x_of[row.case] for row in rows}))
+        ys = np.array(sorted({y_of[row.case] for row in rows}))
         median, answers, frames, false = _cells(rows, x_of, y_of, xs, ys)
         known = median[np.isfinite(median)]
         if known.size:
@@ -273,11 +275,11 @@ def _cells(
     frames = np.zeros((len(ys), len(xs)), dtype=np.int64)
     false = np.zeros_like(frames)
     for row in rows:
-        at = int(np.searchsorted(ys, y_of[row["case"]])), int(np.searchsorted(xs, x_of[row["case"]]))
+        at = int(np.searchsorted(ys, y_of[row.case])), int(np.searchsorted(xs, x_of[row.case]))
         frames[at] += 1
-        false[at] += bool(row["false_valid"])
-        if row["nadir_error_arcsec"] is not None:
-            found.setdefault(at, []).append(max(row["nadir_error_arcsec"], FLOOR_ARCSEC) / 3600.0)
+        false[at] += row.false_valid
+        if row.nadir_error_arcsec is not None:
+            found.setdefault(at, []).append(_shown_arcsec(row) / 3600.0)
     median = np.full(frames.shape, np.nan)
     answers = np.zeros_like(frames)
     for at, errors in found.items():
@@ -354,10 +356,10 @@ def _curves(
         heights = [STRIP_IN * len(estimators), 1.4, 1.8]
         strip, above, below = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": heights})
         for i, name in enumerate(estimators):
-            own = sorted((row for row in rows if row["estimator"] == name), key=lambda row: x_of[row["case"]])
-            x = np.array([x_of[row["case"]] for row in own])
+            own = sorted((row for row in rows if row.estimator == name), key=lambda row: x_of[row.case])
+            x = np.array([x_of[row.case] for row in own])
             _strip_line(strip, x, own, i, link)
-            right = np.array([is_right(row) for row in own], dtype=float)
+            right = np.array([row.is_right for row in own], dtype=float)
             at = np.unique(x)
             look = {
                 "color": ESTIMATOR_COLOURS[i % len(ESTIMATOR_COLOURS)],
@@ -373,8 +375,8 @@ def _curves(
             )
             if name in edges:
                 above.axvline(edges[name], lw=1.0, **look)
-            claimed = [k for k, row in enumerate(own) if row["nadir_error_arcsec"] is not None]
-            errors = [max(own[k]["nadir_error_arcsec"], FLOOR_ARCSEC) / 3600 for k in claimed]
+            claimed = [k for k, row in enumerate(own) if row.nadir_error_arcsec is not None]
+            errors = [_shown_arcsec(own[k]) / 3600 for k in claimed]
             marks = below.scatter(x[claimed], errors, **_mark(i))
             marks.set_urls([link(own[k]) for k in claimed])
         _strip_names(strip, estimators)
@@ -400,12 +402,12 @@ def error_distribution(rows: Sequence[Row], estimators: Sequence[str], link: Lin
         axes = figure.subplots()
         for i, name in enumerate(estimators):
             own = sorted(
-                (row for row in rows if row["estimator"] == name and row["nadir_error_arcsec"] is not None),
-                key=lambda row: row["nadir_error_arcsec"],
+                (row for row in rows if row.estimator == name and row.nadir_error_arcsec is not None),
+                key=lambda row: row.nadir_error_arcsec or 0.0,
             )
             if not own:
                 continue
-            errors = np.array([max(row["nadir_error_arcsec"], FLOOR_ARCSEC) / 3600 for row in own])
+            errors = np.array([_shown_arcsec(row) / 3600 for row in own])
             share = 100 * (1.0 - np.arange(len(errors)) / len(errors))
             look: dict[str, Any] = {
                 "color": ESTIMATOR_COLOURS[i % len(ESTIMATOR_COLOURS)],

@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import CameraModel, camera_from_spec, project
+from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import horizon_pixels
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.infrared_horizon.curve import curve_cam
 
 _CONE_SAMPLES = 40_000
@@ -26,15 +25,10 @@ _POINTS_PER_LINE = 160
 """Vertices of a drawn line: a horizon bends by less than 0.1 px between them in a 1000 px image."""
 
 
-def camera_of(truth: FrameTruth) -> CameraModel:
-    """Return the intrinsics of the camera that took a frame."""
-    return camera_from_spec(CameraSpec.model_validate(truth.camera).camera)
-
-
 def horizon_path(truth: FrameTruth) -> str:
     """Return the exact horizon inside the image; empty if there is none."""
     ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
-    lines = horizon_pixels(camera_of(truth), truth.q_cam_from_itrs, truth.r_itrs, ellipsoid, _POINTS_PER_LINE)
+    lines = horizon_pixels(truth.camera_model, truth.q_cam_from_itrs, truth.r_itrs, ellipsoid, _POINTS_PER_LINE)
     return "".join(_line(line) for line in lines)
 
 
@@ -54,7 +48,7 @@ def infrared_path(truth: FrameTruth, band: str) -> str:
     if band not in truth.infrared_horizon:
         return ""
     d_cam, _ = curve_cam(truth, band, _CONE_SAMPLES)
-    return _visible_path(camera_of(truth), np.concatenate([d_cam, d_cam[:1]]))
+    return _visible_path(truth.camera_model, np.concatenate([d_cam, d_cam[:1]]))
 
 
 def _visible_path(camera: CameraModel, d_cam: FloatArray) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,7 +19,7 @@ from horizonval.report.load import CaseView
 from horizonval.report.verdict import BROKEN, FAIR, MISSED, NONE, OTHER, REFUSED, verdict_of
 from horizonval.report.wording import count
 from horizonval.scoring import limits
-from horizonval.scoring.table import claimed_sigma_arcsec
+from horizonval.scoring.row import Row
 
 ESTIMATOR_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 ESTIMATOR_MARKERS = ("o", "s", "^", "D", "P", "v", "*")
@@ -80,9 +80,9 @@ def error_by_frame(views: Sequence[CaseView], estimators: Sequence[str]) -> Draw
             for j, view in enumerate(views):
                 row = view.rows.get(name)
                 verdict = verdict_of(row, broken=view.broken)
-                if row is not None and row["nadir_error_arcsec"] is not None:
+                if row is not None and row.nadir_error_arcsec is not None:
                     x.append(j + offset[i])
-                    y.append(max(row["nadir_error_arcsec"], FLOOR_ARCSEC))
+                    y.append(max(row.nadir_error_arcsec, FLOOR_ARCSEC))
                 elif verdict is not NONE:
                     used.add(verdict)
                     hollow = "none" if verdict in (REFUSED, OTHER, FAIR) else verdict.colour
@@ -115,7 +115,7 @@ def error_by_frame(views: Sequence[CaseView], estimators: Sequence[str]) -> Draw
     return draw
 
 
-def error_by_sigma(rows: Sequence[Mapping[str, Any]], estimators: Sequence[str]) -> Draw:
+def error_by_sigma(rows: Sequence[Row], estimators: Sequence[str]) -> Draw:
     """Nadir error against the error each estimator claims: honest claims scatter about the diagonal."""
 
     def draw(figure: Figure) -> None:
@@ -123,11 +123,11 @@ def error_by_sigma(rows: Sequence[Mapping[str, Any]], estimators: Sequence[str])
         everything, exact = [], 0
         for i, name in enumerate(estimators):
             pairs = [
-                (sigma, max(row["nadir_error_arcsec"], FLOOR_ARCSEC))
+                (sigma, max(row.nadir_error_arcsec, FLOOR_ARCSEC))
                 for row in rows
-                if row["estimator"] == name
-                and (sigma := claimed_sigma_arcsec(row)) is not None
-                and row["nadir_error_arcsec"] is not None
+                if row.estimator == name
+                and (sigma := row.sigma_total_arcsec) is not None
+                and row.nadir_error_arcsec is not None
             ]
             exact += sum(sigma <= 0 for sigma, _ in pairs)
             pairs = [pair for pair in pairs if pair[0] > 0]
@@ -149,18 +149,16 @@ def error_by_sigma(rows: Sequence[Mapping[str, Any]], estimators: Sequence[str])
     return draw
 
 
-def roll_and_pitch(rows: Sequence[Mapping[str, Any]], estimators: Sequence[str]) -> Draw:
+def roll_and_pitch(rows: Sequence[Row], estimators: Sequence[str]) -> Draw:
     """Roll against pitch error of every claim; a centre off zero is a bias."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         pairs = {
             name: [
-                (row["roll_error_arcsec"], row["pitch_error_arcsec"])
+                (row.roll_error_arcsec, row.pitch_error_arcsec)
                 for row in rows
-                if row["estimator"] == name
-                and row["roll_error_arcsec"] is not None
-                and row["pitch_error_arcsec"] is not None
+                if row.estimator == name and row.roll_error_arcsec is not None and row.pitch_error_arcsec is not None
             ]
             for name in estimators
         }

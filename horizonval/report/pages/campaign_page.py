@@ -12,17 +12,17 @@ from datetime import datetime
 from typing import Any
 from urllib.parse import quote
 
-from horizonval.core.outcome import Outcome
 from horizonval.report.figures import campaign_plots as draw
-from horizonval.report.figures.campaign_plots import Row, Span, inline_svg
+from horizonval.report.figures.campaign_plots import Span, inline_svg
 from horizonval.report.figures.plots import Draw
 from horizonval.report.load import ReportRun
 from horizonval.report.pages.confusion_section import matrices_of
 from horizonval.report.verdict import FALSE_VALID, MISSED, verdict_of
 from horizonval.report.wording import count, interval, number, percent
 from horizonval.scoring import limits
-from horizonval.scoring.exclusion import exclusion_angle_deg, is_right
+from horizonval.scoring.exclusion import exclusion_angle_deg
 from horizonval.scoring.rates import rates
+from horizonval.scoring.row import Row
 from horizonval.scoring.summary import summarise
 
 PAGE = "campaign.html"
@@ -38,7 +38,7 @@ def headline(run: ReportRun) -> Plain:
     """Return the page's name and the campaign in one sentence."""
     rows = run.rows
     false = sum(verdict_of(row) is FALSE_VALID for row in rows)
-    claims = sum(row["status"] == Outcome.VALID for row in rows)
+    claims = sum(row.is_claim for row in rows)
     figures = f"{count(len(run.figures), 'figure')}; " if run.figures else ""
     return {"page": PAGE, "text": f"{figures}{false} of {claims} claims are false."}
 
@@ -50,7 +50,7 @@ def is_due(run: ReportRun) -> bool:
 
 def has_draws(run: ReportRun) -> bool:
     """Whether frames were observed more than once."""
-    return any(row.get("noise_draws") is not None for row in run.rows)
+    return any(row.noise_draws is not None for row in run.rows)
 
 
 def page_of(run: ReportRun) -> Plain:
@@ -79,24 +79,24 @@ def page_of(run: ReportRun) -> Plain:
 def links_of(run: ReportRun) -> draw.Link:
     """Return what gives the address of a row's frame: ``None`` where the first page does not show it."""
     shown = {view.case for view in run.views if view.shown}
-    return lambda row: f"index.html#{quote(row['case'])}" if row["case"] in shown else None
+    return lambda row: f"index.html#{quote(row.case)}" if row.case in shown else None
 
 
 def _together(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
     """Return the rows of all bare and of all guarded methods, those that are there."""
-    guarded = [row for row in rows if row["estimator"].startswith(GUARDED)]
-    bare = [row for row in rows if not row["estimator"].startswith(GUARDED)]
+    guarded = [row for row in rows if row.estimator.startswith(GUARDED)]
+    bare = [row for row in rows if not row.estimator.startswith(GUARDED)]
     return [(name, own) for name, own in (("all bare methods", bare), ("all guarded methods", guarded)) if own]
 
 
 def _section(run: ReportRun, plan: Plain, index: int, link: draw.Link) -> Plain:
-    rows = [row for row in run.rows if row["case"] in plan["cases"]]
+    rows = [row for row in run.rows if row.case in plan["cases"]]
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
-        groups.setdefault((row["camera"], row["band"]), []).append(row)
+        groups.setdefault((row.camera, row.band), []).append(row)
     figures = []
     for (camera, band), own in sorted(groups.items()):
-        names = [name for name in run.estimators if any(row["estimator"] == name for row in own)]
+        names = [name for name in run.estimators if any(row.estimator == name for row in own)]
         for k, (title, drawn, width, height) in enumerate(_drawings(plan, own, names, link)):
             salt = f"figure-{index}-{camera}-{band}-{k}"
             name = "-".join([str(index + 1), plan["kind"], camera, band, *filter(None, [title.removeprefix(", ")])])
@@ -107,7 +107,7 @@ def _section(run: ReportRun, plan: Plain, index: int, link: draw.Link) -> Plain:
                     "file": f"{FIGURES}/{re.sub(r'[^A-Za-z0-9._-]+', '-', name)}.svg",
                 }
             )
-    return {"title": plan["title"], "kind": plan["kind"], "figures": figures, "n": len({row["case"] for row in rows})}
+    return {"title": plan["title"], "kind": plan["kind"], "figures": figures, "n": len({row.case for row in rows})}
 
 
 def _drawings(
@@ -125,7 +125,7 @@ def _drawings(
             return [
                 (
                     f", {name}",
-                    draw.heat_map([r for r in rows if r["estimator"] == name], first, second, labels),
+                    draw.heat_map([r for r in rows if r.estimator == name], first, second, labels),
                     5.4,
                     4.2,
                 )
@@ -135,11 +135,12 @@ def _drawings(
             height = draw.curves_height_in(names)
             return [("", draw.sweep(rows, names, first, _label(plan["x"]), link), 9.0, height)]
         case _:
-            angles = {row["case"]: row["sun_boresight_deg"] for row in rows}
+            angles = {row.case: row.sun_boresight_deg for row in rows if row.sun_boresight_deg is not None}
+            rows = [row for row in rows if row.case in angles]
             found = {
-                name: exclusion_angle_deg([angles[r["case"]] for r in own], [is_right(r) for r in own])
+                name: exclusion_angle_deg([angles[r.case] for r in own], [r.is_right for r in own])
                 for name in names
-                if (own := [row for row in rows if row["estimator"] == name])
+                if (own := [row for row in rows if row.estimator == name])
             }
             height = draw.curves_height_in(names)
             return [("", draw.exclusion_curves(rows, names, angles, found, link), 9.0, height)]
@@ -158,20 +159,20 @@ UNITS = {"_deg": "deg", "_km": "km", "_um": "µm", "_s": "s", "_c": "°C", "_k":
 
 
 def _minutes(rows: Sequence[Row]) -> dict[str, float]:
-    times = {row["case"]: datetime.fromisoformat(row["epoch_utc"]) for row in rows if row["epoch_utc"]}
+    times = {row.case: datetime.fromisoformat(row.epoch_utc) for row in rows if row.epoch_utc}
     start = min(times.values())
     return {case: (time - start).total_seconds() / 60.0 for case, time in times.items()}
 
 
 def _spans(rows: Sequence[Row], minutes: Mapping[str, float]) -> list[Span]:
     """Return the stretches of eclipse, Sun in frame and terminator in view, from half-way to the next frame on."""
-    by_case = {row["case"]: row for row in rows}
+    by_case = {row.case: row for row in rows}
     order = sorted(by_case, key=lambda case: minutes[case])
     times = [minutes[case] for case in order]
     tests = {
-        "eclipse": lambda row: row["sun_visible_fraction"] == 0.0,
-        "Sun in the frame": lambda row: bool(row["sun_in_frame"]),
-        "terminator in view": lambda row: row["lit_fraction"] is not None and 0.0 < row["lit_fraction"] < 1.0,
+        "eclipse": lambda row: row.sun_visible_fraction == 0.0,
+        "Sun in the frame": lambda row: bool(row.sun_in_frame),
+        "terminator in view": lambda row: row.lit_fraction is not None and 0.0 < row.lit_fraction < 1.0,
     }
     spans = []
     for label, test in tests.items():
@@ -267,9 +268,9 @@ def _degrees(arcsec: float | None) -> float | None:
 def _worst(rows: Sequence[Row], link: draw.Link) -> list[Plain]:
     """Return the worst frames of each kind: false claims by their error, and usable frames that were refused."""
     false = sorted(
-        (row for row in rows if verdict_of(row) is FALSE_VALID), key=lambda row: -(row["nadir_error_arcsec"] or 0.0)
+        (row for row in rows if verdict_of(row) is FALSE_VALID), key=lambda row: -(row.nadir_error_arcsec or 0.0)
     )
-    missed = sorted((row for row in rows if verdict_of(row) is MISSED), key=lambda row: -(row["lit_fraction"] or 0.0))
+    missed = sorted((row for row in rows if verdict_of(row) is MISSED), key=lambda row: -(row.lit_fraction or 0.0))
     return [
         {
             "kind": kind.label,
@@ -277,12 +278,12 @@ def _worst(rows: Sequence[Row], link: draw.Link) -> list[Plain]:
             "total": len(found),
             "lines": [
                 {
-                    "case": row["case"],
-                    "estimator": row["estimator"],
+                    "case": row.case,
+                    "estimator": row.estimator,
                     "link": link(row),
-                    "text": f"{number(_degrees(row['nadir_error_arcsec']))}° off"
+                    "text": f"{number(_degrees(row.nadir_error_arcsec))}° off"
                     if kind is FALSE_VALID
-                    else f"{row['status'].replace('_', ' ')}: {row['reason'] or ''}",
+                    else f"{row.status.replace('_', ' ')}: {row.reason or ''}",
                 }
                 for row in found[:WORST]
             ],

@@ -7,7 +7,7 @@ apart and told by their reason. Every cell has the glyph of what it means, so th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from horizonval.core.outcome import Outcome
@@ -15,6 +15,7 @@ from horizonval.report import wording
 from horizonval.report.verdict import BONUS, FALSE_VALID, MISSED, OTHER, REFUSED, VALID, VerdictMark
 from horizonval.scoring import limits
 from horizonval.scoring.confusion import BEYOND_LIMIT, BEYOND_SIGMA, BORDERLINE, in_order, strict_confusion
+from horizonval.scoring.row import Row
 
 COLUMN_WORDS = {
     BEYOND_LIMIT: f"false: more than {math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}\N{DEGREE SIGN} off",
@@ -22,7 +23,7 @@ COLUMN_WORDS = {
 }
 
 
-def matrices_of(rows: Sequence[Mapping[str, Any]], estimators: Sequence[str]) -> list[dict[str, Any]]:
+def matrices_of(rows: Sequence[Row], estimators: Sequence[str]) -> list[dict[str, Any]]:
     """Return the table of every estimator, all cameras together.
 
     Returns
@@ -32,10 +33,10 @@ def matrices_of(rows: Sequence[Mapping[str, Any]], estimators: Sequence[str]) ->
         ``apart`` (the line of borderline frames, always the last) and ``cells`` of ``n``, ``share`` of the line,
         ``kind`` (a class of the style sheet) and ``glyph``.
     """
-    return [_matrix([row for row in rows if row["estimator"] == name], name) for name in estimators]
+    return [_matrix([row for row in rows if row.estimator == name], name) for name in estimators]
 
 
-def _matrix(rows: Sequence[Mapping[str, Any]], estimator: str) -> dict[str, Any]:
+def _matrix(rows: Sequence[Row], estimator: str) -> dict[str, Any]:
     counts = strict_confusion(rows)
     columns = list(in_order({reported: 1 for line in counts.values() for reported in line}))
     lines = []

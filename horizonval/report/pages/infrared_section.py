@@ -16,7 +16,7 @@ from horizonval.frame import FrameTruth
 from horizonval.report.figures import plots
 from horizonval.report.load import CaseView
 from horizonval.report.wording import count, number, percent
-from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.spec.sensor.camera import Band
 from horizonval.truth.infrared_horizon.curve import MAXIMUM_GRADIENT, visible_height_m
 
 TEXT = (
@@ -109,7 +109,7 @@ def _accuracy_rows(views: Sequence[CaseView], places: int) -> list[dict[str, Any
     for view in views:
         assert view.image is not None
         stored = _stored(view)
-        spec = CameraSpec.model_validate(view.image.truth.camera)
+        spec = view.image.truth.camera_spec
         band = next(b for b in spec.band if b.name == view.band)
         told = stored.get("accuracy")
         rows.setdefault(

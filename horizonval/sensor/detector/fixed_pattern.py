@@ -19,8 +19,7 @@ from horizonval.sensor.streams import stream
 
 def unit(camera: str, truth: FrameTruth) -> str:
     """Return the name under which one array has its pattern: the camera's, and the head's where it has several."""
-    head = truth.scene.get("camera", {}).get("head")
-    return camera if head is None else f"{camera}/{head}"
+    return camera if truth.head is None else f"{camera}/{truth.head}"
 
 
 def response(camera: str, serial: int, shape: tuple[int, int], prnu: float) -> FloatArray:

@@ -18,7 +18,8 @@ from typing import Any
 from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.scoring.table import Row, read_results
+from horizonval.scoring.row import Row
+from horizonval.scoring.table import read_results
 from horizonval.spec.study import Price, Requirement
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.studies.trade import cost
@@ -78,23 +79,23 @@ def read_data(plan: StudyPlan, root: Path) -> Data:
     rows = read_results(folder.results)
     by_design: dict[tuple[str, str], list[tuple[str, Row]]] = {}
     for row in rows:
-        entry, condition = plan.frames.get(row["case"], ("", ""))
+        entry, condition = plan.frames.get(row.case, ("", ""))
         if entry:
-            by_design.setdefault((entry, row["estimator"]), []).append((condition, row))
+            by_design.setdefault((entry, row.estimator), []).append((condition, row))
     order = sorted(set(plan.conditions.values()))
     samples, frames = {}, {}
     for design in plan.designs:
         found = by_design.get((design.frames, design.estimator), [])
         if not found:
             raise UserError(f"no results of design {design.name!r}", where=str(root), fix="run the study again")
-        bands = sorted({row["band"] for _, row in found})
-        keyed = {condition if len(bands) == 1 else f"{condition} {row['band']}": row for condition, row in found}
+        bands = sorted({row.band for _, row in found})
+        keyed = {condition if len(bands) == 1 else f"{condition} {row.band}": row for condition, row in found}
         cluster = {
-            condition if len(bands) == 1 else f"{condition} {row['band']}": order.index(plan.conditions[condition])
+            condition if len(bands) == 1 else f"{condition} {row.band}": order.index(plan.conditions[condition])
             for condition, row in found
         }
         samples[design.name] = sample_of(keyed, cluster)
-        frames[design.name] = [(row["case"], len(bands)) for _, row in found]
+        frames[design.name] = [(row.case, len(bands)) for _, row in found]
     draws = cluster_draws(len(order), plan.head.name, plan.head.seed)
     return Data(plan, samples, draws, frames, tuple(summary.get("failed") or ()), str(summary.get("version") or ""))
 

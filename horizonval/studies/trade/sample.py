@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
-from horizonval.scoring.exclusion import is_right
+from horizonval.scoring.row import Row
 from horizonval.spec.expand import seed_of
 
 BoolArray = NDArray[np.bool_]
@@ -69,13 +68,13 @@ class Sample:
         return self.claimed & (np.nan_to_num(self.error_deg, nan=np.inf) <= error_deg)
 
 
-def sample_of(rows: Mapping[str, Mapping[str, Any]], cluster_of: Mapping[str, int]) -> Sample:
+def sample_of(rows: Mapping[str, Row], cluster_of: Mapping[str, int]) -> Sample:
     """Return the sample of rows of results.
 
     Parameters
     ----------
     rows : mapping
-        Rows of :data:`horizonval.scoring.table.COLUMNS` by key.
+        Rows of results by key.
     cluster_of : mapping
         Index of the cluster of every key.
     """
@@ -85,29 +84,26 @@ def sample_of(rows: Mapping[str, Mapping[str, Any]], cluster_of: Mapping[str, in
     def flags(values: Sequence[bool]) -> BoolArray:
         return np.array(values, dtype=np.bool_)
 
-    def degrees(name: str) -> FloatArray:
-        return np.array([np.nan if row[name] is None else row[name] for row in ordered]) / ARCSEC_PER_DEG
+    def degrees(values: Sequence[float | None]) -> FloatArray:
+        return np.array([np.nan if value is None else value for value in values]) / ARCSEC_PER_DEG
 
-    claimed = flags([row["status"] == Outcome.VALID for row in ordered])
     sun = [
-        row["sun_boresight_deg"]
-        if row["sun_boresight_deg"] is not None
-        and (row["sun_visible_fraction"] or 0.0) > 0.0
-        and row["expected"] in SUN_DECIDES
+        row.sun_boresight_deg
+        if row.sun_boresight_deg is not None and (row.sun_visible_fraction or 0.0) > 0.0 and row.expected in SUN_DECIDES
         else np.nan
         for row in ordered
     ]
     return Sample(
         keys,
         np.array([cluster_of[key] for key in keys], dtype=np.int64),
-        claimed,
-        flags([row["expected"] == Outcome.VALID and not row["borderline"] for row in ordered]),
-        flags([bool(row["false_valid"]) for row in ordered]),
-        degrees("nadir_error_arcsec"),
-        degrees("roll_error_arcsec"),
-        degrees("pitch_error_arcsec"),
+        flags([row.is_claim for row in ordered]),
+        flags([row.is_due for row in ordered]),
+        flags([row.false_valid for row in ordered]),
+        degrees([row.nadir_error_arcsec for row in ordered]),
+        degrees([row.roll_error_arcsec for row in ordered]),
+        degrees([row.pitch_error_arcsec for row in ordered]),
         np.array(sun, dtype=np.float64),
-        flags([is_right(row) for row in ordered]),
+        flags([row.is_right for row in ordered]),
     )
 
 

@@ -42,7 +42,7 @@ def reproduce(cache: TaskCache) -> Reproduction:
         system="A",
         title="Altitude-free image horizon sensor",
         source='Raeisy and Ghofrani, "Imaged Based Earth Horizon Sensor with no Altitude Information", 2021',
-        summary=_summary(bank),
+        summary={"text": _summary(bank)},
         rows=tuple(rows),
         tables=(*(error_table(bank, method) for method in METHODS), solver_table(solvers)),
         figures=(

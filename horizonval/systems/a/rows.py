@@ -18,7 +18,7 @@ from horizonval.systems.a.table import (
     updates,
     values,
 )
-from horizonval.systems.result import Row
+from horizonval.systems.result import ComparisonRow
 from horizonval.systems.task_cache import Plain
 
 SET_UP_OFF_AXIS_DEG = math.degrees(
@@ -31,11 +31,11 @@ CURVE_LIMIT_PX = 1e-3
 """Edges of our frames against the exact horizon: a thousandth of a pixel is far below every error in the tables."""
 
 
-def set_up_rows(shown: Mapping[str, Plain]) -> list[Row]:
+def set_up_rows(shown: Mapping[str, Plain]) -> list[ComparisonRow]:
     """Return the errors of the published method on the published set-ups, and how many of these it answers."""
     answered = sum("refused" not in result["clean"]["whole, newton"] for result in shown.values())
     rows = [
-        Row(
+        ComparisonRow(
             "published set-ups that the published method answers",
             len(shown),
             answered,
@@ -54,11 +54,11 @@ def set_up_rows(shown: Mapping[str, Plain]) -> list[Row]:
             f"{one['point_rms_arcsec']:.0f} arcsec rms."
         )
         for quantity, unit in (("roll_deg", "deg"), ("pitch_deg", "deg"), ("altitude_km", "km")):
-            rows.append(Row(f"{quantity.split('_')[0]} error, {name}", None, one[quantity], unit, why))
+            rows.append(ComparisonRow(f"{quantity.split('_')[0]} error, {name}", None, one[quantity], unit, why))
     return rows
 
 
-def check_rows(checks: Mapping[str, Plain]) -> list[Row]:
+def check_rows(checks: Mapping[str, Plain]) -> list[ComparisonRow]:
     """Return how far the image generator's edges lie from two authorities."""
     edges = sum(one["edges"] for one in checks.values())
     worst = max(one["curve_max_px"] for one in checks.values())
@@ -67,7 +67,7 @@ def check_rows(checks: Mapping[str, Plain]) -> list[Row]:
         np.average([o["stock_mean_px"] for o in checks.values()], weights=[o["edges"] for o in checks.values()])
     )
     return [
-        Row(
+        ComparisonRow(
             "image generator against the exact horizon, largest departure",
             None,
             worst,
@@ -77,7 +77,7 @@ def check_rows(checks: Mapping[str, Plain]) -> list[Row]:
             "with the projected horizon, computed without the renderer.",
             limit=CURVE_LIMIT_PX,
         ),
-        Row(
+        ComparisonRow(
             "image generator against a stock renderer's sphere, rms",
             "alike by eye",
             stock,
@@ -90,7 +90,7 @@ def check_rows(checks: Mapping[str, Plain]) -> list[Row]:
     ]
 
 
-def convergence_rows(shown: Mapping[str, Plain], bank: Bank) -> list[Row]:
+def convergence_rows(shown: Mapping[str, Plain], bank: Bank) -> list[ComparisonRow]:
     """Return the size of the fourth Newton update from both starts."""
     zero = [one["clean"]["whole, newton"] for one in shown.values()]
     worst_zero = max((one["updates"][3] for one in zero if len(one.get("updates", [])) > 3), default=0.0)
@@ -100,7 +100,7 @@ def convergence_rows(shown: Mapping[str, Plain], bank: Bank) -> list[Row]:
     limb, third = updates(bank, "limb, newton", 4), max(updates(bank, "limb, newton", 3))
     three = np.array(updates(bank, "three-point start", 4))
     return [
-        Row(
+        ComparisonRow(
             "fourth Newton update, sub-pixel points, largest of the whole grid",
             "very small",
             max(limb),
@@ -110,7 +110,7 @@ def convergence_rows(shown: Mapping[str, Plain], bank: Bank) -> list[Row]:
             f"it is below 1e-10 the iteration has ended and the fourth counts as nothing ({len(limb)} frames).",
             limit=UPDATE_LIMIT_RAD,
         ),
-        Row(
+        ComparisonRow(
             "fourth Newton update, whole pixels, start from three of them, largest of the set-ups",
             "very small",
             worst_three,
@@ -119,7 +119,7 @@ def convergence_rows(shown: Mapping[str, Plain], bank: Bank) -> list[Row]:
             "is done in four steps.",
             limit=UPDATE_LIMIT_RAD,
         ),
-        Row(
+        ComparisonRow(
             "fourth Newton update, whole pixels, start from three of them, 95th percentile of the grid",
             "very small",
             float(np.percentile(three, 95)),
@@ -129,7 +129,7 @@ def convergence_rows(shown: Mapping[str, Plain], bank: Bank) -> list[Row]:
             f"arc; {np.mean(three > UPDATE_LIMIT_RAD):.1%} of the frames need more than four steps.",
             limit=UPDATE_LIMIT_RAD,
         ),
-        Row(
+        ComparisonRow(
             "fourth Newton update, whole pixels, start at roll = pitch = 0, largest of the set-ups",
             "very small",
             worst_zero,
@@ -143,7 +143,7 @@ def convergence_rows(shown: Mapping[str, Plain], bank: Bank) -> list[Row]:
     ]
 
 
-def accuracy_rows(bank: Bank) -> list[Row]:
+def accuracy_rows(bank: Bank) -> list[ComparisonRow]:
     """Return the nadir's error at 1024 pixels over 60 deg, and what the claimed covariances are worth."""
     sharp = [f for f in bank.values() if (f[0]["fov_deg"], f[0]["pixels"]) == (60.0, 1024)]
     by_method = {m: rms(values(sharp, m, "nadir_arcsec")) for m in ("whole, newton", "level, newton", "limb, newton")}
@@ -152,7 +152,7 @@ def accuracy_rows(bank: Bank) -> list[Row]:
     noisy_nees = values(sharp, "limb, newton", "nees", "noisy")
     where = "1024 px, 60 deg"
     return [
-        Row(
+        ComparisonRow(
             f"nadir error, {where}, noise-free, sub-pixel points, rms",
             None,
             by_method["limb, newton"],
@@ -162,14 +162,14 @@ def accuracy_rows(bank: Bank) -> list[Row]:
             "of the distance from the limb, and that is allowed for here.",
             limit=NADIR_LIMIT_ARCSEC,
         ),
-        Row(
+        ComparisonRow(
             f"nadir error, {where}, noise-free, whole pixels, rms",
             None,
             by_method["whole, newton"],
             "arcsec",
             f"Rounding to pixels costs a factor of {by_method['whole, newton'] / by_method['limb, newton']:.0f}.",
         ),
-        Row(
+        ComparisonRow(
             f"nadir error, {where}, shipped lens and detector, sub-pixel points, rms",
             None,
             noisy["limb, newton"],
@@ -177,7 +177,7 @@ def accuracy_rows(bank: Bank) -> list[Row]:
             f"Lens, noise and ten bits; most of it comes from short arcs: the median is "
             f"{np.median(values(sharp, 'limb, newton', 'nadir_arcsec', 'noisy')):.1f}.",
         ),
-        Row(
+        ComparisonRow(
             f"nadir error, {where}, shipped lens and detector, whole pixels, rms",
             None,
             noisy["whole, newton"],
@@ -188,7 +188,7 @@ def accuracy_rows(bank: Bank) -> list[Row]:
             f"{np.median(values(sharp, 'whole, newton', 'nadir_arcsec', 'noisy')):.0f} and "
             f"{np.median(values(sharp, 'whole, newton', 'nadir_arcsec')):.0f}.",
         ),
-        Row(
+        ComparisonRow(
             "squared error over claimed variance, whole pixels, median of the grid",
             None,
             float(np.median(nees)),
@@ -198,7 +198,7 @@ def accuracy_rows(bank: Bank) -> list[Row]:
             limit=0.7,
             against=1.386,
         ),
-        Row(
+        ComparisonRow(
             f"squared error over claimed variance, {where}, noisy, sub-pixel points, median",
             None,
             float(np.median(noisy_nees)),
@@ -212,7 +212,7 @@ def accuracy_rows(bank: Bank) -> list[Row]:
     ]
 
 
-def trend_rows(bank: Bank) -> list[Row]:
+def trend_rows(bank: Bank) -> list[ComparisonRow]:
     """Return how errors go with pixels and with field."""
     falls = steps_with_pixels(bank, "whole, newton")
     points = ratios_of_field(bank, "whole, newton", "point_rms_arcsec", 40.0, 80.0)
@@ -220,7 +220,7 @@ def trend_rows(bank: Bank) -> list[Row]:
     sharp = ratios_of_field(bank, "limb, newton", "nadir_arcsec", 40.0, 80.0)
     factor = float(np.exp(np.mean(np.log(falls))))
     return [
-        Row(
+        ComparisonRow(
             "fall of the median nadir error from one number of pixels to the next, whole pixels, mean factor",
             "falls",
             factor,
@@ -229,7 +229,7 @@ def trend_rows(bank: Bank) -> list[Row]:
             limit=1.0,
             at_least=True,
         ),
-        Row(
+        ComparisonRow(
             "error of a whole-pixel point, field of 80 over 40 deg at the same pixels, median factor",
             "grows",
             float(np.median(points)),
@@ -238,7 +238,7 @@ def trend_rows(bank: Bank) -> list[Row]:
             limit=1.0,
             at_least=True,
         ),
-        Row(
+        ComparisonRow(
             "nadir error, field of 80 over 40 deg at the same pixels, whole pixels, median factor",
             "grows",
             float(np.median(nadir)),
@@ -247,7 +247,7 @@ def trend_rows(bank: Bank) -> list[Row]:
             "pixels and sees a longer "
             "arc; " + ("the pixels weigh more." if np.median(nadir) >= 1.0 else "the arc weighs more."),
         ),
-        Row(
+        ComparisonRow(
             "nadir error, field of 80 over 40 deg at the same pixels, sub-pixel points, median factor",
             "grows",
             float(np.median(sharp)),
@@ -256,7 +256,7 @@ def trend_rows(bank: Bank) -> list[Row]:
             limit=1.0,
             at_least=True,
         ),
-        Row(
+        ComparisonRow(
             "frames refused, whole pixels and Newton",
             None,
             refused_share(bank, "whole, newton"),
@@ -267,7 +267,7 @@ def trend_rows(bank: Bank) -> list[Row]:
     ]
 
 
-def closed_form_rows(bank: Bank, solvers: Mapping[str, Plain]) -> list[Row]:
+def closed_form_rows(bank: Bank, solvers: Mapping[str, Plain]) -> list[ComparisonRow]:
     """Return what the closed form wins and loses against Newton's method."""
     both = {m: rms(values(bank.values(), m, "nadir_arcsec")) for m in ("limb, newton", "limb, closed")}
     medians = {m: np.median(values(bank.values(), m, "nadir_arcsec")) for m in ("whole, newton", "whole, closed")}
@@ -275,7 +275,7 @@ def closed_form_rows(bank: Bank, solvers: Mapping[str, Plain]) -> list[Row]:
     worst = max(solvers.values(), key=lambda one: float(one["closed_rms"] / one["newton_rms"]))
     steps = max(one["newton_steps"] for one in solvers.values())
     return [
-        Row(
+        ComparisonRow(
             "nadir error, closed form over Newton, sub-pixel points of the whole grid, ratio of rms",
             None,
             both["limb, closed"] / both["limb, newton"],
@@ -283,14 +283,14 @@ def closed_form_rows(bank: Bank, solvers: Mapping[str, Plain]) -> list[Row]:
             "On points this good the attenuation of the linear form is far below the error of the points: no start and "
             "no steps for the same answer.",
         ),
-        Row(
+        ComparisonRow(
             "nadir error, closed form over Newton, whole pixels of the whole grid, ratio of medians",
             None,
             float(medians["whole, closed"] / medians["whole, newton"]),
             "",
             "The rounding's scatter enters squared, and short arcs amplify it: the linear form sees a smaller Earth.",
         ),
-        Row(
+        ComparisonRow(
             "largest factor by which the closed form loses on noisy arcs, ratio of rms",
             None,
             worst["closed_rms"] / worst["newton_rms"],
@@ -299,7 +299,7 @@ def closed_form_rows(bank: Bank, solvers: Mapping[str, Plain]) -> list[Row]:
             f"{worst['closed_bias']:.0f} arcsec, was foretold as {worst['foretold_closed_bias']:.0f}; Newton's is "
             "cos^2 rho of that.",
         ),
-        Row(
+        ComparisonRow(
             "largest angle between Newton's nadir and the orthogonal plane's",
             None,
             plane,

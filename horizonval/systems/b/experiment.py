@@ -30,7 +30,7 @@ from horizonval.systems.b.pair.orbit_report import orbit_rows, orbit_table, verd
 from horizonval.systems.b.pair.sun import sun_in_frame
 from horizonval.systems.b.pair.sun_report import sun_rows, sun_table
 from horizonval.systems.b.rig.experiment import rig_parts
-from horizonval.systems.result import Figure, Reproduction, Row, Table
+from horizonval.systems.result import ComparisonRow, Figure, Reproduction, Table
 from horizonval.systems.task_cache import TaskCache
 
 PUBLISHED_RMS_DEG = 0.038
@@ -77,7 +77,7 @@ def reproduce(cache: TaskCache) -> Reproduction:
         system="B",
         title="Video-vertical: the local vertical from two perpendicular cameras",
         source="I. Belokonov, I. Lomaka and others (Samara), about 2015; English version IFAC-PapersOnLine, 2016",
-        summary=f"{summary(region, orbit)}\n\n{bench_text}",
+        summary={"text": f"{summary(region, orbit)}\n\n{bench_text}"},
         rows=(*rows, *bench_rows),
         tables=(*tables, *bench_tables),
         figures=(*drawn, *bench_figures),
@@ -101,7 +101,7 @@ def summary(region: Applicability, orbit: Lap) -> str:
     )
 
 
-def region_rows(region: Applicability) -> list[Row]:
+def region_rows(region: Applicability) -> list[ComparisonRow]:
     """Return the rows of the map over a sphere."""
     model = region.model
     inside = model.within(REGION_DEG)
@@ -113,7 +113,7 @@ def region_rows(region: Applicability) -> list[Row]:
     missed = model.horizon_missed()
     cone = rms(model.error_deg("CONE")[inside])
     return [
-        Row(
+        ComparisonRow(
             "model RMS inside the applicability region",
             PUBLISHED_RMS_DEG,
             rms(error[inside]),
@@ -122,7 +122,7 @@ def region_rows(region: Applicability) -> list[Row]:
             f"would have {cone:.4f} deg.",
             limit=PUBLISHED_RMS_DEG,
         ),
-        Row(
+        ComparisonRow(
             "model RMS with single end pixels",
             PUBLISHED_RMS_DEG,
             rms(model.error_deg(ChordEnds.PIXEL.name)[inside]),
@@ -131,7 +131,7 @@ def region_rows(region: Applicability) -> list[Row]:
             "middle, makes figures of this size.",
             limit=PUBLISHED_RMS_DEG,
         ),
-        Row(
+        ComparisonRow(
             "model RMS of the angle to the longitudinal axis",
             None,
             rms(model.values("tilt_error_deg")[inside]),
@@ -139,7 +139,7 @@ def region_rows(region: Applicability) -> list[Row]:
             "The system's output is this angle, one of the vertical's two components; the source does not say which of "
             "the two its RMS is.",
         ),
-        Row(
+        ComparisonRow(
             "half side of the region answered throughout with error below 1 deg",
             "about 20",
             model.half_side_deg(),
@@ -149,7 +149,7 @@ def region_rows(region: Applicability) -> list[Row]:
             limit=REGION_DEG,
             at_least=True,
         ),
-        Row(
+        ComparisonRow(
             "largest error inside the applicability region",
             "< 1",
             float(finite.max()) if len(finite) else 180.0,
@@ -157,7 +157,7 @@ def region_rows(region: Applicability) -> list[Row]:
             f"Over {len(finite)} attitudes.",
             limit=LIMIT_DEG,
         ),
-        Row(
+        ComparisonRow(
             "half side of that region with a field of 60 deg",
             None,
             region.shipped.half_side_deg(),
@@ -165,7 +165,7 @@ def region_rows(region: Applicability) -> list[Row]:
             "The source does not name its cameras; level boresights with this field see the horizon 8 deg above the "
             "lower edge from 500 km, and lose it beyond.",
         ),
-        Row(
+        ComparisonRow(
             "mean normalised error squared inside the region",
             None,
             float(np.nanmean(model.values("nees")[inside])),

@@ -1,7 +1,7 @@
 """System C: the ideal horizon-sensor module of a space simulator, held against the exact horizon.
 
-The module that ships is compared with two other ways to the same reading (:mod:`ideal_module_poses`), then the oracle
-of image estimators with the truth of rendered frames, and every image estimator with the oracle.
+The module that ships is compared with two other ways to the same reading (:mod:`horizonval.systems.c.poses`), then the
+oracle of image estimators with the truth of rendered frames, and every image estimator with the oracle.
 """
 
 from __future__ import annotations
@@ -18,11 +18,15 @@ from horizonval.scoring.errors import ARCSEC, angle_between, score
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.suites.observation import observation_of
-from horizonval.systems.c.figures import readings_figure
+from horizonval.systems.c.figures import draw_readings
 from horizonval.systems.c.poses import RADIUS_M, departures, known_poses
-from horizonval.systems.result import Reproduction, Row, Table
+from horizonval.systems.published import published
+from horizonval.systems.result import ComparisonRow, Reproduction
 from horizonval.systems.task_cache import Plain, TaskCache
+from horizonval.systems.text import page_text
 
+TEXT = page_text("C")
+EXACT = published("C").figures["exact"].value
 LIMIT_RAD = 1e-9
 POSES = 1000
 BRUTE = 100
@@ -106,129 +110,47 @@ def reproduce(cache: TaskCache) -> Reproduction:
     known = cache.each("C: known poses", known_poses, {"poses": {"seed": seed, "count": POSES}})["poses"]
     frames = cache.each("C: frames", against_oracle, {k: {**v, "seed": seed} for k, v in FRAMES.items()})
     rows = (*_pose_rows(random["poses"], known), *_frame_rows(frames))
-    worst = max(row.measured for row in rows if row.unit == "rad")
-    return Reproduction(
-        system="C",
-        title="Ideal Earth-horizon-sensor module",
-        source="Documentation of a commercial space simulator's horizon-sensor module",
-        summary=(
-            f"The module as documented (two tangents, nearer horizon point, signed roll and pitch errors) agrees with "
-            f"the exact horizon curve, with its own documented matrices and with the truth of rendered frames to "
-            f"{worst:.1e} rad. It is the oracle of all image estimators: what a score calls their error is their "
-            f"angle to it."
-        ),
+    angles = (
+        (frame, estimator, answer["error"] / ARCSEC)
+        for frame, result in frames.items()
+        for estimator, answer in result["estimators"].items()
+    )
+    return TEXT.reproduction(
         rows=rows,
-        tables=(_estimator_table(frames),),
-        figures=(readings_figure(),),
+        tables=[TEXT.table("estimators", angles)],
+        figures=[TEXT.figure("readings", draw_readings)],
         settings={"radius_m": RADIUS_M, "poses": POSES, "minimised": BRUTE, "altitude_km": [100, 100_000]},
+        worst=max(row.measured for row in rows if row.unit == "rad"),
     )
 
 
-def _pose_rows(random: Plain, known: Plain) -> list[Row]:
-    def row(name: str, value: float, why: str, unit: str = "rad", limit: float = LIMIT_RAD) -> Row:
-        return Row(name, "exact by definition", value, unit, why, limit=limit)
+def _pose_rows(random: Plain, known: Plain) -> list[ComparisonRow]:
+    def row(key: str, value: float, limit: float = LIMIT_RAD, **fields: Any) -> ComparisonRow:
+        counts: dict[str, Any] = {"poses": POSES, "minimised": BRUTE, "signs": 2 * POSES}
+        return TEXT.row(key, value, EXACT, limit=limit, **counts, **fields)
 
-    rows = []
-    for key, other, how in (
-        ("documented", "documented matrices", "the documentation's steps, done with rotation matrices"),
-        ("exact", "exact horizon curve", "nearest point of the curve by root finding, its chord as level"),
-    ):
-        for what, value in zip(("roll error", "pitch error", "direction to H"), random[key], strict=True):
-            rows.append(row(f"{what} against the {other}: largest", value, f"{POSES} random poses; {how}."))
+    quantities = ("roll error", "pitch error", "direction to H")
     return [
-        *rows,
-        row(
-            "pitch error against plain minimisation along the horizon: largest",
-            random["brute"],
-            f"{BRUTE} of the poses, scipy's bounded minimiser on the angle between boresight and horizon.",
+        *(
+            row(yardstick, value, quantity=quantity)
+            for yardstick in ("documented", "exact")
+            for quantity, value in zip(quantities, random[yardstick], strict=True)
         ),
-        row(
-            "two-tangent theorem: asin(R / D) against the tangents' angle, largest",
-            random["tangent"],
-            "A line to H passes the centre at the distance R.",
-        ),
-        row("boresight on the horizon, level right axis: largest reading", known["level"], f"{POSES} poses made so."),
-        row(
-            "pitch error at known heights above the horizon: largest departure",
-            known["pitch"],
-            f"{POSES} poses, 1e-8 rad to 0.9 of the Earth's angular radius above and below.",
-        ),
-        row(
-            "roll error at known rolls: largest departure",
-            known["roll"],
-            f"{POSES} poses, 1e-8 to 2.5 rad either way; the right axis above the level is positive.",
-        ),
-        row(
-            "wrong signs across the horizon and across level",
-            known["wrong"],
-            f"Of {2 * POSES}: positive above the horizon, negative below it, down to 1e-8 rad.",
-            f"of {2 * POSES}",
-            0.0,
-        ),
-        row(
-            "wrong statuses at nadir, zenith, on and inside the Earth",
-            known["statuses"],
-            "Every horizon point is equally near at nadir and zenith, none exists inside: a status, not a number.",
-            "of 4",
-            0.0,
-        ),
-        row(
-            "pitch error next to nadir and zenith: largest departure",
-            known["near_axis"],
-            "1e-8 to 1e-3 rad from them the nearer point is still the right one.",
-        ),
+        row("minimised", random["brute"]),
+        row("tangent", random["tangent"]),
+        *(row(key, known[key]) for key in ("level", "pitch", "roll")),
+        *(row(key, known[key], limit=0.0) for key in ("wrong", "statuses")),
+        row("near_axis", known["near_axis"]),
     ]
 
 
-def _frame_rows(frames: dict[str, Plain]) -> list[Row]:
-    asked = sum(found["asked"] for found in frames.values())
-    answered = sum(len(found["estimators"]) for found in frames.values())
-    rows = [
-        Row(
-            "image estimators' answers compared with the oracle",
-            None,
-            answered,
-            f"of {asked}",
-            "Every registered estimator of the geocentric nadir from one image, on every frame; those that refuse a "
-            "frame have no row.",
-            limit=1.0,
-            at_least=True,
-        )
-    ]
-    for name, found in frames.items():
-        rows.append(
-            Row(
-                f"oracle against the frame's truth: {name}",
-                "exact by definition",
-                max(found["truth"], found["angles"]),
-                "rad",
-                "Nadir, roll and pitch of the pose in the frame's header against the truth written beside it.",
-                limit=LIMIT_RAD,
-            )
-        )
-        for estimator, one in found["estimators"].items():
-            rows.append(
-                Row(
-                    f"{estimator}, angle to the oracle against the score's error: {name}",
-                    None,
-                    one["apart"],
-                    "rad",
-                    f"The score gives {one['error'] / ARCSEC:.2f} arcsec; the oracle is the truth of the score.",
-                    limit=LIMIT_RAD,
-                )
-            )
+def _frame_rows(frames: dict[str, Plain]) -> list[ComparisonRow]:
+    asked = sum(result["asked"] for result in frames.values())
+    answered = sum(len(result["estimators"]) for result in frames.values())
+    rows = [TEXT.row("answered", answered, limit=1.0, at_least=True, asked=asked)]
+    for frame, result in frames.items():
+        rows.append(TEXT.row("truth", max(result["truth"], result["angles"]), EXACT, limit=LIMIT_RAD, frame=frame))
+        for estimator, answer in result["estimators"].items():
+            fields: dict[str, Any] = {"frame": frame, "estimator": estimator, "error": answer["error"] / ARCSEC}
+            rows.append(TEXT.row("estimator", answer["apart"], limit=LIMIT_RAD, **fields))
     return rows
-
-
-def _estimator_table(frames: dict[str, Plain]) -> Table:
-    lines: list[tuple[Any, ...]] = [
-        (name, estimator, one["error"] / ARCSEC)
-        for name, found in frames.items()
-        for estimator, one in found["estimators"].items()
-    ]
-    return Table(
-        "Image estimators against the oracle",
-        ("frame", "estimator", "angle to the oracle [arcsec]"),
-        tuple(lines),
-        "With detector noise; estimators that refuse a frame are left out.",
-    )

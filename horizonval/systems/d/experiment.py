@@ -7,13 +7,16 @@ through the air of every latitude, and the same rows are read with a sub-pixel c
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from horizonval.systems.d import figures as figures
 from horizonval.systems.d.budget import budget
 from horizonval.systems.d.frames import (
     AIR,
+    CAMERA,
     HARD,
+    INCLINATION_DEG,
     OBLATE,
     REAL,
     SOFT,
@@ -23,13 +26,8 @@ from horizonval.systems.d.frames import (
     read_heads,
     widest_tilt,
 )
-from horizonval.systems.d.published import (
-    ALL,
-    PRINTED,
-    QUANTUM_DEG,
-    TWO_QUANTA_DEG,
-)
 from horizonval.systems.d.rows import (
+    TEXT,
     cause_rows,
     entry_rows,
     largest_departure,
@@ -40,6 +38,7 @@ from horizonval.systems.d.rows import (
     tables,
     worst,
 )
+from horizonval.systems.d.settings import ALL, PRINTED, PUBLISHED, QUANTUM_DEG, TWO_QUANTA_DEG
 from horizonval.systems.result import Reproduction
 from horizonval.systems.task_cache import Plain, TaskCache
 
@@ -61,14 +60,11 @@ def reproduce(cache: TaskCache) -> Reproduction:
     orbit = _fly(cache, aim["aim_deg"])
     ends = _ends(cache, aim["aim_deg"])
     tilted = {"pitch": -5.0, "roll": 5.0, "rows": 160}
-    pictures = cache.each(
-        "D: pictures",
-        picture,
-        {
-            "hard limb, heads at 70.22 deg": {"planet": HARD, **tilted},
-            f"infrared limb, heads at {aim['aim_deg']:.2f} deg": {"planet": SOFT, "aim_deg": aim["aim_deg"], **tilted},
-        },
-    )
+    views = {
+        f"hard limb, heads at {PUBLISHED.number('nadir_angle'):.2f} deg": {"planet": HARD, **tilted},
+        f"infrared limb, heads at {aim['aim_deg']:.2f} deg": {"planet": SOFT, "aim_deg": aim["aim_deg"], **tilted},
+    }
+    pictures = cache.each("D: pictures", picture, views)
     budget_rows, budget_table = budget(hard, soft, orbit)
     rows = (
         *entry_rows(hard),
@@ -78,35 +74,33 @@ def reproduce(cache: TaskCache) -> Reproduction:
         *budget_rows,
         *range_rows(ends),
     )
-    return Reproduction(
-        system="D",
-        title="Static infrared horizon sensor with four linear heads",
-        source="Cui and others, simulation of a static infrared horizon sensor with four linear heads, "
-        "Shanghai Institute of Technical Physics, 2016",
-        summary=(
-            f"{sum(r.limit == TWO_QUANTA_DEG for r in rows)} of {PRINTED} printed readings were read again from "
-            f"rendered rows of 160 elements; the largest departure is {largest_departure(rows):.4f} deg, two steps of "
-            f"the printed figures being {2 * QUANTUM_DEG:.4f} deg. The steps are whole pixels: the published "
-            f"interpolation adds nothing to them. A crossing by area and the exact cone bring the same rows to "
-            f"{worst(hard, 'sub_pixel'):.4f} deg at worst. What ellipsoid and air cost in orbit is in the budget."
-        ),
+    return TEXT.reproduction(
         rows=rows,
         tables=(*tables(hard, soft), budget_table, range_table(ends)),
         figures=(
-            figures.pictures(pictures),
-            figures.rows_and_crossings(pictures),
-            figures.quantisation(hard),
-            figures.errors(hard, soft),
-            figures.round_the_orbit(orbit),
-            figures.working_range(ends, aim),
+            TEXT.figure("pictures", partial(figures.draw_pictures, pictures)),
+            TEXT.figure("rows", partial(figures.draw_rows, pictures)),
+            TEXT.figure("quantisation", partial(figures.draw_quantisation, hard)),
+            TEXT.figure("errors", partial(figures.draw_errors, hard, soft)),
+            TEXT.figure("orbit", partial(figures.draw_orbit, orbit)),
+            TEXT.figure("range", partial(figures.draw_range, ends, aim)),
         ),
         settings={
-            "camera": "ir-linear-160-four-heads",
+            "camera": CAMERA,
             "hard limb": HARD,
             "infrared limb": {**SOFT, "heads' nadir angle [deg]": aim["aim_deg"]},
-            "orbit": {"inclination_deg": 97.0, "descending node": "12:00 local solar time", "epochs": EPOCHS},
-            "axes": "housing turned by 90 deg: published azimuths count from the right of the track over the tail",
+            "orbit": {
+                "inclination_deg": INCLINATION_DEG,
+                "descending node": "12:00 local solar time",
+                "epochs": EPOCHS,
+            },
+            "axes": TEXT.phrase("axes"),
         },
+        entries=sum(row.limit == TWO_QUANTA_DEG for row in rows),
+        printed=PRINTED,
+        departure=largest_departure(rows),
+        two_steps=2 * QUANTUM_DEG,
+        worst=worst(hard, "sub_pixel"),
     )
 
 
@@ -115,9 +109,9 @@ def _read(cache: TaskCache, title: str, planet: dict[str, Any], more: Plain) -> 
     items = {
         key: {
             "planet": planet,
-            "roll": s.roll,
-            "pitch": s.pitch,
-            "yaw": s.yaw,
+            "roll": s.roll_deg,
+            "pitch": s.pitch_deg,
+            "yaw": s.yaw_deg,
             "altitude_km": s.altitude_km,
             "seed": cache.seed,
             "noise": DRAWS if key in NOISY else 0,
@@ -141,9 +135,9 @@ def _fly(cache: TaskCache, aim_deg: float) -> dict[str, dict[str, Plain]]:
     check = {"planet": AIR, "aim_deg": aim_deg, "epoch_utc": EPOCHS["July"], "argument_deg": 240.0}
     items["air of July", 240.0] = {**check, "seed": cache.seed}
     named = {f"{case} at {argument:g} deg": item for (case, argument), item in items.items()}
-    found = cache.each("D: round the orbit", read_heads, named)
+    readings = cache.each("D: round the orbit", read_heads, named)
     cases: dict[str, dict[str, Plain]] = {}
-    for (case, argument), reading in zip(items, found.values(), strict=True):
+    for (case, argument), reading in zip(items, readings.values(), strict=True):
         cases.setdefault(case, {})[f"{argument:g}"] = reading
     return cases
 
@@ -159,9 +153,9 @@ def _ends(cache: TaskCache, aim_deg: float) -> dict[str, dict[str, Plain]]:
         for limb, (item, altitudes, step) in limbs.items()
         for altitude in altitudes
     }
-    found = cache.each("D: range of tilt", widest_tilt, tilts)
+    tilt = cache.each("D: range of tilt", widest_tilt, tilts)
     altitudes = {
         f"{end} altitude": {"planet": HARD, "towards_km": towards, "step": 2.0}
         for end, towards in (("lowest", 100.0), ("highest", 1200.0))
     }
-    return {"tilt": found, "altitude": cache.each("D: range of altitude", altitude_end, altitudes)}
+    return {"tilt": tilt, "altitude": cache.each("D: range of altitude", altitude_end, altitudes)}

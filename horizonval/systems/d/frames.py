@@ -30,14 +30,15 @@ from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
 from horizonval.systems.circular_orbit import place_on_orbit
+from horizonval.systems.d.settings import PUBLISHED
 from horizonval.systems.task_cache import Plain
 from horizonval.truth.frame_truth import truth_of
 
 CAMERA = "ir-linear-160-four-heads"
 HOUSING_YAW_DEG = 90.0
-RADIUS_KM = 6378.137
-ALTITUDE_KM = 400.0
-INCLINATION_DEG = 97.0
+RADIUS_KM = PUBLISHED.number("earth_radius")
+ALTITUDE_KM = PUBLISHED.number("altitude")
+INCLINATION_DEG = PUBLISHED.number("inclination")
 EPOCH = "2016-03-20T12:00:00+00:00"
 
 HARD = {

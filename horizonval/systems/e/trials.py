@@ -8,7 +8,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.systems.e.case import METHODS, ROUNDING_DEG, exact_pass, rounded
-from horizonval.systems.e.noise import Meaning, noisy
+from horizonval.systems.e.noise import NoiseReading, noisy
 from horizonval.systems.e.orbit.celestial import ARCSEC, celestial_errors, normalised_squares, rms
 from horizonval.systems.e.orbit.pipeline import PassPositions, locate
 from horizonval.systems.task_cache import Plain, rng_of
@@ -63,7 +63,7 @@ def _angles(item: Plain, rng: np.random.Generator) -> FloatArray:
     if item["kind"] == "shifted":
         return rounded(exact, item["quantum_deg"], rng.uniform(-0.5, 0.5, 4))
     if item["kind"] == "noisy":
-        return noisy(Meaning(item["shape"], item["order"]), item["amount"], rng)
+        return noisy(NoiseReading(item["shape"], item["order"]), item["amount"], rng)
     if item["kind"] == "white":
         return exact + WHITE_ARCSEC * ARCSEC * rng.standard_normal(exact.shape)
     return exact

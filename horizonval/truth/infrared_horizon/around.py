@@ -89,12 +89,12 @@ def infrared_horizon(
     if not model.thermal:
         return {}
     place, sun = (tuple(np.asarray(v, dtype=np.float64).tolist()) for v in (r_itrs, sun_itrs))
-    asked = _Question(_digest(model), place, ellipsoid, sun, float(snow_line_deg), azimuths, model)
+    asked = _HorizonRequest(_digest(model), place, ellipsoid, sun, float(snow_line_deg), azimuths, model)
     return copy.deepcopy(_solved(asked))
 
 
 @dataclass(frozen=True)
-class _Question:
+class _HorizonRequest:
     """What an infrared horizon depends on; the model is compared by its digest."""
 
     digest: str
@@ -116,7 +116,7 @@ def _digest(model: OpticalModel) -> str:
 
 
 @lru_cache(maxsize=8)
-def _solved(asked: _Question) -> dict[str, dict[str, Any]]:
+def _solved(asked: _HorizonRequest) -> dict[str, dict[str, Any]]:
     model, ellipsoid = asked.model, asked.ellipsoid
     r = np.array(asked.r_itrs)
     if float(geodetic_height(r, ellipsoid)) <= model.top_m or model.top_m < _LOWEST_TOP_M:
@@ -148,7 +148,7 @@ class _CameraRays:
     ground: GroundPlaces
 
     @classmethod
-    def of(cls, asked: _Question, top_m: float, uniform: bool) -> _CameraRays:
+    def of(cls, asked: _HorizonRequest, top_m: float, uniform: bool) -> _CameraRays:
         r_itrs, ellipsoid, azimuths = np.array(asked.r_itrs), asked.ellipsoid, asked.azimuths
         azimuth: FloatArray = np.arange(azimuths, dtype=np.float64) * (math.tau / azimuths)
         half = azimuth[: azimuths // 2 + 1]

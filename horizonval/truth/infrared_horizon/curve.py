@@ -8,11 +8,10 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import camera_from_spec, project
+from horizonval.geometry.camera import project
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import horizon_by_azimuth
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.infrared_horizon.rays import directions
 
 HALF_PLATEAU, MAXIMUM_GRADIENT = "half_plateau", "maximum_gradient"
@@ -40,7 +39,7 @@ def visible_height_m(truth: FrameTruth, band: str, locator: str = HALF_PLATEAU) 
     """Return the mean height of a band's infrared horizon over what of it lies inside the image; None without."""
     if band not in truth.infrared_horizon:
         return None
-    camera = camera_from_spec(CameraSpec.model_validate(truth.camera).camera)
+    camera = truth.camera_model
     d_cam, height = curve_cam(truth, band, _VISIBLE_SAMPLES, locator)
     uv, _ = project(camera, d_cam)
     low, high = -0.5, np.array([camera.width, camera.height]) - 0.5

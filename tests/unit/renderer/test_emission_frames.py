@@ -29,7 +29,7 @@ CLOUDS = {"cover": 0.6, "top_km": 12.0, "mean_top_km": 8.0}
 
 
 def _tables(air: OpticalModel, origin: FloatArray) -> Any:
-    from horizonval.renderer.kernel.sight import RayFan
+    from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.spline_table import Azimuths
     from horizonval.renderer.thermal.emission_columns import AirColumns
@@ -39,20 +39,20 @@ def _tables(air: OpticalModel, origin: FloatArray) -> Any:
     b = air.thermal[0]
     assert air.emission is not None
     thermal = ThermalAir.of(b, air.emission, AirColumns.of(b))
-    sight = RayFan.of(Planet(WGS84.a_m, WGS84.b_m), origin, thermal.top_m)
+    coordinates = RayCoordinates.of(Planet(WGS84.a_m, WGS84.b_m), origin, thermal.top_m)
     whole = Azimuths(FEWEST_AZIMUTHS, 0, FEWEST_AZIMUTHS)
-    return make_tables(thermal, air.emission, sight, whole, 256, None, (True, True))
+    return make_tables(thermal, air.emission, coordinates, whole, 256, None, (True, True))
 
 
 def _looked(tables: Any, air: OpticalModel, o: Any, d: Any, row: Any, angle: Any, to_ground: bool) -> Any:
     from horizonval.renderer.thermal.emission_ground import mirrored
-    from horizonval.renderer.thermal.emission_image import RayTermination, mixed, warmth_k
+    from horizonval.renderer.thermal.emission_image import RayEnds, mixed, warmth_k
 
     if not to_ground:
         return tables.limb.look(row, angle)[0]
     assert air.emission is not None
-    _, normal, _ = mirrored(tables.sight.planet, o, d)
-    ends = RayTermination(None, None, {}, warmth_k(air.emission, normal, o))
+    _, normal, _ = mirrored(tables.coordinates.planet, o, d)
+    ends = RayEnds(None, None, {}, warmth_k(air.emission, normal, o))
     return mixed(tables.ground.look(row, angle), tables.kinds, ends)
 
 
@@ -71,19 +71,19 @@ def test_tables_say_what_the_march_says(table: dict[str, Any], altitude_m: float
     latitude = np.radians(20.0)
     origin = (WGS84.a_m - 2e3 + altitude_m) * np.array([np.cos(latitude), 0.0, np.sin(latitude)])
     tables = _tables(air, origin)
-    sight = tables.sight
+    coordinates = tables.coordinates
     rng = np.random.default_rng(np.random.SeedSequence(5))
     height = np.concatenate([rng.uniform(0, 2e3, 100), rng.uniform(14.5e3, 17e3, 100), rng.uniform(0, 90e3, 200)])
-    if sight.inside:
-        radius = sight.distance_m
+    if coordinates.inside:
+        radius = coordinates.distance_m
         dip = np.arccos(np.minimum((WGS84.a_m + height) / radius, 1.0))
         below = np.arccos(WGS84.a_m / radius) - dip
-        height = np.concatenate([below, rng.uniform(0.0, sight.limb.most, 100)])
+        height = np.concatenate([below, rng.uniform(0.0, coordinates.limb.most, 100)])
     grazing = np.concatenate([rng.uniform(0.0, 0.03, 100), rng.uniform(0.0, np.pi / 2, 200)])
     for to_ground, v in ((False, height), (True, grazing)):
         azimuth = rng.uniform(-np.pi, np.pi, len(v))
-        d = np.stack([sight.directions(v[k : k + 1], azimuth[k : k + 1], to_ground)[0, 0] for k in range(len(v))])
-        row, angle = sight.place(vectors(origin[None, :]), vectors(d), to_ground)
+        d = np.stack([coordinates.directions(v[k : k + 1], azimuth[k : k + 1], to_ground)[0, 0] for k in range(len(v))])
+        row, angle = coordinates.place(vectors(origin[None, :]), vectors(d), to_ground)
         direct = thermal_radiance(air, WGS84.a_m, np.tile(origin, (len(v), 1)), d, polar_radius_m=WGS84.b_m, nodes=256)[
             "b"
         ]
@@ -222,7 +222,7 @@ def test_what_a_cloud_top_reads_is_what_the_march_wrote(spectrum: dict[str, Any]
     Tops at 12 km at most; limb rays that pass below 10 km, and rays to the ground.
     """
     from horizonval.renderer.kernel.radiance import vectors
-    from horizonval.renderer.kernel.sight import RayFan
+    from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.spline_table import Azimuths
     from horizonval.renderer.thermal import emission_table
@@ -233,18 +233,18 @@ def test_what_a_cloud_top_reads_is_what_the_march_wrote(spectrum: dict[str, Any]
     assert air.emission is not None
     thermal = ThermalAir.of(air.thermal[0], air.emission, AirColumns.of(air.thermal[0]))
     origin = (WGS84.a_m + 500e3) * np.array([np.cos(0.4), 0.0, np.sin(0.4)])
-    sight = RayFan.of(Planet(WGS84.a_m, WGS84.b_m), origin, thermal.top_m)
-    tables = make_tables(thermal, air.emission, sight, Azimuths(96, 0, 96), 128, 12e3, (True, True))
+    coordinates = RayCoordinates.of(Planet(WGS84.a_m, WGS84.b_m), origin, thermal.top_m)
+    tables = make_tables(thermal, air.emission, coordinates, Azimuths(96, 0, 96), 128, 12e3, (True, True))
     rng = np.random.default_rng(np.random.SeedSequence(9))
     twice = 2 * emission_table.STATIONS - 1
     monkeypatch.setattr(emission_table, "STATIONS", twice)
     for to_ground, table, most in ((False, tables.clouds_limb, 10e3), (True, tables.clouds_ground, np.pi / 2)):
         assert table is not None
         v, azimuth = rng.uniform(0.0, most, 50), rng.uniform(-np.pi, np.pi, 50)
-        d = np.stack([sight.directions(v[k : k + 1], azimuth[k : k + 1], to_ground)[0, 0] for k in range(50)])
+        d = np.stack([coordinates.directions(v[k : k + 1], azimuth[k : k + 1], to_ground)[0, 0] for k in range(50)])
         o, ray = vectors(origin[None, :]), vectors(d)
-        exact = emission_table._station_values(thermal, sight.planet, o, d, to_ground, 128, tables.layer_m)
-        row, angle = sight.place(o, ray, to_ground)
+        exact = emission_table._station_values(thermal, coordinates.planet, o, d, to_ground, 128, tables.layer_m)
+        row, angle = coordinates.place(o, ray, to_ground)
         for k in range(twice):
             looked = np.stack([np.array(x) for x in table.look(row, angle, k / (twice - 1.0) + 0.0 * row)], axis=1)
             assert np.abs(looked - exact[:, k]).max() < 4e-3 * exact.max(), (to_ground, k)

@@ -129,7 +129,7 @@ def _as_nodes(air: OpticalModel) -> OpticalModel:
 
 @pytest.mark.parametrize("refraction", [False, True])
 def test_one_row_is_what_the_radiance_command_marches(refraction: bool) -> None:
-    """1e-4, the accuracy of 512 nodes against 2048; with refraction both march the straightened air."""
+    """1e-4, the accuracy of 512 nodes against 2048; with refraction both march the air over apparent heights."""
     spec = camera({"name": "b", "kind": "thermal", "lo_um": 14.0, "hi_um": 14.2})
     air = optical_model(scene(atmosphere={"refraction": refraction}), spec)
     observer, direction = _rays(np.array([-50e3, -1e3, 1e3, 15e3, 40e3]))

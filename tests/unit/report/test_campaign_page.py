@@ -5,15 +5,18 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+from synthetic import result_row
+
 from horizonval.report import template
 from horizonval.report.load import CaseView, ReportRun
 from horizonval.report.pages import campaign_page
+from horizonval.scoring.row import Row
 from horizonval.scoring.summary import summarise
 
 NAMES = ("shy", "bold")
 
 
-def _row(case: str, estimator: str, error: float | None, **more) -> dict:
+def _row(case: str, estimator: str, error: float | None, **more) -> Row:
     row = {
         "case": case,
         "estimator": estimator,
@@ -21,11 +24,9 @@ def _row(case: str, estimator: str, error: float | None, **more) -> dict:
         "band": "vis",
         "expected": "valid",
         "status": "dark" if error is None else "valid",
-        "reason": None,
         "nadir_error_arcsec": error,
         "sigma_nadir_arcsec": 20.0,
         "nees_nadir": 2.0,
-        "altitude_error_km": None,
         "roll_error_arcsec": error,
         "pitch_error_arcsec": error,
         "nees_nadir_total": 1.0,
@@ -37,7 +38,7 @@ def _row(case: str, estimator: str, error: float | None, **more) -> dict:
         "lit_fraction": 0.5 if case == "c2" else 1.0,
         "sun_boresight_deg": 10.0 * int(case[1:]),
     }
-    return row | more
+    return result_row(**(row | more))
 
 
 def _run(*plans: dict) -> ReportRun:
@@ -110,7 +111,7 @@ def test_the_noise_is_shown_where_it_was_drawn_and_else_a_dash():
     assert [line["nees_noise"]["mean"] for line in lines] == ["–", "–"]
     assert not campaign_page.is_due(replace(run, figures=()))
     more = {"nees_noise": 9.0, "noise_draws": 5}
-    views = [replace(v, rows={"shy": v.rows["shy"], "bold": v.rows["bold"] | more}) for v in run.views]
+    views = [replace(v, rows={"shy": v.rows["shy"], "bold": replace(v.rows["bold"], **more)}) for v in run.views]
     drawn = replace(run, views=tuple(views), figures=())
     assert campaign_page.is_due(drawn)
     page = campaign_page.page_of(drawn)
@@ -127,7 +128,7 @@ def test_the_noise_is_shown_where_it_was_drawn_and_else_a_dash():
 def test_a_refusal_of_a_borderline_frame_is_fair():
     refused = _row("c7", "shy", None)
     assert campaign_page.verdict_of(refused).key == "fair"
-    assert campaign_page.verdict_of(refused | {"borderline": False}).key == "missed"
+    assert campaign_page.verdict_of(replace(refused, borderline=False)).key == "missed"
 
 
 def test_bare_and_guarded_methods_are_put_together():

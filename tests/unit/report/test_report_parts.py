@@ -11,7 +11,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from synthetic import SOLAR_CAMERA, THERMAL_CAMERA, synthetic_cases, toy_image, truth_at
+from synthetic import SOLAR_CAMERA, THERMAL_CAMERA, result_row, synthetic_cases, toy_image, truth_at
 
 from horizonval.core.outcome import Outcome
 from horizonval.frame import DetectorImage
@@ -87,7 +87,7 @@ def test_the_infrared_horizon_is_the_cone_of_its_height():
     truth = infrared_truth()
     rho = math.asin((6371008.8 + 40e3) / math.hypot(*truth.r_itrs))
     drawn = vertices(overlay.infrared_path(truth, "lwir"))
-    cone = vertices(overlay.limb_path(overlay.camera_of(truth), truth.nadir_geocentric_cam, rho))
+    cone = vertices(overlay.limb_path(truth.camera_model, truth.nadir_geocentric_cam, rho))
     assert len(drawn) > 50
     row = np.interp(drawn[2:-2, 0], *cone[np.argsort(cone[:, 0])].T)
     np.testing.assert_allclose(drawn[2:-2, 1], row, atol=0.02)
@@ -146,18 +146,18 @@ def test_notes_of_several_bands():
     ],
 )
 def test_verdicts(expected, status, false, verdict):
-    assert verdict_of({"expected": expected, "status": status, "false_valid": false}) is verdict
+    assert verdict_of(result_row(expected=expected, status=status, false_valid=false)) is verdict
 
 
 def test_verdicts_without_a_result():
     assert verdict_of(None) is NONE
-    assert verdict_of({"expected": "valid", "status": "bad_input", "false_valid": False}, broken=True) is BROKEN
+    assert verdict_of(result_row(status="bad_input"), broken=True) is BROKEN
 
 
 def test_the_fitted_limb_of_a_perfect_fit_lies_on_the_true_horizon():
     """On a sphere the horizon is a cone; both curves are drawn to 0.01 px and thinned at different places."""
     truth = truth_at(roll_deg=66.0, ellipsoid=sphere(6371008.8))
-    camera = overlay.camera_of(truth)
+    camera = truth.camera_model
     true = vertices(overlay.horizon_path(truth))
     fitted = vertices(overlay.limb_path(camera, truth.nadir_geocentric_cam, truth.angular_radius_rad))
     middle = true[(true[:, 0] > 5) & (true[:, 0] < 634)]
@@ -169,7 +169,7 @@ def test_the_fitted_limb_of_a_perfect_fit_lies_on_the_true_horizon():
 def test_a_limb_that_leaves_and_enters_again_is_not_joined_across():
     """A far Earth larger than the image's height: two arcs, no line from one to the other."""
     truth = truth_at(THERMAL_CAMERA, altitude_km=10_000.0, ellipsoid=sphere(6371008.8))
-    path = overlay.limb_path(overlay.camera_of(truth), truth.nadir_geocentric_cam, truth.angular_radius_rad)
+    path = overlay.limb_path(truth.camera_model, truth.nadir_geocentric_cam, truth.angular_radius_rad)
     for piece in path.split("M")[1:]:
         assert np.linalg.norm(np.diff(vertices(piece), axis=0), axis=1).max() < 5
     assert path.count("M") >= 2
@@ -178,7 +178,7 @@ def test_a_limb_that_leaves_and_enters_again_is_not_joined_across():
 def test_a_limb_outside_the_image_is_no_path():
     truth = truth_at(roll_deg=150.0)
     assert overlay.horizon_path(truth) == ""
-    assert overlay.limb_path(overlay.camera_of(truth), truth.nadir_geocentric_cam, truth.angular_radius_rad) == ""
+    assert overlay.limb_path(truth.camera_model, truth.nadir_geocentric_cam, truth.angular_radius_rad) == ""
 
 
 def test_points_are_dots_and_bad_ones_are_left_out():

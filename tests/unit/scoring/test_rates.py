@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from synthetic import result_row
 
 from horizonval.scoring.confusion import confusion_by_estimator, strict_confusion, why_false
 from horizonval.scoring.rates import proportion, rates, upper_bound
@@ -27,14 +28,14 @@ def test_none_seen_still_allows_three_over_n():
 
 
 def row(expected, status, borderline=False, false=False, estimator="e", error=None):
-    return {
-        "estimator": estimator,
-        "expected": expected,
-        "status": status,
-        "borderline": borderline,
-        "false_valid": false,
-        "nadir_error_arcsec": error,
-    }
+    return result_row(
+        estimator=estimator,
+        expected=expected,
+        status=status,
+        borderline=borderline,
+        false_valid=false,
+        nadir_error_arcsec=error,
+    )
 
 
 ROWS = [

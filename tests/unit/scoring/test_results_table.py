@@ -3,20 +3,65 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from dataclasses import replace
 
 import duckdb
 import numpy as np
 import pytest
-from synthetic import THERMAL_CAMERA, estimator, fit_of, truth_at
+from synthetic import THERMAL_CAMERA, estimator, fit_of, result_row, truth_at
 
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.horizon import horizon_by_azimuth
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_outcome
-from horizonval.scoring.table import COLUMNS, make_row, read_results, write_results
+from horizonval.scoring.row import COLUMNS, Row, make_row
+from horizonval.scoring.table import read_results, write_results
 from horizonval.truth.infrared_horizon.curve import visible_height_m
+
+SCHEMA = """
+case VARCHAR
+camera VARCHAR
+band VARCHAR
+estimator VARCHAR
+expected VARCHAR
+borderline BOOLEAN
+status VARCHAR
+reason VARCHAR
+nadir_error_arcsec DOUBLE
+roll_error_arcsec DOUBLE
+pitch_error_arcsec DOUBLE
+altitude_error_km DOUBLE
+altitude_error_geodetic_km DOUBLE
+angular_radius_error_arcsec DOUBLE
+sigma_nadir_arcsec DOUBLE
+nees_nadir DOUBLE
+sigma_systematic_arcsec DOUBLE
+nees_nadir_total DOUBLE
+nees_noise DOUBLE
+noise_draws INTEGER
+n_points INTEGER
+false_valid BOOLEAN
+epoch_utc VARCHAR
+altitude_km DOUBLE
+roll_deg DOUBLE
+pitch_deg DOUBLE
+yaw_deg DOUBLE
+sun_zenith_deg DOUBLE
+sun_visible_fraction DOUBLE
+sun_in_frame BOOLEAN
+sun_boresight_deg DOUBLE
+horizon_arc_px DOUBLE
+lit_fraction DOUBLE
+limb_snr DOUBLE
+veil_fraction DOUBLE
+determined_deg DOUBLE
+moon_in_frame BOOLEAN
+ir_horizon_km DOUBLE
+frame_address VARCHAR
+image_address VARCHAR
+""".strip().splitlines()
 
 
 @pytest.fixture
@@ -41,13 +86,29 @@ def rows():
     return made
 
 
-def test_rows_have_every_column_in_order(rows):
-    assert list(rows[0]) == list(COLUMNS)
+def test_the_columns_are_what_they_were():
+    """Tables of earlier runs must stay readable: names, order and types are fixed."""
+    assert [(column.name, column.sql_type) for column in COLUMNS] == [tuple(line.split()) for line in SCHEMA]
+
+
+def test_every_column_says_what_it_means_and_in_which_unit():
+    for column in COLUMNS:
+        assert column.meaning.endswith("."), column.name
+        endings = {"_arcsec": "arcsec", "_deg": "deg", "_km": "km", "_px": "px", "_fraction": "1"}
+        assert [column.unit] == [unit for end, unit in endings.items() if column.name.endswith(end)] or (
+            not column.name.endswith(tuple(endings))
+        )
+
+
+def test_a_row_is_its_plain_data(rows):
+    data = rows[0].to_dict()
+    assert list(data) == [column.name for column in COLUMNS]
+    assert Row.from_dict(json.loads(json.dumps(data))) == rows[0]
 
 
 def test_the_infrared_horizon_in_view(rows):
     """40 km in the north, 38 in the south: an image of the southern horizon has what lies there."""
-    assert rows[0]["ir_horizon_km"] is None
+    assert rows[0].ir_horizon_km is None
     place = truth_at(THERMAL_CAMERA).r_itrs
     azimuth = np.arange(36) * 10.0
     height = 39e3 + 1e3 * np.cos(np.radians(azimuth))
@@ -70,7 +131,7 @@ def test_the_infrared_horizon_in_view(rows):
             expected=expected_outcome(truth),
             score=score(truth, estimator(), fit_of(truth)),
         )
-        found.append(row["ir_horizon_km"])
+        found.append(row.ir_horizon_km)
     # The arc in view spans some 60 deg of azimuth: the mean of the cosine over it is 0.95.
     assert sorted(found) == pytest.approx([38.05, 39.95], abs=0.03)
     away = replace(truth_at(THERMAL_CAMERA, roll_deg=180.0), infrared_horizon={"lwir": stored})
@@ -79,10 +140,10 @@ def test_the_infrared_horizon_in_view(rows):
 
 def test_values_come_back_bit_by_bit_and_sorted(rows, tmp_path):
     back = read_results(write_results(rows, tmp_path / "results.parquet"))
-    assert [(r["case"], r["estimator"]) for r in back] == [(c, e) for c in "abc" for e in ("one", "two")]
-    assert back == sorted(rows, key=lambda r: (r["case"], r["estimator"]))
-    assert back[0]["image_address"] is None
-    assert back[0]["false_valid"] is False
+    assert [(r.case, r.estimator) for r in back] == [(c, e) for c in "abc" for e in ("one", "two")]
+    assert back == sorted(rows, key=lambda r: (r.case, r.estimator))
+    assert back[0].image_address is None
+    assert back[0].false_valid is False
 
 
 def test_same_rows_same_bytes(rows, tmp_path):
@@ -97,12 +158,16 @@ def test_types_are_fixed_even_without_rows(tmp_path):
     assert read_results(path) == []
     with duckdb.connect() as connection:
         types = connection.read_parquet(str(path)).types
-    assert [str(t) for t in types] == list(COLUMNS.values())
+    assert [str(t) for t in types] == [column.sql_type for column in COLUMNS]
 
 
 def test_missing_entries_are_null(tmp_path):
-    path = write_results([{"case": "a", "estimator": "e"}], tmp_path / "r.parquet")
-    assert read_results(path)[0] == dict.fromkeys(COLUMNS) | {"case": "a", "estimator": "e"}
+    path = write_results([result_row()], tmp_path / "r.parquet")
+    with duckdb.connect() as connection:
+        stored = connection.read_parquet(str(path)).fetchall()[0]
+    given = {"case", "camera", "band", "estimator", "expected", "status", "n_points", "false_valid"}
+    assert {column.name for column, value in zip(COLUMNS, stored, strict=True) if value is not None} == given
+    assert read_results(path) == [result_row()]
 
 
 @pytest.mark.parametrize(
@@ -115,12 +180,35 @@ def test_missing_entries_are_null(tmp_path):
         {"n_points": 1.5},
         {"false_valid": 1},
         {"case": None},
+        {"status": None},
+        {"n_points": None},
     ],
 )
-def test_a_wrong_row_is_refused(wrong, tmp_path):
-    with pytest.raises(ValueError, match="row 0"):
-        write_results([{"case": "a", "estimator": "e"} | wrong], tmp_path / "r.parquet")
-    assert list(tmp_path.iterdir()) == []
+def test_a_wrong_row_is_refused(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        Row.from_dict(result_row().to_dict() | wrong)
+
+
+def test_a_foreign_value_in_a_table_is_damage(tmp_path):
+    path = write_results([result_row()], tmp_path / "r.parquet")
+    with duckdb.connect() as connection:
+        relation = connection.sql(f"SELECT * REPLACE ('nan'::DOUBLE AS limb_snr) FROM read_parquet('{path}')")
+        relation.write_parquet(str(tmp_path / "other.parquet"))
+    with pytest.raises(DamagedFileError, match="limb_snr"):
+        read_results(tmp_path / "other.parquet")
+
+
+def test_what_a_row_says_of_its_answer():
+    claim, refusal = result_row(sigma_nadir_arcsec=3.0, sigma_systematic_arcsec=4.0), result_row(status="dark")
+    assert (claim.is_claim, claim.is_right, claim.is_due, claim.is_failure) == (True, True, True, False)
+    assert (refusal.is_claim, refusal.is_right, refusal.is_failure) == (False, False, True)
+    assert claim.sigma_total_arcsec == 5.0
+    assert refusal.sigma_total_arcsec is None
+    assert not result_row(borderline=True).is_due
+    assert not result_row(false_valid=True).is_right
+    assert result_row(false_valid=True).is_failure
+    assert result_row(expected="dark").is_failure
+    assert not result_row(expected="dark", status="no_limb").is_failure
 
 
 def test_unreadable_tables(tmp_path):

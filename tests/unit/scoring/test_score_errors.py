@@ -135,7 +135,7 @@ def test_a_refusal_keeps_its_reason_and_has_no_numbers():
     s = score(truth_at(), estimator(), Refusal(Outcome.DARK, "too dark", np.zeros((7, 2))))
     assert (s.status, s.reason, s.n_points, s.false_valid) == ("dark", "too dark", 7, False)
     numbers = dataclasses.asdict(s)
-    assert [v for k, v in numbers.items() if k not in ("status", "reason", "n_points", "false_valid")] == [None] * 10
+    assert [v for k, v in numbers.items() if k not in ("status", "reason", "n_points", "false_valid")] == [None] * 12
 
 
 @pytest.mark.parametrize("nadir", [[np.nan, 0, 1], [0, 0, 0], [np.inf, 0, 0]])

@@ -3,30 +3,29 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import pytest
+from synthetic import result_row
 
 from horizonval.cli.printing import print_summary
 from horizonval.scoring.rates import proportion
+from horizonval.scoring.row import Row
 from horizonval.scoring.summary import summarise
 
 
-def row(case: str, expected: str, status: str, error: float | None = None, **changes: Any) -> dict[str, Any]:
+def row(case: str, expected: str, status: str, error: float | None = None, **changes: Any) -> Row:
     values: dict[str, Any] = {
         "case": case,
-        "camera": "cam",
-        "estimator": "est",
         "expected": expected,
         "status": status,
         "nadir_error_arcsec": error,
         "roll_error_arcsec": error,
         "pitch_error_arcsec": None if error is None else -error,
-        "altitude_error_km": None,
         "nees_nadir": None if error is None else 1.0,
-        "false_valid": False,
     }
-    return values | changes
+    return result_row(**(values | changes))
 
 
 ROWS = [
@@ -107,6 +106,6 @@ def test_the_printed_table_has_the_noise_where_it_was_drawn(capsys):
     print_summary(summarise(ROWS))
     assert "noise" not in capsys.readouterr().out
     drawn = row("d", "valid", "valid", 10.0, nees_noise=3.0, noise_draws=10)
-    print_summary(summarise([drawn, drawn | {"case": "e", "nees_noise": 2.0}, *ROWS[5:]]))
+    print_summary(summarise([drawn, replace(drawn, case="e", nees_noise=2.0), *ROWS[5:]]))
     lines = capsys.readouterr().out.splitlines()
     assert [line.split("  ")[-1].strip() for line in lines] == ["noise NEES / 2", "-", "1.25 +- 0.25 (2 frames)"]

@@ -22,8 +22,7 @@ from synthetic import SOLAR_CAMERA, toy_image, truth_at
 from horizonval.core.errors import UserError
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.geometry import frames
-from horizonval.geometry.camera import camera_from_spec, unproject
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.geometry.camera import unproject
 from horizonval.store import exr
 from horizonval.store.export import export_file
 from horizonval.store.fits import fits_bytes
@@ -93,7 +92,7 @@ def test_a_pixel_has_the_place_in_the_sky_that_astropy_works_out(name):
     """
     image = blank(CAMERAS[name])
     header = opened(fits_bytes(image))[0].header
-    camera = camera_from_spec(CameraSpec.model_validate(image.truth.camera).camera)
+    camera = image.truth.camera_model
     uv = np.stack(np.meshgrid(np.arange(0, 80, 13.0), np.arange(0, 60, 13.0)), axis=-1).reshape(-1, 2)
     itrs = frames.rotate(frames.inverse(image.truth.q_cam_from_itrs), unproject(camera, uv))
     time = Time("2026-03-20T12:00:00", scale="utc")

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from synthetic import SOLAR_CAMERA, toy_image, truth_at
 
 from horizonval.frame import DetectorImage
-from horizonval.geometry.camera import camera_from_spec, project
+from horizonval.geometry.camera import project
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.store import exr
 from horizonval.store.store import Store
@@ -92,7 +92,7 @@ def test_a_known_direction_is_projected_from_the_attributes_alone(tmp_path, name
     truth = truth_at(CAMERAS[name], roll_deg=66.0, yaw_deg=25.0)
     exr.write_image(tmp_path / "a.exr", DetectorImage(np.zeros((60, 80), np.uint16), "red", truth, 1023))
     spec, found = attributes(tmp_path / "a.exr")
-    model = camera_from_spec(CameraSpec.model_validate(truth.camera).camera)
+    model = truth.camera_model
     back = Rotation.from_quat(truth.q_cam_from_itrs).inv()
     rng = np.random.default_rng(4)
     for _ in range(20):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,6 @@ from horizonval.estimation.observation import Fit
 from horizonval.scoring.repeats import noise_nees
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import Case, load_suite
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.store.folder import RunFolder
 from horizonval.suites import case as module
 from horizonval.suites.case import Stopwatch
@@ -51,7 +52,7 @@ REFUSAL = Refusal(Outcome.DARK, "dark")
 def take(make_frame, monkeypatch, tmp_path):
     """Take one case whose frame is made by hand, with scripted answers; its row, what was seen, the frame."""
     frame = make_frame()
-    camera = CameraSpec.model_validate(frame.truth.camera)
+    camera = frame.truth.camera_spec
     monkeypatch.setattr(module, "_frame", lambda *_: (frame, None))
     (tmp_path / "s.toml").write_text(
         '[suite]\nname = "s"\nestimators = ["altitude-free"]\n[[frame]]\nscene.name = "f"\n'
@@ -79,10 +80,10 @@ def test_every_draw_is_another_seed_and_the_first_one_is_the_row(take):
     assert not np.array_equal(seen[0].image, seen[1].image)
     (row,) = taken.rows
     # 1.0, 1.1 and 1.3 mrad vary by 7/300 mrad2, by (0.1 mrad)2 claimed: 7/3, whatever all are off by.
-    assert (row["nees_noise"], row["noise_draws"]) == (pytest.approx(7 / 3, rel=1e-4), 3)
+    assert (row.nees_noise, row.noise_draws) == (pytest.approx(7 / 3, rel=1e-4), 3)
     (one,) = take([1e-3], 1)[0].rows
-    assert (one["nees_noise"], one["noise_draws"]) == (None, None)
-    assert row | {"nees_noise": None, "noise_draws": None} == one
+    assert (one.nees_noise, one.noise_draws) == (None, None)
+    assert replace(row, nees_noise=None, noise_draws=None) == one
     assert np.array_equal(taken.images["vis"].dn, seen[0].image)
     assert "draws" in watch.seconds
 
@@ -96,17 +97,17 @@ def test_only_one_draw_costs_nothing_more(take):
 
 def test_refused_draws_are_left_out(take):
     (row,) = take([0.0, None, 2e-4, None], 4)[0].rows
-    assert (row["nees_noise"], row["noise_draws"]) == (pytest.approx(2.0, rel=1e-4), 2)
+    assert (row.nees_noise, row.noise_draws) == (pytest.approx(2.0, rel=1e-4), 2)
     (refused,) = take([None, 0.0, 2e-4], 3)[0].rows
-    assert (refused["status"], refused["noise_draws"]) == ("dark", 2)
-    assert refused["nees_noise"] == pytest.approx(2.0, rel=1e-4)
+    assert (refused.status, refused.noise_draws) == ("dark", 2)
+    assert refused.nees_noise == pytest.approx(2.0, rel=1e-4)
     (lonely,) = take([0.0, None, None], 3)[0].rows
-    assert (lonely["nees_noise"], lonely["noise_draws"]) == (None, 1)
+    assert (lonely.nees_noise, lonely.noise_draws) == (None, 1)
 
 
 def test_a_method_that_claims_perfection_has_none(take):
     (row,) = take([0.0, 0.0], 2, sigma=0.0)[0].rows
-    assert (row["nees_noise"], row["noise_draws"]) == (None, 2)
+    assert (row.nees_noise, row.noise_draws) == (None, 2)
 
 
 def test_heads_are_drawn_together(make_frame, monkeypatch, tmp_path):
@@ -118,7 +119,7 @@ def test_heads_are_drawn_together(make_frame, monkeypatch, tmp_path):
     plan = CasePlan(suite.estimators, draws=3)
     (unit,) = units_of(suite.cases, plan)
     frame = make_frame()
-    camera = CameraSpec.model_validate(frame.truth.camera)
+    camera = frame.truth.camera_spec
     taken = {}
     for head, one in enumerate(unit.cases):
         images = [observe(frame, camera, seed=10 * head + seed) for seed in range(3)]
@@ -128,7 +129,7 @@ def test_heads_are_drawn_together(make_frame, monkeypatch, tmp_path):
     sandbox = Scripted(fits)
     monkeypatch.setattr(module, "sandbox_of", lambda _: sandbox)
     (row,) = module._take_together(unit, taken, plan, Stopwatch()).rows
-    assert (row["nees_noise"], row["noise_draws"]) == (pytest.approx(noise_nees(fits).mean()), 3)
+    assert (row.nees_noise, row.noise_draws) == (pytest.approx(noise_nees(fits).mean()), 3)
     for seed, observation in enumerate(sandbox.seen):
         for head, own in enumerate(observation.heads.values()):
             assert np.array_equal(own.image, observe(frame, camera, seed=10 * head + seed).dn)

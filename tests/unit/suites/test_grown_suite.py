@@ -16,7 +16,6 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.progress import Silent
 from horizonval.core.refusal import Refusal
 from horizonval.scoring.table import read_results
-from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites import case as of_case
 from horizonval.suites import run as of_run
 from horizonval.suites.run import run_suite
@@ -57,7 +56,7 @@ class Refusing:
 @pytest.fixture
 def suite_file(make_frame, monkeypatch, tmp_path) -> Path:
     frame = make_frame()
-    camera = CameraSpec.model_validate(frame.truth.camera)
+    camera = frame.truth.camera_spec
     monkeypatch.setattr(of_case, "_frame", lambda *_: (frame, None))
     monkeypatch.setattr(of_case, "sandbox_of", lambda _: Refusing())
     monkeypatch.setattr(of_run, "run_cases", lambda work, units, _: ((unit, work(unit)) for unit in units))
@@ -79,7 +78,7 @@ def test_another_number_of_frames_goes_on_in_the_same_folder(suite_file, tmp_pat
         assert (summary["n_cases"], progress.kept) == (frames, kept)
         outcome = [(out / name).read_bytes() for name in ("summary.json", "results.parquet", "run.json")]
         assert outcomes.setdefault(frames, outcome) == outcome
-    assert [row["case"] for row in read_results(out / "results.parquet")] == ["sobol_000", "sobol_001"]
+    assert [row.case for row in read_results(out / "results.parquet")] == ["sobol_000", "sobol_001"]
     assert (out / "cases" / "sobol_002.json").is_file(), "what was computed is not lost"
 
 

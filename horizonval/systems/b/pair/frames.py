@@ -18,7 +18,7 @@ from horizonval.estimation.limb.shape.cone import fit_cone
 from horizonval.estimation.methods.video_vertical import ESTIMATOR, ChordEnds, fit_arcs, solve
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import DetectorImage, FrameTruth
-from horizonval.geometry.camera import camera_from_spec, project, unproject
+from horizonval.geometry.camera import project, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.horizon import horizon_cam
@@ -172,7 +172,7 @@ def searched(images: dict[str, DetectorImage]) -> Plain:
 
 def horizon_in_view_px(truth: FrameTruth) -> float:
     """Return the length [px] of the hard horizon's true image inside a frame."""
-    camera = camera_from_spec(CameraSpec.model_validate(truth.camera).camera)
+    camera = truth.camera_model
     ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
     uv, in_front = project(camera, horizon_cam(np.array(truth.r_itrs), truth.q_cam_from_itrs, ellipsoid, n=7200))
     with np.errstate(invalid="ignore"):

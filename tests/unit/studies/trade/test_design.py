@@ -12,7 +12,7 @@ from horizonval.suites.check import check_suite
 from horizonval.suites.identity import unit_identity
 from horizonval.suites.plan import plan_of, units_of
 
-STUDIES = sorted((Path(__file__).parents[3] / "scenes" / "studies").glob("*.toml"))
+STUDIES = sorted((Path(__file__).parents[4] / "scenes" / "studies").glob("*.toml"))
 
 STUDY = """
 [study]

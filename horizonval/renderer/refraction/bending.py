@@ -1,4 +1,4 @@
-"""By how much light turns in straightened air: directions behind the air, and where sunlight comes from.
+"""Bending angles: directions behind the air, and where sunlight comes from.
 
 A ray that grazes the ground turns by 1.1 deg between space and space, so that a setting Sun seen from space is lifted
 and flattened.
@@ -8,36 +8,38 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from horizonval.renderer.kernel.march import find_path, warp
-from horizonval.renderer.kernel.straightened import StraightAir, SunAim, mean_radius
-from horizonval.renderer.planet import Planet, Vec, along, dot
+from horizonval.core.arrays import FloatArray
+from horizonval.renderer.planet import Planet, along, dot
+from horizonval.renderer.ray_path import find_path, warp
+from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir, mean_radius
+from horizonval.renderer.refraction.bent_ray import RefractedSunTable
 from horizonval.renderer.tables import AltitudeGrid, SunTable, interpolate
+from horizonval.renderer.types import Vec
 
-TURN_NODES = 128
+BENDING_NODES = 128
 CONCENTRATION = 0.15
 
 
 @dataclass(frozen=True)
-class Turning:
-    """The apparent planet and how fast light turns above it, for rays that need nothing else."""
+class BendingField:
+    """The apparent planet and how fast light bends above it: ``per_m`` [rad/m] on ``grid``."""
 
     planet: Planet
     top_m: float
     grid: AltitudeGrid
-    turn: Any
+    per_m: mi.Float64
 
     @classmethod
-    def of(cls, air: StraightAir) -> Turning:
-        """Build from straightened air."""
+    def of(cls, air: ApparentRadiusAir) -> BendingField:
+        """Build from air in apparent-radius coordinates."""
         grid = AltitudeGrid.of(air.model.altitude_m)
-        return cls(air.planet, air.model.top_m, grid, mi.Float64(np.ascontiguousarray(air.turn_per_m)))
+        return cls(air.planet, air.model.top_m, grid, mi.Float64(np.ascontiguousarray(air.bending_per_m)))
 
     def up(self, o: Vec, d: Vec) -> Vec:
         """Return the unit vector across a ray in its vertical plane."""
@@ -48,8 +50,8 @@ class Turning:
         scale = dr.rsqrt(dr.maximum(dot(up, up), 1e-12))
         return up[0] * scale, up[1] * scale, up[2] * scale
 
-    def angle(self, o: Vec, d: Vec, nodes: int = TURN_NODES) -> Any:
-        """Return by how much light that is seen in direction ``d`` has turned on its way through all the air [rad].
+    def angle(self, o: Vec, d: Vec, nodes: int = BENDING_NODES) -> mi.Float64:
+        """Return the bending angle [rad] of light that is seen in direction ``d``, on its way through all the air.
 
         Rays that meet the ground are followed through it, in air like that at the ground, so that the answer is smooth
         across the limb.
@@ -59,49 +61,51 @@ class Turning:
         count = nodes // 2
         offset = 0.5 / math.sqrt(3.0)
 
-        def rate(t: Any) -> Any:
+        def rate(t: mi.Float64) -> mi.Float64:
             height, normal = self.planet.height_and_normal(along(o, d, t))
             i, w, inside = self.grid.locate(height)
-            return dr.select(inside, interpolate(self.turn, i, w, 1)[0] * dot(normal, up), 0.0)
+            return dr.select(inside, interpolate(self.per_m, i, w, 1)[0] * dot(normal, up), 0.0)
 
         zero = dr.zeros(mi.Float64, dr.width(path.t_low))
         step = (path.y1 - path.y0) / count
 
-        def body(i: Any, t0: Any, total: Any) -> tuple[Any, Any, Any]:
+        def body(i: mi.UInt32, t0: mi.Float64, total: mi.Float64) -> tuple[mi.UInt32, mi.Float64, mi.Float64]:
             t1 = warp(path, path.y0 + step * (mi.Float64(i) + 1.0), CONCENTRATION)
             mid, h = 0.5 * (t0 + t1), t1 - t0
             return i + 1, t1, total + 0.5 * h * (rate(mid - offset * h) + rate(mid + offset * h))
 
         start = warp(path, path.y0 + zero, CONCENTRATION)
-        return dr.while_loop((mi.UInt32(0), start, zero + 0.0), lambda i, *_: i < count, body, label="turning")[2]
+        return dr.while_loop((mi.UInt32(0), start, zero + 0.0), lambda i, *_: i < count, body, label="bending")[2]
 
-    def most(self) -> float:
-        """Return the angle by which light that grazes the ground turns between space and space [rad]."""
+    def largest_angle(self) -> float:
+        """Return the bending angle [rad] of light that grazes the ground, between space and space."""
         zero, radius = mi.Float64(0.0), mean_radius(self.planet)
         o = (mi.Float64(-2.0 * radius), zero, mi.Float64(radius))
-        sphere = Turning(Planet(radius, radius), self.top_m, self.grid, self.turn)
+        sphere = BendingField(Planet(radius, radius), self.top_m, self.grid, self.per_m)
         return float(sphere.angle(o, (mi.Float64(1.0), zero, zero))[0])
 
 
-def true_direction(turning: Turning, o: Vec, d: Vec) -> Vec:
+def true_direction(field: BendingField, o: Vec, d: Vec) -> Vec:
     """Return the direction behind the air, at infinity, of what is seen in unit direction ``d`` from ``o``.
 
-    ``o`` stands among the straight rays: :meth:`StraightAir.raised`.
+    ``o`` stands among the straight rays: :meth:`ApparentRadiusAir.apparent_position`.
     """
-    sine, cosine = dr.sincos(turning.angle(o, d))
-    up = turning.up(o, d)
+    sine, cosine = dr.sincos(field.angle(o, d))
+    up = field.up(o, d)
     return d[0] * cosine - up[0] * sine, d[1] * cosine - up[1] * sine, d[2] * cosine - up[2] * sine
 
 
-def aim_at_sun(turning: Turning, n_height: int, n_mu: int, nodes: int) -> tuple[SunAim, np.ndarray, np.ndarray]:
+def refracted_sun_table(
+    field: BendingField, n_height: int, n_mu: int, nodes: int
+) -> tuple[RefractedSunTable, FloatArray, FloatArray]:
     """Return the table of where sunlight comes from, with heights (n_height,) and local cosines (n_height, n_mu).
 
-    The turning is integrated on a first set of local directions; splines invert it to local directions of the wanted
+    Bending is integrated on a first set of local directions; splines invert it to the local directions of the table's
     true ones.
     """
-    radius = mean_radius(turning.planet)
-    sphere = Turning(Planet(radius, radius), turning.top_m, turning.grid, turning.turn)
-    height, cosine = SunTable.nodes(n_height, n_mu, radius, turning.top_m)
+    radius = mean_radius(field.planet)
+    sphere = BendingField(Planet(radius, radius), field.top_m, field.grid, field.per_m)
+    height, cosine = SunTable.nodes(n_height, n_mu, radius, field.top_m)
     zero = mi.Float64(0.0)
     o = (zero, zero, mi.Float64(np.repeat(height, n_mu) + radius))
     mu = mi.Float64(cosine.ravel())
@@ -119,8 +123,8 @@ def aim_at_sun(turning: Turning, n_height: int, n_mu: int, nodes: int) -> tuple[
         local[row] = lowest_local[row] + (1.0 - lowest_local[row]) * x_local**2
         # d(local) / d(true); both squares vanish at the lowest Sun
         spreading[row] = scale * slope * np.append(slope[:1], x_local[1:] / x[1:])
-    wanted = lowest + (1.0 - lowest) * x**2
-    values = np.stack([local - wanted, spreading], axis=-1)
-    turned = mi.Float64(np.ascontiguousarray(angle[:, 0]))
-    table = SunAim(turned, mi.Float64(values.ravel()), n_height, n_mu, radius, turning.top_m)
+    cosine_true = lowest + (1.0 - lowest) * x**2
+    values = np.stack([local - cosine_true, spreading], axis=-1)
+    grazing_bending = mi.Float64(np.ascontiguousarray(angle[:, 0]))
+    table = RefractedSunTable(grazing_bending, mi.Float64(values.ravel()), n_height, n_mu, radius, field.top_m)
     return table, height, np.clip(local, lowest_local, 1.0)

@@ -16,21 +16,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.planet import Planet, Vec, cross_squared, dot
+from horizonval.renderer.planet import Planet, cross_squared, dot
+from horizonval.renderer.types import Vec, constant, constant_vector
 
 GROUND_DENSE_RAD, LIMB_DENSE_M, SKY_DENSE_RAD = 0.1, 25e3, 0.02
 GROUND_NODES, LIMB_NODES, SKY_NODES = 96, 256, 400
 
 
 @dataclass(frozen=True)
-class Axis:
+class RayAxis:
     """The mapping from x in [0, 1] to a coordinate v in [0, most]; ``count`` nodes, even in x."""
 
     dense: float
@@ -41,20 +41,15 @@ class Axis:
         """Return v at the nodes."""
         return self.dense * np.sinh(np.linspace(0.0, 1.0, self.count) * math.asinh(self.most / self.dense))
 
-    def place(self, v: Any) -> Any:
+    def place(self, v: mi.Float64) -> mi.Float64:
         """Return the place of kernel values in steps from the first node, within the axis."""
-        u = dr.clip(v, 0.0, _data(self.most)) * _data(1.0 / self.dense)
-        x = dr.log(u + dr.sqrt(dr.fma(u, u, 1.0))) * _data((self.count - 1) / math.asinh(self.most / self.dense))
+        u = dr.clip(v, 0.0, constant(self.most)) * constant(1.0 / self.dense)
+        x = dr.log(u + dr.sqrt(dr.fma(u, u, 1.0))) * constant((self.count - 1) / math.asinh(self.most / self.dense))
         return dr.minimum(x, self.count - 1.0)
 
 
-def _data(value: float) -> Any:
-    """Return a size-1 array: cameras share one compiled kernel."""
-    return dr.opaque(mi.Float64, float(value), 1)
-
-
 @dataclass(frozen=True)
-class RayFan:
+class RayCoordinates:
     """The rays of one camera position.
 
     Attributes
@@ -66,7 +61,7 @@ class RayFan:
         From the centre, in the stretched space.
     axes : ndarray, shape (3, 3)
         Rows: two directions across, and up, in the stretched space.
-    ground, limb : Axis
+    ground, limb : RayAxis
     inside : bool
         Whether the camera is inside the air: what ``limb`` measures.
     """
@@ -75,12 +70,12 @@ class RayFan:
     origin: FloatArray
     distance_m: float
     axes: FloatArray
-    ground: Axis
-    limb: Axis
+    ground: RayAxis
+    limb: RayAxis
     inside: bool
 
     @classmethod
-    def of(cls, planet: Planet, origin: FloatArray, top_m: float) -> RayFan:
+    def of(cls, planet: Planet, origin: FloatArray, top_m: float) -> RayCoordinates:
         """Build for a camera at ``origin``; nothing is above ``top_m``."""
         stretched = origin * np.array([1.0, 1.0, planet.a_m / planet.b_m])
         r = max(float(np.linalg.norm(stretched)), planet.a_m * (1.0 + 1e-12))
@@ -88,14 +83,14 @@ class RayFan:
         across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
         across /= np.linalg.norm(across)
         axes = np.stack([across, np.cross(up, across), up])
-        ground = Axis(GROUND_DENSE_RAD, 0.5 * math.pi, GROUND_NODES)
+        ground = RayAxis(GROUND_DENSE_RAD, 0.5 * math.pi, GROUND_NODES)
         # heights grow by the stretching: a ray that misses even so meets nothing
         most_m = top_m * planet.a_m / planet.b_m * 1.01
         inside = r < planet.a_m + most_m
         if inside:
-            limb = Axis(SKY_DENSE_RAD, math.pi - math.asin(planet.a_m / r), SKY_NODES)
+            limb = RayAxis(SKY_DENSE_RAD, math.pi - math.asin(planet.a_m / r), SKY_NODES)
         else:
-            limb = Axis(LIMB_DENSE_M, most_m, LIMB_NODES)
+            limb = RayAxis(LIMB_DENSE_M, most_m, LIMB_NODES)
         return cls(planet, origin, r, axes, ground, limb, inside)
 
     def directions(self, v: FloatArray, azimuth: FloatArray, to_ground: bool) -> FloatArray:
@@ -110,24 +105,24 @@ class RayFan:
         else:
             sine = np.minimum((a + v) / r, 1.0)
             cosine = np.sqrt((1.0 - sine) * (1.0 + sine))
-        round_ = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=-1)
-        local = sine[:, None, None] * round_ - cosine[:, None, None] * np.array([0.0, 0.0, 1.0])
+        horizontal = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=-1)
+        local = sine[:, None, None] * horizontal - cosine[:, None, None] * np.array([0.0, 0.0, 1.0])
         d = (local @ self.axes) * np.array([1.0, 1.0, self.planet.b_m / a])
         return np.asarray(d / np.linalg.norm(d, axis=-1, keepdims=True))
 
-    def place(self, o: Vec, d: Vec, to_ground: bool) -> tuple[Any, Any]:
+    def place(self, o: Vec, d: Vec, to_ground: bool) -> tuple[mi.Float64, mi.Float64]:
         """Return ``(place on the axis [steps], azimuth [rad])`` of kernel directions; ``o`` is the camera."""
         a = self.planet.a_m
         o1, d1 = self.planet.stretch(o), self.planet.stretch(d)
         length2 = dot(d1, d1)
         miss = dr.sqrt(cross_squared(o1, d1) / length2)
-        x, y = (dot(d1, tuple(_data(c) for c in axis)) for axis in self.axes[:2])
+        x, y = (dot(d1, constant_vector(axis)) for axis in self.axes[:2])
         azimuth = dr.atan2(y, x)
         if to_ground:
             rise = dr.sqrt(dr.maximum((a - miss) * (a + miss), 0.0))
             return self.ground.place(dr.atan2(rise, miss)), azimuth
         if self.inside:
             theta = dr.atan2(miss, -dot(o1, d1) * dr.rsqrt(length2))
-            return self.limb.place(theta - _data(math.asin(a / self.distance_m))), azimuth
+            return self.limb.place(theta - constant(math.asin(a / self.distance_m))), azimuth
         # away from the Earth nothing is met: as above the air
-        return self.limb.place(dr.select(dot(o1, d1) < 0.0, miss - a, _data(self.limb.most))), azimuth
+        return self.limb.place(dr.select(dot(o1, d1) < 0.0, miss - a, constant(self.limb.most))), azimuth

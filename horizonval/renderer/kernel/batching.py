@@ -1,0 +1,282 @@
+"""From an optical model to the tables the march reads, a few spectral nodes at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.progress import Progress
+from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.renderer.kernel.march import march, optical_depth
+from horizonval.renderer.kernel.node_batches import (
+    BATCH_WIDTH,
+    GlowNodes,
+    OpacityNodes,
+    Particles,
+    SolarNodes,
+    ThermalNodes,
+)
+from horizonval.renderer.planet import Planet
+from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir, mean_radius
+from horizonval.renderer.refraction.bending import BendingField, refracted_sun_table
+from horizonval.renderer.refraction.bent_ray import RefractedSunTable, RefractionTables
+from horizonval.renderer.scattering.multiple_scattering import DiffuseField, Quality
+from horizonval.renderer.scattering.source_store import multiple_scattering
+from horizonval.renderer.scattering.source_table import SourceTable
+from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunTable, table_of
+from horizonval.renderer.types import Values, constant
+
+SKY_POLAR_NODES = 24
+
+
+@dataclass(frozen=True)
+class TableSize:
+    """Resolution of the Sun's optical-depth table and of the quadrature that fills it."""
+
+    n_height: int
+    n_mu: int
+    path_nodes: int
+
+
+IMAGE_TABLE = TableSize(n_height=192, n_mu=384, path_nodes=256)
+RAY_TABLE = TableSize(n_height=512, n_mu=2048, path_nodes=512)
+"""For the ``radiance`` command, where accuracy counts more than the table's minute."""
+
+
+@dataclass(frozen=True)
+class _Refraction:
+    """What all batches of a model over apparent heights share; heights and local cosines of the table of the Sun."""
+
+    bending_per_m: mi.Float64
+    true_height: mi.Float64
+    sun: RefractedSunTable
+    height_m: FloatArray
+    cosine: FloatArray
+
+
+def make_batches(
+    model: OpticalModel,
+    planet: Planet,
+    size: TableSize,
+    scattering: Quality | None = None,
+    progress: Progress | None = None,
+    air: ApparentRadiusAir | None = None,
+) -> Iterator[tuple[list[SpectralNode], SolarNodes | ThermalNodes]]:
+    """Yield ``(nodes, batch)`` until every spectral node of the model has been served.
+
+    Parameters
+    ----------
+    scattering : Quality, optional
+        Of the tables of light scattered more than once; None for single scattering.
+    progress : Progress, optional
+        Told about tables that must be solved first.
+    air : ApparentRadiusAir, optional
+        Refraction: model and planet are those over apparent heights. Light scattered more than once is that of the
+        model as it was, without refraction.
+    """
+    solar = [n for n in model.nodes if n.solar_irradiance > 0.0]
+    thermal = [n for n in model.nodes if n.solar_irradiance <= 0.0]
+    refraction = None
+    true_model, true_planet = model, planet
+    if air is not None:
+        true_model, true_planet = air.true_model, air.true_planet
+        if solar:
+            field = BendingField.of(air)
+            sun = refracted_sun_table(field, size.n_height, size.n_mu, size.path_nodes)
+            refraction = _Refraction(field.per_m, mi.Float64(np.ascontiguousarray(air.height_m)), *sun)
+    true_grid, true_node = AltitudeGrid.of(true_model.altitude_m), {n.name: n for n in true_model.nodes}
+    grid = AltitudeGrid.of(model.altitude_m)
+    for group in _groups(solar):
+        batch = _solar_nodes(group, model, planet, grid, size, refraction)
+        if scattering is not None and any(n.scattering_per_m.any() for n in group):
+            fields = [
+                _diffuse_field(true_node[n.name], true_model, true_planet, true_grid, scattering, progress)
+                for n in group
+            ]
+            batch = replace(batch, diffuse=SourceTable.of(fields, batch.width, batch.particles is not None))
+        yield group, batch
+    for group in _groups(thermal):
+        yield group, _thermal_nodes(group, model, planet, grid, size)
+
+
+def _groups(nodes: list[SpectralNode]) -> list[list[SpectralNode]]:
+    return [nodes[first : first + BATCH_WIDTH] for first in range(0, len(nodes), BATCH_WIDTH)]
+
+
+def _width(nodes: Sequence[SpectralNode]) -> int:
+    return 1 if len(nodes) == 1 else BATCH_WIDTH
+
+
+def _diffuse_field(
+    node: SpectralNode,
+    model: OpticalModel,
+    planet: Planet,
+    grid: AltitudeGrid,
+    quality: Quality,
+    progress: Progress | None,
+) -> DiffuseField:
+    radius = mean_radius(planet)
+
+    def sun_table() -> SunTable:
+        return _fill_sun_table(planet, model.top_m, grid, mi.Float64(node.extinction_per_m), 1, IMAGE_TABLE)
+
+    solution = multiple_scattering(node, model.altitude_m, radius, quality, sun_table, progress)
+    around = (
+        model.albedo_around[[n.name for n in model.nodes].index(node.name)] if model.albedo_around else model.albedo
+    )
+    return solution.over_ground(around)
+
+
+def _padded(values: Sequence[float], width: int) -> Values:
+    return [constant(v) for v in [*values, *[0.0] * (width - len(values))]]
+
+
+def _thermal_nodes(
+    nodes: Sequence[SpectralNode], model: OpticalModel, planet: Planet, grid: AltitudeGrid, size: TableSize
+) -> ThermalNodes:
+    width = _width(nodes)
+    extinction = _interleave([n.extinction_per_m for n in nodes], width)
+    source = _interleave([n.source for n in nodes], width)
+    over_black = ThermalNodes(width, grid, extinction, source, [constant(0.0)] * width)
+    ground = [model.emissivity * n.surface_source for n in nodes]
+    if model.emissivity < 1.0:
+        sky = _downwelling(planet, model.top_m, over_black, size.path_nodes)
+        ground = [g + (1.0 - model.emissivity) / math.pi * s for g, s in zip(ground, sky, strict=False)]
+    return replace(over_black, ground=_padded(ground, width))
+
+
+def _solar_nodes(
+    nodes: Sequence[SpectralNode],
+    model: OpticalModel,
+    planet: Planet,
+    grid: AltitudeGrid,
+    size: TableSize,
+    refraction: _Refraction | None,
+) -> SolarNodes:
+    """Return the batch without light scattered more than once."""
+    width = _width(nodes)
+    extinction = _interleave([n.extinction_per_m for n in nodes], width)
+    molecular = _interleave([n.molecular_per_m for n in nodes], width)
+    sunlight: SunTable | RefractionTables
+    if refraction is None:
+        sunlight = _fill_sun_table(planet, model.top_m, grid, extinction, width, size)
+    else:
+        r = refraction
+        depth = _sun_depth(planet, model.top_m, grid, extinction, width, r.height_m, r.cosine, size.path_nodes)
+        sunlight = RefractionTables(r.bending_per_m, r.true_height, r.sun, depth)
+    particles = None
+    irradiance = _padded([n.solar_irradiance for n in nodes], width)
+    reflectance = [constant(model.albedo / math.pi)] * width
+    cos2 = _padded([n.molecular_cos2 for n in nodes], width)
+    if any(n.particle_per_m.any() for n in nodes):
+        particles = Particles(
+            _interleave([n.particle_per_m for n in nodes], width), _interleave([n.asymmetry for n in nodes], width)
+        )
+    moonlight = None
+    glow = _glow_nodes(nodes, model, planet, width, size)
+    if any(n.moon_irradiance for n in nodes):
+        moonlight = _padded([n.moon_irradiance for n in nodes], width)
+    return SolarNodes(
+        width,
+        grid,
+        extinction,
+        molecular,
+        cos2,
+        particles,
+        irradiance,
+        reflectance,
+        sunlight,
+        glow=glow,
+        moonlight=moonlight,
+    )
+
+
+def _glow_nodes(
+    nodes: Sequence[SpectralNode], model: OpticalModel, planet: Planet, width: int, size: TableSize
+) -> GlowNodes | None:
+    """Return the airglow of solar nodes; the ground reflects it and the sky behind, as they come through the air."""
+    behind = [n.sky_radiance for n in nodes]
+    glowing = any(len(n.glow_per_m) for n in nodes)
+    if not glowing and not any(behind):
+        return None
+    z = model.glow_altitude_m if glowing else model.altitude_m
+    glow = [n.glow_per_m if len(n.glow_per_m) else np.zeros_like(z) for n in nodes]
+    thin = [np.interp(z, model.altitude_m, n.extinction_per_m, right=0.0) for n in nodes]
+    lowest = int(np.argmax(np.any([g > 0.0 for g in glow], axis=0)))
+    over_black = GlowNodes(
+        width,
+        AltitudeGrid.of(z),
+        _interleave(thin, width),
+        _interleave(glow, width),
+        [constant(0.0)] * width,
+        float(z[max(lowest - 1, 0)]),
+    )
+    sky = _downwelling(planet, float(z[-1]), over_black, size.path_nodes, behind)
+    ground = [model.albedo / math.pi * s for s in sky[: len(nodes)]] + [0.0] * (width - len(nodes))
+    return replace(over_black, ground=[constant(g) for g in ground])
+
+
+def _interleave(columns: Sequence[FloatArray], width: int) -> mi.Float64:
+    table = np.zeros((len(columns[0]), width))
+    for k, column in enumerate(columns):
+        table[:, k] = column
+    return table_of(mi.Float64, table)
+
+
+def _fill_sun_table(
+    planet: Planet, top_m: float, grid: AltitudeGrid, extinction: mi.Float64, width: int, size: TableSize
+) -> SunTable:
+    radius = mean_radius(planet)
+    h, mu = SunTable.nodes(size.n_height, size.n_mu, radius, top_m)
+    values = _sun_depth(planet, top_m, grid, extinction, width, h, mu, size.path_nodes)
+    return SunTable(values, size.n_height, size.n_mu, radius, top_m)
+
+
+def _sun_depth(
+    planet: Planet,
+    top_m: float,
+    grid: AltitudeGrid,
+    extinction: mi.Float64,
+    width: int,
+    height_m: FloatArray,
+    mu: FloatArray,
+    path_nodes: int,
+) -> mi.Float64:
+    """Return ``ln(tau + tau_0)`` from heights (n_height,) in directions of zenith cosine ``mu`` (n_height, n_mu)."""
+    radius = mean_radius(planet)
+    height, cosine = table_of(mi.Float64, np.repeat(height_m, mu.shape[1])), table_of(mi.Float64, mu)
+    zero = mi.Float64(0.0)
+    o = (zero, zero, height + radius)
+    d = (dr.sqrt(dr.maximum(1.0 - cosine * cosine, 0.0)), zero, cosine)
+    sphere = Planet(radius, radius)
+    tau = optical_depth(sphere, top_m, OpacityNodes(width, grid, extinction), o, d, path_nodes, 0.15)
+    values = dr.zeros(mi.Float64, mu.size * width)
+    row = dr.arange(mi.UInt32, mu.size)
+    for k in range(width):
+        dr.scatter(values, dr.log(tau[k] + TAU_FLOOR), row * width + k)
+    dr.eval(values)
+    return values
+
+
+def _downwelling(
+    planet: Planet, top_m: float, batch: ThermalNodes | GlowNodes, nodes: int, behind: Sequence[float] = ()
+) -> list[float]:
+    """Return the irradiance of air and ``behind`` on the ground [sr times radiance], Gauss quadrature over the sky."""
+    x, w = np.polynomial.legendre.leggauss(SKY_POLAR_NODES)
+    mu, w = 0.5 * (x + 1.0), 0.5 * w
+    radius = mean_radius(planet)
+    zero = mi.Float64(0.0)
+    cosine, sine = table_of(mi.Float64, mu), table_of(mi.Float64, np.sqrt(1.0 - mu**2))
+    o = (zero, zero, mi.Float64(radius))
+    d = (sine, zero, cosine)
+    sphere = Planet(radius, radius)
+    sky, through = march(sphere, top_m, batch, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), nodes, 0.15)
+    for k, radiance in enumerate(behind):
+        sky[k] = sky[k] + radiance * through[k]
+    return [float(2.0 * math.pi * np.sum(w * mu * np.broadcast_to(np.array(s), mu.shape))) for s in sky]

@@ -1,0 +1,224 @@
+"""Node batches: the tables of a few spectral nodes, interleaved in memory, and what their air shines at a place.
+
+The nodes of a batch share all geometry of a march. Everything in them is evaluated (no literals), so that batches of
+one kind share compiled kernels. There is one type per kind of source:
+
+- :class:`SolarNodes`: scattered light of the Sun, or of the Moon in its place;
+- :class:`ThermalNodes`: emission of air in local thermodynamic equilibrium, extinction times source function;
+- :class:`GlowNodes`: airglow, an emission per metre;
+- :class:`OpacityNodes`: nothing shines, the transmittance alone is asked for.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import drjit as dr
+import mitsuba as mi
+
+from horizonval.renderer.planet import Planet, along
+from horizonval.renderer.refraction.bent_ray import RefractionTables
+from horizonval.renderer.scattering.source_table import SourceTable
+from horizonval.renderer.tables import AltitudeGrid, SunTable, interpolate
+from horizonval.renderer.types import Values, Vec
+
+BATCH_WIDTH = 4
+"""Spectral nodes per kernel launch; they share all geometry."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Points of rays, and where they lie on an altitude grid.
+
+    ``node``, ``weight``: lower node of the grid and weight of the upper one; ``inside``: not above the top.
+    """
+
+    position: Vec
+    height_m: mi.Float64
+    normal: Vec
+    node: mi.UInt32
+    weight: mi.Float64
+    inside: mi.Bool
+
+    @classmethod
+    def of(cls, planet: Planet, grid: AltitudeGrid, o: Vec, d: Vec, t: mi.Float64) -> Place:
+        """Build for ray parameters ``t``."""
+        p = along(o, d, t)
+        height, normal = planet.height_and_normal(p)
+        return cls(p, height, normal, *grid.locate(height))
+
+    def read(self, table: mi.Float64, width: int) -> Values:
+        """Return a table's values at the place, per node."""
+        return interpolate(table, self.node, self.weight, width)
+
+
+@dataclass(frozen=True)
+class _Air:
+    """Extinction of a batch: ``extinction``, shape (n_altitude * width,), over ``grid``; ``width`` counts padding."""
+
+    width: int
+    grid: AltitudeGrid
+    extinction: mi.Float64
+
+    def extinction_at(self, place: Place) -> Values:
+        """Return the extinction [1/m] per node; 0 above the top."""
+        return [dr.select(place.inside, v, 0.0) for v in place.read(self.extinction, self.width)]
+
+
+@dataclass(frozen=True)
+class OpacityNodes(_Air):
+    """Air that does not shine."""
+
+    def source_at(self, place: Place, extinction: Values) -> Values:
+        """Return nothing for no node: there is no emission to add up."""
+        return []
+
+
+@dataclass(frozen=True)
+class ThermalNodes(_Air):
+    """Air that emits as black bodies do.
+
+    Attributes
+    ----------
+    source : Float64, shape (n_altitude * width,)
+        Source function.
+    ground : list of Float64, size 1
+        Radiance of the ground, emitted and reflected.
+    """
+
+    source: mi.Float64
+    ground: Values
+
+    def source_at(self, place: Place, extinction: Values) -> Values:
+        """Return the emission per metre: extinction times source function."""
+        source = place.read(self.source, self.width)
+        return [a * b for a, b in zip(extinction, source, strict=True)]
+
+
+@dataclass(frozen=True)
+class GlowNodes(_Air):
+    """The airglow of solar nodes, marched by itself.
+
+    Attributes
+    ----------
+    emission : Float64, shape (n_altitude * width,)
+        Emission per metre.
+    ground : list of Float64, size 1
+        Radiance of the ground: airglow and sky that it reflects.
+    layer_m : float
+        Height below which nothing glows.
+    """
+
+    emission: mi.Float64
+    ground: Values
+    layer_m: float
+
+    def source_at(self, place: Place, extinction: Values) -> Values:
+        """Return the emission per metre."""
+        return [dr.select(place.inside, v, 0.0) for v in place.read(self.emission, self.width)]
+
+
+@dataclass(frozen=True)
+class Particles:
+    """Scattering coefficient and Henyey-Greenstein asymmetry of particles, each of shape (n_altitude * width,)."""
+
+    scattering: mi.Float64
+    asymmetry: mi.Float64
+
+
+@dataclass(frozen=True)
+class Beam:
+    """The Sun's beam at places of rays.
+
+    ``share``: of its irradiance across the ray, per node; ``lit``: where it shines; ``molecular``: irradiance times
+    molecules' phase function, per node; ``cosine`` of the scattering angle.
+    """
+
+    share: Values
+    lit: mi.Bool
+    cosine: mi.Float64
+    molecular: Values
+
+
+@dataclass(frozen=True)
+class SolarNodes(_Air):
+    """Air that scatters sunlight.
+
+    Attributes
+    ----------
+    molecular : Float64, shape (n_altitude * width,)
+        Scattering coefficient of molecules.
+    cos2 : list of Float64, size 1
+        The c of the molecules' phase function ``(1 - c/3 + c cos^2) / (4 pi)``.
+    particles : Particles or None
+        None where no node has any.
+    irradiance : list of Float64, size 1
+        Of the light above the air.
+    reflectance : list of Float64, size 1
+        Of the ground: its albedo / pi.
+    sunlight : SunTable or RefractionTables
+        Towards the Sun, along straight lines or with refraction.
+    diffuse : SourceTable or None
+        Light scattered more than once; None for single scattering.
+    glow : GlowNodes or None
+        The airglow of the same nodes.
+    moonlight : list of Float64, size 1, or None
+        The Moon's irradiance, to take the Sun's place.
+    """
+
+    molecular: mi.Float64
+    cos2: Values
+    particles: Particles | None
+    irradiance: Values
+    reflectance: Values
+    sunlight: SunTable | RefractionTables
+    diffuse: SourceTable | None = None
+    glow: GlowNodes | None = None
+    moonlight: Values | None = None
+
+    def in_moonlight(self) -> SolarNodes:
+        """Return the same under the Moon's irradiance."""
+        assert self.moonlight is not None
+        return replace(self, irradiance=self.moonlight)
+
+    def molecular_light(self, cosine: mi.Float64) -> Values:
+        """Return irradiance times the molecules' phase function at cosines of the scattering angle, per node."""
+        return [e * _molecular_phase(c, cosine) for e, c in zip(self.irradiance, self.cos2, strict=True)]
+
+    def source_at(self, place: Place, beam: Beam, diffuse: Values) -> Values:
+        """Return the scattered light per metre.
+
+        ``diffuse``: source of light scattered before, per scattering coefficient and irradiance: of molecules for every
+        node, and then of particles for every node; empty for single scattering.
+        """
+        width, inside = self.width, place.inside
+        molecular = place.read(self.molecular, width)
+        scattered = [s * f for s, f in zip(molecular, beam.molecular, strict=True)]
+        particle: Values = []
+        if self.particles is not None:
+            particle = place.read(self.particles.scattering, width)
+            g = place.read(self.particles.asymmetry, width)
+            phase = [e * _particle_phase(v, beam.cosine) for e, v in zip(self.irradiance, g, strict=True)]
+            scattered = [a + s * f for a, s, f in zip(scattered, particle, phase, strict=True)]
+        emission = [dr.select(inside & beam.lit, s * v, 0.0) for s, v in zip(scattered, beam.share, strict=True)]
+        for n, source in enumerate(diffuse):
+            scatterer = (molecular + particle)[n] * self.irradiance[n % width]
+            emission[n % width] = emission[n % width] + dr.select(inside, scatterer * source, 0.0)
+        return emission
+
+
+EmittingNodes: TypeAlias = ThermalNodes | GlowNodes | OpacityNodes
+ShiningNodes: TypeAlias = SolarNodes | ThermalNodes | GlowNodes
+
+
+def _molecular_phase(cos2: mi.Float64, cosine: mi.Float64) -> mi.Float64:
+    return (dr.fma(cos2, cosine * cosine, 1.0) - cos2 / 3.0) * (0.25 / math.pi)
+
+
+def _particle_phase(asymmetry: mi.Float64, cosine: mi.Float64) -> mi.Float64:
+    """Return the phase function of Henyey and Greenstein."""
+    g2 = asymmetry * asymmetry
+    base = 1.0 + g2 - 2.0 * asymmetry * cosine
+    return (1.0 - g2) / (base * dr.sqrt(base)) * (0.25 / math.pi)

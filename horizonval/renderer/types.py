@@ -1,0 +1,50 @@
+"""Types of kernel values, for signatures.
+
+Mitsuba's array types belong to the variant that is selected at run time; its stubs give each one name for all variants.
+So signatures say ``mi.Float64``, ``mi.UInt32`` or ``mi.Bool``, and here are the names made of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
+
+import drjit as dr
+import mitsuba as mi
+
+from horizonval.core.arrays import FloatArray
+
+Real = TypeVar("Real", "mi.Float32", "mi.Float64")
+"""Single or double precision, the same throughout a signature."""
+
+Number = TypeVar("Number", float, FloatArray, "mi.Float32", "mi.Float64")
+"""For arithmetic that NumPy and kernels share."""
+
+Vec3: TypeAlias = tuple[Real, Real, Real]
+"""Three components, broadcast against each other."""
+
+if TYPE_CHECKING:
+    Vec: TypeAlias = Vec3[mi.Float64]
+    """Three components in double precision."""
+
+    Values: TypeAlias = list[mi.Float64]
+    """One array per spectral node of a batch."""
+else:
+    # Mitsuba evaluates the annotations of dataclasses that a plugin holds, when its array types exist; imports do not.
+    Vec, Values = tuple, list
+
+
+def indices_where(condition: mi.Bool) -> mi.UInt32:
+    """Return where a condition holds, rising."""
+    return mi.UInt32(dr.compress(condition))
+
+
+def constant_vector(values: Iterable[float]) -> Vec:
+    """Return three components as :func:`constant`."""
+    x, y, z = (constant(v) for v in values)
+    return x, y, z
+
+
+def constant(value: float) -> mi.Float64:
+    """Return an array of size 1 whose value is data, not a constant of the compiled kernel: frames share kernels."""
+    return dr.opaque(mi.Float64, float(value), 1)

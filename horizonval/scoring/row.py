@@ -1,0 +1,331 @@
+"""A row of results: what one estimator reported of one image, how far it was off, and what it was up against.
+
+:class:`Row` is the one place where a column is spelled: its name, type, unit and meaning stand at its field. The schema
+of ``results.parquet``, the rows of ``cases/*.json`` and the reference of the columns follow from :data:`COLUMNS`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields
+from types import NoneType
+from typing import Annotated, Any, get_args, get_type_hints
+
+from horizonval.core.outcome import Outcome
+from horizonval.frame import FrameTruth
+from horizonval.scoring.expected import Expected
+from horizonval.truth.infrared_horizon.curve import visible_height_m
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a field of a row says, in one sentence, and its unit where it has one."""
+
+    text: str
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the table of results.
+
+    Attributes
+    ----------
+    name : str
+    unit : str
+        Empty where there is none.
+    meaning : str
+    sql_type : {"VARCHAR", "DOUBLE", "INTEGER", "BOOLEAN"}
+        As in ``results.parquet``.
+    optional : bool
+        Whether it is empty where it does not apply.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    sql_type: str
+    optional: bool
+
+    def accepts(self, value: object) -> bool:
+        """Whether a value is of the column's type, and finite."""
+        if value is None:
+            return self.optional
+        if self.sql_type != "BOOLEAN" and isinstance(value, bool):
+            return False
+        if self.sql_type == "DOUBLE":
+            return isinstance(value, float | int) and math.isfinite(value)
+        return isinstance(value, _PYTHON_TYPES[self.sql_type])
+
+
+_SQL_TYPES: dict[type, str] = {str: "VARCHAR", float: "DOUBLE", int: "INTEGER", bool: "BOOLEAN"}
+_PYTHON_TYPES = {sql: kind for kind, sql in _SQL_TYPES.items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Question:
+    """Which estimator saw which image, and what it should report."""
+
+    case: Annotated[str, Meaning("Name of the case, in a scene of several heads the head's or the scene's.")]
+    camera: Annotated[str, Meaning("Name of the camera.")]
+    band: Annotated[str, Meaning("Name of the camera's band.")]
+    estimator: Annotated[str, Meaning("Name of the estimator.")]
+    expected: Annotated[str, Meaning("Outcome that follows from the frame's truth alone.")]
+    borderline: Annotated[
+        bool | None,
+        Meaning("Close to a threshold: neither a claim nor a refusal counts against an estimator."),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """What an estimator reported for a frame and how far it is from the truth. ``None`` where nothing applies."""
+
+    status: Annotated[str, Meaning("Outcome that the estimator reported.")]
+    reason: Annotated[str | None, Meaning("Why it refused; empty for a claim.")] = None
+    nadir_error_arcsec: Annotated[float | None, Meaning("Angle between the claimed and the true nadir.", "arcsec")] = (
+        None
+    )
+    roll_error_arcsec: Annotated[
+        float | None, Meaning("Claimed minus true roll, within +-180 deg; empty near a pitch of +-90 deg.", "arcsec")
+    ] = None
+    pitch_error_arcsec: Annotated[float | None, Meaning("Claimed minus true pitch, within +-180 deg.", "arcsec")] = None
+    altitude_error_km: Annotated[
+        float | None,
+        Meaning(
+            "Claimed altitude minus (distance to the Earth's centre - radius that the method assumes): the method's "
+            "own quantity, R / sin(rho) - R on a sphere.",
+            "km",
+        ),
+    ] = None
+    altitude_error_geodetic_km: Annotated[
+        float | None,
+        Meaning("Claimed altitude minus the geodetic height: up to 14 km from the former on the ellipsoid.", "km"),
+    ] = None
+    angular_radius_error_arcsec: Annotated[
+        float | None,
+        Meaning("Claimed minus true angular radius of the Earth, of an ellipsoid the mean over the horizon.", "arcsec"),
+    ] = None
+    sigma_nadir_arcsec: Annotated[
+        float | None,
+        Meaning("Claimed root mean square of the nadir error by noise: root of the covariance's trace.", "arcsec"),
+    ] = None
+    nees_nadir: Annotated[
+        float | None,
+        Meaning(
+            "Normalised error squared of the nadir by the claimed covariance of noise alone, 2 degrees of freedom; "
+            "empty where that covariance is singular.",
+        ),
+    ] = None
+    sigma_systematic_arcsec: Annotated[
+        float | None, Meaning("Root mean square of the claimed model error of the nadir.", "arcsec")
+    ] = None
+    nees_nadir_total: Annotated[
+        float | None,
+        Meaning("Normalised error squared by noise and claimed model error together, 2 degrees of freedom."),
+    ] = None
+    nees_noise: Annotated[
+        float | None,
+        Meaning(
+            "Normalised error squared of fits of the frame under several draws of the noise, about their own mean; "
+            "empty where the suite asks for one draw, and with fewer than two fits.",
+        ),
+    ] = None
+    noise_draws: Annotated[
+        int | None, Meaning("Draws of the noise with a fit; empty where the suite asks for one draw.")
+    ] = None
+    n_points: Annotated[int, Meaning("Limb points used.")] = 0
+    false_valid: Annotated[bool, Meaning("A claim that is wrong: beyond the limit, or beyond its own sigma.")] = False
+
+    @property
+    def is_claim(self) -> bool:
+        """Whether an attitude was claimed."""
+        return self.status == Outcome.VALID
+
+    @property
+    def is_right(self) -> bool:
+        """Whether an attitude was claimed that is not false."""
+        return self.is_claim and not self.false_valid
+
+    @property
+    def sigma_total_arcsec(self) -> float | None:
+        """Claimed standard deviation [arcsec], noise and model error together; ``None`` without a claim of it."""
+        if self.sigma_nadir_arcsec is None:
+            return None
+        return math.hypot(self.sigma_nadir_arcsec, self.sigma_systematic_arcsec or 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conditions:
+    """Under which conditions an image was taken, from the truth alone; all empty for a frame that could not be made."""
+
+    epoch_utc: Annotated[str | None, Meaning("Instant of the frame, ISO 8601.")] = None
+    altitude_km: Annotated[float | None, Meaning("Geodetic height of the camera.", "km")] = None
+    roll_deg: Annotated[float | None, Meaning("True roll of the body against lvlh.", "deg")] = None
+    pitch_deg: Annotated[float | None, Meaning("True pitch of the body against lvlh.", "deg")] = None
+    yaw_deg: Annotated[float | None, Meaning("True yaw of the body against lvlh.", "deg")] = None
+    sun_zenith_deg: Annotated[
+        float | None, Meaning("The Sun's zenith angle at the point below the satellite.", "deg")
+    ] = None
+    sun_visible_fraction: Annotated[
+        float | None, Meaning("Share of the Sun's disc seen past the Earth from the camera.", "1")
+    ] = None
+    sun_in_frame: Annotated[bool | None, Meaning("Whether any visible part of the Sun's disc is in the image.")] = None
+    sun_boresight_deg: Annotated[
+        float | None,
+        Meaning(
+            "From the optical axis to the Sun's centre, behind the Earth or not; of several heads the nearest.", "deg"
+        ),
+    ] = None
+    horizon_arc_px: Annotated[float | None, Meaning("Length of the horizon in the image.", "px")] = None
+    lit_fraction: Annotated[
+        float | None,
+        Meaning(
+            "Share of that length over which the Sun stands, 1 in thermal bands; empty without horizon in view.", "1"
+        ),
+    ] = None
+    limb_snr: Annotated[
+        float | None, Meaning("Median signal-to-noise ratio of the limb in view, the Sun's veil included.", "1")
+    ] = None
+    veil_fraction: Annotated[
+        float | None, Meaning("Largest veil of stray light on the limb in view, as a share of full scale.", "1")
+    ] = None
+    determined_deg: Annotated[
+        float | None,
+        Meaning(
+            "Standard deviation, in its worst direction, of the nadir that the usable limb determines; empty where it "
+            "does not.",
+            "deg",
+        ),
+    ] = None
+    moon_in_frame: Annotated[bool | None, Meaning("Whether any part of the Moon's disc is in the image.")] = None
+    ir_horizon_km: Annotated[
+        float | None,
+        Meaning("Mean height of the infrared horizon in view (half plateau, clear sky); empty in solar bands.", "km"),
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row(Conditions, Score, _Question):
+    """What one estimator reported of one image: question, score, conditions, and where the images lie.
+
+    The fields are the columns of the table, in its order: :data:`COLUMNS` has their units and meanings. ``None`` means
+    that a column does not apply.
+
+    Raises
+    ------
+    ValueError
+        A value is not of its column's type, or not finite: a defect of whoever made it.
+    """
+
+    frame_address: Annotated[str | None, Meaning("Address of the frame in the archive; empty where not kept.")] = None
+    image_address: Annotated[str | None, Meaning("Address of the image in the archive; empty where not kept.")] = None
+
+    def __post_init__(self) -> None:
+        for column in COLUMNS:
+            value = getattr(self, column.name)
+            if not column.accepts(value):
+                raise ValueError(f"{column.name} = {value!r} is not a finite {column.sql_type}")
+
+    @property
+    def is_due(self) -> bool:
+        """Whether the image should give an attitude, and clearly so."""
+        return self.expected == Outcome.VALID and not self.borderline
+
+    @property
+    def is_failure(self) -> bool:
+        """Whether the outcome is worth a look: a false claim, a claim where none was due, a refusal where one was."""
+        return self.false_valid or self.is_claim != (self.expected == Outcome.VALID)
+
+    @property
+    def sort_key(self) -> tuple[str, str, str, str]:
+        """The order of the table."""
+        return self.case, self.estimator, self.camera, self.band
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data, every column in the table's order."""
+        return {column.name: getattr(self, column.name) for column in COLUMNS}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Row:
+        """Rebuild from :meth:`to_dict`; a column that is not there is empty.
+
+        Raises
+        ------
+        ValueError
+            A column that does not exist, one that must not be empty, or a value of the wrong type.
+        """
+        known = {column.name: column for column in COLUMNS}
+        if unknown := sorted(set(data) - set(known)):
+            raise ValueError(f"unknown columns {unknown}")
+        if empty := [name for name in _REQUIRED if data.get(name) is None]:
+            raise ValueError(f"{empty[0]} is empty")
+        return cls(**data)
+
+
+def conditions_of(truth: FrameTruth, expected: Expected, band: str) -> Conditions:
+    """Return the conditions of one band of a frame."""
+    infrared_height_m = visible_height_m(truth, band)
+    return Conditions(
+        epoch_utc=truth.epoch_utc,
+        altitude_km=truth.altitude_m / 1e3,
+        roll_deg=math.degrees(truth.roll_rad),
+        pitch_deg=math.degrees(truth.pitch_rad),
+        yaw_deg=math.degrees(truth.yaw_rad),
+        sun_zenith_deg=expected.sun_zenith_deg,
+        sun_visible_fraction=truth.sun_visible_fraction,
+        sun_in_frame=expected.sun_in_frame,
+        sun_boresight_deg=math.degrees(truth.sun_boresight_rad),
+        horizon_arc_px=expected.horizon_arc_px,
+        lit_fraction=expected.lit_fraction,
+        limb_snr=expected.limb_snr,
+        veil_fraction=expected.veil_fraction,
+        determined_deg=expected.determined_deg,
+        moon_in_frame=expected.moon_in_frame,
+        ir_horizon_km=None if infrared_height_m is None else infrared_height_m / 1e3,
+    )
+
+
+def make_row(
+    *,
+    case: str,
+    camera: str,
+    band: str,
+    estimator: str,
+    truth: FrameTruth,
+    expected: Expected,
+    score: Score,
+    frame_address: str | None = None,
+    image_address: str | None = None,
+) -> Row:
+    """Return the row of one estimator on one image."""
+    return Row(
+        case=case,
+        camera=camera,
+        band=band,
+        estimator=estimator,
+        expected=str(expected.outcome),
+        borderline=expected.borderline,
+        frame_address=frame_address,
+        image_address=image_address,
+        **vars(score),
+        **vars(conditions_of(truth, expected, band)),
+    )
+
+
+def _columns() -> tuple[Column, ...]:
+    hints = get_type_hints(Row, include_extras=True)
+    columns = []
+    for field in fields(Row):
+        annotation, meaning = get_args(hints[field.name])
+        kinds = set(get_args(annotation) or (annotation,))
+        (kind,) = kinds - {NoneType}
+        columns.append(Column(field.name, meaning.unit, meaning.text, _SQL_TYPES[kind], optional=NoneType in kinds))
+    return tuple(columns)
+
+
+COLUMNS = _columns()
+"""The columns of the table of results, in its order."""
+
+_REQUIRED = tuple(field.name for field in fields(Row) if field.default is MISSING)

@@ -1,0 +1,112 @@
+"""The pages as Markdown: templates beside this file and in the systems' folders, filled with one system's result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import jinja2
+
+from horizonval.systems.result import Cell, ComparisonRow, Figure, Reproduction, Table
+
+
+def page(result: Reproduction, seed: int) -> str:
+    """Return one system's page."""
+    heads = ["", "published", "measured", "unit", "bar", "why"]
+    rows = [
+        heads,
+        *([r.name, as_printed(r.published), number(r.measured), r.unit, _met(r), r.why] for r in result.rows),
+    ]
+    template = _environment().get_template(result.template)
+    return template.render(result=result, rows=rows, seed=seed, **result.summary)
+
+
+def first_page(contents: Sequence[dict[str, Any]]) -> str:
+    """Return the page over all systems, from the contents of their JSON files."""
+    systems = []
+    for content in contents:
+        barred = [row for row in content["rows"] if row["holds"] is not None]
+        missed = [row for row in barred if not row["holds"]]
+        counts = {"rows": len(content["rows"]), "bars": len(barred), "met": len(barred) - len(missed)}
+        systems.append({**content, **counts, "missed": missed})
+    return _environment().get_template("first_page.md.jinja").render(systems=systems)
+
+
+def number(cell: Cell) -> str:
+    """Return a cell as text: four significant digits."""
+    if cell is None:
+        return "–"
+    if isinstance(cell, str):
+        return cell
+    if isinstance(cell, int):
+        return str(cell)
+    cell += 0.0  # no minus before a zero
+    if cell != 0.0 and not 1e-3 <= abs(cell) < 1e6:
+        return f"{cell:.2e}"
+    return f"{cell:.4g}" if abs(cell) < 1000 else f"{cell:.0f}"
+
+
+def as_printed(cell: Cell) -> str:
+    """Return a published figure as text, with all digits of the source."""
+    return f"{cell:.7g}" if isinstance(cell, float) else number(cell)
+
+
+def picture_name(system: str, figure: Figure) -> str:
+    """Return the file name of a picture."""
+    return f"{system}-{figure.name}.png"
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("horizonval.systems", package_path=""),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    environment.filters |= {
+        "format_as": format,
+        "alt": _alt,
+        "bar": _bar,
+        "lines": _lines,
+        "markdown": _markdown,
+        "number": number,
+        "paragraphs": _paragraphs,
+    }
+    environment.globals["picture_name"] = picture_name
+    return environment
+
+
+def _met(row: ComparisonRow) -> str:
+    return "" if row.holds is None else f"{_bar(row.plain())}: {'met' if row.holds else '**missed**'}"
+
+
+def _bar(row: dict[str, Any]) -> str:
+    """Return the bar of a row as in the JSON file."""
+    sign = "at least" if row["at_least"] else "at most"
+    of = "" if row["against"] is None else f" from {as_printed(row['against'])}"
+    return f"{sign} {number(row['limit'])}{of}"
+
+
+def _lines(table: Table) -> list[list[str]]:
+    return [list(table.columns), *([number(cell) for cell in row] for row in table.rows)]
+
+
+def _markdown(lines: Sequence[Sequence[str]]) -> str:
+    """Return a table, the first line being its head."""
+    text = [[cell.replace("|", "\\|").replace("\n", " ") for cell in line] for line in lines]
+    head = "| " + " | ".join(text[0]) + " |"
+    return "\n".join([head, "|" + "---|" * len(text[0]), *("| " + " | ".join(line) + " |" for line in text[1:])])
+
+
+def _paragraphs(text: str) -> str:
+    """Return a template's wrapped text with every paragraph on one line."""
+    return "\n\n".join(" ".join(part.split()) for part in text.strip().split("\n\n"))
+
+
+def _alt(figure: Figure) -> str:
+    """Return the caption's first sentence; brackets would end the picture's text."""
+    return figure.caption.split(". ")[0].rstrip(".").replace("[", "(").replace("]", ")")

@@ -1,0 +1,89 @@
+"""The pages' texts and the printed figures: beside the code, not in it, and those of the committed pages."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import string
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+import horizonval.systems
+from horizonval.systems.published import PrintedTable, Published, published
+from horizonval.systems.systems import SYSTEMS
+from horizonval.systems.text import page_text
+
+HERE = Path(horizonval.systems.__file__).parent
+PAGES = Path(__file__).parents[3] / "results" / "published"
+WRITTEN = [system for system in SYSTEMS if (HERE / system.lower() / "text.toml").is_file()]
+LABEL_WORDS = 12
+"""A string of more words than this is a sentence."""
+
+
+def _pattern(template: str) -> re.Pattern[str]:
+    """Return what a text may have become once its fields are filled."""
+    parts = string.Formatter().parse(template)
+    return re.compile("".join(re.escape(text) + ("" if field is None else "[^\n]*") for text, field, _, _ in parts))
+
+
+@pytest.mark.parametrize("system", WRITTEN)
+def test_committed_rows_say_what_the_texts_say(system: str) -> None:
+    texts = [[_pattern(part) for part in (t.name, t.unit, t.why)] for t in page_text(system).rows.values()]
+    keys = ("name", "unit", "why")
+    rows = json.loads((PAGES / f"{system}.json").read_text())["rows"]
+    for row in rows:
+        assert any(all(p.fullmatch(row[k]) for p, k in zip(text, keys, strict=True)) for text in texts), row["name"]
+
+
+@pytest.mark.parametrize("system", WRITTEN)
+def test_committed_pages_show_every_caption(system: str) -> None:
+    page = (PAGES / f"{system}.md").read_text()
+    text = page_text(system)
+    assert page.startswith(f"# {system}: {text.title}\n\n{published(system).source}.\n\n")
+    titles = [part for table in text.tables.values() for part in (table.title, table.caption)]
+    for caption in [*text.figures.values(), *titles]:
+        assert _pattern(caption).search(page), caption
+
+
+def test_python_holds_no_sentence() -> None:
+    """Docstrings apart: what people read on the pages stands in the systems' text files."""
+    sentences = []
+    for system in WRITTEN:
+        for path in (HERE / system.lower()).rglob("*.py"):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+            parts = {id(v) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for v in node.values}
+            for node in ast.walk(tree):
+                if isinstance(node, ast.JoinedStr):
+                    words = " ".join(str(v.value) for v in node.values if isinstance(v, ast.Constant))
+                elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs | parts:
+                    words = node.value
+                else:
+                    continue
+                if len(words.split()) > LABEL_WORDS:
+                    sentences.append(f"{path.relative_to(HERE)}:{node.lineno}: {words}")
+    assert not sentences
+
+
+@pytest.mark.parametrize("system", WRITTEN)
+def test_printed_figures_say_where_they_stand(system: str) -> None:
+    source = published(system)
+    assert source.figures or source.tables
+    for entry in [*source.figures.values(), *source.tables.values()]:
+        assert entry.where
+    for table in source.tables.values():
+        assert set(table.units) == set(table.printed)
+        assert len({len(figures) for figures in table.printed.values()}) == 1
+
+
+def test_a_figure_lost_in_print_is_none_and_a_misspelt_key_is_refused() -> None:
+    table = {"where": "table 1", "settings": {"roll_deg": 5.0}, "units": {"roll": "deg"}}
+    table["printed"] = {"roll": [1.0, "lost"]}
+    assert [read["roll"] for _, read in PrintedTable.model_validate(table).columns()] == [1.0, None]
+    with pytest.raises(ValidationError):
+        Published.model_validate({"source": "x", "figure": {}})
+    with pytest.raises(TypeError, match="exact"):
+        published("C").number("exact")
