@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 from horizonval.estimation.observation import Estimator
 from horizonval.jobs.stopwatch import Stopwatch
-from horizonval.store.entry import Entry
+from horizonval.store.entry import StoreEntry
 from horizonval.store.store import Store
-from horizonval.suites.plan import Plan
+from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import Record, record_of
 from horizonval.suites.scored import Observed, score_alone, score_together
 
@@ -36,12 +36,12 @@ class Item:
         """Addresses of all images, then of the frames."""
         return [address for images in self.images.values() for address in images.values()] + [*self.frames.values()]
 
-    def estimators(self, plan: Plan) -> list[str]:
+    def estimators(self, plan: CasePlan) -> list[str]:
         """Return the estimators of a plan that see what this is: one image, or those of all heads."""
         return [name for name in plan.estimators if (plan.estimator(name).needs == "heads") == self.together]
 
 
-def archived_record(item: Item, plan: Plan, store: Store, watch: Stopwatch) -> Record:
+def archived_record(item: Item, plan: CasePlan, store: Store, watch: Stopwatch) -> Record:
     """Return the record of archived images.
 
     Raises
@@ -75,7 +75,7 @@ def _in_order(heads: dict[str, Observed]) -> dict[str, Observed]:
     return {name: heads[name] for name in sorted(heads, key=lambda h: (order.index(h) if h in order else -1, h))}
 
 
-def items_of(entries: Sequence[Entry], estimators: Sequence[Estimator]) -> list[Item]:
+def items_of(entries: Sequence[StoreEntry], estimators: Sequence[Estimator]) -> list[Item]:
     """Group images by scene, camera, instant and draw of noise, and name the groups.
 
     The name is the scene's; with the head's where images of several heads are of one scene, as in a run. What would

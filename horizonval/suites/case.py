@@ -22,7 +22,7 @@ from horizonval.spec.load import Case
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.store import Store
 from horizonval.suites.identity import frame_identity
-from horizonval.suites.plan import Plan, Unit
+from horizonval.suites.plan import CasePlan, Unit
 from horizonval.suites.record import Record, failed_record, record_of
 from horizonval.suites.scored import DRAWS, Observed, score_alone, score_together
 
@@ -36,7 +36,7 @@ class _Made:
     observed: Observed
 
 
-def records_of(unit: Unit, plan: Plan, folder: RunFolder, watch: Stopwatch) -> dict[str, Record]:
+def records_of(unit: Unit, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> dict[str, Record]:
     """Make a unit and return its records by name.
 
     A defect anywhere is recorded in the case (``error``, rows with ``bad_input``), so that one bad frame does not cost
@@ -76,7 +76,7 @@ def records_of(unit: Unit, plan: Plan, folder: RunFolder, watch: Stopwatch) -> d
     return records | failed_records(unit, plan, errors)
 
 
-def failed_records(unit: Unit, plan: Plan, errors: Mapping[str, str]) -> dict[str, Record]:
+def failed_records(unit: Unit, plan: CasePlan, errors: Mapping[str, str]) -> dict[str, Record]:
     """Return the records of those results of a unit that there cannot be, and why."""
     cases = {case.name: case for case in unit.cases}
     records = {}
@@ -88,7 +88,7 @@ def failed_records(unit: Unit, plan: Plan, errors: Mapping[str, str]) -> dict[st
     return records
 
 
-def _make(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> _Made:
+def _make(case: Case, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> _Made:
     from horizonval.sensor.observe import observe
 
     frame, address = _frame(case, plan, folder, watch)
@@ -104,7 +104,7 @@ def _make(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> _Made:
     return _Made(frame, address, observed)
 
 
-def _frame(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> tuple[RadianceFrame, str | None]:
+def _frame(case: Case, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> tuple[RadianceFrame, str | None]:
     """Return the frame and its address: from the archive if it was rendered before, else rendered.
 
     Where everything is kept it is stored at once, so that a run that is cut off has it.

@@ -18,7 +18,7 @@ from horizonval.core.errors import UserError
 from horizonval.estimation import registry
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
-from horizonval.suites.plan import Plan, Unit, plan_of
+from horizonval.suites.plan import CasePlan, Unit, plan_of
 
 FRAME_CODE = ("horizonval.renderer.scene.frame", "horizonval.store.exr")
 """The modules that make a frame and its file; those that they import are found."""
@@ -28,7 +28,7 @@ RESCORED_CODE = ("horizonval.suites.archived", "horizonval.estimation.process.es
 
 
 def code_of(estimators: Iterable[str]) -> tuple[str, ...]:
-    """Return the modules of estimators: of ours and of users' packages; programs are files, see :class:`Plan`."""
+    """Return the modules of estimators: of ours and of users' packages; programs are files, see :class:`CasePlan`."""
     return tuple(sorted({module for name in estimators if (module := registry.module_of(name)) is not None}))
 
 
@@ -37,7 +37,7 @@ def frame_identity(case: Case) -> str:
     return _digest(_scene_content(case), code_digest(*FRAME_CODE))
 
 
-def unit_identity(unit: Unit, plan: Plan) -> str:
+def unit_identity(unit: Unit, plan: CasePlan) -> str:
     """Return the digest of what the results of a unit depend on: all its cases, their estimators, what is kept."""
     estimators = plan.of(unit.cases[0])
     code = code_digest(*ROW_CODE, *code_of(estimators))

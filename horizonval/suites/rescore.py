@@ -28,7 +28,7 @@ from horizonval.store.store import Store
 from horizonval.suites.archived import Item, archived_record, items_of
 from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import rescored_identity
-from horizonval.suites.plan import Plan
+from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import Record
 
 RESCORE_SCHEMA = 1
@@ -48,7 +48,7 @@ class RescoreWork(Recorded[Item]):
 
     renders = False
 
-    def __init__(self, plan: Plan, archive: Path, folder: RunFolder) -> None:
+    def __init__(self, plan: CasePlan, archive: Path, folder: RunFolder) -> None:
         self.plan, self.archive, self.run = plan, archive, folder
 
     def name(self, item: Item) -> str:
@@ -114,7 +114,7 @@ def rescore(
         raise UserError("no detector image to score", where=str(store.root), fix="see `horizonval archive ls`")
     folder = RunFolder(out)
     _claim(folder, store, head, chosen, items)
-    plan = Plan(tuple(estimator.name for estimator in chosen), limits or Limits())
+    plan = CasePlan(tuple(estimator.name for estimator in chosen), limits or Limits())
     with folder.locked():
         folder.remove_temporary_files()
         done = do(RescoreWork(plan, store.root, folder), items, Execution(workers), progress or Silent())

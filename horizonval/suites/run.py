@@ -26,7 +26,7 @@ from horizonval.suites.check import check_suite
 from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import suite_identity
 from horizonval.suites.part import Part, PartOutcome, asked_for
-from horizonval.suites.plan import Plan, Unit, plan_of, units_of
+from horizonval.suites.plan import CasePlan, Unit, plan_of, units_of
 from horizonval.suites.shards import adopt
 from horizonval.suites.suite import load_suite
 from horizonval.suites.units import Brief, UnitWork
@@ -171,7 +171,7 @@ def _may_go_on(before: Mapping[str, Any], suite: Suite) -> bool:
 
 def _run_units(
     units: Sequence[Unit],
-    plan: Plan,
+    plan: CasePlan,
     folder: RunFolder,
     execution: Execution,
     progress: Progress,

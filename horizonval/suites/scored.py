@@ -20,7 +20,7 @@ from horizonval.scoring.expected import Expected, expected_of_heads, expected_ou
 from horizonval.scoring.repeats import mean_noise_nees
 from horizonval.scoring.row import Row, make_row
 from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads
-from horizonval.suites.plan import Plan
+from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import details_of
 
 PROCESSOR = "processor "
@@ -65,7 +65,7 @@ class Observed:
         return self.expected[band, needs]
 
 
-def score_alone(observed: Observed, name: str, estimators: Iterable[str], plan: Plan, watch: Stopwatch) -> None:
+def score_alone(observed: Observed, name: str, estimators: Iterable[str], plan: CasePlan, watch: Stopwatch) -> None:
     """Run estimators that see one image, and add their rows under the name of a case."""
     names = list(estimators)
     for number, (band, image) in enumerate(observed.images.items()):
@@ -76,7 +76,7 @@ def score_alone(observed: Observed, name: str, estimators: Iterable[str], plan: 
 
 
 def score_together(
-    heads: Mapping[str, Observed], name: str, estimators: Iterable[str], plan: Plan, watch: Stopwatch
+    heads: Mapping[str, Observed], name: str, estimators: Iterable[str], plan: CasePlan, watch: Stopwatch
 ) -> Observed:
     """Run estimators that need all heads; images and truth of what is returned are the first head's.
 
@@ -87,7 +87,7 @@ def score_together(
     name : str
         Of the rows.
     estimators : iterable of str
-    plan : Plan
+    plan : CasePlan
     watch : Stopwatch
     """
     names, first = list(estimators), next(iter(heads.values()))
@@ -114,7 +114,7 @@ def _score(
     band_number: int,
     estimator_name: str,
     observations: Iterator[Observation],
-    plan: Plan,
+    plan: CasePlan,
     watch: Stopwatch,
 ) -> None:
     """Run one estimator on the observations of a frame, one for every draw of the noise, and add its row."""

@@ -14,7 +14,7 @@ from horizonval.store.folder import RunFolder
 from horizonval.store.store import Store
 from horizonval.suites.case import failed_records, records_of
 from horizonval.suites.identity import unit_identity
-from horizonval.suites.plan import Plan, Unit
+from horizonval.suites.plan import CasePlan, Unit
 from horizonval.suites.record import Record
 
 
@@ -38,7 +38,7 @@ Briefs = dict[str, Brief]
 class UnitWork(Work[Unit, Briefs]):
     """Units of a suite, into the folder of its run."""
 
-    def __init__(self, plan: Plan, folder: RunFolder) -> None:
+    def __init__(self, plan: CasePlan, folder: RunFolder) -> None:
         self.plan, self.run = plan, folder
         self.folder: Path | None = folder.root
 

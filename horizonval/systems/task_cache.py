@@ -63,9 +63,9 @@ class TaskCache:
         RuntimeError
             A defect in ``work``; the other items' results are kept.
         """
-        tasks = [Task(name, dict(item)) for name, item in items.items()]
+        named = [NamedItem(name, dict(item)) for name, item in items.items()]
         execution = Execution(self.workers)
-        done = do(TaskWork(work, self.folder), tasks, execution, self.progress, unit="items", what=title)
+        done = do(TaskWork(work, self.folder), named, execution, self.progress, unit="items", what=title)
         failed = {name: one.error for name, one in done.items() if one.result is None}
         if failed:
             first = next(iter(failed))
@@ -78,35 +78,35 @@ class TaskCache:
 
 
 @dataclass(frozen=True)
-class Task:
+class NamedItem:
     """An item by its name."""
 
     name: str
     item: Plain
 
 
-class TaskWork(Recorded[Task]):
+class TaskWork(Recorded[NamedItem]):
     """A function of plain data on many items; the result of each lies under its identity."""
 
     def __init__(self, function: Callable[[Plain], Plain], folder: Path) -> None:
         self.function, self.place = function, folder
 
-    def name(self, item: Task) -> str:
+    def name(self, item: NamedItem) -> str:
         """Return the item's name."""
         return item.name
 
-    def path(self, item: Task) -> Path:
+    def path(self, item: NamedItem) -> Path:
         """Return the file of the result."""
         identity = self.identity(item)
         return self.place / identity[:2] / f"{identity}.json"
 
-    def identity(self, item: Task) -> str:
+    def identity(self, item: NamedItem) -> str:
         """Return the digest of the function, the item and the code."""
         code = code_digest(self.function.__module__)
         content = json.dumps([self.function.__module__, self.function.__qualname__, item.item, code], sort_keys=True)
         return hashlib.sha256(content.encode()).hexdigest()
 
-    def record(self, item: Task, watch: Stopwatch) -> Record:
+    def record(self, item: NamedItem, watch: Stopwatch) -> Record:
         """Call the function."""
         return {"value": self.function(item.item)}
 

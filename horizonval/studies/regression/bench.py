@@ -22,7 +22,7 @@ from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.spec.load import Case
 from horizonval.studies.regression.units import render_scene, replay_scene
 from horizonval.suites.identity import code_of
-from horizonval.suites.plan import Plan
+from horizonval.suites.plan import CasePlan
 
 _UNITS = ("horizonval.studies.regression.units", "horizonval.estimation.process.estimator_process")
 CODE = {"replay": _UNITS, "render": _UNITS, "anchors": ("horizonval.studies.regression.anchors",)}
@@ -50,7 +50,7 @@ class Task:
 class NightWork(Recorded[Task]):
     """Units of a night: a record each, and a file of arrays beside that of a rendered scene."""
 
-    def __init__(self, plan: Plan, folder: Path) -> None:
+    def __init__(self, plan: CasePlan, folder: Path) -> None:
         self.plan = plan
         self.folder: Path | None = folder
         self._place = folder
