@@ -1,4 +1,4 @@
-"""The pages as Markdown: templates beside this file and in the systems' folders, filled with one system's result."""
+"""The pages as Markdown: templates here and in the systems' own folders, filled with one system's result."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def first_page(contents: Sequence[dict[str, Any]]) -> str:
         missed = [row for row in barred if not row["holds"]]
         counts = {"rows": len(content["rows"]), "bars": len(barred), "met": len(barred) - len(missed)}
         systems.append({**content, **counts, "missed": missed})
-    return _environment().get_template("first_page.md.jinja").render(systems=systems)
+    return _environment().get_template("page/first_page.md.jinja").render(systems=systems)
 
 
 def number(cell: Cell) -> str:

@@ -56,7 +56,7 @@ class PrintedTable(_Plain):
     settings : dict
         By quantity (unit in the name), one value for all columns or one for each.
     printed : dict
-        By quantity, the printed figures; None where one is lost.
+        By quantity, the printed figures; None where one is lost. Empty where all of them are.
     units : dict
         Of the printed quantities.
     errors : dict
@@ -71,7 +71,8 @@ class PrintedTable(_Plain):
 
     def columns(self) -> Iterator[tuple[dict[str, float], dict[str, float | None]]]:
         """Yield the settings and the printed figures of every column."""
-        for i in range(len(next(iter(self.printed.values())))):
+        columns = [*self.printed.values(), *(v for v in self.settings.values() if isinstance(v, tuple))]
+        for i in range(len(columns[0])):
             settings = {name: v[i] if isinstance(v, tuple) else v for name, v in self.settings.items()}
             yield settings, {name: figures[i] for name, figures in self.printed.items()}
 
@@ -85,7 +86,7 @@ class Published(_Plain):
         Authors, title, year.
     figures : dict of PrintedFigure
     tables : dict of PrintedTable
-    orbit : tuple of str
+    element_set : tuple of str
         Two lines of an element set, where the experiment has one.
     """
 

@@ -105,7 +105,7 @@ class Reproduction:
     settings : dict
         What was rendered, for the JSON file.
     template : str
-        Of the page, in this folder; its summary says in a few sentences what was done and what came of it.
+        Of the page, from this folder on; its summary says in a few sentences what was done and what came of it.
     summary : dict
         Numbers of this run in the summary, by their names in the template.
     """
@@ -117,5 +117,5 @@ class Reproduction:
     tables: tuple[Table, ...] = ()
     figures: tuple[Figure, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
-    template: str = "page.md.jinja"
+    template: str = "page/layout.md.jinja"
     summary: Mapping[str, Any] = field(default_factory=dict)

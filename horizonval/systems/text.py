@@ -1,8 +1,8 @@
-"""The English of the pages: ``text.toml`` of every system, and what is built of it and of numbers.
+"""The English of the pages: ``page/text.toml`` of every system, and what is built of it and of numbers.
 
 Rows, tables and figures of a system are made here alone, so that the experiments hold numbers and no prose. Texts have
 fields of :meth:`str.format`, filled with the numbers of the run. A page's summary is a template beside it,
-``page.md.jinja``.
+``page/page.md.jinja``. They lie apart from the code: a better word makes no result again.
 """
 
 from __future__ import annotations
@@ -105,12 +105,12 @@ class PageText(_Plain):
         settings: dict[str, Any],
         **summary: Any,
     ) -> Reproduction:
-        """Return the whole page; ``summary`` are the fields of the system's ``page.md.jinja``."""
+        """Return the whole page; ``summary`` are the fields of the system's ``page/page.md.jinja``."""
         return Reproduction(
             system=self.system,
             title=self.title,
             source=published(self.system).source,
-            template=f"{self.system.lower()}/page.md.jinja",
+            template=f"{self.system.lower()}/page/page.md.jinja",
             summary=summary,
             rows=tuple(rows),
             tables=tuple(tables),
@@ -122,4 +122,4 @@ class PageText(_Plain):
 @cache
 def page_text(system: str) -> PageText:
     """Return the texts of a system's page, by the system's letter."""
-    return PageText.model_validate({"system": system} | read_toml(system, "text.toml"))
+    return PageText.model_validate({"system": system} | read_toml(system, "page/text.toml"))

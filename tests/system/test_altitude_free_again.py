@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from horizonval.systems.a import rows as report
 from horizonval.systems.a.bank import grid, limb_length_px, measure, set_ups
 from horizonval.systems.a.check import check
 from horizonval.systems.a.solvers import compare, conditions
-from horizonval.systems.a.table import bank_of, error_table, steps_with_pixels
+from horizonval.systems.a.table import bank_of, error_table, solver_table, steps_with_pixels
 from horizonval.systems.task_cache import Plain, TaskCache
 
 SMALL = (100, 200)
@@ -93,11 +94,11 @@ def test_rows_tables_and_figures_come_of_a_small_run(cache: TaskCache, tmp_path:
         *report.closed_form_rows(bank, solvers),
     ]
     assert len({row.name for row in rows}) == len(rows)
-    assert len(experiment.solver_table(solvers).rows) == 4
+    assert len(solver_table(solvers).rows) == 4
     for draw in (
-        experiment.figures.pictures(shown),
-        experiment.figures.convergence(next(iter(shown.values()))),
-        experiment.figures.errors_with_pixels(bank),
+        partial(experiment.figures.draw_set_ups, shown),
+        partial(experiment.figures.draw_convergence, next(iter(shown.values()))),
+        partial(experiment.figures.draw_errors, bank),
     ):
         path = tmp_path / "figure.png"
         draw().savefig(path)

@@ -30,6 +30,7 @@ from horizonval.sensor.observe import observe
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.systems.published import published
 from horizonval.systems.task_cache import Plain, rng_of
 
 CAMERA = "vis-cmos-1024-60deg"
@@ -42,8 +43,7 @@ SHORTEST_SHARE = 0.2
 """Of the image's width: less of the limb in view is no condition of the table."""
 JITTER_DEG = 1.0
 """Attitudes are drawn within this of the grid's, inside it, so that no pixel grid is symmetric about the nadir."""
-SET_UPS = ((3000.0, 60.0, 400), (6000.0, 40.0, 400), (6000.0, 40.0, 50), (6000.0, 80.0, 400), (6000.0, 80.0, 50))
-SET_UP_ROLL_DEG, SET_UP_PITCH_DEG = 20.0, 30.0
+SET_UPS = [settings for settings, _ in published("A").tables["set_ups"].columns()]
 ARCSEC = math.degrees(1.0) * 3600.0
 
 
@@ -116,12 +116,12 @@ def grid(seed: int, pixels: tuple[int, ...] = PIXELS, angles_deg: tuple[float, .
 
 def set_ups(seed: int) -> dict[str, Plain]:
     """Return the published set-ups by name; their frames and iterates are kept."""
-    attitude = {"roll_deg": SET_UP_ROLL_DEG, "pitch_deg": SET_UP_PITCH_DEG, "noise_seed": seed, "picture": True}
-    return {
-        f"{altitude:g} km, {fov:g} deg, {pixels} px": {"altitude_km": altitude, "fov_deg": fov, "pixels": pixels}
-        | attitude
-        for altitude, fov, pixels in SET_UPS
-    }
+    items = {}
+    for set_up in SET_UPS:
+        item: Plain = {key: set_up[key] for key in ("altitude_km", "fov_deg", "roll_deg", "pitch_deg")}
+        item |= {"pixels": int(set_up["pixels"]), "noise_seed": seed, "picture": True}
+        items[f"{item['altitude_km']:g} km, {item['fov_deg']:g} deg, {item['pixels']} px"] = item
+    return items
 
 
 def measure(item: Plain) -> Plain:

@@ -4,211 +4,132 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from horizonval.systems.a.bank import SET_UP_PITCH_DEG, SET_UP_ROLL_DEG
+from horizonval.systems.a.bank import SET_UPS
 from horizonval.systems.a.check import SAMPLES
 from horizonval.systems.a.table import (
+    TEXT,
     Bank,
     ratios_of_field,
     refused_share,
     rms,
+    sharp_frames,
     steps_with_pixels,
     updates,
     values,
 )
+from horizonval.systems.published import published
 from horizonval.systems.result import Row
 from horizonval.systems.task_cache import Plain
 
-SET_UP_OFF_AXIS_DEG = math.degrees(
-    math.acos(math.cos(math.radians(SET_UP_ROLL_DEG)) * math.cos(math.radians(SET_UP_PITCH_DEG)))
-)
-"""Angle between the boresight and the nadir in the published set-ups."""
+PUBLISHED = {key: figure.value for key, figure in published("A").figures.items()}
 UPDATE_LIMIT_RAD = 1e-6
 NADIR_LIMIT_ARCSEC = 5.0
 CURVE_LIMIT_PX = 1e-3
 """Edges of our frames against the exact horizon: a thousandth of a pixel is far below every error in the tables."""
 
 
+def off_axis_deg() -> float:
+    """Return the angle between the boresight and the nadir in the published set-ups."""
+    roll, pitch = (math.radians(SET_UPS[0][axis]) for axis in ("roll_deg", "pitch_deg"))
+    return math.degrees(math.acos(math.cos(roll) * math.cos(pitch)))
+
+
 def set_up_rows(shown: Mapping[str, Plain]) -> list[Row]:
     """Return the errors of the published method on the published set-ups, and how many of these it answers."""
-    answered = sum("refused" not in result["clean"]["whole, newton"] for result in shown.values())
-    rows = [
-        Row(
-            "published set-ups that the published method answers",
-            len(shown),
-            answered,
-            f"of {len(shown)}",
-            "A set-up that is refused has no rows below; this one counts them.",
-            limit=len(shown),
-            at_least=True,
-        )
-    ]
-    for name, result in shown.items():
-        one = result["clean"]["whole, newton"]
-        if "refused" in one:
-            continue
-        why = (
-            f"The paper's figure did not survive; ours is what {one['points']} whole pixels leave, each of them off by "
-            f"{one['point_rms_arcsec']:.0f} arcsec rms."
-        )
-        for quantity, unit in (("roll_deg", "deg"), ("pitch_deg", "deg"), ("altitude_km", "km")):
-            rows.append(Row(f"{quantity.split('_')[0]} error, {name}", None, one[quantity], unit, why))
+    answers = {name: result["clean"]["whole, newton"] for name, result in shown.items()}
+    answers = {name: answer for name, answer in answers.items() if "refused" not in answer}
+    count = len(shown)
+    rows = [TEXT.row("set_ups", len(answers), count, limit=count, at_least=True, set_ups=count)]
+    for name, answer in answers.items():
+        for key in ("roll_deg", "pitch_deg", "altitude_km"):
+            quantity, unit = key.split("_")
+            fields = {"points": answer["points"], "point_rms": answer["point_rms_arcsec"]}
+            rows.append(TEXT.row("set_up", answer[key], quantity=quantity, set_up=name, unit=unit, **fields))
     return rows
 
 
 def check_rows(checks: Mapping[str, Plain]) -> list[Row]:
     """Return how far the image generator's edges lie from two authorities."""
-    edges = sum(one["edges"] for one in checks.values())
-    worst = max(one["curve_max_px"] for one in checks.values())
-    stock = rms(one["stock_rms_px"] for one in checks.values())
-    mean = float(
-        np.average([o["stock_mean_px"] for o in checks.values()], weights=[o["edges"] for o in checks.values()])
-    )
+    edges = [check["edges"] for check in checks.values()]
+    worst = max(check["curve_max_px"] for check in checks.values())
+    stock = rms(check["stock_rms_px"] for check in checks.values())
+    mean = float(np.average([check["stock_mean_px"] for check in checks.values()], weights=edges))
     return [
-        Row(
-            "image generator against the exact horizon, largest departure",
-            None,
-            worst,
-            "px",
-            f"The paper checks its pictures by eye against a CAD program; here {edges} edges of five "
-            "frames are compared "
-            "with the projected horizon, computed without the renderer.",
-            limit=CURVE_LIMIT_PX,
-        ),
-        Row(
-            "image generator against a stock renderer's sphere, rms",
-            "alike by eye",
-            stock,
-            "px",
-            f"The stock sphere is sampled {SAMPLES} times a pixel and its edges scatter by that; their "
-            "mean departure is "
-            f"{mean:.1e} px.",
-            limit=0.02,
-        ),
+        TEXT.row("curve", worst, limit=CURVE_LIMIT_PX, edges=sum(edges)),
+        TEXT.row("stock_sphere", stock, PUBLISHED["cross_check"], limit=0.02, samples=SAMPLES, mean=mean),
     ]
 
 
 def convergence_rows(shown: Mapping[str, Plain], bank: Bank) -> list[Row]:
     """Return the size of the fourth Newton update from both starts."""
-    zero = [one["clean"]["whole, newton"] for one in shown.values()]
-    worst_zero = max((one["updates"][3] for one in zero if len(one.get("updates", [])) > 3), default=0.0)
-    fifth = max((one["updates"][4] for one in zero if len(one.get("updates", [])) > 4), default=0.0)
-    from_three = [one["clean"]["three-point start"]["updates"] for one in shown.values()]
-    worst_three = max((found[3] for found in from_three if len(found) > 3), default=0.0)
-    limb, third = updates(bank, "limb, newton", 4), max(updates(bank, "limb, newton", 3))
-    three = np.array(updates(bank, "three-point start", 4))
+    zero = [result["clean"]["whole, newton"].get("updates", []) for result in shown.values()]
+    three = [result["clean"]["three-point start"]["updates"] for result in shown.values()]
+    sub_pixel = updates(bank, "limb, newton", 4)
+    on_grid = np.array(updates(bank, "three-point start", 4))
+
+    def row(key: str, update_rad: float, **fields: Any) -> Row:
+        return TEXT.row(key, update_rad, PUBLISHED["fourth_update"], limit=UPDATE_LIMIT_RAD, **fields)
+
     return [
-        Row(
-            "fourth Newton update, sub-pixel points, largest of the whole grid",
-            "very small",
-            max(limb),
-            "rad",
-            f"Started from the cone through three of the points; the third update is {third:.0e} rad "
-            "at most, and where "
-            f"it is below 1e-10 the iteration has ended and the fourth counts as nothing ({len(limb)} frames).",
-            limit=UPDATE_LIMIT_RAD,
+        row(
+            "update_sub_pixel",
+            max(sub_pixel),
+            third=max(updates(bank, "limb, newton", 3)),
+            frames=len(sub_pixel),
         ),
-        Row(
-            "fourth Newton update, whole pixels, start from three of them, largest of the set-ups",
-            "very small",
-            worst_three,
-            "rad",
-            "The paper gives no start; three pixels are the fewest that make one, and the iteration "
-            "is done in four steps.",
-            limit=UPDATE_LIMIT_RAD,
+        row("update_three", _largest(three, 4)),
+        row(
+            "update_three_grid",
+            float(np.percentile(on_grid, 95)),
+            slow=float(np.mean(on_grid > UPDATE_LIMIT_RAD)),
         ),
-        Row(
-            "fourth Newton update, whole pixels, start from three of them, 95th percentile of the grid",
-            "very small",
-            float(np.percentile(three, 95)),
-            "rad",
-            "Whole pixels leave residuals, with which the convergence is linear and slow where few "
-            "of them lie on a short "
-            f"arc; {np.mean(three > UPDATE_LIMIT_RAD):.1%} of the frames need more than four steps.",
-            limit=UPDATE_LIMIT_RAD,
-        ),
-        Row(
-            "fourth Newton update, whole pixels, start at roll = pitch = 0, largest of the set-ups",
-            "very small",
-            worst_zero,
-            "rad",
-            f"{SET_UP_OFF_AXIS_DEG:.0f} deg from the solution the first step finds tangents in place of angles; the "
-            "fifth update "
-            f"is {fifth:.0e} "
-            "rad. The paper's start is not known.",
-            limit=UPDATE_LIMIT_RAD,
-        ),
+        row("update_zero", _largest(zero, 4), off_axis=off_axis_deg(), fifth=_largest(zero, 5)),
     ]
+
+
+def _largest(sequences: list[list[float]], step: int) -> float:
+    """Return the largest update of a step (the first is 1); 0 where every iteration ended before."""
+    return max((sequence[step - 1] for sequence in sequences if len(sequence) >= step), default=0.0)
 
 
 def accuracy_rows(bank: Bank) -> list[Row]:
     """Return the nadir's error at 1024 pixels over 60 deg, and what the claimed covariances are worth."""
-    sharp = [f for f in bank.values() if (f[0]["fov_deg"], f[0]["pixels"]) == (60.0, 1024)]
-    by_method = {m: rms(values(sharp, m, "nadir_arcsec")) for m in ("whole, newton", "level, newton", "limb, newton")}
-    noisy = {m: rms(values(sharp, m, "nadir_arcsec", "noisy")) for m in ("whole, newton", "limb, newton")}
+    sharp = sharp_frames(bank)
+
+    def errors(method: str, light: str = "clean") -> list[float]:
+        return values(sharp, method, "nadir_arcsec", light)
+
+    whole, level, limb = (rms(errors(method)) for method in ("whole, newton", "level, newton", "limb, newton"))
+    whole_noisy, limb_noisy = (errors(method, "noisy") for method in ("whole, newton", "limb, newton"))
     nees = values(bank.values(), "whole, newton", "nees")
     noisy_nees = values(sharp, "limb, newton", "nees", "noisy")
-    where = "1024 px, 60 deg"
+    camera = "1024 px, 60 deg"
     return [
-        Row(
-            f"nadir error, {where}, noise-free, sub-pixel points, rms",
-            None,
-            by_method["limb, newton"],
-            "arcsec",
-            f"{len(sharp)} attitudes and altitudes; a pixel is {60 * 3600 / 1024:.0f} arcsec. Points from the area "
-            f"under the profile alone give {by_method['level, newton']:.1f}: the ground brightens with the square root "
-            "of the distance from the limb, and that is allowed for here.",
+        TEXT.row(
+            "sub_pixel",
+            limb,
             limit=NADIR_LIMIT_ARCSEC,
+            camera=camera,
+            frames=len(sharp),
+            pixel=60 * 3600 / 1024,
+            level=level,
         ),
-        Row(
-            f"nadir error, {where}, noise-free, whole pixels, rms",
-            None,
-            by_method["whole, newton"],
-            "arcsec",
-            f"Rounding to pixels costs a factor of {by_method['whole, newton'] / by_method['limb, newton']:.0f}.",
+        TEXT.row("whole", whole, camera=camera, factor=whole / limb),
+        TEXT.row("sub_pixel_noisy", rms(limb_noisy), camera=camera, median=np.median(limb_noisy)),
+        TEXT.row(
+            "whole_noisy",
+            rms(whole_noisy),
+            camera=camera,
+            factor=rms(whole_noisy) / whole,
+            median=np.median(whole_noisy),
+            median_clean=np.median(errors("whole, newton")),
         ),
-        Row(
-            f"nadir error, {where}, shipped lens and detector, sub-pixel points, rms",
-            None,
-            noisy["limb, newton"],
-            "arcsec",
-            f"Lens, noise and ten bits; most of it comes from short arcs: the median is "
-            f"{np.median(values(sharp, 'limb, newton', 'nadir_arcsec', 'noisy')):.1f}.",
-        ),
-        Row(
-            f"nadir error, {where}, shipped lens and detector, whole pixels, rms",
-            None,
-            noisy["whole, newton"],
-            "arcsec",
-            f"{noisy['whole, newton'] / by_method['whole, newton']:.1f} times that of noise-free "
-            "frames; a few short arcs "
-            "decide both: the medians are "
-            f"{np.median(values(sharp, 'whole, newton', 'nadir_arcsec', 'noisy')):.0f} and "
-            f"{np.median(values(sharp, 'whole, newton', 'nadir_arcsec')):.0f}.",
-        ),
-        Row(
-            "squared error over claimed variance, whole pixels, median of the grid",
-            None,
-            float(np.median(nees)),
-            "",
-            "1.386 if the claim is right and the errors Gaussian (two degrees of freedom); mean "
-            f"{np.mean(nees):.1f} for 2.",
-            limit=0.7,
-            against=1.386,
-        ),
-        Row(
-            f"squared error over claimed variance, {where}, noisy, sub-pixel points, median",
-            None,
-            float(np.median(noisy_nees)),
-            "",
-            "The claim holds a hundredth of a pixel of slow errors beside the noise: the lens's blur "
-            "of the shaded limb, "
-            "which neighbouring points share and residuals hardly show.",
-            limit=1.386,
-            against=1.386,
-        ),
+        TEXT.row("covariance_whole", float(np.median(nees)), limit=0.7, against=1.386, mean=np.mean(nees)),
+        TEXT.row("covariance_sub_pixel", float(np.median(noisy_nees)), limit=1.386, against=1.386, camera=camera),
     ]
 
 
@@ -216,97 +137,53 @@ def trend_rows(bank: Bank) -> list[Row]:
     """Return how errors go with pixels and with field."""
     falls = steps_with_pixels(bank, "whole, newton")
     points = ratios_of_field(bank, "whole, newton", "point_rms_arcsec", 40.0, 80.0)
-    nadir = ratios_of_field(bank, "whole, newton", "nadir_arcsec", 40.0, 80.0)
-    sharp = ratios_of_field(bank, "limb, newton", "nadir_arcsec", 40.0, 80.0)
+    whole = ratios_of_field(bank, "whole, newton", "nadir_arcsec", 40.0, 80.0)
+    sub_pixel = ratios_of_field(bank, "limb, newton", "nadir_arcsec", 40.0, 80.0)
     factor = float(np.exp(np.mean(np.log(falls))))
+    share = np.mean(np.array(falls) > 1)
+    weighs = TEXT.phrase("pixels_weigh" if np.median(whole) >= 1.0 else "arc_weighs")
+    grows = PUBLISHED["error_with_field"]
     return [
-        Row(
-            "fall of the median nadir error from one number of pixels to the next, whole pixels, mean factor",
-            "falls",
+        TEXT.row(
+            "pixels",
             factor,
-            "",
-            f"It falls in {np.mean(np.array(falls) > 1):.0%} of {len(falls)} steps, each a doubling but for the last.",
+            PUBLISHED["error_with_pixels"],
             limit=1.0,
             at_least=True,
+            share=share,
+            steps=len(falls),
         ),
-        Row(
-            "error of a whole-pixel point, field of 80 over 40 deg at the same pixels, median factor",
-            "grows",
-            float(np.median(points)),
-            "",
-            f"{len(points)} conditions that both fields see; a pixel at the centre grows by 2.3, at the rim by less.",
+        TEXT.row("field_points", float(np.median(points)), grows, limit=1.0, at_least=True, conditions=len(points)),
+        TEXT.row("field_whole", float(np.median(whole)), grows, weighs=weighs),
+        TEXT.row(
+            "field_sub_pixel",
+            float(np.median(sub_pixel)),
+            grows,
             limit=1.0,
             at_least=True,
+            conditions=len(sub_pixel),
         ),
-        Row(
-            "nadir error, field of 80 over 40 deg at the same pixels, whole pixels, median factor",
-            "grows",
-            float(np.median(nadir)),
-            "",
-            "The paper compares pictures of one attitude; over the grid the wider field has coarser "
-            "pixels and sees a longer "
-            "arc; " + ("the pixels weigh more." if np.median(nadir) >= 1.0 else "the arc weighs more."),
-        ),
-        Row(
-            "nadir error, field of 80 over 40 deg at the same pixels, sub-pixel points, median factor",
-            "grows",
-            float(np.median(sharp)),
-            "",
-            f"Without rounding what is left is a share of a pixel, and the pixels grow; {len(sharp)} conditions.",
-            limit=1.0,
-            at_least=True,
-        ),
-        Row(
-            "frames refused, whole pixels and Newton",
-            None,
+        TEXT.row(
+            "refused",
             refused_share(bank, "whole, newton"),
-            "share",
-            f"Of {len(bank)} frames; sub-pixel points with their search for the limb refuse "
-            f"{refused_share(bank, 'limb, newton'):.1%}, short arcs of few pixels.",
+            frames=len(bank),
+            sub_pixel=refused_share(bank, "limb, newton"),
         ),
     ]
 
 
 def closed_form_rows(bank: Bank, solvers: Mapping[str, Plain]) -> list[Row]:
     """Return what the closed form wins and loses against Newton's method."""
-    both = {m: rms(values(bank.values(), m, "nadir_arcsec")) for m in ("limb, newton", "limb, closed")}
-    medians = {m: np.median(values(bank.values(), m, "nadir_arcsec")) for m in ("whole, newton", "whole, closed")}
-    plane = max(one["plane_difference"] for one in solvers.values())
-    worst = max(solvers.values(), key=lambda one: float(one["closed_rms"] / one["newton_rms"]))
-    steps = max(one["newton_steps"] for one in solvers.values())
+    newton, closed = (rms(values(bank.values(), m, "nadir_arcsec")) for m in ("limb, newton", "limb, closed"))
+    whole_newton, whole_closed = (
+        np.median(values(bank.values(), m, "nadir_arcsec")) for m in ("whole, newton", "whole, closed")
+    )
+    worst = max(solvers.values(), key=lambda condition: float(condition["closed_rms"] / condition["newton_rms"]))
+    plane_arcsec = max(condition["plane_difference"] for condition in solvers.values())
+    steps = max(condition["newton_steps"] for condition in solvers.values())
     return [
-        Row(
-            "nadir error, closed form over Newton, sub-pixel points of the whole grid, ratio of rms",
-            None,
-            both["limb, closed"] / both["limb, newton"],
-            "",
-            "On points this good the attenuation of the linear form is far below the error of the points: no start and "
-            "no steps for the same answer.",
-        ),
-        Row(
-            "nadir error, closed form over Newton, whole pixels of the whole grid, ratio of medians",
-            None,
-            float(medians["whole, closed"] / medians["whole, newton"]),
-            "",
-            "The rounding's scatter enters squared, and short arcs amplify it: the linear form sees a smaller Earth.",
-        ),
-        Row(
-            "largest factor by which the closed form loses on noisy arcs, ratio of rms",
-            None,
-            worst["closed_rms"] / worst["newton_rms"],
-            "",
-            f"At an angular radius of {worst['rho_deg']:g} deg and {worst['arc_deg']:g} deg of arc, where its bias, "
-            f"{worst['closed_bias']:.0f} arcsec, was foretold as {worst['foretold_closed_bias']:.0f}; Newton's is "
-            "cos^2 rho of that.",
-        ),
-        Row(
-            "largest angle between Newton's nadir and the orthogonal plane's",
-            None,
-            plane,
-            "arcsec",
-            "Both minimise the sum of (u.n - cos rho)^2: the plane by one singular value decomposition, "
-            "Newton in up to "
-            f"{steps:.0f} least-squares problems.",
-            limit=1e-3,
-        ),
+        TEXT.row("closed_sub_pixel", closed / newton),
+        TEXT.row("closed_whole", float(whole_closed / whole_newton)),
+        TEXT.row("closed_worst", worst["closed_rms"] / worst["newton_rms"], **worst),
+        TEXT.row("plane", plane_arcsec, limit=1e-3, steps=steps),
     ]

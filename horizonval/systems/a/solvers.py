@@ -37,7 +37,7 @@ def conditions(seed: int) -> dict[str, Plain]:
 def compare(item: Plain) -> Plain:
     """Return errors of the nadir [arcsec] of one condition, over 200 draws of 400 points evenly along the arc.
 
-    ``_rms``; ``_bias``: the mean, along the arc's bisector; the closed form's bias as foretold; Newton's steps and
+    ``_rms``; ``_bias``: the mean, along the arc's bisector; the closed form's bias as predicted; Newton's steps and
     failures; the largest angle between Newton's nadir and that of the orthogonal plane.
     """
     rng = rng_of(item["seed"], "altitude-free solvers", *(f"{item[k]:g}" for k in ("rho_deg", "arc_deg", "noise_px")))
@@ -53,19 +53,19 @@ def compare(item: Plain) -> Plain:
     for _ in range(DRAWS):
         off = rho + rng.normal(0.0, sigma, POINTS)[:, None]
         los = np.cos(off) * nadir + np.sin(off) * t
-        found: dict[str, FloatArray] = {}
+        nadirs: dict[str, FloatArray] = {}
         try:
-            found["newton"], _, iterates = altitude_free.solve(los)
+            nadirs["newton"], _, iterates = altitude_free.solve(los)
             steps.append(len(iterates) - 1)
-            apart.append(float(off_axis_angle(fit_cone(los).axis_cam, found["newton"])))
+            apart.append(float(off_axis_angle(fit_cone(los).axis_cam, nadirs["newton"])))
         except np.linalg.LinAlgError:
             failed += 1
-        found["closed"] = altitude_free_closed_form.solve(los)[0]
-        for name, direction in found.items():
+        nadirs["closed"] = altitude_free_closed_form.solve(los)[0]
+        for name, direction in nadirs.items():
             errors[name].append(float(off_axis_angle(direction, nadir)))
             biases[name].append(float(direction @ bisector))
     exact = np.cos(rho) * nadir + np.sin(rho) * t
-    foretold = altitude_free_closed_form.attenuation(exact, nadir, float(rho), float(sigma)) * np.cos(rho)
+    predicted = altitude_free_closed_form.attenuation(exact, nadir, float(rho), float(sigma)) * np.cos(rho)
 
     def rms(name: str) -> float:
         return float(np.sqrt(np.mean(np.square(errors[name])))) * ARCSEC
@@ -76,7 +76,7 @@ def compare(item: Plain) -> Plain:
         "newton_bias": float(np.mean(biases["newton"])) * ARCSEC,
         "closed_rms": rms("closed"),
         "closed_bias": float(np.mean(biases["closed"])) * ARCSEC,
-        "foretold_closed_bias": float(foretold @ bisector) * ARCSEC,
+        "predicted_closed_bias": float(predicted @ bisector) * ARCSEC,
         "newton_steps": float(np.mean(steps)) if steps else 0.0,
         "newton_failed": failed / DRAWS,
         "plane_difference": max(apart) * ARCSEC,

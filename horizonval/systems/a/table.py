@@ -8,16 +8,19 @@ from itertools import pairwise
 import numpy as np
 
 from horizonval.systems.a.bank import ALTITUDES_KM, FIELDS_DEG, PIXELS
+from horizonval.systems.a.solvers import DRAWS, POINTS
 from horizonval.systems.result import Cell, Table
 from horizonval.systems.task_cache import Plain
+from horizonval.systems.text import page_text
 
+TEXT = page_text("A")
 METHODS = {
     "whole, newton": "whole pixels, Newton: as published",
     "whole, closed": "whole pixels, closed form",
     "limb, newton": "sub-pixel points, Newton",
     "limb, closed": "sub-pixel points, closed form",
 }
-QUANTITIES = {"roll_deg": "roll [deg]", "pitch_deg": "pitch [deg]", "altitude_km": "altitude [km]"}
+QUANTITIES = ("roll_deg", "pitch_deg", "altitude_km")
 
 Bank = Mapping[str, tuple[Plain, Plain]]
 """Item and result by name."""
@@ -41,8 +44,8 @@ def cells(bank: Bank) -> Iterator[tuple[float, float, int, list[tuple[Plain, Pla
 
 def values(frames: Iterable[tuple[Plain, Plain]], method: str, quantity: str, light: str = "clean") -> list[float]:
     """Return a quantity of all frames that a method answered."""
-    found = [result[light][method] for _, result in frames if light in result]
-    return [float(one[quantity]) for one in found if "refused" not in one]
+    answers = [result[light][method] for _, result in frames if light in result]
+    return [float(answer[quantity]) for answer in answers if "refused" not in answer]
 
 
 def rms(numbers: Iterable[float]) -> float:
@@ -53,8 +56,6 @@ def rms(numbers: Iterable[float]) -> float:
 
 def error_table(bank: Bank, method: str) -> Table:
     """Return the errors of one method in every cell: rms, median and largest of the absolute error."""
-    columns = ["altitude [km]", "field [deg]", "pixels", "frames", "refused", "points"]
-    columns += [f"{name} {of}" for name in QUANTITIES.values() for of in ("rms", "median", "max")]
     rows: list[tuple[Cell, ...]] = []
     for altitude, fov, pixels, frames in cells(bank):
         points = values(frames, method, "points")
@@ -67,12 +68,32 @@ def error_table(bank: Bank, method: str) -> Table:
             else:
                 row += [None, None, None]
         rows.append(tuple(row))
-    return Table(
-        title=f"Errors over the grid: {METHODS[method]}",
-        columns=tuple(columns),
-        rows=tuple(rows),
-        caption="Noise-free frames. Refused: share of frames without an answer; the errors are those of all answers.",
-    )
+    return TEXT.table("errors", rows, method=METHODS[method])
+
+
+def solver_table(solvers: Mapping[str, Plain]) -> Table:
+    """Return Newton and closed form side by side, on noisy arcs."""
+    names = ["rho_deg", "arc_deg", "noise_px", "newton_rms", "newton_bias", "closed_rms", "closed_bias"]
+    names += ["predicted_closed_bias", "newton_steps"]
+    lines = [[float(f"{condition[name]:.4g}") for name in names] for condition in solvers.values()]
+    return TEXT.table("solvers", lines, draws=DRAWS, points=POINTS)
+
+
+def sharp_frames(bank: Bank) -> list[tuple[Plain, Plain]]:
+    """Return the frames of 1024 pixels over 60 deg."""
+    return [frame for frame in bank.values() if (frame[0]["fov_deg"], frame[0]["pixels"]) == (60.0, 1024)]
+
+
+def lowest_attitudes(bank: Bank) -> tuple[float, dict[float, int]]:
+    """Return the lowest altitude [km], and how many attitudes have limb in view from there, by field [deg]."""
+    lowest_km = min(item["altitude_km"] for item, _ in bank.values())
+    attitudes = {
+        (item["fov_deg"], item["roll_deg"], item["pitch_deg"])
+        for item, _ in bank.values()
+        if item["altitude_km"] == lowest_km
+    }
+    fields = sorted({fov_deg for fov_deg, _, _ in attitudes})
+    return lowest_km, {fov_deg: sum(field == fov_deg for field, _, _ in attitudes) for fov_deg in fields}
 
 
 def _short(value: float) -> float:
@@ -81,12 +102,12 @@ def _short(value: float) -> float:
 
 def median_nadir(bank: Bank, method: str) -> dict[tuple[float, float, int], float]:
     """Return the median nadir error [arcsec] of every cell in which a method answered."""
-    found = {}
+    medians = {}
     for altitude, fov, pixels, frames in cells(bank):
         errors = values(frames, method, "nadir_arcsec")
         if errors:
-            found[altitude, fov, pixels] = float(np.median(errors))
-    return found
+            medians[altitude, fov, pixels] = float(np.median(errors))
+    return medians
 
 
 def steps_with_pixels(bank: Bank, method: str) -> list[float]:
@@ -105,10 +126,10 @@ def ratios_of_field(bank: Bank, method: str, quantity: str, narrow: float, wide:
     """Return a quantity's ratio, wide field over narrow, of every condition that both of them see and answer."""
     by_key: dict[tuple[float, ...], float] = {}
     for item, result in bank.values():
-        one = result["clean"][method]
-        if "refused" not in one:
+        answer = result["clean"][method]
+        if "refused" not in answer:
             key = tuple(item[k] for k in ("altitude_km", "roll_deg", "pitch_deg", "pixels", "fov_deg"))
-            by_key[key] = float(one[quantity])
+            by_key[key] = float(answer[quantity])
     return [by_key[(*key[:-1], wide)] / value for key, value in by_key.items()
             if key[-1] == narrow and (*key[:-1], wide) in by_key and value > 0.0]  # fmt: skip
 
@@ -120,9 +141,6 @@ def refused_share(bank: Bank, method: str) -> float:
 
 def updates(bank: Bank, method: str, step: int) -> list[float]:
     """Return the size [rad] of a Newton update (the first is 1) on every frame; 0 where fewer were needed."""
-    found = []
-    for _, result in bank.values():
-        one = result["clean"].get(method, {"refused": ""})
-        if "refused" not in one:
-            found.append(one["updates"][step - 1] if len(one["updates"]) >= step else 0.0)
-    return found
+    answers = [result["clean"].get(method, {"refused": ""}) for _, result in bank.values()]
+    sequences = [answer["updates"] for answer in answers if "refused" not in answer]
+    return [sequence[step - 1] if len(sequence) >= step else 0.0 for sequence in sequences]
