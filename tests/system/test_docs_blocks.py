@@ -34,7 +34,12 @@ DONE_ELSEWHERE = frozenset(
 )
 """Run by ``.ci/run``; a test cannot install its own package or start itself."""
 
-SLOW = {"docs/howto/nightly.md", "docs/howto/trade-study.md"}
+SLOW = {
+    "docs/howto/archive.md",
+    "docs/howto/nightly.md",
+    "docs/howto/trade-study.md",
+    "docs/results/published.md",
+}
 """Pages that take minutes: ``pytest -m slow``."""
 
 
@@ -49,7 +54,7 @@ def test_every_block_of_the_page_runs(page, tmp_path):
 
 
 def test_the_pages_are_found():
-    assert len([name for name in PAGES if name.startswith("docs/howto/")]) == 5
+    assert len([name for name in PAGES if name.startswith("docs/howto/")]) == 6
     assert "docs/quickstart.md" in PAGES
     assert set(PAGES) > SLOW
 
