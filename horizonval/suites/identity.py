@@ -22,9 +22,9 @@ from horizonval.suites.plan import CasePlan, Unit, plan_of
 
 FRAME_CODE = ("horizonval.renderer.scene.frame", "horizonval.store.exr")
 """The modules that make a frame and its file; those that they import are found."""
-ROW_CODE = ("horizonval.suites.case", "horizonval.estimation.process.estimator_process")
+ROW_CODE = ("horizonval.suites.units.case", "horizonval.estimation.process.estimator_process")
 """The modules that make images and rows; the estimators come to them by name."""
-RESCORED_CODE = ("horizonval.suites.archived", "horizonval.estimation.process.estimator_process")
+RESCORED_CODE = ("horizonval.suites.units.archived", "horizonval.estimation.process.estimator_process")
 
 
 def code_of(estimators: Iterable[str]) -> tuple[str, ...]:

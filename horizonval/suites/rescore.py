@@ -25,11 +25,11 @@ from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Filter
 from horizonval.store.named import run_folder_of
 from horizonval.store.store import Store
-from horizonval.suites.archived import Item, archived_record, items_of
 from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import rescored_identity
 from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import Record
+from horizonval.suites.units.archived import Item, archived_record, items_of
 
 RESCORE_SCHEMA = 1
 

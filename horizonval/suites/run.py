@@ -29,7 +29,7 @@ from horizonval.suites.part import Part, PartOutcome, asked_for
 from horizonval.suites.plan import CasePlan, Unit, plan_of, units_of
 from horizonval.suites.shards import adopt
 from horizonval.suites.suite import load_suite
-from horizonval.suites.units import Brief, UnitWork
+from horizonval.suites.units.work import Brief, UnitWork
 
 RUN_SCHEMA = 1
 

@@ -20,7 +20,7 @@ from horizonval.jobs import engine
 from horizonval.report.load import load_run
 from horizonval.scoring.table import read_results
 from horizonval.store.store import Store
-from horizonval.suites import scored
+from horizonval.suites.units import scored
 
 
 @pytest.fixture

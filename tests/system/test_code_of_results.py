@@ -26,7 +26,7 @@ from pathlib import Path
 from horizonval.spec.load import load_suite
 from horizonval.store.folder import RunFolder
 from horizonval.jobs.stopwatch import Stopwatch
-from horizonval.suites.case import records_of
+from horizonval.suites.units.case import records_of
 from horizonval.suites.plan import plan_of, units_of
 suite = load_suite("mini.toml")
 plan, folder = plan_of(suite), RunFolder(Path("out"))

@@ -70,7 +70,13 @@ def _added(text: str) -> str:
 
 @pytest.mark.parametrize(
     "name",
-    ["geometry/horizon.py", "renderer/scene/frame.py", "sensor/observe.py", "suites/case.py", "scoring/errors.py"],
+    [
+        "geometry/horizon.py",
+        "renderer/scene/frame.py",
+        "sensor/observe.py",
+        "suites/units/case.py",
+        "scoring/errors.py",
+    ],
 )
 def test_words_make_nothing_again(changed: Changed, name: str) -> None:
     assert changed(name, _with_words) == set()
@@ -158,19 +164,19 @@ def test_a_module_that_is_not_there_is_an_error(package: dict[str, Path]) -> Non
 
 
 def test_the_digest_is_quick_and_the_same_in_every_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "from horizonval.core.code import code_digest as d; print(d('horizonval.suites.case'))"
+    text = "from horizonval.core.code import code_digest as d; print(d('horizonval.suites.units.case'))"
     made = [subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True) for _ in range(2)]
     assert made[0].stdout == made[1].stdout
-    assert made[0].stdout.strip() == code.code_digest("horizonval.suites.case")
+    assert made[0].stdout.strip() == code.code_digest("horizonval.suites.units.case")
     # Without what earlier processes left; and what they left does not change it.
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(code, "_known", None)
     code.code_digest.cache_clear()
-    assert code.code_digest("horizonval.suites.case") == made[0].stdout.strip()
+    assert code.code_digest("horizonval.suites.units.case") == made[0].stdout.strip()
     monkeypatch.setattr(code, "_known", None)
     code.code_digest.cache_clear()
     start = time.process_time()
-    code.code_digest("horizonval.suites.case")
+    code.code_digest("horizonval.suites.units.case")
     assert time.process_time() - start < 0.3
 
 

@@ -15,9 +15,9 @@ from horizonval.scoring.repeats import noise_nees
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import Case, load_suite
 from horizonval.store.folder import RunFolder
-from horizonval.suites import case as module
-from horizonval.suites import scored
 from horizonval.suites.plan import CasePlan, units_of
+from horizonval.suites.units import case as module
+from horizonval.suites.units import scored
 
 SIGMA = 1e-4
 

@@ -17,10 +17,10 @@ from horizonval.core.progress import Silent
 from horizonval.core.refusal import Refusal
 from horizonval.jobs import engine
 from horizonval.scoring.table import read_results
-from horizonval.suites import case as of_case
-from horizonval.suites import scored
 from horizonval.suites.run import run_suite
 from horizonval.suites.suite import load_suite, with_options
+from horizonval.suites.units import case as of_case
+from horizonval.suites.units import scored
 
 SUITE = """
 [suite]

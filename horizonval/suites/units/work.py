@@ -12,10 +12,10 @@ from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder
 from horizonval.store.store import Store
-from horizonval.suites.case import failed_records, records_of
 from horizonval.suites.identity import unit_identity
 from horizonval.suites.plan import CasePlan, Unit
 from horizonval.suites.record import Record
+from horizonval.suites.units.case import failed_records, records_of
 
 
 @dataclass(frozen=True)

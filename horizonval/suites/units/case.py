@@ -24,7 +24,7 @@ from horizonval.store.store import Store
 from horizonval.suites.identity import frame_identity
 from horizonval.suites.plan import CasePlan, Unit
 from horizonval.suites.record import Record, failed_record, record_of
-from horizonval.suites.scored import DRAWS, Observed, score_alone, score_together
+from horizonval.suites.units.scored import DRAWS, Observed, score_alone, score_together
 
 
 @dataclass

@@ -15,7 +15,7 @@ from horizonval.store.entry import StoreEntry
 from horizonval.store.store import Store
 from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import Record, record_of
-from horizonval.suites.scored import Observed, score_alone, score_together
+from horizonval.suites.units.scored import Observed, score_alone, score_together
 
 
 @dataclass(frozen=True)
