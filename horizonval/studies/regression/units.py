@@ -27,7 +27,7 @@ from horizonval.studies.regression.baseline.pack import FrozenImage, digest, rea
 from horizonval.studies.regression.regions import noise_in_space, regions_of
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.suites.observation import method_radius_m, observation_of
-from horizonval.suites.plan import Plan
+from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import camera_name
 
 Record = dict[str, Any]
@@ -38,7 +38,7 @@ Observe = Callable[..., DetectorImage]
 
 def render_scene(
     case: Case,
-    plan: Plan,
+    plan: CasePlan,
     replicates: int,
     known: Iterable[str] = (),
     *,
@@ -53,7 +53,7 @@ def render_scene(
     ----------
     case : Case
         The suite's table that it comes from is its stratum.
-    plan : Plan
+    plan : CasePlan
         Estimators and what they may use.
     replicates : int
     known : iterable of str
@@ -122,7 +122,7 @@ def plain_truth(truth: FrameTruth) -> dict[str, Any]:
     return replace(truth, infrared_horizon={}).to_dict()
 
 
-def replay_scene(pack: Path, scene: str, plan: Plan) -> list[Record]:
+def replay_scene(pack: Path, scene: str, plan: CasePlan) -> list[Record]:
     """Return the rows of all frozen images of a scene, as plain data and without its stratum."""
     content = read_pack(pack)
     truth = FrameTruth.from_dict(dict(content.truths[scene]))
@@ -131,7 +131,7 @@ def replay_scene(pack: Path, scene: str, plan: Plan) -> list[Record]:
 
 
 def estimate_frozen(
-    truth: FrameTruth, scene: str, images: Iterable[FrozenImage], plan: Plan, *, run: Run | None = None
+    truth: FrameTruth, scene: str, images: Iterable[FrozenImage], plan: CasePlan, *, run: Run | None = None
 ) -> list[ReplicateRow]:
     """Return the rows of some frozen images; ``run`` in place of the estimators, for experiments with faults."""
     rows: list[ReplicateRow] = []
@@ -142,7 +142,7 @@ def estimate_frozen(
 
 
 def estimate_image(
-    scene: str, replicate: int, image: DetectorImage, plan: Plan, run: Run | None = None
+    scene: str, replicate: int, image: DetectorImage, plan: CasePlan, run: Run | None = None
 ) -> list[ReplicateRow]:
     """Return one row for each estimator, without the stratum of its scene."""
     ask = sandbox_of(plan.limits).run if run is None else run

@@ -22,7 +22,7 @@ ANGLE_LIMIT_ARCSEC = 1e-6 * 3600
 
 
 @dataclass(frozen=True)
-class Results:
+class GateInputs:
     """What gates look at.
 
     Attributes
@@ -54,7 +54,7 @@ class Measured:
     paired: bool
 
 
-def measure(gate: GateSpec, now: Results, base: Results) -> Measured:
+def measure(gate: GateSpec, now: GateInputs, base: GateInputs) -> Measured:
     """Return what a gate finds between two sets of results."""
     if gate.metric in IMAGE_METRICS:
         return _images(gate, now)
@@ -158,7 +158,7 @@ def _all_good(rows: Iterable[ReplicateRow], good: Callable[[ReplicateRow], bool]
     return list(frames.values())
 
 
-def _images(gate: GateSpec, now: Results) -> Measured:
+def _images(gate: GateSpec, now: GateInputs) -> Measured:
     found = [
         (float(image[gate.metric]), scene)
         for (scene, _), image in now.images.items()

@@ -16,9 +16,9 @@ from horizonval.spec.load import Case, Suite
 from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage
 from horizonval.studies.regression.images import compare_images
 from horizonval.studies.regression.row import ReplicateRow
-from horizonval.studies.regression.statistics.gates import Results
+from horizonval.studies.regression.statistics.gates import GateInputs
 from horizonval.studies.regression.units import estimate_frozen, is_due, render_scene
-from horizonval.suites.plan import Plan, plan_of
+from horizonval.suites.plan import CasePlan, plan_of
 from horizonval.suites.suite import load_suite
 
 SUITE = """
@@ -90,7 +90,7 @@ class Night:
 
     path: Path
     suite: Suite
-    plan: Plan
+    plan: CasePlan
     replicates: int = 1
     frames: dict[str, RadianceFrame] = field(default_factory=dict)
     records: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -107,11 +107,11 @@ class Night:
         sha = record["bands"]["vis"]["radiance_sha256"]
         return FrozenFrame(scene, "vis", sha, arrays["radiance.vis"].astype(float), arrays["regions"])
 
-    def results(self) -> Results:
+    def results(self) -> GateInputs:
         """Return the base's rows."""
-        return Results(rows=[row for record in self.records.values() for row in rows_of(record)])
+        return GateInputs(rows=[row for record in self.records.values() for row in rows_of(record)])
 
-    def replayed(self, run: Callable[[str, Any], Any]) -> Results:
+    def replayed(self, run: Callable[[str, Any], Any]) -> GateInputs:
         """Return the rows of the base's images with something in place of the estimators."""
         rows = []
         for scene, record in self.records.items():
@@ -125,7 +125,7 @@ class Night:
             found = estimate_frozen(truth, scene, images, self.plan, run=run)
             due = is_due(record["bands"]["vis"])
             rows += [replace(row, table=record["table"], due=due) for row in found]
-        return Results(rows=rows)
+        return GateInputs(rows=rows)
 
     def unchanged(self) -> dict[tuple[str, str], dict[str, Any]]:
         """Return :meth:`again` without faults, worked out once."""
