@@ -81,7 +81,7 @@ def test_accepting_writes_rows_images_and_the_table(accepted):
     base = read_baseline(accepted.baseline, "tiny")
     assert base.head["reason"] == "The first one, nothing before it"
     assert len(base.results.rows) == len(base.images.images) == 8
-    assert all(len(row["image"]) == 64 for row in base.results.rows)
+    assert all(len(row.image) == 64 for row in base.results.rows)
     table = accepted.baseline.with_suffix(".md").read_text()
     assert "There was no baseline before." in table
     assert "| altitude-free | day | 8 |" in table
@@ -114,11 +114,13 @@ def test_a_changed_estimator_is_a_regression_with_names(accepted, second, here, 
     """The baseline's errors are made smaller: the present ones are then worse, in every scene."""
     data = json.loads(accepted.baseline.read_text())
     rows = from_columns(data["rows"])
-    claims = [row for row in rows if row["nadir_error_arcsec"] is not None]
-    for row in claims:
-        row["nadir_error_arcsec"] -= 60.0
+    claims = [row for row in rows if row.nadir_error_arcsec is not None]
+    better = [
+        row if row.nadir_error_arcsec is None else replace(row, nadir_error_arcsec=row.nadir_error_arcsec - 60.0)
+        for row in rows
+    ]
     changed = accepted.baseline.with_name("better.json")
-    changed.write_text(json.dumps(data | {"rows": to_columns(rows)}))
+    changed.write_text(json.dumps(data | {"rows": to_columns(better)}))
     os.link(pack_path(accepted.baseline), pack_path(changed))
     os.link(release_path(accepted.baseline), release_path(changed))
     os.link(pack_path(release_path(accepted.baseline)), pack_path(release_path(changed)))
@@ -129,7 +131,7 @@ def test_a_changed_estimator_is_a_regression_with_names(accepted, second, here, 
     # The last release is another than the accepted one now, and has gates of its own.
     assert {gate["against"] for gate in verdict["gates"]} == {"accepted", "release"}
     (gate,) = [g for g in verdict["gates"] if g["verdict"] == "FAIL"]
-    assert set(gate["scenes"]) == {row["scene"] for row in claims}
+    assert set(gate["scenes"]) == {row.scene for row in claims}
     page = (accepted.out / "index.html").read_text()
     assert "Regression: accuracy (against the accepted baseline)" in page
     assert gate["scenes"][0] in page
@@ -207,7 +209,7 @@ def test_a_reference_must_be_of_the_same_night(accepted, here, tmp_path):
     with pytest.raises(UserError, match=r"no night\.json"):
         run_night(wanted)
     reference.mkdir()
-    rows = [dict(row) for row in read_baseline(accepted.baseline, "tiny").results.rows]
+    rows = [row.to_dict() for row in read_baseline(accepted.baseline, "tiny").results.rows]
     night = {"suite": "tiny", "night": "another", "fresh": rows}
     (reference / "night.json").write_text(json.dumps(night))
     with pytest.raises(UserError, match="is night 'another'"):
