@@ -13,18 +13,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from horizonval.core.code import code_digest
 from horizonval.core.errors import one_line
+from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.pool import available_cpus, run_cases
 from horizonval.store.folder import read_json, write_json
-
-Plain = dict[str, Any]
-"""What JSON can hold, no NaN."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +42,9 @@ class TaskCache:
     workers: int = field(default_factory=available_cpus)
     progress: Progress = field(default_factory=Silent)
 
-    def each(self, title: str, work: Callable[[Plain], Plain], items: Mapping[str, Plain]) -> dict[str, Plain]:
+    def each(
+        self, title: str, work: Callable[[JsonObject], JsonObject], items: Mapping[str, JsonObject]
+    ) -> dict[str, JsonObject]:
         """Return what ``work`` gives for every item, by the item's name and in the items' order.
 
         Parameters
@@ -86,7 +85,7 @@ class TaskCache:
         """Return the random numbers that belong to these names under this seed."""
         return rng_of(self.seed, *names)
 
-    def _path(self, work: Callable[[Plain], Plain], item: Plain) -> Path:
+    def _path(self, work: Callable[[JsonObject], JsonObject], item: JsonObject) -> Path:
         content = json.dumps([work.__module__, work.__qualname__, item, code_digest(work.__module__)], sort_keys=True)
         digest = hashlib.sha256(content.encode()).hexdigest()
         return self.folder / digest[:2] / f"{digest}.json"
@@ -98,7 +97,7 @@ def rng_of(seed: int, *names: str) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(int.from_bytes(digest, "big")))
 
 
-def _safely(work: Callable[[Plain], Plain], task: tuple[str, Plain, str]) -> Plain:
+def _safely(work: Callable[[JsonObject], JsonObject], task: tuple[str, JsonObject, str]) -> JsonObject:
     _, item, _ = task
     try:
         return {"value": work(item)}

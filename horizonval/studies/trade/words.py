@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-Plain = Mapping[str, Any]
+from horizonval.core.json_types import JsonObject
 
 
-def design_lines(result: Plain, costs: Plain) -> list[str]:
+def design_lines(result: JsonObject, costs: JsonObject) -> list[str]:
     """Return a table of the designs, a line each."""
     error_deg = result["study"]["requirement"]["error_deg"]
     rows = [
@@ -31,7 +28,7 @@ def design_lines(result: Plain, costs: Plain) -> list[str]:
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-def comparison_lines(found: Plain) -> list[str]:
+def comparison_lines(found: JsonObject) -> list[str]:
     """Return the paired difference of two designs in words."""
     lines = [
         f"A = {found['a']}",
@@ -49,7 +46,7 @@ def comparison_lines(found: Plain) -> list[str]:
     return lines
 
 
-def _with(found: Plain, unit: str = "") -> str:
+def _with(found: JsonObject, unit: str = "") -> str:
     if found["value"] is None:
         return "unknown"
     text = f"{found['value']:.3g}{unit}"
@@ -58,7 +55,7 @@ def _with(found: Plain, unit: str = "") -> str:
     return f"{text} (95 %: {found['interval'][0]:.3g} to {found['interval'][1]:.3g})"
 
 
-def _share(found: Plain) -> str:
+def _share(found: JsonObject) -> str:
     return f"{found['n']}/{found['of']}"
 
 
