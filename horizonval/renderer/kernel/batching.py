@@ -23,10 +23,12 @@ from horizonval.renderer.kernel.node_batches import (
     ThermalNodes,
 )
 from horizonval.renderer.planet import Planet
+from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir, mean_radius
 from horizonval.renderer.refraction.bending import BendingField, refracted_sun_table
 from horizonval.renderer.refraction.bent_ray import RefractedSunTable, RefractionTables
-from horizonval.renderer.scattering.multiple_scattering import DiffuseField, Quality
+from horizonval.renderer.scattering.diffuse_field import DiffuseField
+from horizonval.renderer.scattering.quality import Quality
 from horizonval.renderer.scattering.source_store import multiple_scattering
 from horizonval.renderer.scattering.source_table import SourceTable
 from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunTable, table_of
@@ -255,7 +257,7 @@ def _sun_depth(
     o = (zero, zero, height + radius)
     d = (dr.sqrt(dr.maximum(1.0 - cosine * cosine, 0.0)), zero, cosine)
     sphere = Planet(radius, radius)
-    tau = optical_depth(sphere, top_m, OpacityNodes(width, grid, extinction), o, d, path_nodes, 0.15)
+    tau = optical_depth(sphere, top_m, OpacityNodes(width, grid, extinction), o, d, path_nodes, SOLAR_CONCENTRATION)
     values = dr.zeros(mi.Float64, mu.size * width)
     row = dr.arange(mi.UInt32, mu.size)
     for k in range(width):
@@ -276,7 +278,9 @@ def _downwelling(
     o = (zero, zero, mi.Float64(radius))
     d = (sine, zero, cosine)
     sphere = Planet(radius, radius)
-    sky, through = march(sphere, top_m, batch, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), nodes, 0.15)
+    sky, through = march(
+        sphere, top_m, batch, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), nodes, SOLAR_CONCENTRATION
+    )
     for k, radiance in enumerate(behind):
         sky[k] = sky[k] + radiance * through[k]
     return [float(2.0 * math.pi * np.sum(w * mu * np.broadcast_to(np.array(s), mu.shape))) for s in sky]
