@@ -24,7 +24,7 @@ from horizonval.renderer.kernel.node_batches import (
 )
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
-from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir, mean_radius
+from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.refraction.bending import BendingField, refracted_sun_table
 from horizonval.renderer.refraction.bent_ray import RefractedSunTable, RefractionTables
 from horizonval.renderer.scattering.diffuse_field import DiffuseField
@@ -123,7 +123,7 @@ def _diffuse_field(
     quality: Quality,
     progress: Progress | None,
 ) -> DiffuseField:
-    radius = mean_radius(planet)
+    radius = planet.mean_radius_m
 
     def sun_table() -> SunTable:
         return _fill_sun_table(planet, model.top_m, grid, mi.Float64(node.extinction_per_m), 1, IMAGE_TABLE)
@@ -234,7 +234,7 @@ def _interleave(columns: Sequence[FloatArray], width: int) -> mi.Float64:
 def _fill_sun_table(
     planet: Planet, top_m: float, grid: AltitudeGrid, extinction: mi.Float64, width: int, size: TableSize
 ) -> SunTable:
-    radius = mean_radius(planet)
+    radius = planet.mean_radius_m
     h, mu = SunTable.nodes(size.n_height, size.n_mu, radius, top_m)
     values = _sun_depth(planet, top_m, grid, extinction, width, h, mu, size.path_nodes)
     return SunTable(values, size.n_height, size.n_mu, radius, top_m)
@@ -251,7 +251,7 @@ def _sun_depth(
     path_nodes: int,
 ) -> mi.Float64:
     """Return ``ln(tau + tau_0)`` from heights (n_height,) in directions of zenith cosine ``mu`` (n_height, n_mu)."""
-    radius = mean_radius(planet)
+    radius = planet.mean_radius_m
     height, cosine = table_of(mi.Float64, np.repeat(height_m, mu.shape[1])), table_of(mi.Float64, mu)
     zero = mi.Float64(0.0)
     o = (zero, zero, height + radius)
@@ -272,7 +272,7 @@ def _downwelling(
     """Return the irradiance of air and ``behind`` on the ground [sr times radiance], Gauss quadrature over the sky."""
     x, w = np.polynomial.legendre.leggauss(SKY_POLAR_NODES)
     mu, w = 0.5 * (x + 1.0), 0.5 * w
-    radius = mean_radius(planet)
+    radius = planet.mean_radius_m
     zero = mi.Float64(0.0)
     cosine, sine = table_of(mi.Float64, mu), table_of(mi.Float64, np.sqrt(1.0 - mu**2))
     o = (zero, zero, mi.Float64(radius))
