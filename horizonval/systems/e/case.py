@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.tle import ElementSet, gcrs_states, itrs_states
-from horizonval.systems.e.orbit.pipeline import TwoStationPass
-from horizonval.systems.e.orbit.stations import Station
+from horizonval.systems.e.localisation.pipeline import TwoStationPass
+from horizonval.systems.e.localisation.stations import Station
 
 Figures = tuple[float, float, float]
 

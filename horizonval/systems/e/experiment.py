@@ -25,12 +25,12 @@ from horizonval.systems.e.case import (
     exact_pass,
     rounded,
 )
-from horizonval.systems.e.frames.report import frame_part
 from horizonval.systems.e.from_frames import frames_part_of
-from horizonval.systems.e.orbit.celestial import celestial_errors
-from horizonval.systems.e.orbit.pipeline import ALPHA, locate
-from horizonval.systems.e.orbit.smoothing import smooth_clamped
-from horizonval.systems.e.orbit.triangulation import triangulate
+from horizonval.systems.e.localisation.celestial import celestial_errors
+from horizonval.systems.e.localisation.pipeline import ALPHA, locate
+from horizonval.systems.e.localisation.smoothing import smooth_clamped
+from horizonval.systems.e.localisation.triangulation import triangulate
+from horizonval.systems.e.passes.rows import frame_part
 from horizonval.systems.e.tables import Rows, cases, mean, meaning_table, noise_table, rounding_table
 from horizonval.systems.e.trials import WHITE_ARCSEC, gathered, items_of, rounding_items, work
 from horizonval.systems.result import Figure, Reproduction, Row

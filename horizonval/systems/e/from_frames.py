@@ -17,9 +17,9 @@ from scipy import stats
 from horizonval.core.arrays import FloatArray
 from horizonval.systems.e import figures as pictures
 from horizonval.systems.e.case import EPOCH_UTC, METHODS, QUANTITIES, STATIONS, exact_pass
-from horizonval.systems.e.frames.frames import StationPass
-from horizonval.systems.e.orbit.celestial import ARCSEC, celestial_errors, normalised_squares, rms
-from horizonval.systems.e.orbit.pipeline import Located, TwoStationPass, locate
+from horizonval.systems.e.localisation.celestial import ARCSEC, celestial_errors, normalised_squares, rms
+from horizonval.systems.e.localisation.pipeline import Located, TwoStationPass, locate
+from horizonval.systems.e.passes.measured_pass import StationPass
 from horizonval.systems.result import Cell, Figure, Row, Table
 
 
@@ -33,18 +33,18 @@ def located_from(passes: Sequence[StationPass]) -> tuple[Located, TwoStationPass
 
 def _pass_of(passes: Sequence[StationPass], both: NDArray[np.bool_], angles: FloatArray) -> TwoStationPass:
     n = int(both.sum())
-    spread, lasting = np.zeros((n, 4, 4)), np.zeros((n, 4, 6))
+    spread, considered = np.zeros((n, 4, 4)), np.zeros((n, 4, 6))
     for i, one in enumerate(passes):
-        constant = _lasting(one)[both]
+        constant = _consider_partials(one)[both]
         to_angle = np.eye(2) * np.stack([1.0 / np.cos(one.true_elevation_rad[both]), np.ones(n)], axis=1)[:, None, :]
         claimed = one.covariance[both] - constant @ np.swapaxes(constant, -1, -2)
         part = slice(2 * i, 2 * i + 2)
         spread[:, part, part] = to_angle @ claimed @ to_angle
-        lasting[:, part, 3 * i : 3 * i + 3] = to_angle @ constant
-    return TwoStationPass(STATIONS, EPOCH_UTC, passes[0].seconds[both], angles, spread, lasting)
+        considered[:, part, 3 * i : 3 * i + 3] = to_angle @ constant
+    return TwoStationPass(STATIONS, EPOCH_UTC, passes[0].seconds[both], angles, spread, considered)
 
 
-def _lasting(one: StationPass) -> FloatArray:
+def _consider_partials(one: StationPass) -> FloatArray:
     """Return what a station's lasting errors do to (azimuth x cos elevation, elevation), shape (n, 2, 3) [rad].
 
     The mount's model on both axes, and the clock along the satellite's motion.

@@ -13,10 +13,10 @@ from matplotlib.projections.polar import PolarAxes
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.ephemeris import sun_itrs
-from horizonval.systems.e.frames.frames import StationPass
 from horizonval.systems.e.ground import ground_camera as cam
 from horizonval.systems.e.ground.frames import ARCSEC
-from horizonval.systems.e.orbit.stations import enu_directions
+from horizonval.systems.e.localisation.stations import enu_directions
+from horizonval.systems.e.passes.measured_pass import StationPass
 from horizonval.systems.result import Figure
 
 ZOOM_PX = 24

@@ -9,13 +9,13 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.ephemeris import sun_itrs
-from horizonval.systems.e.frames.frames import StationPass
 from horizonval.systems.e.ground.frames import ARCSEC
 from horizonval.systems.e.ground.ground_pass import azimuth_elevation
 from horizonval.systems.e.ground.reduction import REFRACTION_RAD
 from horizonval.systems.e.ground.refraction import true_elevation
 from horizonval.systems.e.ground.satellite import magnitude
-from horizonval.systems.e.orbit.stations import enu_directions
+from horizonval.systems.e.localisation.stations import enu_directions
+from horizonval.systems.e.passes.measured_pass import StationPass
 from horizonval.systems.result import Cell, Table
 
 

@@ -10,8 +10,13 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.tle import ElementSet
-from horizonval.systems.e.frames import figures as figures
-from horizonval.systems.e.frames.frames import (
+from horizonval.systems.e.ground.frames import ARCSEC
+from horizonval.systems.e.ground.ground_camera import detector_of
+from horizonval.systems.e.ground.satellite import ENVISAT, standard_magnitude
+from horizonval.systems.e.ground.sky import Sky
+from horizonval.systems.e.localisation.stations import Station, enu_directions
+from horizonval.systems.e.passes import figures as figures
+from horizonval.systems.e.passes.measured_pass import (
     VALID,
     PassSetup,
     StationPass,
@@ -19,18 +24,13 @@ from horizonval.systems.e.frames.frames import (
     measure_pass,
     rendered_skies,
 )
-from horizonval.systems.e.frames.tables import (
+from horizonval.systems.e.passes.tables import (
     budget_table,
     faint_table,
     sky_magnitude,
     sky_table,
     sun_elevation,
 )
-from horizonval.systems.e.ground.frames import ARCSEC
-from horizonval.systems.e.ground.ground_camera import detector_of
-from horizonval.systems.e.ground.satellite import ENVISAT, standard_magnitude
-from horizonval.systems.e.ground.sky import Sky
-from horizonval.systems.e.orbit.stations import Station, enu_directions
 from horizonval.systems.result import Figure, Row, Table
 from horizonval.systems.task_cache import Plain, TaskCache
 
