@@ -1,3 +1,98 @@
-"""Physically based rendering validation of Earth horizon sensors."""
+"""Physically based rendering validation of Earth horizon sensors.
+
+::
+
+    import horizonval as hv
+
+    camera = hv.Camera.from_file("mycam.toml")  # or a shipped name
+    scene = hv.Scene(camera=camera, altitude_km=550, latitude_deg=10, epoch="2026-03-20T12:00Z")
+    frame = hv.render(scene)
+    image = frame.observe(seed=1)
+    fit = hv.estimate(image, "guarded-altitude-free")
+    print(hv.score(fit, frame).nadir_error_deg)
+    run = hv.run("orbit.toml", out="out")
+
+Importing the package loads nothing but this file: each name loads what it needs when it is first used, and the renderer
+comes with the first frame.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from horizonval.core.llvm import name_library
+
+if TYPE_CHECKING:
+    from horizonval.api.camera import Camera
+    from horizonval.api.estimate import estimate, score
+    from horizonval.api.frame import Frame, open_frame, render, render_reference
+    from horizonval.api.image import Image, observe, open_image
+    from horizonval.api.names import list_cameras, list_estimators, list_scenes, list_suites
+    from horizonval.api.run import Run, open_run, run
+    from horizonval.api.scene import Scene
+    from horizonval.core.errors import UserError
+    from horizonval.core.outcome import Outcome
+    from horizonval.core.refusal import Refusal
+    from horizonval.estimation.observation import Estimator, Fit, Observation
+    from horizonval.scoring.row import Score
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "Camera",
+    "Estimator",
+    "Fit",
+    "Frame",
+    "Image",
+    "Observation",
+    "Outcome",
+    "Refusal",
+    "Run",
+    "Scene",
+    "Score",
+    "UserError",
+    "__version__",
+    "estimate",
+    "list_cameras",
+    "list_estimators",
+    "list_scenes",
+    "list_suites",
+    "observe",
+    "open_frame",
+    "open_image",
+    "open_run",
+    "render",
+    "render_reference",
+    "run",
+    "score",
+]
+
+_HOMES = {
+    "api.camera": ("Camera",),
+    "api.estimate": ("estimate", "score"),
+    "api.frame": ("Frame", "open_frame", "render", "render_reference"),
+    "api.image": ("Image", "observe", "open_image"),
+    "api.names": ("list_cameras", "list_estimators", "list_scenes", "list_suites"),
+    "api.run": ("Run", "open_run", "run"),
+    "api.scene": ("Scene",),
+    "core.errors": ("UserError",),
+    "core.outcome": ("Outcome",),
+    "core.refusal": ("Refusal",),
+    "estimation.observation": ("Estimator", "Fit", "Observation"),
+    "scoring.row": ("Score",),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+# Whoever imports Dr.Jit after this package gets the library that works; see the module.
+name_library()
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'horizonval' has no attribute {name!r}")
+    value = getattr(import_module(f"horizonval.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -41,8 +41,7 @@ def estimate_file(path: Path, estimator_name: str, camera: CameraSpec | None, ca
         Unknown estimator, unreadable picture, no camera, or a camera of another size.
     """
     estimator = registry.get(estimator_name)
-    picture = read_picture(path)
-    observation = _observation(picture, estimator, path, camera, camera_file)
+    observation = observation_from(read_picture(path), estimator, str(path), camera, camera_file)
     start = time.perf_counter()
     result = registry.run_safely(estimator, observation)
     return _report(estimator, result, time.perf_counter() - start)
@@ -64,36 +63,51 @@ def estimate_heads(paths: Sequence[Path], estimator_name: str) -> dict[str, Any]
         of different housings or instants.
     """
     estimator = registry.get(estimator_name)
+    observation = observation_from_heads({str(path): read_picture(path) for path in paths}, estimator)
+    start = time.perf_counter()
+    result = registry.run_safely(estimator, observation)
+    return _report(estimator, result, time.perf_counter() - start)
+
+
+def observation_from_heads(pictures: Mapping[str, Picture], estimator: Estimator) -> Observation:
+    """Return what an estimator is given of the images of all heads of one housing.
+
+    Parameters
+    ----------
+    pictures : mapping of str to Picture
+        By the names that errors call them.
+    estimator : Estimator
+
+    Raises
+    ------
+    UserError
+        An estimator that takes a single image; a picture that is none of ours, two of one head, or images of different
+        housings or instants.
+    """
     if estimator.needs != "heads":
-        raise UserError(
-            f"estimator {estimator.name!r} takes one image, not {len(paths)}", where=", ".join(map(str, paths))
-        )
+        raise UserError(f"estimator {estimator.name!r} takes one image, not {len(pictures)}", where=", ".join(pictures))
     sources: dict[str, DetectorImage | RadianceFrame] = {}
     housing = None
-    for path in paths:
-        source = read_picture(path).source
+    for where, picture in pictures.items():
+        source = picture.source
         head = None if source is None else source.truth.head
         if source is None or head is None:
             raise UserError(
-                "this image does not say which head took it",
-                where=str(path),
-                expected="an EXR file written by horizonval",
+                "this image does not say which head took it", where=where, expected="an EXR file written by horizonval"
             )
         if head in sources:
-            raise UserError(f"a second image of the head {head!r}", where=str(path), expected="one image for each head")
+            raise UserError(f"a second image of the head {head!r}", where=where, expected="one image for each head")
         angles = (source.truth.roll_rad, source.truth.pitch_rad, source.truth.yaw_rad)
         own = (source.truth.camera, source.truth.r_itrs, source.truth.epoch_utc, angles)
         housing = own if housing is None else housing
         if own != housing:
             raise UserError(
                 "another camera, place, time or attitude than the first image's",
-                where=str(path),
+                where=where,
                 expected="one housing's heads",
             )
         sources[head] = source
-    start = time.perf_counter()
-    result = registry.run_safely(estimator, observation_of_heads(_in_order(sources), estimator))
-    return _report(estimator, result, time.perf_counter() - start)
+    return observation_of_heads(_in_order(sources), estimator)
 
 
 def _in_order(sources: Mapping[str, DetectorImage | RadianceFrame]) -> dict[str, DetectorImage | RadianceFrame]:
@@ -102,26 +116,44 @@ def _in_order(sources: Mapping[str, DetectorImage | RadianceFrame]) -> dict[str,
     return {name: sources[name] for name in sorted(sources, key=heads.index)}
 
 
-def _observation(
-    picture: Picture, estimator: Estimator, path: Path, camera: CameraSpec | None, camera_file: str
+def observation_from(
+    picture: Picture, estimator: Estimator, where: str, camera: CameraSpec | None, camera_file: str = ""
 ) -> Observation:
+    """Return what an estimator is given of one picture.
+
+    Parameters
+    ----------
+    picture : Picture
+    estimator : Estimator
+    where : str
+        What errors call the picture.
+    camera : CameraSpec or None
+        May be left out for our own frames and images, which carry theirs.
+    camera_file : str
+        For error messages.
+
+    Raises
+    ------
+    UserError
+        No camera, or one of another size; an estimator that needs the true pose of a picture without one.
+    """
     if picture.source is None and estimator.needs == "pose":
         raise UserError(
             f"estimator {estimator.name!r} needs the true pose, which this image does not carry",
-            where=str(path),
+            where=where,
             expected="an EXR file written by horizonval",
         )
     if camera is None:
         if picture.source is None:
             raise UserError(
-                "this image does not say which camera took it", where=str(path), fix="give --camera CAMERA.toml"
+                "this image does not say which camera took it", where=where, fix="give --camera CAMERA.toml"
             )
         return observation_of(picture.source, estimator)
     height, width = picture.grey.shape
     if (width, height) != (camera.camera.width, camera.camera.height):
         raise UserError(
             f"the image is {width} x {height} pixels, the camera {camera.camera.width} x {camera.camera.height}",
-            where=f"{path}, {camera_file}" if camera_file else str(path),
+            where=f"{where}, {camera_file}" if camera_file else where,
             expected="equal sizes",
         )
     intrinsics = camera_from_spec(camera.camera)

@@ -6,17 +6,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from horizonval.core import atomic
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
 from horizonval.core.suggest import nearest
-from horizonval.earth.spectral import bands, sunlight
-from horizonval.earth.spectral.brightness import brightness_temperature_k
-from horizonval.frame import Hit, RadianceFrame
-from horizonval.geometry.ephemeris import AU_M, sun_itrs
-from horizonval.report.figures.infrared import ThermalPanel, infrared_picture
+from horizonval.frame import RadianceFrame
+from horizonval.report.figures.frame_picture import reflectance, thermal_panel
+from horizonval.report.figures.infrared import infrared_picture
 from horizonval.report.figures.tone import tone_mapped
 from horizonval.report.gallery import Exhibit, write_gallery
 from horizonval.spec.files import shipped_names, shipped_path
@@ -27,10 +24,6 @@ from horizonval.spec.sensor.camera import Band, CameraSpec
 LIMITS_UM = {"red": (0.61, 0.66), "green": (0.52, 0.57), "blue": (0.44, 0.49)}
 NODES = 2
 """Of each band: 50 nm are narrow."""
-
-
-LOW_LIMB_M = 15e3
-"""Air seen up to here decides the colour scale of an infrared picture together with ground and clouds."""
 
 
 def scenes() -> list[str]:
@@ -80,8 +73,10 @@ def _exhibits(name: str) -> Iterator[tuple[str, Exhibit]]:
 
 
 def _visible(name: str, text: str, scene: SceneSpec, camera: CameraSpec) -> Exhibit:
-    frame = _render(scene, in_colour(camera))
-    picture = tone_mapped(np.stack(list(_reflectances(scene, frame.radiance)), axis=-1))
+    coloured = in_colour(camera)
+    frame, when = _render(scene, coloured), scene.platform.epoch_utc
+    rgb = [reflectance(frame.radiance[band.name], band, when) for band in coloured.band]
+    picture = tone_mapped(np.stack(rgb, axis=-1))
     return Exhibit(name, text, picture.rgb, f"white is {picture.white:.2g} of a white ground under the Sun")
 
 
@@ -90,16 +85,7 @@ def _infrared(name: str, text: str, scene: SceneSpec, camera: CameraSpec) -> Exh
     if len(thermal) < len(camera.band):
         name += "-infrared"
     frame = _render(scene, camera.model_copy(update={"band": thermal}))
-    return Exhibit(name, text, infrared_picture([_panel(band, frame) for band in thermal]))
-
-
-def _panel(band: Band, frame: RadianceFrame) -> ThermalPanel:
-    hit, height = frame.maps["hit"], frame.maps["tangent_height"]
-    counts = (hit == Hit.SURFACE) | (hit == Hit.CLOUD) | ((hit == Hit.ATMOSPHERE) & (height < LOW_LIMB_M))
-    lo, hi = bands.limits_um(band)
-    return ThermalPanel(
-        f"{band.name}: {lo:g} to {hi:g} µm", brightness_temperature_k(band, frame.radiance[band.name]), counts
-    )
+    return Exhibit(name, text, infrared_picture([thermal_panel(band, frame) for band in thermal]))
 
 
 def _render(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
@@ -113,13 +99,6 @@ def in_colour(camera: CameraSpec) -> CameraSpec:
     """Return the camera with the three bands of the gallery in place of its own."""
     bands = [Band(name=name, kind="solar", lo_um=lo, hi_um=hi, nodes=NODES) for name, (lo, hi) in LIMITS_UM.items()]
     return camera.model_copy(update={"band": bands})
-
-
-def _reflectances(scene: SceneSpec, radiance: dict[str, NDArray[np.float32]]) -> Iterator[NDArray[np.float64]]:
-    _, distance_m = sun_itrs(scene.platform.epoch_utc)
-    for name, limits in LIMITS_UM.items():
-        white = sunlight.band_irradiance(*limits, distance_m / AU_M) / np.pi
-        yield radiance[name].astype(np.float64) / white
 
 
 def caption(path: Path) -> str:

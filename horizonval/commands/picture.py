@@ -57,17 +57,27 @@ def read_picture(path: Path) -> Picture:
     return _read_exr(path) if magic == EXR_MAGIC else _read_common(path)
 
 
+def picture_of_array(pixels: NDArray[Any]) -> Picture:
+    """Return pixels, shape (H, W) or (H, W, channels), as a picture; the type of integers tells the full scale."""
+    full_scale = float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind in "ui" else None
+    return Picture(to_grey(pixels), full_scale, None)
+
+
+def picture_of_source(source: DetectorImage | RadianceFrame) -> Picture:
+    """Return a detector image, or the first band of a frame, as a picture."""
+    if isinstance(source, DetectorImage):
+        return Picture(source.dn.astype(np.float64), float(source.full_scale), source)
+    return Picture(next(iter(source.radiance.values())).astype(np.float64), None, source)
+
+
 def _read_exr(path: Path) -> Picture:
     from horizonval.store import exr
 
     match exr.kind(path):
         case "image":
-            image = exr.read_image(path)
-            return Picture(image.dn.astype(np.float64), float(image.full_scale), image)
+            return picture_of_source(exr.read_image(path))
         case "frame":
-            frame = exr.read_frame(path)
-            first = next(iter(frame.radiance.values()))
-            return Picture(first.astype(np.float64), None, frame)
+            return picture_of_source(exr.read_frame(path))
         case _:
             return Picture(exr.read_foreign_grey(path), None, None)
 
@@ -89,8 +99,7 @@ def _read_common(path: Path) -> Picture:
     if pixels is None or pixels.size == 0:
         what = "not an image that can be read" if data.size else "the file is empty"
         raise UserError(what, where=str(path), expected=expected)
-    full_scale = float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind in "ui" else None
-    return Picture(to_grey(pixels), full_scale, None)
+    return picture_of_array(pixels)
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import traceback
 from pathlib import Path
+from typing import Self
 
 
 class UserError(Exception):
@@ -23,11 +24,28 @@ class UserError(Exception):
         What would have been right.
     fix : str, optional
         What to do now.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> try:
+    ...     hv.Camera.from_file("vis-cmos-512-60deg").changed(camera={"width": "512"})
+    ... except hv.UserError as e:
+    ...     print(e)
+    Camera: camera.width: found "512"; expected a whole number from 1 to 16384
     """
 
     def __init__(self, what: str, *, where: str = "", expected: str = "", fix: str = "") -> None:
         self.what, self.where, self.expected, self.fix = what, where, expected, fix
         super().__init__(self.line())
+
+    def at(self, where: str) -> Self:
+        """Return the same mistake at another place: that of the file that the user wrote."""
+        return type(self)(self.what, where=where, expected=self.expected, fix=self.fix)
+
+    def inside(self, where: str) -> Self:
+        """Return the same mistake with its place inside ``where``, which may name it already."""
+        return self.at(f"{where}: {self.where}" if self.where and self.where not in where else where)
 
     def line(self) -> str:
         """Return the message as one line."""

@@ -6,7 +6,14 @@ from enum import StrEnum
 
 
 class Outcome(StrEnum):
-    """Outcome of one estimator on one image, reported (by the estimator) or expected (from truth alone)."""
+    """Outcome of one estimator on one image, reported (by the estimator) or expected (from truth alone).
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> hv.estimate("image.exr", "altitude-free").status is hv.Outcome.VALID
+    True
+    """
 
     VALID = "valid"
     NO_LIMB = "no_limb"

@@ -25,11 +25,23 @@ class Refusal:
         One line for people.
     points : ndarray, shape (n, 2)
         Limb points found before the refusal, (column, row) [px]; empty where none were.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> refusal = hv.Refusal(hv.Outcome.DARK, "no pixel is above the noise")
+    >>> refusal
+    <Refusal dark: no pixel is above the noise>
+    >>> bool(refusal)
+    False
     """
 
     status: Outcome
     reason: str
     points: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+
+    def __repr__(self) -> str:
+        return f"<Refusal {self.status}: {self.reason}>"
 
     def __bool__(self) -> Literal[False]:
         return False

@@ -64,6 +64,14 @@ class Observation:
         Only for estimators with ``needs = "heads"``: the images of all heads of one housing at one instant, by the
         heads' names and in the camera file's order. The fields above are then those of the first head, and
         ``nadir_cam`` of a fit is in the first head's axes.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> def my_method(observation: hv.Observation) -> hv.Fit | hv.Refusal:
+    ...     return hv.Refusal(hv.Outcome.NO_LIMB, f"tried {observation}")
+    >>> hv.estimate("image.exr", my_method)
+    <Refusal no_limb: tried <Observation 64 x 64 px, solar band>>
     """
 
     image: FloatArray
@@ -78,6 +86,11 @@ class Observation:
     oracle: OraclePose | None = None
     heads: Mapping[str, Observation] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        height, width = self.image.shape
+        heads = f", heads {', '.join(self.heads)}" if self.heads else ""
+        return f"<Observation {width} x {height} px, {self.band_kind or 'unknown'} band{heads}>"
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -86,8 +99,7 @@ class Fit:
     Attributes
     ----------
     nadir_cam : ndarray, shape (3,)
-        Unit vector in camera axes towards the Earth's centre, or along the geodetic vertical: see
-        ``Estimator.estimates``.
+        Unit vector in camera axes towards the Earth's centre, or along the geodetic vertical: see ``estimates``.
     covariance_nadir_cam : ndarray, shape (3, 3)
         Covariance [rad^2] of ``nadir_cam`` from the noise of its points; singular along ``nadir_cam`` itself.
     roll_rad, pitch_rad : float
@@ -104,6 +116,15 @@ class Fit:
     systematic_nadir_cam : ndarray, shape (3, 3), or None
         Covariance [rad^2] of what the method's model leaves out (oblateness, height of the visible limb), which more
         points do not reduce; None if nothing is claimed about it.
+    estimates : {"geocentric", "geodetic"}
+        Which vertical ``nadir_cam`` is: that of the estimator, set by whoever runs it.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> import numpy as np
+    >>> hv.Fit(nadir_cam=np.array([0.0, 0.0, 1.0]), covariance_nadir_cam=np.zeros((3, 3)), roll_rad=0.0, pitch_rad=0.0)
+    <Fit nadir (0.00000, 0.00000, 1.00000), 0 points>
     """
 
     nadir_cam: FloatArray
@@ -117,6 +138,7 @@ class Fit:
     residuals_rad: FloatArray = field(default_factory=lambda: np.empty(0))
     steps: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     systematic_nadir_cam: FloatArray | None = None
+    estimates: Literal["geocentric", "geodetic"] = "geocentric"
 
     @property
     def status(self) -> Outcome:
@@ -128,6 +150,11 @@ class Fit:
         if self.systematic_nadir_cam is None:
             return self.covariance_nadir_cam
         return self.covariance_nadir_cam + self.systematic_nadir_cam
+
+    def __repr__(self) -> str:
+        x, y, z = self.nadir_cam
+        altitude = "" if self.altitude_m is None else f", altitude {self.altitude_m / 1e3:.1f} km"
+        return f"<Fit nadir ({x:.5f}, {y:.5f}, {z:.5f}), {len(self.points)} points{altitude}>"
 
 
 @dataclass(frozen=True)
@@ -146,6 +173,13 @@ class Estimator:
         A guard that has found limb points it trusts hands them over here.
     from_heads : callable, optional
         The same of a method of several heads: (pixels (n, 2) by the heads' names, observation) to a result.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> never = hv.Estimator("never", "Refuses", run=lambda observation: hv.Refusal(hv.Outcome.NO_LIMB, "as always"))
+    >>> hv.estimate("image.exr", never)
+    <Refusal no_limb: as always>
     """
 
     name: str
@@ -155,3 +189,6 @@ class Estimator:
     needs: Literal["image", "pose", "heads"] = "image"
     from_points: Callable[[FloatArray, FloatArray, Observation], Fit | Refusal] | None = None
     from_heads: Callable[[Mapping[str, FloatArray], Observation], Fit | Refusal] | None = None
+
+    def __repr__(self) -> str:
+        return f"<Estimator {self.name}: {self.title}>"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
@@ -74,9 +75,9 @@ def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
         return result
     if not isinstance(result, Fit):
         return Refusal(Outcome.BAD_INPUT, f"the estimator returned a {type(result).__name__}, neither Fit nor Refusal")
-    return (
-        result if _is_sound(result) else Refusal(Outcome.NOT_CONVERGED, "the estimator returned numbers that are none")
-    )
+    if not _is_sound(result):
+        return Refusal(Outcome.NOT_CONVERGED, "the estimator returned numbers that are none")
+    return result if result.estimates == estimator.estimates else replace(result, estimates=estimator.estimates)
 
 
 def _is_sound(fit: Fit) -> bool:

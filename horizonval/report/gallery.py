@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core import atomic
+from horizonval.report.figures.frame_picture import png, png_uri
 
 
 @dataclass(frozen=True)
@@ -27,15 +26,12 @@ class Exhibit:
     @property
     def png(self) -> bytes:
         """The picture as a PNG file."""
-        done, data = cv2.imencode(".png", self.rgb[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
-        if not done:
-            raise RuntimeError("OpenCV cannot write PNG")
-        return data.tobytes()
+        return png(self.rgb)
 
     @property
     def uri(self) -> str:
         """The picture as ``data:`` URI."""
-        return "data:image/png;base64," + base64.b64encode(self.png).decode("ascii")
+        return png_uri(self.rgb)
 
 
 def write_gallery(visible: Sequence[Exhibit], infrared: Sequence[Exhibit], folder: Path) -> Path:

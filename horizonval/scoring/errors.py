@@ -32,15 +32,15 @@ METHOD_RADIUS_M = 6371008.8
 
 
 def score(
-    truth: FrameTruth, estimator: Estimator, result: Fit | Refusal, *, earth_radius_m: float = METHOD_RADIUS_M
+    truth: FrameTruth, estimator: Estimator | None, result: Fit | Refusal, *, earth_radius_m: float = METHOD_RADIUS_M
 ) -> Score:
     """Compare one result with the truth of its frame.
 
     Parameters
     ----------
     truth : FrameTruth
-    estimator : Estimator
-        Only ``estimates`` is used: which nadir is claimed.
+    estimator : Estimator or None
+        Only ``estimates`` is used: which nadir is claimed. None for what the fit itself says.
     result : Fit or Refusal
     earth_radius_m : float, optional
         Radius that the method was given (``Observation.earth_radius_m``), for ``altitude_error_km``.
@@ -52,7 +52,8 @@ def score(
     """
     if isinstance(result, Refusal):
         return Score(status=str(result.status), reason=result.reason or None, n_points=len(result.points))
-    nadir_true = _unit(truth.nadir_geodetic_cam if estimator.estimates == "geodetic" else truth.nadir_geocentric_cam)
+    estimates = result.estimates if estimator is None else estimator.estimates
+    nadir_true = _unit(truth.nadir_geodetic_cam if estimates == "geodetic" else truth.nadir_geocentric_cam)
     nadir = np.asarray(result.nadir_cam, dtype=np.float64)
     norm = float(np.linalg.norm(nadir))
     if not math.isfinite(norm) or norm == 0.0:

@@ -80,7 +80,15 @@ class _Question:
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
-    """What an estimator reported for a frame and how far it is from the truth. ``None`` where nothing applies."""
+    """What an estimator reported for a frame and how far it is from the truth. ``None`` where nothing applies.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> frame = hv.open_frame("frame.exr")
+    >>> hv.score(hv.estimate(frame, "ideal"), frame)
+    <Score valid: nadir off by 0.0000 deg>
+    """
 
     status: Annotated[str, Meaning("Outcome that the estimator reported.")]
     reason: Annotated[str | None, Meaning("Why it refused; empty for a claim.")] = None
@@ -139,6 +147,11 @@ class Score:
     false_valid: Annotated[bool, Meaning("A claim that is wrong: beyond the limit, or beyond its own sigma.")] = False
 
     @property
+    def nadir_error_deg(self) -> float | None:
+        """Angle between the claimed and the true nadir [deg]; ``None`` for a refusal."""
+        return None if self.nadir_error_arcsec is None else self.nadir_error_arcsec / 3600.0
+
+    @property
     def is_claim(self) -> bool:
         """Whether an attitude was claimed."""
         return self.status == Outcome.VALID
@@ -154,6 +167,12 @@ class Score:
         if self.sigma_nadir_arcsec is None:
             return None
         return math.hypot(self.sigma_nadir_arcsec, self.sigma_systematic_arcsec or 0.0)
+
+    def __repr__(self) -> str:
+        if self.nadir_error_deg is None:
+            return f"<Score {self.status}: {self.reason}>"
+        false = ", a false claim" if self.false_valid else ""
+        return f"<Score {self.status}: nadir off by {self.nadir_error_deg:.4f} deg{false}>"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,21 +13,18 @@ import json
 import os
 import subprocess
 import sys
-import sysconfig
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from horizonval.core import atomic
+from horizonval.core import atomic, llvm
 from horizonval.core.cache import cache_folder
 from horizonval.core.errors import UserError
 
-LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 VARIANT_VARIABLE = "HORIZONVAL_VARIANT"
 VARIANTS = ("cuda_ad_mono", "llvm_ad_mono")
 PROBE_SECONDS = 180
 _registered: set[str] = set()
 """Variants that know our plugins; whoever selected the variant, they are registered once."""
-_USERS_LIBRARY = os.environ.get(LLVM_VARIABLE, "")
 
 _PROBE = """
 import sys
@@ -69,27 +66,6 @@ class BackendReport:
         return next((a for a in self.attempts if a.works), None)
 
 
-def llvm_candidates() -> list[str]:
-    """Return LLVM libraries to try, best first: the user's choice alone, else the wheel's, else what Dr.Jit finds.
-
-    An empty string stands for Dr.Jit's own search of the system.
-    """
-    if _USERS_LIBRARY:
-        return [_USERS_LIBRARY]
-    libraries: list[str] = []
-    for folder in dict.fromkeys([Path(sys.prefix, "lib"), Path(sysconfig.get_path("data"), "lib")]):
-        for pattern in ("libLLVM.so", "libLLVM*.so", "libLLVM.dylib"):
-            libraries += [str(p) for p in sorted(folder.glob(pattern))]
-    return [*list(dict.fromkeys(libraries))[:2], ""]
-
-
-def name_library() -> None:
-    """Name the library that came as a wheel, unless the user named one; must run before Dr.Jit is imported."""
-    library = llvm_candidates()[0]
-    if library:
-        os.environ.setdefault(LLVM_VARIABLE, library)
-
-
 def probe(refresh: bool = False) -> BackendReport:
     """Try back-ends until one works; cached unless ``refresh``."""
     cache = cache_folder() / f"backend-{_fingerprint()}.json"
@@ -101,7 +77,7 @@ def probe(refresh: bool = False) -> BackendReport:
     attempts: list[Attempt] = []
     named = os.environ.get(VARIANT_VARIABLE)
     for variant in [named] if named else VARIANTS:
-        for library in llvm_candidates() if variant.startswith("llvm") else [""]:
+        for library in llvm.candidates() if variant.startswith("llvm") else [""]:
             attempts.append(_try(variant, library))
             if attempts[-1].works:
                 break
@@ -134,7 +110,7 @@ def activate(threads: int | None = None) -> str:
             fix="run `horizonval doctor` for what was tried and how to mend it",
         )
     if chosen.library and "drjit" not in sys.modules:
-        os.environ[LLVM_VARIABLE] = chosen.library
+        os.environ[llvm.LLVM_VARIABLE] = chosen.library
     import drjit as dr
     import mitsuba as mi
 
@@ -142,7 +118,7 @@ def activate(threads: int | None = None) -> str:
         mi.set_variant(chosen.variant)
     if chosen.variant not in _registered:
         mi.set_log_level(mi.LogLevel.Warn)
-        from horizonval.renderer.plugin.integrator import register_plugins
+        from horizonval.renderer.plugin.plugins import register_plugins
 
         register_plugins()
         _registered.add(chosen.variant)
@@ -152,10 +128,10 @@ def activate(threads: int | None = None) -> str:
 
 
 def _fingerprint() -> str:
-    parts = [sys.executable, sys.version, _USERS_LIBRARY, os.environ.get(VARIANT_VARIABLE, "")]
+    parts = [sys.executable, sys.version, llvm.USERS_LIBRARY, os.environ.get(VARIANT_VARIABLE, "")]
     for name in ("mitsuba", "drjit", "horizonval"):
         parts.append(importlib.metadata.version(name))
-    for library in llvm_candidates():
+    for library in llvm.candidates():
         if library and Path(library).exists():
             stat = Path(library).stat()
             parts.append(f"{library} {stat.st_size} {int(stat.st_mtime)}")
@@ -165,9 +141,9 @@ def _fingerprint() -> str:
 
 def _try(variant: str, library: str) -> Attempt:
     environment = dict(os.environ)
-    environment.pop(LLVM_VARIABLE, None)
+    environment.pop(llvm.LLVM_VARIABLE, None)
     if library:
-        environment[LLVM_VARIABLE] = library
+        environment[llvm.LLVM_VARIABLE] = library
     label = library or ("system search" if variant.startswith("llvm") else "")
     try:
         run = subprocess.run(

@@ -1,0 +1,231 @@
+"""Rendered frames, and how a scene becomes one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.api.camera import Camera
+from horizonval.api.image import Image, observe
+from horizonval.api.progress import shown
+from horizonval.api.scene import Scene, scene_of
+from horizonval.core.errors import UserError
+from horizonval.frame import RadianceFrame
+
+if TYPE_CHECKING:
+    from horizonval.core.progress import Progress
+
+
+class Frame(RadianceFrame):
+    """A rendered frame: radiance per band, truth maps, and the exact truth; a picture in a notebook.
+
+    Made by :func:`horizonval.render` or :func:`horizonval.open_frame`.
+
+    Attributes
+    ----------
+    radiance : dict of ndarray, shape (H, W), float32
+        Per band [W m-2 sr-1], weighted with the band's response (peak 1).
+    maps : dict of ndarray, shape (H, W), float32
+        ``distance`` [m], ``tangent_height`` [m], ``solar_zenith`` [deg], ``hit``.
+    truth : FrameTruth
+        Pose, Sun, nadir: float64, closed form, made without the renderer.
+    render : dict
+        How it was made.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> frame = hv.open_frame("frame.exr")
+    >>> frame
+    <Frame small: 64 x 64 px, band vis>
+    >>> frame.observe(seed=1)
+    <Image small: 64 x 64 px, band vis, seed 1, 0.1 % saturated>
+    """
+
+    @classmethod
+    def of(cls, frame: RadianceFrame) -> Frame:
+        """Return a rendered frame as one that observes and shows itself."""
+        return cls(frame.radiance, frame.maps, frame.truth, frame.render)
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that the frame was rendered for."""
+        return Camera.from_dict(self.truth.camera)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that was rendered."""
+        return Scene.from_dict(self.truth.scene, self.camera)
+
+    def observe(
+        self,
+        seed: int = 0,
+        *,
+        band: str | None = None,
+        camera: Camera | str | Path | dict[str, Any] | None = None,
+        noise: bool = True,
+    ) -> Image:
+        """Return the image that a detector makes of the frame; see :func:`horizonval.observe`."""
+        return observe(self, seed=seed, band=band, camera=camera, noise=noise)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the frame as an OpenEXR file with its truth in the header; :func:`horizonval.open_frame` reads it.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        UserError
+            The file cannot be written.
+        """
+        from horizonval.store.exr import write_frame
+
+        write_frame(path, self)
+        return Path(path)
+
+    def picture(self) -> NDArray[np.uint8]:
+        """Return the frame as a picture to look at, shape (H, W, 3), sRGB.
+
+        Sunlight over that of a white ground, compressed so that bright and dark parts show together; frames of thermal
+        bands alone as brightness temperatures with their scale.
+        """
+        from horizonval.report.figures.frame_picture import frame_picture
+
+        return frame_picture(self)
+
+    def _repr_html_(self) -> str:
+        from horizonval.report.figures.frame_picture import png_uri
+
+        title = repr(self).strip("<>")
+        return f'<img src="{png_uri(self.picture())}" alt="{title}" title="{title}">'
+
+    def __repr__(self) -> str:
+        height, width = next(iter(self.radiance.values())).shape
+        bands = f"band{'s' if len(self.radiance) > 1 else ''} {', '.join(self.radiance)}"
+        return f"<Frame {self.truth.scene['scene']['name']}: {width} x {height} px, {bands}>"
+
+
+def render(scene: Scene | str | Path, *, progress: bool | Progress = True) -> Frame:
+    """Render a scene: the radiance that reaches every pixel in every band, and the exact truth beside it.
+
+    Deterministic: the same scene gives the same bytes.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        A scene, its file, or a shipped name.
+    progress : bool or Progress
+        Whether long steps are told on standard error, or who is told of them.
+
+    Returns
+    -------
+    Frame
+
+    Raises
+    ------
+    UserError
+        For anything in the scene that cannot be rendered, or where no back-end works.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> camera = hv.Camera.from_file("vis-cmos-512-60deg").changed(camera={"width": 32, "height": 32})
+    >>> scene = hv.Scene(camera=camera, altitude_km=550, mount_roll_deg=65, render={"orders": "single"})
+    >>> frame = hv.render(scene)
+    >>> frame.radiance["vis"].shape
+    (32, 32)
+    """
+    from horizonval.renderer.scene.frame import render_frame
+
+    resolved = scene_of(scene)
+    with shown(progress) as listener:
+        return Frame.of(render_frame(resolved.spec, resolved.camera.spec, listener))
+
+
+def render_reference(
+    scene: Scene | str | Path,
+    *,
+    samples: int | None = None,
+    size: tuple[int, int] | None = None,
+    progress: bool | Progress = True,
+) -> Frame:
+    """Render a scene by Monte Carlo in stock Mitsuba, the cross-check of :func:`render`.
+
+    It has scattering by molecules, ozone and particles over a uniform Lambert ground, in sunlight only; without the
+    Sun's disc and glare, surface map and clouds. The map ``standard_error_<band>`` tells its noise.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+    samples : int, optional
+        Per pixel and spectral node, at least 2.
+    size : (int, int), optional
+        Width and height of the image in fewer, larger pixels.
+    progress : bool or Progress
+        As for :func:`render`.
+
+    Returns
+    -------
+    Frame
+
+    Raises
+    ------
+    UserError
+        As :func:`render`; bands that see no sunlight, a size that does not fit the camera.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> camera = hv.Camera.from_file("vis-cmos-512-60deg").changed(camera={"width": 8, "height": 8})
+    >>> scene = hv.Scene(camera=camera, altitude_km=550, mount_roll_deg=65, render={"orders": "single"})
+    >>> hv.render_reference(scene, samples=2, progress=False)
+    <Frame scene: 8 x 8 px, band vis>
+    """
+    from horizonval.renderer.reference.reference import DEFAULT_SPP, check_sunlight, render_reference, resized
+
+    if samples is not None and samples < 2:
+        raise UserError(f"found {samples}", where="samples", expected="at least 2")
+    resolved = scene_of(scene)
+    camera = resolved.camera.spec
+    check_sunlight(camera, resolved.spec.camera.file)
+    if size is not None:
+        camera = resized(camera, *size, where="size")
+    with shown(progress, "reference", "passes") as listener:
+        return Frame.of(render_reference(resolved.spec, camera, samples or DEFAULT_SPP, progress=listener))
+
+
+def open_frame(path: str | Path) -> Frame:
+    """Read a rendered frame.
+
+    Parameters
+    ----------
+    path : str or Path
+        An OpenEXR file that this package wrote.
+
+    Returns
+    -------
+    Frame
+
+    Raises
+    ------
+    UserError
+        No such file, or it is damaged or none of ours.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> hv.open_frame("frame.exr").radiance["vis"].dtype
+    dtype('float32')
+    """
+    from horizonval.store.exr import read_frame
+
+    return Frame.of(read_frame(path))

@@ -1,0 +1,150 @@
+"""Detector images, and how a frame becomes one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from horizonval.api.camera import Camera, camera_of
+from horizonval.frame import DetectorImage, RadianceFrame
+
+
+class Image(DetectorImage):
+    """What a detector made of one band of a frame; shows itself as a picture in a notebook.
+
+    Made by :func:`horizonval.observe` or :func:`horizonval.open_image`.
+
+    Attributes
+    ----------
+    dn : ndarray, shape (H, W), uint16
+        Digital numbers.
+    band : str
+    truth : FrameTruth
+        The exact truth of the frame that it was made of.
+    full_scale : int
+        Largest digital number of the converter.
+    observation : dict
+        Seed and detector settings.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> hv.open_image("image.exr")
+    <Image small: 64 x 64 px, band vis, seed 1, 0.1 % saturated>
+    """
+
+    @classmethod
+    def of(cls, image: DetectorImage) -> Image:
+        """Return a detector image as one that shows itself."""
+        return cls(image.dn, image.band, image.truth, image.full_scale, image.observation)
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that took it."""
+        return Camera.from_dict(self.observation.get("camera", self.truth.camera))
+
+    def save(self, path: str | Path) -> Path:
+        """Write the image as an OpenEXR file with its truth in the header; :func:`horizonval.open_image` reads it.
+
+        Parameters
+        ----------
+        path : str or Path
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        UserError
+            The file cannot be written.
+        """
+        from horizonval.store.exr import write_image
+
+        write_image(path, self)
+        return Path(path)
+
+    def _repr_html_(self) -> str:
+        from horizonval.report.figures.picture import picture_of
+
+        return f'<img src="{picture_of(self).uri}" alt="{self!r}" title="{self!r}">'.replace('"<', '"').replace(
+            '>"', '"'
+        )
+
+    def __repr__(self) -> str:
+        height, width = self.dn.shape
+        saturated = 100 * float((self.dn >= self.full_scale).mean())
+        name, seed = self.truth.scene["scene"]["name"], self.observation.get("seed", 0)
+        return f"<Image {name}: {width} x {height} px, band {self.band}, seed {seed}, {saturated:.1f} % saturated>"
+
+
+def observe(
+    frame: RadianceFrame,
+    *,
+    seed: int = 0,
+    band: str | None = None,
+    camera: Camera | str | Path | dict[str, Any] | None = None,
+    noise: bool = True,
+) -> Image:
+    """Return the image that a detector makes of a frame: optics, charge, noise, digital numbers.
+
+    Parameters
+    ----------
+    frame : Frame
+    seed : int
+        Another one is another, independent draw of all noise.
+    band : str, optional
+        The camera's first band by default.
+    camera : Camera, str, Path or mapping, optional
+        In place of the frame's own: another detector or lens behind the same image geometry.
+    noise : bool
+        False gives the expected signal, still saturated and quantised.
+
+    Returns
+    -------
+    Image
+
+    Raises
+    ------
+    UserError
+        The camera has no detector or no such band, or does not fit the frame.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> hv.observe(hv.open_frame("frame.exr"), seed=1).dn.dtype
+    dtype('uint16')
+    """
+    from horizonval.sensor.observe import observe as observed
+    from horizonval.spec.sensor.camera import CameraSpec
+
+    spec = CameraSpec.model_validate(frame.truth.camera) if camera is None else camera_of(camera).spec
+    return Image.of(observed(frame, spec, band, seed, noise=noise))
+
+
+def open_image(path: str | Path) -> Image:
+    """Read a detector image.
+
+    Parameters
+    ----------
+    path : str or Path
+        An OpenEXR file that this package wrote.
+
+    Returns
+    -------
+    Image
+
+    Raises
+    ------
+    UserError
+        No such file, or it is damaged or none of ours.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> hv.open_image("image.exr").band
+    'vis'
+    """
+    from horizonval.store.exr import read_image
+
+    return Image.of(read_image(path))
