@@ -1,8 +1,8 @@
 """The orbit that fits all angles of a pass best: position and velocity at the middle, by weighted least squares.
 
-The unknowns are six numbers; :mod:`horizonval.systems.e.localisation.motion` carries them to every instant, the stations say
-which azimuth and elevation they would have measured there, and the weighted differences from the measured ones are
-made small (Tapley, Schutz & Born, "Statistical Orbit Determination", 2004, chapter 4)::
+The unknowns are six numbers; :mod:`horizonval.systems.e.localisation.motion` carries them to every instant, the
+stations say which azimuth and elevation they would have measured there, and the weighted differences from the measured
+ones are made small (Tapley, Schutz & Born, "Statistical Orbit Determination", 2004, chapter 4)::
 
     x = argmin sum_i |L_i^-1 (z_i - h_i(x))|^2,        P = (J^T J)^-1
 
