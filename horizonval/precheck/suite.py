@@ -12,8 +12,10 @@ from horizonval.precheck.report import Report
 from horizonval.precheck.rules import findings_of
 from horizonval.precheck.text import group_line
 from horizonval.spec.load import Case, Suite
+from horizonval.studies.parts import PARTS
 from horizonval.suites.check import check_suite as check_mistakes
-from horizonval.suites.plan import Plan, of_heads, plan_of
+from horizonval.suites.part import asked_for
+from horizonval.suites.plan import CasePlan, of_heads, plan_of
 from horizonval.suites.record import camera_name
 
 MOST_FRAMES = 400
@@ -52,17 +54,17 @@ def check_groups(
     facts: dict[str, str] = {}
     if mistakes:
         try:
-            check_mistakes(suite, plan_of(suite))
+            check_mistakes(suite, plan_of(suite), asked_for(suite, PARTS))
         except UserError as e:
             return Report(kind, name, (cannot_run(e),), facts, 0, len(suite.cases))
     watcher, looks = Watcher(), []
     for group, count in zip(groups, sample_sizes([len(group.cases) for group in groups], most), strict=True):
-        look = watcher.look(group, count, infrared=infrared)
+        look = watcher.look(group, count, infrared=infrared, cost=mistakes)
         looks.append(look)
         findings += look.errors[:1]
         for band, views in look.views.items():
             subject = f"{group.subject}, {band}" if len(look.views) > 1 else group.subject
-            findings += findings_of(views, subject)
+            findings += findings_of(views, subject, total=len(group.cases))
             facts[subject] = group_line(views, len(group.cases))
     return Report(
         kind,
@@ -75,12 +77,12 @@ def check_groups(
     )
 
 
-def needs_of(case: Case, plan: Plan) -> Needs:
+def needs_of(case: Case, plan: CasePlan) -> Needs:
     """Return what a case's estimators look through: all heads together where none looks at one image alone."""
     return "heads" if of_heads(case) and plan.together(case) and not plan.alone(case) else "image"
 
 
-def estimators_of(case: Case, plan: Plan) -> int:
+def estimators_of(case: Case, plan: CasePlan) -> int:
     """Return how many estimators run on every image of a case."""
     return len(plan.alone(case)) + (len(plan.together(case)) if of_heads(case) else 0)
 

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from horizonval.core.errors import UserError
 from horizonval.estimation import registry
 from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process.external import external
@@ -23,7 +22,7 @@ FRAME_LIMIT_S = 3600.0
 
 
 @dataclass(frozen=True)
-class Plan:
+class CasePlan:
     """Estimators in the suite's order, what they may use, what stays in the archive.
 
     Attributes
@@ -82,11 +81,11 @@ class Plan:
         return json.dumps([names, self.keep, programs, *([self.draws] if self.draws != 1 else [])])
 
 
-def plan_of(suite: Suite) -> Plan:
+def plan_of(suite: Suite) -> CasePlan:
     """Return the plan of a suite."""
     folder = Path(suite.source).resolve().parent
     limits = Limits(suite.time_limit_s, suite.memory_limit_mb, suite.programs, folder)
-    return Plan(suite.estimators, limits, suite.keep, draws=suite.draws)
+    return CasePlan(suite.estimators, limits, suite.keep, draws=suite.draws)
 
 
 def _digests(command: str, folder: Path) -> list[str]:
@@ -115,7 +114,7 @@ class Unit:
         return tuple(case.name for case in self.cases) + ((self.name,) if self.heads else ())
 
 
-def units_of(cases: Iterable[Case], plan: Plan) -> list[Unit]:
+def units_of(cases: Iterable[Case], plan: CasePlan) -> list[Unit]:
     """Return the units of cases, in their order."""
     units: list[Unit] = []
     for (name, of_all_heads), group in itertools.groupby(cases, lambda case: (case.scene_name, of_heads(case))):
@@ -130,24 +129,3 @@ def units_of(cases: Iterable[Case], plan: Plan) -> list[Unit]:
 def of_heads(case: Case) -> bool:
     """Whether a case is that of one head of a scene that has all of them."""
     return case.head is not None
-
-
-def shard_of(units: Sequence[Unit], shard: tuple[int, int] | None) -> list[Unit]:
-    """Return every n-th unit from the i-th on, or all."""
-    if shard is None:
-        return list(units)
-    return list(units[shard[0] - 1 :: shard[1]])
-
-
-def parse_shard(text: str) -> tuple[int, int]:
-    """Return (i, n) of ``"i/n"``.
-
-    Raises
-    ------
-    UserError
-        If it is not two whole numbers with 1 <= i <= n.
-    """
-    first, _, second = text.partition("/")
-    if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second):
-        return int(first), int(second)
-    raise UserError(f"found {text!r}", where="--shard", expected="i/n with i from 1 to n, such as 2/8")

@@ -17,7 +17,7 @@ from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.row import Row
 from horizonval.spec.load import Case
 from horizonval.suites.identity import ROW_CODE
-from horizonval.suites.plan import Plan
+from horizonval.suites.plan import CasePlan
 
 CASE_SCHEMA = 1
 MAX_POINTS = 2000
@@ -27,7 +27,6 @@ Record = dict[str, Any]
 
 def record_of(
     name: str,
-    identity: str,
     truth: FrameTruth,
     rows: Sequence[Row],
     details: Mapping[str, Any],
@@ -46,7 +45,6 @@ def record_of(
         "case": name,
         "scene_id": truth.scene_id,
         "version": code_version(*ROW_CODE),
-        "identity": identity,
         "truth_frame": addresses.get(""),
         "image": next(iter(images.values()), None),
         "images": images,
@@ -56,7 +54,7 @@ def record_of(
     }
 
 
-def failed_record(name: str, identity: str, case: Case, estimators: Sequence[str], plan: Plan, error: str) -> Record:
+def failed_record(name: str, case: Case, estimators: Sequence[str], plan: CasePlan, error: str) -> Record:
     """Return the record of a case that has no result because something broke."""
     truth = _truth_or_none(case)
     reason = " ".join(error.split())
@@ -81,7 +79,6 @@ def failed_record(name: str, identity: str, case: Case, estimators: Sequence[str
         "case": name,
         "scene_id": truth.scene_id if truth else None,
         "version": code_version(*ROW_CODE),
-        "identity": identity,
         "truth_frame": None,
         "image": None,
         "images": {},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from browser import Browser, chromium_path
 
 from horizonval.studies.regression.baseline.baseline import read_baseline
 from horizonval.studies.regression.page import write_page
-from horizonval.studies.regression.statistics.gates import Results, changed, measure, pairs_of
+from horizonval.studies.regression.statistics.gates import GateInputs, changed, measure, pairs_of
 from horizonval.studies.regression.statistics.judge import judge
 from horizonval.suites.suite import load_suite
 
@@ -26,10 +27,10 @@ def page(tmp_path_factory):
     suite = load_suite(ROOT / "scenes" / "suites" / "nightly.toml")
     base = read_baseline(ROOT / "results" / "baseline" / "nightly.json", "nightly")
     now = [
-        row | {"nadir_error_arcsec": None if row["nadir_error_arcsec"] is None else 1.1 * row["nadir_error_arcsec"]}
+        row if row.nadir_error_arcsec is None else replace(row, nadir_error_arcsec=1.1 * row.nadir_error_arcsec)
         for row in base.results.rows
     ]
-    results = Results(now, {}, base.results.fresh, "tonight")
+    results = GateInputs(now, {}, base.results.fresh, "tonight")
     moved = changed(pairs_of(now, base.results.rows))
     level = {"fixed method: median nadir error": {"value": 700.0, "unit": "arcsec", "n": 384}}
     nights = [
