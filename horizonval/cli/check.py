@@ -28,7 +28,7 @@ def check(
 
     Exit status 1 if there is a warning or an error, 0 if there are notes at most.
     """
-    from horizonval.precheck import check as check_target
+    from horizonval.api.check import check as check_target
 
     report = check_target(target, frames=frames)
     if as_json:

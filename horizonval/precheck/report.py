@@ -14,7 +14,7 @@ SUMMARY_LINES = 4
 """Lines before a run: what does not fit is counted in the last one."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Report:
     """The result of a check; ``print`` shows it.
 
@@ -49,6 +49,10 @@ class Report:
     def warnings(self) -> tuple[Finding, ...]:
         """Errors and warnings."""
         return tuple(finding for finding in self.findings if finding.level is not Level.NOTE)
+
+    def __repr__(self) -> str:
+        """Return one short line."""
+        return f"<Report of {self.kind} {self.name}: {counted(self.findings) or 'nothing wrong'}>"
 
     def __str__(self) -> str:
         """Return facts, findings, cost and verdict, a line each."""
