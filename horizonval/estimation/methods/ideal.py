@@ -96,7 +96,7 @@ def ideal_horizon_sensor(r: FloatArray, q_cam_from_ref: FloatArray, radius_m: fl
     up = (horizon @ nadir) * horizon - nadir
     up /= np.linalg.norm(up)
     horizon_right = np.cross(horizon, up)
-    roll = float(off_axisfloat(off_axis_angle(right, horizon_right))) * _sign(float(right @ up))
+    roll = float(off_axis_angle(right, horizon_right)) * _sign(float(right @ up))
     pitch = float(off_axis_angle(boresight, horizon)) * _sign(float(boresight @ up))
     return HorizonReading(ReadingStatus.DEFINED, horizon, roll, pitch)
 
