@@ -6,6 +6,7 @@
 
     camera = hv.Camera.from_file("mycam.toml")  # or a shipped name
     scene = hv.Scene(camera=camera, altitude_km=550, latitude_deg=10, epoch="2026-03-20T12:00Z")
+    print(hv.check(scene))
     frame = hv.render(scene)
     image = frame.observe(seed=1)
     fit = hv.estimate(image, "guarded-altitude-free")
@@ -23,6 +24,7 @@ from horizonval.core.llvm import name_library
 
 if TYPE_CHECKING:
     from horizonval.api.camera import Camera
+    from horizonval.api.check import check
     from horizonval.api.estimate import estimate, score
     from horizonval.api.frame import Frame, open_frame, render, render_reference
     from horizonval.api.image import Image, observe, open_image
@@ -51,6 +53,7 @@ __all__ = [
     "Score",
     "UserError",
     "__version__",
+    "check",
     "estimate",
     "list_cameras",
     "list_estimators",
@@ -68,6 +71,7 @@ __all__ = [
 
 _HOMES = {
     "api.camera": ("Camera",),
+    "api.check": ("check",),
     "api.estimate": ("estimate", "score"),
     "api.frame": ("Frame", "open_frame", "render", "render_reference"),
     "api.image": ("Image", "observe", "open_image"),

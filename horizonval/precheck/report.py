@@ -61,6 +61,10 @@ class Report:
             lines += cost_lines(self.cost)
         return "\n".join([*lines, "nothing wrong" if self.ok else counted(self.warnings)])
 
+    def __repr__(self) -> str:
+        """Return kind, name and verdict in one line."""
+        return f"<Report {self.kind} {self.name}: {'nothing wrong' if self.ok else counted(self.warnings)}>"
+
     def summary_lines(self) -> list[str]:
         """Return errors and warnings in few lines, for what goes on after them."""
         lines = merged_lines(self.warnings, self.kind)
