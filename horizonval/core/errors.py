@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import traceback
 from pathlib import Path
+from typing import Self
 
 
 class UserError(Exception):
@@ -37,6 +38,14 @@ class UserError(Exception):
     def __init__(self, what: str, *, where: str = "", expected: str = "", fix: str = "") -> None:
         self.what, self.where, self.expected, self.fix = what, where, expected, fix
         super().__init__(self.line())
+
+    def at(self, where: str) -> Self:
+        """Return the same mistake at another place: that of the file that the user wrote."""
+        return type(self)(self.what, where=where, expected=self.expected, fix=self.fix)
+
+    def inside(self, where: str) -> Self:
+        """Return the same mistake with its place inside ``where``, which may name it already."""
+        return self.at(f"{where}: {self.where}" if self.where and self.where not in where else where)
 
     def line(self) -> str:
         """Return the message as one line."""

@@ -1,18 +1,19 @@
 """What a run will cost in processor time, memory and disk, counted before anything is rendered.
 
-**Basis.** Solar bands are marched cell by cell; a cell is a pixel's share that sees ground or air, once for the ground
-and once for the air where the hard limb cuts it. Time goes with ``cells x nodes along the ray x spectral nodes``.
-Multiple scattering needs a table for every spectral node of every column of air, kept in the cache of the machine:
-whether it is there is not looked up, so its time stands by itself, "if not kept from an earlier run". Thermal bands
-come from tables whose time goes with ``g points x nodes`` and hardly with the pixels. The constants were measured with
-the LLVM back-end on x86-64 at 2 to 3 GHz as seconds of processor time, which other work on the machine changes little.
+**Basis.** Solar bands are marched cell by cell; a cell is a pixel's share that sees ground or air. Time goes with
+``cells x nodes along the ray x spectral nodes``. Multiple scattering needs a table for every spectral node of every
+column of air, kept in the cache of the machine: whether it is there is not looked up, so its time stands by itself.
+Thermal bands come from tables whose time goes with the g points, a little with the nodes, and hardly with the pixels.
+The constants are seconds of processor time, which other work on the machine changes little, of the LLVM back-end on
+two x86-64 processors: eight shipped scenes of 80 to 1024 pixels, second frame of a process.
 
-**How far off.** Processor time within a factor of two on such a machine (three on others), not counting the tables;
-memory within 1.5; disk within 1.5 for the 16-bit images and float frames of the archive, whose compression hangs on the
-noise. What an estimator takes is known for ours only, and to a factor of three.
+**How far off.** On those scenes the predicted time of a frame is 0.8 to 1.3 of the measured one, with clouds and
+moonlight 0.8 to 0.9, memory 0.7 to 1.2. The default suite rendered for 127 s with its tables, 112 s are predicted, and
+left 48 MB, 50 MB are predicted. On other machines, and for scenes unlike these, take a factor of three. Disk is within
+1.5, by the compression of what is in the frames. What an estimator takes is known for ours only, to a factor of three.
 
-Left out: the report's pages (a few seconds), the start of the processes, clouds (up to three times a solar frame's
-time), refraction, moonlight and airglow (each a march of its own).
+Left out: the first frame of a process (1 to 7 s of compiling), the report's pages (a few seconds), refraction and
+airglow (each a march of its own).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.earth.atmosphere.air import TOP_M
+from horizonval.earth.atmosphere.climate import BY_LATITUDE_MONTH
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import Ellipsoid
@@ -30,15 +32,17 @@ from horizonval.geometry.frames import inverse, rotate
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
-SOLAR_S_PER_EVALUATION = 7.0e-9
-SOLAR_FRAME_S = 0.5
-SCATTERING_TABLE_S = 2.5
-THERMAL_S_PER_EVALUATION = 1.4e-4
-"""Of a g point and a node along the ray."""
-THERMAL_FRAME_S = 0.5
+SOLAR_S_PER_EVALUATION, SOLAR_FRAME_S = 1.1e-8, 0.1
+SCATTERING_TABLE_S, PARTICLE_TABLE_S = 2.5, 25.0
+"""Of air without and with particles, whose phase function has more moments."""
+THERMAL_S_PER_POINT, THERMAL_S_PER_EVALUATION = 0.009, 4e-5
+"""Of a g point, and of each node along its rays."""
+BY_LATITUDE = 2.5
+"""How much longer thermal bands take through air that changes with latitude."""
 OBSERVE_S_PER_PIXEL = 1.2e-7
 ESTIMATE_S, ESTIMATE_S_PER_PIXEL = 0.1, 5e-7
-MEMORY_MB, MEMORY_MB_PER_CELL = 250.0, 8e-5
+MEMORY_MB, MEMORY_MB_PER_CELL, MEMORY_MB_PER_POINT = 250.0, 8e-5, 3.2
+"""Of a process, of each cell of a frame, and of each g point of air that changes with latitude."""
 FRAME_BYTES, FRAME_BYTES_PER_VALUE = 2e4, 2.1
 IMAGE_BYTES, IMAGE_BYTES_PER_PIXEL = 2.5e4, 2.0
 RECORD_BYTES = 1e4
@@ -53,8 +57,8 @@ class FrameCost:
 
     cells: float
     evaluations: float
-    thermal_evaluations: float
     tables: int
+    tables_s: float
     render_s: float
     observe_s: float
     estimate_s: float
@@ -152,19 +156,23 @@ def frame_cost(
     solar = sum(count for band, count in spectral.items() if kinds[band] == "solar")
     thermal = sum(count for band, count in spectral.items() if kinds[band] == "thermal")
     evaluations = cells * scene.render.nodes * solar
-    lit = thermal * scene.render.nodes if cells else 0
-    render_s = SOLAR_S_PER_EVALUATION * evaluations + THERMAL_S_PER_EVALUATION * lit
-    render_s += (SOLAR_FRAME_S if solar else 0.0) + (THERMAL_FRAME_S if thermal else 0.0)
+    by_latitude = thermal and scene.atmosphere.profile == BY_LATITUDE_MONTH
+    per_point = THERMAL_S_PER_POINT + THERMAL_S_PER_EVALUATION * scene.render.nodes
+    render_s = SOLAR_S_PER_EVALUATION * evaluations + (SOLAR_FRAME_S if solar else 0.0)
+    render_s += per_point * thermal * (BY_LATITUDE if by_latitude else 1.0) if cells else 0.0
+    tables = solar if scene.render.orders == "all" and not _airless(scene) else 0
+    particles = scene.atmosphere.aerosol != "none" or scene.atmosphere.file is not None
+    memory_mb = MEMORY_MB + MEMORY_MB_PER_CELL * pixels * scene.render.subsamples**2
     images = 0 if camera.detector is None else len(camera.band)
     return FrameCost(
         cells=cells,
         evaluations=evaluations,
-        thermal_evaluations=lit,
-        tables=solar if scene.render.orders == "all" and not _airless(scene) else 0,
+        tables=tables,
+        tables_s=tables * (PARTICLE_TABLE_S if particles else SCATTERING_TABLE_S),
         render_s=render_s,
         observe_s=OBSERVE_S_PER_PIXEL * pixels * images,
         estimate_s=(ESTIMATE_S + ESTIMATE_S_PER_PIXEL * pixels) * images * estimators,
-        memory_mb=MEMORY_MB + MEMORY_MB_PER_CELL * pixels * scene.render.subsamples**2,
+        memory_mb=memory_mb + (MEMORY_MB_PER_POINT * thermal if by_latitude else 0.0),
         frame_bytes=FRAME_BYTES + FRAME_BYTES_PER_VALUE * pixels * (len(camera.band) + TRUTH_MAPS),
         image_bytes=(IMAGE_BYTES + IMAGE_BYTES_PER_PIXEL * pixels) * images,
     )

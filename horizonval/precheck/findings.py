@@ -41,8 +41,8 @@ class Finding:
         What to change, where there is something.
     subject : str
         What it is about: a scene's band, a suite's camera, a study's design.
-    frames, of : int
-        How many of how many frames that were looked at.
+    frames, of, total : int
+        How many of how many frames that were looked at, of how many that there are.
     """
 
     level: Level
@@ -55,15 +55,19 @@ class Finding:
     subject: str = ""
     frames: int = 1
     of: int = 1
+    total: int = 1
 
     def line(self) -> str:
         """Return the finding as one line."""
         head = f"{self.level}: {self.subject}: " if self.subject else f"{self.level}: "
-        count = "" if self.of == 1 else f"all {self.of} frames: " if self.frames == self.of else self._some()
-        return head + count + self.text + (f"; {self.fix}" if self.fix else "")
+        return head + self._count() + self.text + (f"; {self.fix}" if self.fix else "")
 
-    def _some(self) -> str:
-        return f"{self.frames} of {self.of} frames: "
+    def _count(self) -> str:
+        if self.total == 1:
+            return ""
+        looked_at = " looked at" if self.of < self.total else ""
+        which = f"all {self.of}" if self.frames == self.of > 1 else f"{self.frames} of {self.of}"
+        return f"{which} frame{'s' if self.of > 1 else ''}{looked_at}: "
 
 
 def sorted_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -11,7 +11,6 @@ from horizonval.core.errors import UserError
 from horizonval.earth.optical import node_counts, optical_model
 from horizonval.precheck.cost import (
     RECORD_BYTES,
-    SCATTERING_TABLE_S,
     Cost,
     FrameCost,
     column_key,
@@ -93,7 +92,7 @@ class Watcher:
     def __init__(self) -> None:
         self._spectral: dict[tuple[str, ...], dict[str, int]] = {}
 
-    def look(self, group: Group, count: int, *, infrared: bool) -> Look:
+    def look(self, group: Group, count: int, *, infrared: bool, cost: bool = True) -> Look:
         """Look at a sample of a group.
 
         Parameters
@@ -104,19 +103,22 @@ class Watcher:
         infrared : bool
             Whether to work out the infrared horizon of its first frame, hence the level of thermal limbs there: up to
             2 s for every thermal band.
+        cost : bool
+            Whether to work out what the frames cost, and with it whether their air and bands are known.
         """
         seen = Look()
         for number, case in enumerate(spread(group.cases, count)):
             seen.examined += 1
             try:
-                spectral = self.spectral(case)
+                spectral = self.spectral(case) if cost else None
                 truth = truth_of(case.scene, case.camera, infrared=infrared and number == 0)
             except UserError as e:
                 seen.errors.append(cannot_run(e, group.subject))
                 continue
             for view in limb_views(case.name, truth, case.camera, group.needs):
                 seen.views.setdefault(view.band, []).append(view)
-            seen.costs.append(frame_cost(truth, case.scene, case.camera, spectral, group.estimators))
+            if spectral is not None:
+                seen.costs.append(frame_cost(truth, case.scene, case.camera, spectral, group.estimators))
         return seen
 
     def spectral(self, case: Case) -> dict[str, int]:
@@ -153,7 +155,8 @@ def total_cost(groups: Sequence[Group], looks: Sequence[Look], keep: Keep, draws
         return None
     totals: Mapping[str, float] = dict.fromkeys(("cells", "evaluations", "render_s", "observe_s", "estimate_s"), 0.0)
     totals = dict(totals)
-    disk, frames, columns, each = 0.0, 0, set(), 0
+    disk, frames = 0.0, 0
+    columns: dict[tuple[object, ...], FrameCost] = {}
     for group, look in zip(groups, looks, strict=True):
         costs, n = look.costs or known, len(group.cases)
         for key in totals:
@@ -163,17 +166,15 @@ def total_cost(groups: Sequence[Group], looks: Sequence[Look], keep: Keep, draws
         )
         disk += n * RECORD_BYTES + (0.0 if keep == "none" else n * (frame_bytes + image_bytes))
         frames += n
-        tables = round(float(np.mean([cost.tables for cost in costs])))
-        if tables:
-            columns |= {column_key(case.scene, case.camera) for case in group.cases}
-            each = max(each, tables)
+        # Columns of a group differ in what they hold, hardly in how many nodes they have.
+        columns |= {column_key(case.scene, case.camera): costs[0] for case in group.cases if costs[0].tables}
     totals["observe_s"] *= draws
     totals["estimate_s"] *= draws
     return Cost(
         frames=frames,
         **totals,
-        tables=len(columns) * each,
-        tables_s=len(columns) * each * SCATTERING_TABLE_S,
+        tables=sum(cost.tables for cost in columns.values()),
+        tables_s=sum(cost.tables_s for cost in columns.values()),
         memory_mb=max(cost.memory_mb for cost in known),
         disk_mb=disk / 1e6,
     )

@@ -4,29 +4,33 @@ Nothing is rendered: the horizon comes from :mod:`horizonval.scoring.horizon_vie
 :mod:`horizonval.scoring.limb_signal`, the outcome from :mod:`horizonval.scoring.expected`, so that a check says before
 a run what its score would say after it.
 
-**Level** of a solar band: the brightest thing at the limb or some ten kilometres below it, with the Sun's veil, over
-full scale above the black level. Against rendered and observed frames the median along the limb is 1.0 to 1.15 of what
-the pixels show by day with aerosol-free air, and within 30 % in other air (the tables of
-:mod:`horizonval.scoring.limb_radiance` say why).
+**Level** of a solar band: light at the limb or some ten kilometres below it, with the Sun's veil, over full scale above
+the black level. Where clouds or snow may be in view there are two: over ground of the Earth's albedo, and over the
+brightest thing there can be. Rendered and observed limbs of clear air by day are within 5 %, those before clouds and
+the brightest of them within 30 %, in twilight within a factor of two: what the table of
+:mod:`horizonval.scoring.limb_radiance` promises.
 
 **Level** of a thermal band: the plateau of the limb between the converter's ends, from the truth's infrared horizon.
-Rendered limbs are 2 to 15 % lower within the blur of the edge. Without the infrared horizon there is none.
+Rendered limbs are within 10 % in the clear: the warmer ground below adds, the blur of the edge takes. Without the
+infrared horizon there is none.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 
 from horizonval.core.outcome import Outcome
-from horizonval.earth.spectral.brightness import black_body_radiance, brightness_temperature_k
+from horizonval.earth.spectral.brightness import brightness_temperature_k
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.scoring import limits
 from horizonval.scoring.expected import Examined, examine
+from horizonval.scoring.limb_signal import ground_and_air, limb_signal
+from horizonval.sensor.detector.thermal_noise import blackbody_radiance
 from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.spec.sensor.detector import Cmos
 
@@ -55,11 +59,14 @@ class LimbView:
     lit_fraction : float or None
         Share of the arc over which the Sun stands.
     level : float or None
-        Median along the limb in view, over full scale; None without a limb, a detector or an infrared horizon.
+        Median along the limb in view, over full scale, without clouds and snow; None without a limb, a detector or an
+        infrared horizon.
     highest : float or None
-        The largest along the limb in view.
+        The largest along the limb in view, with clouds and snow where the scene can have them.
     saturated_share : float
-        Of the limb in view.
+        Of the limb in view, with clouds and snow.
+    patchy : bool
+        Whether there can be clouds or snow.
     plateau_k : float or None
         Brightness temperature of a thermal limb.
     snr : float or None
@@ -90,6 +97,7 @@ class LimbView:
     level: float | None
     highest: float | None
     saturated_share: float
+    patchy: bool
     plateau_k: float | None
     snr: float | None
     veil: float
@@ -121,7 +129,7 @@ def limb_views(frame: str, truth: FrameTruth, camera: CameraSpec, needs: Needs =
 def _limb_view(frame: str, truth: FrameTruth, camera: CameraSpec, band: Band, needs: Needs) -> LimbView:
     found = examine(truth, band.name, needs=needs)
     expected, detector = found.expected, camera.detector
-    level, highest, saturated, plateau_k = _levels(found, truth, camera, band)
+    levels = _levels(found, truth, camera, band)
     fixed = isinstance(detector, Cmos) and detector.auto_exposure is None
     return LimbView(
         frame=frame,
@@ -134,10 +142,11 @@ def _limb_view(frame: str, truth: FrameTruth, camera: CameraSpec, band: Band, ne
         sagitta_px=expected.horizon_sagitta_px,
         shortest_px=limits.NOMINAL.arc_fraction * min(found.camera.width, found.camera.height),
         lit_fraction=expected.lit_fraction,
-        level=level,
-        highest=highest,
-        saturated_share=saturated,
-        plateau_k=plateau_k,
+        level=levels.level,
+        highest=levels.highest,
+        saturated_share=levels.saturated_share,
+        patchy=levels.patchy,
+        plateau_k=levels.plateau_k,
         snr=expected.limb_snr,
         veil=expected.veil_fraction,
         determined_deg=expected.determined_deg,
@@ -149,28 +158,45 @@ def _limb_view(frame: str, truth: FrameTruth, camera: CameraSpec, band: Band, ne
     )
 
 
-def _levels(
-    found: Examined, truth: FrameTruth, camera: CameraSpec, band: Band
-) -> tuple[float | None, float | None, float, float | None]:
-    """Return the median and the largest level, the saturated share of the limb, and a thermal plateau [K]."""
+@dataclass(frozen=True)
+class _Levels:
+    level: float | None = None
+    highest: float | None = None
+    saturated_share: float = 0.0
+    patchy: bool = False
+    plateau_k: float | None = None
+
+
+def _levels(found: Examined, truth: FrameTruth, camera: CameraSpec, band: Band) -> _Levels:
     in_view, detector = found.view.in_view, camera.detector
     if band.kind == "solar":
         if not in_view.any() or not isinstance(detector, Cmos):
-            return None, None, 0.0, None
-        level = found.signal.filling[in_view]
-        return float(np.median(level)), float(level.max()), float((level > 1.0).mean()), None
+            return _Levels()
+        brightest = found.signal.filling[in_view]
+        usual, plain = brightest, _plain_ground(truth.scene)
+        if plain is not None:
+            usual = limb_signal(replace(truth, scene=plain), camera, band, found.camera, found.view).filling[in_view]
+        saturated = float((brightest > 1.0).mean())
+        return _Levels(float(np.median(usual)), float(brightest.max()), saturated, plain is not None)
     horizon = truth.infrared_horizon.get(band.name)
     if horizon is None or not horizon["plateau_radiance"]:
-        return None, None, 0.0, None
+        return _Levels()
     # Azimuths of the truth's plateau are about the nadir; it changes by a few per cent between them.
     plateau = np.array(horizon["plateau_radiance"])
     plateau_k = float(brightness_temperature_k(band, np.median(plateau)))
     if detector is None or isinstance(detector, Cmos) or not in_view.any():
-        return None, None, 0.0, plateau_k
-    ends_k = np.array([detector.scene_min_k, detector.scene_max_k])
-    low, high = np.where(ends_k > 0.0, black_body_radiance(band, np.maximum(ends_k, 1.0)), 0.0)
+        return _Levels(plateau_k=plateau_k)
+    low, high = (blackbody_radiance(band, end_k) for end_k in (detector.scene_min_k, detector.scene_max_k))
     level = (plateau - low) / (high - low)
-    return float(np.median(level)), float(level.max()), float((level > 1.0).mean()), plateau_k
+    return _Levels(float(np.median(level)), float(level.max()), float((level > 1.0).mean()), plateau_k=plateau_k)
+
+
+def _plain_ground(scene: dict[str, Any]) -> dict[str, Any] | None:
+    """Return a scene with the Earth's mean albedo and no clouds; None where that is as bright as what it has."""
+    _, albedo, brightest = ground_and_air(scene)
+    if brightest <= albedo:
+        return None
+    return {**scene, "surface": {"kind": "uniform", "albedo": albedo}, "clouds": None}
 
 
 def sun_outside_deg(camera: CameraModel, truth: FrameTruth) -> float | None:

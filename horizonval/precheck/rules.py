@@ -65,7 +65,9 @@ class Rule:
     fix: Callable[[Sequence[LimbView]], str]
 
 
-def findings_of(views: Sequence[LimbView], subject: str, *, single: bool = False) -> list[Finding]:
+def findings_of(
+    views: Sequence[LimbView], subject: str, *, total: int | None = None, single: bool = False
+) -> list[Finding]:
     """Return the findings of frames that have a camera or a design in common.
 
     Parameters
@@ -74,6 +76,8 @@ def findings_of(views: Sequence[LimbView], subject: str, *, single: bool = False
         One band of every frame.
     subject : str
         What they have in common.
+    total : int, optional
+        How many frames there are, where not all of them were looked at.
     single : bool
         Whether they are a scene of its own: its problems are warnings.
     """
@@ -82,7 +86,7 @@ def findings_of(views: Sequence[LimbView], subject: str, *, single: bool = False
         troubled = [(problem, view) for view in views if (problem := rule.find(view)) is not None]
         if not troubled:
             continue
-        troubled.sort(key=lambda pair: _gravity(pair[0]), reverse=True)
+        troubled.sort(key=lambda pair: gravity(pair[0].value, pair[0].limit), reverse=True)
         worst, members = troubled[0][0], [view for _, view in troubled]
         share = len(members) / len(views)
         grave = rule.share is not None and (single or share >= rule.share)
@@ -98,15 +102,17 @@ def findings_of(views: Sequence[LimbView], subject: str, *, single: bool = False
                 subject,
                 len(members),
                 len(views),
+                len(views) if total is None else total,
             )
         )
     return findings
 
 
-def _gravity(problem: Problem) -> float:
-    if problem.value is None or problem.limit is None:
+def gravity(value: float | None, limit: float | None) -> float:
+    """Return how far a value is beyond its limit; without a value there is nothing at all, which is the worst."""
+    if limit is None:
         return 0.0
-    return abs(problem.value - problem.limit)
+    return math.inf if value is None else abs(value - limit)
 
 
 def _saturated(view: LimbView) -> Problem | None:
@@ -201,10 +207,9 @@ def _determined_limit_deg() -> float:
 def _level_text(views: Sequence[LimbView]) -> str:
     """Return "limb at 140 % of full scale" of one frame, or the range over several."""
     highest = [view.highest for view in views if view.highest is not None]
-    low, high = min(highest), max(highest)
-    if len(highest) == 1 or high - low < 0.005 * high:
-        return f"limb at {percent(high)} of full scale"
-    return f"limb at {percent(low)} to {percent(high)} of full scale"
+    low, high = percent(min(highest)), percent(max(highest))
+    text = f"limb at {high if low == high else f'{low} to {high}'} of full scale"
+    return text + (" over clouds or snow" if all(view.patchy for view in views) else "")
 
 
 def _exposure_fix(views: Iterable[LimbView]) -> str:
@@ -230,8 +235,11 @@ def _short_arc_text(views: Sequence[LimbView]) -> str:
         return f"{arc}, at least {view.shortest_px:.0f} px are needed"
     if view.sagitta_px < limits.MIN_ARC_SAGITTA_PX:
         return f"{arc} bend by {view.sagitta_px:.2f} px only, at least {limits.MIN_ARC_SAGITTA_PX:g} px are needed"
-    found = "nothing" if view.determined_deg is None else f"the nadir to {view.determined_deg:.2g} deg only"
-    return f"{arc} determine {found}, {_determined_limit_deg():g} deg are needed"
+    if view.determined_deg is None:
+        return f"{arc} do not determine the nadir"
+    return (
+        f"{arc} determine the nadir to {view.determined_deg:.2g} deg only, {_determined_limit_deg():g} deg are needed"
+    )
 
 
 def _snr_text(views: Sequence[LimbView]) -> str:
@@ -296,7 +304,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "nearly-saturated", None, _nearly_saturated, lambda v: f"{_level_text(v)}, close to saturation", _exposure_fix
     ),
-    Rule("dim", None, _dim, lambda v: f"limb at {percent(v[0].level or 0.0, 2)} of full scale only", _exposure_fix),
+    Rule("dim", None, _dim, lambda v: f"limb at {percent(v[0].level or 0.0)} of full scale only", _exposure_fix),
     Rule(
         "noisy",
         None,
@@ -328,9 +336,9 @@ CODES = (*(rule.code for rule in RULES), "cannot-run")
 """All codes of findings."""
 
 
-def percent(share: float, digits: int = 0) -> str:
-    """Return a share as text."""
-    return f"{100.0 * share:.{digits}g} %" if digits else f"{100.0 * share:.0f} %"
+def percent(share: float) -> str:
+    """Return a share as text: whole per cent, small ones to two digits."""
+    return f"{100.0 * share:.2g} %" if 0.0 < share < 0.1 else f"{100.0 * share:.0f} %"
 
 
 def duration(seconds: float) -> str:

@@ -69,10 +69,10 @@ def check_scene(scene: SceneSpec, camera: CameraSpec) -> Report:
 def _heads(scene: SceneSpec, camera: CameraSpec) -> list[Group]:
     """Return a group of one frame for every head that the scene has chosen, named after it."""
     if not camera.head or scene.camera.head not in (None, ALL_HEADS):
-        return [Group(scene.scene.name, (Case(scene.scene.name, scene, camera),))]
+        return [Group(scene.scene.name, (Case(scene, camera),))]
     groups = []
     for head in camera.head:
         chosen = scene.camera.model_copy(update={"head": head.name})
-        case = Case(f"{scene.scene.name}.{head.name}", scene.model_copy(update={"camera": chosen}), camera)
+        case = Case(scene.model_copy(update={"camera": chosen}), camera, head.name)
         groups.append(Group(head.name, (case,), needs="heads" if len(camera.head) > 1 else "image"))
     return groups

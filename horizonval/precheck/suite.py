@@ -57,12 +57,12 @@ def check_groups(
             return Report(kind, name, (cannot_run(e),), facts, 0, len(suite.cases))
     watcher, looks = Watcher(), []
     for group, count in zip(groups, sample_sizes([len(group.cases) for group in groups], most), strict=True):
-        look = watcher.look(group, count, infrared=infrared)
+        look = watcher.look(group, count, infrared=infrared, cost=mistakes)
         looks.append(look)
         findings += look.errors[:1]
         for band, views in look.views.items():
             subject = f"{group.subject}, {band}" if len(look.views) > 1 else group.subject
-            findings += findings_of(views, subject)
+            findings += findings_of(views, subject, total=len(group.cases))
             facts[subject] = group_line(views, len(group.cases))
     return Report(
         kind,

@@ -57,7 +57,7 @@ def check(target: str | Path | tuple[SceneSpec, CameraSpec] | Suite | Study, *, 
         raise UserError("a scene is one frame", where="--frames", expected="a suite or a study")
     case = load_frames(path)[0]
     scene = case.scene
-    if len(case.camera.head) > 1 and case.name != scene.scene.name:
+    if len(case.camera.head) > 1 and case.head is not None:
         scene = scene.model_copy(update={"camera": scene.camera.model_copy(update={"head": "all"})})
     return check_scene(scene, case.camera)
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from horizonval.precheck.cost import Cost
 from horizonval.precheck.findings import Finding, Kind, Level
 from horizonval.precheck.limb import LimbView
-from horizonval.precheck.rules import median, percent
+from horizonval.precheck.rules import gravity, median, percent
 
 _NAMES = 3
 _SUBJECTS: dict[Kind, str] = {"scene": "bands", "suite": "cameras", "study": "designs"}
@@ -26,15 +26,15 @@ def merged_lines(findings: Sequence[Finding], kind: Kind) -> list[str]:
 def _merged(group: Sequence[Finding], kind: Kind) -> list[str]:
     if len(group) == 1 or group[0].level is Level.ERROR:
         return [finding.line() for finding in group]
-    worst = max(group, key=lambda finding: abs((finding.value or 0.0) - (finding.limit or 0.0)))
+    worst = max(group, key=lambda finding: gravity(finding.value, finding.limit))
     several = len(group) > _NAMES
     subject = f"{len(group)} {_SUBJECTS[kind]}" if several else ", ".join(finding.subject for finding in group)
-    if worst.of == 1:
+    if kind == "scene":
         # Bands or heads of one frame.
         return [replace(worst, subject=subject).line()]
-    frames, of = sum(finding.frames for finding in group), sum(finding.of for finding in group)
+    frames, of, total = (sum(getattr(finding, key) for finding in group) for key in ("frames", "of", "total"))
     which = f"; the worst is {worst.subject}" if len({finding.text for finding in group}) > 1 else ""
-    return [replace(worst, subject=subject, frames=frames, of=of).line() + which]
+    return [replace(worst, subject=subject, frames=frames, of=of, total=total).line() + which]
 
 
 def joined(*parts: str) -> str:
@@ -79,7 +79,7 @@ def cost_lines(cost: Cost) -> list[str]:
     """Return what a run takes, a line or two."""
     frames = f"{cost.frames} frame{'s' if cost.frames != 1 else ''}"
     lines = [
-        f"cost: {frames}, about {seconds(cost.processor_s)} of processor time (within a factor of two to three), "
+        f"cost: {frames}, about {seconds(cost.processor_s)} of processor time (to a factor of three), "
         f"{size(cost.memory_mb)} a process, {size(cost.disk_mb)} on disk"
     ]
     if cost.tables:

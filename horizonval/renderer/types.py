@@ -7,7 +7,7 @@ So signatures say ``mi.Float64``, ``mi.UInt32`` or ``mi.Bool``, and here are the
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import drjit as dr
 import mitsuba as mi
@@ -32,6 +32,10 @@ if TYPE_CHECKING:
 else:
     # Mitsuba evaluates the annotations of dataclasses that a plugin holds, when its array types exist; imports do not.
     Vec, Values = tuple, list
+
+
+PluginDict: TypeAlias = dict[str, Any]
+"""A plugin, or a whole scene, as ``mi.load_dict`` takes it: what a value may be depends on its plugin."""
 
 
 def indices_where(condition: mi.Bool) -> mi.UInt32:

@@ -45,7 +45,14 @@ from numpy.typing import NDArray
 
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.limb.model.systematic import Relief, systematic_covariance
+from horizonval.estimation.limb.model.relief import (
+    CLOUD_RELIEF_SOLAR,
+    CLOUD_RELIEF_THERMAL,
+    SOLAR_RELIEF,
+    THERMAL_RELIEF,
+    Relief,
+)
+from horizonval.estimation.limb.model.systematic import systematic_covariance
 from horizonval.estimation.limb.shape.cone import fit_cone, off_axis_angle, tangent_basis
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
@@ -348,10 +355,10 @@ def _determined_rad(scene: _Scene, member: BoolArray, thresholds: Thresholds) ->
 
 def _reliefs(scene: _Scene, rho_rad: float) -> tuple[Relief, ...]:
     # Also where the scene has no air: no sensor can know that.
-    reliefs: tuple[Relief, ...] = limits.SOLAR_RELIEF if scene.solar else limits.THERMAL_RELIEF
+    reliefs: tuple[Relief, ...] = SOLAR_RELIEF if scene.solar else THERMAL_RELIEF
     clouds = scene.truth.scene.get("clouds")
     if clouds is not None and clouds.get("cover", 0.0) > 0:
-        relief = limits.CLOUD_RELIEF_SOLAR if scene.solar else limits.CLOUD_RELIEF_THERMAL
+        relief = CLOUD_RELIEF_SOLAR if scene.solar else CLOUD_RELIEF_THERMAL
         to_limb_m = scene.truth.ellipsoid_a_m / math.tan(rho_rad)
         texture_m = limits.CLOUD_TEXTURE_PX * to_limb_m / min(scene.camera.fx, scene.camera.fy)
         reliefs = (*reliefs, relief, Relief(texture_m, relief.correlation_rad))

@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from horizonval.estimation.limb.model.systematic import Relief
-
 NADIR_ERROR_LIMIT_RAD = math.radians(0.5)
 """A claimed nadir further off than this is false whatever uncertainty it claims.
 
@@ -115,12 +113,6 @@ POINT_SIGMA_PX = 0.1
 """Scatter of single limb points of a sub-pixel search at a signal-to-noise ratio of some ten."""
 DETERMINED_SAMPLES = 240
 
-SOLAR_RELIEF = (Relief(250.0, 0.3), Relief(300.0, 0.05))
-THERMAL_RELIEF = (Relief(800.0, 0.4), Relief(300.0, 0.05))
-CLOUD_RELIEF_SOLAR = Relief(600.0, 0.05)
-CLOUD_RELIEF_THERMAL = Relief(2500.0, 0.05)
-"""How the height of the visible limb varies along it: standard deviation [m] and correlation length [rad]. Air and Sun,
-and clouds beside it: measured on rendered limbs. Window bands see cloud tops, carbon dioxide bands do not."""
 CLOUD_TEXTURE_PX = 0.15
 """What the pattern of clouds behind the limb moves a sub-pixel edge by, of the pixel on the axis, with the correlation
 of the clouds: 0.1 to 0.25 on twenty rendered limbs with pixels of 20 and 55 km, tops of 6 to 16 km."""

@@ -33,11 +33,40 @@ _SCALES = ("linear", "log", "sine")
 
 @dataclass(frozen=True)
 class Variant:
-    """One partial scene, its name, and the orbit (as plain data) that makes several of it."""
+    """One partial scene of a table, what tells it from the others, and the orbit that makes several of it.
 
-    name: str
+    Attributes
+    ----------
+    table : str
+        Name of the table.
+    item : str
+        Name of the list's scene, ``""`` without one; a list's scene without a name has none.
+    number : int or None
+        Place in the list from 1, ``None`` without a list.
+    parts : tuple of str
+        The axes with their values, then the number of a Sobol point.
+    scene : dict
+    orbit : dict or None
+        As plain data.
+    """
+
+    table: str
+    item: str
+    number: int | None
+    parts: tuple[str, ...]
     scene: Plain
     orbit: Plain | None
+
+    @property
+    def label(self) -> str:
+        """What tells the scene from the others of its table; empty where it is the only one."""
+        item = self.item or ("" if self.number is None else f"{self.number:03d}")
+        return "_".join([*filter(None, [item]), *self.parts])
+
+    @property
+    def name(self) -> str:
+        """The table's name, then the label."""
+        return "_".join(filter(None, [self.table, self.label]))
 
 
 def variants(table: CasesSpec, seed: int, where: str, frames: int | None = None) -> Iterator[Variant]:
@@ -68,15 +97,15 @@ def variants(table: CasesSpec, seed: int, where: str, frames: int | None = None)
     keys = [key for key, _ in axes]
     labels = _labels(keys)
     orbit = None if table.orbit is None else {"orbit": table.orbit}
-    for (name, base), values, (suffix, point) in itertools.product(
+    for (item, number, base), values, (suffix, point) in itertools.product(
         bases, itertools.product(*(values for _, values in axes)), points
     ):
         scene: Plain = base | (orbit or {})
         for key, value in [*zip(keys, values, strict=True), *point]:
             scene = _with(scene, key.split("."), value, f"{where}: {key}")
-        parts = [name, *(f"{label}_{_word(value)}" for label, value in zip(labels, values, strict=True)), *suffix]
+        parts = (*(f"{label}_{_word(value)}" for label, value in zip(labels, values, strict=True)), *suffix)
         flown = scene.pop("orbit", None) if orbit is not None else None
-        yield Variant("_".join(parts), scene, flown)
+        yield Variant(table.name, item, number, parts, scene, flown)
 
 
 def seed_of(*parts: object) -> int:
@@ -84,16 +113,17 @@ def seed_of(*parts: object) -> int:
     return int.from_bytes(hashlib.sha256(json.dumps(parts).encode()).digest()[:16], "big")
 
 
-def _listed(table: CasesSpec, where: str) -> list[tuple[str, Plain]]:
+def _listed(table: CasesSpec, where: str) -> list[tuple[str, int | None, Plain]]:
+    """Return the name, place and partial scene of each of the list's, or of the table's only one."""
     if table.list is None:
-        return [(table.name, dict(table.base))]
-    found = []
+        return [("", None, dict(table.base))]
+    found: list[tuple[str, int | None, Plain]] = []
     for i, scene in enumerate(table.list, start=1):
         head = scene.get("scene", {})
         name = head.get("name") if isinstance(head, Mapping) else None
         if name is not None and not isinstance(name, str):
             raise UserError(f"found {show(name)}", where=f"{where}.list[{i}].scene.name", expected="text in quotes")
-        found.append((f"{table.name}_{name or f'{i:03d}'}", deep_merge(table.base, scene)))
+        found.append((name or "", i, deep_merge(table.base, scene)))
     return found
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
@@ -46,15 +46,40 @@ MAX_FILE_BYTES = 64 * 1024 * 1024
 class Case:
     """One frame of a suite: everything a render needs, with every default filled in.
 
-    ``name`` is the scene's own, followed by ``.<head>`` where a scene stands for a frame of every head. The scene keeps
-    its name then: the heads look at the same clouds. ``estimators`` are those of the suite's that run on it, ``None``
-    all of them.
+    Attributes
+    ----------
+    scene : SceneSpec
+    camera : CameraSpec
+    head : str or None
+        The head whose frame it is, where the scene stands for a frame of every head. The scene's name is then that of
+        all of them: the heads look at the same clouds.
+    estimators : tuple of str or None
+        Those of the suite's that run on it, ``None`` all of them.
+    table : str or None
+        Name of the table ``[[cases]]`` that it comes from.
+    variant : str
+        What tells it from the others of its table, samples of an orbit apart.
+    sample : str
+        Number of the orbit's sample, ``""`` without an orbit.
     """
 
-    name: str
     scene: SceneSpec
     camera: CameraSpec
+    head: str | None = None
     estimators: tuple[str, ...] | None = None
+    table: str | None = None
+    variant: str = ""
+    sample: str = ""
+
+    @property
+    def name(self) -> str:
+        """The scene's name, followed by ``.<head>`` where the scene stands for a frame of every head."""
+        return self.scene_name if self.head is None else f"{self.scene_name}.{self.head}"
+
+    @property
+    def scene_name(self) -> str:
+        """Name of the scene, under which the results of all its heads together go."""
+        return self.scene.scene.name
 
 
 @dataclass(frozen=True)
@@ -62,8 +87,7 @@ class Suite:
     """A suite with its frames resolved, in the file's order.
 
     ``programs``, ``keep``, ``draws``, ``seed`` and the limits are those of :class:`horizonval.spec.suite.SuiteHead` and
-    ``[[estimator]]``. ``tables`` names the ``[[cases]]`` table of every case that comes from one.
-    ``study``: the frames of a trade study, whose list of designs may change in the folder of a run.
+    ``[[estimator]]``. ``study``: the frames of a trade study, whose list of designs may change in the folder of a run.
     """
 
     name: str
@@ -79,10 +103,14 @@ class Suite:
     figures: tuple[FigureSpec, ...] = ()
     frames: int | None = None
     regression: RegressionSpec | None = None
-    tables: Mapping[str, str] = field(default_factory=dict)
     study: bool = False
     draws: int = 1
     seed: int = 0
+
+    @property
+    def estimators_key(self) -> str:
+        """File and key that name the estimators, for errors."""
+        return f"{self.source}: {'study' if self.study else 'suite'}.estimators"
 
 
 def load_camera(path_or_name: str | Path, *, beside: Path | None = None, where: str = "") -> CameraSpec:
@@ -145,11 +173,11 @@ def _with_head(scene: SceneSpec, head: str) -> SceneSpec:
 
 def _one_per_head(scene: SceneSpec, camera: CameraSpec, where: str) -> tuple[Case, ...]:
     """Return one case, or one for each head where the scene asks for all of them or, of several, for none."""
-    name, chosen = scene.scene.name, scene.camera.head
+    chosen = scene.camera.head
     if camera.head and chosen in (None, ALL_HEADS):
-        return tuple(Case(f"{name}.{head.name}", _with_head(scene, head.name), camera) for head in camera.head)
+        return tuple(Case(_with_head(scene, head.name), camera, head.name) for head in camera.head)
     camera.chosen_head(chosen, where=where)
-    return (Case(name, scene, camera),)
+    return (Case(scene, camera),)
 
 
 def load_suite(
@@ -187,23 +215,29 @@ def load_suite(
     return suite_of(spec, path, fly)
 
 
-def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None) -> Suite:
-    """Return the suite of a specification; ``path`` is the file that other files lie beside. Errors as above."""
+def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None, *, places: Sequence[str] = ()) -> Suite:
+    """Return the suite of a specification. Errors as :func:`load_suite`.
+
+    Parameters
+    ----------
+    spec : SuiteSpec
+    path : Path
+        The file that other files lie beside.
+    fly : callable, optional
+    places : sequence of str, optional
+        What errors call the tables of cases, in place of ``cases[1] (name)``.
+    """
     seeded = deep_merge({"scene": {"seed": spec.suite.seed}}, spec.defaults)
     shelf = Shelf(path)
     cases: list[Case] = []
     names: set[str] = set()
-    tables: dict[str, str] = {}
-    for inside, table, data, estimators in _scenes(spec, path, seeded, fly):
+    for inside, data, origin in _scenes(spec, path, seeded, fly, places):
         scene, camera = shelf.resolve(data, inside=inside)
         for case in _one_per_head(scene, camera, f"{path}: {inside}: camera.head"):
-            case = replace(case, estimators=estimators)
             if case.name in names:
                 raise UserError(f"two frames are named {case.name!r}", where=f"{path}: {inside}", fix="rename one")
             names.add(case.name)
-            cases.append(case)
-            if table is not None:
-                tables[case.name] = table
+            cases.append(replace(case, **origin))
     head = spec.suite
     return Suite(
         head.name,
@@ -219,29 +253,29 @@ def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None) -> Suite:
         tuple(spec.figure),
         spec.suite.frames,
         spec.regression,
-        tables,
         draws=head.draws,
         seed=head.seed,
     )
 
 
 def _scenes(
-    spec: SuiteSpec, path: Path, seeded: Plain, fly: Fly | None
-) -> Iterator[tuple[str, str | None, Plain, tuple[str, ...] | None]]:
-    """Yield the place in the file that makes a scene, its table, the scene over the defaults, its estimators."""
+    spec: SuiteSpec, path: Path, seeded: Plain, fly: Fly | None, places: Sequence[str]
+) -> Iterator[tuple[str, Plain, Plain]]:
+    """Yield the place in the file that makes a scene, the scene over the defaults, and what a case knows beside it."""
     for i, frame in enumerate(spec.frame, start=1):
         inside = f"frame[{i}] ({frame['scene']['name']})"
         chosen = _chosen_estimators(frame.get("estimators"), spec.suite.estimators, f"{path}: {inside}.estimators")
         plain = {key: frame[key] for key in frame if key != "estimators"}
-        yield inside, None, deep_merge(seeded, plain), chosen
+        yield inside, deep_merge(seeded, plain), {"estimators": chosen}
     for i, table in enumerate(spec.cases, start=1):
-        inside = f"cases[{i}] ({table.name})"
+        inside = places[i - 1] if places else f"cases[{i}] ({table.name})"
         chosen = _chosen_estimators(table.estimators, spec.suite.estimators, f"{path}: {inside}.estimators")
         for variant in variants(table, spec.suite.seed, f"{path}: {inside}", spec.suite.frames):
             whole = deep_merge(seeded, variant.scene)
+            origin = {"estimators": chosen, "table": table.name, "variant": variant.label}
             if variant.orbit is None:
                 scene = deep_merge(whole, {"scene": {"name": variant.name}})
-                yield f"{inside}: {variant.name}", table.name, scene, chosen
+                yield f"{inside}: {variant.name}", scene, origin
                 continue
             if fly is None:
                 raise ValueError("a suite with orbits is loaded with horizonval.suites.suite.load_suite")
@@ -249,9 +283,10 @@ def _scenes(
             samples = fly(orbit, whole, spec.suite.seed, table.name, f"{path}: {inside}")
             digits = max(3, len(str(len(samples) - 1)))
             for number, sample in enumerate(samples):
-                name = f"{variant.name}_{number:0{digits}d}"
+                place = f"{number:0{digits}d}"
+                name = f"{variant.name}_{place}"
                 scene = deep_merge(deep_merge(whole, sample), {"scene": {"name": name}})
-                yield f"{inside}: {name}", table.name, scene, chosen
+                yield f"{inside}: {name}", scene, {**origin, "sample": place}
 
 
 def _chosen_estimators(names: Any, known: Sequence[str], where: str) -> tuple[str, ...] | None:

@@ -33,7 +33,7 @@ def figure_plans(suite: Suite) -> list[Plain]:
     plans = []
     for number, figure in enumerate(suite.figures, start=1):
         where = f"{suite.source}: figure[{number}]"
-        chosen = [case for case in suite.cases if _belongs(case, figure.cases)]
+        chosen = [case for case in suite.cases if figure.cases in (None, case.table)]
         for value, cases in _groups(chosen, figure, where).items():
             title = figure.title or figure.cases or suite.title or suite.name
             plans.append(
@@ -46,7 +46,7 @@ def figure_plans(suite: Suite) -> list[Plain]:
                         name: values
                         for case in cases
                         for values in (_values(case, figure, where),)
-                        for name in (case.name, case.scene.scene.name)
+                        for name in (case.name, case.scene_name)
                     },
                 }
             )
@@ -73,11 +73,6 @@ def value_at(case: Case, key: str) -> Any:
             raise KeyError(key)
         tree = tree[part]
     return tree
-
-
-def _belongs(case: Case, table: str | None) -> bool:
-    name = case.scene.scene.name
-    return table is None or name == table or name.startswith(f"{table}_")
 
 
 def _groups(cases: Sequence[Case], figure: FigureSpec, where: str) -> dict[Any, list[Case]]:

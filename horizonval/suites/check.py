@@ -25,14 +25,14 @@ def check_suite(suite: Suite, plan: Plan) -> None:
         if program.name not in suite.estimators:
             raise UserError(
                 f"the program {program.name!r} is not among the estimators",
-                where=f"{suite.source}: suite.estimators",
+                where=suite.estimators_key,
                 fix="add its name, or take the [[estimator]] table away",
             )
     for name in suite.estimators:
         try:
             plan.estimator(name)
         except UserError as e:
-            raise _placed(e, f"{suite.source}: suite.estimators") from e
+            raise e.inside(suite.estimators_key) from e
     _check_heads(suite, plan)
     cameras: set[int] = set()
     matters: set[tuple[str, int, float]] = set()
@@ -40,7 +40,7 @@ def check_suite(suite: Suite, plan: Plan) -> None:
         try:
             _check_case(case, cameras, matters)
         except UserError as e:
-            raise _placed(e, f"{suite.source}: {case.name}") from e
+            raise e.inside(f"{suite.source}: {case.name}") from e
     check_stability(suite)
 
 
@@ -55,7 +55,7 @@ def _check_heads(suite: Suite, plan: Plan) -> None:
     for name in plan.estimators:
         if name in run:
             continue
-        where = f"{suite.source}: suite.estimators"
+        where = suite.estimators_key
         if plan.estimator(name).needs == "heads":
             raise _without_heads(name, where)
         raise UserError(
@@ -91,13 +91,8 @@ def _check_case(case: Case, cameras: set[int], matters: set[tuple[str, int, floa
     try:
         julian_utc(case.scene.platform.epoch_utc)
     except UserError as e:
-        raise UserError(e.what, where="platform.epoch_utc", expected=e.expected) from e
+        raise e.at("platform.epoch_utc") from e
     matter = (case.scene.atmosphere.model_dump_json(), camera, case.scene.render.band_error)
     if matter not in matters:
         optical_model(case.scene, case.camera)
         matters.add(matter)
-
-
-def _placed(error: UserError, where: str) -> UserError:
-    inner = f"{where}: {error.where}" if error.where and error.where not in where else where
-    return UserError(error.what, where=inner, expected=error.expected, fix=error.fix)

@@ -117,7 +117,7 @@ def _track_of_lines(
         satellite = Satrec.twoline2rv(found.line1, found.line2)
         epoch = spec.epoch_utc or sat_epoch_datetime(satellite).astimezone(UTC)
     except UserError as e:
-        raise UserError(e.what, where="tle", expected=e.expected, fix=e.fix) from e
+        raise e.at("tle") from e
 
     def states(seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
         return tle.teme_states(found, epoch, seconds)

@@ -118,7 +118,7 @@ class Unit:
 def units_of(cases: Iterable[Case], plan: Plan) -> list[Unit]:
     """Return the units of cases, in their order."""
     units: list[Unit] = []
-    for (name, of_all_heads), group in itertools.groupby(cases, lambda case: (case.scene.scene.name, of_heads(case))):
+    for (name, of_all_heads), group in itertools.groupby(cases, lambda case: (case.scene_name, of_heads(case))):
         members = tuple(group)
         if of_all_heads and plan.together(members[0]):
             units.append(Unit(name, members, heads=True))
@@ -129,7 +129,7 @@ def units_of(cases: Iterable[Case], plan: Plan) -> list[Unit]:
 
 def of_heads(case: Case) -> bool:
     """Whether a case is that of one head of a scene that has all of them."""
-    return case.name != case.scene.scene.name
+    return case.head is not None
 
 
 def shard_of(units: Sequence[Unit], shard: tuple[int, int] | None) -> list[Unit]:

@@ -51,7 +51,7 @@ def check_stability(suite: Suite) -> None:
             where = f"{suite.source}: stability.band[{i}] ({band.name})"
             if "atmosphere" in e.where:
                 where = f"{suite.source}: stability.atmosphere"
-            raise UserError(e.what, where=where, expected=e.expected, fix=e.fix) from e
+            raise e.at(where) from e
 
 
 @dataclass(frozen=True)

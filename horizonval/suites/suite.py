@@ -67,4 +67,4 @@ def fly_scene(spec: OrbitSpec, scene: Plain, seed: int, name: str, where: str) -
         return fly(spec, ellipsoid_from_spec(earth), seed, name, Path(where.partition(": ")[0]).parent)
     except UserError as e:
         inner = ".".join(part for part in ("orbit", e.where) if part)
-        raise UserError(e.what, where=f"{where}.{inner}", expected=e.expected, fix=e.fix) from e
+        raise e.at(f"{where}.{inner}") from e

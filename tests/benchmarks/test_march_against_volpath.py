@@ -64,17 +64,12 @@ def _ours(pixels: int, nodes: int) -> tuple[np.ndarray, float]:
     activate()
     import mitsuba as mi
 
-    from horizonval.renderer.plugin.camera_plugin import camera_properties
-    from horizonval.renderer.plugin.integrator import limb_properties
+    from horizonval.renderer.plugin.plugins import mitsuba_scene
+    from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings
 
     model, place, camera = _scene(pixels)
-    scene = mi.load_dict(
-        {
-            "type": "scene",
-            "integrator": limb_properties(model, place.planet, tuple(SUN), 0.00465, 2, nodes, "single"),
-            "sensor": camera_properties(camera, place.camera_m, place.itrs_from_cam),
-        }
-    )
+    limb = LimbSettings(model, place.planet, tuple(SUN), 0.00465, 2, nodes, "single")
+    scene = mitsuba_scene(limb, CameraSettings(camera, place.camera_m, place.itrs_from_cam))
     for _ in range(2):
         start = time.process_time()
         image = np.array(mi.render(scene, spp=1))[:, :, 0]

@@ -217,7 +217,7 @@ def test_any_albedo_from_two_fields() -> None:
     moments, total = solution.air.moments.copy(), irradiance.copy()
     lit = (sunlight + irradiance) / math.pi
     for _ in range(9):
-        bounce: DiffuseField = solver.sum_of_orders(solver.from_ground(albedo * lit), None)
+        bounce: DiffuseField = solver.sum_of_orders(solver.from_ground(albedo * lit))
         moments += bounce.moments
         total += bounce.irradiance
         lit = bounce.irradiance / math.pi

@@ -101,7 +101,8 @@ def test_particles_of_changing_asymmetry_equal_stock_mitsuba() -> None:
     described = describe(scene, camera)
     import mitsuba as mi
 
-    from horizonval.renderer.plugin.integrator import limb_properties
+    from horizonval.renderer.plugin.plugins import mitsuba_scene
+    from horizonval.renderer.plugin.settings import LimbSettings
     from horizonval.renderer.reference import reference_scene as stock
 
     clear = described.model.nodes[0]
@@ -116,8 +117,8 @@ def test_particles_of_changing_asymmetry_equal_stock_mitsuba() -> None:
     )
     model = replace(described.model, nodes=(node,))
     place = placement(described)
-    integrator = limb_properties(model, place.planet, described.truth.sun_itrs, 0.00465, 8, 512, "single")
-    ours = np.array(mi.render(mi.load_dict(described.mitsuba | {"integrator": integrator})))[:, :, 0]
+    limb = LimbSettings(model, place.planet, described.truth.sun_itrs, 0.00465, 8, 512, "single")
+    ours = np.array(mi.render(mitsuba_scene(limb, described.sensor)))[:, :, 0]
     lens = stock.perspective(described.camera, place)
     volume = stock.shell_volumes(model, place)
     mi_scene = mi.load_dict(stock.reference_scene(model, node, place, lens, volume, orders=1))

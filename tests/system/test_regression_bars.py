@@ -52,7 +52,7 @@ def rendered(suite):
     """Frames of every fourth scene of those whose radiance is gated."""
     from horizonval.renderer.scene.frame import render_frame
 
-    chosen = [case for case in suite.cases if suite.tables[case.name] in ("day", "infrared")][::EVERY]
+    chosen = [case for case in suite.cases if case.table in ("day", "infrared")][::EVERY]
     return {case.name: (case, render_frame(case.scene, case.camera)) for case in chosen}
 
 
@@ -124,9 +124,7 @@ def images_with(suite, base, rendered, render=None, see=observe):
     frames, found = frames_of(base.images), {}
     for scene, (case, frame) in rendered.items():
         again = (lambda s, c, f=frame: f) if render is None else (lambda s, c, f=frame, case=case: render(case, f))
-        record, arrays = render_scene(
-            case, suite.tables[scene], plan_of(suite), 2, estimate=False, render=again, observe=see
-        )
+        record, arrays = render_scene(case, plan_of(suite), 2, estimate=False, render=again, observe=see)
         for band, now in record["bands"].items():
             old = base.scenes[scene]["bands"][band]
             radiance = arrays[f"radiance.{band}"]
@@ -162,7 +160,7 @@ def test_half_a_pixel_is_caught(suite, base, rendered):
 def test_a_wrong_sign_of_k1_is_caught(suite, base, rendered):
     from horizonval.renderer.scene.frame import render_frame
 
-    lensed = {name: pair for name, pair in rendered.items() if suite.tables[name] == "day"}
+    lensed = {name: pair for name, pair in rendered.items() if pair[0].table == "day"}
 
     def wrong(case, frame):
         k = [-case.camera.camera.distortion[0], *case.camera.camera.distortion[1:]]

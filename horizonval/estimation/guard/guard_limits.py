@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from horizonval.estimation.limb.model.systematic import Relief
+from horizonval.estimation.limb.model.relief import SOLAR_RELIEF, THERMAL_RELIEF, Relief
 
 FEWEST_POINTS = 12
 
@@ -74,12 +74,6 @@ MISFIT_CHANCE = 1e-6
 """Probability of the crossings' misfit below which they are not of one limb."""
 LARGEST_RHO_RAD = float(np.deg2rad(82.0))
 """From 60 km up; nothing orbits there."""
-
-SOLAR_RELIEF = (Relief(250.0, 0.3), Relief(300.0, 0.05))
-"""Steepest place of the sunlit limb, as rendered with the Sun at 0 to 85 deg from the zenith: a slow change with the
-Sun's angle along the arc, and clouds."""
-THERMAL_RELIEF = (Relief(800.0, 0.4), Relief(300.0, 0.05))
-"""The infrared limb follows the temperature of the stratosphere from latitude to latitude."""
 
 SEEN_RELIEF_RAD = 0.15
 """Correlation length of the relief that an image shows of itself: clouds and coasts of some hundred kilometres."""

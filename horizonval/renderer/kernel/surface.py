@@ -11,7 +11,6 @@ sees them as an albedo.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -19,7 +18,6 @@ from dataclasses import asdict, dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.earth.atmosphere.clouds import CloudField
 from horizonval.earth.surface import land, surface
 from horizonval.earth.surface.surface import Albedos, GroundModel
 from horizonval.renderer.kernel.clouds import CloudTable, brightness, cloud_table, first_cloud
@@ -91,18 +89,6 @@ class SurfaceHit:
             direct.append(self.sunlit * ((dry + wet) / math.pi + self.glint))
             diffuse.append((dry + self.shares["water"] * (a["water"] + a["sky"])) / math.pi)
         return direct, diffuse
-
-
-def dump_ground(model: GroundModel) -> str:
-    """Return the ground as one line of JSON."""
-    return json.dumps(asdict(model), sort_keys=True)
-
-
-def load_ground(text: str) -> GroundModel:
-    """Return the ground written by :func:`dump_ground`."""
-    data = json.loads(text)
-    clouds = data.pop("clouds")
-    return GroundModel(**data, clouds=CloudField(**clouds) if clouds else None)
 
 
 def make_ground(model: GroundModel, planet: Planet, origin: tuple[float, float, float]) -> Ground | None:

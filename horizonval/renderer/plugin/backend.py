@@ -120,7 +120,7 @@ def activate(threads: int | None = None) -> str:
         mi.set_variant(chosen.variant)
     if chosen.variant not in _registered:
         mi.set_log_level(mi.LogLevel.Warn)
-        from horizonval.renderer.plugin.integrator import register_plugins
+        from horizonval.renderer.plugin.plugins import register_plugins
 
         register_plugins()
         _registered.add(chosen.variant)

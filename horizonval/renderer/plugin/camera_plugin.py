@@ -6,57 +6,33 @@ serves stock integrators (single precision, same projection).
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
-from numpy.typing import NDArray
 
-from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.kernel.rays import RayCamera
-
-PLUGIN = "horizon_camera"
-
-
-def camera_properties(
-    camera: CameraModel, r_itrs: NDArray[np.float64], itrs_from_cam: NDArray[np.float64]
-) -> dict[str, Any]:
-    """Return the plugin's properties. JSON carries float64 exactly; Mitsuba's own vectors would not."""
-    pose = {"r_itrs_m": [float(v) for v in r_itrs], "itrs_from_cam": [float(v) for v in itrs_from_cam.ravel()]}
-    return {
-        "type": PLUGIN,
-        "camera": json.dumps(asdict(camera)),
-        "pose": json.dumps(pose),
-        "film": {
-            "type": "hdrfilm",
-            "width": camera.width,
-            "height": camera.height,
-            "pixel_format": "luminance",
-            "rfilter": {"type": "box"},
-        },
-    }
+from horizonval.renderer.plugin.settings import CameraSettings
 
 
 def make_plugin() -> type:
-    """Return the sensor class for the active variant (its base class depends on the variant)."""
+    """Return the sensor class for the active variant (its base class depends on the variant).
+
+    What Mitsuba calls takes its arguments as Mitsuba passes them, whichever type the stub of ``mi.Sensor`` gives them.
+    """
 
     class HorizonCamera(mi.Sensor):
-        def __init__(self, props: Any) -> None:
+        def __init__(self, props: mi.Properties, settings: CameraSettings) -> None:
             super().__init__(props)
-            intrinsics = json.loads(props.get("camera"))
-            intrinsics["distortion"] = tuple(intrinsics["distortion"])
-            pose = json.loads(props.get("pose"))
-            self.camera = CameraModel(**intrinsics)
-            self.r_itrs = np.array(pose["r_itrs_m"])
-            self.itrs_from_cam = np.array(pose["itrs_from_cam"]).reshape(3, 3)
-            self.rays = RayCamera.of(self.camera, self.itrs_from_cam)
+            self.camera = settings.camera
+            self.r_itrs = settings.r_itrs
+            self.rays = RayCamera.of(settings.camera, settings.itrs_from_cam)
             self.m_needs_sample_2 = True
             self.m_needs_sample_3 = False
 
-        def sample_ray(self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True) -> Any:
+        def sample_ray(
+            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        ) -> tuple[mi.Ray3f, mi.Spectrum]:
             u = mi.Float64(sample2.x) * self.camera.width - 0.5
             v = mi.Float64(sample2.y) * self.camera.height - 0.5
             origin = mi.Point3f([float(c) for c in self.r_itrs])
@@ -70,11 +46,11 @@ def make_plugin() -> type:
 
         def sample_ray_differential(
             self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
-        ) -> Any:
+        ) -> tuple[mi.RayDifferential3f, mi.Spectrum]:
             ray, weight = self.sample_ray(time, sample1, sample2, sample3, active)
             return mi.RayDifferential3f(ray), weight
 
-        def bbox(self) -> Any:
+        def bbox(self) -> mi.ScalarBoundingBox3f:
             return mi.ScalarBoundingBox3f(mi.ScalarPoint3f(*self.r_itrs))
 
         def to_string(self) -> str:

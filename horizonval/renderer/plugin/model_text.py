@@ -11,7 +11,9 @@ from dataclasses import asdict, fields, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.surface.ground_emission import GroundEmission
@@ -44,7 +46,7 @@ def load_model(text: str) -> OpticalModel:
         )
         for n in data["nodes"]
     )
-    grids = {key: _unpack(data[key]) for key in ("altitude_m", "glow_altitude_m")}
+    grids: dict[str, FloatArray | None] = {key: _unpack(data[key]) for key in ("altitude_m", "glow_altitude_m")}
     grids["refractivity"] = None if data["refractivity"] is None else _unpack(data["refractivity"])
     tuples = {key: tuple(data[key]) for key in ("albedo_around", "band_order")}
     thermal = tuple(_load_band(band) for band in data["thermal"])
@@ -67,9 +69,9 @@ def _load_band(data: dict[str, Any]) -> EmittingBand:
     return EmittingBand(**values)
 
 
-def _pack(values: Any) -> str:
+def _pack(values: ArrayLike) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f8").tobytes()).decode("ascii")
 
 
-def _unpack(text: str) -> Any:
+def _unpack(text: str) -> FloatArray:
     return np.frombuffer(base64.b64decode(text), dtype="<f8").astype(float)

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -24,6 +23,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel
 from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.reference.reference_scene import KM, Placement, Volume
+from horizonval.renderer.types import PluginDict
 
 VOXELS = 2**23
 RAYS_PER_AXIS = 41
@@ -56,7 +56,7 @@ class Box:
         x, y, z = (max(n // 2, 2) for n in self.count)
         return Box(self.axes, self.low, self.size, (x, y, z), self.top_m)
 
-    def to_world(self) -> Any:
+    def to_world(self) -> mi.ScalarTransform4f:
         """Return the transform of the unit cube to the box, in kilometres."""
         matrix = np.eye(4)
         matrix[:3, :3] = self.axes.T * self.size * KM
@@ -112,7 +112,7 @@ def grid_volumes(model: OpticalModel, place: Placement, box: Box, folder: Path) 
     Extinction is made as the module text says; the others vary slowly and have half the resolution.
     """
 
-    def make(name: str, values: FloatArray) -> dict[str, Any]:
+    def make(name: str, values: FloatArray) -> PluginDict:
         dense = name == "sigma_t"
         grid = box if dense else box.coarser()
         nx, ny, nz = grid.count

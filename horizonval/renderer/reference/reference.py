@@ -7,7 +7,8 @@ estimate of its own noise: several passes with independent seeds, whose scatter 
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from horizonval.geometry.camera import camera_from_spec
 from horizonval.renderer.scene.description import Described, describe
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
+
+if TYPE_CHECKING:
+    from horizonval.renderer.reference.reference_scene import Placement
 
 HOLDS = "molecules, ozone, particles, uniform Lambert ground, Sun as a point"
 LEAVES_OUT = "Sun's disc and glare, surface map, clouds"
@@ -107,7 +111,8 @@ def render_reference(
     described = describe(scene, camera)
     import mitsuba as mi
 
-    from horizonval.renderer.plugin.camera_plugin import camera_properties
+    from horizonval.renderer.plugin.scene_text import camera_properties
+    from horizonval.renderer.plugin.settings import CameraSettings
     from horizonval.renderer.reference import reference_scene as stock
 
     intrinsics, place = described.camera, placement(described)
@@ -116,7 +121,8 @@ def render_reference(
     else:
         # the one exception to "stock": our camera plugin, in kilometres
         origin_km = (place.camera_m - place.origin_m) * stock.KM
-        sensor = camera_properties(intrinsics, origin_km, described.itrs_from_cam) | {"film": stock.film(intrinsics)}
+        lens = CameraSettings(intrinsics, origin_km, described.itrs_from_cam)
+        sensor = camera_properties(lens) | {"film": stock.film(intrinsics)}
     model = described.model
     volume = stock.shell_volumes(model, place)
     orders = 1 if scene.render.orders == "single" else None
@@ -164,7 +170,7 @@ def render_reference(
     )
 
 
-def placement(described: Described) -> Any:
+def placement(described: Described) -> Placement:
     """Return where things are in the reference scene, its origin below the camera."""
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.reference.reference_scene import Placement
@@ -192,11 +198,9 @@ def _relative(radiance: FloatArray, error: FloatArray) -> float:
 
 
 def _truth_maps(described: Described) -> dict[str, NDArray[np.float32]]:
-    import mitsuba as mi
-
+    from horizonval.renderer.plugin.plugins import mitsuba_scene
     from horizonval.renderer.scene.truth_maps import truth_maps
 
     # maps need no tables of multiple scattering
-    integrator = described.mitsuba["integrator"] | {"orders": "single"}
-    mi_scene = mi.load_dict(described.mitsuba | {"integrator": integrator})
+    mi_scene = mitsuba_scene(replace(described.limb, orders="single"), described.sensor)
     return truth_maps(mi_scene.integrator().view(mi_scene.sensors()[0]))

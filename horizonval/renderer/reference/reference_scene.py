@@ -33,6 +33,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.planet import Planet
+from horizonval.renderer.types import PluginDict
 
 KM = 1e-3
 RAYLEIGH_COS2 = 0.75
@@ -73,10 +74,10 @@ def reference_scene(
     model: OpticalModel,
     node: SpectralNode,
     place: Placement,
-    sensor: dict[str, Any],
+    sensor: PluginDict,
     volume: Volume,
     orders: int | None = None,
-) -> dict[str, Any]:
+) -> PluginDict:
     """Return the scene of one spectral node, under sunlight of unit irradiance.
 
     Parameters
@@ -90,11 +91,11 @@ def reference_scene(
     """
     planet, top = place.planet, model.top_m
     outer_m = max(float(np.linalg.norm(place.camera_m)), planet.a_m + top) + MARGIN_M
-    scene: dict[str, Any] = {
+    scene: PluginDict = {
         "type": "scene",
         "integrator": {"type": "volpath", "max_depth": -1 if orders is None else orders + 1, "rr_depth": 16},
     }
-    inside: dict[str, Any] = {}
+    inside: PluginDict = {}
     if node.extinction_per_m.any():
         scene["air"] = _medium(node, volume)
         inside = {"type": "ref", "id": "air"}
@@ -134,7 +135,7 @@ def is_stock(camera: CameraModel) -> bool:
     return camera.projection == "pinhole" and camera.fx == camera.fy and not any(camera.distortion)
 
 
-def perspective(camera: CameraModel, place: Placement) -> dict[str, Any]:
+def perspective(camera: CameraModel, place: Placement) -> PluginDict:
     """Return the stock pinhole; distortion, unequal ``fy`` and equal-angle projection are left out."""
     sensor = pinhole(camera, (place.camera_m - place.origin_m) * KM, place.itrs_from_cam, 1.0, 1e7)
     return sensor | {"sampler": {"type": "independent", "sample_count": 64}}
@@ -142,7 +143,7 @@ def perspective(camera: CameraModel, place: Placement) -> dict[str, Any]:
 
 def pinhole(
     camera: CameraModel, position: FloatArray, world_from_cam: FloatArray, near: float, far: float
-) -> dict[str, Any]:
+) -> PluginDict:
     """Return the stock pinhole anywhere, all lengths in the scene's unit; what it leaves out: see above."""
     to_world = np.eye(4)
     # Mitsuba's camera: x left, y up, z forward
@@ -161,7 +162,7 @@ def pinhole(
     }
 
 
-def film(camera: CameraModel) -> dict[str, Any]:
+def film(camera: CameraModel) -> PluginDict:
     """Return a film of the camera's size; with the box filter every sample counts in one pixel only."""
     return {
         "type": "hdrfilm",
@@ -173,7 +174,7 @@ def film(camera: CameraModel) -> dict[str, Any]:
     }
 
 
-def _medium(node: SpectralNode, volume: Volume) -> dict[str, Any]:
+def _medium(node: SpectralNode, volume: Volume) -> PluginDict:
     extinction = node.extinction_per_m
     albedo = np.divide(node.scattering_per_m, extinction, out=np.zeros_like(extinction), where=extinction > 0.0)
     constant = np.ptp(albedo[extinction > 0.0]) == 0.0
@@ -186,24 +187,24 @@ def _medium(node: SpectralNode, volume: Volume) -> dict[str, Any]:
     }
 
 
-def _constant(value: float) -> dict[str, Any]:
+def _constant(value: float) -> PluginDict:
     return {"type": "constvolume", "value": value}
 
 
-def _blend(one: dict[str, Any], other: dict[str, Any], weight: Any) -> dict[str, Any]:
+def _blend(one: PluginDict, other: PluginDict, weight: PluginDict) -> PluginDict:
     """Return ``(1 - weight) one + weight other``."""
     return {"type": "blendphase", "one": one, "other": other, "weight": weight}
 
 
-def _phase(node: SpectralNode, volume: Volume) -> dict[str, Any]:
+def _phase(node: SpectralNode, volume: Volume) -> PluginDict:
     """Return the phase function: molecules, and particles by their share in scattering at every altitude.
 
     ``1 - c/3 + c cos^2`` is ``c / 0.75`` parts Rayleigh and the rest isotropic.
     """
     share = node.molecular_cos2 / RAYLEIGH_COS2
-    molecules: dict[str, Any] = {"type": "rayleigh"}
+    molecules: PluginDict = {"type": "rayleigh"}
     if share < 1.0:
-        isotropic: dict[str, Any] = {"type": "isotropic"}
+        isotropic: PluginDict = {"type": "isotropic"}
         molecules = _blend(isotropic, molecules, _constant(share)) if share > 0.0 else isotropic
     if not node.particle_per_m.any():
         return molecules
@@ -215,7 +216,7 @@ def _phase(node: SpectralNode, volume: Volume) -> dict[str, Any]:
     return _blend(molecules, particles, volume("particles", weight))
 
 
-def _particle_phase(node: SpectralNode, volume: Volume) -> dict[str, Any]:
+def _particle_phase(node: SpectralNode, volume: Volume) -> PluginDict:
     """Return Henyey and Greenstein's function; a chain of blends where its asymmetry changes with altitude.
 
     ``((g0 . w1 . g1) . w2 . g2) ...``: at most two neighbours have weight anywhere.
@@ -224,7 +225,7 @@ def _particle_phase(node: SpectralNode, volume: Volume) -> dict[str, Any]:
     low, high = float(node.asymmetry[present].min()), float(node.asymmetry[present].max())
     count = 1 + math.ceil(round((high - low) / ASYMMETRY_STEP, 6))
     levels = np.linspace(low, high, count)
-    phase: dict[str, Any] = {"type": "hg", "g": low}
+    phase: PluginDict = {"type": "hg", "g": low}
     asymmetry = np.clip(node.asymmetry, low, high)
     for i, (below, above) in enumerate(pairwise(levels), start=1):
         weight = np.clip((asymmetry - below) / (above - below), 0.0, 1.0)
@@ -244,7 +245,7 @@ def shell_volumes(model: OpticalModel, place: Placement) -> Volume:
     origin = [dr.opaque(mi.Float64, float(v), 1) for v in place.origin_m]
 
     class Shells(mi.Volume):
-        def __init__(self, props: Any, values: FloatArray) -> None:
+        def __init__(self, props: mi.Properties, values: FloatArray) -> None:
             super().__init__(props)
             self.table = mi.Float(np.interp(grid, model.altitude_m, values))
             self.largest = float(values.max())
@@ -267,13 +268,13 @@ def shell_volumes(model: OpticalModel, place: Placement) -> Volume:
         def max(self) -> float:
             return self.largest
 
-        def resolution(self) -> Any:
+        def resolution(self) -> mi.ScalarVector3i:
             return mi.ScalarVector3i(1, 1, 1)
 
         def to_string(self) -> str:
             return f"Shells[{self.id()}]"
 
-    def make(name: str, values: FloatArray) -> Any:
+    def make(name: str, values: FloatArray) -> mi.Volume:
         props = mi.Properties(name)
         props["to_world"] = to_world
         return Shells(props, values)
@@ -281,7 +282,7 @@ def shell_volumes(model: OpticalModel, place: Placement) -> Volume:
     return make
 
 
-def _geodetic_height(planet: Planet, p: Sequence[Any]) -> Any:
+def _geodetic_height(planet: Planet, p: Sequence[mi.Float64]) -> mi.Float64:
     """Return the height above the ellipsoid by Bowring (1976), one step; stable at the poles."""
     a, b = planet.a_m, planet.b_m
     e2, f2 = 1.0 - (b / a) ** 2, (a / b) ** 2 - 1.0

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from horizonval.core.arrays import FloatArray
 from horizonval.earth.light import moonlight, sky
 from horizonval.earth.optical import NO_ATMOSPHERE, OpticalModel, optical_model
 from horizonval.earth.surface.surface import ground_model, mean_albedo
@@ -22,13 +23,16 @@ from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import moon_place, truth_of
 
+if TYPE_CHECKING:
+    from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings, MoonSettings
+
 FAINTEST_MOON = -6.0
 """V of a crescent that gives less light than a sky without a Moon (0.6 mlx): ground and air are not marched for it."""
 
 
 @dataclass(frozen=True)
 class Described:
-    """A scene ready to be rendered: its exact truth, its optical properties and what goes into Mitsuba.
+    """A scene ready to be rendered: its exact truth, its optical properties and what Mitsuba's plugins are told.
 
     ``itrs_from_cam`` is a rotation matrix, shape (3, 3).
     """
@@ -37,7 +41,8 @@ class Described:
     camera: CameraModel
     model: OpticalModel
     itrs_from_cam: NDArray[np.float64]
-    mitsuba: dict[str, Any]
+    limb: LimbSettings
+    sensor: CameraSettings
     variant: str
 
 
@@ -59,34 +64,32 @@ def describe(scene: SceneSpec, camera: CameraSpec) -> Described:
         model = replace(model, albedo_around=tuple(mean_albedo(scene, n.wavelength_um) for n in model.nodes))
     variant = activate()
     from horizonval.renderer.planet import Planet
-    from horizonval.renderer.plugin.camera_plugin import camera_properties
-    from horizonval.renderer.plugin.integrator import limb_properties
+    from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings
 
     itrs_from_cam = Rotation.from_quat(truth.q_cam_from_itrs).inv().as_matrix()
     intrinsics = camera_from_spec(camera.camera)
-    mitsuba = {
-        "type": "scene",
-        "integrator": limb_properties(
-            model,
-            Planet(truth.ellipsoid_a_m, truth.ellipsoid_b_m),
-            truth.sun_itrs,
-            truth.sun_angular_radius_rad,
-            scene.render.subsamples,
-            scene.render.nodes,
-            scene.render.orders,
-            ground,
-            moon,
-            _lights_nothing(truth, truth.sun_itrs, model.glow_top_m),
-        ),
-        "sensor": camera_properties(intrinsics, np.array(truth.r_itrs), itrs_from_cam),
-    }
-    return Described(truth, intrinsics, model, itrs_from_cam, mitsuba, variant)
+    limb = LimbSettings(
+        model,
+        Planet(truth.ellipsoid_a_m, truth.ellipsoid_b_m),
+        truth.sun_itrs,
+        truth.sun_angular_radius_rad,
+        scene.render.subsamples,
+        scene.render.nodes,
+        scene.render.orders,
+        ground,
+        moon,
+        _lights_nothing(truth, truth.sun_itrs, model.glow_top_m),
+    )
+    sensor = CameraSettings(intrinsics, np.array(truth.r_itrs), itrs_from_cam)
+    return Described(truth, intrinsics, model, itrs_from_cam, limb, sensor, variant)
 
 
 def _with_sky(
     model: OpticalModel, scene: SceneSpec, camera: CameraSpec, truth: FrameTruth, sun_distance_m: float
-) -> tuple[OpticalModel, dict[str, Any] | None]:
-    """Return the model with all that is in the sky, and the Moon as the integrator's property."""
+) -> tuple[OpticalModel, MoonSettings | None]:
+    """Return the model with all that is in the sky, and the Moon as the integrator is told."""
+    from horizonval.renderer.plugin.settings import MoonSettings
+
     r, sun = np.array(truth.r_itrs), np.array(truth.sun_itrs)
     night = sky.night_in_view(*_zenith_and_horizon(truth, sun))
     place = moon_place(scene)
@@ -98,17 +101,20 @@ def _with_sky(
         light = sky.Moonlight(phase_angle(to_sun, -place), sun_moon_au, distance / AU_M, sun_au)
         here = moonlight.magnitude(truth.moon_phase_angle_rad, sun_moon_au, float(np.linalg.norm(line)) / AU_M)
         there = moonlight.magnitude(light.phase_rad, sun_moon_au, light.moon_au)
-        moon = {
-            "direction_itrs": list(truth.moon_itrs or ()),
-            "angular_radius_rad": truth.moon_angular_radius_rad,
-            "to_sun_itrs": list(to_sun / np.linalg.norm(to_sun)),
-            "light_itrs": list(place / distance),
-            "nearness": 10.0 ** (0.4 * (there - here)),
-            "lights_earth": night
-            and scene.night.moonlight
-            and there < FAINTEST_MOON
-            and not _lights_nothing(truth, place / distance, model.glow_top_m),
-        }
+        assert truth.moon_itrs is not None
+        moon = MoonSettings(
+            truth.moon_itrs,
+            truth.moon_angular_radius_rad,
+            _components(to_sun / np.linalg.norm(to_sun)),
+            _components(place / distance),
+            float(10.0 ** (0.4 * (there - here))),
+            bool(
+                night
+                and scene.night.moonlight
+                and there < FAINTEST_MOON
+                and not _lights_nothing(truth, place / distance, model.glow_top_m)
+            ),
+        )
     air = scene.atmosphere.profile != NO_ATMOSPHERE or scene.atmosphere.file is not None
     model = sky.with_sky(
         model,
@@ -121,7 +127,12 @@ def _with_sky(
     return model, moon
 
 
-def _zenith_and_horizon(truth: FrameTruth, direction: Any) -> tuple[float, float]:
+def _components(v: FloatArray) -> tuple[float, float, float]:
+    x, y, z = (float(c) for c in v)
+    return x, y, z
+
+
+def _zenith_and_horizon(truth: FrameTruth, direction: ArrayLike) -> tuple[float, float]:
     """Return a light's zenith angle below the camera, and the angle at the Earth's centre to the farthest horizon."""
     r = np.array(truth.r_itrs)
     up = surface_normal(r, Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m))
@@ -129,7 +140,7 @@ def _zenith_and_horizon(truth: FrameTruth, direction: Any) -> tuple[float, float
     return math.acos(cosine), math.acos(min(truth.ellipsoid_b_m / float(np.linalg.norm(r)), 1.0))
 
 
-def _lights_nothing(truth: FrameTruth, direction: Any, top_m: float) -> bool:
+def _lights_nothing(truth: FrameTruth, direction: ArrayLike, top_m: float) -> bool:
     """Return whether every ray stays in the umbra of a light in this direction.
 
     So it is if the light is lower than the air's top can see even from where the best lit rays leave the air. A degree

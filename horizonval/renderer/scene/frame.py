@@ -40,10 +40,11 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None
     import mitsuba as mi
 
     from horizonval.renderer.plugin.integrator import prepare
+    from horizonval.renderer.plugin.plugins import mitsuba_scene
     from horizonval.renderer.scene.truth_maps import truth_maps
 
-    prepare(described.mitsuba["integrator"], progress)
-    mi_scene = mi.load_dict(described.mitsuba)
+    prepare(described.limb, progress)
+    mi_scene = mitsuba_scene(described.limb, described.sensor)
     integrator, sensor = mi_scene.integrator(), mi_scene.sensors()[0]
     image = np.array(mi.render(mi_scene, spp=1))
     settings: dict[str, Any] = {

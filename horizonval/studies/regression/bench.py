@@ -35,12 +35,15 @@ CODE = {"replay": _UNITS, "render": _UNITS, "anchors": ("horizonval.studies.regr
 
 @dataclass(frozen=True)
 class Task:
-    """One unit: ``kind`` is ``replay``, ``render`` or ``anchors``; the other fields are what that kind needs."""
+    """One unit: ``kind`` is ``replay``, ``render`` or ``anchors``; the other fields are what that kind needs.
+
+    ``batch`` is the number of the batch of fresh scenes that a case belongs to, ``None`` for one of the suite's own.
+    """
 
     name: str
     kind: str
     case: Case | None = None
-    table: str = ""
+    batch: int | None = None
     replicates: int = 1
     pack: Path | None = None
     scene: str = ""
@@ -118,15 +121,16 @@ def _do(task: Task, plan: Plan) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         assert task.pack is not None
         return {"rows": replay_scene(task.pack, task.scene, plan)}, {}
     assert task.case is not None
-    return render_scene(task.case, task.table, plan, task.replicates, task.known)
+    return render_scene(task.case, plan, task.replicates, task.known)
 
 
 def identity(task: Task, plan: Plan) -> str:
     """Return the digest of what a unit's result depends on: the name of its files."""
-    case = None
+    case, table = None, ""
     if task.case is not None:
+        table = task.case.table or ""
         case = [task.case.scene.model_dump(mode="json"), task.case.camera.model_dump(mode="json")]
-    content = [task.kind, case, task.table, task.scene, sorted(task.known), task.depends_on, task.replicates]
+    content = [task.kind, case, table, task.scene, sorted(task.known), task.depends_on, task.replicates]
     code = code_digest(*CODE[task.kind], *code_of(plan.estimators if task.kind != "anchors" else ()))
     text = json.dumps([content, plan.content(), code], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -162,8 +162,8 @@ class _Gathered:
                 tasks[name] = Task(name, "replay", pack=self.accepted.pack, scene=scene, depends_on=digest)
         if "rerender" in self.wanted.lanes:
             for case in self.suite.cases:
-                name, table = f"rerender/{case.name}", self.suite.tables.get(case.name, "")
-                tasks[name] = Task(name, "render", case=case, table=table, replicates=self.spec.replicates, known=known)
+                name = f"rerender/{case.name}"
+                tasks[name] = Task(name, "render", case=case, replicates=self.spec.replicates, known=known)
         if "fresh" in self.wanted.lanes:
             tasks |= self._fresh_tasks()
         return tasks
@@ -176,7 +176,7 @@ class _Gathered:
         for case in other.cases:
             if _content(case) not in fixed:
                 name = f"fresh/{self.batches}/{case.name}"
-                tasks[name] = Task(name, "render", case=case, table=self.suite.tables.get(case.name, ""))
+                tasks[name] = Task(name, "render", case=case, batch=self.batches)
         self.batches += 1
         return tasks
 
@@ -187,9 +187,9 @@ class _Gathered:
             if result.error is not None:
                 self.failed[name] = result.error
             else:
-                self._take(name, tasks[name], result)
+                self._take(tasks[name], result)
 
-    def _take(self, name: str, task: Task, result: Done) -> None:
+    def _take(self, task: Task, result: Done) -> None:
         record = result.record
         if task.kind == "anchors":
             self.anchors = list(record["anchors"])
@@ -199,8 +199,8 @@ class _Gathered:
             for row in record["rows"]:
                 before = about[row["scene"], row["band"]]
                 self.replayed.append({**row, "table": before["table"], "due": before["due"]})
-        elif name.startswith("fresh/"):
-            scene = name.removeprefix("fresh/")
+        elif task.batch is not None:
+            scene = f"{task.batch}/{record['scene']}"
             self.fresh += [{**row, "scene": scene} for row in _with_strata(record)]
         else:
             self.scenes[record["scene"]] = {key: record[key] for key in ("table", "camera", "truth", "bands")}
@@ -373,7 +373,7 @@ def _checked(suite: Suite) -> tuple[RegressionSpec, Plan]:
     if together:
         raise UserError(
             f"estimator {together[0]!r} needs several heads at once",
-            where=f"{suite.source}: suite.estimators",
+            where=suite.estimators_key,
             expected="estimators that take one image",
         )
     if any(case.estimators is not None for case in suite.cases):

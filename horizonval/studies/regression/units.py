@@ -41,7 +41,6 @@ DIGITS = 4
 
 def render_scene(
     case: Case,
-    table: str,
     plan: Plan,
     replicates: int,
     known: Iterable[str] = (),
@@ -56,8 +55,7 @@ def render_scene(
     Parameters
     ----------
     case : Case
-    table : str
-        The suite's table that the case comes from: its stratum.
+        The suite's table that it comes from is its stratum.
     plan : Plan
         Estimators and what they may use.
     replicates : int
@@ -105,7 +103,7 @@ def render_scene(
         }
     record = {
         "scene": case.name,
-        "table": table,
+        "table": case.table or "",
         "camera": camera_name(case),
         "truth": plain_truth(frame.truth),
         "bands": bands,

@@ -155,14 +155,15 @@ def expand(spec: StudySpec, path: Path, known: dict[str, list[list[str]]] | None
                 continue
             used |= dict.fromkeys(batch)
             for condition, case in made:
-                name = f"{entry.name}__{condition}" + (f"__{number}" if number > 1 else "")
-                own = _renamed(case, name, condition, tuple(batch))
-                cases.append(own)
+                frame = _frame_of(case, entry, condition, number, tuple(batch))
+                cases.append(frame)
+                cluster = _cluster(spec, case, condition)
                 # Of several heads each is a frame; a method that sees all of them has one of the scene's name.
-                for frame in (name, own.name):
-                    seen = condition + frame.removeprefix(name)
-                    frames[frame] = (entry.name, seen)
-                    clusters.setdefault(seen, _cluster(spec, condition))
+                frames[frame.scene_name] = (entry.name, condition)
+                clusters.setdefault(condition, cluster)
+                if frame.head is not None:
+                    frames[frame.name] = (entry.name, f"{condition}.{frame.head}")
+                    clusters.setdefault(f"{condition}.{frame.head}", cluster)
         designs += [_design(entry, estimator, made[0][1], spec) for estimator in entry.estimators]
     if len({design.name for design in designs}) < len(designs):
         raise UserError("two designs have the same name", where=f"{path}: design", fix="rename one in design.list")
@@ -216,8 +217,6 @@ def _entries(spec: StudySpec, path: Path) -> Iterator[Entry]:
     per_item = len(made) // len(listed)
     for i, variant in enumerate(made):
         _, names, estimators = listed[i // per_item]
-        # The name of a table's only entry says nothing.
-        stem = variant.name.removeprefix("d_001").removeprefix("d_").removeprefix("_")
         scene = dict(variant.scene)
         scene.pop("scene", None)
         orbit = scene.pop("orbit", {})
@@ -225,7 +224,8 @@ def _entries(spec: StudySpec, path: Path) -> Iterator[Entry]:
             raise UserError(f"found {show(orbit)}", where=f"{where}: orbit", expected="keys of the orbit")
         settings = dict(zip(spec.design.lists, names, strict=True))
         settings |= {key: _plain(_value(variant.scene, key)) for key in keys}
-        yield Entry(stem or "all", settings, scene, dict(orbit), _estimators(estimators, where))
+        name = "_".join(filter(None, [variant.item, *variant.parts]))
+        yield Entry(name or "all", settings, scene, dict(orbit), _estimators(estimators, where))
 
 
 def _together(spec: StudySpec, items: Sequence[Plain]) -> tuple[Plain, list[str], Any]:
@@ -283,18 +283,14 @@ def _cases(spec: StudySpec, path: Path, entry: Entry) -> list[tuple[str, Case]]:
     )
     head = SuiteHead(name=spec.study.name, seed=spec.study.seed, estimators=list(entry.estimators))
     suite = SuiteSpec(suite=head, defaults=spec.defaults, cases=[table])
-    try:
-        found = suite_of(suite, path, fly_scene).cases
-    except UserError as e:
-        where = e.where.replace(f"cases[1] ({_TABLE})", f"design {entry.name}, frames")
-        raise UserError(e.what, where=where, expected=e.expected, fix=e.fix) from e
-    return [(case.scene.scene.name.removeprefix(f"{_TABLE}_"), case) for case in found]
+    cases = suite_of(suite, path, fly_scene, places=(f"design {entry.name}, frames",)).cases
+    return [("_".join(filter(None, [case.variant, case.sample])), case) for case in cases]
 
 
-def _cluster(spec: StudySpec, condition: str) -> str:
+def _cluster(spec: StudySpec, case: Case, condition: str) -> str:
     """Return the flight that a condition is a sample of; conditions that are drawn alone are clusters of their own."""
     orbit = spec.frames.orbit
-    return condition if orbit is None or orbit.get("n") == 1 else condition.rpartition("_")[0] or "one flight"
+    return condition if orbit is None or orbit.get("n") == 1 else case.variant or "one flight"
 
 
 def _batches(estimators: Sequence[str], known: Sequence[Sequence[str]]) -> list[list[str]]:
@@ -304,12 +300,11 @@ def _batches(estimators: Sequence[str], known: Sequence[Sequence[str]]) -> list[
     return [*kept, *([new] if new else [])]
 
 
-def _renamed(case: Case, name: str, condition: str, estimators: tuple[str, ...]) -> Case:
-    head = case.name.removeprefix(case.scene.scene.name)
+def _frame_of(case: Case, entry: Entry, condition: str, batch: int, estimators: tuple[str, ...]) -> Case:
+    """Return a condition's case as the frame of an entry, for one batch of its estimators."""
+    name = f"{entry.name}__{condition}" + (f"__{batch}" if batch > 1 else "")
     identity = case.scene.scene.model_copy(update={"name": name, "draw": condition})
-    return replace(
-        case, name=name + head, scene=case.scene.model_copy(update={"scene": identity}), estimators=estimators
-    )
+    return replace(case, scene=case.scene.model_copy(update={"scene": identity}), estimators=estimators)
 
 
 def _design(entry: Entry, estimator: str, case: Case, spec: StudySpec) -> Design:
@@ -317,7 +312,7 @@ def _design(entry: Entry, estimator: str, case: Case, spec: StudySpec) -> Design
     several = len(spec.study.estimators) > 1 or any("estimators" in item for item in items)
     settings = entry.settings | ({ESTIMATOR_AXIS: estimator} if several else {})
     camera = case.camera
-    together = case.name != case.scene.scene.name and _needs_heads(estimator, spec)
+    together = case.head is not None and _needs_heads(estimator, spec)
     return Design(
         f"{entry.name}_{estimator}" if several else entry.name,
         entry.name,

@@ -70,10 +70,6 @@ def run_study(
     study = expand(spec, path, before.batches if before is not None and before.head.name == spec.study.name else None)
     try:
         run = run_suite(study.suite, out_dir, progress=progress, where=where)
-    except UserError as e:
-        # The engine knows suites; the user's file has a table [study].
-        fixed = e.where.replace(": suite.estimators", ": study.estimators")
-        raise UserError(e.what, where=fixed, expected=e.expected, fix=e.fix) from e
     finally:
         # Whatever was begun belongs to these batches of estimators: a later run must go on with them.
         claimed = read_json(RunFolder(out_dir).suite) or {}

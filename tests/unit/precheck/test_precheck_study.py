@@ -54,7 +54,7 @@ def test_eight_designs_whose_48_frames_are_all_saturated(load):
     # The engine's own words come first: a few lines in all, one of them about all designs together.
     lines = check_before_run(study).summary_lines()
     assert len(lines) == 2
-    assert "8 designs: all 32 frames: " in lines[0]
+    assert "8 designs: all 32 frames looked at: " in lines[0]
     assert "saturated" in lines[0]
     assert lines[1].startswith("looked at 32 of 48 frames")
 

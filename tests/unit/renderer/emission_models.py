@@ -71,14 +71,14 @@ def frame_of(air: OpticalModel, seen: SceneSpec, spec: CameraSpec, roll_rad: flo
     import mitsuba as mi
 
     from horizonval.renderer.planet import Planet
-    from horizonval.renderer.plugin.camera_plugin import camera_properties
-    from horizonval.renderer.plugin.integrator import limb_properties
+    from horizonval.renderer.plugin.plugins import mitsuba_scene
+    from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings
     from horizonval.renderer.scene.description import describe
 
     described = describe(seen, spec)
     truth = described.truth
     turned = described.itrs_from_cam @ Rotation.from_rotvec([0.0, 0.0, roll_rad]).as_matrix()
-    integrator = limb_properties(
+    limb = LimbSettings(
         air,
         Planet(truth.ellipsoid_a_m, truth.ellipsoid_b_m),
         truth.sun_itrs,
@@ -87,5 +87,5 @@ def frame_of(air: OpticalModel, seen: SceneSpec, spec: CameraSpec, roll_rad: flo
         seen.render.nodes,
         "single",
     )
-    sensor = camera_properties(described.camera, np.array(truth.r_itrs), turned)
-    return np.array(mi.render(mi.load_dict({"type": "scene", "integrator": integrator, "sensor": sensor}), spp=1))
+    sensor = CameraSettings(described.camera, np.array(truth.r_itrs), turned)
+    return np.array(mi.render(mitsuba_scene(limb, sensor), spp=1))

@@ -131,13 +131,14 @@ def _cloudy(air: OpticalModel, emissivity: float, spec: Any, **changes: Any) -> 
     """A frame under clouds of an emissivity, through the plugin's own properties."""
     import mitsuba as mi
 
+    from horizonval.renderer.plugin.plugins import mitsuba_scene
     from horizonval.renderer.scene.description import describe
 
     described = describe(scene(clouds=CLOUDS, render={"subsamples": 1}, **changes), spec)
     assert air.emission is not None
     emission = replace(air.emission, cloud_emissivity=emissivity)
-    integrator = described.mitsuba["integrator"] | {"model": dump_model(replace(air, emission=emission))}
-    return np.array(mi.render(mi.load_dict(described.mitsuba | {"integrator": integrator}), spp=1))[:, :, 0]
+    limb = replace(described.limb, model=replace(air, emission=emission))
+    return np.array(mi.render(mitsuba_scene(limb, described.sensor), spp=1))[:, :, 0]
 
 
 @pytest.mark.slow

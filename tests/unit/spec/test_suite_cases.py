@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.errors import UserError
+from horizonval.suites.axes import figure_plans
 from horizonval.suites.suite import load_suite
 
 HEAD = """
@@ -246,3 +247,27 @@ def test_mistakes_are_one_line(load, text, parts):
     assert "\n" not in line
     for part in parts:
         assert part in line, line
+
+
+def test_what_a_name_is_made_of_is_kept_beside_it(load):
+    suite = load(
+        '[[frame]]\nscene.name = "alone"\n'
+        '[[cases]]\nname = "t"\nlist = [{ scene.name = "low" }, {}]\n[cases.grid]\nattitude.yaw_deg = [0, 5]\n'
+        + ORBIT.replace("[cases.orbit]", "list = [{ scene.name = 'a_b' }]\n[cases.orbit]").replace("n = 8", "n = 2")
+        + "altitude_km = 500.0\ninclination_deg = 50.0\nraan_deg = 0.0\n"
+    )
+    assert [(c.name, c.table, c.variant, c.sample) for c in suite.cases] == [
+        ("alone", None, "", ""),
+        ("t_low_yaw_deg_0", "t", "low_yaw_deg_0", ""),
+        ("t_low_yaw_deg_5", "t", "low_yaw_deg_5", ""),
+        ("t_002_yaw_deg_0", "t", "002_yaw_deg_0", ""),
+        ("t_002_yaw_deg_5", "t", "002_yaw_deg_5", ""),
+        ("o_a_b_000", "o", "a_b", "000"),
+        ("o_a_b_001", "o", "a_b", "001"),
+    ]
+
+
+def test_a_figure_of_a_table_leaves_out_the_tables_whose_names_begin_alike(load):
+    tables = "".join(f'[[cases]]\nname = "{name}"\ngrid.attitude.yaw_deg = [0]\n' for name in ("sun", "sun_far"))
+    suite = load('[[figure]]\nkind = "sweep"\ncases = "sun"\nx = "platform.altitude_km"\n' + tables)
+    assert list(figure_plans(suite)[0]["cases"]) == ["sun_yaw_deg_0"]

@@ -67,7 +67,7 @@ def take(make_frame, monkeypatch, tmp_path):
         sandbox = Scripted(answers)
         monkeypatch.setattr(module, "sandbox_of", lambda _: sandbox)
         plan, watch = Plan(("altitude-free",), draws=draws), Stopwatch()
-        taken = module._take(Case("f", scene, camera), plan, RunFolder(tmp_path), watch)
+        taken = module._take(Case(scene, camera), plan, RunFolder(tmp_path), watch)
         return taken, sandbox.seen, frame, camera, watch
 
     return run

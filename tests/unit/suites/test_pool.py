@@ -5,21 +5,23 @@ from __future__ import annotations
 import os
 import signal
 import time
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import pytest
 
 from horizonval.jobs.pool import available_cpus, run_cases
-from horizonval.spec.load import Case
 
 
-def _case(name: str) -> Case:
-    # The pool only hands cases through; names are all these tests need.
-    return Case(name, None, None)  # type: ignore[arg-type]
+@dataclass(frozen=True)
+class Named:
+    """The pool only hands cases through; names are all these tests need."""
+
+    name: str
 
 
-def _work(case: Case, folder: Path) -> str:
+def _work(case: Named, folder: Path) -> str:
     with (folder / case.name).open("a") as file:
         file.write("x")
     if case.name == "deadly":
@@ -33,7 +35,7 @@ def _work(case: Case, folder: Path) -> str:
 
 
 def _results(folder: Path, names: list[str]) -> dict[str, str | None]:
-    return {case.name: result for case, result in run_cases(partial(_work, folder=folder), map(_case, names), 2)}
+    return {case.name: result for case, result in run_cases(partial(_work, folder=folder), map(Named, names), 2)}
 
 
 def test_a_killed_worker_costs_only_its_case(tmp_path):
@@ -45,7 +47,7 @@ def test_a_case_whose_worker_died_gets_a_second_chance(tmp_path):
 
 
 def test_closing_ends_the_workers(tmp_path):
-    running = run_cases(partial(_work, folder=tmp_path), map(_case, ["a", "slow"]), 2)
+    running = run_cases(partial(_work, folder=tmp_path), map(Named, ["a", "slow"]), 2)
     assert next(running)[1] == "A"
     deadline = time.monotonic() + 30
     while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():

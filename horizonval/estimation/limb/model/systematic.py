@@ -24,26 +24,18 @@ Second orders are neglected: (delta / rho)^2 is 1e-5.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from typing import Literal
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.model.relief import Relief
 from horizonval.estimation.limb.shape.cone import tangent_basis
 
 MOST_POINTS = 240
 """Points that stand for all of them: the heights are smooth, and the matrix of their covariance is not made large."""
 POLES = 400
-
-
-@dataclass(frozen=True)
-class Relief:
-    """Height of the limb as a random function of azimuth: standard deviation [m], correlation length [rad]."""
-
-    sigma_m: float
-    correlation_rad: float
 
 
 def systematic_covariance(

@@ -136,7 +136,7 @@ class Night:
         found = {}
         for scene, base in self.records.items():
             faults.setdefault("render", lambda s, c: self.frames[s.scene.name])
-            record, arrays = render_scene(self.case(scene), "day", self.plan, self.replicates, estimate=False, **faults)
+            record, arrays = render_scene(self.case(scene), self.plan, self.replicates, estimate=False, **faults)
             radiance, frozen = arrays["radiance.vis"], self.frozen(scene)
             found[scene, "vis"] = compare_images("day", record["bands"]["vis"], base["bands"]["vis"], radiance, frozen)
         return found
@@ -169,6 +169,6 @@ def night(tmp_path_factory) -> Night:
 
     for case in suite.cases:
         made.records[case.name], made.arrays[case.name] = render_scene(
-            case, "day", made.plan, made.replicates, render=render, run=plainly
+            case, made.plan, made.replicates, render=render, run=plainly
         )
     return made

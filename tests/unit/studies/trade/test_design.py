@@ -123,6 +123,25 @@ SEASONS = STUDY.replace(
 )
 
 
+def test_a_design_may_be_named_like_a_number(load):
+    """Names are kept as they are given: what looks like the place in a list is no place in a list."""
+    study = load(STUDY.replace("[design.grid]", "[[design.list]]\nname = '001'\n[design.grid]"))
+    assert {design.frames for design in study.designs} == {"001_psf_sigma_px_0.5", "001_psf_sigma_px_1"}
+
+
+def test_a_mistake_in_the_conditions_names_the_design(load):
+    with pytest.raises(UserError) as e:
+        load(STUDY.replace("platform.latitude_deg", "platform.latitude_degrees"))
+    assert "s.toml: design psf_sigma_px_0.5, frames: frames_000: platform.latitude_degrees" in e.value.where
+
+
+def test_an_unknown_estimator_is_a_key_of_the_study(load):
+    study = load(STUDY.replace('"ideal"]', '"ideel"]'))
+    with pytest.raises(UserError) as e:
+        check_suite(study.suite, plan_of(study.suite))
+    assert e.value.where.endswith("s.toml: study.estimators")
+
+
 def test_the_season_is_an_axis_and_flights_are_clusters(load):
     study = load(SEASONS)
     assert {case.scene.platform.epoch_utc.month for case in study.suite.cases} == {3, 6}
