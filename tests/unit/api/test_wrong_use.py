@@ -54,7 +54,7 @@ def test_the_line_is_that_of_the_command(arguments, call, in_user_folder, capsys
 @pytest.mark.parametrize(
     ("keywords", "parts"),
     [
-        ({"altitude": 500}, ["Scene: altitude: unknown keyword; expected one of altitude_km,"]),
+        ({"altitude_k": 500}, ["Scene: altitude_k: unknown keyword; expected one of altitude_km,"]),
         ({"altitude_km": -5}, ["Scene: platform.altitude_km: found -5; expected a number above 0"]),
         ({}, ["Scene: platform.altitude_km: missing; expected a number above 0"]),
         ({"altitude_km": "high"}, ['Scene: platform.altitude_km: found "high"; expected a number']),
@@ -159,3 +159,11 @@ def test_geodetic_claims_are_scored_as_such(in_user_folder):
     method = hv.Estimator("geodetic", "The ideal sensor's answer under another name", lambda _: ideal, "geodetic")
     assert hv.score(ideal, frame).nadir_error_deg < 1e-6
     assert 0.16 < hv.score(hv.estimate(frame, method), frame).nadir_error_deg < 0.20
+
+
+@pytest.mark.parametrize("name", hv.list_scenes())
+def test_a_shipped_scene_survives_plain_data(name):
+    for scene in hv.Scene.each_head(name):
+        again = hv.Scene.from_dict(scene.to_dict(), camera=hv.Camera.from_dict(scene.camera.to_dict()))
+        assert again.camera.spec.model_dump() == scene.camera.spec.model_dump()
+        assert again.spec.model_dump() == scene.spec.model_dump()
