@@ -17,7 +17,7 @@ import horizonval
 from horizonval.cli.app import app as command_line
 from horizonval.cli.app import run_command_line
 from horizonval.scoring.row import COLUMNS
-from horizonval.spec.keys import MODELS, FileKind, Key, Table, tables
+from horizonval.spec.reference.keys import MODELS, FileKind, Key, KeyTable, tables
 
 GENERATED = Path(__file__).parents[1] / "reference" / "generated"
 """Not kept in the repository."""
@@ -63,7 +63,7 @@ def _keys_page(kind: FileKind) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _keys_table(table: Table) -> Iterator[str]:
+def _keys_table(table: KeyTable) -> Iterator[str]:
     yield "| key | meaning | value | unit | default |"
     yield "|---|---|---|---|---|"
     for key in table.keys:

@@ -3,31 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from horizonval.api.scene import Scene
-
-if TYPE_CHECKING:
-    from horizonval.precheck import Report
+from horizonval.precheck import Report
+from horizonval.precheck import check as check_target
 
 
 def check(target: Scene | str | Path, *, frames: int | None = None) -> Report:
-    """Say what would go wrong, before rendering: exposure, arc in view, Sun, determinability, time and memory.
+    """Say what would go wrong with a scene, suite or study, without rendering any of it.
 
-    Made from specifications and truth alone; the renderer is not loaded.
+    Exposure, arc of the horizon in view, signal, Sun and Moon, eclipse, frames of which nothing can be determined,
+    bands outside the tables; time, memory and disk.
 
     Parameters
     ----------
     target : Scene, str or Path
-        A scene; or the file or shipped name of a scene, suite or study.
+        A scene, or the file or shipped name of a scene, suite or study.
     frames : int, optional
         Of a suite or study, in place of the file's number.
 
     Returns
     -------
-    horizonval.precheck.Report
-        ``print`` shows it; ``ok`` is False with any warning or error, ``findings`` has them one by one, ``cost`` the
-        expected time and memory.
+    Report
+        ``print`` shows it; ``ok`` is False if there is an error or a warning; ``findings`` has code, value, limit and
+        what to change.
 
     Raises
     ------
@@ -37,15 +36,12 @@ def check(target: Scene | str | Path, *, frames: int | None = None) -> Report:
     Examples
     --------
     >>> import horizonval as hv
-    >>> scene = hv.Scene.from_file("limb-noon-vis")
-    >>> hv.check(scene)
-    <Report scene limb-noon-vis: nothing wrong>
-    >>> exposed = scene.camera.changed(detector={"exposure_s": 0.01})
-    >>> [finding.code for finding in hv.check(scene.changed(camera=exposed)).findings]
-    ['saturated']
+    >>> report = hv.check(hv.Scene(camera="mycam.toml", altitude_km=550, mount_roll_deg=20))
+    >>> report
+    <Report of scene scene: 1 warning>
+    >>> report.findings[0].line()
+    "warning: no horizon in view; turn the camera's mount towards it"
     """
-    from horizonval.precheck import check as checked
-
     if isinstance(target, Scene):
-        return checked((target.spec, target.camera.spec), frames=frames)
-    return checked(target, frames=frames)
+        return check_target((target.spec, target.camera.spec), frames=frames)
+    return check_target(target, frames=frames)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from horizonval.api.camera import Camera, camera_of
 from horizonval.commands.estimate import observation_from, observation_from_heads
-from horizonval.commands.picture import Picture, picture_of_array, picture_of_source, read_picture
+from horizonval.commands.picture import GreyImage, picture_of_array, picture_of_source, read_picture
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
@@ -120,7 +120,7 @@ def _estimator_of(estimator: AnyEstimator) -> Estimator:
     )
 
 
-def _named(images: Sequence[Any]) -> dict[str, Picture]:
+def _named(images: Sequence[Any]) -> dict[str, GreyImage]:
     return {f"image {i}" if not isinstance(m, str | Path) else str(m): _picture_of(m) for i, m in enumerate(images, 1)}
 
 
@@ -128,7 +128,7 @@ def _name(image: AnyImage) -> str:
     return str(image) if isinstance(image, str | Path) else "image"
 
 
-def _picture_of(image: AnyImage) -> Picture:
+def _picture_of(image: AnyImage) -> GreyImage:
     if isinstance(image, str | Path):
         return read_picture(Path(image))
     if isinstance(image, DetectorImage | RadianceFrame):

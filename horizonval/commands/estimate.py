@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from horizonval.commands.picture import Picture, read_picture
+from horizonval.commands.picture import GreyImage, read_picture
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
@@ -69,12 +69,12 @@ def estimate_heads(paths: Sequence[Path], estimator_name: str) -> dict[str, Any]
     return _report(estimator, result, time.perf_counter() - start)
 
 
-def observation_from_heads(pictures: Mapping[str, Picture], estimator: Estimator) -> Observation:
+def observation_from_heads(pictures: Mapping[str, GreyImage], estimator: Estimator) -> Observation:
     """Return what an estimator is given of the images of all heads of one housing.
 
     Parameters
     ----------
-    pictures : mapping of str to Picture
+    pictures : mapping of str to GreyImage
         By the names that errors call them.
     estimator : Estimator
 
@@ -117,13 +117,13 @@ def _in_order(sources: Mapping[str, DetectorImage | RadianceFrame]) -> dict[str,
 
 
 def observation_from(
-    picture: Picture, estimator: Estimator, where: str, camera: CameraSpec | None, camera_file: str = ""
+    picture: GreyImage, estimator: Estimator, where: str, camera: CameraSpec | None, camera_file: str = ""
 ) -> Observation:
     """Return what an estimator is given of one picture.
 
     Parameters
     ----------
-    picture : Picture
+    picture : GreyImage
     estimator : Estimator
     where : str
         What errors call the picture.
@@ -178,7 +178,7 @@ def _band_kind(camera: CameraSpec) -> Literal["solar", "thermal"] | None:
     return kinds.pop() if len(kinds) == 1 else None
 
 
-def _full_scale(picture: Picture, camera: CameraSpec) -> float | None:
+def _full_scale(picture: GreyImage, camera: CameraSpec) -> float | None:
     """A 12 bit converter saturates at 4095, also in a 16 bit file; the detector knows, the file does not."""
     if picture.full_scale is None or picture.source is not None or camera.detector is None:
         return picture.full_scale

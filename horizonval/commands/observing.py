@@ -24,7 +24,7 @@ FIELDS = ("band", "exposure", "seed")
 
 
 @dataclass(frozen=True)
-class Plan:
+class ImagePlan:
     """One image to make. ``exposure_s`` is None where the camera file decides, ``band`` where it is the first one."""
 
     path: Path
@@ -42,7 +42,7 @@ class Plan:
 
 def plans(
     out: str, seeds: Sequence[str], exposures: Sequence[str], bands: Sequence[str], camera: CameraSpec
-) -> list[Plan]:
+) -> list[ImagePlan]:
     """Return the images that options ask for, one for every combination.
 
     Parameters
@@ -67,7 +67,7 @@ def plans(
     several = {"band": len(chosen_bands) > 1, "exposure": len(chosen_exposures) > 1, "seed": len(chosen_seeds) > 1}
     pattern = _pattern(out, [name for name in FIELDS if several[name]], count)
     found = [
-        Plan(Path(_filled(pattern, camera, band, exposure, seed)), seed, exposure, band)
+        ImagePlan(Path(_filled(pattern, camera, band, exposure, seed)), seed, exposure, band)
         for band, exposure, seed in itertools.product(chosen_bands, chosen_exposures, chosen_seeds)
     ]
     taken: set[Path] = set()

@@ -22,7 +22,7 @@ MAX_FILE_BYTES = 4 * 1024**3
 
 
 @dataclass(frozen=True)
-class Picture:
+class GreyImage:
     """A grey image from a file.
 
     Attributes
@@ -39,7 +39,7 @@ class Picture:
     source: DetectorImage | RadianceFrame | None
 
 
-def read_picture(path: Path) -> Picture:
+def read_picture(path: Path) -> GreyImage:
     """Read a picture; the content decides what it is, not the name.
 
     Raises
@@ -57,20 +57,20 @@ def read_picture(path: Path) -> Picture:
     return _read_exr(path) if magic == EXR_MAGIC else _read_common(path)
 
 
-def picture_of_array(pixels: NDArray[Any]) -> Picture:
+def picture_of_array(pixels: NDArray[Any]) -> GreyImage:
     """Return pixels, shape (H, W) or (H, W, channels), as a picture; the type of integers tells the full scale."""
     full_scale = float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind in "ui" else None
-    return Picture(to_grey(pixels), full_scale, None)
+    return GreyImage(to_grey(pixels), full_scale, None)
 
 
-def picture_of_source(source: DetectorImage | RadianceFrame) -> Picture:
+def picture_of_source(source: DetectorImage | RadianceFrame) -> GreyImage:
     """Return a detector image, or the first band of a frame, as a picture."""
     if isinstance(source, DetectorImage):
-        return Picture(source.dn.astype(np.float64), float(source.full_scale), source)
-    return Picture(next(iter(source.radiance.values())).astype(np.float64), None, source)
+        return GreyImage(source.dn.astype(np.float64), float(source.full_scale), source)
+    return GreyImage(next(iter(source.radiance.values())).astype(np.float64), None, source)
 
 
-def _read_exr(path: Path) -> Picture:
+def _read_exr(path: Path) -> GreyImage:
     from horizonval.store import exr
 
     match exr.kind(path):
@@ -79,10 +79,10 @@ def _read_exr(path: Path) -> Picture:
         case "frame":
             return picture_of_source(exr.read_frame(path))
         case _:
-            return Picture(exr.read_foreign_grey(path), None, None)
+            return GreyImage(exr.read_foreign_grey(path), None, None)
 
 
-def _read_common(path: Path) -> Picture:
+def _read_common(path: Path) -> GreyImage:
     import cv2
 
     expected = "an EXR, PNG, TIFF or JPEG image"

@@ -20,7 +20,7 @@ SUN = ("sun_x", "sun_y", "sun_z")
 
 
 @dataclass(frozen=True)
-class RayTable:
+class RayFile:
     """Rays and the table they came from.
 
     Attributes
@@ -38,7 +38,7 @@ class RayTable:
     sun: FloatArray
 
 
-def read_rays(path: Path) -> RayTable:
+def read_rays(path: Path) -> RayFile:
     """Read a table of rays.
 
     Raises
@@ -82,10 +82,10 @@ def read_rays(path: Path) -> RayTable:
                 where=f"{path}: line {lines[1 + zero[0]][0]}: {', '.join(names)}",
                 expected="a direction; its length does not matter",
             )
-    return RayTable(lines[0][1], [row for _, row in lines[1:]], observer_km * 1e3, direction, sun)
+    return RayFile(lines[0][1], [row for _, row in lines[1:]], observer_km * 1e3, direction, sun)
 
 
-def check_above_ground(table: RayTable, radius_m: float, path: Path) -> None:
+def check_above_ground(table: RayFile, radius_m: float, path: Path) -> None:
     """Raise ``UserError`` for the first observer inside the planet; a part in 1e9 is left to rounding."""
     below = np.flatnonzero(np.linalg.norm(table.observer_m, axis=1) < radius_m * (1 - 1e-9))
     if below.size:
@@ -96,7 +96,7 @@ def check_above_ground(table: RayTable, radius_m: float, path: Path) -> None:
         )
 
 
-def write_radiance(path: Path, table: RayTable, radiance: dict[str, FloatArray]) -> None:
+def write_radiance(path: Path, table: RayFile, radiance: dict[str, FloatArray]) -> None:
     """Write the table with one more column per band, whole or not at all.
 
     Raises

@@ -74,7 +74,7 @@ def pointing_error(
 
 
 @dataclass(frozen=True)
-class Profile:
+class AttitudeProfile:
     """What the body does; see the module.
 
     Attributes
@@ -99,13 +99,13 @@ class Profile:
 
 
 def attitude_against_lvlh(
-    profile: Profile, states: States, sun: FloatArray, seconds: FloatArray
+    profile: AttitudeProfile, states: States, sun: FloatArray, seconds: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return attitude and rate of the body at some times.
 
     Parameters
     ----------
-    profile : Profile
+    profile : AttitudeProfile
     states : callable
     sun : ndarray, shape (3,)
         Direction of the Sun in the axes of the states; it stands still.
@@ -131,7 +131,7 @@ def attitude_against_lvlh(
     return np.stack([yaw, np.arctan2(-m[:, 0, 2], cos_pitch), roll], axis=-1), -step / (2.0 * _RATE_STEP_S)
 
 
-def _matrices(profile: Profile, states: States, sun: FloatArray, t: FloatArray) -> FloatArray:
+def _matrices(profile: AttitudeProfile, states: States, sun: FloatArray, t: FloatArray) -> FloatArray:
     lvlh = lvlh_matrices(*states(t))
     match profile.reference:
         case "nadir":
@@ -146,7 +146,7 @@ def _matrices(profile: Profile, states: States, sun: FloatArray, t: FloatArray) 
     return np.asarray(body, dtype=np.float64)
 
 
-def _turned(profile: Profile, t: FloatArray) -> Rotation:
+def _turned(profile: AttitudeProfile, t: FloatArray) -> Rotation:
     """Return T S: offset or slew, then tumble, as rotations that act on components."""
     start = _frame_turn(np.asarray(profile.offset_rad, dtype=np.float64)[None])
     if profile.slew is None:

@@ -192,7 +192,7 @@ def _in_image(camera: CameraModel, uv: FloatArray, in_front: NDArray[np.bool_]) 
         )
 
 
-class _View:
+class _PoseHorizon:
     """The horizon of one pose in one camera, as a function of its parameter."""
 
     def __init__(
@@ -256,7 +256,7 @@ def horizon_pixels(
         Column and row, each point exact to rounding; the ends lie on the image border. A horizon wholly in view is one
         polyline whose last point repeats the first. Empty when no horizon is in view.
     """
-    view = _View(camera, q_cam_from_itrs, r_itrs, ellipsoid)
+    view = _PoseHorizon(camera, q_cam_from_itrs, r_itrs, ellipsoid)
     lines = []
     for first, last in view.arcs():
         uv, inside = view.pixels(np.linspace(first, last, n))
@@ -273,11 +273,11 @@ def horizon_fraction(
     The parameter is the azimuth about the scaled nadir; it differs from that about the geocentric nadir by less than
     the flattening (0.3 %).
     """
-    arcs = _View(camera, q_cam_from_itrs, r_itrs, ellipsoid).arcs()
+    arcs = _PoseHorizon(camera, q_cam_from_itrs, r_itrs, ellipsoid).arcs()
     return float(min(1.0, sum(last - first for first, last in arcs) / (2 * math.pi)))
 
 
-def _crossings(view: _View, axis: int, values: FloatArray) -> FloatArray:
+def _crossings(view: _PoseHorizon, axis: int, values: FloatArray) -> FloatArray:
     """Return the other coordinate where the horizon crosses ``uv[axis] = value``: (n, k), rising, NaN-padded."""
     found: list[list[float]] = [[] for _ in values]
     where, low, high = [], [], []
@@ -326,7 +326,7 @@ def horizon_rows(
         fewer. Bisected on the exact curve to rounding (1e-9 px). Two crossings closer than 1/4096 of the visible arc,
         where a column only just touches the horizon's extreme, are not seen.
     """
-    view = _View(camera, q_cam_from_itrs, r_itrs, ellipsoid)
+    view = _PoseHorizon(camera, q_cam_from_itrs, r_itrs, ellipsoid)
     return _crossings(view, 0, np.asarray(columns, float).reshape(-1))
 
 
@@ -338,5 +338,5 @@ def horizon_columns(
     ellipsoid: Ellipsoid = WGS84,
 ) -> FloatArray:
     """Return the sub-pixel columns at which the horizon crosses rows; see :func:`horizon_rows`."""
-    view = _View(camera, q_cam_from_itrs, r_itrs, ellipsoid)
+    view = _PoseHorizon(camera, q_cam_from_itrs, r_itrs, ellipsoid)
     return _crossings(view, 1, np.asarray(rows, float).reshape(-1))

@@ -14,7 +14,7 @@ SUMMARY_LINES = 4
 """Lines before a run: what does not fit is counted in the last one."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Report:
     """The result of a check; ``print`` shows it.
 
@@ -50,6 +50,10 @@ class Report:
         """Errors and warnings."""
         return tuple(finding for finding in self.findings if finding.level is not Level.NOTE)
 
+    def __repr__(self) -> str:
+        """Return one short line."""
+        return f"<Report of {self.kind} {self.name}: {counted(self.findings) or 'nothing wrong'}>"
+
     def __str__(self) -> str:
         """Return facts, findings, cost and verdict, a line each."""
         lines = [f"{self.kind} {self.name}"]
@@ -60,10 +64,6 @@ class Report:
         if self.cost is not None:
             lines += cost_lines(self.cost)
         return "\n".join([*lines, "nothing wrong" if self.ok else counted(self.warnings)])
-
-    def __repr__(self) -> str:
-        """Return kind, name and verdict in one line."""
-        return f"<Report {self.kind} {self.name}: {'nothing wrong' if self.ok else counted(self.warnings)}>"
 
     def summary_lines(self) -> list[str]:
         """Return errors and warnings in few lines, for what goes on after them."""

@@ -13,7 +13,7 @@ from horizonval.precheck.rules import findings_of
 from horizonval.precheck.text import group_line
 from horizonval.spec.load import Case, Suite
 from horizonval.suites.check import check_suite as check_mistakes
-from horizonval.suites.plan import Plan, of_heads, plan_of
+from horizonval.suites.plan import CasePlan, of_heads, plan_of
 from horizonval.suites.record import camera_name
 
 MOST_FRAMES = 400
@@ -75,12 +75,12 @@ def check_groups(
     )
 
 
-def needs_of(case: Case, plan: Plan) -> Needs:
+def needs_of(case: Case, plan: CasePlan) -> Needs:
     """Return what a case's estimators look through: all heads together where none looks at one image alone."""
     return "heads" if of_heads(case) and plan.together(case) and not plan.alone(case) else "image"
 
 
-def estimators_of(case: Case, plan: Plan) -> int:
+def estimators_of(case: Case, plan: CasePlan) -> int:
     """Return how many estimators run on every image of a case."""
     return len(plan.alone(case)) + (len(plan.together(case)) if of_heads(case) else 0)
 

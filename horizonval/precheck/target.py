@@ -46,15 +46,15 @@ def check(target: str | Path | tuple[SceneSpec, CameraSpec] | Suite | Study, *, 
         return check_suite(target)
     if isinstance(target, Study):
         return check_study(target)
-    if isinstance(target, tuple):
-        return check_scene(*target)
-    kind, path = kind_of(target)
+    kind, path = ("scene", Path()) if isinstance(target, tuple) else kind_of(target)
     if kind == "suite":
         return check_suite(load_suite(path, frames))
     if kind == "study":
         return check_study(expand(*read_study(path, frames)))
     if frames is not None:
         raise UserError("a scene is one frame", where="--frames", expected="a suite or a study")
+    if isinstance(target, tuple):
+        return check_scene(*target)
     case = load_frames(path)[0]
     scene = case.scene
     if len(case.camera.head) > 1 and case.head is not None:

@@ -102,7 +102,7 @@ def size(megabytes: float) -> str:
     return f"{float(f'{megabytes:.2g}'):g} MB" if megabytes < 950 else f"{float(f'{megabytes / 1000:.2g}'):g} GB"
 
 
-def counted(warnings: Sequence[Finding]) -> str:
-    """Return how many errors and warnings there are."""
-    counts = Counter(finding.level for finding in warnings)
+def counted(findings: Sequence[Finding]) -> str:
+    """Return how many findings there are of each level."""
+    counts = Counter(finding.level for finding in findings)
     return ", ".join(f"{count} {level}{'s' if count > 1 else ''}" for level, count in counts.items())

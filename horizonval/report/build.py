@@ -19,7 +19,7 @@ from horizonval.frame import FrameTruth
 from horizonval.report import rerun, template, wording
 from horizonval.report.accuracy import accuracy_of
 from horizonval.report.figures import overlay, picture, plots
-from horizonval.report.load import Run, View, load_run
+from horizonval.report.load import CaseView, ReportRun, load_run
 from horizonval.report.pages import campaign_page, confusion_section, infrared_section, stability
 from horizonval.report.verdict import VERDICTS, verdict_of
 from horizonval.scoring import limits
@@ -75,7 +75,7 @@ def build_report(run_dir: Path) -> Path:
     return pages / "index.html"
 
 
-def page_of(run: Run) -> dict[str, Any]:
+def page_of(run: ReportRun) -> dict[str, Any]:
     """Return everything the template shows."""
     summary = summarise(run.rows)
     broken = sum(view.broken for view in run.views)
@@ -108,7 +108,7 @@ def page_of(run: Run) -> dict[str, Any]:
     }
 
 
-def _headline(summary: Mapping[str, Any], run: Run, broken: int) -> dict[str, str]:
+def _headline(summary: Mapping[str, Any], run: ReportRun, broken: int) -> dict[str, str]:
     """The first thing to know: false claims, else broken or missing frames, else that all is well."""
     false = sum(group["false_valid"]["n"] for group in summary["groups"])
     claims = sum(group["false_valid"]["of"] for group in summary["groups"])
@@ -123,7 +123,7 @@ def _headline(summary: Mapping[str, Any], run: Run, broken: int) -> dict[str, st
     return {"kind": "none", "glyph": "–", "text": "No attitude was claimed"}
 
 
-def _figures(run: Run) -> list[dict[str, str]]:
+def _figures(run: ReportRun) -> list[dict[str, str]]:
     width = 11.0 if len(run.views) <= 45 else 13.0
     height = 3.4 + 0.17 * len(run.estimators) + (1.0 if len(run.views) <= 45 else 0.0)
     return [
@@ -150,7 +150,7 @@ def _figures(run: Run) -> list[dict[str, str]]:
     ]
 
 
-def _tile(view: View, estimators: Sequence[str], index: int, reduced: bool) -> dict[str, Any]:
+def _tile(view: CaseView, estimators: Sequence[str], index: int, reduced: bool) -> dict[str, Any]:
     image = view.image
     # A frame without any row says so once.
     rows = [_tile_row(view, name) for name in estimators if name in view.rows]
@@ -194,7 +194,7 @@ def _tile(view: View, estimators: Sequence[str], index: int, reduced: bool) -> d
     return tile
 
 
-def _tile_row(view: View, estimator: str) -> dict[str, Any]:
+def _tile_row(view: CaseView, estimator: str) -> dict[str, Any]:
     row = view.rows[estimator]
     verdict = verdict_of(row, broken=view.broken)
     number = wording.number
@@ -236,7 +236,7 @@ def _tile_row(view: View, estimator: str) -> dict[str, Any]:
     }
 
 
-def _layers(view: View, truth: FrameTruth, estimators: Sequence[str]) -> list[dict[str, str]]:
+def _layers(view: CaseView, truth: FrameTruth, estimators: Sequence[str]) -> list[dict[str, str]]:
     camera = truth.camera_model
     layers = []
     for name in estimators:
@@ -276,14 +276,14 @@ def _facts(expected: Expected, truth: FrameTruth) -> list[tuple[str, str]]:
     ]
 
 
-def rerun_of_view(view: View, truth: FrameTruth, estimators: Sequence[str]) -> rerun.Rerun:
+def rerun_of_view(view: CaseView, truth: FrameTruth, estimators: Sequence[str]) -> rerun.Rerun:
     """Return how to make a view's image, or those of all heads, and the results again."""
     ran = [name for name in estimators if name in view.rows] or list(estimators)
     paths = view.head_paths or ({"": view.image_path} if view.image_path else {})
     return rerun.rerun_of(truth, view.case, view.band, paths, ran)
 
 
-def _rerun(view: View, truth: FrameTruth, estimators: Sequence[str]) -> dict[str, Any]:
+def _rerun(view: CaseView, truth: FrameTruth, estimators: Sequence[str]) -> dict[str, Any]:
     made = rerun_of_view(view, truth, estimators)
     files = [
         {"name": name, "text": text, "uri": f"data:application/toml;charset=utf-8,{quote(text)}"}

@@ -15,7 +15,7 @@ from horizonval.store.store import Store
 
 
 @dataclass(frozen=True)
-class View:
+class CaseView:
     """One band of one case: what a tile of the report shows.
 
     ``image`` is ``None`` where there is none; ``problem`` then says why. ``broken`` tells that the frame itself failed,
@@ -36,7 +36,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Run:
+class ReportRun:
     """A run as the report needs it: views in the suite's order, the cases without result, the figures asked for.
 
     ``figures`` are what :func:`horizonval.suites.axes.figure_plans` says; ``study``: of a trade study.
@@ -48,7 +48,7 @@ class Run:
     estimators: tuple[str, ...]
     cases: tuple[str, ...]
     missing: tuple[str, ...]
-    views: tuple[View, ...]
+    views: tuple[CaseView, ...]
     figures: tuple[dict[str, Any], ...] = ()
     study: bool = False
 
@@ -58,7 +58,7 @@ class Run:
         return [row for view in self.views for row in view.rows.values()]
 
 
-def load_run(run_dir: Path, most: int | None = None) -> Run:
+def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
     """Read ``run.json``, the case files and the detector images.
 
     A missing case, a missing image and a damaged image are part of what a report tells.
@@ -97,7 +97,7 @@ def load_run(run_dir: Path, most: int | None = None) -> Run:
                 raise DamagedFileError(f"not a case's results ({error!r})", where=str(case_path)) from error
         else:
             missing.append(name)
-    return Run(
+    return ReportRun(
         suite=head["suite"],
         title=head.get("title") or "",
         version=head.get("version") or "",
@@ -155,7 +155,7 @@ def _head_images(run_dir: Path, name: str, names: list[str]) -> dict[str, dict[s
 
 def _views(
     record: dict[str, Any], store: Store, run_dir: Path, shown: bool, heads: dict[str, dict[str, str]]
-) -> list[View]:
+) -> list[CaseView]:
     images: dict[str, str] = dict(record.get("images") or {})
     if not images and record.get("image"):
         images = {"": record["image"]}
@@ -173,7 +173,7 @@ def _views(
             if shown and (found := record["details"].get(name if i == 0 else f"{name} [{band}]")) is not None
         }
         views.append(
-            View(
+            CaseView(
                 case=record["case"],
                 band=band or (image.band if image else ""),
                 rows={row.estimator: row for row in rows if row.band == band or not band},

@@ -12,7 +12,7 @@ from horizonval.scoring.row import Row
 
 
 @dataclass(frozen=True)
-class Verdict:
+class VerdictMark:
     """One kind of result: ``key`` for the page's code, ``marker`` for matplotlib."""
 
     key: str
@@ -22,21 +22,21 @@ class Verdict:
     marker: str
 
 
-FALSE_VALID = Verdict("false", "✖", "false claim", "#b34700", "X")
-MISSED = Verdict("missed", "▼", "refused, though the limb is usable", "#8a6100", "v")
-OTHER = Verdict("other", "◇", "refused, for another reason than expected", "#555555", "D")
-FAIR = Verdict("fair", "▽", "refused, on a borderline frame", "#555555", "v")
-REFUSED = Verdict("refused", "○", "refused, as expected", "#555555", "o")
-BONUS = Verdict("bonus", "◐", "valid, though a refusal was expected", "#0072b2", "s")
-VALID = Verdict("valid", "●", "valid", "#0072b2", "o")
-BROKEN = Verdict("broken", "!", "the frame failed", "#b34700", "P")
-NONE = Verdict("none", "–", "no result", "#555555", "_")
+FALSE_VALID = VerdictMark("false", "✖", "false claim", "#b34700", "X")
+MISSED = VerdictMark("missed", "▼", "refused, though the limb is usable", "#8a6100", "v")
+OTHER = VerdictMark("other", "◇", "refused, for another reason than expected", "#555555", "D")
+FAIR = VerdictMark("fair", "▽", "refused, on a borderline frame", "#555555", "v")
+REFUSED = VerdictMark("refused", "○", "refused, as expected", "#555555", "o")
+BONUS = VerdictMark("bonus", "◐", "valid, though a refusal was expected", "#0072b2", "s")
+VALID = VerdictMark("valid", "●", "valid", "#0072b2", "o")
+BROKEN = VerdictMark("broken", "!", "the frame failed", "#b34700", "P")
+NONE = VerdictMark("none", "–", "no result", "#555555", "_")
 
 VERDICTS = (FALSE_VALID, MISSED, OTHER, FAIR, REFUSED, BONUS, VALID, BROKEN, NONE)
 """Worst first."""
 
 
-def verdict_of(row: Row | None, *, broken: bool = False) -> Verdict:
+def verdict_of(row: Row | None, *, broken: bool = False) -> VerdictMark:
     """Return the verdict on one row; ``broken``: the frame itself failed, so the row is not the estimator's doing.
 
     On a borderline frame a refusal is as fair as a claim that is not false.

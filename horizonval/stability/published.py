@@ -22,7 +22,7 @@ _DEFINITION = "Horizon Definition Study, 1966 (615 to 715 cm⁻¹, computed prof
 
 
 @dataclass(frozen=True)
-class Published:
+class PublishedStability:
     """One published figure.
 
     Attributes
@@ -51,7 +51,7 @@ class Published:
 
 
 PUBLISHED = (
-    Published(
+    PublishedStability(
         "edge_pitch_deg",
         "largest pitch error of an edge scanner",
         0.06,
@@ -62,7 +62,7 @@ PUBLISHED = (
         "the blended climates lack, come on top.",
         altitude_km=900.0,
     ),
-    Published(
+    PublishedStability(
         "edge_roll_deg",
         "largest roll error of an edge scanner",
         0.03,
@@ -72,7 +72,7 @@ PUBLISHED = (
         "longitude looks alike to both sides, and the roll error is zero. Real air varies with longitude.",
         altitude_km=900.0,
     ),
-    Published(
+    PublishedStability(
         "field_pitch_deg",
         "largest error of a sensor with a field of 2°",
         0.12,
@@ -83,7 +83,7 @@ PUBLISHED = (
         field_deg=2.0,
         altitude_km=900.0,
     ),
-    Published(
+    PublishedStability(
         "requirement_deg",
         "requirement on horizon sensors",
         0.03,
@@ -91,7 +91,7 @@ PUBLISHED = (
         "the same study",
         "Errors left without any correction for latitude and season.",
     ),
-    Published(
+    PublishedStability(
         "variation",
         "variation of radiance with longitude, 14 to 16 µm, seen from orbit by IRS-1B",
         0.30,
@@ -101,7 +101,7 @@ PUBLISHED = (
         "of the polar stratosphere (the variation follows the temperature at 10 hPa) are not in a blend of climates. A "
         "difference of 30 % between opposite heads would cost a field of 2° an error of 0.15°.",
     ),
-    Published(
+    PublishedStability(
         "half_km",
         "height of half the plateau",
         38.0,
@@ -110,7 +110,7 @@ PUBLISHED = (
         "The spread between spectroscopies is 1.5 to 2 km; carbon dioxide has risen by a quarter since, which lifts "
         "the horizon by about a kilometre.",
     ),
-    Published(
+    PublishedStability(
         "plateau_w_m2_sr",
         "plateau, polar winter to summer of high latitudes",
         3.5,
@@ -118,7 +118,7 @@ PUBLISHED = (
         _DEFINITION,
         "Monthly means of subarctic climates end before the cold of the Antarctic winter.",
     ),
-    Published(
+    PublishedStability(
         "half_std_km",
         "standard deviation of the height of normalised edges",
         1.0,
@@ -126,7 +126,7 @@ PUBLISHED = (
         _DEFINITION,
         "Over the orbit and the year. The smooth year of mean climates reaches the lower end.",
     ),
-    Published(
+    PublishedStability(
         "threshold_std_km",
         "standard deviation of the height of a fixed radiance",
         3.0,

@@ -23,7 +23,7 @@ INDEX_PREFIX = "index."
 
 
 @dataclass(frozen=True)
-class Entry:
+class StoreEntry:
     """One stored file, described by its header.
 
     Attributes
@@ -79,21 +79,21 @@ def places(root: Path) -> list[Path]:
     return sorted(p for p in root.glob("??/*.exr") if is_address(p.stem) and p == place(root, p.stem))
 
 
-def describe(path: Path) -> Entry:
+def describe(path: Path) -> StoreEntry:
     """Return what the header of the entry at ``path`` says; of a damaged one, that it is."""
     size = path.stat().st_size
     try:
         header = exr.read_header(path)
         return _entry(path.stem, size, header)
     except (DamagedFileError, AttributeError, TypeError, ValueError):
-        return Entry(address=path.stem, kind="damaged", size_bytes=size)
+        return StoreEntry(address=path.stem, kind="damaged", size_bytes=size)
 
 
-def _entry(address: str, size: int, header: dict[str, Any]) -> Entry:
+def _entry(address: str, size: int, header: dict[str, Any]) -> StoreEntry:
     truth = header["truth"]
     scene, camera = truth.get("scene", {}), truth.get("camera", {})
     epoch = str(truth.get("epoch_utc", ""))
-    return Entry(
+    return StoreEntry(
         address=address,
         kind=header["kind"],
         size_bytes=size,

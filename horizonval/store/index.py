@@ -21,7 +21,7 @@ from typing import Any
 
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.core.progress import Progress, Silent
-from horizonval.store.entry import INDEX_PREFIX, Entry, describe, places
+from horizonval.store.entry import INDEX_PREFIX, StoreEntry, describe, places
 
 NAME = f"{INDEX_PREFIX}sqlite"
 VERSION = 1
@@ -40,7 +40,7 @@ _NO_DAMAGE = {
 }
 """SQLite's errors that speak of the system and not of the file's content."""
 
-_COLUMNS = [f.name for f in fields(Entry)]
+_COLUMNS = [f.name for f in fields(StoreEntry)]
 _INTEGERS = {"size_bytes", "schema", "width", "height"}
 _TABLE = "CREATE TABLE entries ({}) WITHOUT ROWID".format(
     ", ".join(
@@ -92,7 +92,7 @@ class Index:
         self.root = root
         self.path = root / NAME
 
-    def record(self, entry: Entry) -> None:
+    def record(self, entry: StoreEntry) -> None:
         """Add or replace a row; where that is impossible, leave it to :meth:`update`."""
         with contextlib.suppress(sqlite3.Error, UserError), self._open() as connection:
             connection.execute(_INSERT, _row(entry))
@@ -102,7 +102,7 @@ class Index:
         with self._reported(), self._open() as connection:
             connection.executemany("DELETE FROM entries WHERE address = ?", [(a,) for a in addresses])
 
-    def known(self) -> dict[str, Entry] | None:
+    def known(self) -> dict[str, StoreEntry] | None:
         """Return every row by address, as they stand; None where there is no index."""
         if not self.path.is_file():
             return None
@@ -135,7 +135,7 @@ class Index:
             connection.executemany(_INSERT, [_row(entries[address]) for address in sorted(entries)])
         return len(entries)
 
-    def select(self, wanted: Filter | None = None, progress: Progress | None = None) -> list[Entry]:
+    def select(self, wanted: Filter | None = None, progress: Progress | None = None) -> list[StoreEntry]:
         """Return the entries that a filter leaves, in the order of addresses, those of files that are gone included.
 
         The index catches up first. On a medium that cannot be written it does so in memory.
@@ -210,7 +210,7 @@ class Index:
         return False
 
 
-def _described(paths: list[Path], progress: Progress | None) -> Iterator[Entry]:
+def _described(paths: list[Path], progress: Progress | None) -> Iterator[StoreEntry]:
     listener = progress or Silent()
     listener.start(len(paths), 0)
     for path in paths:
@@ -223,17 +223,17 @@ def _is_current(connection: sqlite3.Connection) -> bool:
     return bool(connection.execute("PRAGMA user_version").fetchone()[0] == VERSION)
 
 
-def _row(entry: Entry) -> tuple[Any, ...]:
+def _row(entry: StoreEntry) -> tuple[Any, ...]:
     return astuple(replace(entry, bands=",".join(entry.bands)))  # type: ignore[arg-type]
 
 
-def _select(connection: sqlite3.Connection, wanted: Filter | None = None) -> Iterator[Entry]:
+def _select(connection: sqlite3.Connection, wanted: Filter | None = None) -> Iterator[StoreEntry]:
     condition, values = (wanted or Filter()).sql()
     columns = ", ".join(_COLUMNS)
     for row in connection.execute(f"SELECT {columns} FROM entries WHERE {condition} ORDER BY address", values):
         found = dict(zip(_COLUMNS, row, strict=True))
         found["bands"] = tuple(found["bands"].split(",")) if found["bands"] else ()
-        yield Entry(**found)
+        yield StoreEntry(**found)
 
 
 def _instant(text: str, where: str) -> str:

@@ -18,9 +18,9 @@ from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.core.progress import Progress
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.store import exr
-from horizonval.store.entry import Entry, describe, place, places, sha256
+from horizonval.store.entry import StoreEntry, describe, place, places, sha256
 from horizonval.store.index import Index
-from horizonval.store.verify import Finding, verify
+from horizonval.store.verify import StoreFinding, verify
 
 
 class Store:
@@ -92,11 +92,11 @@ class Store:
             raise UserError(what, where=str(self.root), fix="see `horizonval archive ls`")
         return found[0]
 
-    def entries(self) -> Iterator[Entry]:
+    def entries(self) -> Iterator[StoreEntry]:
         """Yield every entry in the order of addresses, read from the headers alone."""
         for path in places(self.root):
             yield describe(path)
 
-    def verify(self, named: Mapping[str, str] | None = None, progress: Progress | None = None) -> list[Finding]:
+    def verify(self, named: Mapping[str, str] | None = None, progress: Progress | None = None) -> list[StoreFinding]:
         """Read everything and return what is wrong; see :func:`horizonval.store.verify.verify`."""
         return verify(self.root, named, progress)

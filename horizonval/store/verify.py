@@ -23,14 +23,14 @@ from horizonval.core import atomic
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
 from horizonval.store import exr
-from horizonval.store.entry import INDEX_PREFIX, Entry, describe, is_address, place, sha256
+from horizonval.store.entry import INDEX_PREFIX, StoreEntry, describe, is_address, place, sha256
 from horizonval.store.index import NAME, Index
 
 Problem = Literal["damaged", "misplaced", "missing", "duplicate", "foreign", "leftover", "index"]
 
 
 @dataclass(frozen=True)
-class Finding:
+class StoreFinding:
     """One thing that should not be so; ``message`` is one line, ``address`` the entry that is concerned, if any."""
 
     path: Path
@@ -48,7 +48,7 @@ class _File:
     reason: str
 
 
-def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progress | None = None) -> list[Finding]:
+def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progress | None = None) -> list[StoreFinding]:
     """Read everything below ``root`` and return what is wrong, in the order of paths; nothing is changed.
 
     Parameters
@@ -61,7 +61,7 @@ def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progres
     findings, known = _known(root)
     expected = dict.fromkeys(known, "the index") | dict(named or {})
     paths = sorted(_files(root))
-    intact: dict[str, Entry] = {}
+    intact: dict[str, StoreEntry] = {}
     strays: list[_File] = []
     listener = progress or Silent()
     listener.start(len(paths), 0)
@@ -70,7 +70,9 @@ def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progres
         if path.parent == root and path.name.startswith(INDEX_PREFIX):
             continue
         if atomic.is_temporary(path):
-            findings.append(Finding(path, "leftover", f"{_shown(path, root)}: left by an interrupted write; delete it"))
+            findings.append(
+                StoreFinding(path, "leftover", f"{_shown(path, root)}: left by an interrupted write; delete it")
+            )
             continue
         file = _looked_at(path)
         if _is_place(path, root) and file.digest == path.stem and not file.reason:
@@ -89,7 +91,7 @@ def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progres
             where = place(root, address)
             hint = f"; its bytes lie at {_shown(bytes_at[address], root)}" if address in bytes_at else ""
             message = f"{_shown(where, root)}: not there, though {who} names it{hint}"
-            findings.append(Finding(where, "missing", message, address))
+            findings.append(StoreFinding(where, "missing", message, address))
     return sorted(findings, key=lambda finding: finding.path)
 
 
@@ -134,8 +136,8 @@ def _damage(path: Path) -> str:
 
 
 def _stray(
-    file: _File, root: Path, intact: Mapping[str, Entry], expected: Mapping[str, str], home: dict[str, Path]
-) -> Finding:
+    file: _File, root: Path, intact: Mapping[str, StoreEntry], expected: Mapping[str, str], home: dict[str, Path]
+) -> StoreFinding:
     """Say what a file is that is no intact entry at its place.
 
     ``home`` has the files that were told to be misplaced entries; this one is added if it is one.
@@ -143,21 +145,21 @@ def _stray(
     path, shown = file.path, _shown(file.path, root)
     if file.reason or not file.digest:
         if _is_place(path, root):
-            return Finding(path, "damaged", f"{shown}: {file.reason}", path.stem)
-        return Finding(path, "foreign", f"{shown}: does not belong here: {file.reason}")
+            return StoreFinding(path, "damaged", f"{shown}: {file.reason}", path.stem)
+        return StoreFinding(path, "foreign", f"{shown}: does not belong here: {file.reason}")
     proper = _shown(place(root, file.digest), root)
     if _is_place(path, root) and path.stem in expected:
         message = f"{shown}: its bytes are not those of its address, but those of {proper}"
-        return Finding(path, "damaged", message, path.stem)
+        return StoreFinding(path, "damaged", message, path.stem)
     if file.digest in intact:
-        return Finding(path, "duplicate", f"{shown}: a copy of {proper}", file.digest)
+        return StoreFinding(path, "duplicate", f"{shown}: a copy of {proper}", file.digest)
     if file.digest in home:
-        return Finding(path, "duplicate", f"{shown}: a copy of {_shown(home[file.digest], root)}", file.digest)
+        return StoreFinding(path, "duplicate", f"{shown}: a copy of {_shown(home[file.digest], root)}", file.digest)
     home[file.digest] = path
-    return Finding(path, "misplaced", f"{shown}: belongs at {proper}", file.digest)
+    return StoreFinding(path, "misplaced", f"{shown}: belongs at {proper}", file.digest)
 
 
-def _same_content(root: Path, intact: Mapping[str, Entry], expected: Mapping[str, str]) -> list[Finding]:
+def _same_content(root: Path, intact: Mapping[str, StoreEntry], expected: Mapping[str, str]) -> list[StoreFinding]:
     """Tell entries whose pixels and truth are those of another one, compressed otherwise; one that is named stays."""
     groups: dict[str, list[str]] = {}
     for address, entry in intact.items():
@@ -168,20 +170,20 @@ def _same_content(root: Path, intact: Mapping[str, Entry], expected: Mapping[str
         for address in others:
             path = place(root, address)
             message = f"{_shown(path, root)}: the pixels and truth of {_shown(place(root, first), root)} once more"
-            findings.append(Finding(path, "duplicate", message, address))
+            findings.append(StoreFinding(path, "duplicate", message, address))
     return findings
 
 
-def _known(root: Path) -> tuple[list[Finding], dict[str, Entry]]:
+def _known(root: Path) -> tuple[list[StoreFinding], dict[str, StoreEntry]]:
     index = Index(root)
     try:
         return [], index.known() or {}
     except UserError as error:
         fix = f"; {error.fix}" if error.fix else ""
-        return [Finding(index.path, "index", f"{NAME}: {error.what}{fix}")], {}
+        return [StoreFinding(index.path, "index", f"{NAME}: {error.what}{fix}")], {}
 
 
-def _stale_rows(root: Path, intact: Mapping[str, Entry], known: Mapping[str, Entry]) -> list[Finding]:
+def _stale_rows(root: Path, intact: Mapping[str, StoreEntry], known: Mapping[str, StoreEntry]) -> list[StoreFinding]:
     stale = [address for address, entry in known.items() if address in intact and intact[address] != entry]
     stale += [address for address in known if not is_address(address)]
     if not stale:
@@ -190,4 +192,4 @@ def _stale_rows(root: Path, intact: Mapping[str, Entry], known: Mapping[str, Ent
         f"{NAME}: {len(stale)} rows are not what the headers say, such as that of {stale[0]}; "
         "run `horizonval archive reindex`"
     )
-    return [Finding(root / NAME, "index", message)]
+    return [StoreFinding(root / NAME, "index", message)]

@@ -37,7 +37,7 @@ from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.store import Store
 from horizonval.suites.identity import frame_identity, unit_identity
 from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads
-from horizonval.suites.plan import Plan, Unit
+from horizonval.suites.plan import CasePlan, Unit
 from horizonval.suites.record import Record, camera_name, details_of, failed_record, record_of
 
 PROCESSOR = "processor "
@@ -97,7 +97,7 @@ class _Taken:
         return self.expected[band, needs]
 
 
-def run_unit(unit: Unit, plan: Plan, folder: RunFolder) -> tuple[dict[str, Brief], dict[str, float]]:
+def run_unit(unit: Unit, plan: CasePlan, folder: RunFolder) -> tuple[dict[str, Brief], dict[str, float]]:
     """Make a unit, write its files, and return what became of each result and the seconds each stage took.
 
     A defect anywhere is recorded in the case (``error``, rows with ``bad_input``), so that one bad frame does not cost
@@ -112,7 +112,7 @@ def run_unit(unit: Unit, plan: Plan, folder: RunFolder) -> tuple[dict[str, Brief
     return {name: _brief(record) for name, record in records.items()}, seconds
 
 
-def finished(unit: Unit, plan: Plan, folder: RunFolder) -> dict[str, Brief] | None:
+def finished(unit: Unit, plan: CasePlan, folder: RunFolder) -> dict[str, Brief] | None:
     """Return what is finished of a unit that needs no work, or ``None``."""
     identity = unit_identity(unit, plan)
     store = Store(folder.archive)
@@ -132,7 +132,7 @@ def _brief(record: Record) -> Brief:
     return Brief([Row.from_dict(row) for row in record["rows"]], record["error"])
 
 
-def give_up(unit: Unit, plan: Plan, folder: RunFolder, error: str) -> dict[str, Brief]:
+def give_up(unit: Unit, plan: CasePlan, folder: RunFolder, error: str) -> dict[str, Brief]:
     """Write records for a unit that cannot be made, and return what became of it."""
     briefs = {}
     for name, record in _failed(unit, plan, dict.fromkeys(unit.names, error)).items():
@@ -141,7 +141,7 @@ def give_up(unit: Unit, plan: Plan, folder: RunFolder, error: str) -> dict[str, 
     return briefs
 
 
-def _records(unit: Unit, plan: Plan, folder: RunFolder, watch: Stopwatch) -> dict[str, Record]:
+def _records(unit: Unit, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> dict[str, Record]:
     taken: dict[str, _Taken] = {}
     errors: dict[str, str] = {}
     for case in unit.cases:
@@ -177,7 +177,7 @@ def _records(unit: Unit, plan: Plan, folder: RunFolder, watch: Stopwatch) -> dic
     return records | _failed(unit, plan, errors)
 
 
-def _failed(unit: Unit, plan: Plan, errors: Mapping[str, str]) -> dict[str, Record]:
+def _failed(unit: Unit, plan: CasePlan, errors: Mapping[str, str]) -> dict[str, Record]:
     identity = unit_identity(unit, plan)
     cases = {case.name: case for case in unit.cases}
     records = {}
@@ -189,7 +189,7 @@ def _failed(unit: Unit, plan: Plan, errors: Mapping[str, str]) -> dict[str, Reco
     return records
 
 
-def _take(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> _Taken:
+def _take(case: Case, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> _Taken:
     from horizonval.sensor.observe import observe
 
     frame, address = _frame(case, plan, folder, watch)
@@ -208,7 +208,7 @@ def _take(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> _Taken
     return taken
 
 
-def _take_together(unit: Unit, taken: Mapping[str, _Taken], plan: Plan, watch: Stopwatch) -> _Taken:
+def _take_together(unit: Unit, taken: Mapping[str, _Taken], plan: CasePlan, watch: Stopwatch) -> _Taken:
     """Run the estimators that need all heads; frame and images are then the first head's."""
     case = unit.cases[0]
     first = taken[case.name]
@@ -237,7 +237,7 @@ def _score(
     band_number: int,
     estimator_name: str,
     observations: Iterator[Observation],
-    plan: Plan,
+    plan: CasePlan,
     watch: Stopwatch,
 ) -> None:
     """Run one estimator on the observations of a frame, one for every draw of the noise, and add its row."""
@@ -271,7 +271,7 @@ def _score(
     taken.details[estimator_name if band_number == 0 else f"{estimator_name} [{band}]"] = details_of(result)
 
 
-def _frame(case: Case, plan: Plan, folder: RunFolder, watch: Stopwatch) -> tuple[RadianceFrame, str | None]:
+def _frame(case: Case, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> tuple[RadianceFrame, str | None]:
     """Return the frame and its address: from the archive if it was rendered before, else rendered.
 
     Where everything is kept it is stored at once, so that a run that is cut off has it.

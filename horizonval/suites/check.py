@@ -7,11 +7,11 @@ from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.pose import place_from_spec
 from horizonval.geometry.rotation import julian_utc
 from horizonval.spec.load import Case, Suite
-from horizonval.suites.plan import Plan, of_heads
+from horizonval.suites.plan import CasePlan, of_heads
 from horizonval.suites.stability import check_stability
 
 
-def check_suite(suite: Suite, plan: Plan) -> None:
+def check_suite(suite: Suite, plan: CasePlan) -> None:
     """Find mistakes that the files' models cannot know: estimators, atmospheres, detectors, positions.
 
     Thousands of cases share few cameras and atmospheres, and each of those is looked at once.
@@ -44,7 +44,7 @@ def check_suite(suite: Suite, plan: Plan) -> None:
     check_stability(suite)
 
 
-def _check_heads(suite: Suite, plan: Plan) -> None:
+def _check_heads(suite: Suite, plan: CasePlan) -> None:
     """Every estimator has a frame to run on, and those that see all heads are not asked for on a camera of one."""
     run: set[str] = set()
     for case in suite.cases:

@@ -172,7 +172,7 @@ def _elements(spec: OrbitSpec, epoch: datetime) -> orbit.Elements:
     return orbit.Elements(a, eccentricity, inclination, node, math.radians(spec.argument_of_perigee_deg), mean)
 
 
-def _profile(spec: OrbitAttitude, seed: int, name: str) -> attitude_profile.Profile:
+def _profile(spec: OrbitAttitude, seed: int, name: str) -> attitude_profile.AttitudeProfile:
     def radians(angles: tuple[float, float, float]) -> tuple[float, float, float]:
         yaw, pitch, roll = (math.radians(x) for x in angles)
         return yaw, pitch, roll
@@ -184,7 +184,7 @@ def _profile(spec: OrbitAttitude, seed: int, name: str) -> attitude_profile.Prof
     slew = None
     if spec.slew is not None:
         slew = attitude_profile.Slew(radians(spec.slew.to_deg), spec.slew.start_s, spec.slew.duration_s)
-    return attitude_profile.Profile(
+    return attitude_profile.AttitudeProfile(
         reference=spec.pointing,
         offset_rad=radians(spec.offset_deg),
         slew=slew,

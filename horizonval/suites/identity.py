@@ -19,7 +19,7 @@ from horizonval.estimation import registry
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
 from horizonval.stability.case import StabilityCase
-from horizonval.suites.plan import Plan, Unit, plan_of
+from horizonval.suites.plan import CasePlan, Unit, plan_of
 
 FRAME_CODE = ("horizonval.renderer.scene.frame", "horizonval.store.exr")
 """The modules that make a frame and its file; those that they import are found."""
@@ -39,7 +39,7 @@ def frame_identity(case: Case) -> str:
     return _digest(_scene_content(case), code_digest(*FRAME_CODE))
 
 
-def unit_identity(unit: Unit, plan: Plan) -> str:
+def unit_identity(unit: Unit, plan: CasePlan) -> str:
     """Return the digest of what the results of a unit depend on: all its cases, their estimators, what is kept."""
     estimators = plan.of(unit.cases[0])
     code = code_digest(*ROW_CODE, *code_of(estimators))

@@ -23,7 +23,7 @@ FRAME_LIMIT_S = 3600.0
 
 
 @dataclass(frozen=True)
-class Plan:
+class CasePlan:
     """Estimators in the suite's order, what they may use, what stays in the archive.
 
     Attributes
@@ -82,11 +82,11 @@ class Plan:
         return json.dumps([names, self.keep, programs, *([self.draws] if self.draws != 1 else [])])
 
 
-def plan_of(suite: Suite) -> Plan:
+def plan_of(suite: Suite) -> CasePlan:
     """Return the plan of a suite."""
     folder = Path(suite.source).resolve().parent
     limits = Limits(suite.time_limit_s, suite.memory_limit_mb, suite.programs, folder)
-    return Plan(suite.estimators, limits, suite.keep, draws=suite.draws)
+    return CasePlan(suite.estimators, limits, suite.keep, draws=suite.draws)
 
 
 def _digests(command: str, folder: Path) -> list[str]:
@@ -115,7 +115,7 @@ class Unit:
         return tuple(case.name for case in self.cases) + ((self.name,) if self.heads else ())
 
 
-def units_of(cases: Iterable[Case], plan: Plan) -> list[Unit]:
+def units_of(cases: Iterable[Case], plan: CasePlan) -> list[Unit]:
     """Return the units of cases, in their order."""
     units: list[Unit] = []
     for (name, of_all_heads), group in itertools.groupby(cases, lambda case: (case.scene_name, of_heads(case))):

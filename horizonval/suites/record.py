@@ -17,7 +17,7 @@ from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.row import Row
 from horizonval.spec.load import Case
 from horizonval.suites.identity import ROW_CODE
-from horizonval.suites.plan import Plan
+from horizonval.suites.plan import CasePlan
 
 CASE_SCHEMA = 1
 MAX_POINTS = 2000
@@ -56,7 +56,9 @@ def record_of(
     }
 
 
-def failed_record(name: str, identity: str, case: Case, estimators: Sequence[str], plan: Plan, error: str) -> Record:
+def failed_record(
+    name: str, identity: str, case: Case, estimators: Sequence[str], plan: CasePlan, error: str
+) -> Record:
     """Return the record of a case that has no result because something broke."""
     truth = _truth_or_none(case)
     reason = " ".join(error.split())

@@ -26,7 +26,7 @@ from horizonval.frame import DetectorImage
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_of_heads, expected_outcome
 from horizonval.scoring.row import Row, make_row
-from horizonval.store.entry import Entry
+from horizonval.store.entry import StoreEntry
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Filter
 from horizonval.store.named import run_folder_of
@@ -121,7 +121,7 @@ def rescore(
         return _conclude(folder, head, rows, failed)
 
 
-def items_of(entries: Sequence[Entry], estimators: Sequence[Estimator]) -> list[Item]:
+def items_of(entries: Sequence[StoreEntry], estimators: Sequence[Estimator]) -> list[Item]:
     """Group images by scene, camera, instant and draw of noise, and name the groups.
 
     The name is the scene's; with the head's where images of several heads are of one scene, as in a run. What would

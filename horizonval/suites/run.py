@@ -25,7 +25,7 @@ from horizonval.suites.axes import figure_plans
 from horizonval.suites.case import Brief, finished, give_up, run_unit
 from horizonval.suites.check import check_suite
 from horizonval.suites.identity import suite_identity
-from horizonval.suites.plan import Plan, Unit, plan_of, shard_of, units_of
+from horizonval.suites.plan import CasePlan, Unit, plan_of, shard_of, units_of
 from horizonval.suites.shards import adopt
 from horizonval.suites.stability import StudyOutcome, run_stability
 from horizonval.suites.suite import load_suite
@@ -193,7 +193,7 @@ def _may_go_on(before: Mapping[str, Any], suite: Suite) -> bool:
 
 def _run_units(
     units: Sequence[Unit],
-    plan: Plan,
+    plan: CasePlan,
     folder: RunFolder,
     where: Where,
     progress: Progress,

@@ -8,7 +8,7 @@ from typing import Any
 
 import jinja2
 
-from horizonval.systems.result import Cell, Figure, Reproduction, Row, Table
+from horizonval.systems.result import Cell, ComparisonRow, Figure, Reproduction, Table
 
 
 def page(result: Reproduction, seed: int) -> str:
@@ -80,7 +80,7 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
-def _met(row: Row) -> str:
+def _met(row: ComparisonRow) -> str:
     return "" if row.holds is None else f"{_bar(row.plain())}: {'met' if row.holds else '**missed**'}"
 
 

@@ -25,11 +25,11 @@ def _or_lost(value: Any) -> Any:
 Printed = Annotated[float | None, BeforeValidator(_or_lost)]
 
 
-class _Plain(BaseModel):
+class _PublishedModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class PrintedFigure(_Plain):
+class PrintedFigure(_PublishedModel):
     """One printed figure, or a printed condition of an experiment.
 
     Attributes
@@ -46,7 +46,7 @@ class PrintedFigure(_Plain):
     where: str
 
 
-class PrintedTable(_Plain):
+class PrintedTable(_PublishedModel):
     """One printed table.
 
     Attributes
@@ -77,7 +77,7 @@ class PrintedTable(_Plain):
             yield settings, {name: figures[i] for name, figures in self.printed.items()}
 
 
-class Published(_Plain):
+class Published(_PublishedModel):
     """All that is kept of one source.
 
     Attributes

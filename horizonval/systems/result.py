@@ -17,7 +17,7 @@ Cell = str | int | float | None
 
 
 @dataclass(frozen=True)
-class Row:
+class ComparisonRow:
     """One published figure beside ours.
 
     Attributes
@@ -113,7 +113,7 @@ class Reproduction:
     system: str
     title: str
     source: str
-    rows: tuple[Row, ...]
+    rows: tuple[ComparisonRow, ...]
     tables: tuple[Table, ...] = ()
     figures: tuple[Figure, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)

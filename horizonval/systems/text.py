@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel, ConfigDict
 
 from horizonval.systems.published import published, read_toml
-from horizonval.systems.result import Cell, Figure, Reproduction, Row, Table
+from horizonval.systems.result import Cell, ComparisonRow, Figure, Reproduction, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
 
 
-class _Plain(BaseModel):
+class _TextModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class RowText(_Plain):
+class RowText(_TextModel):
     """A row's name, its unit, and why published and measured differ."""
 
     name: str
@@ -32,7 +32,7 @@ class RowText(_Plain):
     why: str
 
 
-class TableText(_Plain):
+class TableText(_TextModel):
     """A table's title, the heads of its columns, and what is said under the title."""
 
     title: str
@@ -40,7 +40,7 @@ class TableText(_Plain):
     caption: str = ""
 
 
-class PageText(_Plain):
+class PageText(_TextModel):
     """All texts of one system's page.
 
     Attributes
@@ -75,11 +75,11 @@ class PageText(_Plain):
         against: float | None = None,
         at_least: bool = False,
         **fields: Any,
-    ) -> Row:
-        """Return a row of published and measured; see :class:`horizonval.systems.result.Row`."""
+    ) -> ComparisonRow:
+        """Return a row of published and measured; see :class:`horizonval.systems.result.ComparisonRow`."""
         text = self.rows[key]
         name, unit, why = (part.format(**fields) for part in (text.name, text.unit, text.why))
-        return Row(name, published, measured, unit, why, limit, against, at_least)
+        return ComparisonRow(name, published, measured, unit, why, limit, against, at_least)
 
     def table(self, key: str, lines: Iterable[Iterable[Cell]], /, **fields: Any) -> Table:
         """Return a table of the page with these lines."""
@@ -99,7 +99,7 @@ class PageText(_Plain):
     def reproduction(
         self,
         *,
-        rows: Iterable[Row],
+        rows: Iterable[ComparisonRow],
         tables: Iterable[Table],
         figures: Iterable[Figure],
         settings: dict[str, Any],

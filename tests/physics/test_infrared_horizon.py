@@ -24,7 +24,7 @@ from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import truth_of
 from horizonval.truth.infrared_horizon.around import infrared_horizon
-from horizonval.truth.infrared_horizon.radiance import Air, ground_ray, limb_radiance
+from horizonval.truth.infrared_horizon.radiance import BandMedium, ground_ray, limb_radiance
 from horizonval.truth.infrared_horizon.rays import courses
 
 SPHERE = sphere(6_371_230.0)
@@ -106,7 +106,7 @@ def test_radiances_of_another_integrator(climate: str, interval: str) -> None:
     assert len(rows) > 5
     lo, hi = (float(x) for x in interval.removesuffix("um").split("-"))
     heights = np.array([float(r["tangent_height_km"]) for r in rows]) * 1e3
-    air = Air(model_of(climate, lo, hi).thermal[0])
+    air = BandMedium(model_of(climate, lo, hi).thermal[0])
     found = limb_radiance(air, courses(CAMERA_M, SPHERE, [0.4], heights, air.top_m))[0]
     # Five figures printed; 2e-3 for the cut bins of 14.0 to 16.3 um and both codes' steps.
     np.testing.assert_allclose(found, [float(r["radiance_420ppm_W_m2_sr"]) for r in rows], rtol=2e-3)
@@ -116,7 +116,7 @@ def test_radiances_of_another_integrator(climate: str, interval: str) -> None:
 @pytest.mark.parametrize("climate", ["tropical", "subarctic_winter"])
 def test_the_quadrature_has_converged(climate: str, band_um: tuple[float, float]) -> None:
     """Shells eight times thinner change the radiance by less than 1e-4 of the brightest."""
-    air = Air(model_of(climate, *band_um).thermal[0])
+    air = BandMedium(model_of(climate, *band_um).thermal[0])
     rays = courses(CAMERA_M, SPHERE, [0.0], np.array([0.0, 2e3, 5.3e3, 9e3, 16e3, 24.7e3, 38e3, 50e3]), air.top_m)
     coarse, fine = limb_radiance(air, rays), limb_radiance(air, rays, step_m=125.0)
     assert np.abs(coarse - fine).max() < 1e-4 * fine.max()
@@ -133,7 +133,7 @@ def test_isothermal_exponential_limb_has_the_closed_form() -> None:
     """``L = B (1 - exp(-tau))`` at every height."""
     k0 = 1.0 / depth(40e3, 1.0, SCALE_M)
     model = exponential(k0, SCALE_M)
-    air = Air(model.thermal[0])
+    air = BandMedium(model.thermal[0])
     heights = np.array([5e3, 20e3, 30e3, 36e3, 40e3, 47.3e3, 60e3])
     found = limb_radiance(air, courses(CAMERA_M, SPHERE, [1.0], heights, air.top_m))[0]
     full = float(model.thermal[0].source(250.0)[0])

@@ -7,7 +7,7 @@ import pytest
 
 from horizonval.systems.e.case import PUBLISHED_ROUNDING, ROUNDING_DEG, exact_pass, rounded
 from horizonval.systems.e.from_frames import expected
-from horizonval.systems.e.noise import LARGEST, MEANINGS, Meaning, noisy, plain_column
+from horizonval.systems.e.noise import LARGEST, MEANINGS, NoiseReading, noisy, plain_column
 from horizonval.systems.e.orbit.celestial import celestial_errors, rms
 from horizonval.systems.e.orbit.pipeline import locate
 
@@ -38,15 +38,15 @@ def test_meanings_have_the_spread_that_they_say() -> None:
         ("variance", 17.32),
     ):
         rng = np.random.default_rng(np.random.SeedSequence(31))
-        alone = (noisy(Meaning(shape, "alone"), 300.0, rng, 20) - exact) * step
+        alone = (noisy(NoiseReading(shape, "alone"), 300.0, rng, 20) - exact) * step
         assert alone.std() == pytest.approx(sigma, rel=0.02)
-        after = (noisy(Meaning(shape, "after"), 300.0, rng, 20) - exact) * step
+        after = (noisy(NoiseReading(shape, "after"), 300.0, rng, 20) - exact) * step
         assert after.std() == pytest.approx(np.hypot(sigma, 360.0 / np.sqrt(12.0)), rel=0.03)
 
 
 def test_most_noise_makes_the_largest_column() -> None:
     columns = {m: plain_column(m, np.random.default_rng(np.random.SeedSequence(32)), 8) for m in MEANINGS}
-    assert max(columns, key=lambda m: columns[m].sum()) in (LARGEST, Meaning("sigma", "after"))
+    assert max(columns, key=lambda m: columns[m].sum()) in (LARGEST, NoiseReading("sigma", "after"))
 
 
 def test_claimed_errors_of_a_covariance_are_those_of_its_draws() -> None:

@@ -21,7 +21,7 @@ CAMERA = CameraModel(256, 256, 222.0, 222.0, 130.0, 126.0)
 EVEN = {"backlight_fall": 0.0, "backlight_slope": 0.0, "viewing_power": 0.0}
 
 
-def rendered(panel, share, camera=CAMERA, tilt_deg=0.0, errors=bench.Errors(), distance_mm=200.0, blur_px=0.0):  # noqa: B008
+def rendered(panel, share, camera=CAMERA, tilt_deg=0.0, errors=bench.BenchErrors(), distance_mm=200.0, blur_px=0.0):  # noqa: B008
     poses = bench.panel_pose(distance_mm, errors), bench.camera_pose(math.radians(tilt_deg), errors)
     loaded = scene.bench_scene(panel, share, poses[0], camera, poses[1])
     return scene.render(loaded, blur_px).astype(float)
@@ -34,7 +34,7 @@ def white(panel):
 @pytest.mark.parametrize("tilt_deg", [-20.0, 0.0, 15.0])
 def test_bright_pixels_appear_where_opencv_projects_them(tilt_deg):
     panel = Panel(480, 270, pitch_mm=4 * 0.2768, **EVEN)
-    errors = bench.Errors(3.0, -2.0, 2.0, 1.5, 5.0, 1.0, -1.5, 0.0, 0.0, 0.25, 2.0, -1.0)
+    errors = bench.BenchErrors(3.0, -2.0, 2.0, 1.5, 5.0, 1.0, -1.5, 0.0, 0.0, 0.25, 2.0, -1.0)
     bright = np.array([[240, 135], [200, 100], [290, 120], [215, 190], [270, 170], [300, 150]])
     at, camera_at = bench.panel_pose(200.0, errors), bench.camera_pose(math.radians(tilt_deg), errors)
     # OpenCV wants world to camera

@@ -22,7 +22,7 @@ from horizonval.sensor.observe import observe
 from horizonval.studies.regression.baseline.baseline import frames_of, pack_path, read_baseline
 from horizonval.studies.regression.images import compare_images
 from horizonval.studies.regression.regions import LIMB, regions_of
-from horizonval.studies.regression.statistics.gates import Results, changed, measure, pairs_of
+from horizonval.studies.regression.statistics.gates import GateInputs, changed, measure, pairs_of
 from horizonval.studies.regression.statistics.judge import judge
 from horizonval.studies.regression.units import estimate_frozen, render_scene
 from horizonval.suites.plan import plan_of
@@ -98,7 +98,7 @@ def test_replay_repeats_the_baseline_and_catches_ten_percent_more_error(suite, b
         real += [row | strata for row in estimate_frozen(truth, scene, images, plan, run=run)]
         worse += [row | strata for row in estimate_frozen(truth, scene, images, plan, run=pushed)]
     assert changed(pairs_of(real, base.results.rows)) == []
-    gates = by_name(suite, Results(worse), base.results, {"replay"})
+    gates = by_name(suite, GateInputs(worse), base.results, {"replay"})
     assert "replay-accuracy" in failed(gates)
     assert gates["replay-availability"]["verdict"] == "PASS"
     assert set(gates["replay-accuracy"]["scenes"]) <= {row["scene"] for row in worse}
@@ -113,7 +113,7 @@ def test_replay_catches_availability_three_points_lower(suite, base):
             lost.add(row["scene"])
             row = row | {"status": "short_arc", "nadir_error_arcsec": None}
         now.append(row)
-    gates = by_name(suite, Results(now), base.results, {"replay"})
+    gates = by_name(suite, GateInputs(now), base.results, {"replay"})
     assert failed(gates) == {"replay-availability"}
     assert set(gates["replay-availability"]["scenes"]) <= lost
     assert gates["replay-availability"]["n_scenes"] == len(lost)
@@ -133,7 +133,7 @@ def images_with(suite, base, rendered, render=None, see=observe):
 
 
 def rerender_gates(suite, base, images):
-    return by_name(suite, Results(images=images), base.results, {"rerender"})
+    return by_name(suite, GateInputs(images=images), base.results, {"rerender"})
 
 
 def test_rendering_again_gives_the_same_bits_and_passes(suite, base, rendered):
@@ -241,8 +241,8 @@ def test_nights_in_which_nothing_changed(suite, base):
         }
         gates = by_name(
             suite,
-            Results(now, images, fresh_now, "tonight"),
-            Results(before, {}, fresh_before, "then"),
+            GateInputs(now, images, fresh_now, "tonight"),
+            GateInputs(before, {}, fresh_before, "then"),
             {"replay", "rerender", "fresh"},
         )
         kinds = {gate["verdict"] for gate in gates.values()}

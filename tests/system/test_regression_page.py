@@ -9,7 +9,7 @@ from browser import Browser, chromium_path
 
 from horizonval.studies.regression.baseline.baseline import read_baseline
 from horizonval.studies.regression.page import write_page
-from horizonval.studies.regression.statistics.gates import Results, changed, measure, pairs_of
+from horizonval.studies.regression.statistics.gates import GateInputs, changed, measure, pairs_of
 from horizonval.studies.regression.statistics.judge import judge
 from horizonval.suites.suite import load_suite
 
@@ -29,7 +29,7 @@ def page(tmp_path_factory):
         row | {"nadir_error_arcsec": None if row["nadir_error_arcsec"] is None else 1.1 * row["nadir_error_arcsec"]}
         for row in base.results.rows
     ]
-    results = Results(now, {}, base.results.fresh, "tonight")
+    results = GateInputs(now, {}, base.results.fresh, "tonight")
     moved = changed(pairs_of(now, base.results.rows))
     level = {"fixed method: median nadir error": {"value": 700.0, "unit": "arcsec", "n": 384}}
     nights = [

@@ -1,9 +1,10 @@
-"""The rooms of the package import only rooms below them, and nothing imports in circles."""
+"""The rooms of the package import only rooms below them, nothing imports in circles, and a class name is used once."""
 
 from __future__ import annotations
 
 import ast
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -57,6 +58,10 @@ INSIDE = {name: {i for i in _imports(name, path) if i in MODULES} - {name} for n
 def _room(module: str) -> str | None:
     parts = module.split(".")
     return parts[1] if len(parts) > 1 else None
+
+
+MOST_MODULES = 15
+"""Of one folder, ``__init__`` not counted."""
 
 
 def test_every_room_has_its_place():
@@ -116,3 +121,20 @@ def test_every_import_of_the_package_names_a_module():
 def test_only_render_knows_the_renderer(module):
     roots = {name.split(".")[0] for name in _imports(module, MODULES[module])}
     assert not roots & HEAVY
+
+
+def test_no_folder_holds_too_much():
+    folders = Counter(path.parent for path in MODULES.values() if path.name != "__init__.py")
+    crowded = {str(folder.relative_to(PACKAGE)): n for folder, n in folders.items() if n > MOST_MODULES}
+    assert not crowded, f"more than {MOST_MODULES} modules: {crowded}"
+
+
+def test_no_class_name_is_defined_twice():
+    names = Counter(
+        node.name
+        for path in MODULES.values()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    )
+    assert not [name for name, count in names.items() if count > 1], "one class name, one meaning"
+    assert len(names) > 200

@@ -44,7 +44,7 @@ MIN_UM, MAX_UM = 0.2, 18.5
 
 
 @dataclass(frozen=True)
-class Optics:
+class AerosolOptics:
     """Optical properties relative to the extinction at 550 nm, one entry per wavelength.
 
     Attributes
@@ -144,7 +144,7 @@ def kinds() -> list[str]:
     return list(json_object(_TABLE)["spectra"])
 
 
-def optics(kind: str, wavelength_um: ArrayLike) -> Optics:
+def optics(kind: str, wavelength_um: ArrayLike) -> AerosolOptics:
     """Return the spectra of one kind of particle.
 
     Parameters
@@ -174,4 +174,4 @@ def optics(kind: str, wavelength_um: ArrayLike) -> Optics:
     ln_wavelength = np.log(wavelength)
     found = np.exp(np.interp(ln_wavelength, ln_table, np.log(extinction)))
     albedo = np.interp(ln_wavelength, ln_table, 1 - absorption / extinction)
-    return Optics(found, found * albedo, np.interp(ln_wavelength, ln_table, asymmetry))
+    return AerosolOptics(found, found * albedo, np.interp(ln_wavelength, ln_table, asymmetry))

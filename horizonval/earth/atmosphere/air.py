@@ -13,7 +13,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.suggest import nearest
 from horizonval.earth.atmosphere import climate, climate_rows, profile_file
 from horizonval.earth.atmosphere.aerosol import Aerosol, aerosol
-from horizonval.earth.atmosphere.profiles import Profile, names, profile
+from horizonval.earth.atmosphere.profiles import AtmosphereProfile, names, profile
 from horizonval.earth.spectral import thermal_absorption
 from horizonval.spec.scene import SceneSpec
 
@@ -29,7 +29,7 @@ class Air:
 
     Attributes
     ----------
-    state : Profile
+    state : AtmosphereProfile
         On 0 to 100 km by 100 m.
     climates : mapping of str to float
         Which climates' thermal absorption to take, with weights; empty for a profile from a file.
@@ -39,7 +39,7 @@ class Air:
         Whether ozone absorbs sunlight.
     """
 
-    state: Profile
+    state: AtmosphereProfile
     climates: Mapping[str, float]
     aerosol: Aerosol
     with_ozone: bool

@@ -30,7 +30,7 @@ from functools import cache
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.atmosphere.profiles import Profile, profile
+from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
 from horizonval.earth.spectral import thermal_absorption
 from horizonval.earth.spectral.thermal_absorption import GPoints
 from horizonval.earth.tables import npz
@@ -43,13 +43,15 @@ _SAME = 1e-9
 """Square of a distance that counts as none."""
 
 
-def ln_absorption(points: GPoints, state: Profile, co2_ppm: float, climates: Sequence[str] | None = None) -> FloatArray:
+def ln_absorption(
+    points: GPoints, state: AtmosphereProfile, co2_ppm: float, climates: Sequence[str] | None = None
+) -> FloatArray:
     """Return the logarithm of the absorption [1/m] of air with a given state, shape (g, n).
 
     Parameters
     ----------
     points : GPoints
-    state : Profile
+    state : AtmosphereProfile
         On n altitudes; pressure, temperature, air and ozone are used.
     co2_ppm : float
         Of the lower atmosphere.

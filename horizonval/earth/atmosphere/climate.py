@@ -23,7 +23,7 @@ from itertools import pairwise
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.atmosphere.profiles import Profile, profile
+from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
 
 BY_LATITUDE_MONTH = "by_latitude_month"
 _ANCHORS = ((15.0, "tropical"), (45.0, "midlatitude"), (60.0, "subarctic"))
@@ -73,7 +73,7 @@ def _zone_weights(latitude: float) -> dict[str, float]:
     return {_ANCHORS[-1][1]: 1.0}
 
 
-def blended(weights: Mapping[str, float], name: str = BY_LATITUDE_MONTH) -> Profile:
+def blended(weights: Mapping[str, float], name: str = BY_LATITUDE_MONTH) -> AtmosphereProfile:
     """Return the blend of climates by their weights, on the climates' own levels."""
     parts = [(profile(climate), weight) for climate, weight in weights.items()]
 
@@ -82,7 +82,7 @@ def blended(weights: Mapping[str, float], name: str = BY_LATITUDE_MONTH) -> Prof
 
     temperature = np.asarray(sum(weight * part.temperature_k for part, weight in parts))
     air = logarithmic("number_density_air")
-    return Profile(
+    return AtmosphereProfile(
         name=name,
         altitude_m=parts[0][0].altitude_m,
         pressure_pa=air * _BOLTZMANN * temperature,

@@ -27,7 +27,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere import aerosol, borrowed_absorption, climate_rows
 from horizonval.earth.atmosphere.air import TOP_M, Air
 from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.earth.atmosphere.profiles import Profile
+from horizonval.earth.atmosphere.profiles import AtmosphereProfile
 from horizonval.earth.atmosphere.solar_rule import check_sunlight
 from horizonval.earth.spectral import bands, sunlight, thermal_absorption
 from horizonval.earth.spectral.thermal_absorption import GPoints
@@ -51,7 +51,7 @@ class EmittingAir:
     temperature_k : ndarray, shape (m, k)
     climates : tuple of dict, length m
         Weights of the climates in each row; of no use where there is a ``borrower``.
-    borrower : Profile or None
+    borrower : AtmosphereProfile or None
         On ``level_m``: air without climates, whose absorption is found from all of them.
     particles : Aerosol
         On ``level_m``.
@@ -63,7 +63,7 @@ class EmittingAir:
     level_m: FloatArray
     temperature_k: FloatArray
     climates: tuple[dict[str, float], ...]
-    borrower: Profile | None
+    borrower: AtmosphereProfile | None
     particles: aerosol.Aerosol
     co2_ppm: float
 

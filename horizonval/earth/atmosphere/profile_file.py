@@ -34,7 +34,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.suggest import nearest
-from horizonval.earth.atmosphere.profiles import Profile, profile
+from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
 
 MIN_LEVELS = 10
 MIN_TOP_KM = 60.0
@@ -68,7 +68,7 @@ class _Table:
         return f"{self.file}: {key}, level {i + 1}"
 
 
-def read_profile(path: Path | str) -> Profile:
+def read_profile(path: Path | str) -> AtmosphereProfile:
     """Return the profile of a file on levels from 0 to 120 km.
 
     Raises
@@ -233,7 +233,7 @@ def _pressure(table: _Table) -> FloatArray:
     return columns["pressure_Pa"] if "pressure_Pa" in columns else columns["pressure_hPa"] * 100
 
 
-def _profile(table: _Table, name: str) -> Profile:
+def _profile(table: _Table, name: str) -> AtmosphereProfile:
     """Return the profile on its own levels and, above the last, on levels by 1 km to 120 km."""
     z = np.array(table.columns["altitude_km"]) * 1e3
     temperature = np.array(table.columns["temperature_K"])
@@ -259,7 +259,7 @@ def _profile(table: _Table, name: str) -> Profile:
     air = pressure / (_BOLTZMANN * temperature)
     standard = profile("us_standard")
     others = standard.at(np.minimum(altitude, standard.altitude_m[-1]))
-    return Profile(
+    return AtmosphereProfile(
         name=name,
         altitude_m=altitude,
         pressure_pa=pressure,

@@ -29,7 +29,7 @@ _TABLE = "atmosphere_profiles.npz"
 
 
 @dataclass(frozen=True)
-class Profile:
+class AtmosphereProfile:
     """State of the atmosphere over altitude.
 
     Attributes
@@ -53,7 +53,7 @@ class Profile:
     number_density_h2o: FloatArray
     number_density_co2: FloatArray
 
-    def at(self, altitude_m: ArrayLike) -> Profile:
+    def at(self, altitude_m: ArrayLike) -> AtmosphereProfile:
         """Return the profile on other altitudes inside the tabulated range.
 
         Against the closed form of US76 the density is off by at most 2.4e-3 between the levels (47.35 km, where the
@@ -76,7 +76,7 @@ class Profile:
 
         temperature = np.interp(z, self.altitude_m, self.temperature_k)
         air = ln_linear(self.number_density_air * self.temperature_k) / temperature
-        return Profile(
+        return AtmosphereProfile(
             name=self.name,
             altitude_m=z,
             pressure_pa=ln_linear(self.pressure_pa),
@@ -93,7 +93,7 @@ def names() -> list[str]:
     return [str(name) for name in npz(_TABLE)["atmosphere"]]
 
 
-def profile(name: str, *, where: str = "") -> Profile:
+def profile(name: str, *, where: str = "") -> AtmosphereProfile:
     """Return a shipped profile on its own levels, 0 to 120 km by 1 km.
 
     Parameters
@@ -121,7 +121,7 @@ def profile(name: str, *, where: str = "") -> Profile:
     def row(key: str) -> FloatArray:
         return np.asarray(table[key][i], dtype=np.float64)
 
-    return Profile(
+    return AtmosphereProfile(
         name=name,
         altitude_m=np.asarray(table["altitude_m"], dtype=np.float64),
         pressure_pa=row("pressure_pa"),

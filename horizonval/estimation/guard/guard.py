@@ -148,12 +148,12 @@ def trusted_limb(observation: Observation, estimates: str = "geocentric") -> Tru
         return Refusal(worst, f"{lost:.0%} of the limb points are not to be trusted", project(camera, los)[0])
     cause = worst if lost > limits.MUCH_LOST else None
     if sun is None:
-        return _determined(_Points(los, los, None, bright_inside), observation, estimates, cause)
+        return _determined(_GuardPoints(los, los, None, bright_inside), observation, estimates, cause)
     return _best_reach(los, observation, sun, estimates, cause)
 
 
 @dataclass(frozen=True)
-class _Points:
+class _GuardPoints:
     """Points on their way through the guard: as seen, as they would be on the ground, and what is not known of that."""
 
     seen: FloatArray
@@ -161,9 +161,9 @@ class _Points:
     patterns: FloatArray | None
     bright_inside: bool
 
-    def take(self, rows: NDArray[np.bool_]) -> _Points:
+    def take(self, rows: NDArray[np.bool_]) -> _GuardPoints:
         patterns = None if self.patterns is None else self.patterns[:, rows]
-        return _Points(self.seen[rows], self.los[rows], patterns, self.bright_inside)
+        return _GuardPoints(self.seen[rows], self.los[rows], patterns, self.bright_inside)
 
 
 def _into_twilight(los: FloatArray, image: FloatArray, observation: Observation, sun: FloatArray) -> FloatArray:
@@ -203,7 +203,7 @@ def _best_reach(
     inwards = cone.axis_cam - los * (los @ cone.axis_cam)[:, None]
     inwards /= np.linalg.norm(inwards, axis=1)[:, None]
     ground = np.cos(drop)[:, None] * los + np.sin(drop)[:, None] * inwards
-    points = _Points(los, ground, limb.patterns_m, bright_inside=True)
+    points = _GuardPoints(los, ground, limb.patterns_m, bright_inside=True)
     best: TrustedLimb | Refusal | None = None
     tried = -1
     for reach in limits.REACHES_RAD:
@@ -223,7 +223,7 @@ def _is_better(one: TrustedLimb, other: TrustedLimb | Refusal) -> bool:
     return isinstance(other, Refusal) or one.sigma_rad < other.sigma_rad
 
 
-def _without_outliers(points: _Points, observation: Observation) -> _Points:
+def _without_outliers(points: _GuardPoints, observation: Observation) -> _GuardPoints:
     smallest = limits.SMALLEST_TRIM_PX / max(observation.camera.fx, observation.camera.fy)
     for _ in range(limits.TRIMS):
         if len(points.los) < limits.FEWEST_POINTS:
@@ -239,7 +239,7 @@ def _without_outliers(points: _Points, observation: Observation) -> _Points:
 
 
 def _determined(
-    points: _Points, observation: Observation, estimates: str, cause: Outcome | None
+    points: _GuardPoints, observation: Observation, estimates: str, cause: Outcome | None
 ) -> TrustedLimb | Refusal:
     """Refuse points that leave the nadir open; ``cause``: what took the points that are missing."""
     points = _without_outliers(points, observation)

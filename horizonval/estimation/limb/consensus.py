@@ -47,7 +47,7 @@ GAP_PX = 3.5
 
 
 @dataclass(frozen=True)
-class Sight:
+class EdgePoints:
     """Edge points as lines of sight.
 
     Attributes
@@ -68,9 +68,9 @@ class Sight:
     quiet: FloatArray
     shape: tuple[int, int]
 
-    def take(self, rows: NDArray[np.integer] | NDArray[np.bool_]) -> Sight:
+    def take(self, rows: NDArray[np.integer] | NDArray[np.bool_]) -> EdgePoints:
         """Return a selection of the points."""
-        return Sight(
+        return EdgePoints(
             self.uv[rows], self.gradient[rows], self.los_cam[rows], self.jacobian[rows], self.quiet[rows], self.shape
         )
 
@@ -97,7 +97,7 @@ class Candidate:
     arc_px: float
 
 
-def to_sight(edges: Edges, camera: CameraModel, shape: tuple[int, int]) -> Sight:
+def to_sight(edges: Edges, camera: CameraModel, shape: tuple[int, int]) -> EdgePoints:
     """Turn edge points into lines of sight; points where the camera has no direction are left out."""
     los = unproject(camera, edges.uv)
     step = np.array([[0.5, 0.0], [0.0, 0.5]])
@@ -105,15 +105,15 @@ def to_sight(edges: Edges, camera: CameraModel, shape: tuple[int, int]) -> Sight
         [unproject(camera, edges.uv + step[i]) - unproject(camera, edges.uv - step[i]) for i in (0, 1)], axis=-1
     )
     good = np.isfinite(los).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
-    return Sight(edges.uv[good], edges.gradient[good], los[good], jacobian[good], edges.quiet[good], shape)
+    return EdgePoints(edges.uv[good], edges.gradient[good], los[good], jacobian[good], edges.quiet[good], shape)
 
 
-def find_candidates(sight: Sight, rng: np.random.Generator) -> list[Candidate]:
+def find_candidates(sight: EdgePoints, rng: np.random.Generator) -> list[Candidate]:
     """Return the best supported cones, the longest supported arc first; cones that are the same are given once.
 
     Parameters
     ----------
-    sight : Sight
+    sight : EdgePoints
     rng : numpy.random.Generator
     """
     n = len(sight.uv)
@@ -131,7 +131,7 @@ def find_candidates(sight: Sight, rng: np.random.Generator) -> list[Candidate]:
 
 
 def support(
-    sight: Sight, axis: FloatArray, cosine: float, bright_inside: bool, slack: float = 1.0
+    sight: EdgePoints, axis: FloatArray, cosine: float, bright_inside: bool, slack: float = 1.0
 ) -> NDArray[np.bool_]:
     """Return which points support a cone (see the module text); ``slack`` widens or narrows the tolerance."""
     off_px, turn = _residuals(sight, axis[:, None], np.array([cosine]))
@@ -140,12 +140,12 @@ def support(
     return np.asarray((np.abs(off_px) <= tolerance) & (sign * turn >= COS_GRADIENT))[:, 0]
 
 
-def off_limb_px(sight: Sight, axis: FloatArray, cosine: float) -> FloatArray:
+def off_limb_px(sight: EdgePoints, axis: FloatArray, cosine: float) -> FloatArray:
     """Return how far each point lies inside (positive) a cone's limb [px], to first order."""
     return _residuals(sight, axis[:, None], np.array([cosine]))[0][:, 0]
 
 
-def _residuals(sight: Sight, axes: FloatArray, cosines: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _residuals(sight: EdgePoints, axes: FloatArray, cosines: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return distances from the limb [px] and cosines between gradient and inward normal, (n, k) for axes (3, k)."""
     ex = sight.jacobian[:, :, 0] @ axes
     ey = sight.jacobian[:, :, 1] @ axes
@@ -156,7 +156,7 @@ def _residuals(sight: Sight, axes: FloatArray, cosines: FloatArray) -> tuple[Flo
     return off, turn
 
 
-def _tolerance_px(sight: Sight, cosines: FloatArray, axes: FloatArray) -> FloatArray:
+def _tolerance_px(sight: EdgePoints, cosines: FloatArray, axes: FloatArray) -> FloatArray:
     sine = np.sqrt(np.clip(1.0 - cosines**2, 0.0, None))
     tangent = sine / np.clip(cosines, 0.17, None)
     px_per_rad = 1.0 / np.linalg.norm(sight.jacobian, axis=(1, 2)) * np.sqrt(2.0)
@@ -165,7 +165,7 @@ def _tolerance_px(sight: Sight, cosines: FloatArray, axes: FloatArray) -> FloatA
     return np.minimum(TOLERANCE_PX + relief, largest)
 
 
-def _draw(sight: Sight, pool: IndexArray, rng: np.random.Generator) -> list[tuple[FloatArray, float, bool]]:
+def _draw(sight: EdgePoints, pool: IndexArray, rng: np.random.Generator) -> list[tuple[FloatArray, float, bool]]:
     """Return the ``KEPT`` cones with most support among random triples, of each polarity."""
     triples = pool[rng.integers(0, len(pool), size=(TRIPLES, 3))]
     a, b, c = (sight.uv[triples[:, i]] for i in range(3))
@@ -199,7 +199,7 @@ def _draw(sight: Sight, pool: IndexArray, rng: np.random.Generator) -> list[tupl
     return chosen
 
 
-def _improve(sight: Sight, axis: FloatArray, cosine: float, bright_inside: bool) -> Candidate | None:
+def _improve(sight: EdgePoints, axis: FloatArray, cosine: float, bright_inside: bool) -> Candidate | None:
     """Refit a cone to its supporters until they no longer change, narrowing the tolerance from 2 to 1."""
     rows = np.empty(0, dtype=np.int64)
     for slack in (2.0, 1.5, 1.0, 1.0, 1.0):

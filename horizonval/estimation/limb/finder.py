@@ -18,7 +18,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.checks import check_image, saturated_pixels
-from horizonval.estimation.limb.consensus import Candidate, Sight, find_candidates, to_sight
+from horizonval.estimation.limb.consensus import Candidate, EdgePoints, find_candidates, to_sight
 from horizonval.estimation.limb.edges import Edges, find_edges, scale_to_8_bit
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import off_axis_angle
@@ -167,9 +167,9 @@ def _no_edges(image: FloatArray, saturated: NDArray[np.bool_], dazzled: bool, fu
 def _decide(
     image: FloatArray,
     camera: CameraModel,
-    sight: Sight,
+    sight: EdgePoints,
     candidates: list[Candidate],
-    others: Sight,
+    others: EdgePoints,
     weight: float,
     rim: int,
     dazzled: bool,

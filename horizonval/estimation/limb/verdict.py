@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.limb.consensus import Candidate, Sight, off_limb_px, unbroken_px
+from horizonval.estimation.limb.consensus import Candidate, EdgePoints, off_limb_px, unbroken_px
 from horizonval.estimation.limb.model.shading import SHARP, unshade
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import (
@@ -73,9 +73,9 @@ class Limb:
 def judge(
     image: FloatArray,
     camera: CameraModel,
-    sight: Sight,
+    sight: EdgePoints,
     candidate: Candidate,
-    others: Sight,
+    others: EdgePoints,
     others_weight: float,
     rim_px: int,
 ) -> Limb | Refusal:
@@ -86,10 +86,10 @@ def judge(
     image : ndarray, shape (H, W)
         Grey levels; a refused candidate's reason names what failed first.
     camera : CameraModel
-    sight : Sight
+    sight : EdgePoints
         The points that ``candidate.rows`` index.
     candidate : Candidate
-    others : Sight
+    others : EdgePoints
         Edge points of the whole image (or a random sample), to see what lies outside.
     others_weight : float
         Number of edge points that each of ``others`` stands for.
@@ -100,7 +100,7 @@ def judge(
     uv, kept, sharpness = refine(image, sight.uv[candidate.rows], sight.gradient[candidate.rows])
     if len(uv) < FEWEST_POINTS:
         return _short_or_none(candidate.arc_px, shortest)
-    points = _trim(_Points(uv, unproject(camera, uv), sight.gradient[candidate.rows][kept], sharpness), camera)
+    points = _trim(_LimbPoints(uv, unproject(camera, uv), sight.gradient[candidate.rows][kept], sharpness), camera)
     if len(points.uv) < FEWEST_POINTS:
         return _short_or_none(candidate.arc_px, shortest)
     cone = fit_cone(points.los)
@@ -150,25 +150,25 @@ def _short_or_none(arc: float, shortest: float) -> Refusal:
 
 
 @dataclass(frozen=True)
-class _Points:
+class _LimbPoints:
     uv: FloatArray
     los: FloatArray
     gradient: FloatArray
     sharpness: FloatArray
 
-    def take(self, rows: NDArray[np.integer] | NDArray[np.bool_]) -> _Points:
-        return _Points(self.uv[rows], self.los[rows], self.gradient[rows], self.sharpness[rows])
+    def take(self, rows: NDArray[np.integer] | NDArray[np.bool_]) -> _LimbPoints:
+        return _LimbPoints(self.uv[rows], self.los[rows], self.gradient[rows], self.sharpness[rows])
 
 
-def _unshaded(points: _Points, image: FloatArray, camera: CameraModel) -> _Points:
+def _unshaded(points: _LimbPoints, image: FloatArray, camera: CameraModel) -> _LimbPoints:
     """Return a hard limb's points freed of the shading's bias; a soft limb's as they are."""
     if np.median(points.sharpness) < SHARP:
         return points
     uv, kept = unshade(image, camera, fit_cone(points.los).axis_cam, points.uv, points.gradient)
-    return _Points(uv, unproject(camera, uv), points.gradient[kept], points.sharpness[kept])
+    return _LimbPoints(uv, unproject(camera, uv), points.gradient[kept], points.sharpness[kept])
 
 
-def _trim(points: _Points, camera: CameraModel) -> _Points:
+def _trim(points: _LimbPoints, camera: CameraModel) -> _LimbPoints:
     """Leave out refined points beyond 3.5 robust standard deviations of the limb, twice."""
     rad_per_px = 1.0 / max(camera.fx, camera.fy)
     for _ in range(2):

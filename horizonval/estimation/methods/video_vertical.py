@@ -16,8 +16,8 @@ the end points in the image plane instead is perpendicular to n only if both lie
 in a camera that is turned about its boresight they do not, and the vertical is off by degrees. Likewise the end points
 are taken where the edge *is*: moved onto the fitted circle they would leave the horizon, which is a conic. The circle's
 part is to tell the arc from what hangs on it, to put its pixels into order from end to end, and to say on which side
-the Earth lies: that of its centre. :class:`Ends` has the other readings of the text; single end pixels are the one that
-comes to the published model error.
+the Earth lies: that of its centre. :class:`ChordEnds` has the other readings of the text; single end pixels are the one
+that comes to the published model error.
 
 **Uncertainty.** With the chords ``c1``, ``c2`` the vertical solves ``c . n = 0``, so that an error ``e`` of ``c . n``
 moves it by ``-pinv([c1; c2]) e``. Each ``e`` is the difference of two ends' errors across the horizon: few pixels bear
@@ -55,7 +55,7 @@ END_PIXELS = 8
 """Pixels that make an end of the arc: a third of the shortest arc there is."""
 
 
-class Ends(StrEnum):
+class ChordEnds(StrEnum):
     """Readings of "the vector that joins the end points of the arc"."""
 
     SIGHT = "mean lines of sight to the arc's last pixels"
@@ -64,15 +64,15 @@ class Ends(StrEnum):
     PLANE = "end points in the image plane"
 
 
-def chord(arc: Arc, camera: CameraModel, ends: Ends = Ends.SIGHT) -> FloatArray:
+def chord(arc: Arc, camera: CameraModel, ends: ChordEnds = ChordEnds.SIGHT) -> FloatArray:
     """Return the vector in camera axes, shape (3,), that joins an arc's end points."""
-    if ends is Ends.SIGHT:
+    if ends is ChordEnds.SIGHT:
         first, last = (unproject(camera, uv).mean(axis=0) for uv in (arc.uv[:END_PIXELS], arc.uv[-END_PIXELS:]))
         return np.asarray(last - first)
     uv = arc.uv[[0, -1]]
-    if ends is not Ends.PIXEL:
+    if ends is not ChordEnds.PIXEL:
         uv = arc.circle.nearest(uv)
-    if ends is Ends.PLANE:
+    if ends is ChordEnds.PLANE:
         across = (uv[1] - uv[0]) / (camera.fx, camera.fy)
         return np.array([across[0], across[1], 0.0])
     los = unproject(camera, uv)
@@ -94,7 +94,7 @@ def run(observation: Observation) -> Fit | Refusal:
     return solve(observation)
 
 
-def solve(observation: Observation, ends: Ends = Ends.SIGHT) -> Fit | Refusal:
+def solve(observation: Observation, ends: ChordEnds = ChordEnds.SIGHT) -> Fit | Refusal:
     """Estimate the nadir from the images of two heads, with one of the readings of the end points."""
     if len(observation.heads) != HEADS:
         return Refusal(Outcome.BAD_INPUT, f"{len(observation.heads)} heads; the method has {HEADS}")
@@ -130,7 +130,7 @@ def fit_arcs(
     arcs: list[Arc],
     heads: list[Observation],
     earth_radius_m: float,
-    ends: Ends = Ends.SIGHT,
+    ends: ChordEnds = ChordEnds.SIGHT,
     *,
     sub_pixel: bool = False,
 ) -> Fit | Refusal:
@@ -175,7 +175,7 @@ def fit_arcs(
         ]
     )
     variance_px = float(np.mean(off_px**2)) if sub_pixel else max(float(np.mean(off_px**2)), PIXEL_SIGMA_PX**2)
-    if ends is Ends.SIGHT:
+    if ends is ChordEnds.SIGHT:
         alike = max(_pixels_alike(los, *one) for los, one in zip(los_body, about, strict=True))
         variance_px *= min(1.0, alike / END_PIXELS)
     per_px = np.array([float(np.sum(scale[[0, -1]] ** -2.0)) for scale in px_per_rad])

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.report.figures.plots import ESTIMATOR_COLOURS, ESTIMATOR_MARKERS, FLOOR_ARCSEC, Draw, house_style
-from horizonval.report.verdict import FALSE_VALID, MISSED, VALID, Verdict, verdict_of
+from horizonval.report.verdict import FALSE_VALID, MISSED, VALID, VerdictMark, verdict_of
 from horizonval.scoring import limits
 from horizonval.scoring.row import Row
 
@@ -122,7 +122,7 @@ def _shade(axes: Axes, spans: Sequence[Span]) -> None:
 
 
 def _strip_line(axes: Axes, x: Sequence[float] | FloatArray, rows: Sequence[Row], line: int, link: Link) -> None:
-    by_verdict: dict[Verdict, list[int]] = {}
+    by_verdict: dict[VerdictMark, list[int]] = {}
     for k, row in enumerate(rows):
         by_verdict.setdefault(verdict_of(row), []).append(k)
     for verdict, which in by_verdict.items():
@@ -143,7 +143,7 @@ def curves_height_in(estimators: Sequence[str]) -> float:
     return 5.2 + (0.25 + STRIP_IN) * len(estimators)
 
 
-def _fill(verdict: Verdict) -> dict[str, Any]:
+def _fill(verdict: VerdictMark) -> dict[str, Any]:
     solid = verdict in (VALID, FALSE_VALID, MISSED)
     return {"facecolors": verdict.colour if solid else "none", "edgecolors": verdict.colour, "linewidths": 1.0}
 

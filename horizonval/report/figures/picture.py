@@ -26,7 +26,7 @@ REDUCED_QUALITY = 82
 
 
 @dataclass(frozen=True)
-class Picture:
+class EmbeddedPicture:
     """A picture as ``data:`` URI, and the digital numbers drawn black and white."""
 
     uri: str
@@ -34,7 +34,7 @@ class Picture:
     white_dn: float
 
 
-def picture_of(image: DetectorImage, *, reduced: bool = False) -> Picture:
+def picture_of(image: DetectorImage, *, reduced: bool = False) -> EmbeddedPicture:
     """Return the picture of a detector image; ``reduced``: smaller and lossy, for runs of many frames."""
     grey, black, white = tone_mapped(image)
     if reduced:
@@ -48,7 +48,7 @@ def picture_of(image: DetectorImage, *, reduced: bool = False) -> Picture:
     done, data = cv2.imencode(suffix, grey, options)
     if not done:
         raise RuntimeError(f"OpenCV cannot write {kind}")
-    return Picture(f"data:image/{kind};base64,{base64.b64encode(data.tobytes()).decode('ascii')}", black, white)
+    return EmbeddedPicture(f"data:image/{kind};base64,{base64.b64encode(data.tobytes()).decode('ascii')}", black, white)
 
 
 def tone_mapped(image: DetectorImage) -> tuple[NDArray[np.uint8], float, float]:

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from horizonval.report.load import View
+from horizonval.report.load import CaseView
 from horizonval.report.verdict import BROKEN, FAIR, MISSED, NONE, OTHER, REFUSED, verdict_of
 from horizonval.report.wording import count
 from horizonval.scoring import limits
@@ -66,7 +66,7 @@ def figure_uri(draw: Draw, width_in: float, height_in: float) -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 
-def error_by_frame(views: Sequence[View], estimators: Sequence[str]) -> Draw:
+def error_by_frame(views: Sequence[CaseView], estimators: Sequence[str]) -> Draw:
     """Nadir error of every frame on a log axis; refusals as marks in a strip on top."""
 
     def draw(figure: Figure) -> None:
@@ -211,6 +211,6 @@ def _empty(axes: Axes, text: str) -> None:
     axes.set(xticks=[], yticks=[])
 
 
-def _label(view: View, views: Sequence[View]) -> str:
+def _label(view: CaseView, views: Sequence[CaseView]) -> str:
     several = sum(other.case == view.case for other in views) > 1
     return f"{view.case} {view.band}" if several else view.case

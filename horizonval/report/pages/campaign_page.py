@@ -15,7 +15,7 @@ from urllib.parse import quote
 from horizonval.report.figures import campaign_plots as draw
 from horizonval.report.figures.campaign_plots import Span, inline_svg
 from horizonval.report.figures.plots import Draw
-from horizonval.report.load import Run
+from horizonval.report.load import ReportRun
 from horizonval.report.pages.confusion_section import matrices_of
 from horizonval.report.verdict import FALSE_VALID, MISSED, verdict_of
 from horizonval.report.wording import count, interval, number, percent
@@ -34,7 +34,7 @@ GUARDED = "guarded-"
 Plain = dict[str, Any]
 
 
-def headline(run: Run) -> Plain:
+def headline(run: ReportRun) -> Plain:
     """Return the page's name and the campaign in one sentence."""
     rows = run.rows
     false = sum(verdict_of(row) is FALSE_VALID for row in rows)
@@ -43,17 +43,17 @@ def headline(run: Run) -> Plain:
     return {"page": PAGE, "text": f"{figures}{false} of {claims} claims are false."}
 
 
-def is_due(run: Run) -> bool:
+def is_due(run: ReportRun) -> bool:
     """Whether a run has this page: figures that the suite asks for, or several draws of the noise, or both."""
     return bool(run.figures) or has_draws(run)
 
 
-def has_draws(run: Run) -> bool:
+def has_draws(run: ReportRun) -> bool:
     """Whether frames were observed more than once."""
     return any(row.noise_draws is not None for row in run.rows)
 
 
-def page_of(run: Run) -> Plain:
+def page_of(run: ReportRun) -> Plain:
     """Return everything the template shows."""
     rows, link = run.rows, links_of(run)
     groups = summarise(rows)["groups"]
@@ -76,7 +76,7 @@ def page_of(run: Run) -> Plain:
     }
 
 
-def links_of(run: Run) -> draw.Link:
+def links_of(run: ReportRun) -> draw.Link:
     """Return what gives the address of a row's frame: ``None`` where the first page does not show it."""
     shown = {view.case for view in run.views if view.shown}
     return lambda row: f"index.html#{quote(row.case)}" if row.case in shown else None
@@ -89,7 +89,7 @@ def _together(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
     return [(name, own) for name, own in (("all bare methods", bare), ("all guarded methods", guarded)) if own]
 
 
-def _section(run: Run, plan: Plain, index: int, link: draw.Link) -> Plain:
+def _section(run: ReportRun, plan: Plain, index: int, link: draw.Link) -> Plain:
     rows = [row for row in run.rows if row.case in plan["cases"]]
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:

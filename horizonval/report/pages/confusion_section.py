@@ -12,7 +12,7 @@ from typing import Any
 
 from horizonval.core.outcome import Outcome
 from horizonval.report import wording
-from horizonval.report.verdict import BONUS, FALSE_VALID, MISSED, OTHER, REFUSED, VALID, Verdict
+from horizonval.report.verdict import BONUS, FALSE_VALID, MISSED, OTHER, REFUSED, VALID, VerdictMark
 from horizonval.scoring import limits
 from horizonval.scoring.confusion import BEYOND_LIMIT, BEYOND_SIGMA, BORDERLINE, in_order, strict_confusion
 from horizonval.scoring.row import Row
@@ -61,7 +61,7 @@ def _matrix(rows: Sequence[Row], estimator: str) -> dict[str, Any]:
     return {"estimator": estimator, "n": len(rows), "reported": words, "lines": lines}
 
 
-def _look(expected: str, reported: str) -> tuple[str, Verdict | None]:
+def _look(expected: str, reported: str) -> tuple[str, VerdictMark | None]:
     """Return the class of a cell and the verdict whose glyph it has."""
     if reported in COLUMN_WORDS:
         return "alarm", FALSE_VALID

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from horizonval.frame import FrameTruth
 from horizonval.report.figures import plots
-from horizonval.report.load import View
+from horizonval.report.load import CaseView
 from horizonval.report.wording import count, number, percent
 from horizonval.spec.sensor.camera import Band
 from horizonval.truth.infrared_horizon.curve import MAXIMUM_GRADIENT, visible_height_m
@@ -29,7 +29,7 @@ TEXT = (
 _MOST_NAMED = 7
 
 
-def section_of(views: Sequence[View]) -> dict[str, Any] | None:
+def section_of(views: Sequence[CaseView]) -> dict[str, Any] | None:
     """Return what the template shows of the infrared horizon; None for runs whose truths have none."""
     shown = [v for v in views if v.image is not None and v.band in v.image.truth.infrared_horizon]
     if not shown:
@@ -64,13 +64,13 @@ def facts_of(truth: FrameTruth, band: str) -> list[tuple[str, str]]:
     ]
 
 
-def _stored(view: View) -> dict[str, Any]:
+def _stored(view: CaseView) -> dict[str, Any]:
     assert view.image is not None
     found: dict[str, Any] = view.image.truth.infrared_horizon[view.band]
     return found
 
 
-def _around(views: Sequence[View], kinds: Sequence[str]) -> plots.Draw:
+def _around(views: Sequence[CaseView], kinds: Sequence[str]) -> plots.Draw:
     cases: dict[tuple[Any, ...], list[str]] = {}
     for view in views:
         stored = _stored(view)
@@ -104,7 +104,7 @@ def _curves(axes: Axes, heights: tuple[float, ...], index: int, name: str | None
     axes.plot(azimuth, np.append(steepest, steepest[0]), color=colour, lw=0.8 * width, ls=":")
 
 
-def _accuracy_rows(views: Sequence[View], places: int) -> list[dict[str, Any]]:
+def _accuracy_rows(views: Sequence[CaseView], places: int) -> list[dict[str, Any]]:
     rows: dict[tuple[str, str, str], dict[str, Any]] = {}
     for view in views:
         assert view.image is not None

@@ -21,7 +21,7 @@ from horizonval.studies.regression.baseline.baseline import (
 )
 from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage, Pack
 from horizonval.studies.regression.night import LANES, NIGHT_SCHEMA, WORK
-from horizonval.studies.regression.statistics.gates import Results, pairs_of
+from horizonval.studies.regression.statistics.gates import GateInputs, pairs_of
 from horizonval.studies.regression.words import figure
 
 SHORTEST_REASON = 10
@@ -69,7 +69,7 @@ def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> 
             fix="no reason makes them right; mend what broke them",
         )
     before = read_baseline(baseline, night["suite"]) if baseline.is_file() else None
-    results = Results(rows=night["rows"], fresh=night["fresh"], fresh_night=night["night"])
+    results = GateInputs(rows=night["rows"], fresh=night["fresh"], fresh_night=night["night"])
     now = datetime.now(UTC).isoformat(timespec="seconds")
     past = [] if before is None else [_line(before.head), *before.head["past"]][:MOST_REASONS]
     head = {
@@ -99,7 +99,9 @@ def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> 
     return written
 
 
-def difference_table(before: Baseline | None, now: Results, scenes: Mapping[str, Any], head: Mapping[str, Any]) -> str:
+def difference_table(
+    before: Baseline | None, now: GateInputs, scenes: Mapping[str, Any], head: Mapping[str, Any]
+) -> str:
     """Return what changes with a new baseline as Markdown."""
     lines = [
         f"# Accepted baseline of suite {head['suite']}",

@@ -26,7 +26,7 @@ from horizonval.spec.load import Case
 from horizonval.store.folder import read_json, write_json
 from horizonval.studies.regression.units import render_scene, replay_scene
 from horizonval.suites.identity import code_of
-from horizonval.suites.plan import Plan
+from horizonval.suites.plan import CasePlan
 
 _UNITS = ("horizonval.studies.regression.units", "horizonval.estimation.process.estimator_process")
 CODE = {"replay": _UNITS, "render": _UNITS, "anchors": ("horizonval.studies.regression.anchors",)}
@@ -60,7 +60,7 @@ class Done:
     error: str | None
 
 
-def work(tasks: Mapping[str, Task], plan: Plan, folder: Path, workers: int, progress: Progress) -> dict[str, Done]:
+def work(tasks: Mapping[str, Task], plan: CasePlan, folder: Path, workers: int, progress: Progress) -> dict[str, Done]:
     """Return what became of every unit, by name; a unit that fails or whose process dies has an ``error``.
 
     Nothing that is finished in the folder is made again.
@@ -98,7 +98,7 @@ def sweep(folder: Path, kept: Iterable[str]) -> None:
             path.unlink(missing_ok=True)
 
 
-def _safely(task: tuple[Task, str], plan: Plan) -> str:
+def _safely(task: tuple[Task, str], plan: CasePlan) -> str:
     """Do a unit and write its files; return an empty text, or what went wrong."""
     unit, place = task
     path = Path(place)
@@ -112,7 +112,7 @@ def _safely(task: tuple[Task, str], plan: Plan) -> str:
     return ""
 
 
-def _do(task: Task, plan: Plan) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def _do(task: Task, plan: CasePlan) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     if task.kind == "anchors":
         from horizonval.studies.regression.anchors import anchors
 
@@ -124,7 +124,7 @@ def _do(task: Task, plan: Plan) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return render_scene(task.case, plan, task.replicates, task.known)
 
 
-def identity(task: Task, plan: Plan) -> str:
+def identity(task: Task, plan: CasePlan) -> str:
     """Return the digest of what a unit's result depends on: the name of its files."""
     case, table = None, ""
     if task.case is not None:

@@ -35,10 +35,10 @@ from horizonval.studies.regression.environment import environment
 from horizonval.studies.regression.images import compare_images
 from horizonval.studies.regression.junit import write_junit
 from horizonval.studies.regression.statistics.decide import Verdict, night_verdict
-from horizonval.studies.regression.statistics.gates import Measured, Results, changed, measure, pairs_of
+from horizonval.studies.regression.statistics.gates import GateInputs, Measured, changed, measure, pairs_of
 from horizonval.studies.regression.statistics.judge import judge
 from horizonval.studies.regression.units import is_due
-from horizonval.suites.plan import Plan, plan_of
+from horizonval.suites.plan import CasePlan, plan_of
 from horizonval.suites.suite import load_suite
 
 NIGHT_SCHEMA = 1
@@ -132,7 +132,7 @@ class _Gathered:
         self,
         suite: Suite,
         spec: RegressionSpec,
-        plan: Plan,
+        plan: CasePlan,
         wanted: Wanted,
         accepted: Baseline | None,
         progress: Progress,
@@ -221,7 +221,7 @@ class _Gathered:
                             found[key] = {**row, "replicate": replicate, "due": is_due(about)}
         return [found[key] for key in sorted(found)]
 
-    def verdict(self, release: Baseline | None, reference: Results | None) -> Plain:
+    def verdict(self, release: Baseline | None, reference: GateInputs | None) -> Plain:
         """Return the verdict; asks for further batches of fresh scenes as long as their gates are inconclusive."""
         while True:
             comparisons, gates = self._compare(release, reference)
@@ -232,7 +232,7 @@ class _Gathered:
             self._work(self._fresh_tasks())
         return self._conclude(comparisons, gates)
 
-    def _compare(self, release: Baseline | None, reference: Results | None) -> tuple[list[Plain], list[Plain]]:
+    def _compare(self, release: Baseline | None, reference: GateInputs | None) -> tuple[list[Plain], list[Plain]]:
         comparisons: list[Plain] = []
         measured: list[tuple[str, Measured]] = []
         bases = [("accepted", self.accepted), ("release", release)]
@@ -248,9 +248,9 @@ class _Gathered:
         gates = judge(measured, looks=self.spec.most_batches)
         return comparisons, gates
 
-    def _against(self, name: str, base: Baseline, reference: Results | None) -> tuple[Plain, list[Measured]]:
+    def _against(self, name: str, base: Baseline, reference: GateInputs | None) -> tuple[Plain, list[Measured]]:
         images = self._images(base)
-        now = Results(self.replayed, images, self.fresh, self.wanted.night)
+        now = GateInputs(self.replayed, images, self.fresh, self.wanted.night)
         whole = replace(now, rows=self.all_rows())
         theirs = (
             base.results
@@ -360,7 +360,7 @@ def _with_strata(record: Mapping[str, Any]) -> list[Plain]:
     return [{**row, "table": record["table"], "due": is_due(record["bands"][row["band"]])} for row in record["rows"]]
 
 
-def _checked(suite: Suite) -> tuple[RegressionSpec, Plan]:
+def _checked(suite: Suite) -> tuple[RegressionSpec, CasePlan]:
     if suite.regression is None:
         raise UserError(
             "has no [regression] table",
@@ -398,7 +398,7 @@ def _is_same(a: Baseline, b: Baseline) -> bool:
     )
 
 
-def _reference(folder: Path, suite: str, night: str) -> Results:
+def _reference(folder: Path, suite: str, night: str) -> GateInputs:
     """Return the fresh rows of another version's night."""
     from horizonval.store.folder import read_json
 
@@ -412,7 +412,7 @@ def _reference(folder: Path, suite: str, night: str) -> Results:
             expected=f"night {night!r} of {suite!r}",
             fix="give both runs the same --night",
         )
-    return Results(fresh=data["fresh"], fresh_night=data["night"])
+    return GateInputs(fresh=data["fresh"], fresh_night=data["night"])
 
 
 def _check_folder(out: Path) -> None:

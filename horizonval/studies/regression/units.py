@@ -26,7 +26,7 @@ from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.studies.regression.baseline.pack import FrozenImage, digest, read_pack
 from horizonval.studies.regression.regions import noise_in_space, regions_of
 from horizonval.suites.observation import method_radius_m, observation_of
-from horizonval.suites.plan import Plan
+from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import camera_name
 
 Row = dict[str, Any]
@@ -41,7 +41,7 @@ DIGITS = 4
 
 def render_scene(
     case: Case,
-    plan: Plan,
+    plan: CasePlan,
     replicates: int,
     known: Iterable[str] = (),
     *,
@@ -56,7 +56,7 @@ def render_scene(
     ----------
     case : Case
         The suite's table that it comes from is its stratum.
-    plan : Plan
+    plan : CasePlan
         Estimators and what they may use.
     replicates : int
     known : iterable of str
@@ -123,7 +123,7 @@ def plain_truth(truth: FrameTruth) -> dict[str, Any]:
     return replace(truth, infrared_horizon={}).to_dict()
 
 
-def replay_scene(pack: Path, scene: str, plan: Plan) -> list[Row]:
+def replay_scene(pack: Path, scene: str, plan: CasePlan) -> list[Row]:
     """Return the rows of all frozen images of a scene."""
     content = read_pack(pack)
     truth = FrameTruth.from_dict(dict(content.truths[scene]))
@@ -131,7 +131,7 @@ def replay_scene(pack: Path, scene: str, plan: Plan) -> list[Row]:
 
 
 def estimate_frozen(
-    truth: FrameTruth, scene: str, images: Iterable[FrozenImage], plan: Plan, *, run: Run | None = None
+    truth: FrameTruth, scene: str, images: Iterable[FrozenImage], plan: CasePlan, *, run: Run | None = None
 ) -> list[Row]:
     """Return the rows of some frozen images; ``run`` in place of the estimators, for experiments with faults."""
     rows: list[Row] = []
@@ -141,7 +141,9 @@ def estimate_frozen(
     return rows
 
 
-def estimate_image(scene: str, replicate: int, image: DetectorImage, plan: Plan, run: Run | None = None) -> list[Row]:
+def estimate_image(
+    scene: str, replicate: int, image: DetectorImage, plan: CasePlan, run: Run | None = None
+) -> list[Row]:
     """Return one row for each estimator.
 
     Returns

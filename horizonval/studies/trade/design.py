@@ -37,7 +37,7 @@ _TABLE = "frames"
 
 
 @dataclass(frozen=True)
-class Entry:
+class DesignEntry:
     """An entry of ``[design]``: its name, its values on the axes, what it changes, and its estimators."""
 
     name: str
@@ -195,7 +195,7 @@ def leaves(tree: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[str]
             yield ".".join((*path, key))
 
 
-def _entries(spec: StudySpec, path: Path) -> Iterator[Entry]:
+def _entries(spec: StudySpec, path: Path) -> Iterator[DesignEntry]:
     where = f"{path}: design"
     grid = dict(spec.design.grid or {})
     listed = [_together(spec, items) for items in itertools.product(*spec.design.lists.values())]
@@ -225,7 +225,7 @@ def _entries(spec: StudySpec, path: Path) -> Iterator[Entry]:
         settings = dict(zip(spec.design.lists, names, strict=True))
         settings |= {key: _plain(_value(variant.scene, key)) for key in keys}
         name = "_".join(filter(None, [variant.item, *variant.parts]))
-        yield Entry(name or "all", settings, scene, dict(orbit), _estimators(estimators, where))
+        yield DesignEntry(name or "all", settings, scene, dict(orbit), _estimators(estimators, where))
 
 
 def _together(spec: StudySpec, items: Sequence[Plain]) -> tuple[Plain, list[str], Any]:
@@ -247,7 +247,7 @@ def _estimators(chosen: Any, where: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(chosen))
 
 
-def _check_keys(spec: StudySpec, entries: Sequence[Entry], path: Path) -> None:
+def _check_keys(spec: StudySpec, entries: Sequence[DesignEntry], path: Path) -> None:
     """What a design fixes must not be varied by the conditions: it would be lost."""
     frames = spec.frames
     varied = set(leaves(frames.grid or {})) | set(leaves(frames.sobol.ranges if frames.sobol else {}))
@@ -267,7 +267,7 @@ def _check_keys(spec: StudySpec, entries: Sequence[Entry], path: Path) -> None:
             )
 
 
-def _cases(spec: StudySpec, path: Path, entry: Entry) -> list[tuple[str, Case]]:
+def _cases(spec: StudySpec, path: Path, entry: DesignEntry) -> list[tuple[str, Case]]:
     """Return the entry's frames with the names of their conditions."""
     frames = spec.frames
     listed = frames.list
@@ -300,14 +300,14 @@ def _batches(estimators: Sequence[str], known: Sequence[Sequence[str]]) -> list[
     return [*kept, *([new] if new else [])]
 
 
-def _frame_of(case: Case, entry: Entry, condition: str, batch: int, estimators: tuple[str, ...]) -> Case:
+def _frame_of(case: Case, entry: DesignEntry, condition: str, batch: int, estimators: tuple[str, ...]) -> Case:
     """Return a condition's case as the frame of an entry, for one batch of its estimators."""
     name = f"{entry.name}__{condition}" + (f"__{batch}" if batch > 1 else "")
     identity = case.scene.scene.model_copy(update={"name": name, "draw": condition})
     return replace(case, scene=case.scene.model_copy(update={"scene": identity}), estimators=estimators)
 
 
-def _design(entry: Entry, estimator: str, case: Case, spec: StudySpec) -> Design:
+def _design(entry: DesignEntry, estimator: str, case: Case, spec: StudySpec) -> Design:
     items = [item for listed in spec.design.lists.values() for item in listed]
     several = len(spec.study.estimators) > 1 or any("estimators" in item for item in items)
     settings = entry.settings | ({ESTIMATOR_AXIS: estimator} if several else {})

@@ -22,7 +22,7 @@ from horizonval.systems.a.table import (
     values,
 )
 from horizonval.systems.published import published
-from horizonval.systems.result import Row
+from horizonval.systems.result import ComparisonRow
 from horizonval.systems.task_cache import Plain
 
 PUBLISHED = {key: figure.value for key, figure in published("A").figures.items()}
@@ -38,7 +38,7 @@ def off_axis_deg() -> float:
     return math.degrees(math.acos(math.cos(roll) * math.cos(pitch)))
 
 
-def set_up_rows(shown: Mapping[str, Plain]) -> list[Row]:
+def set_up_rows(shown: Mapping[str, Plain]) -> list[ComparisonRow]:
     """Return the errors of the published method on the published set-ups, and how many of these it answers."""
     answers = {name: result["clean"]["whole, newton"] for name, result in shown.items()}
     answers = {name: answer for name, answer in answers.items() if "refused" not in answer}
@@ -52,7 +52,7 @@ def set_up_rows(shown: Mapping[str, Plain]) -> list[Row]:
     return rows
 
 
-def check_rows(checks: Mapping[str, Plain]) -> list[Row]:
+def check_rows(checks: Mapping[str, Plain]) -> list[ComparisonRow]:
     """Return how far the image generator's edges lie from two authorities."""
     edges = [check["edges"] for check in checks.values()]
     worst = max(check["curve_max_px"] for check in checks.values())
@@ -64,14 +64,14 @@ def check_rows(checks: Mapping[str, Plain]) -> list[Row]:
     ]
 
 
-def convergence_rows(shown: Mapping[str, Plain], bank: Bank) -> list[Row]:
+def convergence_rows(shown: Mapping[str, Plain], bank: Bank) -> list[ComparisonRow]:
     """Return the size of the fourth Newton update from both starts."""
     zero = [result["clean"]["whole, newton"].get("updates", []) for result in shown.values()]
     three = [result["clean"]["three-point start"]["updates"] for result in shown.values()]
     sub_pixel = updates(bank, "limb, newton", 4)
     on_grid = np.array(updates(bank, "three-point start", 4))
 
-    def row(key: str, update_rad: float, **fields: Any) -> Row:
+    def row(key: str, update_rad: float, **fields: Any) -> ComparisonRow:
         return TEXT.row(key, update_rad, PUBLISHED["fourth_update"], limit=UPDATE_LIMIT_RAD, **fields)
 
     return [
@@ -96,7 +96,7 @@ def _largest(sequences: list[list[float]], step: int) -> float:
     return max((sequence[step - 1] for sequence in sequences if len(sequence) >= step), default=0.0)
 
 
-def accuracy_rows(bank: Bank) -> list[Row]:
+def accuracy_rows(bank: Bank) -> list[ComparisonRow]:
     """Return the nadir's error at 1024 pixels over 60 deg, and what the claimed covariances are worth."""
     sharp = sharp_frames(bank)
 
@@ -133,7 +133,7 @@ def accuracy_rows(bank: Bank) -> list[Row]:
     ]
 
 
-def trend_rows(bank: Bank) -> list[Row]:
+def trend_rows(bank: Bank) -> list[ComparisonRow]:
     """Return how errors go with pixels and with field."""
     falls = steps_with_pixels(bank, "whole, newton")
     points = ratios_of_field(bank, "whole, newton", "point_rms_arcsec", 40.0, 80.0)
@@ -172,7 +172,7 @@ def trend_rows(bank: Bank) -> list[Row]:
     ]
 
 
-def closed_form_rows(bank: Bank, solvers: Mapping[str, Plain]) -> list[Row]:
+def closed_form_rows(bank: Bank, solvers: Mapping[str, Plain]) -> list[ComparisonRow]:
     """Return what the closed form wins and loses against Newton's method."""
     newton, closed = (rms(values(bank.values(), m, "nadir_arcsec")) for m in ("limb, newton", "limb, closed"))
     whole_newton, whole_closed = (

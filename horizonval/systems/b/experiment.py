@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from horizonval.estimation.methods.video_vertical import END_PIXELS, PIXEL_SIGMA_PX, Ends
+from horizonval.estimation.methods.video_vertical import END_PIXELS, PIXEL_SIGMA_PX, ChordEnds
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.b.pair import figures
@@ -30,7 +30,7 @@ from horizonval.systems.b.pair.orbit_report import orbit_rows, orbit_table, verd
 from horizonval.systems.b.pair.sun import sun_in_frame
 from horizonval.systems.b.pair.sun_report import sun_rows, sun_table
 from horizonval.systems.b.rig.experiment import rig_parts
-from horizonval.systems.result import Figure, Reproduction, Row, Table
+from horizonval.systems.result import ComparisonRow, Figure, Reproduction, Table
 from horizonval.systems.task_cache import TaskCache
 
 PUBLISHED_RMS_DEG = 0.038
@@ -91,17 +91,17 @@ def summary(region: Applicability, orbit: Lap) -> str:
     return (
         "Two perpendicular cameras are rendered in every attitude; Canny edges, the longest arc, its circle, its end "
         "points, and the cross product of the two chords give the vertical. With lines of sight to the arc's two end "
-        f"pixels the method has an rms error of {rms(region.model.error_deg(Ends.PIXEL.name)[inside]):.3f} deg within "
-        f"+-{REGION_DEG:g} deg (published {PUBLISHED_RMS_DEG} deg), which is the rounding of four pixels; with the "
-        f"mean of {END_PIXELS} pixels for every end, which is as exact, "
+        f"pixels the method has an rms error of {rms(region.model.error_deg(ChordEnds.PIXEL.name)[inside]):.3f} deg "
+        f"within +-{REGION_DEG:g} deg (published {PUBLISHED_RMS_DEG} deg), which is the rounding of four pixels; with "
+        f"the mean of {END_PIXELS} pixels for every end, which is as exact, "
         f"{rms(region.model.error_deg()[inside]):.3f} deg. With the end points on the fitted circle it would be "
-        f"{rms(region.model.error_deg(Ends.CIRCLE.name)[inside]):.2f} deg, because the horizon's image is a conic, and "
-        f"with chords in the image plane {rms(region.model.error_deg(Ends.PLANE.name)[inside]):.1f} deg. "
-        + verdict(orbit)
+        f"{rms(region.model.error_deg(ChordEnds.CIRCLE.name)[inside]):.2f} deg, because the horizon's image is "
+        f"a conic, and with chords in the image plane {rms(region.model.error_deg(ChordEnds.PLANE.name)[inside]):.1f} "
+        "deg. " + verdict(orbit)
     )
 
 
-def region_rows(region: Applicability) -> list[Row]:
+def region_rows(region: Applicability) -> list[ComparisonRow]:
     """Return the rows of the map over a sphere."""
     model = region.model
     inside = model.within(REGION_DEG)
@@ -113,7 +113,7 @@ def region_rows(region: Applicability) -> list[Row]:
     missed = model.horizon_missed()
     cone = rms(model.error_deg("CONE")[inside])
     return [
-        Row(
+        ComparisonRow(
             "model RMS inside the applicability region",
             PUBLISHED_RMS_DEG,
             rms(error[inside]),
@@ -122,16 +122,16 @@ def region_rows(region: Applicability) -> list[Row]:
             f"would have {cone:.4f} deg.",
             limit=PUBLISHED_RMS_DEG,
         ),
-        Row(
+        ComparisonRow(
             "model RMS with single end pixels",
             PUBLISHED_RMS_DEG,
-            rms(model.error_deg(Ends.PIXEL.name)[inside]),
+            rms(model.error_deg(ChordEnds.PIXEL.name)[inside]),
             "deg",
             f"The published recipe to the letter: the rounding of four pixels, {pixel_deg:.3f} deg each at the image's "
             "middle, makes figures of this size.",
             limit=PUBLISHED_RMS_DEG,
         ),
-        Row(
+        ComparisonRow(
             "model RMS of the angle to the longitudinal axis",
             None,
             rms(model.values("tilt_error_deg")[inside]),
@@ -139,7 +139,7 @@ def region_rows(region: Applicability) -> list[Row]:
             "The system's output is this angle, one of the vertical's two components; the source does not say which of "
             "the two its RMS is.",
         ),
-        Row(
+        ComparisonRow(
             "half side of the region answered throughout with error below 1 deg",
             "about 20",
             model.half_side_deg(),
@@ -149,7 +149,7 @@ def region_rows(region: Applicability) -> list[Row]:
             limit=REGION_DEG,
             at_least=True,
         ),
-        Row(
+        ComparisonRow(
             "largest error inside the applicability region",
             "< 1",
             float(finite.max()) if len(finite) else 180.0,
@@ -157,7 +157,7 @@ def region_rows(region: Applicability) -> list[Row]:
             f"Over {len(finite)} attitudes.",
             limit=LIMIT_DEG,
         ),
-        Row(
+        ComparisonRow(
             "half side of that region with a field of 60 deg",
             None,
             region.shipped.half_side_deg(),
@@ -165,7 +165,7 @@ def region_rows(region: Applicability) -> list[Row]:
             "The source does not name its cameras; level boresights with this field see the horizon 8 deg above the "
             "lower edge from 500 km, and lose it beyond.",
         ),
-        Row(
+        ComparisonRow(
             "mean normalised error squared inside the region",
             None,
             float(np.nanmean(model.values("nees")[inside])),
@@ -179,7 +179,7 @@ def readings_table(model: Map) -> Table:
     """Return the table of what the end points are taken to be."""
     inside = model.within(REGION_DEG)
     lines = []
-    names = {ends.name: ends.value for ends in Ends} | {"CONE": "(no end points: one cone through all pixels)"}
+    names = {ends.name: ends.value for ends in ChordEnds} | {"CONE": "(no end points: one cone through all pixels)"}
     for key, text in names.items():
         error = model.error_deg(key)[inside]
         lines.append((text, rms(error), float(np.nanmax(error))))

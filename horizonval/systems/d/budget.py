@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from horizonval.systems.result import Row, Table
+from horizonval.systems.result import ComparisonRow, Table
 from horizonval.systems.task_cache import Plain
 from horizonval.systems.text import page_text
 
@@ -39,7 +39,7 @@ def rms(errors: np.ndarray) -> float:
 
 def budget(
     hard: dict[str, Plain], soft: dict[str, Plain], orbit: dict[str, dict[str, Plain]]
-) -> tuple[list[Row], Table]:
+) -> tuple[list[ComparisonRow], Table]:
     """Return rows and the table of the error budget: nadir error, both methods."""
     real = {case: readings for case, readings in orbit.items() if case.startswith("oblate, ")}
     lines: list[tuple[str, ...]] = []
@@ -61,7 +61,7 @@ def budget(
     return [*_noise_rows(hard, soft), *_orbit_rows(orbit, real)], TEXT.table("budget", lines)
 
 
-def _noise_rows(hard: dict[str, Plain], soft: dict[str, Plain]) -> list[Row]:
+def _noise_rows(hard: dict[str, Plain], soft: dict[str, Plain]) -> list[ComparisonRow]:
     rows = []
     for limb, readings in (("hard", hard), ("infrared", soft)):
         sigma, nees, draws = noise_of(readings, "sub_pixel")
@@ -71,7 +71,7 @@ def _noise_rows(hard: dict[str, Plain], soft: dict[str, Plain]) -> list[Row]:
     return rows
 
 
-def _orbit_rows(orbit: dict[str, dict[str, Plain]], real: dict[str, dict[str, Plain]]) -> list[Row]:
+def _orbit_rows(orbit: dict[str, dict[str, Plain]], real: dict[str, dict[str, Plain]]) -> list[ComparisonRow]:
     oblate = orbit["oblate"]
     geodetic_deg = nadir_errors(oblate, "sub_pixel", "geodetic_error").max()
     rows = [TEXT.row("ellipsoid", float(nadir_errors(oblate, "sub_pixel").max()), geodetic_deg=geodetic_deg)]

@@ -16,7 +16,7 @@ from horizonval.systems.d.settings import (
     TWO_QUANTA_DEG,
     Setting,
 )
-from horizonval.systems.result import Row, Table
+from horizonval.systems.result import ComparisonRow, Table
 from horizonval.systems.task_cache import Plain
 from horizonval.systems.text import page_text
 
@@ -48,7 +48,7 @@ def pixel_errors(readings: dict[str, Plain]) -> tuple[np.ndarray, np.ndarray, np
     return whole, exact, sub
 
 
-def entry_rows(hard: dict[str, Plain]) -> list[Row]:
+def entry_rows(hard: dict[str, Plain]) -> list[ComparisonRow]:
     """Return a row for every figure of the tables that was read, and one that says whether all printed ones were."""
     again = sum(printed is not None and ours is not None for _, _, _, printed, ours, _ in _entries(hard))
     rows = [TEXT.row("read_again", again, PRINTED, limit=PRINTED, at_least=True, printed=PRINTED)]
@@ -94,7 +94,7 @@ def _errors(readings: dict[str, Plain], number: int, axis: str, method: str) -> 
     return np.array([read - true for read, true in pairs if read is not None])
 
 
-def moment_rows(hard: dict[str, Plain]) -> list[Row]:
+def moment_rows(hard: dict[str, Plain]) -> list[ComparisonRow]:
     """Return mean and standard deviation of the errors of every table that has them printed."""
     expected = QUANTUM_DEG * math.sqrt(4 / 12)
     rows = []
@@ -107,7 +107,7 @@ def moment_rows(hard: dict[str, Plain]) -> list[Row]:
     return rows
 
 
-def cause_rows(hard: dict[str, Plain]) -> list[Row]:
+def cause_rows(hard: dict[str, Plain]) -> list[ComparisonRow]:
     """Return what shows that whole pixels make the published errors."""
     entries = _entries(hard)
     printed = np.array([p for _, _, _, p, _, _ in entries if p is not None]) / QUANTUM_DEG
@@ -152,7 +152,7 @@ def _lost(readings: dict[str, Plain], limb: str) -> tuple[int, str]:
     return len(lost), TEXT.phrase(f"{'' if lost else 'none_'}lost_{limb}", attitudes="; ".join(lost))
 
 
-def sub_pixel_rows(hard: dict[str, Plain], soft: dict[str, Plain], aim: Plain) -> list[Row]:
+def sub_pixel_rows(hard: dict[str, Plain], soft: dict[str, Plain], aim: Plain) -> list[ComparisonRow]:
     """Return what the sub-pixel crossing makes of the same rows."""
     rows = []
     for limb, readings, limit in (("hard", hard, 0.0), ("infrared", soft, None)):
@@ -165,7 +165,7 @@ def sub_pixel_rows(hard: dict[str, Plain], soft: dict[str, Plain], aim: Plain) -
     return [*rows, TEXT.row("yaw_spread", spread, PUBLISHED.figures["yaw_spread"].value, limit=1e-9)]
 
 
-def range_rows(ends: dict[str, dict[str, Plain]]) -> list[Row]:
+def range_rows(ends: dict[str, dict[str, Plain]]) -> list[ComparisonRow]:
     """Return the ends of the working range."""
     tilts = {limb: end["tilt_deg"] for limb, end in ends["tilt"].items() if end["tilt_deg"] is not None}
     return [
@@ -198,6 +198,6 @@ def range_table(ends: dict[str, dict[str, Plain]]) -> Table:
     return TEXT.table("range", lines)
 
 
-def largest_departure(rows: tuple[Row, ...]) -> float:
+def largest_departure(rows: tuple[ComparisonRow, ...]) -> float:
     """Return the largest departure [deg] from a printed reading."""
     return max(abs(r.measured - (r.against or 0.0)) for r in rows if r.limit == TWO_QUANTA_DEG)

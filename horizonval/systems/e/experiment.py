@@ -33,7 +33,7 @@ from horizonval.systems.e.orbit.smoothing import smooth_clamped
 from horizonval.systems.e.orbit.triangulation import triangulate
 from horizonval.systems.e.tables import Rows, cases, mean, meaning_table, noise_table, rounding_table
 from horizonval.systems.e.trials import WHITE_ARCSEC, gathered, items_of, rounding_items, work
-from horizonval.systems.result import Figure, Reproduction, Row
+from horizonval.systems.result import ComparisonRow, Figure, Reproduction
 from horizonval.systems.task_cache import TaskCache
 
 DRAWS = 48
@@ -91,7 +91,7 @@ def reproduce(cache: TaskCache) -> Reproduction:
     )
 
 
-def _plain_rows(rows: Rows, nearest: noise.Meaning, column: FloatArray) -> list[Row]:
+def _plain_rows(rows: Rows, nearest: noise.NoiseReading, column: FloatArray) -> list[ComparisonRow]:
     out = []
     for key, words, published in cases(rows):
         measured = mean(rows, key, "plain")
@@ -102,11 +102,11 @@ def _plain_rows(rows: Rows, nearest: noise.Meaning, column: FloatArray) -> list[
             else:
                 why = f"{apart}, with the noise read as: {nearest.words}; mean of {len(rows[key]['rms'])} passes."
             limit = 0.15 * theirs if key.startswith("rounded") else None
-            out.append(Row(f"plain, {words}: {quantity}", theirs, float(ours), unit, why, limit, theirs))
+            out.append(ComparisonRow(f"plain, {words}: {quantity}", theirs, float(ours), unit, why, limit, theirs))
     return out
 
 
-def _proposed_rows(rows: Rows) -> list[Row]:
+def _proposed_rows(rows: Rows) -> list[ComparisonRow]:
     out = []
     for key, words, published in cases(rows):
         columns = {method: mean(rows, key, method) for method in METHODS}
@@ -116,11 +116,13 @@ def _proposed_rows(rows: Rows) -> list[Row]:
                 f"Smoothing alone gives {ours['smoothed']:.3g}, the adaptive filter {ours['filtered']:.3g}, its way "
                 f"back {ours['proposed']:.3g}; a batch orbit fit of the same angles {ours['batch']:.3g}."
             )
-            out.append(Row(f"proposed, {words}: {quantity}", theirs, ours["proposed"], unit, why, theirs))
+            out.append(ComparisonRow(f"proposed, {words}: {quantity}", theirs, ours["proposed"], unit, why, theirs))
     return out
 
 
-def _check_rows(rows: Rows, nearest: noise.Meaning, columns: dict[noise.Meaning, FloatArray]) -> list[Row]:
+def _check_rows(
+    rows: Rows, nearest: noise.NoiseReading, columns: dict[noise.NoiseReading, FloatArray]
+) -> list[ComparisonRow]:
     six = cases(rows)
     wins = {
         method: sum(int(np.sum(mean(rows, key, method) <= np.array(p["proposed"]))) for key, _, p in six)
@@ -137,7 +139,7 @@ def _check_rows(rows: Rows, nearest: noise.Meaning, columns: dict[noise.Meaning,
     clamped = float(pictures.clamped_bias(_CLAMPED_S)[[0, -1]].max())
     exact = mean(rows, "exact", "proposed")
     out = [
-        Row(
+        ComparisonRow(
             "published proposed figures matched or beaten by the proposed way",
             18,
             wins["proposed"],
@@ -148,7 +150,7 @@ def _check_rows(rows: Rows, nearest: noise.Meaning, columns: dict[noise.Meaning,
             None,
             True,
         ),
-        Row(
+        ComparisonRow(
             "published proposed figures matched or beaten by the batch orbit fit",
             None,
             wins["batch"],
@@ -158,7 +160,7 @@ def _check_rows(rows: Rows, nearest: noise.Meaning, columns: dict[noise.Meaning,
             None,
             True,
         ),
-        Row(
+        ComparisonRow(
             "the noise table's nine proposed figures beaten under the reading with the most noise",
             None,
             harsh,
@@ -167,7 +169,7 @@ def _check_rows(rows: Rows, nearest: noise.Meaning, columns: dict[noise.Meaning,
             f"{np.exp(np.mean(np.log(columns[noise.LARGEST] / np.array(PUBLISHED_NOISE['plain'])))):.2f} times the "
             "published one.",
         ),
-        Row(
+        ComparisonRow(
             "the rounding table's nine proposed figures beaten with the rounding grid at random places",
             None,
             shifted,
@@ -175,21 +177,21 @@ def _check_rows(rows: Rows, nearest: noise.Meaning, columns: dict[noise.Meaning,
             f"Mean over {len(rows['shifted 1']['rms'])} places: rounding errors are not random, and where the grid "
             "lies decides how they add up.",
         ),
-        Row(
+        ComparisonRow(
             "distance of the noise table's plain column from the published one",
             None,
             100.0 * noise.distance(columns[nearest]),
             "%",
             f"Root mean square over nine figures; noise read as: {nearest.words}, nearest of {len(columns)} readings.",
         ),
-        Row(
+        ComparisonRow(
             f"bias at the pass's ends of a clamped Gaussian mean of {_CLAMPED_S:g} s",
             None,
             clamped,
             "arcsec",
             f"Exact directions of {STATIONS[0].name}; this is what the local polynomial removes.",
         ),
-        Row(
+        ComparisonRow(
             "declination error of the proposed way without rounding and noise",
             None,
             float(exact[1]),
@@ -202,7 +204,7 @@ def _check_rows(rows: Rows, nearest: noise.Meaning, columns: dict[noise.Meaning,
     for method, column in zip(METHODS[2:], squares.T, strict=True):
         limit, against = ((high - low) / 2.0, (high + low) / 2.0) if method == "batch" else (None, None)
         out.append(
-            Row(
+            ComparisonRow(
                 f"normalised squared position error in the pass's middle, {method}",
                 None,
                 float(column.mean()),
@@ -253,7 +255,7 @@ def _figures(rows: Rows) -> tuple[Figure, ...]:
     )
 
 
-def _summary(rows: Rows, nearest: noise.Meaning, apart: float) -> str:
+def _summary(rows: Rows, nearest: noise.NoiseReading, apart: float) -> str:
     six = cases(rows)
     gain = np.array([mean(rows, key, "proposed") / np.array(p["proposed"]) for key, _, p in six])
     batch = np.array([mean(rows, key, "batch") / np.array(p["proposed"]) for key, _, p in six])

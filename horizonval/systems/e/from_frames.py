@@ -19,11 +19,11 @@ from horizonval.systems.e import figures as pictures
 from horizonval.systems.e.case import EPOCH_UTC, METHODS, QUANTITIES, STATIONS, exact_pass
 from horizonval.systems.e.frames.frames import StationPass
 from horizonval.systems.e.orbit.celestial import ARCSEC, celestial_errors, normalised_squares, rms
-from horizonval.systems.e.orbit.pipeline import Located, TwoStationPass, locate
-from horizonval.systems.result import Cell, Figure, Row, Table
+from horizonval.systems.e.orbit.pipeline import PassPositions, TwoStationPass, locate
+from horizonval.systems.result import Cell, ComparisonRow, Figure, Table
 
 
-def located_from(passes: Sequence[StationPass]) -> tuple[Located, TwoStationPass, NDArray[np.bool_]]:
+def located_from(passes: Sequence[StationPass]) -> tuple[PassPositions, TwoStationPass, NDArray[np.bool_]]:
     """Return the pipeline's result, what went in, and at which instants both stations had a direction, shape (n,)."""
     both = np.logical_and(*(one.valid for one in passes))
     angles = np.concatenate([np.stack([one.azimuth_rad, one.elevation_rad], axis=1) for one in passes], axis=1)
@@ -89,7 +89,7 @@ def budget(passes: Sequence[StationPass], both: NDArray[np.bool_]) -> dict[str, 
     return out
 
 
-def errors_of(located: Located, both: NDArray[np.bool_]) -> dict[str, FloatArray]:
+def errors_of(located: PassPositions, both: NDArray[np.bool_]) -> dict[str, FloatArray]:
     """Return each method's root mean square errors, shape (3,)."""
     truth = exact_pass().r_gcrs[both]
     return {method: rms(celestial_errors(getattr(located, method), truth)) for method in METHODS}
@@ -111,7 +111,7 @@ def expected(r_gcrs: FloatArray, covariances: FloatArray) -> FloatArray:
 class FromFrames:
     """What there is to say; ``words`` are for the summary."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[ComparisonRow, ...]
     table: Table
     figure: Figure
     words: str
@@ -131,7 +131,9 @@ def frames_part_of(passes: Sequence[StationPass]) -> FromFrames:
             largest = max(causes, key=lambda cause: causes[cause][method][i])
             why = f"The largest part is {largest}, which alone makes {causes[largest][method][i]:.3g} {unit}"
             why += f"; claimed by the covariance: {claimed[method][i]:.3g}." if method in claimed else "."
-            rows.append(Row(f"rendered frames, {method}: {quantity}", None, float(measured[method][i]), unit, why))
+            rows.append(
+                ComparisonRow(f"rendered frames, {method}: {quantity}", None, float(measured[method][i]), unit, why)
+            )
     middle = len(truth) // 2
     squares = {
         method: float(
@@ -141,7 +143,7 @@ def frames_part_of(passes: Sequence[StationPass]) -> FromFrames:
     }
     limit = float(stats.chi2.ppf(0.99, 3))
     rows.append(
-        Row(
+        ComparisonRow(
             "rendered frames, batch: normalised squared position error in the pass's middle",
             None,
             squares["batch"],

@@ -28,7 +28,7 @@ from horizonval.systems.e.orbit.triangulation import triangulate
 
 
 @dataclass(frozen=True)
-class Meaning:
+class NoiseReading:
     """One reading: the distribution's shape, and whether noise comes before the rounding, after it, or alone."""
 
     shape: str
@@ -55,12 +55,12 @@ ORDERS = {
     "after": "after rounding",
     "alone": "without rounding",
 }
-MEANINGS = tuple(Meaning(shape, order) for shape in SHAPES for order in ORDERS)
-LARGEST = Meaning("sigma", "before")
+MEANINGS = tuple(NoiseReading(shape, order) for shape in SHAPES for order in ORDERS)
+LARGEST = NoiseReading("sigma", "before")
 """The reading with the most noise."""
 
 
-def noisy(meaning: Meaning, amount: float, rng: np.random.Generator, draws: int | None = None) -> FloatArray:
+def noisy(meaning: NoiseReading, amount: float, rng: np.random.Generator, draws: int | None = None) -> FloatArray:
     """Return the pass's angles with noise and rounding, shape (n, 4), or (draws, n, 4)."""
     exact = exact_pass().angles_rad
     scale = np.sqrt(amount) if meaning.shape == "variance" else amount
@@ -84,7 +84,7 @@ def plain_rms(angles_rad: FloatArray) -> FloatArray:
     return rms(celestial_errors(turn(back, r_itrs), truth.r_gcrs))
 
 
-def plain_column(meaning: Meaning, rng: np.random.Generator, draws: int) -> FloatArray:
+def plain_column(meaning: NoiseReading, rng: np.random.Generator, draws: int) -> FloatArray:
     """Return the plain column's nine figures, shape (3, 3), averages over independent draws."""
     return np.array([plain_rms(noisy(meaning, n, rng, draws)).mean(axis=0) for n in NOISE_ARCSEC])
 

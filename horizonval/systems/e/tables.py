@@ -79,7 +79,7 @@ def rounding_table(rows: Rows) -> Table:
     )
 
 
-def noise_table(rows: Rows, nearest: noise.Meaning, draws: int) -> Table:
+def noise_table(rows: Rows, nearest: noise.NoiseReading, draws: int) -> Table:
     """Return the noise table, published and ours, under one reading of its noise."""
     cells: list[tuple[Cell, ...]] = []
     for i, n in enumerate(NOISE_ARCSEC):
@@ -98,7 +98,7 @@ def noise_table(rows: Rows, nearest: noise.Meaning, draws: int) -> Table:
     )
 
 
-def meaning_table(columns: dict[noise.Meaning, FloatArray]) -> Table:
+def meaning_table(columns: dict[noise.NoiseReading, FloatArray]) -> Table:
     """Return the plain column under every reading of the noise, the nearest first."""
     ordered = sorted(columns.items(), key=lambda pair: noise.distance(pair[1]))
     return Table(

@@ -8,9 +8,9 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.systems.e.case import METHODS, ROUNDING_DEG, exact_pass, rounded
-from horizonval.systems.e.noise import Meaning, noisy
+from horizonval.systems.e.noise import NoiseReading, noisy
 from horizonval.systems.e.orbit.celestial import ARCSEC, celestial_errors, normalised_squares, rms
-from horizonval.systems.e.orbit.pipeline import Located, locate
+from horizonval.systems.e.orbit.pipeline import PassPositions, locate
 from horizonval.systems.task_cache import Plain, rng_of
 
 _AT_ONCE = 12
@@ -46,12 +46,12 @@ def work(item: Plain) -> Plain:
     return out
 
 
-def errors_of(located: Located, method: str) -> FloatArray:
+def errors_of(located: PassPositions, method: str) -> FloatArray:
     """Return a method's errors, shape (n, 3): right ascension and declination [arcsec], distance [km]."""
     return celestial_errors(getattr(located, method), exact_pass().r_gcrs)
 
 
-def squares_of(located: Located, method: str) -> FloatArray:
+def squares_of(located: PassPositions, method: str) -> FloatArray:
     """Return a method's normalised squared errors of position, shape (n,): 3 on average where it is honest."""
     return normalised_squares(getattr(located, method), getattr(located, f"{method}_covariances"), exact_pass().r_gcrs)
 
@@ -63,7 +63,7 @@ def _angles(item: Plain, rng: np.random.Generator) -> FloatArray:
     if item["kind"] == "shifted":
         return rounded(exact, item["quantum_deg"], rng.uniform(-0.5, 0.5, 4))
     if item["kind"] == "noisy":
-        return noisy(Meaning(item["shape"], item["order"]), item["amount"], rng)
+        return noisy(NoiseReading(item["shape"], item["order"]), item["amount"], rng)
     if item["kind"] == "white":
         return exact + WHITE_ARCSEC * ARCSEC * rng.standard_normal(exact.shape)
     return exact

@@ -24,8 +24,8 @@ from horizonval.earth.column import OpticalModel
 from horizonval.earth.surface.ground_emission import GroundEmission
 from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_height
 from horizonval.truth.infrared_horizon.ground import GroundPlaces, ground_places, ground_radiance
-from horizonval.truth.infrared_horizon.locators import GROUND_RAY_M, Located, locate, profile_heights_m
-from horizonval.truth.infrared_horizon.radiance import Air, ground_ray, limb_radiance
+from horizonval.truth.infrared_horizon.locators import GROUND_RAY_M, HorizonHeights, locate, profile_heights_m
+from horizonval.truth.infrared_horizon.radiance import BandMedium, ground_ray, limb_radiance
 from horizonval.truth.infrared_horizon.rays import Course, angle_of_height, courses, ground_points
 
 AZIMUTHS = 36
@@ -89,12 +89,12 @@ def infrared_horizon(
     if not model.thermal:
         return {}
     place, sun = (tuple(np.asarray(v, dtype=np.float64).tolist()) for v in (r_itrs, sun_itrs))
-    asked = _Question(_digest(model), place, ellipsoid, sun, float(snow_line_deg), azimuths, model)
+    asked = _HorizonRequest(_digest(model), place, ellipsoid, sun, float(snow_line_deg), azimuths, model)
     return copy.deepcopy(_solved(asked))
 
 
 @dataclass(frozen=True)
-class _Question:
+class _HorizonRequest:
     """What an infrared horizon depends on; the model is compared by its digest."""
 
     digest: str
@@ -116,14 +116,14 @@ def _digest(model: OpticalModel) -> str:
 
 
 @lru_cache(maxsize=8)
-def _solved(asked: _Question) -> dict[str, dict[str, Any]]:
+def _solved(asked: _HorizonRequest) -> dict[str, dict[str, Any]]:
     model, ellipsoid = asked.model, asked.ellipsoid
     r = np.array(asked.r_itrs)
     if float(geodetic_height(r, ellipsoid)) <= model.top_m or model.top_m < _LOWEST_TOP_M:
         return {}
     assert model.emission is not None
-    airs = [Air(band) for band in model.thermal]
-    view = _View.of(asked, model.top_m, all(air.is_uniform for air in airs))
+    airs = [BandMedium(band) for band in model.thermal]
+    view = _CameraRays.of(asked, model.top_m, all(air.is_uniform for air in airs))
     return {
         band.name: _plain(view, _located(view, band, air, model.emission))
         for band, air in zip(model.thermal, airs, strict=True)
@@ -132,7 +132,7 @@ def _solved(asked: _Question) -> dict[str, dict[str, Any]]:
 
 
 @dataclass(frozen=True)
-class _View:
+class _CameraRays:
     """The rays of a camera, the same for all bands.
 
     ``spread``: matrix from the azimuths that are integrated to all; ``past``, ``down``: rays past and to the ground.
@@ -148,7 +148,7 @@ class _View:
     ground: GroundPlaces
 
     @classmethod
-    def of(cls, asked: _Question, top_m: float, uniform: bool) -> _View:
+    def of(cls, asked: _HorizonRequest, top_m: float, uniform: bool) -> _CameraRays:
         r_itrs, ellipsoid, azimuths = np.array(asked.r_itrs), asked.ellipsoid, asked.azimuths
         azimuth: FloatArray = np.arange(azimuths, dtype=np.float64) * (math.tau / azimuths)
         half = azimuth[: azimuths // 2 + 1]
@@ -167,14 +167,14 @@ class _View:
         return cls(r_itrs, ellipsoid, azimuth, heights, spread[mirrored], past, down, ground)
 
 
-def _located(view: _View, band: EmittingBand, air: Air, emission: GroundEmission) -> Located:
+def _located(view: _CameraRays, band: EmittingBand, air: BandMedium, emission: GroundEmission) -> HorizonHeights:
     path, passed = ground_ray(air, view.down)
     ground = ground_radiance(band, emission, view.ground)
     disc = (view.spread @ path + (view.spread @ passed) * ground).sum(axis=1)
     return locate(view.height_m, view.spread @ limb_radiance(air, view.past), disc)
 
 
-def _plain(view: _View, located: Located) -> dict[str, Any]:
+def _plain(view: _CameraRays, located: HorizonHeights) -> dict[str, Any]:
     half, steepest = np.round(located.half_plateau_m, 1), np.round(located.maximum_gradient_m, 1)
     azimuths = len(view.azimuth_rad)
 

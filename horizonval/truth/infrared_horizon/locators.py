@@ -41,7 +41,7 @@ def profile_heights_m(top_m: float) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Located:
+class HorizonHeights:
     """The horizon in limb profiles of several azimuths; arrays of shape (azimuths,)."""
 
     kind: str
@@ -50,7 +50,7 @@ class Located:
     maximum_gradient_m: FloatArray
 
 
-def locate(height_m: FloatArray, radiance: FloatArray, ground_radiance: FloatArray) -> Located:
+def locate(height_m: FloatArray, radiance: FloatArray, ground_radiance: FloatArray) -> HorizonHeights:
     """Return where the profiles of one band drop.
 
     Parameters
@@ -76,7 +76,7 @@ def locate(height_m: FloatArray, radiance: FloatArray, ground_radiance: FloatArr
     air = level[:, within].max(axis=1)
     opaque = bool(air.mean() >= OPAQUE_SHARE * ground_radiance.mean())
     plateau = air if opaque else ground_radiance
-    return Located(
+    return HorizonHeights(
         kind="opaque" if opaque else "window",
         plateau=plateau,
         half_plateau_m=np.array([_highest(fine, row, 0.5 * p) for row, p in zip(level, plateau, strict=True)]),

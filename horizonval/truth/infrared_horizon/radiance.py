@@ -42,7 +42,7 @@ def shells_m(top_m: float, step_m: float = SHELL_M) -> FloatArray:
     return np.append(shells[shells < top_m], top_m)
 
 
-class Air:
+class BandMedium:
     """Extinction and source of one band, laid out for rays: g point last."""
 
     def __init__(self, band: EmittingBand) -> None:
@@ -94,12 +94,12 @@ class Air:
         return result[0], result[1]
 
 
-def limb_radiance(air: Air, rays: Sequence[Course], *, step_m: float = SHELL_M) -> FloatArray:
+def limb_radiance(air: BandMedium, rays: Sequence[Course], *, step_m: float = SHELL_M) -> FloatArray:
     """Return the radiance [W m-2 sr-1], shape (azimuths, heights), of rays past the ground.
 
     Parameters
     ----------
-    air : Air
+    air : BandMedium
     rays : sequence of Course, length heights
         Lowest heights from 0 on; the camera is above the air.
     step_m : float
@@ -112,7 +112,7 @@ def limb_radiance(air: Air, rays: Sequence[Course], *, step_m: float = SHELL_M) 
     return np.stack(columns, axis=-1)
 
 
-def ground_ray(air: Air, path: Course, *, step_m: float = SHELL_M) -> tuple[FloatArray, FloatArray]:
+def ground_ray(air: BandMedium, path: Course, *, step_m: float = SHELL_M) -> tuple[FloatArray, FloatArray]:
     """Return path radiance [W m-2 sr-1] and transmission to the ground, shapes (azimuths, g).
 
     The rays' lowest height is negative: the depth of the chord.
@@ -136,7 +136,7 @@ def _cuts(path: Course, start_m: float, step_m: float) -> FloatArray:
     return both
 
 
-def _integrate(air: Air, path: Course, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _integrate(air: BandMedium, path: Course, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return radiance and transmission, shapes (azimuths, g), along ``u`` from the observer on."""
     k, source = air.along(path, u)
     slope = k * path.metres_per_u(u)[..., None]

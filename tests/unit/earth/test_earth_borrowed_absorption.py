@@ -5,7 +5,7 @@ import pytest
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.borrowed_absorption import ln_absorption
-from horizonval.earth.atmosphere.profiles import Profile, profile
+from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
 from horizonval.earth.spectral import thermal_absorption as ta
 from horizonval.earth.spectral.planck import radiance_per_wavenumber
 from horizonval.spec.sensor.camera import Band
@@ -18,12 +18,12 @@ def points(lo: float, hi: float) -> ta.GPoints:
     return ta.g_points(Band(name="t", kind="thermal", lo_um=lo, hi_um=hi))
 
 
-def state(climate: str) -> Profile:
+def state(climate: str) -> AtmosphereProfile:
     """A climate with the temperatures of its table."""
     p = profile(climate).at(Z)
     kelvin = ta.temperature_k(climate, Z)
     scale = p.pressure_pa / (1.380649e-23 * kelvin) / p.number_density_air
-    return Profile(
+    return AtmosphereProfile(
         "file", Z, p.pressure_pa, kelvin, *(
             density * scale
             for density in (p.number_density_air, p.number_density_o3, p.number_density_h2o, p.number_density_co2)
@@ -83,7 +83,7 @@ def test_far_outside_it_stays() -> None:
 
     def colder(by: float) -> FloatArray:
         kelvin = base.temperature_k - by
-        return ln_absorption(g, Profile("file", Z, base.pressure_pa, kelvin, *(
+        return ln_absorption(g, AtmosphereProfile("file", Z, base.pressure_pa, kelvin, *(
             n * base.temperature_k / kelvin
             for n in (base.number_density_air, base.number_density_o3, base.number_density_h2o, base.number_density_co2)
         )), 420.0) - np.log(base.temperature_k / kelvin)  # fmt: skip

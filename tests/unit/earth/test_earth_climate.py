@@ -8,7 +8,7 @@ from horizonval.earth.atmosphere import climate
 from horizonval.earth.atmosphere.air import air_of
 from horizonval.earth.atmosphere.climate import blended, climate_weights, month_of
 from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.earth.atmosphere.profiles import Profile, profile
+from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
 from horizonval.earth.optical import optical_model
 from horizonval.earth.spectral import thermal_absorption
 from horizonval.spec.scene import SceneSpec
@@ -18,7 +18,7 @@ DOBSON_PER_M2 = 2.6867e20
 CLIMATES = ("tropical", "midlatitude_summer", "midlatitude_winter", "subarctic_summer", "subarctic_winter")
 
 
-def ozone_du(state: Profile) -> float:
+def ozone_du(state: AtmosphereProfile) -> float:
     fine = state.at(np.arange(0.0, 100_001.0, 100.0))
     return float(np.trapezoid(fine.number_density_o3, fine.altitude_m) / DOBSON_PER_M2)
 

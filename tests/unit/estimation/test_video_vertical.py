@@ -13,7 +13,7 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.arc import Arc, find_arc, longest_chain
 from horizonval.estimation.limb.shape.circle import fit_circle
 from horizonval.estimation.methods import video_vertical
-from horizonval.estimation.methods.video_vertical import ESTIMATOR, Ends, fit_arcs, solve, vertical
+from horizonval.estimation.methods.video_vertical import ESTIMATOR, ChordEnds, fit_arcs, solve, vertical
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry import frames
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
@@ -71,9 +71,9 @@ def exact_arc(nadir_cam: np.ndarray, rho: float, low: float, high: float, n: int
 
 
 @pytest.mark.parametrize(("pitch_deg", "roll_deg"), [(0.0, 0.0), (20.0, -15.0), (-12.0, 17.0), (-30.0, 5.0)])
-@pytest.mark.parametrize("ends", [Ends.SIGHT, Ends.PIXEL])
+@pytest.mark.parametrize("ends", [ChordEnds.SIGHT, ChordEnds.PIXEL])
 def test_chords_of_lines_of_sight_give_the_exact_vertical_from_any_piece_of_the_horizon(
-    pitch_deg: float, roll_deg: float, ends: Ends
+    pitch_deg: float, roll_deg: float, ends: ChordEnds
 ) -> None:
     nadir_body = frames.nadir_of_roll_pitch(math.radians(roll_deg), math.radians(pitch_deg))
     observation = two_heads(pitch_deg, roll_deg)
@@ -94,7 +94,7 @@ def test_chords_of_lines_of_sight_give_the_exact_vertical_from_any_piece_of_the_
 def test_the_other_readings_are_exact_only_for_a_level_pair() -> None:
     level, tilted = two_heads(0.0, 0.0), two_heads(12.0, 14.0)
     errors = {}
-    for ends in Ends:
+    for ends in ChordEnds:
         fit, other = solve(level, ends), solve(tilted, ends)
         assert isinstance(fit, Fit)
         assert isinstance(other, Fit)
@@ -102,9 +102,9 @@ def test_the_other_readings_are_exact_only_for_a_level_pair() -> None:
         assert math.degrees(error_rad(fit, 0.0, 0.0)) < 0.01
         errors[ends] = math.degrees(error_rad(other, 12.0, 14.0))
     # one pixel of 512 is 0.27 deg at the middle; rounding to 0.29 px on chords of 500 px is 0.06 deg
-    assert errors[Ends.SIGHT] < 0.1
-    assert errors[Ends.CIRCLE] > 0.1
-    assert errors[Ends.PLANE] > 1.0
+    assert errors[ChordEnds.SIGHT] < 0.1
+    assert errors[ChordEnds.CIRCLE] > 0.1
+    assert errors[ChordEnds.PLANE] > 1.0
 
 
 @pytest.mark.parametrize("scale", [1.0, -1.0])
@@ -136,7 +136,7 @@ def test_the_claimed_covariance_is_honest_on_noisy_images() -> None:
 
 def test_one_end_pixel_is_worse_than_the_mean_of_the_last_ones() -> None:
     rng = np.random.default_rng(7)
-    squares: dict[Ends, list[float]] = {Ends.SIGHT: [], Ends.PIXEL: []}
+    squares: dict[ChordEnds, list[float]] = {ChordEnds.SIGHT: [], ChordEnds.PIXEL: []}
     for _ in range(30):
         pitch, roll = rng.uniform(-18.0, 18.0, 2)
         observation = two_heads(pitch, roll)
@@ -144,7 +144,7 @@ def test_one_end_pixel_is_worse_than_the_mean_of_the_last_ones() -> None:
             fit = solve(observation, ends)
             assert isinstance(fit, Fit)
             kept.append(error_rad(fit, pitch, roll) ** 2)
-    assert np.mean(squares[Ends.SIGHT]) < 0.6 * np.mean(squares[Ends.PIXEL])
+    assert np.mean(squares[ChordEnds.SIGHT]) < 0.6 * np.mean(squares[ChordEnds.PIXEL])
 
 
 @pytest.mark.parametrize("names", [(), ("left",), ("left", "forward", "left2")])

@@ -182,3 +182,9 @@ def test_a_suite_that_a_run_would_refuse(tmp_path):
 def test_a_name_of_nothing_is_the_users_mistake():
     with pytest.raises(UserError, match="no scene, suite or study named 'limb-noon'"):
         check("limb-noon")
+
+
+def test_a_scene_has_no_number_of_frames():
+    for target in ("limb-noon-vis", load_scene("limb-noon-vis")):
+        with pytest.raises(UserError, match="a scene is one frame"):
+            check(target, frames=3)

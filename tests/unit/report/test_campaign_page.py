@@ -8,7 +8,7 @@ from dataclasses import replace
 from synthetic import result_row
 
 from horizonval.report import template
-from horizonval.report.load import Run, View
+from horizonval.report.load import CaseView, ReportRun
 from horizonval.report.pages import campaign_page
 from horizonval.scoring.row import Row
 from horizonval.scoring.summary import summarise
@@ -41,7 +41,7 @@ def _row(case: str, estimator: str, error: float | None, **more) -> Row:
     return result_row(**(row | more))
 
 
-def _run(*plans: dict) -> Run:
+def _run(*plans: dict) -> ReportRun:
     views = []
     for k in range(8):
         case = f"c{k}"
@@ -49,8 +49,8 @@ def _run(*plans: dict) -> Run:
             "shy": _row(case, "shy", None if 3 <= k < 6 else 30.0),
             "bold": _row(case, "bold", 7200.0 if 3 <= k < 6 else 20.0),
         }
-        views.append(View(case, "vis", rows, {}, None, "", False, ""))
-    return Run("s", "A suite", "1", NAMES, tuple(v.case for v in views), (), tuple(views), plans)
+        views.append(CaseView(case, "vis", rows, {}, None, "", False, ""))
+    return ReportRun("s", "A suite", "1", NAMES, tuple(v.case for v in views), (), tuple(views), plans)
 
 
 def _plan(kind: str, axes: int) -> dict:

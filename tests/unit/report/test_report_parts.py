@@ -18,7 +18,7 @@ from horizonval.frame import DetectorImage
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.report import rerun, wording
 from horizonval.report.figures import overlay, picture, plots
-from horizonval.report.load import View
+from horizonval.report.load import CaseView
 from horizonval.report.pages import infrared_section
 from horizonval.report.verdict import BONUS, BROKEN, FALSE_VALID, MISSED, NONE, OTHER, REFUSED, VALID, verdict_of
 from horizonval.spec.load import load_scene
@@ -100,7 +100,7 @@ def test_the_infrared_horizon_is_the_cone_of_its_height():
 
 
 def view_of(truth, case="made"):
-    return View(case, "lwir", {}, {}, toy_image(truth), "", False, "")
+    return CaseView(case, "lwir", {}, {}, toy_image(truth), "", False, "")
 
 
 def test_the_infrared_section_says_what_is_stored():
@@ -272,7 +272,9 @@ def test_a_shipped_camera_is_written_where_its_keys_were_changed(tmp_path, chang
 
 
 def test_figures_are_the_same_twice_and_hold_no_date():
-    views = [View(c.truth.scene["scene"]["name"], "red", {}, {}, None, "", False, "") for c in synthetic_cases()[:2]]
+    views = [
+        CaseView(c.truth.scene["scene"]["name"], "red", {}, {}, None, "", False, "") for c in synthetic_cases()[:2]
+    ]
     made = [plots.figure_uri(plots.error_by_frame(views, ["a", "b"]), 6, 3) for _ in range(2)]
     assert made[0] == made[1]
     svg = base64.b64decode(made[0].split(",")[1]).decode()

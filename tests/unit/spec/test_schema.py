@@ -12,9 +12,9 @@ from jsonschema import Draft202012Validator
 from horizonval.cli.app import run_command_line
 from horizonval.core.errors import UserError
 from horizonval.spec.files import shipped_names, shipped_path, shipped_root
-from horizonval.spec.keys import MODELS, holds_numbers, tables, unit_of
 from horizonval.spec.load import load_scene
-from horizonval.spec.schema import json_schema
+from horizonval.spec.reference.keys import MODELS, holds_numbers, tables, unit_of
+from horizonval.spec.reference.schema import json_schema
 
 FILES = [(kind, name) for kind in MODELS for name in shipped_names(kind)]
 SCENE = {"camera": {"file": "vis-cmos-512-60deg"}, "platform": {"altitude_km": 500.0}}

@@ -7,7 +7,7 @@ import sqlite3
 import pytest
 
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.store.entry import Entry
+from horizonval.store.entry import StoreEntry
 from horizonval.store.index import NAME, Filter, Index
 from horizonval.store.store import Store
 
@@ -24,7 +24,7 @@ def store(tmp_path, make_frame, make_image) -> Store:
     return store
 
 
-def rows(store: Store) -> list[Entry]:
+def rows(store: Store) -> list[StoreEntry]:
     known = store.index.known()
     assert known is not None
     return list(known.values())

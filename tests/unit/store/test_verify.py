@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from horizonval.store.store import Store
-from horizonval.store.verify import Finding
+from horizonval.store.verify import StoreFinding
 
 KINDS = ("flipped", "truncated", "swapped", "deleted", "renamed", "moved", "overwritten", "copied")
 
@@ -83,7 +83,7 @@ def damaged(store: Store, count: int, seed: int) -> tuple[set[tuple[Path, str]],
     return expected, done
 
 
-def found(findings: list[Finding]) -> set[tuple[Path, str]]:
+def found(findings: list[StoreFinding]) -> set[tuple[Path, str]]:
     assert all("\n" not in finding.message for finding in findings)
     assert len({finding.path for finding in findings}) == len(findings)
     return {(finding.path, finding.problem) for finding in findings}

@@ -16,7 +16,7 @@ from horizonval.spec.load import Case, load_suite
 from horizonval.store.folder import RunFolder
 from horizonval.suites import case as module
 from horizonval.suites.case import Stopwatch
-from horizonval.suites.plan import Plan, units_of
+from horizonval.suites.plan import CasePlan, units_of
 
 SIGMA = 1e-4
 
@@ -66,7 +66,7 @@ def take(make_frame, monkeypatch, tmp_path):
         ]
         sandbox = Scripted(answers)
         monkeypatch.setattr(module, "sandbox_of", lambda _: sandbox)
-        plan, watch = Plan(("altitude-free",), draws=draws), Stopwatch()
+        plan, watch = CasePlan(("altitude-free",), draws=draws), Stopwatch()
         taken = module._take(Case(scene, camera), plan, RunFolder(tmp_path), watch)
         return taken, sandbox.seen, frame, camera, watch
 
@@ -116,7 +116,7 @@ def test_heads_are_drawn_together(make_frame, monkeypatch, tmp_path):
         'camera.file = "vis-pair-1024-60deg"\nplatform.altitude_km = 500.0\n'
     )
     suite = load_suite(tmp_path / "s.toml")
-    plan = Plan(suite.estimators, draws=3)
+    plan = CasePlan(suite.estimators, draws=3)
     (unit,) = units_of(suite.cases, plan)
     frame = make_frame()
     camera = frame.truth.camera_spec

@@ -6,7 +6,7 @@ import hashlib
 
 from synthetic import estimator
 
-from horizonval.store.entry import Entry
+from horizonval.store.entry import StoreEntry
 from horizonval.suites.rescore import items_of
 
 
@@ -14,16 +14,16 @@ def address(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def image(scene: str, *, head: str = "", band: str = "vis", seed: str = "0", epoch: str = "t") -> Entry:
+def image(scene: str, *, head: str = "", band: str = "vis", seed: str = "0", epoch: str = "t") -> StoreEntry:
     name = f"{scene} {head} {band} {seed} {epoch}"
-    return Entry(
+    return StoreEntry(
         address=address(name), kind="image", size_bytes=1, scene=scene, scene_id=f"id {scene} {head} {epoch}",
         camera="cam", bands=(band,), head=head, seed=seed, epoch_utc=epoch,
     )  # fmt: skip
 
 
-def frame(scene: str, *, head: str = "", epoch: str = "t") -> Entry:
-    return Entry(
+def frame(scene: str, *, head: str = "", epoch: str = "t") -> StoreEntry:
+    return StoreEntry(
         address=address(f"frame {scene} {head} {epoch}"), kind="frame", size_bytes=1, scene=scene,
         scene_id=f"id {scene} {head} {epoch}", camera="cam", bands=("vis",), head=head, epoch_utc=epoch,
     )  # fmt: skip
@@ -62,10 +62,10 @@ def test_draws_and_instants_of_one_scene_are_told_apart():
     items = items_of(many, [ALONE])
     assert sorted(item.name for item in items) == sorted([*(f"s.{one.address[:12]}" for one in many[:3]), "t"])
     # The same in another exposure: only the address differs.
-    again = [many[3], Entry(**(vars(many[3]) | {"address": address("longer")}))]
+    again = [many[3], StoreEntry(**(vars(many[3]) | {"address": address("longer")}))]
     assert len({item.name for item in items_of(again, [ALONE])}) == 2
 
 
 def test_two_frames_that_could_be_meant_are_none():
-    twice = [frame("noon"), Entry(**(vars(frame("noon")) | {"address": address("other code")}))]
+    twice = [frame("noon"), StoreEntry(**(vars(frame("noon")) | {"address": address("other code")}))]
     assert items_of([image("noon"), *twice], [ALONE])[0].frames == {"": ""}

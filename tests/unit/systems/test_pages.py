@@ -13,7 +13,7 @@ from matplotlib.figure import Figure as MplFigure
 from horizonval.core.errors import UserError
 from horizonval.systems import run as run_module
 from horizonval.systems.pages import printed_rows, write_first_page, write_reproduction
-from horizonval.systems.result import Figure, Reproduction, Row, Table
+from horizonval.systems.result import ComparisonRow, Figure, Reproduction, Table
 from horizonval.systems.systems import SYSTEMS, chosen, experiment
 from horizonval.systems.task_cache import TaskCache, rng_of
 
@@ -31,10 +31,10 @@ def _result(measured: float = 0.03) -> Reproduction:
         source="Somebody 2001",
         summary={"text": "What was done."},
         rows=(
-            Row("rms", 0.038, measured, "deg", "alike", limit=0.038),
-            Row("entry | one", 1.0, 1.05, "deg", "quantised", limit=0.0708, against=1.0),
-            Row("reach", "20", 25.0, "deg", "further", limit=20.0, at_least=True),
-            Row("lost", None, 5.0, "arcsec", "did not survive"),
+            ComparisonRow("rms", 0.038, measured, "deg", "alike", limit=0.038),
+            ComparisonRow("entry | one", 1.0, 1.05, "deg", "quantised", limit=0.0708, against=1.0),
+            ComparisonRow("reach", "20", 25.0, "deg", "further", limit=20.0, at_least=True),
+            ComparisonRow("lost", None, 5.0, "arcsec", "did not survive"),
         ),
         tables=(Table("Errors", ("what", "value"), (("x", 1.25), ("y", None))),),
         figures=(Figure("map", "A map. More of it", _draw),),
@@ -44,8 +44,8 @@ def _result(measured: float = 0.03) -> Reproduction:
 def test_a_bar_counts_departure_from_zero_from_a_figure_or_from_below():
     held = [row.holds for row in _result().rows]
     assert held == [True, True, True, None]
-    assert Row("x", 1.0, 1.08, "deg", "", limit=0.0708, against=1.0).holds is False
-    assert Row("x", 1.0, -25.0, "deg", "", limit=20.0, at_least=True).holds is False
+    assert ComparisonRow("x", 1.0, 1.08, "deg", "", limit=0.0708, against=1.0).holds is False
+    assert ComparisonRow("x", 1.0, -25.0, "deg", "", limit=20.0, at_least=True).holds is False
 
 
 def test_json_and_page_say_the_same(tmp_path):
@@ -137,14 +137,14 @@ def test_a_second_run_in_the_same_folder_is_refused_and_leftovers_of_a_killed_on
 
 
 def test_published_figures_keep_the_digits_of_their_source(tmp_path):
-    row = Row("roll", 3.0052, 2.96985, "deg", "a step less", limit=0.0708, against=3.0052)
+    row = ComparisonRow("roll", 3.0052, 2.96985, "deg", "a step less", limit=0.0708, against=3.0052)
     content = write_reproduction(replace(_result(), rows=(row,)), tmp_path, seed=0)
     assert "| roll | 3.0052 | 2.97 | deg | at most 0.0708 from 3.0052: met |" in (tmp_path / "B.md").read_text()
     assert any("3.0052" in line for line in printed_rows(content))
 
 
 def test_a_long_name_does_not_push_the_figures_out_of_their_columns(tmp_path):
-    rows = (Row("short", 1.0, 1.0, "deg", ""), Row("long " * 20, 1.0, 1.0, "deg", ""))
+    rows = (ComparisonRow("short", 1.0, 1.0, "deg", ""), ComparisonRow("long " * 20, 1.0, 1.0, "deg", ""))
     lines = list(printed_rows(write_reproduction(replace(_result(), rows=rows), tmp_path, seed=0)))
     assert len({len(line) for line in lines if line.endswith("deg")}) == 1
 

@@ -38,8 +38,8 @@ def test_an_empty_image_has_no_tilt():
 
 
 def test_a_turned_camera_sees_the_panel_turned_the_other_way():
-    camera = bench.camera_pose(math.radians(10.0), bench.Errors())
-    panel = bench.panel_pose(200.0, bench.Errors())
+    camera = bench.camera_pose(math.radians(10.0), bench.BenchErrors())
+    panel = bench.panel_pose(200.0, bench.BenchErrors())
     below = bench.seen_from(camera, panel, np.array([[0.0, 50.0]]))[0]
     # down in the picture leans to +x in the image, as the estimator's tilt says
     assert math.degrees(math.atan2(below[0], below[1])) == pytest.approx(10.0, abs=1e-9)
@@ -47,17 +47,17 @@ def test_a_turned_camera_sees_the_panel_turned_the_other_way():
 
 
 def test_a_mounting_error_moves_what_its_name_says():
-    level = bench.Errors()
+    level = bench.BenchErrors()
     panel = bench.panel_pose(200.0, level)
     middle = np.zeros((1, 2))
-    lens_right = bench.camera_pose(0.0, bench.Errors(shift_x_mm=3.0, distance_mm=5.0))
+    lens_right = bench.camera_pose(0.0, bench.BenchErrors(shift_x_mm=3.0, distance_mm=5.0))
     assert bench.seen_from(lens_right, panel, middle)[0] == pytest.approx([-3.0, 0.0, 205.0], abs=1e-9)
     # an eccentric lens travels with the stage, a shifted one does not
-    quarter = bench.camera_pose(math.pi / 2, bench.Errors(eccentric_x_mm=2.0))
+    quarter = bench.camera_pose(math.pi / 2, bench.BenchErrors(eccentric_x_mm=2.0))
     assert quarter.r_bench_mm == pytest.approx([0.0, 2.0, 0.0], abs=1e-9)
-    askew = bench.camera_pose(0.0, bench.Errors(axis_yaw_deg=1.0))
+    askew = bench.camera_pose(0.0, bench.BenchErrors(axis_yaw_deg=1.0))
     assert bench.seen_from(askew, panel, middle)[0][0] == pytest.approx(-200.0 * math.sin(math.radians(1.0)), abs=1e-9)
-    rolled = bench.panel_pose(200.0, bench.Errors(panel_roll_deg=0.25))
+    rolled = bench.panel_pose(200.0, bench.BenchErrors(panel_roll_deg=0.25))
     right = bench.seen_from(bench.camera_pose(0.0, level), rolled, np.array([[100.0, 0.0]]))[0]
     assert math.degrees(math.atan2(right[1], right[0])) == pytest.approx(0.25, abs=1e-9)
 
@@ -109,10 +109,10 @@ def test_every_error_of_the_bench_is_stated_and_belongs_to_one_imperfection():
 
 
 def test_switching_off_everything_leaves_a_perfect_bench():
-    assert runs.errors_of(()) == bench.Errors()
+    assert runs.errors_of(()) == bench.BenchErrors()
     assert runs.errors_of(runs.IMPERFECTIONS) == bench.STATED
     one = runs.errors_of(("panel not level",))
-    assert one == bench.Errors(panel_roll_deg=bench.STATED.panel_roll_deg)
+    assert one == bench.BenchErrors(panel_roll_deg=bench.STATED.panel_roll_deg)
     clean = runs.panel_of(())
     assert clean.smooth
     assert clean.backlight_fall == clean.backlight_slope == 0.0

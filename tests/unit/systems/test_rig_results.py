@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from horizonval.systems.b.rig import experiment, figures, runs, tables
-from horizonval.systems.b.rig.results import Results
-from horizonval.systems.b.rig.runs import IMPERFECTIONS, Run
+from horizonval.systems.b.rig.results import RigResults
+from horizonval.systems.b.rig.runs import IMPERFECTIONS, BenchRun
 
 TILTS = np.array([-20.0, 0.0, 20.0])
 
@@ -19,7 +19,7 @@ def run(error_deg):
     """Sixteen benches that err by this much, half of them to the left."""
     side = np.where(np.arange(16) % 2, 1.0, -1.0)[:, None]
     reference = np.broadcast_to(TILTS, (16, 3))
-    return Run(TILTS, reference + side * error_deg, reference)
+    return BenchRun(TILTS, reference + side * error_deg, reference)
 
 
 def results(sizes):
@@ -27,7 +27,7 @@ def results(sizes):
     order = tuple(sorted(IMPERFECTIONS, key=lambda name: -alone[name].rms_deg))
     whole = run(math.sqrt(0.05**2 + sum(size**2 for size in sizes)))
     after = {name: run(0.05) for name in order}
-    return Results(whole, run(0.05), alone, order, after, run(0.05), run(0.05))
+    return RigResults(whole, run(0.05), alone, order, after, run(0.05), run(0.05))
 
 
 SIZES = [0.3, 0.2, 0.0, 0.1, 0.2, 0.25, 0.35, 0.3, 0.3, 0.0, 0.0, 0.0, 0.0]
@@ -37,11 +37,11 @@ def test_a_run_counts_lost_frames_and_leaves_those_without_an_answer_out_of_its_
     whole = run(0.3)
     estimated = whole.estimated_deg.copy()
     estimated[0, 0], estimated[1, 2] = math.nan, 177.0
-    broken = Run(TILTS, estimated, whole.reference_deg)
+    broken = BenchRun(TILTS, estimated, whole.reference_deg)
     assert broken.lost == pytest.approx(2 / 48, abs=1e-12)
     assert broken.answered == pytest.approx(47 / 48, abs=1e-12)
     estimated[1, 2] = 20.3
-    assert Run(TILTS, estimated, whole.reference_deg).rms_deg == pytest.approx(0.3, abs=1e-9)
+    assert BenchRun(TILTS, estimated, whole.reference_deg).rms_deg == pytest.approx(0.3, abs=1e-9)
 
 
 def test_independent_imperfections_add_up_and_their_shares_make_the_whole():

@@ -20,7 +20,7 @@ from typing import Any
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.store.folder import read_json, write_json
 from horizonval.studies.regression.baseline.pack import FrozenFrame, Pack, read_pack, write_pack
-from horizonval.studies.regression.statistics.gates import Results
+from horizonval.studies.regression.statistics.gates import GateInputs
 
 BASELINE_SCHEMA = 1
 COLUMNS = (
@@ -35,7 +35,7 @@ class Baseline:
 
     path: Path
     head: Mapping[str, Any]
-    results: Results
+    results: GateInputs
     scenes: Mapping[str, Any]
     pack: Path
 
@@ -83,7 +83,7 @@ def read_baseline(path: Path, suite: str) -> Baseline:
     if hashlib.sha256(pack.read_bytes()).hexdigest() != data["pack_sha256"]:
         raise DamagedFileError("its bytes are not those that were accepted", where=str(pack))
     try:
-        results = Results(
+        results = GateInputs(
             rows=from_columns(data["rows"]), fresh=from_columns(data["fresh"]), fresh_night=data["fresh_night"]
         )
     except (KeyError, TypeError, ValueError) as error:
@@ -93,7 +93,7 @@ def read_baseline(path: Path, suite: str) -> Baseline:
 
 
 def write_baseline(
-    path: Path, head: Mapping[str, Any], results: Results, scenes: Mapping[str, Any], pack: Pack
+    path: Path, head: Mapping[str, Any], results: GateInputs, scenes: Mapping[str, Any], pack: Pack
 ) -> None:
     """Write a baseline's two files, the one that names the other last."""
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -23,7 +23,7 @@ ANGLE_LIMIT_ARCSEC = 1e-6 * 3600
 
 
 @dataclass(frozen=True)
-class Results:
+class GateInputs:
     """What gates look at.
 
     Attributes
@@ -55,7 +55,7 @@ class Measured:
     paired: bool
 
 
-def measure(gate: GateSpec, now: Results, base: Results) -> Measured:
+def measure(gate: GateSpec, now: GateInputs, base: GateInputs) -> Measured:
     """Return what a gate finds between two sets of results."""
     if gate.metric in IMAGE_METRICS:
         return _images(gate, now)
@@ -162,7 +162,7 @@ def _all_good(rows: Iterable[Row], good: Callable[[Row], bool]) -> list[bool]:
     return list(frames.values())
 
 
-def _images(gate: GateSpec, now: Results) -> Measured:
+def _images(gate: GateSpec, now: GateInputs) -> Measured:
     found = [
         (float(image[gate.metric]), scene)
         for (scene, _), image in now.images.items()

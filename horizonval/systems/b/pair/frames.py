@@ -15,7 +15,7 @@ from horizonval.estimation.limb.arc import Arc, find_arc
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.shape.circle import fit_circle
 from horizonval.estimation.limb.shape.cone import fit_cone
-from horizonval.estimation.methods.video_vertical import ESTIMATOR, Ends, fit_arcs, solve
+from horizonval.estimation.methods.video_vertical import ESTIMATOR, ChordEnds, fit_arcs, solve
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.geometry.camera import project, unproject
@@ -139,7 +139,7 @@ def measured(images: dict[str, DetectorImage]) -> Plain:
     found |= {"sigma_deg": sigma_arcsec / 3600.0, "nees": scored.nees_nadir_total}
     claimed_tilt = angle_between(down_body, _body(truth, result.nadir_cam))
     found["tilt_error_deg"] = math.degrees(claimed_tilt) - found["tilt_deg"]
-    for ends in Ends:
+    for ends in ChordEnds:
         reading = solve(observation, ends)
         if isinstance(reading, Fit):
             found["error_deg"][ends.name] = _error_deg(truth, reading.nadir_cam)

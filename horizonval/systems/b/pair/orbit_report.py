@@ -6,7 +6,7 @@ import numpy as np
 
 from horizonval.systems.b.pair.applicability import LIMIT_DEG, rms
 from horizonval.systems.b.pair.orbit import INFRARED, LINEAR, VISIBLE, Lap, errors_deg
-from horizonval.systems.result import Row, Table
+from horizonval.systems.result import ComparisonRow, Table
 
 
 def in_shadow(orbit: Lap) -> np.ndarray:
@@ -14,7 +14,7 @@ def in_shadow(orbit: Lap) -> np.ndarray:
     return np.array(orbit.lit) < 0.5
 
 
-def orbit_rows(orbit: Lap) -> list[Row]:
+def orbit_rows(orbit: Lap) -> list[ComparisonRow]:
     """Return the rows of the shadowed segment and of the comparison with infrared."""
     dark = in_shadow(orbit)
     visible = errors_deg(orbit.by_sensor[VISIBLE])
@@ -23,7 +23,7 @@ def orbit_rows(orbit: Lap) -> list[Row]:
     asked = errors_deg(orbit.by_sensor[VISIBLE], by_search=True)
     both = np.isfinite(asked) & np.isfinite(infrared)
     return [
-        Row(
+        ComparisonRow(
             "shadowed segment: share of positions without a solution",
             "no solution",
             float(np.mean(np.isnan(visible[dark]))),
@@ -32,7 +32,7 @@ def orbit_rows(orbit: Lap) -> list[Row]:
             limit=1.0,
             at_least=True,
         ),
-        Row(
+        ComparisonRow(
             "lit segment: share of claims wrong by more than 1 deg, longest edge",
             None,
             _wrong(visible[~dark]),
@@ -40,7 +40,7 @@ def orbit_rows(orbit: Lap) -> list[Row]:
             f"The longest edge is the horizon's only where all of it is lit: {_share(asked[~dark]):.0%} of these "
             f"positions pass a search that asks, {_wrong(asked[~dark]):.0%} of those wrongly.",
         ),
-        Row(
+        ComparisonRow(
             "visible pair: RMS on the orbit, horizons from the search that asks",
             "comparable with infrared",
             rms(asked),
@@ -48,7 +48,7 @@ def orbit_rows(orbit: Lap) -> list[Row]:
             f"{int(np.isfinite(asked).sum())} of {len(asked)} positions answered; in the same ones the infrared pair "
             f"has {rms(infrared[both]):.3f} deg.",
         ),
-        Row(
+        ComparisonRow(
             "infrared pair of the same field and pixels: RMS on the orbit",
             None,
             rms(infrared),
@@ -56,7 +56,7 @@ def orbit_rows(orbit: Lap) -> list[Row]:
             f"{_share(infrared):.0%} of the positions answered, the shadow included; the same method on the limb of "
             "carbon dioxide.",
         ),
-        Row(
+        ComparisonRow(
             "four linear infrared heads: RMS on the orbit",
             None,
             rms(linear),

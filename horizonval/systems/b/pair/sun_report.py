@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from horizonval.systems.b.pair.applicability import LIMIT_DEG
 from horizonval.systems.b.pair.sun import GOOD, HAZY, HIGHEST_IN_FRAME_DEG, LIMB_ZENITH_DEG
-from horizonval.systems.result import Row, Table
+from horizonval.systems.result import ComparisonRow, Table
 from horizonval.systems.task_cache import Plain
 
 
-def sun_rows(found: dict[str, dict[float, Plain]]) -> list[Row]:
+def sun_rows(found: dict[str, dict[float, Plain]]) -> list[ComparisonRow]:
     """Return the rows of the Sun in the frame."""
     rows = []
     for lens in (GOOD, HAZY):
@@ -20,7 +20,7 @@ def sun_rows(found: dict[str, dict[float, Plain]]) -> list[Row]:
         none = [one for one in views if not one["error_deg"]]
         worst = max((one["error_deg"].get("SIGHT", 0.0) for one in views), default=0.0)
         rows.append(
-            Row(
+            ComparisonRow(
                 f"Sun in the frame, {lens}: share of views without a right answer",
                 "washed out",
                 (len(wrong) + len(none)) / len(views),
@@ -30,7 +30,7 @@ def sun_rows(found: dict[str, dict[float, Plain]]) -> list[Row]:
             )
         )
         rows.append(
-            Row(
+            ComparisonRow(
                 f"Sun in the frame, {lens}: claims wrong by more than 1 deg, search that asks",
                 None,
                 false,

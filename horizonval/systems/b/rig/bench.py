@@ -34,7 +34,7 @@ from horizonval.core.arrays import FloatArray
 
 
 @dataclass(frozen=True)
-class Errors:
+class BenchErrors:
     """Errors of one bench; zero everywhere is a perfect one. See the module text."""
 
     shift_x_mm: float = 0.0
@@ -52,16 +52,18 @@ class Errors:
     accelerometer_roll_deg: float = 0.0
     accelerometer_zero_mg: float = 0.0
 
-    def times(self, signs: FloatArray) -> Errors:
+    def times(self, signs: FloatArray) -> BenchErrors:
         """Return the errors with the signs (or any factors) of shape (14,), in the order of the fields."""
-        return Errors(**{f.name: getattr(self, f.name) * float(s) for f, s in zip(fields(self), signs, strict=True)})
+        return BenchErrors(
+            **{f.name: getattr(self, f.name) * float(s) for f, s in zip(fields(self), signs, strict=True)}
+        )
 
-    def without(self, *names: str) -> Errors:
+    def without(self, *names: str) -> BenchErrors:
         """Return the errors with some of them zero."""
         return replace(self, **dict.fromkeys(names, 0.0))
 
 
-STATED = Errors(
+STATED = BenchErrors(
     shift_x_mm=3.0,
     shift_y_mm=3.0,
     eccentric_x_mm=2.0,
@@ -80,29 +82,29 @@ STATED = Errors(
 
 
 @dataclass(frozen=True)
-class Pose:
+class BenchPose:
     """A body on the bench: its origin [mm], shape (3,), and the rotation of its components to the bench's, (3, 3)."""
 
     r_bench_mm: FloatArray
     bench_from_body: FloatArray
 
 
-def camera_pose(tilt_rad: float, errors: Errors) -> Pose:
+def camera_pose(tilt_rad: float, errors: BenchErrors) -> BenchPose:
     """Return the pose of the lens, whose body axes are the camera's."""
     turn = Rotation.from_euler("Z", tilt_rad)
     mount = Rotation.from_euler("YX", [math.radians(errors.axis_yaw_deg), math.radians(errors.axis_pitch_deg)])
     eccentric = turn.apply([errors.eccentric_x_mm, errors.eccentric_y_mm, 0.0])
     lens = np.array([errors.shift_x_mm, errors.shift_y_mm, -errors.distance_mm]) + eccentric
-    return Pose(lens, (turn * mount).as_matrix())
+    return BenchPose(lens, (turn * mount).as_matrix())
 
 
-def panel_pose(distance_mm: float, errors: Errors) -> Pose:
+def panel_pose(distance_mm: float, errors: BenchErrors) -> BenchPose:
     """Return the pose of the panel: its origin is the picture's middle, its x and y run along rows and columns."""
     angles = np.radians([errors.panel_roll_deg, errors.panel_yaw_deg, errors.panel_pitch_deg])
-    return Pose(np.array([0.0, 0.0, distance_mm]), Rotation.from_euler("ZYX", angles).as_matrix())
+    return BenchPose(np.array([0.0, 0.0, distance_mm]), Rotation.from_euler("ZYX", angles).as_matrix())
 
 
-def seen_from(camera: Pose, panel: Pose, on_panel_mm: FloatArray) -> FloatArray:
+def seen_from(camera: BenchPose, panel: BenchPose, on_panel_mm: FloatArray) -> FloatArray:
     """Return places on the panel, shape (n, 2), in camera axes [mm], shape (n, 3)."""
     places = np.column_stack([on_panel_mm, np.zeros(len(on_panel_mm))])
     on_bench = panel.r_bench_mm + places @ panel.bench_from_body.T

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.linalg import hadamard
 
 from horizonval.core.arrays import FloatArray
-from horizonval.systems.b.rig.bench import Errors
+from horizonval.systems.b.rig.bench import BenchErrors
 
 BENCHES = 16
-NAMES = tuple(f.name for f in fields(Errors))
+NAMES = tuple(f.name for f in fields(BenchErrors))
 
 
 def signs() -> FloatArray:
@@ -26,7 +26,7 @@ def signs() -> FloatArray:
     return np.asarray(hadamard(BENCHES)[:, 1 : 1 + len(NAMES)], dtype=float)
 
 
-def benches(stated: Errors) -> list[Errors]:
+def benches(stated: BenchErrors) -> list[BenchErrors]:
     """Return the sixteen benches; equal ones, where errors are zero, are kept."""
     return [stated.times(row) for row in signs()]
 

@@ -26,7 +26,7 @@ from horizonval.sensor.observe import observe
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.spec.sensor.cmos import Cmos
-from horizonval.systems.b.rig.bench import Errors
+from horizonval.systems.b.rig.bench import BenchErrors
 from horizonval.truth.frame_truth import truth_of
 
 FILL = 0.7
@@ -49,7 +49,7 @@ def behind_lens(camera: CameraSpec) -> CameraSpec:
     return camera.model_copy(update={"optics": camera.optics.model_copy(update={"psf_sigma_px": 0.0})})
 
 
-def built(camera: CameraSpec, errors: Errors) -> CameraModel:
+def built(camera: CameraSpec, errors: BenchErrors) -> CameraModel:
     """Return the lens as it was built: its optical centre off by the bench's errors."""
     ideal = camera_from_spec(camera.camera)
     return replace(ideal, cx=ideal.cx + errors.centre_x_px, cy=ideal.cy + errors.centre_y_px)

@@ -17,10 +17,10 @@ from horizonval.spec.load import load_camera
 from horizonval.systems.b.rig import figures, runs
 from horizonval.systems.b.rig.bench import STATED
 from horizonval.systems.b.rig.frames import CAMERA, make_picture, show
-from horizonval.systems.b.rig.results import Results
+from horizonval.systems.b.rig.results import RigResults
 from horizonval.systems.b.rig.runs import IMPERFECTIONS
 from horizonval.systems.b.rig.tables import ablation_table, sensitivity_table
-from horizonval.systems.result import Figure, Row, Table
+from horizonval.systems.result import ComparisonRow, Figure, Table
 from horizonval.systems.task_cache import Plain, TaskCache
 
 TILTS_DEG = (-20.0, -10.0, 0.0, 10.0, 20.0)
@@ -29,7 +29,7 @@ PUBLISHED_RIG_DEG, PUBLISHED_MODEL_DEG = 0.752, 0.038
 LARGEST_RIG_DEG, SMALLEST_RIG_DEG, LARGEST_PERFECT_DEG = 1.0, 0.5, 0.1
 
 
-def rig_parts(cache: TaskCache) -> tuple[tuple[Row, ...], tuple[Table, ...], tuple[Figure, ...], str]:
+def rig_parts(cache: TaskCache) -> tuple[tuple[ComparisonRow, ...], tuple[Table, ...], tuple[Figure, ...], str]:
     """Do the experiment; return its rows, tables and figures, and a paragraph about it."""
     picture = _picture_file(cache)
     results = measure(cache, picture)
@@ -59,7 +59,7 @@ def rig_parts(cache: TaskCache) -> tuple[tuple[Row, ...], tuple[Table, ...], tup
     return rows(results), (ablation_table(results), sensitivity_table(results.whole)), drawn, summary(results)
 
 
-def measure(cache: TaskCache, picture: str) -> Results:
+def measure(cache: TaskCache, picture: str) -> RigResults:
     """Run the bench as often as the experiment asks."""
     soft = (runs.PIXELS, runs.FRAME_NOISE)
     plans = {"whole": IMPERFECTIONS, "perfect": (), "soft": soft} | {name: (name,) for name in IMPERFECTIONS}
@@ -69,17 +69,17 @@ def measure(cache: TaskCache, picture: str) -> Results:
     left = {name: order[i + 1 :] for i, name in enumerate(order)}
     after = runs.run_all(cache, picture, {name: (on, TILTS_DEG) for name, on in left.items()})
     sharp = runs.run_all(cache, picture, {"sharp": (soft, TILTS_DEG)}, blur_px=SHARP_LENS_PX)["sharp"]
-    return Results(first["whole"], first["perfect"], alone, order, after, first["soft"], sharp)
+    return RigResults(first["whole"], first["perfect"], alone, order, after, first["soft"], sharp)
 
 
-def rows(results: Results) -> tuple[Row, ...]:
+def rows(results: RigResults) -> tuple[ComparisonRow, ...]:
     """Return the published figures beside ours."""
     whole, perfect = results.whole.rms_deg, results.perfect.rms_deg
     largest = results.order[0]
     family = results.families()
     width = load_camera(CAMERA).camera.width
     return (
-        Row(
+        ComparisonRow(
             "hardware in the loop: RMS, estimate minus accelerometer",
             PUBLISHED_RIG_DEG,
             whole,
@@ -90,7 +90,7 @@ def rows(results: Results) -> tuple[Row, ...]:
             limit=0.5 * (LARGEST_RIG_DEG - SMALLEST_RIG_DEG),
             against=0.5 * (LARGEST_RIG_DEG + SMALLEST_RIG_DEG),
         ),
-        Row(
+        ComparisonRow(
             "hardware in the loop: RMS, estimate minus true tilt",
             None,
             results.whole.true_rms_deg,
@@ -98,7 +98,7 @@ def rows(results: Results) -> tuple[Row, ...]:
             "Known on a rendered bench only: without the accelerometer's own errors "
             f"{100.0 * (1.0 - (results.whole.true_rms_deg / whole) ** 2):.0f} % of the mean square go.",
         ),
-        Row(
+        ComparisonRow(
             "hardware in the loop: RMS with every imperfection switched off",
             f"{PUBLISHED_MODEL_DEG} (the model)",
             results.after[results.order[-1]].rms_deg,
@@ -107,7 +107,7 @@ def rows(results: Results) -> tuple[Row, ...]:
             f"{np.degrees(1.0 / width):.2f} deg.",
             limit=LARGEST_PERFECT_DEG,
         ),
-        Row(
+        ComparisonRow(
             f"hardware in the loop: imperfections to switch off, largest first, until the RMS is below "
             f"{LARGEST_PERFECT_DEG:g} deg",
             None,
@@ -116,7 +116,7 @@ def rows(results: Results) -> tuple[Row, ...]:
             f"From {whole:.3f} deg with all of them; the table has the RMS after each.",
             limit=len(results.order),
         ),
-        Row(
+        ComparisonRow(
             "hardware in the loop: RMS over that of the perfect bench",
             round(PUBLISHED_RIG_DEG / PUBLISHED_MODEL_DEG, 1),
             whole / perfect,
@@ -126,7 +126,7 @@ def rows(results: Results) -> tuple[Row, ...]:
             f"{100 * family['accelerometer']:.0f} % from the accelerometer, {100 * family['light']:.0f} % from panel "
             "pixels, backlight and frame noise.",
         ),
-        Row(
+        ComparisonRow(
             "hardware in the loop: root of the sum of squares of the single imperfections",
             None,
             results.root_sum_square_deg(),
@@ -135,7 +135,7 @@ def rows(results: Results) -> tuple[Row, ...]:
             limit=0.1,
             against=whole,
         ),
-        Row(
+        ComparisonRow(
             f"hardware in the loop: frames {runs.LOST_DEG:g} deg off by pixels and noise alone, lens without blur",
             None,
             100.0 * results.sharp.lost,
@@ -147,7 +147,7 @@ def rows(results: Results) -> tuple[Row, ...]:
     )
 
 
-def summary(results: Results) -> str:
+def summary(results: RigResults) -> str:
     """Return a paragraph for the page."""
     family = results.families()
     return (

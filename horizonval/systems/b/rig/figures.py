@@ -11,8 +11,8 @@ from matplotlib.patches import Rectangle
 
 from horizonval.core.arrays import FloatArray
 from horizonval.systems.b.rig.frames import MAGNIFIER, SPAN, read_png
-from horizonval.systems.b.rig.results import Results
-from horizonval.systems.b.rig.runs import Run
+from horizonval.systems.b.rig.results import RigResults
+from horizonval.systems.b.rig.runs import BenchRun
 from horizonval.systems.task_cache import Plain
 
 CLOSE_PX = 40
@@ -47,7 +47,7 @@ def view(shown: Plain) -> Figure:
     return figure
 
 
-def errors(whole: Run, perfect: Run) -> Figure:
+def errors(whole: BenchRun, perfect: BenchRun) -> Figure:
     """Draw the published error against tilt."""
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     axes = figure.subplots()
@@ -62,7 +62,7 @@ def errors(whole: Run, perfect: Run) -> Figure:
     return figure
 
 
-def ablation(results: Results, published_rig_deg: float, published_model_deg: float) -> Figure:
+def ablation(results: RigResults, published_rig_deg: float, published_model_deg: float) -> Figure:
     """Draw the RMS with one imperfection alone, and what is left as they are switched off from the top."""
     figure = Figure(figsize=(9.0, 4.8), layout="constrained")
     alone, left = figure.subplots(1, 2, sharey=True, sharex=True)

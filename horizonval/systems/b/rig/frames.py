@@ -89,7 +89,7 @@ def _photograph(item: Plain, tilt_deg: float) -> DetectorImage:
 def _render(
     item: Plain, tilt_deg: float, blur_px: float, magnify_at: tuple[int, int] | None = None
 ) -> NDArray[np.float32]:
-    screen, errors = panel.Panel(**_tuples(item["panel"])), bench.Errors(**item["errors"])
+    screen, errors = panel.Panel(**_tuples(item["panel"])), bench.BenchErrors(**item["errors"])
     return _radiance(item["picture"], screen, errors, tilt_deg, blur_px, magnify_at)
 
 
@@ -97,7 +97,7 @@ def _render(
 def _radiance(
     path: str,
     screen: panel.Panel,
-    errors: bench.Errors,
+    errors: bench.BenchErrors,
     tilt_deg: float,
     blur_px: float,
     magnify_at: tuple[int, int] | None,

@@ -7,34 +7,34 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from horizonval.systems.b.rig import runs
-from horizonval.systems.b.rig.runs import MOUNTING, Run
+from horizonval.systems.b.rig.runs import MOUNTING, BenchRun
 
 
 @dataclass(frozen=True)
-class Results:
+class RigResults:
     """Everything measured.
 
     Attributes
     ----------
-    whole, perfect : Run
+    whole, perfect : BenchRun
         With all imperfections, and with none.
-    alone : dict of Run
+    alone : dict of BenchRun
         With one imperfection each.
     order : tuple of str
         Imperfections by their own RMS, the largest first.
-    after : dict of Run
+    after : dict of BenchRun
         By the imperfection that was switched off last.
-    soft, sharp : Run
+    soft, sharp : BenchRun
         Panel pixels and frame noise behind the camera's lens, and behind one that blurs less.
     """
 
-    whole: Run
-    perfect: Run
-    alone: Mapping[str, Run]
+    whole: BenchRun
+    perfect: BenchRun
+    alone: Mapping[str, BenchRun]
     order: tuple[str, ...]
-    after: Mapping[str, Run]
-    soft: Run
-    sharp: Run
+    after: Mapping[str, BenchRun]
+    soft: BenchRun
+    sharp: BenchRun
 
     def families(self) -> dict[str, float]:
         """Return the shares of three families in the sum of squares of the single imperfections, the floor taken off.

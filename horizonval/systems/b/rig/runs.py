@@ -17,7 +17,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.systems.b.rig import design
 from horizonval.systems.b.rig.accelerometer import Accelerometer
-from horizonval.systems.b.rig.bench import STATED, Errors
+from horizonval.systems.b.rig.bench import STATED, BenchErrors
 from horizonval.systems.b.rig.frames import sweep
 from horizonval.systems.b.rig.panel import Panel
 from horizonval.systems.task_cache import Plain, TaskCache
@@ -46,7 +46,7 @@ _ACCELEROMETER = ("accelerometer_roll_deg", "accelerometer_zero_mg")
 
 
 @dataclass(frozen=True)
-class Run:
+class BenchRun:
     """Sixteen benches with the same imperfections, swept.
 
     Attributes
@@ -92,7 +92,7 @@ def run_all(
     picture: str,
     wanted: Mapping[str, tuple[Iterable[str], tuple[float, ...]]],
     blur_px: float = LENS_BLUR_PX,
-) -> dict[str, Run]:
+) -> dict[str, BenchRun]:
     """Return runs by their name.
 
     Parameters
@@ -120,7 +120,7 @@ def run_all(
     }
 
 
-def errors_of(imperfections: Iterable[str]) -> Errors:
+def errors_of(imperfections: Iterable[str]) -> BenchErrors:
     """Return the stated errors that belong to some imperfections, the others zero."""
     on = set(imperfections)
     off = [field for name, names in MOUNTING.items() if name not in on for field in names]
@@ -138,7 +138,7 @@ def _item(
     cache: TaskCache,
     picture: str,
     on: set[str],
-    errors: Errors,
+    errors: BenchErrors,
     tilts: tuple[float, ...],
     number: int,
     blur_px: float,
@@ -147,7 +147,7 @@ def _item(
     # What the camera does not see is left out, so that benches that look alike are rendered once...
     seen = errors.without(*_ACCELEROMETER)
     # ...but where they all look alike, each has its own noise.
-    own = number if seen == Errors() else 0
+    own = number if seen == BenchErrors() else 0
     return {
         "picture": picture,
         "panel": asdict(panel_of(on)),
@@ -160,7 +160,7 @@ def _item(
     }
 
 
-def _run(cache: TaskCache, on: set[str], tilts: tuple[float, ...], found: list[list[float | None]]) -> Run:
+def _run(cache: TaskCache, on: set[str], tilts: tuple[float, ...], found: list[list[float | None]]) -> BenchRun:
     estimated = np.array([[math.nan if value is None else value for value in row] for row in found], dtype=float)
     reference = [
         [
@@ -172,7 +172,7 @@ def _run(cache: TaskCache, on: set[str], tilts: tuple[float, ...], found: list[l
         ]
         for number, errors in enumerate(design.benches(errors_of(on)))
     ]
-    return Run(np.array(tilts), np.degrees(estimated), np.degrees(np.array(reference)))
+    return BenchRun(np.array(tilts), np.degrees(estimated), np.degrees(np.array(reference)))
 
 
 def _digest(item: Plain) -> str:

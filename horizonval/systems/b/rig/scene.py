@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.reference.reference_scene import pinhole
-from horizonval.systems.b.rig.bench import Pose
+from horizonval.systems.b.rig.bench import BenchPose
 from horizonval.systems.b.rig.panel import Panel
 
 NEAR_MM, FAR_MM = 1.0, 1e4
@@ -40,7 +40,7 @@ FINE = 4
 detector's own noise is 1 %."""
 
 
-def bench_scene(panel: Panel, share: FloatArray, panel_at: Pose, camera: CameraModel, camera_at: Pose) -> Any:
+def bench_scene(panel: Panel, share: FloatArray, panel_at: BenchPose, camera: CameraModel, camera_at: BenchPose) -> Any:
     """Return the loaded Mitsuba scene, in millimetres; it must outlive what is rendered from it.
 
     Parameters
@@ -48,10 +48,10 @@ def bench_scene(panel: Panel, share: FloatArray, panel_at: Pose, camera: CameraM
     panel : Panel
     share : ndarray, shape (H, W)
         Of white, what each of the panel's pixels shines with.
-    panel_at : Pose
+    panel_at : BenchPose
     camera : CameraModel
         Undistorted pinhole.
-    camera_at : Pose
+    camera_at : BenchPose
     """
     half_width, half_height = (0.5 * v for v in panel.size_mm)
     away_mm = float(np.linalg.norm(panel_at.r_bench_mm - camera_at.r_bench_mm))

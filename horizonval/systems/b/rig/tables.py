@@ -8,14 +8,14 @@ from horizonval.systems.b.rig import design, runs
 from horizonval.systems.b.rig.accelerometer import NOISE_MG, SAMPLES, STEP_MG
 from horizonval.systems.b.rig.bench import STATED
 from horizonval.systems.b.rig.panel import Panel
-from horizonval.systems.b.rig.results import Results
-from horizonval.systems.b.rig.runs import Run
+from horizonval.systems.b.rig.results import RigResults
+from horizonval.systems.b.rig.runs import BenchRun
 from horizonval.systems.result import Cell, Table
 
 TARGET_DEG = 0.038
 
 
-def ablation_table(results: Results) -> Table:
+def ablation_table(results: RigResults) -> Table:
     """Return every imperfection with its size, its own RMS, and the RMS that is left without it and those above."""
     rows: list[tuple[Cell, ...]] = [("all together", "", None, round(results.whole.rms_deg, 3))]
     for name in results.order:
@@ -29,7 +29,7 @@ def ablation_table(results: Results) -> Table:
     )
 
 
-def sensitivity_table(whole: Run) -> Table:
+def sensitivity_table(whole: BenchRun) -> Table:
     """Return what each error of the bench does per unit, from the run of the whole design."""
     effects = design.main_effects(whole.error_deg)
     rows: list[tuple[Cell, ...]] = []

@@ -20,7 +20,7 @@ from horizonval.geometry.tle import ElementSet
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.e.ground import ground_camera as cam
 from horizonval.systems.e.ground.detection import NoDetection
-from horizonval.systems.e.ground.frames import Errors, Frames
+from horizonval.systems.e.ground.frames import Frames, StationErrors
 from horizonval.systems.e.ground.ground_pass import Pass, azimuth_elevation
 from horizonval.systems.e.ground.reduction import measure, tangents
 from horizonval.systems.e.ground.satellite import ENVISAT
@@ -194,7 +194,7 @@ def frames_of(item: Plain) -> Frames:
     """Return the exposures an item describes."""
     camera = CameraSpec.model_validate(item["camera"])
     dimmer = float("inf") if item["dimmer_mag"] is None else item["dimmer_mag"]
-    return Frames(_pass(item), Sky.of_plain(item["sky"]), camera, ENVISAT, Errors(), item["seed"], dimmer)
+    return Frames(_pass(item), Sky.of_plain(item["sky"]), camera, ENVISAT, StationErrors(), item["seed"], dimmer)
 
 
 def _one(frames: Frames, second: float) -> Plain:

@@ -31,7 +31,7 @@ from horizonval.systems.e.ground.ground_camera import detector_of
 from horizonval.systems.e.ground.satellite import ENVISAT, standard_magnitude
 from horizonval.systems.e.ground.sky import Sky
 from horizonval.systems.e.orbit.stations import Station, enu_directions
-from horizonval.systems.result import Figure, Row, Table
+from horizonval.systems.result import ComparisonRow, Figure, Table
 from horizonval.systems.task_cache import Plain, TaskCache
 
 DIMMER_MAG = (0.0, 2.0, 4.0, 5.0, 5.5, 6.0, 6.5, 7.0, 8.0)
@@ -45,7 +45,7 @@ class FramePart:
     """The frames' part of the reproduction."""
 
     passes: tuple[StationPass, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[ComparisonRow, ...]
     tables: tuple[Table, ...]
     figures: tuple[Figure, ...]
 
@@ -110,7 +110,7 @@ def _rows(
     fainter: dict[tuple[str, float | None], list[Plain]],
     curve: dict[str, FloatArray],
     finer: dict[str, Plain],
-) -> list[Row]:
+) -> list[ComparisonRow]:
     rows = []
     for one in passes:
         name, v = one.station.name, one.valid
@@ -121,7 +121,7 @@ def _rows(
         seen = mags[mags[:, 1] >= 0.5, 0]
         pixel = 1.0 / one.frames.geometry.fx / ARCSEC
         rows += [
-            Row(
+            ComparisonRow(
                 f"frames, {name}: share of exposures with a direction",
                 None,
                 float(np.mean(v)),
@@ -131,7 +131,7 @@ def _rows(
                 limit=0.95,
                 at_least=True,
             ),
-            Row(
+            ComparisonRow(
                 f"frames, {name}: false detections in exposures without the satellite",
                 None,
                 float(sum(f["status"] == VALID for f in empty)) / len(empty),
@@ -139,7 +139,7 @@ def _rows(
                 "Stars answer a filter for points more than that for the streak, and places near them are left out.",
                 limit=0.05,
             ),
-            Row(
+            ComparisonRow(
                 f"frames, {name}: direction, rms of azimuth x cos(elevation) and elevation",
                 None,
                 _rms_arcsec(one.error_rad[v]),
@@ -147,7 +147,7 @@ def _rows(
                 f"Pointing ({_rms_arcsec(one.pointing_rad[v]):.2f}) and clock ({_rms_arcsec(one.clock_rad[v]):.2f}) "
                 f"make it; the middle of the streak adds {pixel * _rms(one.centroid_error_px[v]):.2f}.",
             ),
-            Row(
+            ComparisonRow(
                 f"frames, {name}: normalised error of the direction",
                 None,
                 float(np.mean(total)),
@@ -156,7 +156,7 @@ def _rows(
                 limit=0.75,
                 against=1.25,
             ),
-            Row(
+            ComparisonRow(
                 f"frames, {name}: normalised error of the streak's middle",
                 None,
                 float(np.mean(middle)),
@@ -165,7 +165,7 @@ def _rows(
                 limit=0.75,
                 against=1.25,
             ),
-            Row(
+            ComparisonRow(
                 f"frames, {name}: error of the streak's middle, rms",
                 None,
                 _rms(one.centroid_error_px[v]),
@@ -173,7 +173,7 @@ def _rows(
                 f"A pixel is {pixel:.1f} arcsec; {one.satellite_e.mean():.0f} electrons against a read noise of "
                 f"{detector_of(one.frames.camera).read_noise_e:g}.",
             ),
-            Row(
+            ComparisonRow(
                 f"frames, {name}: faintest magnitude with half of the exposures measured",
                 None,
                 float(seen.max()) if seen.size else float(mags[0, 0]),
@@ -182,7 +182,7 @@ def _rows(
                 if seen.size
                 else "At no magnitude were half of the exposures measured; this is the brightest one tried.",
             ),
-            Row(
+            ComparisonRow(
                 f"frames, {name}: sky at the zenith",
                 None,
                 sky_magnitude(one),
@@ -190,7 +190,7 @@ def _rows(
                 f"The Sun stands at {np.degrees(sun_elevation(one)):.1f} deg; scattered sunlight of all orders, "
                 "airglow and the sky behind.",
             ),
-            Row(
+            ComparisonRow(
                 f"frames, {name}: sky from the coarse grid against a finer one, largest difference above 45 deg",
                 None,
                 _sky_error(one, finer[name]),
@@ -200,7 +200,7 @@ def _rows(
             ),
         ]
     rows.append(
-        Row(
+        ComparisonRow(
             "frames: standard magnitude of the satellite (1000 km, half lit)",
             None,
             standard_magnitude(ENVISAT),

@@ -36,7 +36,7 @@ _TO_SIXTH_PER_DEG2, _SLOPE = 0.12, 0.44
 
 
 @dataclass(frozen=True)
-class Errors:
+class StationErrors:
     """What is beside the truth, standard deviations; ``common`` ones are drawn once for a station and pass.
 
     Attributes
@@ -103,7 +103,7 @@ class Frames:
     sky: Sky
     camera: CameraSpec
     body: Brightness
-    errors: Errors
+    errors: StationErrors
     seed: int
     dimmer_mag: float = 0.0
 

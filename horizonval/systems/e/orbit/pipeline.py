@@ -69,7 +69,7 @@ class TwoStationPass:
 
 
 @dataclass(frozen=True)
-class Located:
+class PassPositions:
     """Positions of a pass, celestial axes.
 
     Attributes
@@ -97,7 +97,7 @@ class Located:
     orbit: OrbitFit
 
 
-def locate(measured: TwoStationPass, *, alpha: float = ALPHA) -> Located:
+def locate(measured: TwoStationPass, *, alpha: float = ALPHA) -> PassPositions:
     """Run all three ways over a pass of at least some 40 measurements."""
     t, angles = measured.times_s, measured.angles_rad
     first, second = measured.stations
@@ -121,7 +121,7 @@ def locate(measured: TwoStationPass, *, alpha: float = ALPHA) -> Located:
         measured.stations, t, angles, spread, turns, _carried(states[middle], t, middle), measured.lasting_rad
     )
     lasting = _lasting(partials, measured.lasting_rad)
-    return Located(
+    return PassPositions(
         plain=plain,
         smoothed=positions,
         filtered=track.states[:, :3],

@@ -15,9 +15,9 @@ from horizonval.frame import FrameTruth, RadianceFrame
 from horizonval.spec.load import Case, Suite
 from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage
 from horizonval.studies.regression.images import compare_images
-from horizonval.studies.regression.statistics.gates import Results
+from horizonval.studies.regression.statistics.gates import GateInputs
 from horizonval.studies.regression.units import estimate_frozen, is_due, render_scene
-from horizonval.suites.plan import Plan, plan_of
+from horizonval.suites.plan import CasePlan, plan_of
 from horizonval.suites.suite import load_suite
 
 SUITE = """
@@ -89,7 +89,7 @@ class Night:
 
     path: Path
     suite: Suite
-    plan: Plan
+    plan: CasePlan
     replicates: int = 1
     frames: dict[str, RadianceFrame] = field(default_factory=dict)
     records: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -106,11 +106,11 @@ class Night:
         sha = record["bands"]["vis"]["radiance_sha256"]
         return FrozenFrame(scene, "vis", sha, arrays["radiance.vis"].astype(float), arrays["regions"])
 
-    def results(self) -> Results:
+    def results(self) -> GateInputs:
         """Return the base's rows."""
-        return Results(rows=[row for record in self.records.values() for row in with_strata(record)])
+        return GateInputs(rows=[row for record in self.records.values() for row in with_strata(record)])
 
-    def replayed(self, run: Callable[[str, Any], Any]) -> Results:
+    def replayed(self, run: Callable[[str, Any], Any]) -> GateInputs:
         """Return the rows of the base's images with something in place of the estimators."""
         rows = []
         for scene, record in self.records.items():
@@ -123,7 +123,7 @@ class Night:
             truth = FrameTruth.from_dict(record["truth"])
             found = estimate_frozen(truth, scene, images, self.plan, run=run)
             rows += with_strata({**record, "rows": found})
-        return Results(rows=rows)
+        return GateInputs(rows=rows)
 
     def unchanged(self) -> dict[tuple[str, str], dict[str, Any]]:
         """Return :meth:`again` without faults, worked out once."""

@@ -15,7 +15,7 @@ from horizonval.sensor.observe import observe
 from horizonval.spec.regression import GateSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.studies.regression.regions import LIMB, regions_of
-from horizonval.studies.regression.statistics.gates import Results, changed, measure, pairs_of
+from horizonval.studies.regression.statistics.gates import GateInputs, changed, measure, pairs_of
 from horizonval.studies.regression.statistics.judge import judge
 
 
@@ -26,7 +26,7 @@ def plainly(name, observation):
 def verdicts(night, *, rows=None, images=None):
     """Every gate of the tiny suite by name, decided together."""
     base = night.results()
-    now = Results(rows if rows is not None else base.rows, images if images is not None else night.unchanged())
+    now = GateInputs(rows if rows is not None else base.rows, images if images is not None else night.unchanged())
     gates = [measure(gate, now, base) for gate in night.suite.regression.gate]
     return {gate["name"]: gate for gate in judge([("accepted", gate) for gate in gates])}
 
@@ -153,16 +153,16 @@ def test_availability_of_96_for_99_percent_is_caught_and_named():
     valid, lost = Outcome.VALID, Outcome.SHORT_ARC
     base = rows_of([lost if i % 100 == 0 else valid for i in range(400)])
     now = rows_of([lost if i % 100 == 0 or i % 33 == 1 else valid for i in range(400)])
-    measured = measure(gate_of("availability"), Results(now), Results(base))
+    measured = measure(gate_of("availability"), GateInputs(now), GateInputs(base))
     (gate,) = judge([("accepted", measured)])
     assert gate["verdict"] == "FAIL"
     assert gate["estimate"]["value"] == pytest.approx(3.0)
     assert measured.scenes == tuple(f"scene-{i:03d}" for i in range(400) if i % 33 == 1 and i % 100)
-    (same,) = judge([("accepted", measure(gate_of("availability"), Results(base), Results(base)))])
+    (same,) = judge([("accepted", measure(gate_of("availability"), GateInputs(base), GateInputs(base)))])
     assert same["verdict"] == "PASS"
-    (better,) = judge([("accepted", measure(gate_of("availability"), Results(base), Results(now)))])
+    (better,) = judge([("accepted", measure(gate_of("availability"), GateInputs(base), GateInputs(now)))])
     assert better["verdict"] == "IMPROVED"
-    (small,) = judge([("accepted", measure(gate_of("availability"), Results(now[:40]), Results(base[:40])))])
+    (small,) = judge([("accepted", measure(gate_of("availability"), GateInputs(now[:40]), GateInputs(base[:40])))])
     assert small["verdict"] == "INCONCLUSIVE"
 
 
@@ -172,7 +172,7 @@ def test_refusing_what_is_hard_does_not_improve_the_error():
     now = rows_of([Outcome.DARK if i < 15 else Outcome.VALID for i in range(300)])
     for row in base[:15]:
         row["nadir_error_arcsec"] = 5000.0
-    found = [measure(gate_of(m), Results(now), Results(base)) for m in ("nadir_error", "availability")]
+    found = [measure(gate_of(m), GateInputs(now), GateInputs(base)) for m in ("nadir_error", "availability")]
     error, availability = judge([("accepted", one) for one in found])
     assert (error["verdict"], error["estimate"]["value"]) == ("PASS", 0.0)
     assert availability["verdict"] == "FAIL"
@@ -181,7 +181,9 @@ def test_refusing_what_is_hard_does_not_improve_the_error():
 def test_false_claims_are_a_gate_of_their_own():
     base = rows_of([Outcome.VALID] * 300)
     now = rows_of([Outcome.VALID] * 300, false=range(12))
-    found = [measure(gate_of(m, margin=1.0), Results(now), Results(base)) for m in ("false_valid", "availability")]
+    found = [
+        measure(gate_of(m, margin=1.0), GateInputs(now), GateInputs(base)) for m in ("false_valid", "availability")
+    ]
     false, availability = judge([("accepted", one) for one in found])
     assert (false["verdict"], availability["verdict"]) == ("FAIL", "PASS")
     assert false["scenes"] == [f"scene-{i:03d}" for i in range(12)]
@@ -190,15 +192,15 @@ def test_false_claims_are_a_gate_of_their_own():
 def test_fresh_scenes_are_paired_only_with_the_same_night():
     """The same loss: hidden among other scenes, plain beside the reference version's run of the same night."""
     valid, lost = Outcome.VALID, Outcome.NO_LIMB
-    base = Results(fresh=rows_of([lost if i % 12 == 0 else valid for i in range(96)]), fresh_night="monday")
+    base = GateInputs(fresh=rows_of([lost if i % 12 == 0 else valid for i in range(96)]), fresh_night="monday")
     now = rows_of([lost if i % 12 in (0, 1) else valid for i in range(96)])
     gate = gate_of("availability", "fresh", margin=15.0)
-    other = measure(gate, Results(fresh=now, fresh_night="tuesday"), base)
-    same = measure(gate, Results(fresh=now, fresh_night="monday"), base)
+    other = measure(gate, GateInputs(fresh=now, fresh_night="tuesday"), base)
+    same = measure(gate, GateInputs(fresh=now, fresh_night="monday"), base)
     assert not other.paired
     assert same.paired
     assert [one.estimate.value for one in (other, same)] == pytest.approx([100 / 12] * 2)
     assert same.estimate.p_worse == pytest.approx(2.0**-8)
     assert other.estimate.p_worse > 0.01
-    unknown = measure(gate, Results(fresh=now), Results(fresh=now))
+    unknown = measure(gate, GateInputs(fresh=now), GateInputs(fresh=now))
     assert not unknown.paired

@@ -12,7 +12,7 @@ from horizonval.geometry.frames import lvlh_from_itrs
 from horizonval.geometry.tle import ElementSet
 from horizonval.systems.e.ground import ground_camera as cam
 from horizonval.systems.e.ground.detection import NoDetection
-from horizonval.systems.e.ground.frames import Errors, Frames
+from horizonval.systems.e.ground.frames import Frames, StationErrors
 from horizonval.systems.e.ground.ground_pass import Pass, azimuth_elevation
 from horizonval.systems.e.ground.reduction import Sighting, measure
 from horizonval.systems.e.ground.satellite import ENVISAT
@@ -25,7 +25,7 @@ ELEMENTS = ElementSet(
     "1 27386U 02009A   20001.54192287  .00000005  00000-0  15038-4 0  9994",
     "2 27386  98.1404  17.3951 0001257  86.5901  84.8559 14.37967408934480",
 )
-NO_ERRORS = Errors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_ERRORS = StationErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 RADIANCE = 2e-6
 
 
@@ -36,7 +36,7 @@ def frames() -> Frames:
     x, y, z, w = lvlh_from_itrs(station.r_itrs, 0.0)
     up = (w, -z, y, -x)
     sky = Sky(np.array([0.0, 60.0, 120.0]), np.full((3, 33, 33), np.log(RADIANCE)), up)
-    return Frames(Pass(ELEMENTS, station, EPOCH), sky, cam.tracker(), ENVISAT, Errors(), 0)
+    return Frames(Pass(ELEMENTS, station, EPOCH), sky, cam.tracker(), ENVISAT, StationErrors(), 0)
 
 
 def _error(frames: Frames, second: float) -> tuple[np.ndarray, Sighting]:

@@ -13,10 +13,10 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from horizonval.spec.keys import MODELS, FileKind, unit_of
 from horizonval.spec.load import CAMERA_TABLES
 from horizonval.spec.merge import Plain
 from horizonval.spec.orbit import OrbitSpec
+from horizonval.spec.reference.keys import MODELS, FileKind, unit_of
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 

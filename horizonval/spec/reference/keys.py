@@ -55,7 +55,7 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Table:
+class KeyTable:
     """One table of a file.
 
     Attributes
@@ -75,7 +75,7 @@ class Table:
     keys: tuple[Key, ...]
 
 
-def tables(kind: FileKind) -> list[Table]:
+def tables(kind: FileKind) -> list[KeyTable]:
     """Return every table that a kind of file can have, those inside a table after it.
 
     ``[cases.orbit]`` and the study's ``[frames.orbit]`` are plain data to their models, for a grid may hold a part of
@@ -90,7 +90,7 @@ def tables(kind: FileKind) -> list[Table]:
     return found
 
 
-def _tables(root: Schema, node: Schema, path: str, *, repeated: bool, tag: str = "") -> Iterator[Table]:
+def _tables(root: Schema, node: Schema, path: str, *, repeated: bool, tag: str = "") -> Iterator[KeyTable]:
     required = node.get("required", ())
     keys: list[Key] = []
     below: list[tuple[str, list[Schema], bool]] = []
@@ -101,7 +101,7 @@ def _tables(root: Schema, node: Schema, path: str, *, repeated: bool, tag: str =
         else:
             keys.append(_key(root, name, prop, required=name in required))
     header = f"[[{path}]]" if repeated else f"[{path}]" if path else ""
-    yield Table(header, tag, " ".join(node.get("description", "").split("\n")), tuple(keys))
+    yield KeyTable(header, tag, " ".join(node.get("description", "").split("\n")), tuple(keys))
     for name, objects, several in below:
         for found in objects:
             kind = found["properties"].get("kind", {}).get("const") if len(objects) > 1 else None
