@@ -25,6 +25,8 @@ napoleon_google_docstring = False
 napoleon_use_ivar = True
 
 smartquotes = False
+# Attributes of two classes may have one name; a text that means neither is no reference.
+suppress_warnings = ["ref.python"]
 
 html_theme = "furo"
 html_title = "horizonval"

@@ -1,0 +1,75 @@
+"""Every code block of the documentation runs as it stands there, and so do the examples."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from blocks import blocks, run_page
+from conftest import PROGRAM
+
+ROOT = Path(__file__).parents[2]
+PAGES = {
+    path.relative_to(ROOT).as_posix(): text
+    for path in [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "CONTRIBUTING.md"]
+    if "generated" not in path.parts and any(blocks(text := path.read_text(encoding="utf-8")))
+}
+DONE_ELSEWHERE = frozenset(
+    [
+        "pip install .",
+        'pip install -e ".[test,docs]"',
+        "ruff check .",
+        "ruff format --check .",
+        "mypy",
+        "pytest -n auto --dist loadfile",
+        "pytest -m slow",
+        "pytest -m benchmark",
+        "sphinx-build -W docs docs/_build",
+        ".ci/run",
+    ]
+)
+"""Run by ``.ci/run``; a test cannot install its own package or start itself."""
+
+SLOW = {
+    "docs/howto/archive.md",
+    "docs/howto/nightly.md",
+    "docs/howto/trade-study.md",
+    "docs/results/published.md",
+}
+"""Pages that take minutes: ``pytest -m slow``."""
+
+
+@pytest.mark.parametrize(
+    "page", [pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in PAGES]
+)
+def test_every_block_of_the_page_runs(page, tmp_path):
+    if "\ncc " in PAGES[page] and shutil.which("cc") is None:
+        pytest.skip("needs a C compiler")
+    for done in run_page(PAGES[page], tmp_path, PROGRAM, DONE_ELSEWHERE):
+        assert done.result.returncode == 0, (done.command, done.result.stdout, done.result.stderr)
+
+
+def test_the_pages_are_found():
+    assert len([name for name in PAGES if name.startswith("docs/howto/")]) == 6
+    assert "docs/quickstart.md" in PAGES
+    assert set(PAGES) > SLOW
+
+
+@pytest.mark.parametrize("name", [path.name for path in sorted((ROOT / "examples").glob("*.py"))])
+def test_every_example_runs(name, tmp_path):
+    path = os.pathsep.join([str(PROGRAM.parent), os.environ["PATH"]])
+    result = subprocess.run(
+        [sys.executable, str(ROOT / "examples" / name), "made"],
+        cwd=tmp_path,
+        env=os.environ | {"PATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert "deg off" in result.stdout or "guarded" in result.stdout
+    assert any((tmp_path / "made").iterdir())
