@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.digests import content_digest
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.surface.surface import GroundModel
 from horizonval.geometry.camera import CameraModel
-
-if TYPE_CHECKING:
-    # It imports Dr.Jit, for which the back-end must have been chosen.
-    from horizonval.renderer.planet import Planet
+from horizonval.renderer.planet import Planet
 
 Direction = tuple[float, float, float]
 
