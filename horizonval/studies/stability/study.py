@@ -17,11 +17,11 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral.thermal_accuracy import thermal_accuracy
 from horizonval.spec.stability import EdgeSensor, FieldSensor, StabilityBand, StabilitySpec
-from horizonval.stability.locate import Horizon, highest_crossing, locate
-from horizonval.stability.orbit import Heads, offsets_of_heights
-from horizonval.stability.profiles import LATITUDE_DEG, Profiles, heads_of
-from horizonval.stability.published import PUBLISHED
-from horizonval.stability.sensors import attitude_error, edge_excess, field_excess, field_output, interpolate
+from horizonval.studies.stability.locate import Horizon, highest_crossing, locate
+from horizonval.studies.stability.orbit import Heads, offsets_of_heights
+from horizonval.studies.stability.profiles import LATITUDE_DEG, Profiles, heads_of
+from horizonval.studies.stability.published import PUBLISHED
+from horizonval.studies.stability.sensors import attitude_error, edge_excess, field_excess, field_output, interpolate
 
 Plain = dict[str, Any]
 

@@ -19,7 +19,7 @@ from horizonval.geometry.ellipsoid import WGS84
 from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
 from horizonval.spec.sensor.camera import CameraGeometry, CameraSpec
 from horizonval.spec.stability import FieldSensor, StabilityBand, StabilitySpec
-from horizonval.stability.orbit import Heads, heads_round_orbit, offsets_of_heights, rays_along_parallels
+from horizonval.studies.stability.orbit import Heads, heads_round_orbit, offsets_of_heights, rays_along_parallels
 
 if TYPE_CHECKING:
     from horizonval.earth.column import OpticalModel

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from horizonval.jobs.pool import available_cpus, run_cases
+from horizonval.jobs.execution import available_cpus
+from horizonval.jobs.pool import run_in_processes
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ def _work(case: Named, folder: Path) -> str:
 
 
 def _results(folder: Path, names: list[str]) -> dict[str, str | None]:
-    return {case.name: result for case, result in run_cases(partial(_work, folder=folder), map(Named, names), 2)}
+    return {case.name: result for case, result in run_in_processes(partial(_work, folder=folder), map(Named, names), 2)}
 
 
 def test_a_killed_worker_costs_only_its_case(tmp_path):
@@ -47,7 +48,7 @@ def test_a_case_whose_worker_died_gets_a_second_chance(tmp_path):
 
 
 def test_closing_ends_the_workers(tmp_path):
-    running = run_cases(partial(_work, folder=tmp_path), map(Named, ["a", "slow"]), 2)
+    running = run_in_processes(partial(_work, folder=tmp_path), map(Named, ["a", "slow"]), 2)
     assert next(running)[1] == "A"
     deadline = time.monotonic() + 30
     while not (tmp_path / "pid").exists() or not (tmp_path / "pid").read_text():

@@ -10,7 +10,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.spec.stability import StabilityBand, StabilitySpec
-from horizonval.stability.profiles import Profiles
+from horizonval.studies.stability.profiles import Profiles
 
 _DIGITS = 8
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from horizonval.spec.stability import EdgeSensor, FieldSensor, StabilityBand, StabilitySpec
-from horizonval.stability import study
-from horizonval.stability.case import cases_of, from_plain, to_plain
-from horizonval.stability.profiles import LATITUDE_DEG, Profiles, heights_m
+from horizonval.studies.stability import study
+from horizonval.studies.stability.case import cases_of, from_plain, to_plain
+from horizonval.studies.stability.part import stability_identity
+from horizonval.studies.stability.profiles import LATITUDE_DEG, Profiles, heights_m
 
 SPEC = StabilitySpec(
     altitude_km=900.0,
@@ -130,3 +131,10 @@ def test_heights_reach_below_the_field():
     assert -0.5 * math.radians(2.0) * 3.55e6 > HEIGHT_M[0]
     assert np.all(np.diff(HEIGHT_M) > 0)
     assert -10e3 in HEIGHT_M
+
+
+def test_a_case_is_known_by_its_study_its_month_and_its_band():
+    other = SPEC.model_copy(update={"altitude_km": 901.0})
+    names = {stability_identity(case) for spec in (SPEC, other) for case in cases_of(spec)}
+    assert len(names) == 4
+    assert stability_identity(cases_of(SPEC)[0]) == stability_identity(cases_of(SPEC.model_copy())[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.stability.locate import highest_crossing, locate
+from horizonval.studies.stability.locate import highest_crossing, locate
 
 HEIGHT_M = 1e3 * np.array([-10.0, -0.05, 0.05, *np.arange(1.0, 101.0)])
 

@@ -1,6 +1,6 @@
 """The same work on a Dask cluster: more machines than one, the same bytes.
 
-A worker writes its results into the run's folder, which all must see (a shared file system); what it returns is small.
+A worker writes its results into a folder which all must see (a shared file system); what it returns is small.
 One thread per worker: the renderer keeps a state of its own in each process. A worker that dies costs what it was
 doing, which Dask hands to another; a case that kills three is given up.
 """
@@ -10,37 +10,41 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from typing import Any, TypeVar
 
 from horizonval.core import atomic
 from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
-from horizonval.jobs.pool import Results
-from horizonval.store.folder import RunFolder
-from horizonval.suites.plan import Unit
+from horizonval.jobs.pool import Results, get_ready
 
+I = TypeVar("I")  # noqa: E741
 T = TypeVar("T")
 
 CONNECT_LIMIT_S = 30.0
 DEATHS = 2
-"""Of workers that one case may cost before it is given up, as on one machine."""
+"""Of workers that one item may cost before it is given up, as on one machine."""
 
 _ready = False
 
 
 def run_on_cluster(
-    work: Callable[[Unit], T], units: Iterable[Unit], address: str, folder: RunFolder
-) -> Results[Unit, T | None, None]:
-    """Yield every unit with its result, as they come; ``None`` for one that killed its workers.
+    work: Callable[[I], T], items: Iterable[I], address: str, folder: Path, *, renderer: bool = True
+) -> Results[I, T | None, None]:
+    """Yield every item with its result, as they come; ``None`` for one that killed its workers.
 
     Parameters
     ----------
     work : callable
         Picklable; must not raise.
-    units : iterable of Unit
+    items : iterable
+        Of anything picklable.
     address : str
         Of a scheduler, or ``local:N`` for N processes on this machine.
-    folder : RunFolder
+    folder : Path
+        Where the results are kept.
+    renderer : bool
+        Whether the workers get a renderer.
 
     Raises
     ------
@@ -57,13 +61,12 @@ def run_on_cluster(
         ) from e
     from distributed import as_completed
 
-    absolute = RunFolder(folder.root.resolve())
     with _client(address, workers) as client:
-        _check_workers(client, absolute, address)
-        futures = {client.submit(_prepared, work, unit, pure=False): unit for unit in units}
+        _check_workers(client, folder.resolve(), address)
+        futures = {client.submit(_prepared, work, item, renderer, pure=False): item for item in items}
         waiting = as_completed(futures)
         for future in waiting:
-            unit = futures.pop(future)
+            item = futures.pop(future)
             try:
                 result = future.result()
             except distributed.KilledWorker:
@@ -71,21 +74,16 @@ def run_on_cluster(
             except (distributed.CancelledError, distributed.comm.CommClosedError) as e:
                 raise UserError("the cluster is gone", where=f"--dask {address}", fix="start it, and run again") from e
             future.release()
-            yield unit, result
+            yield item, result
 
 
-def _prepared(work: Callable[[Unit], T], unit: Unit) -> T:
+def _prepared(work: Callable[[I], T], item: I, renderer: bool) -> T:
     """Run the work in a worker that has its renderer ready."""
     global _ready
     if not _ready:
-        import cv2
-
-        from horizonval.renderer.plugin.backend import activate
-
-        cv2.setNumThreads(1)
-        activate(1)
+        get_ready(1, renderer)
         _ready = True
-    return work(unit)
+    return work(item)
 
 
 def _local_workers(address: str) -> int | None:
@@ -121,19 +119,19 @@ def _client(address: str, workers: int | None) -> Iterator[Any]:
         yield stack.enter_context(client)
 
 
-def _check_workers(client: Any, folder: RunFolder, address: str) -> None:
+def _check_workers(client: Any, folder: Path, address: str) -> None:
     where = f"--dask {address}"
     threads = client.nthreads()
     if not threads:
         raise UserError("the cluster has no workers", where=where, fix="start some with `dask worker --nthreads 1`")
     if max(threads.values()) > 1:
         raise UserError("its workers have several threads", where=where, fix="start them with --nthreads 1")
-    with atomic.temporary_in(folder.root) as marker:
+    with atomic.temporary_in(folder) as marker:
         found = client.run(_look, str(marker))
     for worker, (sees, version) in found.items():
         if not sees:
             raise UserError(
-                f"the worker {worker} does not see the folder {folder.root}", where=where, fix="use a shared folder"
+                f"the worker {worker} does not see the folder {folder}", where=where, fix="use a shared folder"
             )
         if version != code_version():
             raise UserError(

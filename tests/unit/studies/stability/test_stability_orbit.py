@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from horizonval.geometry.ellipsoid import WGS84, geodetic_from_itrs, sphere, tangent_height, tangent_point
-from horizonval.stability.orbit import heads_round_orbit, offsets_of_heights, rays_along_parallels
+from horizonval.studies.stability.orbit import heads_round_orbit, offsets_of_heights, rays_along_parallels
 
 RADIUS_M = 7278137.0
 

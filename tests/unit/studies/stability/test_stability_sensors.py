@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from horizonval.geometry.frames import nadir_of_roll_pitch
-from horizonval.stability.sensors import attitude_error, edge_excess, field_excess, field_output, interpolate
+from horizonval.studies.stability.sensors import attitude_error, edge_excess, field_excess, field_output, interpolate
 
 QUARTERS = np.radians([0.0, 90.0, 180.0, 270.0])
 WIDTH = math.radians(2.0)
