@@ -10,8 +10,13 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.tle import ElementSet
-from horizonval.systems.e.frames import figures as figures
-from horizonval.systems.e.frames.frames import (
+from horizonval.systems.e.ground.frames import ARCSEC
+from horizonval.systems.e.ground.ground_camera import detector_of
+from horizonval.systems.e.ground.satellite import ENVISAT, standard_magnitude
+from horizonval.systems.e.ground.sky import Sky
+from horizonval.systems.e.localisation.stations import Station, enu_directions
+from horizonval.systems.e.passes import figures as figures
+from horizonval.systems.e.passes.measured_pass import (
     VALID,
     PassSetup,
     StationPass,
@@ -19,21 +24,18 @@ from horizonval.systems.e.frames.frames import (
     measure_pass,
     rendered_skies,
 )
-from horizonval.systems.e.frames.tables import (
+from horizonval.systems.e.passes.tables import (
     budget_table,
     faint_table,
     sky_magnitude,
     sky_table,
     sun_elevation,
 )
-from horizonval.systems.e.ground.frames import ARCSEC
-from horizonval.systems.e.ground.ground_camera import detector_of
-from horizonval.systems.e.ground.satellite import ENVISAT, standard_magnitude
-from horizonval.systems.e.ground.sky import Sky
-from horizonval.systems.e.orbit.stations import Station, enu_directions
 from horizonval.systems.result import ComparisonRow, Figure, Table
 from horizonval.systems.task_cache import Plain, TaskCache
+from horizonval.systems.text import page_text
 
+TEXT = page_text("E")
 DIMMER_MAG = (0.0, 2.0, 4.0, 5.0, 5.5, 6.0, 6.5, 7.0, 8.0)
 WRONG_PX = 3.0
 """A streak whose middle is farther than this from the satellite is something else."""
@@ -113,103 +115,75 @@ def _rows(
 ) -> list[ComparisonRow]:
     rows = []
     for one in passes:
-        name, v = one.station.name, one.valid
-        total = normalised(one.error_rad[v], one.covariance[v])
-        middle = normalised(one.centroid_error_px[v], one.centroid_covariance_px2[v])
-        empty = fainter[name, None]
-        mags = curve[name]
-        seen = mags[mags[:, 1] >= 0.5, 0]
+        station, v = one.station.name, one.valid
+        empty = fainter[station, None]
+        magnitude, share = curve[station][:, 0], curve[station][:, 1]
+        seen = magnitude[share >= 0.5]
         pixel = 1.0 / one.frames.geometry.fx / ARCSEC
+        middle_px = _rms(one.centroid_error_px[v])
         rows += [
-            ComparisonRow(
-                f"frames, {name}: share of exposures with a direction",
-                None,
+            TEXT.row(
+                "detected",
                 float(np.mean(v)),
-                "1",
-                f"At magnitude {one.magnitude.min():.1f} to {one.magnitude.max():.1f} the matched filter answers "
-                f"with at least {np.nanmin(one.significance):.0f} sigma against a threshold of 6.",
                 limit=0.95,
                 at_least=True,
+                station=station,
+                brightest=one.magnitude.min(),
+                faintest=one.magnitude.max(),
+                significance=np.nanmin(one.significance),
             ),
-            ComparisonRow(
-                f"frames, {name}: false detections in exposures without the satellite",
-                None,
-                float(sum(f["status"] == VALID for f in empty)) / len(empty),
-                "1",
-                "Stars answer a filter for points more than that for the streak, and places near them are left out.",
+            TEXT.row(
+                "false_detections",
+                float(sum(frame["status"] == VALID for frame in empty)) / len(empty),
                 limit=0.05,
+                station=station,
             ),
-            ComparisonRow(
-                f"frames, {name}: direction, rms of azimuth x cos(elevation) and elevation",
-                None,
+            TEXT.row(
+                "direction",
                 _rms_arcsec(one.error_rad[v]),
-                "arcsec",
-                f"Pointing ({_rms_arcsec(one.pointing_rad[v]):.2f}) and clock ({_rms_arcsec(one.clock_rad[v]):.2f}) "
-                f"make it; the middle of the streak adds {pixel * _rms(one.centroid_error_px[v]):.2f}.",
+                station=station,
+                pointing=_rms_arcsec(one.pointing_rad[v]),
+                clock=_rms_arcsec(one.clock_rad[v]),
+                middle=pixel * middle_px,
             ),
-            ComparisonRow(
-                f"frames, {name}: normalised error of the direction",
-                None,
-                float(np.mean(total)),
-                "1",
-                "1 for an honest covariance; the parts that stay the same for a pass make the mean scatter.",
+            TEXT.row(
+                "direction_covariance",
+                float(np.mean(normalised(one.error_rad[v], one.covariance[v]))),
                 limit=0.75,
                 against=1.25,
+                station=station,
             ),
-            ComparisonRow(
-                f"frames, {name}: normalised error of the streak's middle",
-                None,
-                float(np.mean(middle)),
-                "1",
-                "1 for an honest covariance; faint stars under a streak, which it does not know of, raise it.",
+            TEXT.row(
+                "middle_covariance",
+                float(np.mean(normalised(one.centroid_error_px[v], one.centroid_covariance_px2[v]))),
                 limit=0.75,
                 against=1.25,
+                station=station,
             ),
-            ComparisonRow(
-                f"frames, {name}: error of the streak's middle, rms",
-                None,
-                _rms(one.centroid_error_px[v]),
-                "px",
-                f"A pixel is {pixel:.1f} arcsec; {one.satellite_e.mean():.0f} electrons against a read noise of "
-                f"{detector_of(one.frames.camera).read_noise_e:g}.",
+            TEXT.row(
+                "middle",
+                middle_px,
+                station=station,
+                pixel=pixel,
+                electrons=one.satellite_e.mean(),
+                read_noise=detector_of(one.frames.camera).read_noise_e,
             ),
-            ComparisonRow(
-                f"frames, {name}: faintest magnitude with half of the exposures measured",
-                None,
-                float(seen.max()) if seen.size else float(mags[0, 0]),
-                "mag",
-                "Read noise in the streak's area is the limit; in steps of the dimming."
-                if seen.size
-                else "At no magnitude were half of the exposures measured; this is the brightest one tried.",
+            TEXT.row(
+                "faintest" if seen.size else "faintest_unseen",
+                float(seen.max()) if seen.size else float(magnitude[0]),
+                station=station,
             ),
-            ComparisonRow(
-                f"frames, {name}: sky at the zenith",
-                None,
-                sky_magnitude(one),
-                "mag/arcsec2",
-                f"The Sun stands at {np.degrees(sun_elevation(one)):.1f} deg; scattered sunlight of all orders, "
-                "airglow and the sky behind.",
-            ),
-            ComparisonRow(
-                f"frames, {name}: sky from the coarse grid against a finer one, largest difference above 45 deg",
-                None,
-                _sky_error(one, finer[name]),
-                "1",
-                f"Spline of the logarithm on {len(one.frames.sky.log_radiance[0])} against {FINER_SKY} pixels squared.",
+            TEXT.row("sky", sky_magnitude(one), station=station, sun_deg=np.degrees(sun_elevation(one))),
+            TEXT.row(
+                "sky_grid",
+                _sky_error(one, finer[station]),
                 limit=0.01,
+                station=station,
+                coarse=len(one.frames.sky.log_radiance[0]),
+                finer=FINER_SKY,
             ),
         ]
-    rows.append(
-        ComparisonRow(
-            "frames: standard magnitude of the satellite (1000 km, half lit)",
-            None,
-            standard_magnitude(ENVISAT),
-            "mag",
-            "From its size, by a quarter of its surface, and albedos assumed so that it has what observers' lists say, "
-            "about 3.7; no measurement of this suite.",
-        )
-    )
-    return rows
+    return [*rows, TEXT.row("standard_magnitude", standard_magnitude(ENVISAT))]
 
 
 def _rms(error: FloatArray) -> float:

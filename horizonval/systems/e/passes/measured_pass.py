@@ -2,7 +2,7 @@
 
 ``measure_pass`` renders both skies, exposes and measures every frame in worker processes, and hands back directions
 with their covariances beside the exact ones. ``dimmed_frames`` finds out how faint the satellite may be. How good
-they are, and why, is in :mod:`localisation_frames_report`.
+they are, and why, is in :mod:`horizonval.systems.e.passes.rows`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from horizonval.systems.e.ground.ground_pass import Pass, azimuth_elevation
 from horizonval.systems.e.ground.reduction import measure, tangents
 from horizonval.systems.e.ground.satellite import ENVISAT
 from horizonval.systems.e.ground.sky import Sky, render_sky
-from horizonval.systems.e.orbit.stations import Station
+from horizonval.systems.e.localisation.stations import Station
 from horizonval.systems.task_cache import Plain, TaskCache
 
 FRAMES_PER_ITEM = 24
