@@ -73,7 +73,7 @@ def test_the_baseline_is_small():
 def test_replay_repeats_the_baseline_and_catches_ten_percent_more_error(suite, base):
     """Both from one pass over every frozen image of every third scene of each kind."""
     plan, pack = plan_of(suite), base.images
-    about = {row["scene"]: (row["table"], row["due"]) for row in base.results.rows}
+    about = {row.scene: (row.table, row.due) for row in base.results.rows}
     real, worse = [], []
     for scene in [name for name in pack.truths if about[name][0] in ("day", "infrared")][::3]:
         truth = FrameTruth.from_dict(dict(pack.truths[scene]))
@@ -95,13 +95,13 @@ def test_replay_repeats_the_baseline_and_catches_ten_percent_more_error(suite, b
 
         images = [image for image in pack.images if image.scene == scene]
         strata = {"table": about[scene][0], "due": about[scene][1]}
-        real += [row | strata for row in estimate_frozen(truth, scene, images, plan, run=run)]
-        worse += [row | strata for row in estimate_frozen(truth, scene, images, plan, run=pushed)]
+        real += [replace(row, **strata) for row in estimate_frozen(truth, scene, images, plan, run=run)]
+        worse += [replace(row, **strata) for row in estimate_frozen(truth, scene, images, plan, run=pushed)]
     assert changed(pairs_of(real, base.results.rows)) == []
     gates = by_name(suite, GateInputs(worse), base.results, {"replay"})
     assert "replay-accuracy" in failed(gates)
     assert gates["replay-availability"]["verdict"] == "PASS"
-    assert set(gates["replay-accuracy"]["scenes"]) <= {row["scene"] for row in worse}
+    assert set(gates["replay-accuracy"]["scenes"]) <= {row.scene for row in worse}
     assert gates["replay-accuracy"]["n_scenes"] >= 12
 
 
@@ -109,9 +109,9 @@ def test_replay_catches_availability_three_points_lower(suite, base):
     rng = np.random.default_rng(96)
     now, lost = [], set()
     for row in base.results.rows:
-        if row["due"] and row["status"] == Outcome.VALID and rng.uniform() < 0.03:
-            lost.add(row["scene"])
-            row = row | {"status": "short_arc", "nadir_error_arcsec": None}
+        if row.due and row.status == Outcome.VALID and rng.uniform() < 0.03:
+            lost.add(row.scene)
+            row = replace(row, status="short_arc", nadir_error_arcsec=None)
         now.append(row)
     gates = by_name(suite, GateInputs(now), base.results, {"replay"})
     assert failed(gates) == {"replay-availability"}
@@ -207,15 +207,15 @@ def test_nights_in_which_nothing_changed(suite, base):
     pool, of which half is "the baseline's" and half "tonight's"; noise of the detector follows from its pixels.
     """
     rng = np.random.default_rng(200)
-    replicates = 1 + max(row["replicate"] for row in base.results.rows)
+    replicates = 1 + max(row.replicate for row in base.results.rows)
     half = replicates // 2
     by_key: dict[str, dict[int, list]] = {}
     for row in base.results.rows:
-        by_key.setdefault(row["scene"], {}).setdefault(row["replicate"], []).append(row)
-    pool = [[row | {"replicate": 0} for row in seeds[0]] for seeds in by_key.values()]
+        by_key.setdefault(row.scene, {}).setdefault(row.replicate, []).append(row)
+    pool = [[replace(row, replicate=0) for row in seeds[0]] for seeds in by_key.values()]
     fresh: dict[str, list] = {}
     for row in base.results.fresh:
-        fresh.setdefault(row["scene"], []).append(row)
+        fresh.setdefault(row.scene, []).append(row)
     pool += fresh.values()
     verdicts = {"PASS": 0, "FAIL": 0, "IMPROVED": 0, "INCONCLUSIVE": 0}
     for _ in range(NIGHTS):
@@ -223,8 +223,8 @@ def test_nights_in_which_nothing_changed(suite, base):
         for seeds in by_key.values():
             order = rng.permutation(replicates)
             for k in range(half):
-                before += [row | {"replicate": k} for row in seeds[order[k]]]
-                now += [row | {"replicate": k} for row in seeds[order[half + k]]]
+                before += [replace(row, replicate=k) for row in seeds[order[k]]]
+                now += [replace(row, replicate=k) for row in seeds[order[half + k]]]
         order = rng.permutation(len(pool))
         fresh_before, fresh_now = ([row for i in part for row in pool[i]] for part in np.array_split(order, 2))
         pixels = 4000 * half
@@ -255,6 +255,6 @@ def test_nights_in_which_nothing_changed(suite, base):
 
 
 def test_the_frozen_images_are_the_ones_that_were_accepted(base):
-    assert len(base.images.images) == len({(r["scene"], r["band"], r["replicate"]) for r in base.results.rows})
-    assert {image.sha256 for image in base.images.images} == {row["image"] for row in base.results.rows}
+    assert len(base.images.images) == len({(r.scene, r.band, r.replicate) for r in base.results.rows})
+    assert {image.sha256 for image in base.images.images} == {row.image for row in base.results.rows}
     assert pack_path(BASELINE).is_file()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -26,7 +27,7 @@ def page(tmp_path_factory):
     suite = load_suite(ROOT / "scenes" / "suites" / "nightly.toml")
     base = read_baseline(ROOT / "results" / "baseline" / "nightly.json", "nightly")
     now = [
-        row | {"nadir_error_arcsec": None if row["nadir_error_arcsec"] is None else 1.1 * row["nadir_error_arcsec"]}
+        row if row.nadir_error_arcsec is None else replace(row, nadir_error_arcsec=1.1 * row.nadir_error_arcsec)
         for row in base.results.rows
     ]
     results = GateInputs(now, {}, base.results.fresh, "tonight")

@@ -21,6 +21,7 @@ from horizonval.studies.regression.baseline.baseline import (
 )
 from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage, Pack
 from horizonval.studies.regression.night import LANES, NIGHT_SCHEMA, WORK
+from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics.gates import GateInputs, pairs_of
 from horizonval.studies.regression.words import figure
 
@@ -69,7 +70,8 @@ def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> 
             fix="no reason makes them right; mend what broke them",
         )
     before = read_baseline(baseline, night["suite"]) if baseline.is_file() else None
-    results = GateInputs(rows=night["rows"], fresh=night["fresh"], fresh_night=night["night"])
+    rows, fresh = ([ReplicateRow.from_dict(row) for row in night[key]] for key in ("rows", "fresh"))
+    results = GateInputs(rows=rows, fresh=fresh, fresh_night=night["night"])
     now = datetime.now(UTC).isoformat(timespec="seconds")
     past = [] if before is None else [_line(before.head), *before.head["past"]][:MOST_REASONS]
     head = {
@@ -128,9 +130,9 @@ def difference_table(
         "| 95 % below [arcsec] | changed outcomes |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    old_rows = [] if before is None else before.results.rows
-    for estimator in sorted({row["estimator"] for row in now.rows}):
-        for table in sorted({row["table"] for row in now.rows}):
+    old_rows: Sequence[ReplicateRow] = () if before is None else before.results.rows
+    for estimator in sorted({row.estimator for row in now.rows}):
+        for table in sorted({row.table for row in now.rows}):
             mine = _those(now.rows, estimator, table)
             theirs = _those(old_rows, estimator, table)
             lines.append(_table_row(estimator, table, mine, theirs))
@@ -144,23 +146,19 @@ def difference_table(
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _those(rows: Sequence[Mapping[str, Any]], estimator: str, table: str) -> list[Mapping[str, Any]]:
-    return [row for row in rows if row["estimator"] == estimator and row["table"] == table]
+def _those(rows: Sequence[ReplicateRow], estimator: str, table: str) -> list[ReplicateRow]:
+    return [row for row in rows if row.estimator == estimator and row.table == table]
 
 
-def _table_row(estimator: str, table: str, now: list[Mapping[str, Any]], base: list[Mapping[str, Any]]) -> str:
+def _table_row(estimator: str, table: str, now: list[ReplicateRow], base: list[ReplicateRow]) -> str:
     pairs = pairs_of(now, base)
-    changes = sum(a["status"] != b["status"] for a, b in pairs)
+    changes = sum(a.status != b.status for a, b in pairs)
     common = [
-        (a["nadir_error_arcsec"], b["nadir_error_arcsec"])
+        (a.nadir_error_arcsec, b.nadir_error_arcsec)
         for a, b in pairs
-        if a["nadir_error_arcsec"] is not None and b["nadir_error_arcsec"] is not None
+        if a.nadir_error_arcsec is not None and b.nadir_error_arcsec is not None
     ]
-    after = (
-        [a for a, _ in common]
-        if base
-        else [r["nadir_error_arcsec"] for r in now if r["nadir_error_arcsec"] is not None]
-    )
+    after = [a for a, _ in common] if base else [r.nadir_error_arcsec for r in now if r.nadir_error_arcsec is not None]
     earlier = [b for _, b in common]
 
     def both(function: Any, old: Any, new: Any) -> str:
@@ -177,13 +175,13 @@ def _table_row(estimator: str, table: str, now: list[Mapping[str, Any]], base: l
     )
 
 
-def _available(rows: Sequence[Mapping[str, Any]]) -> float | None:
-    due = [row for row in rows if row["due"]]
-    return 100.0 * sum(row["status"] == "valid" for row in due) / len(due) if due else None
+def _available(rows: Sequence[ReplicateRow]) -> float | None:
+    due = [row for row in rows if row.due]
+    return 100.0 * sum(row.is_claim for row in due) / len(due) if due else None
 
 
-def _false(rows: Sequence[Mapping[str, Any]]) -> float | None:
-    return 100.0 * sum(bool(row["false_valid"]) for row in rows) / len(rows) if rows else None
+def _false(rows: Sequence[ReplicateRow]) -> float | None:
+    return 100.0 * sum(row.false_valid for row in rows) / len(rows) if rows else None
 
 
 def _same_images(before: Baseline, scenes: Mapping[str, Any]) -> tuple[int, int]:

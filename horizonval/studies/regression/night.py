@@ -24,16 +24,19 @@ import numpy as np
 from horizonval.core import atomic
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
-from horizonval.jobs.pool import available_cpus
+from horizonval.jobs.engine import do
+from horizonval.jobs.execution import Execution
+from horizonval.jobs.kept import Record
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.regression import Lane, RegressionSpec
 from horizonval.store.folder import RunFolder, write_json
 from horizonval.studies.regression.baseline import history
 from horizonval.studies.regression.baseline.baseline import Baseline, frames_of, read_baseline, release_path
-from horizonval.studies.regression.bench import Done, Task, identity, sweep, work
+from horizonval.studies.regression.bench import NightWork, Task, sweep
 from horizonval.studies.regression.environment import environment
 from horizonval.studies.regression.images import compare_images
 from horizonval.studies.regression.junit import write_junit
+from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics.decide import Verdict, night_verdict
 from horizonval.studies.regression.statistics.gates import GateInputs, Measured, changed, measure, pairs_of
 from horizonval.studies.regression.statistics.judge import judge
@@ -141,11 +144,11 @@ class _Gathered:
         self._progress = progress
         self.identities: set[str] = set()
         self.failed: dict[str, str] = {}
-        self.replayed: list[Plain] = []
+        self.replayed: list[ReplicateRow] = []
         self.scenes: dict[str, Plain] = {}
-        self.rows: list[Plain] = []
+        self.rows: list[ReplicateRow] = []
         self.arrays: dict[str, str] = {}
-        self.fresh: list[Plain] = []
+        self.fresh: list[ReplicateRow] = []
         self.batches = 0
         self.anchors: list[Plain] = []
         self._work(self._first_tasks())
@@ -181,36 +184,36 @@ class _Gathered:
         return tasks
 
     def _work(self, tasks: Mapping[str, Task]) -> None:
-        done = work(tasks, self.plan, self.wanted.out / WORK, self.wanted.workers or available_cpus(), self._progress)
-        self.identities |= {identity(task, self.plan) for task in tasks.values()}
-        for name, result in done.items():
-            if result.error is not None:
-                self.failed[name] = result.error
+        work = NightWork(self.plan, self.wanted.out / WORK)
+        self.identities |= {work.identity(task) for task in tasks.values()}
+        done = do(work, list(tasks.values()), Execution(self.wanted.workers), self._progress)
+        for name, one in done.items():
+            if one.result is None:
+                self.failed[name] = one.error or "its result cannot be read"
             else:
-                self._take(tasks[name], result)
+                self._take(tasks[name], one.result, work.arrays(tasks[name]))
 
-    def _take(self, task: Task, result: Done) -> None:
-        record = result.record
+    def _take(self, task: Task, record: Record, arrays: Path) -> None:
         if task.kind == "anchors":
             self.anchors = list(record["anchors"])
         elif task.kind == "replay":
             assert self.accepted is not None
-            about = {(r["scene"], r["band"]): r for r in self.accepted.results.rows}
-            for row in record["rows"]:
-                before = about[row["scene"], row["band"]]
-                self.replayed.append({**row, "table": before["table"], "due": before["due"]})
+            about = {(r.scene, r.band): r for r in self.accepted.results.rows}
+            for row in _rows(record):
+                before = about[row.scene, row.band]
+                self.replayed.append(replace(row, table=before.table, due=before.due))
         elif task.batch is not None:
             scene = f"{task.batch}/{record['scene']}"
-            self.fresh += [{**row, "scene": scene} for row in _with_strata(record)]
+            self.fresh += [replace(row, scene=scene) for row in _rows(record)]
         else:
             self.scenes[record["scene"]] = {key: record[key] for key in ("table", "camera", "truth", "bands")}
-            self.arrays[record["scene"]] = str(result.arrays)
-            self.rows += _with_strata(record)
+            self.arrays[record["scene"]] = str(arrays)
+            self.rows += _rows(record)
 
-    def all_rows(self) -> list[Plain]:
+    def all_rows(self) -> list[ReplicateRow]:
         """Return the rows on tonight's images: those estimated again, and of unchanged images those of the replay."""
-        by_image = {(r["image"], r["scene"], r["estimator"]): r for r in self.replayed}
-        found = {(r["scene"], r["band"], r["replicate"], r["estimator"]): r for r in self.rows}
+        by_image = {(r.image, r.scene, r.estimator): r for r in self.replayed}
+        found = {r.key: r for r in self.rows}
         for scene, record in self.scenes.items():
             for band, about in record["bands"].items():
                 for replicate, image in enumerate(about["images"]):
@@ -218,7 +221,7 @@ class _Gathered:
                         key = (scene, band, replicate, estimator)
                         row = by_image.get((image, scene, estimator))
                         if key not in found and row is not None:
-                            found[key] = {**row, "replicate": replicate, "due": is_due(about)}
+                            found[key] = replace(row, replicate=replicate, due=is_due(about))
         return [found[key] for key in sorted(found)]
 
     def verdict(self, release: Baseline | None, reference: GateInputs | None) -> Plain:
@@ -348,16 +351,16 @@ class _Gathered:
             "failed": self.failed,
             "scenes": self.scenes,
             "arrays": {scene: Path(path).name for scene, path in self.arrays.items()},
-            "rows": self.all_rows(),
-            "fresh": self.fresh,
+            "rows": [row.to_dict() for row in self.all_rows()],
+            "fresh": [row.to_dict() for row in self.fresh],
             "environment": environment(),
             "replicates": self.spec.replicates,
             "gates": [gate.model_dump(mode="json") for gate in self.spec.gate],
         }
 
 
-def _with_strata(record: Mapping[str, Any]) -> list[Plain]:
-    return [{**row, "table": record["table"], "due": is_due(record["bands"][row["band"]])} for row in record["rows"]]
+def _rows(record: Mapping[str, Any]) -> list[ReplicateRow]:
+    return [ReplicateRow.from_dict(row) for row in record["rows"]]
 
 
 def _checked(suite: Suite) -> tuple[RegressionSpec, CasePlan]:
@@ -412,7 +415,7 @@ def _reference(folder: Path, suite: str, night: str) -> GateInputs:
             expected=f"night {night!r} of {suite!r}",
             fix="give both runs the same --night",
         )
-    return GateInputs(fresh=data["fresh"], fresh_night=data["night"])
+    return GateInputs(fresh=[ReplicateRow.from_dict(row) for row in data["fresh"]], fresh_night=data["night"])
 
 
 def _check_folder(out: Path) -> None:
@@ -426,23 +429,23 @@ def _check_folder(out: Path) -> None:
         raise UserError("holds something else", where=str(out), expected="a new folder, or one of this command")
 
 
-def _count(rows: Sequence[Mapping[str, Any]]) -> int:
-    return len({row["scene"] for row in rows})
+def _count(rows: Sequence[ReplicateRow]) -> int:
+    return len({row.scene for row in rows})
 
 
-def _levels(rows: Sequence[Mapping[str, Any]], fresh: Sequence[Mapping[str, Any]]) -> Plain:
+def _levels(rows: Sequence[ReplicateRow], fresh: Sequence[ReplicateRow]) -> Plain:
     """Return the figures whose trend is followed: availability, false claims and median error, by estimator."""
     found: Plain = {}
     for lane, own in (("fixed", rows), ("fresh", fresh)):
-        for estimator in sorted({row["estimator"] for row in own}):
-            mine = [row for row in own if row["estimator"] == estimator]
-            due = [row for row in mine if row["due"]]
-            errors = [row["nadir_error_arcsec"] for row in mine if row["nadir_error_arcsec"] is not None]
+        for estimator in sorted({row.estimator for row in own}):
+            mine = [row for row in own if row.estimator == estimator]
+            due = [row for row in mine if row.due]
+            errors = [row.nadir_error_arcsec for row in mine if row.nadir_error_arcsec is not None]
             name = f"{lane} {estimator}"
             if due:
-                share = sum(row["status"] == "valid" for row in due) / len(due)
+                share = sum(row.is_claim for row in due) / len(due)
                 found[f"{name}: availability"] = {"value": 100.0 * share, "unit": "%", "n": len(due)}
-            share = sum(bool(row["false_valid"]) for row in mine) / len(mine)
+            share = sum(row.false_valid for row in mine) / len(mine)
             found[f"{name}: false claims"] = {"value": 100.0 * share, "unit": "%", "n": len(mine)}
             if errors:
                 median = float(np.median(errors))

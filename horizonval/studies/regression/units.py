@@ -25,18 +25,15 @@ from horizonval.spec.load import Case
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.studies.regression.baseline.pack import FrozenImage, digest, read_pack
 from horizonval.studies.regression.regions import noise_in_space, regions_of
+from horizonval.studies.regression.row import ReplicateRow
 from horizonval.suites.observation import method_radius_m, observation_of
 from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import camera_name
 
-Row = dict[str, Any]
 Record = dict[str, Any]
 Run = Callable[[str, Observation], Fit | Refusal]
 Render = Callable[[Any, CameraSpec], RadianceFrame]
 Observe = Callable[..., DetectorImage]
-
-DIGITS = 4
-"""Of arc seconds that are kept: 1e-4 arcsec, 3e-8 deg."""
 
 
 def render_scene(
@@ -69,7 +66,7 @@ def render_scene(
     -------
     record : dict
         ``scene``, ``table``, ``camera``, ``truth`` (plain), ``bands``: by name ``{radiance_sha256, expected,
-        borderline, full_scale, images, noise_dn}``, and ``rows`` as :func:`estimate_image` returns them.
+        borderline, full_scale, images, noise_dn}``, and ``rows`` (:class:`ReplicateRow`, plain).
     arrays : dict of ndarray
         ``radiance.<band>`` (float32), ``regions``, ``dn.<band>.<seed>``.
     """
@@ -77,10 +74,11 @@ def render_scene(
     regions = regions_of(frame.maps["hit"], frame.maps["tangent_height"])
     arrays: dict[str, np.ndarray] = {"regions": regions}
     bands: dict[str, Any] = {}
-    rows: list[Row] = []
+    rows: list[ReplicateRow] = []
     skipped = frozenset(known)
     for band in (one.name for one in case.camera.band):
         expected = expected_outcome(frame.truth, band)
+        due = expected.outcome == Outcome.VALID and not expected.borderline
         clean = observe(frame, case.camera, band=band, seed=0, noise=False).dn
         arrays[f"radiance.{band}"] = frame.radiance[band]
         images, noise, full_scale = [], [], 0
@@ -91,7 +89,8 @@ def render_scene(
             arrays[f"dn.{band}.{seed}"] = image.dn
             noise.append(noise_in_space(image.dn, clean, regions))
             if estimate and sha not in skipped:
-                rows += estimate_image(case.name, seed, image, plan, run)
+                found = estimate_image(case.name, seed, image, plan, run)
+                rows += [replace(row, table=case.table or "", due=due) for row in found]
         known_noise = [value for value in noise if value is not None]
         bands[band] = {
             "radiance_sha256": digest(frame.radiance[band]),
@@ -107,7 +106,7 @@ def render_scene(
         "camera": camera_name(case),
         "truth": plain_truth(frame.truth),
         "bands": bands,
-        "rows": rows,
+        "rows": [row.to_dict() for row in rows],
     }
     return record, arrays
 
@@ -123,18 +122,19 @@ def plain_truth(truth: FrameTruth) -> dict[str, Any]:
     return replace(truth, infrared_horizon={}).to_dict()
 
 
-def replay_scene(pack: Path, scene: str, plan: CasePlan) -> list[Row]:
-    """Return the rows of all frozen images of a scene."""
+def replay_scene(pack: Path, scene: str, plan: CasePlan) -> list[Record]:
+    """Return the rows of all frozen images of a scene, as plain data and without its stratum."""
     content = read_pack(pack)
     truth = FrameTruth.from_dict(dict(content.truths[scene]))
-    return estimate_frozen(truth, scene, (image for image in content.images if image.scene == scene), plan)
+    images = (image for image in content.images if image.scene == scene)
+    return [row.to_dict() for row in estimate_frozen(truth, scene, images, plan)]
 
 
 def estimate_frozen(
     truth: FrameTruth, scene: str, images: Iterable[FrozenImage], plan: CasePlan, *, run: Run | None = None
-) -> list[Row]:
+) -> list[ReplicateRow]:
     """Return the rows of some frozen images; ``run`` in place of the estimators, for experiments with faults."""
-    rows: list[Row] = []
+    rows: list[ReplicateRow] = []
     for frozen in images:
         image = DetectorImage(frozen.dn, frozen.band, truth, frozen.full_scale)
         rows += estimate_image(scene, frozen.replicate, image, plan, run)
@@ -143,44 +143,20 @@ def estimate_frozen(
 
 def estimate_image(
     scene: str, replicate: int, image: DetectorImage, plan: CasePlan, run: Run | None = None
-) -> list[Row]:
-    """Return one row for each estimator.
-
-    Returns
-    -------
-    list of dict
-        ``scene``, ``band``, ``replicate``, ``estimator``, ``image`` (digest), ``status``, ``reason``, ``false_valid``,
-        ``nadir_error_arcsec``, ``roll_error_arcsec``, ``pitch_error_arcsec``: None where they do not apply.
-    """
+) -> list[ReplicateRow]:
+    """Return one row for each estimator, without the stratum of its scene."""
     ask = sandbox_of(plan.limits).run if run is None else run
     sha = digest(image.dn)
     rows = []
     for name in plan.estimators:
         estimator = plan.estimator(name)
         result = ask(name, observation_of(image, estimator))
-        found = score(image.truth, estimator, result, earth_radius_m=method_radius_m(image.truth))
-        rows.append(
-            {
-                "scene": scene,
-                "band": image.band,
-                "replicate": replicate,
-                "estimator": name,
-                "image": sha,
-                "status": str(found.status),
-                "reason": found.reason or None,
-                "false_valid": bool(found.false_valid),
-                "nadir_error_arcsec": _rounded(found.nadir_error_arcsec),
-                "roll_error_arcsec": _rounded(found.roll_error_arcsec),
-                "pitch_error_arcsec": _rounded(found.pitch_error_arcsec),
-            }
-        )
+        scored = score(image.truth, estimator, result, earth_radius_m=method_radius_m(image.truth))
+        about = {"scene": scene, "band": image.band, "replicate": replicate, "estimator": name, "image": sha}
+        rows.append(ReplicateRow.of(scored, **about))
     return rows
 
 
 def is_due(expected: Mapping[str, Any]) -> bool:
     """Whether a frame clearly should give an attitude."""
     return expected["expected"] == Outcome.VALID and not expected["borderline"]
-
-
-def _rounded(value: float | None) -> float | None:
-    return None if value is None else round(float(value), DIGITS)

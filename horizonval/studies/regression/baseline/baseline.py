@@ -20,13 +20,10 @@ from typing import Any
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.store.folder import read_json, write_json
 from horizonval.studies.regression.baseline.pack import FrozenFrame, Pack, read_pack, write_pack
+from horizonval.studies.regression.row import COLUMNS, ReplicateRow
 from horizonval.studies.regression.statistics.gates import GateInputs
 
 BASELINE_SCHEMA = 1
-COLUMNS = (
-    "scene", "band", "replicate", "estimator", "image", "status", "reason", "false_valid",
-    "nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec", "table", "due",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -127,12 +124,12 @@ def frames_of(pack: Pack) -> dict[tuple[str, str], FrozenFrame]:
     return {(frame.scene, frame.band): frame for frame in pack.frames}
 
 
-def to_columns(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:
+def to_columns(rows: Iterable[ReplicateRow]) -> dict[str, list[Any]]:
     """Return rows as columns; texts that repeat are numbered: a tenth of the size."""
     listed = list(rows)
     found: dict[str, Any] = {}
     for name in COLUMNS:
-        values = [row[name] for row in listed]
+        values = [getattr(row, name) for row in listed]
         words = sorted({value for value in values if isinstance(value, str)})
         if words and len(words) * 2 < len(values):
             number = {word: i for i, word in enumerate(words)}
@@ -142,7 +139,7 @@ def to_columns(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:
     return found
 
 
-def from_columns(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
+def from_columns(columns: Mapping[str, Any]) -> list[ReplicateRow]:
     """Return the rows of :func:`to_columns`."""
     plain: dict[str, Sequence[Any]] = {}
     for name in COLUMNS:
@@ -150,4 +147,4 @@ def from_columns(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
         if isinstance(column, dict):
             column = [None if i is None else column["words"][i] for i in column["at"]]
         plain[name] = column
-    return [dict(zip(COLUMNS, values, strict=True)) for values in zip(*plain.values(), strict=True)]
+    return [ReplicateRow(**dict(zip(COLUMNS, values, strict=True))) for values in zip(*plain.values(), strict=True)]

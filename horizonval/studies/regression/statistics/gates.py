@@ -10,13 +10,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from horizonval.core.outcome import Outcome
 from horizonval.spec.regression import IMAGE_METRICS, GateSpec
+from horizonval.studies.regression.row import ERRORS, ReplicateRow
 from horizonval.studies.regression.statistics.estimate import Estimate
 from horizonval.studies.regression.statistics.means import independent_difference, paired_difference
 from horizonval.studies.regression.statistics.proportions import independent_loss, paired_loss
 
-Row = Mapping[str, Any]
 PERCENT = 100.0
 ANGLE_LIMIT_ARCSEC = 1e-6 * 3600
 """Angles that differ by less than 1e-6 deg are the same: ten times the rounding of the stored ones."""
@@ -29,7 +28,7 @@ class GateInputs:
     Attributes
     ----------
     rows : sequence
-        As :func:`horizonval.studies.regression.units.estimate_image` makes them; with ``table`` and ``due`` beside.
+        Of :class:`horizonval.studies.regression.row.ReplicateRow`.
     images : mapping
         By (scene, band): ``{table, limb_radiance, disc_radiance, limb_displacement, noise, ...}``, this set's images
         against the base's; None where a metric does not apply. Empty for a base.
@@ -39,9 +38,9 @@ class GateInputs:
         The night whose fresh scenes these are; two sets of the same night are paired.
     """
 
-    rows: Sequence[Row] = ()
+    rows: Sequence[ReplicateRow] = ()
     images: Mapping[tuple[str, str], Mapping[str, Any]] = field(default_factory=dict)
-    fresh: Sequence[Row] = ()
+    fresh: Sequence[ReplicateRow] = ()
     fresh_night: str = ""
 
 
@@ -68,13 +67,13 @@ def measure(gate: GateSpec, now: GateInputs, base: GateInputs) -> Measured:
     return _paired(gate, pairs_of(mine, theirs))
 
 
-def pairs_of(now: Iterable[Row], base: Iterable[Row]) -> list[tuple[Row, Row]]:
+def pairs_of(now: Iterable[ReplicateRow], base: Iterable[ReplicateRow]) -> list[tuple[ReplicateRow, ReplicateRow]]:
     """Return (now, base) of every scene, band, replicate and estimator that both have."""
-    before = {_key(row): row for row in base}
-    return [(row, before[_key(row)]) for row in now if _key(row) in before]
+    before = {row.key: row for row in base}
+    return [(row, before[row.key]) for row in now if row.key in before]
 
 
-def changed(pairs: Iterable[tuple[Row, Row]]) -> list[dict[str, Any]]:
+def changed(pairs: Iterable[tuple[ReplicateRow, ReplicateRow]]) -> list[dict[str, Any]]:
     """Return every change of a status, and of an angle beyond :data:`ANGLE_LIMIT_ARCSEC`, with what it was and is.
 
     Changed statuses come first, then the largest changes of the nadir error.
@@ -82,82 +81,79 @@ def changed(pairs: Iterable[tuple[Row, Row]]) -> list[dict[str, Any]]:
     found: list[tuple[tuple[bool, float], dict[str, Any]]] = []
     for now, base in pairs:
         what = []
-        if now["status"] != base["status"]:
-            what.append(f"{base['status']} -> {now['status']}")
-        if now["false_valid"] != base["false_valid"]:
-            what.append("became false" if now["false_valid"] else "no longer false")
-        for key in ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec"):
-            before, after = base[key], now[key]
+        if now.status != base.status:
+            what.append(f"{base.status} -> {now.status}")
+        if now.false_valid != base.false_valid:
+            what.append("became false" if now.false_valid else "no longer false")
+        for key in ERRORS:
+            before, after = getattr(base, key), getattr(now, key)
             if before is not None and after is not None and abs(after - before) > ANGLE_LIMIT_ARCSEC:
                 what.append(f"{key.removesuffix('_error_arcsec')} error {before:.4g} -> {after:.4g} arcsec")
         if what:
-            names = {key: now[key] for key in ("scene", "band", "replicate", "estimator")}
-            moved = abs((now["nadir_error_arcsec"] or 0.0) - (base["nadir_error_arcsec"] or 0.0))
-            same = now["status"] == base["status"] and now["false_valid"] == base["false_valid"]
+            names = dict(zip(("scene", "band", "replicate", "estimator"), now.key, strict=True))
+            moved = abs((now.nadir_error_arcsec or 0.0) - (base.nadir_error_arcsec or 0.0))
+            same = now.status == base.status and now.false_valid == base.false_valid
             found.append(((same, -moved), {**names, "what": "; ".join(what)}))
     return [one for _, one in sorted(found, key=lambda item: item[0])]
 
 
-def _key(row: Row) -> tuple[str, str, int, str]:
-    return row["scene"], row["band"], row["replicate"], row["estimator"]
-
-
-def _chosen(gate: GateSpec, rows: Iterable[Row]) -> list[Row]:
+def _chosen(gate: GateSpec, rows: Iterable[ReplicateRow]) -> list[ReplicateRow]:
     return [
         row
         for row in rows
-        if (not gate.estimators or row["estimator"] in gate.estimators)
-        and (not gate.cases or row["table"] in gate.cases)
+        if (not gate.estimators or row.estimator in gate.estimators) and (not gate.cases or row.table in gate.cases)
     ]
 
 
-def _is_claim(row: Row) -> bool:
-    return bool(row["status"] == Outcome.VALID)
+def _is_claim(row: ReplicateRow) -> bool:
+    return row.is_claim
 
 
-def _is_sound(row: Row) -> bool:
-    return not row["false_valid"]
+def _is_sound(row: ReplicateRow) -> bool:
+    return not row.false_valid
 
 
-def _paired(gate: GateSpec, pairs: Sequence[tuple[Row, Row]]) -> Measured:
+def _paired(gate: GateSpec, pairs: Sequence[tuple[ReplicateRow, ReplicateRow]]) -> Measured:
     if gate.metric == "nadir_error":
         both = [
-            (n["nadir_error_arcsec"] - b["nadir_error_arcsec"], n["scene"])
+            (n.nadir_error_arcsec - b.nadir_error_arcsec, n.scene)
             for n, b in pairs
-            if n["nadir_error_arcsec"] is not None and b["nadir_error_arcsec"] is not None
+            if n.nadir_error_arcsec is not None and b.nadir_error_arcsec is not None
         ]
         estimate = paired_difference([d for d, _ in both], [scene for _, scene in both])
         return Measured(gate, estimate, _weightiest(both), paired=True)
-    good: Callable[[Row], bool] = _is_sound
+    good: Callable[[ReplicateRow], bool] = _is_sound
     if gate.metric == "availability":
-        good, pairs = _is_claim, [(n, b) for n, b in pairs if b["due"]]
-    estimate = paired_loss([good(b) for _, b in pairs], [good(n) for n, _ in pairs], [n["scene"] for n, _ in pairs])
-    moved = [(PERCENT * (int(good(b)) - int(good(n))), n["scene"]) for n, b in pairs]
+        good, pairs = _is_claim, [(n, b) for n, b in pairs if b.due]
+    estimate = paired_loss([good(b) for _, b in pairs], [good(n) for n, _ in pairs], [n.scene for n, _ in pairs])
+    moved = [(PERCENT * (int(good(b)) - int(good(n))), n.scene) for n, b in pairs]
     return Measured(gate, _scaled(estimate), _weightiest(moved), paired=True)
 
 
-def _independent(gate: GateSpec, now: Sequence[Row], base: Sequence[Row]) -> Estimate | None:
+def _independent(gate: GateSpec, now: Sequence[ReplicateRow], base: Sequence[ReplicateRow]) -> Estimate | None:
     if gate.metric == "nadir_error":
-        mine, theirs = ([r for r in rows if r["nadir_error_arcsec"] is not None] for rows in (now, base))
-        return independent_difference(
-            [r["nadir_error_arcsec"] for r in mine],
-            [r["scene"] for r in mine],
-            [r["nadir_error_arcsec"] for r in theirs],
-            [r["scene"] for r in theirs],
+        mine, theirs = (
+            [(r.nadir_error_arcsec, r.scene) for r in rows if r.nadir_error_arcsec is not None] for rows in (now, base)
         )
-    good: Callable[[Row], bool] = _is_sound
+        return independent_difference(
+            [error for error, _ in mine],
+            [scene for _, scene in mine],
+            [error for error, _ in theirs],
+            [scene for _, scene in theirs],
+        )
+    good: Callable[[ReplicateRow], bool] = _is_sound
     if gate.metric == "availability":
         good = _is_claim
-        now, base = [r for r in now if r["due"]], [r for r in base if r["due"]]
+        now, base = [r for r in now if r.due], [r for r in base if r.due]
     # Several estimators on one frame are not several frames: a frame is good if all of them are.
     mine_by, theirs_by = _all_good(now, good), _all_good(base, good)
     return _scaled(independent_loss(sum(theirs_by), len(theirs_by), sum(mine_by), len(mine_by)))
 
 
-def _all_good(rows: Iterable[Row], good: Callable[[Row], bool]) -> list[bool]:
+def _all_good(rows: Iterable[ReplicateRow], good: Callable[[ReplicateRow], bool]) -> list[bool]:
     frames: dict[tuple[str, str, int], bool] = {}
     for row in rows:
-        key = (row["scene"], row["band"], row["replicate"])
+        key = (row.scene, row.band, row.replicate)
         frames[key] = frames.get(key, True) and good(row)
     return list(frames.values())
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from horizonval.frame import FrameTruth, RadianceFrame
 from horizonval.spec.load import Case, Suite
 from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage
 from horizonval.studies.regression.images import compare_images
+from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics.gates import GateInputs
 from horizonval.studies.regression.units import estimate_frozen, is_due, render_scene
 from horizonval.suites.plan import CasePlan, plan_of
@@ -108,7 +109,7 @@ class Night:
 
     def results(self) -> GateInputs:
         """Return the base's rows."""
-        return GateInputs(rows=[row for record in self.records.values() for row in with_strata(record)])
+        return GateInputs(rows=[row for record in self.records.values() for row in rows_of(record)])
 
     def replayed(self, run: Callable[[str, Any], Any]) -> GateInputs:
         """Return the rows of the base's images with something in place of the estimators."""
@@ -122,7 +123,8 @@ class Night:
             ]
             truth = FrameTruth.from_dict(record["truth"])
             found = estimate_frozen(truth, scene, images, self.plan, run=run)
-            rows += with_strata({**record, "rows": found})
+            due = is_due(record["bands"]["vis"])
+            rows += [replace(row, table=record["table"], due=due) for row in found]
         return GateInputs(rows=rows)
 
     def unchanged(self) -> dict[tuple[str, str], dict[str, Any]]:
@@ -142,9 +144,9 @@ class Night:
         return found
 
 
-def with_strata(record: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the rows of a record as gates want them."""
-    return [{**row, "table": record["table"], "due": is_due(record["bands"][row["band"]])} for row in record["rows"]]
+def rows_of(record: dict[str, Any]) -> list[ReplicateRow]:
+    """Return the rows of a record."""
+    return [ReplicateRow.from_dict(row) for row in record["rows"]]
 
 
 def plainly(name: str, observation: Any) -> Any:

@@ -15,6 +15,7 @@ from horizonval.sensor.observe import observe
 from horizonval.spec.regression import GateSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.studies.regression.regions import LIMB, regions_of
+from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics.gates import GateInputs, changed, measure, pairs_of
 from horizonval.studies.regression.statistics.judge import judge
 
@@ -59,14 +60,14 @@ def test_an_error_ten_percent_larger_is_caught_by_replay(night):
     rows = night.replayed(worse).rows
     found = verdicts(night, rows=rows)
     assert found["accuracy"]["verdict"] == "FAIL"
-    claims = [row for row in night.results().rows if row["nadir_error_arcsec"] is not None]
-    before = np.mean([row["nadir_error_arcsec"] for row in claims])
+    claims = [row for row in night.results().rows if row.nadir_error_arcsec is not None]
+    before = np.mean([row.nadir_error_arcsec for row in claims])
     assert found["accuracy"]["estimate"]["value"] == pytest.approx(0.1 * before, rel=0.1)
-    assert set(found["accuracy"]["scenes"]) == {row["scene"] for row in claims}
+    assert set(found["accuracy"]["scenes"]) == {row.scene for row in claims}
     assert len(claims) > 5
     assert {name for name, gate in found.items() if gate["verdict"] != "PASS"} == {"accuracy"}
     moved = changed(pairs_of(rows, night.results().rows))
-    assert {one["scene"] for one in moved} == {row["scene"] for row in claims}
+    assert {one["scene"] for one in moved} == {row.scene for row in claims}
     assert all("nadir error" in one["what"] for one in moved)
 
 
@@ -126,19 +127,21 @@ def test_doubled_read_noise_is_caught_by_observing_again(night):
 def rows_of(outcomes, *, due=True, false=()):
     """Return rows of one image a scene with these statuses."""
     return [
-        {
-            "scene": f"scene-{i:03d}",
-            "band": "vis",
-            "replicate": 0,
-            "estimator": "method",
-            "table": "day",
-            "due": due,
-            "status": str(outcome),
-            "false_valid": i in false,
-            "nadir_error_arcsec": 100.0 if outcome == Outcome.VALID else None,
-            "roll_error_arcsec": None,
-            "pitch_error_arcsec": None,
-        }
+        ReplicateRow(
+            scene=f"scene-{i:03d}",
+            band="vis",
+            replicate=0,
+            estimator="method",
+            image="",
+            status=str(outcome),
+            reason=None,
+            false_valid=i in false,
+            nadir_error_arcsec=100.0 if outcome == Outcome.VALID else None,
+            roll_error_arcsec=None,
+            pitch_error_arcsec=None,
+            table="day",
+            due=due,
+        )
         for i, outcome in enumerate(outcomes)
     ]
 
@@ -170,8 +173,7 @@ def test_refusing_what_is_hard_does_not_improve_the_error():
     """The worst frames refused: the error over common claims is the same, availability fails."""
     base = rows_of([Outcome.VALID] * 300)
     now = rows_of([Outcome.DARK if i < 15 else Outcome.VALID for i in range(300)])
-    for row in base[:15]:
-        row["nadir_error_arcsec"] = 5000.0
+    base = [replace(row, nadir_error_arcsec=5000.0) for row in base[:15]] + base[15:]
     found = [measure(gate_of(m), GateInputs(now), GateInputs(base)) for m in ("nadir_error", "availability")]
     error, availability = judge([("accepted", one) for one in found])
     assert (error["verdict"], error["estimate"]["value"]) == ("PASS", 0.0)

@@ -11,6 +11,7 @@ import pytest
 
 from horizonval import cli
 from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.jobs import engine
 from horizonval.studies.regression import bench
 from horizonval.studies.regression import night as nights
 from horizonval.studies.regression.accept import accept
@@ -32,7 +33,7 @@ ANCHOR = {"name": "stub", "verdict": "PASS", "found": 0.0, "limit": 1.0, "unit":
 def here():
     """Units are done in this process, and their anchors are a stub: both have tests of their own."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench, "run_cases", lambda work, cases, workers: ((case, work(case)) for case in cases))
+        patch.setattr(engine, "run_in_processes", lambda work, items, *_, **__: ((one, work(one)) for one in items))
         patch.setattr("horizonval.studies.regression.anchors.anchors", lambda: [dict(ANCHOR)])
         yield patch
 
@@ -80,7 +81,7 @@ def test_accepting_writes_rows_images_and_the_table(accepted):
     base = read_baseline(accepted.baseline, "tiny")
     assert base.head["reason"] == "The first one, nothing before it"
     assert len(base.results.rows) == len(base.images.images) == 8
-    assert all(len(row["image"]) == 64 for row in base.results.rows)
+    assert all(len(row.image) == 64 for row in base.results.rows)
     table = accepted.baseline.with_suffix(".md").read_text()
     assert "There was no baseline before." in table
     assert "| altitude-free | day | 8 |" in table
@@ -113,11 +114,13 @@ def test_a_changed_estimator_is_a_regression_with_names(accepted, second, here, 
     """The baseline's errors are made smaller: the present ones are then worse, in every scene."""
     data = json.loads(accepted.baseline.read_text())
     rows = from_columns(data["rows"])
-    claims = [row for row in rows if row["nadir_error_arcsec"] is not None]
-    for row in claims:
-        row["nadir_error_arcsec"] -= 60.0
+    claims = [row for row in rows if row.nadir_error_arcsec is not None]
+    better = [
+        row if row.nadir_error_arcsec is None else replace(row, nadir_error_arcsec=row.nadir_error_arcsec - 60.0)
+        for row in rows
+    ]
     changed = accepted.baseline.with_name("better.json")
-    changed.write_text(json.dumps(data | {"rows": to_columns(rows)}))
+    changed.write_text(json.dumps(data | {"rows": to_columns(better)}))
     os.link(pack_path(accepted.baseline), pack_path(changed))
     os.link(release_path(accepted.baseline), release_path(changed))
     os.link(pack_path(release_path(accepted.baseline)), pack_path(release_path(changed)))
@@ -128,7 +131,7 @@ def test_a_changed_estimator_is_a_regression_with_names(accepted, second, here, 
     # The last release is another than the accepted one now, and has gates of its own.
     assert {gate["against"] for gate in verdict["gates"]} == {"accepted", "release"}
     (gate,) = [g for g in verdict["gates"] if g["verdict"] == "FAIL"]
-    assert set(gate["scenes"]) == {row["scene"] for row in claims}
+    assert set(gate["scenes"]) == {row.scene for row in claims}
     page = (accepted.out / "index.html").read_text()
     assert "Regression: accuracy (against the accepted baseline)" in page
     assert gate["scenes"][0] in page
@@ -155,19 +158,21 @@ def test_an_interrupted_night_goes_on(accepted, here, monkeypatch, tmp_path):
     wanted = replace(accepted, out=tmp_path / "out", lanes=("replay",))
     seen = []
 
-    def some(work, cases, workers):
-        for case in cases:
+    def some(work, items, workers, *, renderer):
+        for item in items:
             if len(seen) == 3:
                 raise KeyboardInterrupt
-            seen.append(case[0].name)
-            yield case, work(case)
+            seen.append(item.name)
+            yield item, work(item)
 
-    monkeypatch.setattr(bench, "run_cases", some)
+    monkeypatch.setattr(engine, "run_in_processes", some)
     with pytest.raises(KeyboardInterrupt):
         run_night(wanted)
     rest = []
     monkeypatch.setattr(
-        bench, "run_cases", lambda work, cases, workers: ((rest.append(c[0].name), (c, work(c)))[1] for c in cases)
+        engine,
+        "run_in_processes",
+        lambda work, items, *_, **__: ((rest.append(one.name), (one, work(one)))[1] for one in items),
     )
     assert run_night(wanted)["verdict"] == "PASS"
     assert len(rest) == 9 - 3
@@ -204,7 +209,7 @@ def test_a_reference_must_be_of_the_same_night(accepted, here, tmp_path):
     with pytest.raises(UserError, match=r"no night\.json"):
         run_night(wanted)
     reference.mkdir()
-    rows = [dict(row) for row in read_baseline(accepted.baseline, "tiny").results.rows]
+    rows = [row.to_dict() for row in read_baseline(accepted.baseline, "tiny").results.rows]
     night = {"suite": "tiny", "night": "another", "fresh": rows}
     (reference / "night.json").write_text(json.dumps(night))
     with pytest.raises(UserError, match="is night 'another'"):
