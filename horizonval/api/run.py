@@ -148,15 +148,15 @@ def run(
     >>> hv.run("orbit.toml", out="out", progress=False)
     <Run orbit: 2 rows, 0 frames failed>
     """
-    from horizonval.suites.plan import parse_shard
-    from horizonval.suites.run import Where, run_suite
+    from horizonval.commands.run import run as run_suite
+    from horizonval.jobs.execution import Execution, parse_shard
     from horizonval.suites.suite import load_suite, with_options
 
     part = parse_shard(f"{shard[0]}/{shard[1]}" if isinstance(shard, tuple) else shard) if shard is not None else None
-    where = Where(workers, part, dask, tuple(Path(folder) for folder in merge))
+    execution = Execution(workers, part, dask, tuple(Path(folder) for folder in merge))
     loaded = with_options(load_suite(suite, frames, seed), time_limit_s, keep)
     with shown(progress, f"suite {loaded.name}") as listener:
-        result = run_suite(loaded, Path(out), progress=listener, where=where)
+        result = run_suite(loaded, Path(out), progress=listener, execution=execution)
     return Run(Path(out), loaded.name, result.summary, result.failed, result.missing)
 
 

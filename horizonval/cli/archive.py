@@ -192,7 +192,7 @@ def archive_rescore(
     damaged.
     """
     from horizonval.estimation.process.sandbox import Limits
-    from horizonval.jobs.pool import available_cpus
+    from horizonval.jobs.execution import available_cpus
     from horizonval.suites.rescore import rescore
 
     wanted = which.filter("image")

@@ -11,7 +11,7 @@ import typer
 from horizonval.cli.check import print_warnings
 from horizonval.cli.options import Dask, Json, Shard, Workers
 from horizonval.cli.printing import print_json, print_shard, print_summary
-from horizonval.cli.work import place, resumable
+from horizonval.cli.work import execution_of, resumable
 from horizonval.core.errors import UserError
 
 
@@ -46,14 +46,14 @@ def run(
     folder, at the same time or not; the command without --shard then makes what is missing and the report. Another
     --frames goes on in the same folder. Exit status 1 if a frame failed.
     """
-    from horizonval.suites.run import run_suite
+    from horizonval.commands.run import run as run_suite
     from horizonval.suites.suite import load_suite, with_options
 
-    where = place(workers, shard, dask, merge)
+    execution = execution_of(workers, shard, dask, merge)
     loaded = with_options(load_suite(suite, frames, seed), time_limit, keep)
     print_warnings(loaded)
     with resumable(f"suite {loaded.name}", kept="frames") as progress:
-        result = run_suite(loaded, out, progress=progress, where=where)
+        result = run_suite(loaded, out, progress=progress, execution=execution)
     if as_json:
         print_json(result.summary)
     elif result.report is None:

@@ -11,7 +11,7 @@ import typer
 from horizonval.cli.check import print_warnings
 from horizonval.cli.options import Dask, Json, Shard, Workers
 from horizonval.cli.printing import print_json, print_shard
-from horizonval.cli.work import place, resumable
+from horizonval.cli.work import execution_of, resumable
 from horizonval.core.errors import UserError
 
 
@@ -61,10 +61,10 @@ def study(
     from horizonval.studies.trade.design import expand, read_study
     from horizonval.studies.trade.run import run_study
 
-    where = place(workers, shard, dask, merge)
+    execution = execution_of(workers, shard, dask, merge)
     print_warnings(expand(*read_study(study, frames)))
     with resumable("study", kept="frames") as progress:
-        done = run_study(study, out, where=where, progress=progress, frames=frames)
+        done = run_study(study, out, execution=execution, progress=progress, frames=frames)
     if as_json:
         print_json(done.result)
     elif done.page is None:

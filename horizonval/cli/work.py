@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from horizonval.jobs.execution import Execution
     from horizonval.jobs.progress import Terminal
-    from horizonval.suites.run import Where
 
 
-def place(workers: int | None, shard: str | None, dask: str | None, merge: list[Path] | None) -> Where:
+def execution_of(workers: int | None, shard: str | None, dask: str | None, merge: list[Path] | None) -> Execution:
     """Return where the frames of a suite or study are made, as the options of these names say."""
-    from horizonval.suites.plan import parse_shard
-    from horizonval.suites.run import Where
+    from horizonval.jobs.execution import Execution, parse_shard
 
-    return Where(workers, None if shard is None else parse_shard(shard), dask, tuple(merge or ()))
+    return Execution(workers, None if shard is None else parse_shard(shard), dask, tuple(merge or ()))
 
 
 @contextmanager

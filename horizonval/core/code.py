@@ -15,6 +15,7 @@ import contextlib
 import hashlib
 import importlib.util
 import json
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -25,9 +26,7 @@ from horizonval.core import atomic
 from horizonval.core.cache import cache_folder
 
 OWN = "horizonval"
-MACHINERY = frozenset(
-    f"horizonval.{name}" for name in ("core.atomic", "core.cache", "core.code", "core.progress", "jobs.progress")
-)
+MACHINERY = re.compile(r"horizonval\.(jobs(\..*)?|core\.(atomic|cache|code|progress))")
 """Modules that are told about results or keep them, and have no part in what they are."""
 _KEPT = 4000
 """Modules whose digests stay in the cache; more are of code that is gone."""
@@ -90,7 +89,7 @@ def modules_of(roots: dict[str, Path], *modules: str) -> dict[str, Path]:
         while waiting:
             name = waiting.pop()
             path = _file_of(name, roots)
-            if path is None or name in found or name in MACHINERY or (name in roots and name not in modules):
+            if path is None or name in found or MACHINERY.fullmatch(name) or (name in roots and name not in modules):
                 continue
             found[name] = path
             parents = name.split(".")[:-1]

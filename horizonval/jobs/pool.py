@@ -1,7 +1,7 @@
 """Worker processes that may be killed, may crash, and never outlive the run.
 
-Cases go to spawned processes a few at a time. A worker that dies (out of memory, a crash inside a library) takes the
-whole pool of :mod:`concurrent.futures` with it; the cases under way are then tried once more, each alone, and only
+Items go to spawned processes a few at a time. A worker that dies (out of memory, a crash inside a library) takes the
+whole pool of :mod:`concurrent.futures` with it; the items under way are then tried once more, each alone, and only
 one that kills its worker again is given up.
 """
 
@@ -18,58 +18,58 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeAlias, TypeVar
 
-C = TypeVar("C")
+from horizonval.jobs.execution import available_cpus
+
+I = TypeVar("I")  # noqa: E741
 T = TypeVar("T")
 R = TypeVar("R")
-Results: TypeAlias = Generator[tuple[C, T], None, R]
+Results: TypeAlias = Generator[tuple[I, T], None, R]
 
 _ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
 """Linear algebra on one thread: the order of its sums, hence its last bit, must not depend on the machine."""
 
 
-def available_cpus() -> int:
-    """Return how many processors this process may use: its affinity, and a container's share of time."""
-    cpus = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    with contextlib.suppress(OSError, ValueError), open("/sys/fs/cgroup/cpu.max") as file:
-        quota, period = file.read().split()
-        cpus = min(cpus, max(1, round(int(quota) / int(period))))
-    return cpus
-
-
-def run_cases(work: Callable[[C], T], cases: Iterable[C], workers: int) -> Results[C, T | None, None]:
-    """Yield every case with its result, as they come; ``None`` for a case that killed its worker.
+def run_in_processes(
+    work: Callable[[I], T], items: Iterable[I], workers: int, *, renderer: bool = True
+) -> Results[I, T | None, None]:
+    """Yield every item with its result, as they come; ``None`` for one that killed its worker.
 
     Parameters
     ----------
     work : callable
         Picklable; must not raise.
-    cases : iterable
+    items : iterable
         Of anything picklable.
     workers : int
         Processes; the processors are shared among them.
+    renderer : bool
+        Whether they get a renderer.
 
     Notes
     -----
     Closing the generator (or Ctrl-C) ends the workers at once; what they were doing is lost, nothing else.
     """
-    waiting = deque(cases)
+    waiting = deque(items)
     while waiting:
-        suspects = yield from _drain(work, waiting, workers)
-        for case in suspects:
-            if (yield from _drain(work, deque([case]), 1)):
-                yield case, None
+        suspects = yield from _drain(work, waiting, workers, renderer)
+        for item in suspects:
+            if (yield from _drain(work, deque([item]), 1, renderer)):
+                yield item, None
 
 
-def _drain(work: Callable[[C], T], waiting: deque[C], workers: int) -> Results[C, T, list[C]]:
-    """Take cases from the left until none is left or the pool breaks; return those that were under way then."""
+def _drain(work: Callable[[I], T], waiting: deque[I], workers: int, renderer: bool) -> Results[I, T, list[I]]:
+    """Take items from the left until none is left or the pool breaks; return those that were under way then."""
     workers = max(1, min(workers, len(waiting)))
     threads = max(1, available_cpus() // workers)
-    strangers = set(multiprocessing.active_children())
+    others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(
-        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_start_worker, initargs=(threads,)
+        workers,
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=_start_worker,
+        initargs=(threads, renderer),
     )
-    under_way: dict[Future[T], C] = {}
-    suspects: list[C] = []
+    under_way: dict[Future[T], I] = {}
+    suspects: list[I] = []
     try:
         while (waiting or under_way) and not suspects:
             with _inherited_by_children():
@@ -78,17 +78,17 @@ def _drain(work: Callable[[C], T], waiting: deque[C], workers: int) -> Results[C
                     waiting.popleft()
             ready, _ = wait(under_way, return_when=FIRST_COMPLETED)
             for future in ready:
-                case = under_way.pop(future)
+                item = under_way.pop(future)
                 try:
                     result = future.result()
                 except BrokenProcessPool:
-                    suspects.append(case)
+                    suspects.append(item)
                 else:
-                    yield case, result
+                    yield item, result
     except BrokenProcessPool:
         pass
     finally:
-        children = set(multiprocessing.active_children()) - strangers
+        children = set(multiprocessing.active_children()) - others
         pool.shutdown(wait=False, cancel_futures=True)
         if under_way:
             for child in children:
@@ -121,15 +121,21 @@ def _inherited_by_children() -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
-def _start_worker(threads: int) -> None:
+def _start_worker(threads: int, renderer: bool) -> None:
     """Prepare a worker: die with the parent, and share the processors."""
+    threading.Thread(target=_die_with_parent, daemon=True).start()
+    get_ready(threads, renderer)
+
+
+def get_ready(threads: int, renderer: bool) -> None:
+    """Give this process its share of the processors, and a renderer."""
     import cv2
 
-    from horizonval.renderer.plugin.backend import activate
-
-    threading.Thread(target=_die_with_parent, daemon=True).start()
     cv2.setNumThreads(threads)
-    activate(threads)
+    if renderer:
+        from horizonval.renderer.plugin.backend import activate
+
+        activate(threads)
 
 
 def _die_with_parent() -> None:

@@ -12,7 +12,9 @@ from horizonval.precheck.report import Report
 from horizonval.precheck.rules import findings_of
 from horizonval.precheck.text import group_line
 from horizonval.spec.load import Case, Suite
+from horizonval.studies.parts import PARTS
 from horizonval.suites.check import check_suite as check_mistakes
+from horizonval.suites.part import asked_for
 from horizonval.suites.plan import CasePlan, of_heads, plan_of
 from horizonval.suites.record import camera_name
 
@@ -52,7 +54,7 @@ def check_groups(
     facts: dict[str, str] = {}
     if mistakes:
         try:
-            check_mistakes(suite, plan_of(suite))
+            check_mistakes(suite, plan_of(suite), asked_for(suite, PARTS))
         except UserError as e:
             return Report(kind, name, (cannot_run(e),), facts, 0, len(suite.cases))
     watcher, looks = Watcher(), []

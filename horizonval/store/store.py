@@ -57,6 +57,13 @@ class Store:
         """Return where the entry with this address lies (or would lie)."""
         return place(self.root, address)
 
+    def is_intact(self, address: str) -> bool:
+        """Whether an entry is there and is what was added."""
+        try:
+            return sha256(self.path(address)) == address
+        except (UserError, OSError):
+            return False
+
     def __contains__(self, address: str) -> bool:
         return self.path(address).is_file()
 

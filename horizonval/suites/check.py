@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from horizonval.core.errors import UserError
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.pose import place_from_spec
 from horizonval.geometry.rotation import julian_utc
 from horizonval.spec.load import Case, Suite
+from horizonval.suites.part import Part
 from horizonval.suites.plan import CasePlan, of_heads
-from horizonval.suites.stability import check_stability
 
 
-def check_suite(suite: Suite, plan: CasePlan) -> None:
+def check_suite(suite: Suite, plan: CasePlan, parts: Sequence[Part] = ()) -> None:
     """Find mistakes that the files' models cannot know: estimators, atmospheres, detectors, positions.
 
-    Thousands of cases share few cameras and atmospheres, and each of those is looked at once.
+    Thousands of cases share few cameras and atmospheres, and each of those is looked at once. What the suite asks for
+    beside its frames is looked at by its ``parts``.
 
     Raises
     ------
@@ -41,7 +44,8 @@ def check_suite(suite: Suite, plan: CasePlan) -> None:
             _check_case(case, cameras, matters)
         except UserError as e:
             raise e.inside(f"{suite.source}: {case.name}") from e
-    check_stability(suite)
+    for part in parts:
+        part.check(suite)
 
 
 def _check_heads(suite: Suite, plan: CasePlan) -> None:

@@ -18,19 +18,17 @@ from horizonval.core.errors import UserError
 from horizonval.estimation import registry
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
-from horizonval.stability.case import StabilityCase
 from horizonval.suites.plan import CasePlan, Unit, plan_of
 
 FRAME_CODE = ("horizonval.renderer.scene.frame", "horizonval.store.exr")
 """The modules that make a frame and its file; those that they import are found."""
-ROW_CODE = ("horizonval.suites.case", "horizonval.estimation.process.estimator_process")
+ROW_CODE = ("horizonval.suites.units.case", "horizonval.estimation.process.estimator_process")
 """The modules that make images and rows; the estimators come to them by name."""
-RESCORED_CODE = ("horizonval.suites.rescore", "horizonval.estimation.process.estimator_process")
-STABILITY_CODE = ("horizonval.stability.profiles",)
+RESCORED_CODE = ("horizonval.suites.units.archived", "horizonval.estimation.process.estimator_process")
 
 
 def code_of(estimators: Iterable[str]) -> tuple[str, ...]:
-    """Return the modules of estimators: of ours and of users' packages; programs are files, see :class:`Plan`."""
+    """Return the modules of estimators: of ours and of users' packages; programs are files, see :class:`CasePlan`."""
     return tuple(sorted({module for name in estimators if (module := registry.module_of(name)) is not None}))
 
 
@@ -54,11 +52,6 @@ def suite_identity(suite: Suite) -> str:
     if any(case.estimators is not None for case in suite.cases):
         more.append(json.dumps([case.estimators for case in suite.cases]))
     return _digest(suite.name, json.dumps(suite.estimators), *(_scene_content(case) for case in suite.cases), *more)
-
-
-def stability_identity(case: StabilityCase) -> str:
-    """Return the digest of what the profiles of a study's case depend on."""
-    return _digest(case.spec.model_dump_json(), case.name, code_digest(*STABILITY_CODE))
 
 
 def rescored_identity(addresses: Iterable[str], estimators: Iterable[str]) -> str:

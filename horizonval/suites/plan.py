@@ -10,7 +10,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from horizonval.core.errors import UserError
 from horizonval.estimation import registry
 from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process.external import external
@@ -130,24 +129,3 @@ def units_of(cases: Iterable[Case], plan: CasePlan) -> list[Unit]:
 def of_heads(case: Case) -> bool:
     """Whether a case is that of one head of a scene that has all of them."""
     return case.head is not None
-
-
-def shard_of(units: Sequence[Unit], shard: tuple[int, int] | None) -> list[Unit]:
-    """Return every n-th unit from the i-th on, or all."""
-    if shard is None:
-        return list(units)
-    return list(units[shard[0] - 1 :: shard[1]])
-
-
-def parse_shard(text: str) -> tuple[int, int]:
-    """Return (i, n) of ``"i/n"``.
-
-    Raises
-    ------
-    UserError
-        If it is not two whole numbers with 1 <= i <= n.
-    """
-    first, _, second = text.partition("/")
-    if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second):
-        return int(first), int(second)
-    raise UserError(f"found {text!r}", where="--shard", expected="i/n with i from 1 to n, such as 2/8")

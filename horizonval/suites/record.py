@@ -27,7 +27,6 @@ Record = dict[str, Any]
 
 def record_of(
     name: str,
-    identity: str,
     truth: FrameTruth,
     rows: Sequence[Row],
     details: Mapping[str, Any],
@@ -46,7 +45,6 @@ def record_of(
         "case": name,
         "scene_id": truth.scene_id,
         "version": code_version(*ROW_CODE),
-        "identity": identity,
         "truth_frame": addresses.get(""),
         "image": next(iter(images.values()), None),
         "images": images,
@@ -56,9 +54,7 @@ def record_of(
     }
 
 
-def failed_record(
-    name: str, identity: str, case: Case, estimators: Sequence[str], plan: CasePlan, error: str
-) -> Record:
+def failed_record(name: str, case: Case, estimators: Sequence[str], plan: CasePlan, error: str) -> Record:
     """Return the record of a case that has no result because something broke."""
     truth = _truth_or_none(case)
     reason = " ".join(error.split())
@@ -83,7 +79,6 @@ def failed_record(
         "case": name,
         "scene_id": truth.scene_id if truth else None,
         "version": code_version(*ROW_CODE),
-        "identity": identity,
         "truth_frame": None,
         "image": None,
         "images": {},

@@ -9,26 +9,27 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
-from horizonval.jobs.pool import available_cpus, run_cases
+from horizonval.jobs.engine import stream
+from horizonval.jobs.execution import Execution
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Index
 from horizonval.suites.axes import figure_plans
-from horizonval.suites.case import Brief, finished, give_up, run_unit
 from horizonval.suites.check import check_suite
+from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import suite_identity
-from horizonval.suites.plan import CasePlan, Unit, plan_of, shard_of, units_of
+from horizonval.suites.part import Part, PartOutcome, asked_for
+from horizonval.suites.plan import CasePlan, Unit, plan_of, units_of
 from horizonval.suites.shards import adopt
-from horizonval.suites.stability import StudyOutcome, run_stability
 from horizonval.suites.suite import load_suite
+from horizonval.suites.units.work import Brief, UnitWork
 
 RUN_SCHEMA = 1
 
@@ -55,34 +56,13 @@ class RunResult:
     missing: int = 0
 
 
-@dataclass(frozen=True)
-class Where:
-    """Where the work is done.
-
-    Attributes
-    ----------
-    workers : int, optional
-        Processes on this machine; :func:`default_workers` by default. The number does not change any result.
-    shard : (int, int), optional
-        (i, n): only every n-th unit of the suite, from the i-th on. Shards can share a folder, also at the same time.
-    dask : str, optional
-        Address of a Dask scheduler, or ``local:N``; its workers must see the run's folder.
-    merge : tuple of Path
-        Folders of other runs of this suite, whose results are taken over.
-    """
-
-    workers: int | None = None
-    shard: tuple[int, int] | None = None
-    dask: str | None = None
-    merge: tuple[Path, ...] = field(default=())
-
-
 def run_suite(
     suite: Suite,
     out_dir: Path,
     workers: int | None = None,
     progress: Progress | None = None,
-    where: Where | None = None,
+    execution: Execution | None = None,
+    parts: Sequence[Part] = (),
 ) -> RunResult:
     """Run a suite into a folder, or finish what an earlier run left there.
 
@@ -92,52 +72,50 @@ def run_suite(
     out_dir : Path
         Made if need be.
     workers : int, optional
-        Short for ``Where(workers)``.
+        Short for ``Execution(workers)``.
     progress : Progress, optional
-    where : Where, optional
+    execution : Execution, optional
+    parts : sequence of Part, optional
+        Those that there are; the suite may ask for some of them.
 
     Raises
     ------
     UserError
         A mistake in the suite (told before anything is rendered), no back-end to render with, a folder that holds
         another suite's run or in which another run is working.
+    ValueError
+        The suite asks for a part that is not among ``parts``: a defect of the caller.
     """
     progress = progress or Silent()
-    where = where or Where(workers)
+    execution = execution or Execution(workers)
     plan = plan_of(suite)
-    check_suite(suite, plan)
+    chosen = asked_for(suite, parts)
+    check_suite(suite, plan, chosen)
     units = units_of(suite.cases, plan)
     folder = RunFolder(out_dir)
     folder.create(stability=suite.stability is not None)
-    with folder.locked(where.shard):
+    with folder.locked(execution.shard):
         _claim(folder, suite, units)
-        if where.shard is None:
+        if execution.shard is None:
             # Shards may be at work beside each other: what is temporary may be theirs.
             folder.remove_temporary_files()
-        for other in where.merge:
+        for other in execution.merge:
             adopt(RunFolder(other), folder, suite)
-        seconds: dict[str, dict[str, float]] = {}
+        seconds: dict[str, Mapping[str, float]] = {}
         try:
-            briefs = _run_units(shard_of(units, where.shard), plan, folder, where, progress, seconds)
+            briefs = _run_units(units, plan, folder, execution, progress, seconds)
         except BaseException:
             # The times of what is finished cannot be had again.
-            _add_timings(folder, seconds, where.shard)
+            _add_timings(folder, seconds, execution.shard)
             raise
-        if where.shard is not None:
-            _add_timings(folder, seconds, where.shard)
+        if execution.shard is not None:
+            _add_timings(folder, seconds, execution.shard)
             missing = sum(not folder.case(name).is_file() for unit in units for name in unit.names)
             failed = {name: brief.error for name, brief in briefs.items() if brief.error is not None}
             return RunResult({}, failed, None, missing)
-        study: StudyOutcome | None = None
-        if suite.stability is not None:
-            study = run_stability(suite.stability, folder, where.workers or default_workers(), progress)
+        outcomes = {part.name: part.run(suite, folder, execution, progress) for part in chosen}
         folder.remove_temporary_files()
-        return _conclude(suite, units, folder, briefs, seconds, study)
-
-
-def default_workers() -> int:
-    """Return the number of processes to use: one per processor, as most stages run on a single one."""
-    return available_cpus()
+        return _conclude(suite, units, folder, briefs, seconds, outcomes)
 
 
 def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
@@ -195,46 +173,18 @@ def _run_units(
     units: Sequence[Unit],
     plan: CasePlan,
     folder: RunFolder,
-    where: Where,
+    execution: Execution,
     progress: Progress,
-    seconds: dict[str, dict[str, float]],
+    seconds: dict[str, Mapping[str, float]],
 ) -> dict[str, Brief]:
     """Make what is missing of the units and return what became of all; the times that it took go into ``seconds``."""
-    from horizonval.renderer.plugin.backend import probe
-
     briefs: dict[str, Brief] = {}
-    missing = []
-    for unit in units:
-        found = finished(unit, plan, folder)
-        if found is None:
-            missing.append(unit)
-        else:
-            briefs |= found
-    total = sum(len(unit.cases) for unit in units)
-    progress.start(total, total - sum(len(unit.cases) for unit in missing))
-    if not missing:
-        return briefs
-    work = partial(run_unit, plan=plan, folder=folder)
-    if where.dask is not None:
-        from horizonval.suites.cluster import run_on_cluster
-
-        results = run_on_cluster(work, missing, where.dask, folder)
-    else:
-        if probe().chosen is None:
-            raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
-        results = run_cases(work, missing, where.workers or default_workers())
-    with contextlib.closing(results):
-        for unit, result in results:
-            if result is None:
-                limit = plan.frame_limit_s * len(unit.cases)
-                why = f"the worker process died (out of memory, a crash, or more than {limit:g} s)"
-                made = give_up(unit, plan, folder, why)
-            else:
-                made, seconds[unit.name] = result
-            briefs |= made
-            for name in unit.names:
-                if name != unit.name or not unit.heads:
-                    progress.done(name, failed=made[name].error)
+    for unit, done in stream(UnitWork(plan, folder), units, execution, progress):
+        if done.result is None:
+            raise UserError(f"{unit.name}: {done.error}", where=str(folder.root), fix="mend it, and run again")
+        briefs |= done.result
+        if done.seconds:
+            seconds[unit.name] = done.seconds
     return briefs
 
 
@@ -242,35 +192,28 @@ def _conclude(
     suite: Suite,
     units: Sequence[Unit],
     folder: RunFolder,
-    briefs: dict[str, Brief],
-    seconds: dict[str, dict[str, float]],
-    study: StudyOutcome | None,
+    briefs: Mapping[str, Brief],
+    seconds: Mapping[str, Mapping[str, float]],
+    parts: Mapping[str, PartOutcome],
 ) -> RunResult:
-    from horizonval.report import build_report
-    from horizonval.scoring.summary import summarise
-    from horizonval.scoring.table import write_results
-
     start = time.perf_counter()
     ordered = {name: briefs[name] for unit in units for name in unit.names}
     failed = {name: brief.error for name, brief in ordered.items() if brief.error is not None}
     rows = [row for brief in ordered.values() for row in brief.rows]
-    summary = {"suite": suite.name, "version": code_version(), "failed": dict(failed), **summarise(rows)}
-    if study is not None:
-        failed |= {f"stability/{name}": why for name, why in study.failed.items()}
-        summary["stability"] = study.digest
-        seconds = seconds | {f"stability/{name}": {"march": spent} for name, spent in study.seconds.items()}
-    write_results(rows, folder.results)
-    write_json(folder.summary, summary)
     with contextlib.suppress(UserError):  # An index that cannot be written is made by whoever asks for it.
         Index(folder.archive).update()
-    report = build_report(folder.root)
+    digests = {name: part.digest for name, part in parts.items()}
+    summary, report = conclude(folder, suite.name, rows, failed, digests)
+    for name, part in parts.items():
+        failed |= {f"{name}/{item}": why for item, why in part.failed.items()}
+        seconds = {**seconds, **{f"{name}/{item}": spent for item, spent in part.seconds.items()}}
     _add_timings(folder, seconds, conclude=round(time.perf_counter() - start, 4))
     return RunResult(summary, failed, report)
 
 
 def _add_timings(
     folder: RunFolder,
-    seconds: dict[str, dict[str, float]],
+    seconds: Mapping[str, Mapping[str, float]],
     shard: tuple[int, int] | None = None,
     conclude: float | None = None,
 ) -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from horizonval.core import atomic
 from horizonval.core.errors import UserError
+from horizonval.jobs.kept import take_over
 from horizonval.spec.load import Suite
 from horizonval.store.entry import INDEX_PREFIX
 from horizonval.store.folder import RunFolder, read_json
@@ -34,14 +32,4 @@ def adopt(source: RunFolder, target: RunFolder, suite: Suite) -> None:
             where=str(source.root),
             expected=f"a run of {suite.name!r} as it is now",
         )
-    for room in ROOMS:
-        for path in sorted((source.root / room).rglob("*")):
-            if path.is_file() and not path.name.startswith((".", INDEX_PREFIX)):
-                _copy(path, target.root / path.relative_to(source.root))
-
-
-def _copy(path: Path, place: Path) -> None:
-    if place.exists():
-        return
-    place.parent.mkdir(parents=True, exist_ok=True)
-    atomic.copy_file(path, place)
+    take_over(source.root, target.root, ROOMS, lambda path: not path.name.startswith((".", INDEX_PREFIX)))

@@ -11,17 +11,17 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from horizonval.core.code import code_digest
-from horizonval.core.errors import one_line
 from horizonval.core.progress import Progress, Silent
-from horizonval.jobs.pool import available_cpus, run_cases
-from horizonval.store.folder import read_json, write_json
+from horizonval.jobs.engine import Recorded, do
+from horizonval.jobs.execution import Execution, available_cpus
+from horizonval.jobs.kept import Record
+from horizonval.jobs.stopwatch import Stopwatch
 
 Plain = dict[str, Any]
 """What JSON can hold, no NaN."""
@@ -63,44 +63,55 @@ class TaskCache:
         RuntimeError
             A defect in ``work``; the other items' results are kept.
         """
-        paths = {name: self._path(work, item) for name, item in items.items()}
-        results = {name: found for name, path in paths.items() if (found := read_json(path)) is not None}
-        missing = [(name, dict(items[name]), str(paths[name])) for name in items if name not in results]
-        self.progress.start(len(items), len(results), unit="items", what=title)
-        failed: dict[str, str] = {}
-        for (name, _, path), result in run_cases(partial(_safely, work), missing, self.workers):
-            error = "its process died" if result is None else result.get("error")
-            if result is None or error is not None:
-                failed[name] = str(error)
-            else:
-                Path(path).parent.mkdir(parents=True, exist_ok=True)
-                write_json(Path(path), result["value"], indent=None)
-                results[name] = result["value"]
-            self.progress.done(name, failed=error)
+        named = [NamedItem(name, dict(item)) for name, item in items.items()]
+        execution = Execution(self.workers)
+        done = do(TaskWork(work, self.folder), named, execution, self.progress, unit="items", what=title)
+        failed = {name: one.error for name, one in done.items() if one.result is None}
         if failed:
             first = next(iter(failed))
             raise RuntimeError(f"{title}: {len(failed)} of {len(items)} failed; {first}: {failed[first]}")
-        return {name: results[name] for name in items}
+        return {name: one.result["value"] for name, one in done.items() if one.result is not None}
 
     def rng(self, *names: str) -> np.random.Generator:
         """Return the random numbers that belong to these names under this seed."""
         return rng_of(self.seed, *names)
 
-    def _path(self, work: Callable[[Plain], Plain], item: Plain) -> Path:
-        content = json.dumps([work.__module__, work.__qualname__, item, code_digest(work.__module__)], sort_keys=True)
-        digest = hashlib.sha256(content.encode()).hexdigest()
-        return self.folder / digest[:2] / f"{digest}.json"
+
+@dataclass(frozen=True)
+class NamedItem:
+    """An item by its name."""
+
+    name: str
+    item: Plain
+
+
+class TaskWork(Recorded[NamedItem]):
+    """A function of plain data on many items; the result of each lies under its identity."""
+
+    def __init__(self, function: Callable[[Plain], Plain], folder: Path) -> None:
+        self.function, self.place = function, folder
+
+    def name(self, item: NamedItem) -> str:
+        """Return the item's name."""
+        return item.name
+
+    def path(self, item: NamedItem) -> Path:
+        """Return the file of the result."""
+        identity = self.identity(item)
+        return self.place / identity[:2] / f"{identity}.json"
+
+    def identity(self, item: NamedItem) -> str:
+        """Return the digest of the function, the item and the code."""
+        code = code_digest(self.function.__module__)
+        content = json.dumps([self.function.__module__, self.function.__qualname__, item.item, code], sort_keys=True)
+        return hashlib.sha256(content.encode()).hexdigest()
+
+    def record(self, item: NamedItem, watch: Stopwatch) -> Record:
+        """Call the function."""
+        return {"value": self.function(item.item)}
 
 
 def rng_of(seed: int, *names: str) -> np.random.Generator:
     """Return the random numbers that belong to a seed and some names: alike in every process."""
     digest = hashlib.sha256(json.dumps([seed, *names]).encode()).digest()
     return np.random.default_rng(np.random.SeedSequence(int.from_bytes(digest, "big")))
-
-
-def _safely(work: Callable[[Plain], Plain], task: tuple[str, Plain, str]) -> Plain:
-    _, item, _ = task
-    try:
-        return {"value": work(item)}
-    except Exception as e:
-        return {"error": one_line(e)}

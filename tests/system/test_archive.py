@@ -16,10 +16,11 @@ from conftest import assert_one_line
 from horizonval.estimation import registry
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.horizon import tangency_points
+from horizonval.jobs import engine
 from horizonval.report.load import load_run
 from horizonval.scoring.table import read_results
 from horizonval.store.store import Store
-from horizonval.suites import rescore
+from horizonval.suites.units import scored
 
 
 @pytest.fixture
@@ -142,16 +143,16 @@ def in_this_process(monkeypatch) -> None:
     """Estimators without the process of their own, results without pages: what would be most of a test's time."""
 
     class Here:
+        spent_s = None
+
         def __init__(self, limits):
             pass
 
         def run(self, name, observation):
             return registry.run_safely(registry.get(name), observation)
 
-        def close(self):
-            pass
-
-    monkeypatch.setattr(rescore, "Sandbox", Here)
+    monkeypatch.setattr(scored, "sandbox_of", Here)
+    monkeypatch.setattr(engine, "run_in_processes", lambda work, items, *_, **__: ((one, work(one)) for one in items))
     monkeypatch.setattr("horizonval.report.build_report", lambda folder: folder / "report" / "index.html")
 
 

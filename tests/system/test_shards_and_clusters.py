@@ -10,9 +10,10 @@ import pytest
 from conftest import MINI_CAMERA, assert_one_line, outcome_of
 
 from horizonval.core.progress import Silent
+from horizonval.jobs.execution import Execution
 from horizonval.scoring.table import read_results
 from horizonval.store.store import Store
-from horizonval.suites.run import Where, run_suite
+from horizonval.suites.run import run_suite
 from horizonval.suites.suite import load_suite
 
 SUITE = """
@@ -65,10 +66,10 @@ def test_a_table_runs_the_methods_it_names(whole, suite_file, tmp_path_factory):
 
 def test_shards_make_the_whole(suite_file, whole, tmp_path):
     suite = load_suite(suite_file)
-    first = run_suite(suite, tmp_path / "a", where=Where(workers=1, shard=(1, 2)))
+    first = run_suite(suite, tmp_path / "a", execution=Execution(workers=1, shard=(1, 2)))
     assert (first.missing, first.report) == (3, None)
-    run_suite(suite, tmp_path / "b", where=Where(workers=1, shard=(2, 2)))
-    done = run_suite(suite, tmp_path / "a", where=Where(workers=1, merge=(tmp_path / "b",)))
+    run_suite(suite, tmp_path / "b", execution=Execution(workers=1, shard=(2, 2)))
+    done = run_suite(suite, tmp_path / "a", execution=Execution(workers=1, merge=(tmp_path / "b",)))
     assert done.missing == 0
     assert outcome_of(tmp_path / "a") == whole
     # The other folder's index is not taken over, its entries are.
@@ -95,7 +96,7 @@ class _Killer(Silent):
 
 def test_a_cluster_that_loses_a_worker_makes_the_same(suite_file, whole, tmp_path):
     killer = _Killer()
-    done = run_suite(load_suite(suite_file), tmp_path / "out", progress=killer, where=Where(dask="local:2"))
+    done = run_suite(load_suite(suite_file), tmp_path / "out", progress=killer, execution=Execution(dask="local:2"))
     assert killer.killed
     assert not done.failed
     assert outcome_of(tmp_path / "out") == whole

@@ -14,8 +14,8 @@ import horizonval
 PACKAGE = Path(horizonval.__file__).parent
 
 ROOMS = [
-    "cli", "api", "commands", "systems", "precheck", "studies", "suites", "stability", "report", "jobs", "scoring",
-    "store", "sensor", "renderer", "estimation", "truth", "frame", "earth", "geometry", "spec", "core",
+    "cli", "api", "commands", "systems", "precheck", "studies", "suites", "report", "jobs", "scoring", "store",
+    "sensor", "renderer", "estimation", "truth", "frame", "earth", "geometry", "spec", "core",
 ]  # fmt: skip
 """From top to bottom. A room may import any room that stands later in this list."""
 

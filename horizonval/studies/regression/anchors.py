@@ -78,7 +78,7 @@ def furnace() -> Anchor:
     """Isothermal air over black ground, 8 to 14 um and the 15 um band: 1e-6, the quadrature's own accuracy."""
     from horizonval.earth.optical import optical_model
     from horizonval.earth.surface.ground_emission import uniform_ground
-    from horizonval.renderer.scene.emission import thermal_radiance
+    from horizonval.renderer.rays.thermal_radiance import thermal_radiance
     from horizonval.spec.scene import SceneSpec
     from horizonval.spec.sensor.camera import CameraSpec
 
@@ -241,8 +241,8 @@ def photon_transfer() -> Anchor:
 def single_scatter() -> Anchor:
     """A Rayleigh limb by day at 550 nm: 0.2 %; the table is good to 0.02 %."""
     from horizonval.earth.atmosphere_file import file_model, read_atmosphere
-    from horizonval.renderer.kernel.radiance import radiance_along_rays
     from horizonval.renderer.plugin.backend import activate
+    from horizonval.renderer.rays.radiance import radiance_along_rays
 
     with TABLE.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))

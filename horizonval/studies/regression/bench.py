@@ -6,24 +6,20 @@ makes what is missing, and a change of anything makes it anew.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from horizonval.core import atomic
 from horizonval.core.code import code_digest
-from horizonval.core.errors import one_line
-from horizonval.core.progress import Progress
-from horizonval.jobs.pool import run_cases
+from horizonval.jobs.engine import Recorded
+from horizonval.jobs.kept import Record
+from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.spec.load import Case
-from horizonval.store.folder import read_json, write_json
 from horizonval.studies.regression.units import render_scene, replay_scene
 from horizonval.suites.identity import code_of
 from horizonval.suites.plan import CasePlan
@@ -51,43 +47,55 @@ class Task:
     depends_on: str = ""
 
 
-@dataclass(frozen=True)
-class Done:
-    """What became of a unit: its record, the file of its arrays, or why there is none."""
+class NightWork(Recorded[Task]):
+    """Units of a night: a record each, and a file of arrays beside that of a rendered scene."""
 
-    record: dict[str, Any]
-    arrays: Path | None
-    error: str | None
+    def __init__(self, plan: CasePlan, folder: Path) -> None:
+        self.plan = plan
+        self.folder: Path | None = folder
+        self._place = folder
 
+    def name(self, item: Task) -> str:
+        """Return the unit's name."""
+        return item.name
 
-def work(tasks: Mapping[str, Task], plan: CasePlan, folder: Path, workers: int, progress: Progress) -> dict[str, Done]:
-    """Return what became of every unit, by name; a unit that fails or whose process dies has an ``error``.
+    def path(self, item: Task) -> Path:
+        """Return the file of the record."""
+        return self._place / f"{self.identity(item)}.json"
 
-    Nothing that is finished in the folder is made again.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    places = {name: folder / identity(task, plan) for name, task in tasks.items()}
-    found: dict[str, Done] = {}
-    for name, place in places.items():
-        record = read_json(place.with_suffix(".json"))
-        arrays = place.with_suffix(".npz")
-        if record is not None and (arrays.is_file() or tasks[name].kind != "render"):
-            found[name] = Done(record, arrays if arrays.is_file() else None, None)
-    missing = [(task, str(places[name])) for name, task in tasks.items() if name not in found]
-    progress.start(len(tasks), len(found))
-    if missing:
-        results = run_cases(partial(_safely, plan=plan), missing, workers)
-        with contextlib.closing(results):
-            for (task, stem), error in results:
-                why = "its process died (a crash, or out of memory)" if error is None else error
-                record = read_json(Path(stem).with_suffix(".json")) if why == "" else None
-                if record is None:
-                    found[task.name] = Done({}, None, why or "its result cannot be read")
-                else:
-                    arrays = Path(stem).with_suffix(".npz")
-                    found[task.name] = Done(record, arrays if arrays.is_file() else None, None)
-                progress.done(task.name, failed=found[task.name].error)
-    return {name: found[name] for name in tasks}
+    def arrays(self, item: Task) -> Path:
+        """Return the file of the arrays."""
+        return self.path(item).with_suffix(".npz")
+
+    def identity(self, item: Task) -> str:
+        """Return the digest of what a unit's result depends on: the name of its files."""
+        case, table = None, ""
+        if item.case is not None:
+            table = item.case.table or ""
+            case = [item.case.scene.model_dump(mode="json"), item.case.camera.model_dump(mode="json")]
+        content = [item.kind, case, table, item.scene, sorted(item.known), item.depends_on, item.replicates]
+        code = code_digest(*CODE[item.kind], *code_of(self.plan.estimators if item.kind != "anchors" else ()))
+        text = json.dumps([content, self.plan.content(), code], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def finished(self, item: Task) -> Record | None:
+        """Return the record of a unit whose arrays are there, too."""
+        return None if item.kind == "render" and not self.arrays(item).is_file() else super().finished(item)
+
+    def record(self, item: Task, watch: Stopwatch) -> Record:
+        """Do a unit and write its arrays."""
+        if item.kind == "anchors":
+            from horizonval.studies.regression.anchors import anchors
+
+            return {"anchors": anchors()}
+        if item.kind == "replay":
+            assert item.pack is not None
+            return {"rows": replay_scene(item.pack, item.scene, self.plan)}
+        assert item.case is not None
+        record, arrays = render_scene(item.case, self.plan, item.replicates, item.known)
+        with atomic.replacing(self.arrays(item)) as temporary, open(temporary, "wb") as file:
+            np.savez_compressed(file, **dict(arrays))  # type: ignore[arg-type]
+        return record
 
 
 def sweep(folder: Path, kept: Iterable[str]) -> None:
@@ -96,46 +104,3 @@ def sweep(folder: Path, kept: Iterable[str]) -> None:
     for path in folder.iterdir():
         if path.suffix in (".json", ".npz") and path.stem not in names:
             path.unlink(missing_ok=True)
-
-
-def _safely(task: tuple[Task, str], plan: CasePlan) -> str:
-    """Do a unit and write its files; return an empty text, or what went wrong."""
-    unit, place = task
-    path = Path(place)
-    try:
-        record, arrays = _do(unit, plan)
-        if arrays:
-            _write_arrays(path.with_suffix(".npz"), arrays)
-        write_json(path.with_suffix(".json"), record, indent=None)
-    except Exception as e:
-        return one_line(e)
-    return ""
-
-
-def _do(task: Task, plan: CasePlan) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    if task.kind == "anchors":
-        from horizonval.studies.regression.anchors import anchors
-
-        return {"anchors": anchors()}, {}
-    if task.kind == "replay":
-        assert task.pack is not None
-        return {"rows": replay_scene(task.pack, task.scene, plan)}, {}
-    assert task.case is not None
-    return render_scene(task.case, plan, task.replicates, task.known)
-
-
-def identity(task: Task, plan: CasePlan) -> str:
-    """Return the digest of what a unit's result depends on: the name of its files."""
-    case, table = None, ""
-    if task.case is not None:
-        table = task.case.table or ""
-        case = [task.case.scene.model_dump(mode="json"), task.case.camera.model_dump(mode="json")]
-    content = [task.kind, case, table, task.scene, sorted(task.known), task.depends_on, task.replicates]
-    code = code_digest(*CODE[task.kind], *code_of(plan.estimators if task.kind != "anchors" else ()))
-    text = json.dumps([content, plan.content(), code], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    with atomic.replacing(path) as temporary, open(temporary, "wb") as file:
-        np.savez_compressed(file, **dict(arrays))  # type: ignore[arg-type]

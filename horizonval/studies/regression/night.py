@@ -24,13 +24,15 @@ import numpy as np
 from horizonval.core import atomic
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
-from horizonval.jobs.pool import available_cpus
+from horizonval.jobs.engine import do
+from horizonval.jobs.execution import Execution
+from horizonval.jobs.kept import Record
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.regression import Lane, RegressionSpec
 from horizonval.store.folder import RunFolder, write_json
 from horizonval.studies.regression.baseline import history
 from horizonval.studies.regression.baseline.baseline import Baseline, frames_of, read_baseline, release_path
-from horizonval.studies.regression.bench import Done, Task, identity, sweep, work
+from horizonval.studies.regression.bench import NightWork, Task, sweep
 from horizonval.studies.regression.environment import environment
 from horizonval.studies.regression.images import compare_images
 from horizonval.studies.regression.junit import write_junit
@@ -182,16 +184,16 @@ class _Gathered:
         return tasks
 
     def _work(self, tasks: Mapping[str, Task]) -> None:
-        done = work(tasks, self.plan, self.wanted.out / WORK, self.wanted.workers or available_cpus(), self._progress)
-        self.identities |= {identity(task, self.plan) for task in tasks.values()}
-        for name, result in done.items():
-            if result.error is not None:
-                self.failed[name] = result.error
+        work = NightWork(self.plan, self.wanted.out / WORK)
+        self.identities |= {work.identity(task) for task in tasks.values()}
+        done = do(work, list(tasks.values()), Execution(self.wanted.workers), self._progress)
+        for name, one in done.items():
+            if one.result is None:
+                self.failed[name] = one.error or "its result cannot be read"
             else:
-                self._take(tasks[name], result)
+                self._take(tasks[name], one.result, work.arrays(tasks[name]))
 
-    def _take(self, task: Task, result: Done) -> None:
-        record = result.record
+    def _take(self, task: Task, record: Record, arrays: Path) -> None:
         if task.kind == "anchors":
             self.anchors = list(record["anchors"])
         elif task.kind == "replay":
@@ -205,7 +207,7 @@ class _Gathered:
             self.fresh += [replace(row, scene=scene) for row in _rows(record)]
         else:
             self.scenes[record["scene"]] = {key: record[key] for key in ("table", "camera", "truth", "bands")}
-            self.arrays[record["scene"]] = str(result.arrays)
+            self.arrays[record["scene"]] = str(arrays)
             self.rows += _rows(record)
 
     def all_rows(self) -> list[ReplicateRow]:

@@ -11,7 +11,7 @@ from scipy import stats
 
 from horizonval.store.folder import read_json
 from horizonval.studies.trade.sample import CONFIDENCE
-from horizonval.suites.case import PROCESSOR
+from horizonval.suites.units.scored import PROCESSOR
 
 FILE = "study-costs.json"
 

@@ -9,13 +9,14 @@ from typing import Any
 
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
+from horizonval.jobs.execution import Execution
 from horizonval.report.pages import study_page
 from horizonval.spec.study import Requirement
 from horizonval.store.folder import RunFolder, read_json
 from horizonval.studies.trade.conclude import Data, conclude, query, read_data
 from horizonval.studies.trade.design import expand, read_study
 from horizonval.studies.trade.plan import FILE, plan_of_study, read_plan, write_plan
-from horizonval.suites.run import Where, run_suite
+from horizonval.suites.run import run_suite
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def run_study(
     path_or_name: str | Path,
     out_dir: Path,
     *,
-    where: Where | None = None,
+    execution: Execution | None = None,
     progress: Progress | None = None,
     frames: int | None = None,
 ) -> StudyResult:
@@ -55,7 +56,7 @@ def run_study(
     path_or_name : str or Path
         A study file, or the name of a shipped study.
     out_dir : Path
-    where : Where, optional
+    execution : Execution, optional
     progress : Progress, optional
     frames : int, optional
         Conditions in place of the file's number.
@@ -69,7 +70,7 @@ def run_study(
     before = read_plan(out_dir)
     study = expand(spec, path, before.batches if before is not None and before.head.name == spec.study.name else None)
     try:
-        run = run_suite(study.suite, out_dir, progress=progress, where=where)
+        run = run_suite(study.suite, out_dir, progress=progress, execution=execution)
     finally:
         # Whatever was begun belongs to these batches of estimators: a later run must go on with them.
         claimed = read_json(RunFolder(out_dir).suite) or {}

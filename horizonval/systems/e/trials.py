@@ -8,9 +8,9 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.systems.e.case import METHODS, ROUNDING_DEG, exact_pass, rounded
+from horizonval.systems.e.localisation.celestial import ARCSEC, celestial_errors, normalised_squares, rms
+from horizonval.systems.e.localisation.pipeline import PassPositions, locate
 from horizonval.systems.e.noise import NoiseReading, noisy
-from horizonval.systems.e.orbit.celestial import ARCSEC, celestial_errors, normalised_squares, rms
-from horizonval.systems.e.orbit.pipeline import PassPositions, locate
 from horizonval.systems.task_cache import Plain, rng_of
 
 _AT_ONCE = 12

@@ -14,7 +14,7 @@ def test_another_seed_draws_other_scenes(monkeypatch, tmp_path):
         taken.append(suite)
         raise UserError("enough")
 
-    monkeypatch.setattr("horizonval.suites.run.run_suite", take)
+    monkeypatch.setattr("horizonval.commands.run.run", take)
     for seed in ("1", "9"):
         assert cli.run_command_line(["run", "strict", "--frames", "40", "--seed", seed, "--out", str(tmp_path)]) == 2
     own = load_suite("strict", 40)

@@ -14,13 +14,15 @@ import pytest
 
 import horizonval
 from horizonval.core import code
-from horizonval.suites.identity import FRAME_CODE, ROW_CODE, STABILITY_CODE, code_of
+from horizonval.studies.stability.part import CODE as STABILITY_CODE
+from horizonval.suites.identity import FRAME_CODE, RESCORED_CODE, ROW_CODE, code_of
 
 PACKAGE = Path(horizonval.__file__).parent
 KINDS = {
     "frame": FRAME_CODE,
     "row": (*ROW_CODE, *code_of(["guarded-altitude-free"])),
     "ideal row": (*ROW_CODE, *code_of(["ideal"])),
+    "rescored": RESCORED_CODE,
     "stability": STABILITY_CODE,
 }
 
@@ -68,7 +70,13 @@ def _added(text: str) -> str:
 
 @pytest.mark.parametrize(
     "name",
-    ["geometry/horizon.py", "renderer/scene/frame.py", "sensor/observe.py", "suites/case.py", "scoring/errors.py"],
+    [
+        "geometry/horizon.py",
+        "renderer/scene/frame.py",
+        "sensor/observe.py",
+        "suites/units/case.py",
+        "scoring/errors.py",
+    ],
 )
 def test_words_make_nothing_again(changed: Changed, name: str) -> None:
     assert changed(name, _with_words) == set()
@@ -78,7 +86,7 @@ def test_layout_makes_nothing_again(changed: Changed) -> None:
     assert changed("geometry/horizon.py", lambda text: ast.unparse(ast.parse(text))) == set()
 
 
-@pytest.mark.parametrize("name", ["cli/campaign.py", "report/wording.py", "systems/pages.py", "core/atomic.py"])
+@pytest.mark.parametrize("name", ["cli/campaign.py", "report/wording.py", "systems/pages.py", "jobs/engine.py"])
 def test_what_no_result_flows_through_makes_nothing_again(changed: Changed, name: str) -> None:
     assert changed(name, _added) == set()
 
@@ -91,12 +99,12 @@ def test_the_help_of_a_command_makes_nothing_again(changed: Changed) -> None:
     ("name", "kinds"),
     [
         ("renderer/kernel/march.py", {"frame", "row", "ideal row", "stability"}),
-        ("earth/column.py", {"frame", "row", "ideal row", "stability"}),
-        ("truth/frame_truth.py", {"frame", "row", "ideal row"}),
-        ("store/seal.py", {"frame", "row", "ideal row"}),
+        ("earth/column.py", {"frame", "row", "ideal row", "rescored", "stability"}),
+        ("truth/frame_truth.py", {"frame", "row", "ideal row", "rescored"}),
+        ("store/seal.py", {"frame", "row", "ideal row", "rescored"}),
         ("sensor/observe.py", {"row", "ideal row"}),
-        ("scoring/errors.py", {"row", "ideal row"}),
-        ("estimation/process/sandbox.py", {"row", "ideal row"}),
+        ("scoring/errors.py", {"row", "ideal row", "rescored"}),
+        ("estimation/process/sandbox.py", {"row", "ideal row", "rescored"}),
         ("estimation/methods/guarded.py", {"row"}),
     ],
 )
@@ -156,19 +164,19 @@ def test_a_module_that_is_not_there_is_an_error(package: dict[str, Path]) -> Non
 
 
 def test_the_digest_is_quick_and_the_same_in_every_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "from horizonval.core.code import code_digest as d; print(d('horizonval.suites.case'))"
+    text = "from horizonval.core.code import code_digest as d; print(d('horizonval.suites.units.case'))"
     made = [subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True) for _ in range(2)]
     assert made[0].stdout == made[1].stdout
-    assert made[0].stdout.strip() == code.code_digest("horizonval.suites.case")
+    assert made[0].stdout.strip() == code.code_digest("horizonval.suites.units.case")
     # Without what earlier processes left; and what they left does not change it.
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(code, "_known", None)
     code.code_digest.cache_clear()
-    assert code.code_digest("horizonval.suites.case") == made[0].stdout.strip()
+    assert code.code_digest("horizonval.suites.units.case") == made[0].stdout.strip()
     monkeypatch.setattr(code, "_known", None)
     code.code_digest.cache_clear()
     start = time.process_time()
-    code.code_digest("horizonval.suites.case")
+    code.code_digest("horizonval.suites.units.case")
     assert time.process_time() - start < 0.3
 
 

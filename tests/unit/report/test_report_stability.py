@@ -15,8 +15,8 @@ from horizonval.report import build_report
 from horizonval.report.figures import stability_plots as draw
 from horizonval.report.pages import stability as page
 from horizonval.spec.stability import EdgeSensor, FieldSensor, StabilityBand, StabilitySpec
-from horizonval.stability import study
-from horizonval.stability.profiles import LATITUDE_DEG, Profiles, heights_m
+from horizonval.studies.stability import study
+from horizonval.studies.stability.profiles import LATITUDE_DEG, Profiles, heights_m
 
 SPEC = StabilitySpec(
     altitude_km=900.0,

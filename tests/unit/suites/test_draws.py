@@ -10,13 +10,14 @@ import pytest
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Fit
+from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.scoring.repeats import noise_nees
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import Case, load_suite
 from horizonval.store.folder import RunFolder
-from horizonval.suites import case as module
-from horizonval.suites.case import Stopwatch
 from horizonval.suites.plan import CasePlan, units_of
+from horizonval.suites.units import case as module
+from horizonval.suites.units import scored
 
 SIGMA = 1e-4
 
@@ -65,9 +66,9 @@ def take(make_frame, monkeypatch, tmp_path):
             REFUSAL if off is None else fits_about(frame.truth.nadir_geocentric_cam, [off], sigma)[0] for off in offs
         ]
         sandbox = Scripted(answers)
-        monkeypatch.setattr(module, "sandbox_of", lambda _: sandbox)
+        monkeypatch.setattr(scored, "sandbox_of", lambda _: sandbox)
         plan, watch = CasePlan(("altitude-free",), draws=draws), Stopwatch()
-        taken = module._take(Case(scene, camera), plan, RunFolder(tmp_path), watch)
+        taken = module._make(Case(scene, camera), plan, RunFolder(tmp_path), watch).observed
         return taken, sandbox.seen, frame, camera, watch
 
     return run
@@ -124,11 +125,11 @@ def test_heads_are_drawn_together(make_frame, monkeypatch, tmp_path):
     for head, one in enumerate(unit.cases):
         images = [observe(frame, camera, seed=10 * head + seed) for seed in range(3)]
         band = one.camera.band[0].name
-        taken[one.name] = module._Taken(frame, None, {band: images[0]}, {band: images[1:]})
+        taken[str(one.scene.camera.head)] = scored.Observed({band: images[0]}, {band: images[1:]})
     fits = fits_about(frame.truth.nadir_geocentric_cam, [0.0, 1e-4, 3e-4])
     sandbox = Scripted(fits)
-    monkeypatch.setattr(module, "sandbox_of", lambda _: sandbox)
-    (row,) = module._take_together(unit, taken, plan, Stopwatch()).rows
+    monkeypatch.setattr(scored, "sandbox_of", lambda _: sandbox)
+    (row,) = scored.score_together(taken, unit.name, plan.together(unit.cases[0]), plan, Stopwatch()).rows
     assert (row.nees_noise, row.noise_draws) == (pytest.approx(noise_nees(fits).mean()), 3)
     for seed, observation in enumerate(sandbox.seen):
         for head, own in enumerate(observation.heads.values()):

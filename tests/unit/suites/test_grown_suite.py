@@ -15,11 +15,12 @@ from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
 from horizonval.core.progress import Silent
 from horizonval.core.refusal import Refusal
+from horizonval.jobs import engine
 from horizonval.scoring.table import read_results
-from horizonval.suites import case as of_case
-from horizonval.suites import run as of_run
 from horizonval.suites.run import run_suite
 from horizonval.suites.suite import load_suite, with_options
+from horizonval.suites.units import case as of_case
+from horizonval.suites.units import scored
 
 SUITE = """
 [suite]
@@ -58,8 +59,8 @@ def suite_file(make_frame, monkeypatch, tmp_path) -> Path:
     frame = make_frame()
     camera = frame.truth.camera_spec
     monkeypatch.setattr(of_case, "_frame", lambda *_: (frame, None))
-    monkeypatch.setattr(of_case, "sandbox_of", lambda _: Refusing())
-    monkeypatch.setattr(of_run, "run_cases", lambda work, units, _: ((unit, work(unit)) for unit in units))
+    monkeypatch.setattr(scored, "sandbox_of", lambda _: Refusing())
+    monkeypatch.setattr(engine, "run_in_processes", lambda work, items, *_, **__: ((one, work(one)) for one in items))
     monkeypatch.setattr(horizonval.report, "build_report", lambda folder: folder)
     text = '[camera]\nname = "small"\nwidth = 40\nheight = 30\nfov_deg = 60.0\n'
     for table, values in (("[optics]", camera.optics), ("[[band]]", camera.band[0]), ("[detector]", camera.detector)):

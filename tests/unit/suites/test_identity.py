@@ -7,7 +7,6 @@ import json
 import pytest
 
 from horizonval.spec.load import Suite, load_suite
-from horizonval.stability.case import cases_of
 from horizonval.suites import identity
 from horizonval.suites.plan import plan_of, units_of
 
@@ -135,8 +134,3 @@ def test_a_study_counts_for_the_suite_and_not_for_its_frames(load):
     one, two, three = load(), load(SUITE + STUDY), load(SUITE + STUDY.replace("900.0", "901.0"))
     assert len({identity.suite_identity(suite) for suite in (one, two, three)}) == 3
     assert len({identity.frame_identity(suite.cases[0]) for suite in (one, two, three)}) == 1
-    assert two.stability is not None
-    assert three.stability is not None
-    before, after = (identity.stability_identity(cases_of(s)[0]) for s in (two.stability, three.stability))
-    assert before != after
-    assert before == identity.stability_identity(cases_of(two.stability)[0])

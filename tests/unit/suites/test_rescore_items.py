@@ -7,7 +7,7 @@ import hashlib
 from synthetic import estimator
 
 from horizonval.store.entry import StoreEntry
-from horizonval.suites.rescore import items_of
+from horizonval.suites.units.archived import items_of
 
 
 def address(text: str) -> str:

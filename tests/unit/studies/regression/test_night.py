@@ -11,6 +11,7 @@ import pytest
 
 from horizonval import cli
 from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.jobs import engine
 from horizonval.studies.regression import bench
 from horizonval.studies.regression import night as nights
 from horizonval.studies.regression.accept import accept
@@ -32,7 +33,7 @@ ANCHOR = {"name": "stub", "verdict": "PASS", "found": 0.0, "limit": 1.0, "unit":
 def here():
     """Units are done in this process, and their anchors are a stub: both have tests of their own."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench, "run_cases", lambda work, cases, workers: ((case, work(case)) for case in cases))
+        patch.setattr(engine, "run_in_processes", lambda work, items, *_, **__: ((one, work(one)) for one in items))
         patch.setattr("horizonval.studies.regression.anchors.anchors", lambda: [dict(ANCHOR)])
         yield patch
 
@@ -157,19 +158,21 @@ def test_an_interrupted_night_goes_on(accepted, here, monkeypatch, tmp_path):
     wanted = replace(accepted, out=tmp_path / "out", lanes=("replay",))
     seen = []
 
-    def some(work, cases, workers):
-        for case in cases:
+    def some(work, items, workers, *, renderer):
+        for item in items:
             if len(seen) == 3:
                 raise KeyboardInterrupt
-            seen.append(case[0].name)
-            yield case, work(case)
+            seen.append(item.name)
+            yield item, work(item)
 
-    monkeypatch.setattr(bench, "run_cases", some)
+    monkeypatch.setattr(engine, "run_in_processes", some)
     with pytest.raises(KeyboardInterrupt):
         run_night(wanted)
     rest = []
     monkeypatch.setattr(
-        bench, "run_cases", lambda work, cases, workers: ((rest.append(c[0].name), (c, work(c)))[1] for c in cases)
+        engine,
+        "run_in_processes",
+        lambda work, items, *_, **__: ((rest.append(one.name), (one, work(one)))[1] for one in items),
     )
     assert run_night(wanted)["verdict"] == "PASS"
     assert len(rest) == 9 - 3

@@ -1,0 +1,217 @@
+"""Do items, keep each result, go on after a break: the one engine of suites, nights, studies and experiments.
+
+What the items are is said by a :class:`Work`: how one is made, and where its result is kept. The engine asks for what
+is kept already, has the rest made by processes of this machine or of a cluster, and hands every result over as it
+comes. What goes wrong with an item is that item's result: the others are made all the same. Whatever ends the engine,
+the same call goes on from what is kept.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from horizonval.core.errors import UserError, one_line
+from horizonval.core.progress import Progress
+from horizonval.jobs.cluster import run_on_cluster
+from horizonval.jobs.execution import Execution
+from horizonval.jobs.kept import Record, keep, kept
+from horizonval.jobs.pool import Results, run_in_processes
+from horizonval.jobs.stopwatch import Stopwatch
+
+I = TypeVar("I")  # noqa: E741
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Done(Generic[R]):
+    """What became of an item.
+
+    Attributes
+    ----------
+    result : object, or None
+        None where there is none.
+    error : str, or None
+        Why there is no result, on one line.
+    seconds : dict
+        By stage; empty for a result that was kept.
+    """
+
+    result: R | None
+    error: str | None = None
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+
+class Work(ABC, Generic[I, R]):
+    """How items of one kind are made and kept. Picklable: it goes to other processes with every item."""
+
+    renders: bool = True
+    """Whether the processes get a renderer, without which there is then no work."""
+    folder: Path | None = None
+    """What the workers of a cluster must see."""
+
+    @abstractmethod
+    def name(self, item: I) -> str:
+        """Return the name of an item: unique among those that are done together."""
+
+    @abstractmethod
+    def finished(self, item: I) -> R | None:
+        """Return the result of an item that needs no work any more, or None."""
+
+    @abstractmethod
+    def make(self, item: I, watch: Stopwatch) -> R:
+        """Make an item, keep its result, and return what the caller needs of it; in another process."""
+
+    def limit_s(self, item: I) -> float | None:
+        """Return the time after which the process of an item is ended, or None."""
+        return None
+
+    def lost(self, item: I, why: str) -> Done[R]:
+        """Return what becomes of an item whose processes died again and again."""
+        return Done(None, why)
+
+    def parts(self, item: I, done: Done[R] | None) -> Mapping[str, str | None]:
+        """Return what counts as finished with an item, and why it failed: several things, where it is made of them."""
+        return {self.name(item): None if done is None else done.error}
+
+
+class Recorded(Work[I, Record]):
+    """Work whose results are records in files of their own."""
+
+    @abstractmethod
+    def path(self, item: I) -> Path:
+        """Return the file of an item's record."""
+
+    @abstractmethod
+    def identity(self, item: I) -> str:
+        """Return the digest of everything that an item's result depends on, its code included."""
+
+    @abstractmethod
+    def record(self, item: I, watch: Stopwatch) -> Record:
+        """Make an item and return its record: plain data."""
+
+    def finished(self, item: I) -> Record | None:
+        """Return the record that is kept of an item."""
+        return kept(self.path(item), self.identity(item))
+
+    def make(self, item: I, watch: Stopwatch) -> Record:
+        """Make a record, keep it, and read it back: a result must not depend on what was still in memory."""
+        keep(self.path(item), self.identity(item), self.record(item, watch))
+        record = self.finished(item)
+        if record is None:
+            raise OSError(f"{self.path(item).name} cannot be read back")
+        return record
+
+
+def stream(
+    work: Work[I, R],
+    items: Iterable[I],
+    execution: Execution,
+    progress: Progress,
+    *,
+    unit: str = "",
+    what: str = "",
+) -> Iterator[tuple[I, Done[R]]]:
+    """Yield every item with what became of it: those that are finished already, then the others as they come.
+
+    Parameters
+    ----------
+    work : Work
+    items : iterable
+        Of anything picklable; all of them, whatever the shard.
+    execution : Execution
+    progress : Progress
+    unit, what : str
+        For the display: what is counted, and of what.
+
+    Raises
+    ------
+    UserError
+        Nothing on this machine can render, or the cluster cannot do the work.
+
+    Notes
+    -----
+    Closing the generator ends the workers at once; what they were doing is lost, nothing else.
+    """
+    ready: list[tuple[I, Done[R]]] = []
+    missing: list[I] = []
+    for item in execution.share(list(items)):
+        result = work.finished(item)
+        if result is None:
+            missing.append(item)
+        else:
+            ready.append((item, Done(result)))
+    left, there = (sum(len(work.parts(item, None)) for item in some) for some in (missing, [item for item, _ in ready]))
+    progress.start(left + there, there, unit=unit, what=what)
+    yield from ready
+    if not missing:
+        return
+    with contextlib.closing(_run(work, missing, execution)) as results:
+        for item, made in results:
+            done = work.lost(item, _died(work, item)) if made is None else made
+            for name, error in work.parts(item, done).items():
+                progress.done(name, failed=error)
+            yield item, done
+
+
+def do(
+    work: Work[I, R],
+    items: Sequence[I],
+    execution: Execution,
+    progress: Progress,
+    *,
+    unit: str = "",
+    what: str = "",
+) -> dict[str, Done[R]]:
+    """Return what became of every item, by its name and in the items' order; otherwise as :func:`stream`."""
+    done = {work.name(item): one for item, one in stream(work, items, execution, progress, unit=unit, what=what)}
+    return {name: done[name] for item in items if (name := work.name(item)) in done}
+
+
+def _run(work: Work[I, R], items: Sequence[I], execution: Execution) -> Results[I, Done[R] | None, None]:
+    function = partial(_safely, work)
+    if execution.dask is not None:
+        return run_on_cluster(function, items, execution.dask, work.folder or Path(), renderer=work.renders)
+    if work.renders:
+        from horizonval.renderer.plugin.backend import probe
+
+        if probe().chosen is None:
+            raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
+    return run_in_processes(function, items, execution.processes, renderer=work.renders)
+
+
+def _safely(work: Work[I, R], item: I) -> Done[R]:
+    watch = Stopwatch()
+    try:
+        with _ended_after(work.limit_s(item)):
+            result = work.make(item, watch)
+    except Exception as e:
+        return Done(None, one_line(e), watch.rounded())
+    return Done(result, None, watch.rounded())
+
+
+def _died(work: Work[I, R], item: I) -> str:
+    limit_s = work.limit_s(item)
+    longer = "" if limit_s is None else f", or more than {limit_s:g} s"
+    return f"the worker process died (out of memory, {'' if longer else 'or '}a crash{longer})"
+
+
+@contextlib.contextmanager
+def _ended_after(limit_s: float | None) -> Iterator[None]:
+    """End this process after a time, also inside foreign code that never comes back."""
+    if limit_s is None:
+        yield
+        return
+    with open(os.devnull, "w") as nowhere:
+        faulthandler.dump_traceback_later(limit_s, exit=True, file=nowhere)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()

@@ -1,0 +1,43 @@
+"""Results in files: each whole or not at all, each with the digest of everything that it depends on.
+
+A record is a JSON object in a file of its own. It says its identity, so that one that was made of something else, or by
+other code, is known for what it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from horizonval.core import atomic
+from horizonval.store.folder import read_json, write_json
+
+Record = dict[str, Any]
+
+
+def keep(path: Path, identity: str, record: Mapping[str, Any]) -> None:
+    """Write a record with its identity."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_json(path, {**record, "identity": identity}, indent=None)
+
+
+def kept(path: Path, identity: str) -> Record | None:
+    """Return a finished record of this identity; None if there is none, or one that says why there is no result."""
+    record = read_json(path)
+    if record is None or record.get("identity") != identity or record.get("error") is not None:
+        return None
+    return record
+
+
+def take_over(source: Path, target: Path, rooms: Iterable[str], wanted: Callable[[Path], bool]) -> None:
+    """Copy the files of another folder that ``target`` does not have, below some of its sub-folders.
+
+    They are looked at like the folder's own: what is damaged or of other code is made again.
+    """
+    for room in rooms:
+        for path in sorted((source / room).rglob("*")):
+            place = target / path.relative_to(source)
+            if path.is_file() and wanted(path) and not place.exists():
+                place.parent.mkdir(parents=True, exist_ok=True)
+                atomic.copy_file(path, place)

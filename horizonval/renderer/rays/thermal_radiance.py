@@ -1,0 +1,149 @@
+"""Thermal radiance along given rays through air that varies with latitude: no camera, no tables."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.column import OpticalModel
+from horizonval.earth.surface.surface import GroundModel
+from horizonval.renderer.planet import Planet
+from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.rays.radiance import check_observers, unit_directions
+from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
+from horizonval.renderer.thermal.emission_columns import AirColumns
+from horizonval.renderer.thermal.emission_ground import (
+    GroundSource,
+    kinds_of,
+    mirrored,
+    shares,
+    temperatures_k,
+)
+from horizonval.renderer.thermal.emission_march import march_emission
+from horizonval.renderer.types import Vec, vectors
+
+NODES = 256
+BATCH = 65536
+
+IntArray = NDArray[np.int64]
+
+
+def thermal_radiance(
+    model: OpticalModel,
+    radius_m: float,
+    observer_m: FloatArray,
+    direction: FloatArray,
+    *,
+    sun_itrs: tuple[float, float, float] = (1.0, 0.0, 0.0),
+    polar_radius_m: float | None = None,
+    nodes: int = NODES,
+    ground: GroundModel | None = None,
+) -> dict[str, FloatArray]:
+    """Return the radiance of every thermal band of a model along rays, ground included, clouds left out.
+
+    Parameters
+    ----------
+    model : OpticalModel
+        Its ``thermal`` bands and ``emission`` are used, and its ``refractivity`` if there is one.
+    radius_m : float
+        Radius of the planet, at the equator.
+    observer_m, direction : ndarray, shape (n, 3)
+        Planet-centred Earth-fixed axes, at or above the ground; directions need not be normalised.
+    sun_itrs : tuple of float
+        Towards the Sun: the hour of the day on land.
+    polar_radius_m : float, optional
+        Of an oblate planet; heights and latitudes are then geodetic.
+    nodes : int
+        Evaluations along each ray. The default is within 1e-4 of the limit where there is light to speak of.
+    ground : GroundModel, optional
+        Where the snow line lies; without it land has no seasonal snow.
+
+    Returns
+    -------
+    dict of ndarray, shape (n,)
+        W m-2 sr-1, by band name.
+
+    Raises
+    ------
+    UserError
+        An observer below the ground; a zero or non-finite vector.
+    """
+    activate()
+    direction = unit_directions(direction, "dir")
+    check_observers(observer_m, radius_m, polar_radius_m)
+    planet = Planet(radius_m, polar_radius_m or radius_m)
+    air = None if model.refractivity is None else to_apparent_radius(model, planet)
+    apparent = planet if air is None else air.planet
+    sun = np.asarray(sun_itrs, dtype=np.float64)
+    out: dict[str, FloatArray] = {}
+    for band in model.thermal:
+        assert model.emission is not None
+        columns, source = AirColumns.of(band, air), GroundSource(band, model.emission)
+        batches = list(columns.batches())
+        radiance = np.zeros(len(direction))
+        for first in range(0, len(direction), BATCH):
+            part = slice(first, first + BATCH)
+            o, d = vectors(observer_m[part]), vectors(direction[part])
+            o = o if air is None else air.apparent_position(o)
+            mid, _, meets = apparent.chord(o, d)
+            to_ground = meets & (mid > 0.0)
+            ends = np.flatnonzero(np.array(to_ground))
+            p, normal, up = _ground_points(apparent, o, d, ends)
+            cosine = -np.sum(normal * direction[part][ends], axis=1)
+            first_g = 0
+            for batch in batches:
+                more, through, _ = march_emission(apparent, columns.top_m, batch, o, d, to_ground, nodes)
+                radiance[part] += sum(np.array(m) for m in more)
+                if ends.size:
+                    points = slice(first_g, first_g + batch.used)
+                    mirror = np.zeros((batch.used, len(ends)))
+                    if source.mirrors:
+                        above, _, _ = march_emission(apparent, columns.top_m, batch, p, up, mi.Bool(False), nodes // 2)
+                        mirror = np.stack([np.array(a) for a in above])
+                    below = ground_radiance(source, points, ground, normal, cosine, sun, mirror)
+                    radiance[first + ends] += sum(np.array(t)[ends] * b for t, b in zip(through, below, strict=True))
+                first_g += batch.used
+        out[band.name] = radiance
+    return out
+
+
+def _ground_points(planet: Planet, o: Vec, d: Vec, index: IntArray) -> tuple[Vec, FloatArray, Vec]:
+    """Return points on the ground, normals (n, 3) and mirrored directions of some rays."""
+    at = mi.UInt32(index)
+    if not index.size:
+        return o, np.zeros((0, 3)), d
+
+    def gather(v: Vec) -> Vec:
+        x, y, z = (dr.gather(mi.Float64, c, at) for c in v)
+        return x, y, z
+
+    p, normal, up = mirrored(planet, gather(o), gather(d))
+    dr.eval(p, normal, up)
+    return p, np.stack([np.array(c) for c in normal], axis=1), up
+
+
+def ground_radiance(
+    source: GroundSource,
+    points: slice,
+    ground: GroundModel | None,
+    normal: FloatArray,
+    cosine: FloatArray,
+    sun: FloatArray,
+    mirror: FloatArray,
+) -> FloatArray:
+    """Return what leaves the ground, shape (g, n), for the g points of a slice.
+
+    At unit normals (n, 3) under view cosines (n,); ``mirror`` (g, n) is the air along the reflected rays.
+    """
+    emission = source.emission
+    sky = source.sky_at(normal[:, 2], points)
+    kinds, warmth = shares(emission, ground, normal), temperatures_k(emission, normal, sun)
+    total = np.zeros_like(sky)
+    for kind in kinds_of(emission):
+        e = source.emissivities(kind, cosine, points)
+        above = mirror if kind == "water" else sky
+        total += kinds[kind] * (e * source.black(warmth[kind], points) + (1.0 - e) * above)
+    return total

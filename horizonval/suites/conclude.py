@@ -1,0 +1,41 @@
+"""What is made of all rows at the end: the table, the summary, the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from horizonval.core.code import code_version
+from horizonval.scoring.row import Row
+from horizonval.store.folder import RunFolder, write_json
+
+
+def conclude(
+    folder: RunFolder,
+    suite: str | None,
+    rows: Sequence[Row],
+    failed: Mapping[str, str],
+    more: Mapping[str, Any] | None = None,
+) -> tuple[dict[str, Any], Path]:
+    """Write table, summary and report; return the summary and the report's first page.
+
+    Parameters
+    ----------
+    folder : RunFolder
+    suite : str or None
+        Name of the suite, where it is known.
+    rows : sequence of Row
+    failed : mapping of str to str
+        Cases without a result, and why.
+    more : mapping, optional
+        What else the summary holds.
+    """
+    from horizonval.report import build_report
+    from horizonval.scoring.summary import summarise
+    from horizonval.scoring.table import write_results
+
+    summary = {"suite": suite, "version": code_version(), "failed": dict(failed), **summarise(rows), **(more or {})}
+    write_results(rows, folder.results)
+    write_json(folder.summary, summary)
+    return summary, build_report(folder.root)

@@ -1,0 +1,147 @@
+"""From images to rows: every estimator runs on every draw of the noise, and what it claims is compared with the truth.
+
+Where the images come from does not matter: a case that was rendered and one read from an archive are scored alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Fit, Observation
+from horizonval.estimation.process.sandbox import sandbox_of
+from horizonval.frame import DetectorImage, FrameTruth
+from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.scoring.errors import score
+from horizonval.scoring.expected import Expected, expected_of_heads, expected_outcome
+from horizonval.scoring.repeats import mean_noise_nees
+from horizonval.scoring.row import Row, make_row
+from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads
+from horizonval.suites.plan import CasePlan
+from horizonval.suites.record import details_of
+
+PROCESSOR = "processor "
+"""With an estimator's name, the stage of its processor time; ``estimate`` with the name is that of the clock."""
+
+DRAWS = "draws"
+"""The stage of everything about the second and further draws of the noise: what a frame costs does not hang on them."""
+
+
+@dataclass
+class Observed:
+    """The images of one camera at one instant, and what the estimators made of them.
+
+    Attributes
+    ----------
+    images : dict of DetectorImage
+        By band, in the order of the camera file.
+    redrawn : dict of list of DetectorImage
+        By band, the images with other noise.
+    rows : list of Row
+    details : dict
+        What the report draws over the images.
+    expected : dict of Expected
+        By band and by what an estimator needs.
+    """
+
+    images: dict[str, DetectorImage]
+    redrawn: dict[str, list[DetectorImage]] = field(default_factory=dict)
+    rows: list[Row] = field(default_factory=list)
+    details: dict[str, Any] = field(default_factory=dict)
+    expected: dict[tuple[str, str], Expected] = field(default_factory=dict)
+
+    @property
+    def truth(self) -> FrameTruth:
+        """The truth of the first band's image."""
+        return next(iter(self.images.values())).truth
+
+    def expected_of(self, band: str, needs: Literal["image", "pose", "heads"]) -> Expected:
+        """Return the expected outcome, worked out once for all estimators that need the same."""
+        if (band, needs) not in self.expected:
+            self.expected[band, needs] = expected_outcome(self.images[band].truth, band, needs=needs)
+        return self.expected[band, needs]
+
+
+def score_alone(observed: Observed, name: str, estimators: Iterable[str], plan: CasePlan, watch: Stopwatch) -> None:
+    """Run estimators that see one image, and add their rows under the name of a case."""
+    names = list(estimators)
+    for number, (band, image) in enumerate(observed.images.items()):
+        for estimator in names:
+            drawn = (image, *observed.redrawn.get(band, ()))
+            observations = (observation_of(one, plan.estimator(estimator)) for one in drawn)
+            _score(observed, name, band, number, estimator, observations, plan, watch)
+
+
+def score_together(
+    heads: Mapping[str, Observed], name: str, estimators: Iterable[str], plan: CasePlan, watch: Stopwatch
+) -> Observed:
+    """Run estimators that need all heads; images and truth of what is returned are the first head's.
+
+    Parameters
+    ----------
+    heads : mapping of Observed
+        By the heads' names, in the order of the camera file, which decides whose camera frame an answer is in.
+    name : str
+        Of the rows.
+    estimators : iterable of str
+    plan : CasePlan
+    watch : Stopwatch
+    """
+    names, first = list(estimators), next(iter(heads.values()))
+    scene = Observed(first.images)
+    for number, band in enumerate(first.images):
+        if any(band not in one.images for one in heads.values()):
+            continue
+        draws = [{head: one.images[band] for head, one in heads.items()}]
+        draws += [{head: one.redrawn[band][k] for head, one in heads.items()} for k in range(plan.draws - 1)]
+        scene.expected[band, "heads"] = expected_of_heads([one.expected_of(band, "heads") for one in heads.values()])
+        for estimator in names:
+            observations = (observation_of_heads(images, plan.estimator(estimator)) for images in draws)
+            _score(scene, name, band, number, estimator, observations, plan, watch)
+    # The Sun troubles the head it is nearest to, which need not be the first.
+    nearest_rad = min(one.truth.sun_boresight_rad for one in heads.values())
+    scene.rows = [replace(row, sun_boresight_deg=math.degrees(nearest_rad)) for row in scene.rows]
+    return scene
+
+
+def _score(
+    observed: Observed,
+    name: str,
+    band: str,
+    band_number: int,
+    estimator_name: str,
+    observations: Iterator[Observation],
+    plan: CasePlan,
+    watch: Stopwatch,
+) -> None:
+    """Run one estimator on the observations of a frame, one for every draw of the noise, and add its row."""
+    estimator, truth = plan.estimator(estimator_name), observed.images[band].truth
+    with watch.stage(f"estimate {estimator_name}"):
+        sandbox = sandbox_of(plan.limits)
+        result: Fit | Refusal = sandbox.run(estimator_name, next(observations))
+    if sandbox.spent_s is not None:
+        watch.add(PROCESSOR + estimator_name, sandbox.spent_s)
+    results = [result]
+    for other in observations:
+        with watch.stage(DRAWS):
+            results.append(sandbox.run(estimator_name, other))
+    fits = [one for one in results if isinstance(one, Fit)]
+    with watch.stage("score"):
+        scored = score(truth, estimator, result, earth_radius_m=method_radius_m(truth))
+        if plan.draws > 1:
+            scored = replace(scored, nees_noise=mean_noise_nees(fits), noise_draws=len(fits))
+        row = make_row(
+            case=name,
+            camera=truth.camera_name,
+            band=band,
+            estimator=estimator_name,
+            truth=truth,
+            expected=observed.expected_of(band, estimator.needs),
+            score=scored,
+        )
+    observed.rows.append(row)
+    # The report draws the first band; further bands keep their own entry beside it.
+    observed.details[estimator_name if band_number == 0 else f"{estimator_name} [{band}]"] = details_of(result)

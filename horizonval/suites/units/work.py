@@ -1,0 +1,84 @@
+"""The units of a suite as work for the engine: what is finished already, what is made, what is given up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from horizonval.jobs.engine import Done, Work
+from horizonval.jobs.kept import keep, kept
+from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.scoring.row import Row
+from horizonval.store.folder import RunFolder
+from horizonval.store.store import Store
+from horizonval.suites.identity import unit_identity
+from horizonval.suites.plan import CasePlan, Unit
+from horizonval.suites.record import Record
+from horizonval.suites.units.case import failed_records, records_of
+
+
+@dataclass(frozen=True)
+class Brief:
+    """What a run keeps of a record in memory: its rows, and why there is no result."""
+
+    rows: list[Row]
+    error: str | None
+
+    @classmethod
+    def of(cls, record: Record) -> Brief:
+        """Return the brief of a record."""
+        return cls([Row.from_dict(row) for row in record["rows"]], record["error"])
+
+
+Briefs = dict[str, Brief]
+"""Of a unit, by the names of its results."""
+
+
+class UnitWork(Work[Unit, Briefs]):
+    """Units of a suite, into the folder of its run."""
+
+    def __init__(self, plan: CasePlan, folder: RunFolder) -> None:
+        self.plan, self.run = plan, folder
+        self.folder: Path | None = folder.root
+
+    def name(self, item: Unit) -> str:
+        """Return the name of the case, or of the scene of several heads."""
+        return item.name
+
+    def limit_s(self, item: Unit) -> float:
+        """Return the time that all frames of a unit may take."""
+        return self.plan.frame_limit_s * len(item.cases)
+
+    def parts(self, item: Unit, done: Done[Briefs] | None) -> Mapping[str, str | None]:
+        """Count frames: a scene's result of all its heads is none."""
+        briefs = (None if done is None else done.result) or {}
+        return {case.name: briefs[case.name].error if case.name in briefs else None for case in item.cases}
+
+    def finished(self, item: Unit) -> Briefs | None:
+        """Return what is finished of a unit whose every archived file is there and undamaged."""
+        identity, store = unit_identity(item, self.plan), Store(self.run.archive)
+        found = {}
+        for name in item.names:
+            record = kept(self.run.case(name), identity)
+            if record is None:
+                return None
+            addresses = [a for a in (record["truth_frame"], *record["images"].values()) if a is not None]
+            if not all(store.is_intact(address) for address in addresses):
+                return None
+            found[name] = Brief.of(record)
+        return found
+
+    def make(self, item: Unit, watch: Stopwatch) -> Briefs:
+        """Make a unit and write its records."""
+        return self._keep(item, records_of(item, self.plan, self.run, watch))
+
+    def lost(self, item: Unit, why: str) -> Done[Briefs]:
+        """Write records for a unit that cannot be made."""
+        return Done(self._keep(item, failed_records(item, self.plan, dict.fromkeys(item.names, why))), why)
+
+    def _keep(self, unit: Unit, records: Mapping[str, Record]) -> Briefs:
+        identity = unit_identity(unit, self.plan)
+        for name, record in records.items():
+            keep(self.run.case(name), identity, record)
+        return {name: Brief.of(record) for name, record in records.items()}

@@ -1,0 +1,177 @@
+"""From two stations' angles to a satellite's orbit: the plain way, the published way, and a fit of the whole pass.
+
+``plain``: two-ray least squares at every instant. ``proposed``: the published order, rotate, smooth, least
+squares, adaptive Kalman filter, celestial coordinates; then the filter's way back. ``batch``: all angles at once.
+
+The filter is given smoothed positions, whose errors hang together over the smoother's width, and takes them as
+independent: it counts the same news ``1 / mean |row|^2`` times (rows of the smoother). Its states are hardly touched by
+that, its covariances are too small by this factor; here they are multiplied by it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+from numpy.polynomial import polynomial
+from numpy.typing import ArrayLike
+
+from horizonval.core.arrays import FloatArray
+from horizonval.geometry.rotation import itrs_from_gcrs, turn
+from horizonval.systems.e.localisation.batch import OrbitFit, fit_orbit
+from horizonval.systems.e.localisation.kalman import Track, filter_positions, rts_smoother
+from horizonval.systems.e.localisation.motion import propagate, transition
+from horizonval.systems.e.localisation.smoothing import KernelChoice, choose_kernel, smooth, smoother_matrix
+from horizonval.systems.e.localisation.stations import Station
+from horizonval.systems.e.localisation.triangulation import triangulate, triangulate_with_partials
+
+ALPHA = 0.995
+"""Forgetting factor: a memory of 200 measurements, about a pass. The published 0.3 remembers one or two."""
+
+_START_S, _START_LEAST = 20.0, 12
+_START_SPEED_M_S = 100.0
+_DRIFT = 1e-8
+"""Variance that a step adds to begin with [m^2 and m^2/s^2]: the motion is good to metres over the pass."""
+
+
+@dataclass(frozen=True)
+class TwoStationPass:
+    """What two stations measured, and when.
+
+    Attributes
+    ----------
+    stations : two stations
+    epoch_utc : datetime
+    times_s : ndarray, shape (n,)
+        After the epoch, equal steps.
+    angles_rad : ndarray, shape (n, 4)
+        Azimuth and elevation of the first, then of the second station.
+    covariance_rad2 : ndarray, shape (4, 4) or (n, 4, 4), or None
+        Of the errors that differ from instant to instant. None: as the directions' scatter says, alike in all four.
+    consider_partials_rad : ndarray, shape (n, 4, k), or None
+        Consider partials: what one standard deviation of each error that lasts does to the angles.
+    """
+
+    stations: tuple[Station, Station]
+    epoch_utc: datetime
+    times_s: FloatArray
+    angles_rad: FloatArray
+    covariance_rad2: FloatArray | None = None
+    consider_partials_rad: FloatArray | None = None
+
+    @property
+    def directions_itrs(self) -> tuple[FloatArray, FloatArray]:
+        """Unit vectors, shape (n, 3), of the two stations."""
+        a = self.angles_rad
+        first, second = self.stations
+        return first.directions_itrs(a[:, 0], a[:, 1]), second.directions_itrs(a[:, 2], a[:, 3])
+
+
+@dataclass(frozen=True)
+class PassPositions:
+    """Positions of a pass, celestial axes.
+
+    Attributes
+    ----------
+    plain, smoothed, filtered, proposed, batch : ndarray, shape (n, 3)
+        [m]; ``filtered`` knows the past only, ``proposed`` is after the filter's way back.
+    filtered_covariances, proposed_covariances, batch_covariances : ndarray, shape (n, 3, 3)
+        [m^2]
+    kernel : KernelChoice
+    repeats : float
+        How many neighbouring smoothed directions tell the same.
+    orbit : OrbitFit
+    """
+
+    plain: FloatArray
+    smoothed: FloatArray
+    filtered: FloatArray
+    proposed: FloatArray
+    batch: FloatArray
+    filtered_covariances: FloatArray
+    proposed_covariances: FloatArray
+    batch_covariances: FloatArray
+    kernel: KernelChoice
+    repeats: float
+    orbit: OrbitFit
+
+
+def locate(measured: TwoStationPass, *, alpha: float = ALPHA) -> PassPositions:
+    """Run all three ways over a pass of at least some 40 measurements."""
+    t, angles = measured.times_s, measured.angles_rad
+    first, second = measured.stations
+    turns = itrs_from_gcrs(measured.epoch_utc, t)
+    back = np.swapaxes(turns, -1, -2)
+    raw = measured.directions_itrs
+    kernel = choose_kernel(t, *raw)
+    smoothed = [smooth(t, u, kernel.kernel) for u in raw]
+    # itrs -> gcrs
+    plain, positions = (turn(back, triangulate(first.r_itrs, second.r_itrs, *u)[0]) for u in (raw, smoothed))
+    spread = measured.covariance_rad2
+    if spread is None:
+        spread = np.eye(4) * _angle_sigma(kernel.sigma_rad, angles) ** 2
+    share = float(np.sum(smoother_matrix(t, kernel.kernel) ** 2) / len(t))
+    partials = back @ triangulate_with_partials(measured.stations, angles)[1]
+    r = share * np.mean(partials @ spread @ np.swapaxes(partials, -1, -2), axis=0)
+    track = follow(t, positions, r, alpha=alpha)
+    states, covariances = rts_smoother(track)
+    middle = len(t) // 2
+    orbit = fit_orbit(
+        measured.stations, t, angles, spread, turns, _carried(states[middle], t, middle), measured.consider_partials_rad
+    )
+    considered = _considered(partials, measured.consider_partials_rad)
+    return PassPositions(
+        plain=plain,
+        smoothed=positions,
+        filtered=track.states[:, :3],
+        proposed=states[:, :3],
+        batch=orbit.states_gcrs[:, :3],
+        filtered_covariances=track.covariances[:, :3, :3] / share + considered,
+        proposed_covariances=covariances[:, :3, :3] / share + considered,
+        batch_covariances=orbit.covariances[:, :3, :3],
+        kernel=kernel,
+        repeats=1.0 / share,
+        orbit=orbit,
+    )
+
+
+def follow(times_s: ArrayLike, r_gcrs: ArrayLike, covariance: ArrayLike, *, alpha: float = ALPHA) -> Track:
+    """Return the adaptive filter's track of positions, shape (n, 3), that all have the same covariance (3, 3).
+
+    It begins with a cubic through the first 20 s (at least 12 positions), and believes its speed to 100 m/s.
+    """
+    t, r = np.asarray(times_s, float), np.asarray(r_gcrs, float)
+    early = t <= max(t[0] + _START_S, t[min(_START_LEAST, len(t)) - 1])
+    coefficients = polynomial.polyfit(t[early] - t[0], r[early], 3)
+    spread = np.zeros((6, 6))
+    spread[:3, :3] = 4.0 * np.asarray(covariance, float)
+    spread[3:, 3:] = _START_SPEED_M_S**2 * np.eye(3)
+    return filter_positions(
+        t,
+        r,
+        covariance,
+        _DRIFT * np.eye(6),
+        np.concatenate(coefficients[:2]),
+        spread,
+        lambda x, dt: (propagate(x, dt), transition(x, dt)),
+        alpha=alpha,
+    )
+
+
+def _considered(partials: FloatArray, consider_partials_rad: FloatArray | None) -> FloatArray:
+    """Return the covariance that lasting errors leave in a position: neither smoother nor filter takes it away."""
+    if consider_partials_rad is None:
+        return np.zeros((len(partials), 3, 3))
+    position_partials = partials @ consider_partials_rad
+    return position_partials @ np.swapaxes(position_partials, -1, -2)
+
+
+def _angle_sigma(sigma_rad: float, angles_rad: FloatArray) -> float:
+    """Return the angles' sigma from the directions': azimuth's error moves a direction by its cosine of elevation."""
+    return sigma_rad * float(np.sqrt(2.0 / (1.0 + np.mean(np.cos(angles_rad[:, 1::2]) ** 2))))
+
+
+def _carried(state: FloatArray, t: FloatArray, at: int) -> FloatArray:
+    """Return the state at the middle of the pass, which need not be a measurement's instant."""
+    return propagate(state, float(t[0] + t[-1]) / 2.0 - float(t[at]))

@@ -1,0 +1,157 @@
+"""The one engine: what is kept is not made again, what fails is a result, what dies costs itself alone."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+import horizonval
+from horizonval.core.progress import Silent
+from horizonval.jobs import engine
+from horizonval.jobs.engine import Recorded, do, stream
+from horizonval.jobs.execution import Execution, parse_shard
+from horizonval.jobs.kept import Record, keep, kept
+from horizonval.jobs.stopwatch import Stopwatch
+
+PACKAGE = Path(horizonval.__file__).parent
+
+
+class Squares(Recorded[int]):
+    """Squares of numbers; 13 is a mistake, 17 kills its process, 19 takes for ever."""
+
+    renders = False
+
+    def __init__(self, folder: Path, code: str = "now") -> None:
+        self.place, self.code = folder, code
+
+    def name(self, item: int) -> str:
+        return str(item)
+
+    def path(self, item: int) -> Path:
+        return self.place / f"{item}.json"
+
+    def identity(self, item: int) -> str:
+        return f"{item} {self.code}"
+
+    def limit_s(self, item: int) -> float | None:
+        return 1.0 if item == 19 else None
+
+    def record(self, item: int, watch: Stopwatch) -> Record:
+        with watch.stage("square"), (self.place / "made").open("a") as file:
+            file.write(f"{item}\n")
+        if item == 13:
+            raise ValueError("bad\nluck")
+        if item == 17:
+            os.kill(os.getpid(), signal.SIGKILL)
+        while item == 19:
+            pass
+        return {"square": item * item}
+
+
+class Telling(Silent):
+    def __init__(self) -> None:
+        self.begun: list[tuple[int, int, str, str]] = []
+        self.ended: dict[str, str | None] = {}
+
+    def start(self, total: int, kept: int, *, unit: str = "", what: str = "") -> None:
+        self.begun.append((total, kept, unit, what))
+
+    def done(self, name: str, *, failed: str | None = None) -> None:
+        self.ended[name] = failed
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Items are made in this process."""
+    monkeypatch.setattr(engine, "run_in_processes", lambda work, items, *_, **__: ((one, work(one)) for one in items))
+
+
+def made(folder: Path) -> list[int]:
+    path = folder / "made"
+    return [int(line) for line in path.read_text().split()] if path.exists() else []
+
+
+@pytest.mark.usefixtures("here")
+def test_what_is_kept_is_not_made_again(tmp_path: Path) -> None:
+    first = do(Squares(tmp_path), [3, 1], Execution(1), Silent())
+    assert {name: one.result["square"] for name, one in first.items() if one.result} == {"3": 9, "1": 1}
+    assert all(set(one.seconds) == {"square"} for one in first.values())
+    told = Telling()
+    again = do(Squares(tmp_path), [2, 3, 1], Execution(1), told, unit="squares", what="arithmetic")
+    assert list(again) == ["2", "3", "1"], "in the items' order"
+    assert [dict(again[name].seconds) for name in ("3", "1")] == [{}, {}]
+    assert (told.begun, told.ended) == ([(3, 2, "squares", "arithmetic")], {"2": None})
+    assert sorted(made(tmp_path)) == [1, 2, 3]
+
+
+@pytest.mark.usefixtures("here")
+def test_other_code_or_damage_makes_it_again(tmp_path: Path) -> None:
+    do(Squares(tmp_path), [3, 4], Execution(1), Silent())
+    (tmp_path / "4.json").write_text('{"square": 1')
+    do(Squares(tmp_path), [3, 4], Execution(1), Silent())
+    assert made(tmp_path) == [3, 4, 4]
+    do(Squares(tmp_path, "later"), [3, 4], Execution(1), Silent())
+    assert made(tmp_path) == [3, 4, 4, 3, 4]
+
+
+def test_what_goes_wrong_is_the_items_own_result(tmp_path: Path) -> None:
+    told = Telling()
+    done = do(Squares(tmp_path), [13, 2, 17, 19], Execution(2), told)
+    assert done["2"].result == {"square": 4, "identity": "2 now"}
+    assert str(done["13"].error).startswith("ValueError at test_engine.py:")
+    assert str(done["13"].error).endswith(": bad luck")
+    assert done["17"].error == "the worker process died (out of memory, or a crash)"
+    assert done["19"].error == "the worker process died (out of memory, a crash, or more than 1 s)"
+    assert told.ended == {name: one.error for name, one in done.items()}
+    # What has no result is tried again.
+    assert do(Squares(tmp_path), [13], Execution(1), Silent())["13"].error is not None
+
+
+@pytest.mark.usefixtures("here")
+def test_it_goes_on_after_a_break(tmp_path: Path) -> None:
+    running = stream(Squares(tmp_path), [1, 2, 3], Execution(1), Silent())
+    next(running)
+    running.close()
+    assert made(tmp_path) == [1]
+    do(Squares(tmp_path), [1, 2, 3], Execution(1), Silent())
+    assert made(tmp_path) == [1, 2, 3]
+
+
+@pytest.mark.usefixtures("here")
+def test_shards_make_the_whole(tmp_path: Path) -> None:
+    for i in (1, 2, 3):
+        do(Squares(tmp_path), [1, 2, 3, 4], Execution(1, shard=(i, 3)), Silent())
+    assert made(tmp_path) == [1, 4, 2, 3]
+    assert parse_shard("2/3") == (2, 3)
+
+
+def test_a_record_says_what_it_is_of(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "a.json"
+    keep(path, "x", {"value": 1})
+    assert json.loads(path.read_text()) == {"identity": "x", "value": 1}
+    assert kept(path, "x") == {"identity": "x", "value": 1}
+    assert kept(path, "y") is None
+    keep(path, "x", {"error": "it broke"})
+    assert kept(path, "x") is None
+
+
+def test_there_is_one_engine() -> None:
+    """Processes for items are started in one place, and asked for in one."""
+    pools = {"ProcessPoolExecutor", "ThreadPoolExecutor", "Pool"}
+    found = set()
+    for path in PACKAGE.rglob("*.py"):
+        names = {
+            name
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.ImportFrom)
+            for name in [alias.name for alias in node.names]
+        }
+        place = path.relative_to(PACKAGE).as_posix()
+        found |= {(place, "pool")} if names & pools else set()
+        found |= {(place, "runs")} if names & {"run_in_processes", "run_on_cluster"} else set()
+    assert found == {("jobs/pool.py", "pool"), ("jobs/engine.py", "runs")}
