@@ -84,9 +84,10 @@ def cost_lines(cost: Cost, processors: int) -> list[str]:
         f"{size(cost.memory_mb)} a process, {size(cost.disk_mb)} on disk"
     ]
     if cost.tables:
+        time = seconds(cost.tables_s / processors)
         lines.append(
-            f"      and up to {seconds(cost.tables_s / processors)} for {cost.tables} tables of multiple scattering that "
-            "no earlier run has left in the cache"
+            f"      and up to {time} for {cost.tables} tables of multiple scattering that no earlier run has left in the "
+            "cache"
         )
     return lines
 
