@@ -62,8 +62,8 @@ class Data:
             There is no such design.
         """
         a, b = (self.plan.design(name, "--compare").name for name in (first, second))
-        found = compare(self.samples[a], self.samples[b], self.draws, error_deg)
-        return {"a": a, "b": b, "error_deg": error_deg, **found}
+        comparison = compare(self.samples[a], self.samples[b], self.draws, error_deg)
+        return {"a": a, "b": b, "error_deg": error_deg, **comparison}
 
 
 def read_data(plan: StudyPlan, root: Path) -> Data:
@@ -85,17 +85,17 @@ def read_data(plan: StudyPlan, root: Path) -> Data:
     order = sorted(set(plan.conditions.values()))
     samples, frames = {}, {}
     for design in plan.designs:
-        found = by_design.get((design.frames, design.estimator), [])
-        if not found:
+        design_rows = by_design.get((design.frames, design.estimator), [])
+        if not design_rows:
             raise UserError(f"no results of design {design.name!r}", where=str(root), fix="run the study again")
-        bands = sorted({row.band for _, row in found})
-        keyed = {condition if len(bands) == 1 else f"{condition} {row.band}": row for condition, row in found}
+        bands = sorted({row.band for _, row in design_rows})
+        keyed = {condition if len(bands) == 1 else f"{condition} {row.band}": row for condition, row in design_rows}
         cluster = {
             condition if len(bands) == 1 else f"{condition} {row.band}": order.index(plan.conditions[condition])
-            for condition, row in found
+            for condition, row in design_rows
         }
         samples[design.name] = sample_of(keyed, cluster)
-        frames[design.name] = [(row.case, len(bands)) for _, row in found]
+        frames[design.name] = [(row.case, len(bands)) for _, row in design_rows]
     draws = cluster_draws(len(order), plan.head.name, plan.head.seed)
     return Data(plan, samples, draws, frames, tuple(summary.get("failed") or ()), str(summary.get("version") or ""))
 
@@ -124,7 +124,7 @@ def conclude(data: Data, root: Path) -> tuple[Plain, Plain]:
         "pairs": [data.compare(a, b, requirement.error_deg) for a, b in _neighbours(designs, chosen)],
         "query": query(data, designs, requirement, "pixel_rate", {}),
     }
-    prices = {name: found["value"] for name, found in costs["designs"].items()}
+    prices = {name: seconds["value"] for name, seconds in costs["designs"].items()}
     costs |= {
         "front": _front(designs, p95, prices),
         "query": query(data, designs, requirement, "processor", prices),
@@ -141,7 +141,7 @@ def query(
     """Return the cheapest design for a requirement, which need not be the study's own."""
     from horizonval.studies.trade.proportion import proportion
 
-    asked = [
+    shares = [
         {
             "name": design["name"],
             "within": proportion(
@@ -151,7 +151,7 @@ def query(
         for design in designs
     ]
     prices = {d["name"]: d["pixel_rate"] for d in designs} if by == "pixel_rate" else seconds
-    return cheapest(asked, requirement, by, prices)
+    return cheapest(shares, requirement, by, prices)
 
 
 def _design(number: int, design: Design, data: Data) -> Plain:

@@ -20,11 +20,11 @@ Plain = dict[str, Any]
 
 def read_timings(folder: Path) -> dict[str, dict[str, float]]:
     """Return the seconds of every stage by case, those of all shards together."""
-    found: dict[str, dict[str, float]] = {}
+    timings: dict[str, dict[str, float]] = {}
     for path in sorted(folder.glob("timings*.json")):
         for case, stages in ((read_json(path) or {}).get("cases") or {}).items():
-            found[case] = stages
-    return found
+            timings[case] = stages
+    return timings
 
 
 def cost_of(frames: Iterable[tuple[str, int]], estimator: str, timings: Mapping[str, Mapping[str, float]]) -> Plain:
