@@ -86,8 +86,8 @@ def cost_lines(cost: Cost, processors: int) -> list[str]:
     if cost.tables:
         time = seconds(cost.tables_s / processors)
         lines.append(
-            f"      and up to {time} for {cost.tables} tables of multiple scattering that no earlier run has left in the "
-            "cache"
+            f"      and up to {time} for {cost.tables} tables of multiple scattering that no earlier run has left in "
+            "the cache"
         )
     return lines
 
