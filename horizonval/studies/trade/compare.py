@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.studies.trade.effects import FLOOR_DEG
 from horizonval.studies.trade.measures import FEWEST_DRAWN, rms
 from horizonval.studies.trade.sample import Sample, interval_of
 
-Plain = dict[str, Any]
 
-
-def compare(a: Sample, b: Sample, draws: FloatArray, error_deg: float) -> Plain:
+def compare(a: Sample, b: Sample, draws: FloatArray, error_deg: float) -> JsonObject:
     """Return how design ``b`` differs from design ``a`` on the frames of both.
 
     Returns
@@ -60,14 +58,14 @@ def _mean(values: FloatArray, weights: FloatArray) -> FloatArray:
     return mean
 
 
-def _with_interval(values: FloatArray, n: int) -> Plain:
+def _with_interval(values: FloatArray, n: int) -> JsonObject:
     value = float(values[0])
     if not math.isfinite(value):
         return {"value": None, "interval": None}
     return {"value": value, "interval": interval_of(values) if n >= FEWEST_DRAWN else None}
 
 
-def _discordant(a: NDArray[np.bool_], b: NDArray[np.bool_], weights: FloatArray) -> Plain:
+def _discordant(a: NDArray[np.bool_], b: NDArray[np.bool_], weights: FloatArray) -> JsonObject:
     only_a, only_b = int(np.sum(a & ~b)), int(np.sum(b & ~a))
     difference = _mean(b.astype(np.float64) - a.astype(np.float64), weights)
     odd = only_a + only_b

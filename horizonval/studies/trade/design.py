@@ -20,12 +20,13 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
 from horizonval.core.suggest import nearest
 from horizonval.spec.expand import variants
 from horizonval.spec.explain import show
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite, read_toml, suite_of, validate
-from horizonval.spec.merge import Plain, deep_merge
+from horizonval.spec.merge import deep_merge
 from horizonval.spec.study import StudySpec
 from horizonval.spec.suite import CasesSpec, SuiteHead, SuiteSpec
 from horizonval.suites.axes import value_at
@@ -42,8 +43,8 @@ class DesignEntry:
 
     name: str
     settings: dict[str, Any]
-    scene: Plain
-    orbit: Plain
+    scene: JsonObject
+    orbit: JsonObject
     estimators: tuple[str, ...]
 
 
@@ -114,7 +115,7 @@ def read_study(path_or_name: str | Path, frames: int | None = None) -> tuple[Stu
     if frames is None:
         return spec, path
     if spec.frames.sobol is not None:
-        change: Plain = {"sobol": spec.frames.sobol.model_copy(update={"n": frames})}
+        change: JsonObject = {"sobol": spec.frames.sobol.model_copy(update={"n": frames})}
     elif spec.frames.orbit is not None:
         change = {"orbit": spec.frames.orbit | {"n": frames}}
     else:
@@ -228,9 +229,9 @@ def _entries(spec: StudySpec, path: Path) -> Iterator[DesignEntry]:
         yield DesignEntry(name or "all", settings, scene, dict(orbit), _estimators(estimators, where))
 
 
-def _together(spec: StudySpec, items: Sequence[Plain]) -> tuple[Plain, list[str], Any]:
+def _together(spec: StudySpec, items: Sequence[JsonObject]) -> tuple[JsonObject, list[str], Any]:
     """Return entries of the lists laid over each other as a scene, their names, and the estimators they ask for."""
-    scene: Plain = {}
+    scene: JsonObject = {}
     estimators: Any = spec.study.estimators
     names = [str(item["name"]) for item in items]
     for item in items:

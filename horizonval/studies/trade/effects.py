@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.studies.trade.sample import Sample, interval_of
 
 FLOOR_DEG = 1e-6
@@ -29,10 +30,8 @@ FEWEST_COMMON = 5
 MOST_LEFT_OUT = 0.25
 """Share of the designs that may be left out so that the others have frames in common."""
 
-Plain = dict[str, Any]
 
-
-def effects_of(designs: Sequence[tuple[str, Mapping[str, Any], Sample]], draws: FloatArray) -> Plain | None:
+def effects_of(designs: Sequence[tuple[str, Mapping[str, Any], Sample]], draws: FloatArray) -> JsonObject | None:
     """Return the effects of the axes on the designs' mean log error.
 
     Parameters
@@ -133,7 +132,7 @@ def _coded(values: Sequence[Any], levels: Sequence[Any]) -> NDArray[np.float64]:
     return coded
 
 
-def _terms(factors: Sequence[str], columns: Mapping[str, FloatArray], response: FloatArray) -> list[Plain]:
+def _terms(factors: Sequence[str], columns: Mapping[str, FloatArray], response: FloatArray) -> list[JsonObject]:
     pairs = list(itertools.combinations(factors, 2))
     cross = {(a, b): (columns[a][:, :, None] * columns[b][:, None, :]).reshape(len(response), -1) for a, b in pairs}
     total, _ = _residual([], response)
@@ -178,7 +177,7 @@ def _level_factors(
     columns: Mapping[str, FloatArray],
     designs: Sequence[tuple[str, Mapping[str, Any], Sample]],
     response: FloatArray,
-) -> dict[str, list[Plain]]:
+) -> dict[str, list[JsonObject]]:
     """Return 10 to the power of each level's coefficient in the model of main effects alone."""
     model = np.concatenate([np.ones((len(response), 1)), *(columns[key] for key in factors)], axis=1)
     solution, *_ = np.linalg.lstsq(model, response, rcond=None)

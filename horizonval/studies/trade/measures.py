@@ -13,13 +13,13 @@ once.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.studies.trade.proportion import proportion
 from horizonval.studies.trade.sample import CONFIDENCE, Sample, interval_of
 
@@ -29,10 +29,8 @@ FEWEST_CLAIMS = 2
 FEWEST_DRAWN = 5
 """Drawing fewer than this anew says nothing about their scatter: no interval then."""
 
-Plain = dict[str, Any]
 
-
-def measures_of(sample: Sample, draws: FloatArray, error_deg: float) -> Plain:
+def measures_of(sample: Sample, draws: FloatArray, error_deg: float) -> JsonObject:
     """Return the measures of a design.
 
     Parameters
@@ -135,13 +133,13 @@ def exclusion_angle(angle: FloatArray, right: NDArray[np.bool_], weights: FloatA
     return angles
 
 
-def _measure(values: FloatArray, n: int, clusters: int) -> Plain:
+def _measure(values: FloatArray, n: int, clusters: int) -> JsonObject:
     value = float(values[0]) if math.isfinite(values[0]) else None
     known = value is not None and min(n, clusters) >= FEWEST_DRAWN
     return {"value": value, "interval": interval_of(values) if known else None, "n": n}
 
 
-def _three_sigma(error: FloatArray) -> Plain:
+def _three_sigma(error: FloatArray) -> JsonObject:
     if error.size < FEWEST_CLAIMS:
         return {"value": None, "interval": None, "n": int(error.size)}
     value = float(np.quantile(error, THREE_SIGMA))

@@ -12,11 +12,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
+from horizonval.core.json_types import JsonObject
 from horizonval.spec.study import Price, Requirement
 from horizonval.studies.trade.sample import CONFIDENCE
 
 Verdict = Literal["meets", "fails", "open"]
-Plain = dict[str, Any]
 
 
 def verdict_of(within: Mapping[str, Any], availability: float) -> Verdict:
@@ -35,7 +35,7 @@ def frames_needed(availability: float) -> int:
 
 def cheapest(
     designs: Sequence[Mapping[str, Any]], requirement: Requirement, by: Price, prices: Mapping[str, float | None]
-) -> Plain:
+) -> JsonObject:
     """Return the answer to "which is the cheapest design that meets the requirement?".
 
     Parameters
@@ -68,7 +68,7 @@ def cheapest(
         name for name in by_verdict["open"] if (by_name[name]["within"]["rate"] or 0.0) >= requirement.availability
     ]
     closest = max(ordered, key=lambda d: d["within"]["rate"] or 0.0)["name"] if ordered else None
-    answer: Plain = {
+    answer: JsonObject = {
         **by_verdict,
         "error_deg": requirement.error_deg,
         "availability": requirement.availability,
@@ -81,7 +81,7 @@ def cheapest(
     return answer | {"text": _text(answer, by_name)}
 
 
-def _text(answer: Plain, by_name: Mapping[str, Mapping[str, Any]]) -> str:
+def _text(answer: JsonObject, by_name: Mapping[str, Mapping[str, Any]]) -> str:
     requirement = f"{answer['error_deg']:g} deg in {100 * answer['availability']:g} % of all conditions"
     by = {"pixel_rate": "pixel rate", "processor": "processor time"}[answer["by"]]
 
@@ -115,7 +115,7 @@ def _text(answer: Plain, by_name: Mapping[str, Mapping[str, Any]]) -> str:
     return f"none meets {requirement}. Closest: {closest} ({share(closest)})"
 
 
-def _first(answer: Plain, by_name: Mapping[str, Mapping[str, Any]]) -> bool:
+def _first(answer: JsonObject, by_name: Mapping[str, Mapping[str, Any]]) -> bool:
     """Whether the candidate stands before the cheapest that meets; names keep the order of prices."""
     order = list(by_name)
     return order.index(answer["candidate"]) < order.index(answer["cheapest"])

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-Plain = Mapping[str, Any]
+from horizonval.core.json_types import JsonObject
 
 
-def design_lines(result: Plain, costs: Plain) -> list[str]:
+def design_lines(result: JsonObject, costs: JsonObject) -> list[str]:
     """Return a table of the designs, a line each."""
     error_deg = result["study"]["requirement"]["error_deg"]
     rows = [
@@ -31,7 +28,7 @@ def design_lines(result: Plain, costs: Plain) -> list[str]:
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-def comparison_lines(comparison: Plain) -> list[str]:
+def comparison_lines(comparison: JsonObject) -> list[str]:
     """Return the paired difference of two designs in words."""
     lines = [
         f"A = {comparison['a']}",
@@ -50,7 +47,7 @@ def comparison_lines(comparison: Plain) -> list[str]:
     return lines
 
 
-def _with(measure: Plain, unit: str = "") -> str:
+def _with(measure: JsonObject, unit: str = "") -> str:
     if measure["value"] is None:
         return "unknown"
     text = f"{measure['value']:.3g}{unit}"
@@ -59,7 +56,7 @@ def _with(measure: Plain, unit: str = "") -> str:
     return f"{text} (95 %: {measure['interval'][0]:.3g} to {measure['interval'][1]:.3g})"
 
 
-def _share(share: Plain) -> str:
+def _share(share: JsonObject) -> str:
     return f"{share['n']}/{share['of']}"
 
 
