@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.core import atomic
+from horizonval.core.json_types import JsonObject
 from horizonval.spec.load import load_camera
 from horizonval.systems.b.rig import figures, runs
 from horizonval.systems.b.rig.bench import STATED
@@ -22,7 +23,7 @@ from horizonval.systems.b.rig.results import RigResults
 from horizonval.systems.b.rig.runs import IMPERFECTIONS
 from horizonval.systems.published import published
 from horizonval.systems.result import ComparisonRow, Figure
-from horizonval.systems.task_cache import Plain, TaskCache
+from horizonval.systems.task_cache import TaskCache
 from horizonval.systems.text import page_text
 
 TEXT = page_text("B")
@@ -38,12 +39,12 @@ def measure_rig(cache: TaskCache) -> tuple[RigResults, str]:
     return measure(cache, picture), picture
 
 
-def rig_view(cache: TaskCache, picture: str) -> Plain:
+def rig_view(cache: TaskCache, picture: str) -> JsonObject:
     """Return one frame of the bench, for looking at."""
     return cache.each("bench pictures", show, {"view": _view(cache, picture)})["view"]
 
 
-def rig_figures(results: RigResults, view: Plain) -> tuple[Figure, ...]:
+def rig_figures(results: RigResults, view: JsonObject) -> tuple[Figure, ...]:
     """Return the bench's figures."""
     return (
         TEXT.figure("rig-view", partial(figures.view, view)),
@@ -137,7 +138,7 @@ def _picture_file(cache: TaskCache) -> str:
     return str(path)
 
 
-def _view(cache: TaskCache, picture: str) -> Plain:
+def _view(cache: TaskCache, picture: str) -> JsonObject:
     return {
         "picture": picture,
         "panel": asdict(runs.panel_of(IMPERFECTIONS)),
