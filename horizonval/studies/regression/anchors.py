@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from scipy import constants, integrate
 
+from horizonval.geometry.directions import angle_between
 from horizonval.studies.regression.statistics.decide import Verdict
 
 Anchor = dict[str, Any]
@@ -181,12 +182,8 @@ def estimator_on_exact_limb() -> Anchor:
         if not isinstance(result, Fit):
             found.append(math.inf)
             continue
-        found.append(math.degrees(math.atan2(*_sine_cosine(nadir, result.nadir_cam))) * 3600)
+        found.append(math.degrees(angle_between(nadir, result.nadir_cam)) * 3600)
     return _anchor(found, 0.01, "arcsec", "nadir error of the altitude-free method on exact points of a sphere's limb")
-
-
-def _sine_cosine(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-    return float(np.linalg.norm(np.cross(a, b))), float(a @ b)
 
 
 def photon_transfer() -> Anchor:
