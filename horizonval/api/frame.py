@@ -53,7 +53,7 @@ class Frame(RadianceFrame):
     @property
     def camera(self) -> Camera:
         """The camera that the frame was rendered for."""
-        return Camera.from_dict(self.truth.camera)
+        return Camera(self.truth.camera_spec)
 
     @property
     def scene(self) -> Scene:

@@ -7,6 +7,7 @@ from typing import Any
 
 from horizonval.api.camera import Camera, camera_of
 from horizonval.frame import DetectorImage, RadianceFrame
+from horizonval.spec.sensor.camera import CameraSpec
 
 
 class Image(DetectorImage):
@@ -41,7 +42,7 @@ class Image(DetectorImage):
     @property
     def camera(self) -> Camera:
         """The camera that took it."""
-        return Camera.from_dict(self.observation.get("camera", self.truth.camera))
+        return Camera(CameraSpec.model_validate(self.observation.get("camera", self.truth.camera)))
 
     def save(self, path: str | Path) -> Path:
         """Write the image as an OpenEXR file with its truth in the header; :func:`horizonval.open_image` reads it.
@@ -116,9 +117,8 @@ def observe(
     dtype('uint16')
     """
     from horizonval.sensor.observe import observe as observed
-    from horizonval.spec.sensor.camera import CameraSpec
 
-    spec = CameraSpec.model_validate(frame.truth.camera) if camera is None else camera_of(camera).spec
+    spec = frame.truth.camera_spec if camera is None else camera_of(camera).spec
     return Image.of(observed(frame, spec, band, seed, noise=noise))
 
 

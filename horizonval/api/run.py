@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +15,10 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyRelation
 
     from horizonval.core.progress import Progress
+
+
+class SuiteWarning(UserWarning):
+    """What a check of a sample of a suite's frames found before they are rendered, as a saturated limb."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -110,6 +115,8 @@ def run(
 ) -> Run:
     """Run a suite: render, observe, estimate, score, report. The same call again finishes what is missing.
 
+    What :func:`horizonval.check` has against a sample of the frames is a warning before they are rendered.
+
     Parameters
     ----------
     suite : str or Path
@@ -150,11 +157,15 @@ def run(
     """
     from horizonval.commands.run import run as run_suite
     from horizonval.jobs.execution import Execution, parse_shard
+    from horizonval.precheck import check_before_run
     from horizonval.suites.suite import load_suite, with_options
 
     part = parse_shard(f"{shard[0]}/{shard[1]}" if isinstance(shard, tuple) else shard) if shard is not None else None
     execution = Execution(workers, part, dask, tuple(Path(folder) for folder in merge))
     loaded = with_options(load_suite(suite, frames, seed), time_limit_s, keep)
+    report = check_before_run(loaded)
+    for line in [] if report is None else report.summary_lines():
+        warnings.warn(line, SuiteWarning, stacklevel=2)
     with shown(progress, f"suite {loaded.name}") as listener:
         result = run_suite(loaded, Path(out), progress=listener, execution=execution)
     return Run(Path(out), loaded.name, result.summary, result.failed, result.missing)

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 import typer
 
-from horizonval.cli.check import print_warnings
+from horizonval.cli.check import warnings_printed
 from horizonval.cli.options import Dask, Json, Shard, Workers
 from horizonval.cli.printing import print_json, print_shard, print_summary
-from horizonval.cli.work import execution_of, resumable
+from horizonval.cli.work import interruptible
 from horizonval.core.errors import UserError
 
 
@@ -46,17 +46,24 @@ def run(
     folder, at the same time or not; the command without --shard then makes what is missing and the report. Another
     --frames goes on in the same folder. Exit status 1 if a frame failed.
     """
-    from horizonval.commands.run import run as run_suite
-    from horizonval.suites.suite import load_suite, with_options
+    import horizonval as hv
 
-    execution = execution_of(workers, shard, dask, merge)
-    loaded = with_options(load_suite(suite, frames, seed), time_limit, keep)
-    print_warnings(loaded)
-    with resumable(f"suite {loaded.name}", kept="frames") as progress:
-        result = run_suite(loaded, out, progress=progress, execution=execution)
+    with interruptible(kept="frames"), warnings_printed():
+        result = hv.run(
+            suite,
+            out,
+            workers=workers,
+            shard=shard,
+            seed=seed,
+            frames=frames,
+            keep=keep,
+            time_limit_s=time_limit,
+            dask=dask,
+            merge=merge or (),
+        )
     if as_json:
         print_json(result.summary)
-    elif result.report is None:
+    elif not result.summary:
         print_shard(shard, result.missing)
     else:
         print_summary(result.summary)
@@ -64,7 +71,9 @@ def run(
             _print_study(result.summary["stability"])
         print(f"report: {result.report}")
     if result.failed:
-        names = ", ".join(result.failed)
+        from horizonval.suites.suite import load_suite
+
+        names, loaded = ", ".join(result.failed), load_suite(suite, frames, seed)
         study = loaded.stability
         total = len(loaded.cases) + (len(study.band) * len(study.months) if study else 0)
         what = "frames and months" if study else "frames"

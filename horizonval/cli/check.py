@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Annotated
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,7 +14,6 @@ from horizonval.cli.options import Json
 from horizonval.cli.printing import print_json
 
 if TYPE_CHECKING:
-    from horizonval.spec.load import Suite
     from horizonval.studies.trade.design import Study
 
 
@@ -28,9 +30,9 @@ def check(
 
     Exit status 1 if there is a warning or an error, 0 if there are notes at most.
     """
-    from horizonval.api.check import check as check_target
+    import horizonval as hv
 
-    report = check_target(target, frames=frames)
+    report = hv.check(target, frames=frames)
     if as_json:
         print_json(report.to_dict())
     else:
@@ -38,7 +40,26 @@ def check(
     return 0 if report.ok else 1
 
 
-def print_warnings(target: Suite | Study) -> None:
+@contextmanager
+def warnings_printed() -> Iterator[None]:
+    """Print what the library warns of before a run, in the form of the command line, to standard error."""
+    from horizonval.api.run import SuiteWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", SuiteWarning)
+        otherwise = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+            if issubclass(category, SuiteWarning):
+                print(f"horizonval: {message}", file=sys.stderr)
+            else:
+                otherwise(message, category, *place, **more)
+
+        warnings.showwarning = show
+        yield
+
+
+def print_warnings(target: Study) -> None:
     """Print errors and warnings about a sample of the frames before a run, to standard error."""
     from horizonval.precheck import check_before_run
 

@@ -33,21 +33,19 @@ def observe(
     ] = None,
 ) -> None:
     """Detector images of a stored frame, without rendering again: one for every seed, exposure and band."""
+    import horizonval as hv
     from horizonval.commands.observing import plans
-    from horizonval.sensor.observe import observe as observe_frame
-    from horizonval.spec.load import load_camera
-    from horizonval.store.exr import read_frame, write_image
 
-    stored = read_frame(frame)
-    spec = stored.truth.camera_spec if camera is None else load_camera(camera)
-    todo = plans(out, seed or [], exposure or [], band or [], spec)
+    stored = hv.open_frame(frame)
+    seen_by = stored.camera if camera is None else hv.Camera.from_file(camera)
+    todo = plans(out, seed or [], exposure or [], band or [], seen_by.spec)
     if todo[0].path.parent == Path(out):
         Path(out).mkdir(exist_ok=True)
     for plan in todo:
         check_target(plan.path, frame)
     for plan in todo:
-        image = observe_frame(stored, plan.camera(spec), band=plan.band, seed=plan.seed)
-        write_image(plan.path, image)
+        image = stored.observe(plan.seed, band=plan.band, camera=hv.Camera(plan.camera(seen_by.spec)))
+        image.save(plan.path)
         size = f"{image.dn.shape[1]} x {image.dn.shape[0]}"
         print(f"{plan.path}: band {image.band}, seed {plan.seed}, {size}, full scale {image.full_scale}")
 

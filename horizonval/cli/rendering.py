@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from horizonval.cli.checks import check_folder, check_target
 from horizonval.core.errors import UserError
+
+if TYPE_CHECKING:
+    from horizonval import Frame
 
 Scene = Annotated[str, typer.Argument(help="A scene file, or the name of a shipped scene.")]
 
@@ -34,44 +37,33 @@ def render(
     particles, ozone, and a uniform Lambert ground; without the Sun's disc and glare, surface map and clouds. Its
     standard error lies beside the radiance.
     """
-    from horizonval.spec.load import load_frames, load_scene
+    import horizonval as hv
 
     if not reference:
         if spp is not None or reference_size is not None:
             raise UserError("used without --reference", where="--spp" if spp is not None else "--reference-size")
-        frames = load_frames(scene, head)
-        names = [case.scene.camera.head for case in frames]
-        targets = [out] if len(frames) == 1 else [out.with_name(f"{out.stem}.{name}{out.suffix}") for name in names]
+        scenes = hv.Scene.each_head(scene, head)
+        names = [single.spec.camera.head for single in scenes]
+        targets = [out] if len(scenes) == 1 else [out.with_name(f"{out.stem}.{name}{out.suffix}") for name in names]
         for target in targets:
             check_target(target)
-        from horizonval.jobs.progress import Terminal
-        from horizonval.renderer.scene.frame import render_frame
-
-        for case, target in zip(frames, targets, strict=True):
+        for single, target in zip(scenes, targets, strict=True):
             start = time.perf_counter()
-            with Terminal() as progress:
-                frame = render_frame(case.scene, case.camera, progress)
-            _write_frame(target, frame, start)
+            _write_frame(target, hv.render(single), start)
         return
-    spec, camera = load_scene(scene, head)
+    source = hv.Scene.from_file(scene, head)
     check_target(out)
-    from horizonval.jobs.progress import Terminal
-    from horizonval.renderer.reference.reference import (
-        DEFAULT_SPP,
-        HOLDS,
-        LEAVES_OUT,
-        check_sunlight,
-        render_reference,
-        resized,
-    )
-
-    check_sunlight(camera, spec.camera.file)
-    if reference_size is not None:
-        camera = resized(camera, *_size(reference_size, "--reference-size"), where="--reference-size")
+    size = None if reference_size is None else _size(reference_size, "--reference-size")
     start = time.perf_counter()
-    with Terminal("reference", "passes") as progress:
-        frame = render_reference(spec, camera, spp or DEFAULT_SPP, progress=progress)
+    try:
+        frame = hv.render_reference(source, samples=spp, size=size)
+    except UserError as e:
+        if e.where != "size":
+            raise
+        raise UserError(e.what, where="--reference-size", expected=e.expected, fix=e.fix) from e
     _write_frame(out, frame, start)
+    from horizonval.renderer.reference.reference import HOLDS, LEAVES_OUT
+
     noise = ", ".join(f"{band} {100 * e:.2g} %" for band, e in frame.render["relative_standard_error"].items())
     print(f"standard error of a lit pixel: {noise} ({frame.render['spp']} samples)")
     print(f"holds: {HOLDS}\nleaves out: {LEAVES_OUT}")
@@ -86,13 +78,13 @@ def mitsuba(
 
     scene.xml is the deterministic frame and needs this package's plugins; reference.xml needs nothing but Mitsuba 3.
     """
-    from horizonval.spec.load import load_scene
+    import horizonval as hv
 
-    spec, camera = load_scene(scene, head)
+    source = hv.Scene.from_file(scene, head)
     check_folder(out)
     from horizonval.renderer.reference.export import export_scene
 
-    for path in export_scene(spec, camera, out):
+    for path in export_scene(source.spec, source.camera.spec, out):
         print(f"{path}: {path.stat().st_size / 1e3:.1f} kB")
 
 
@@ -128,8 +120,8 @@ def radiance(
 
         activate()
         from horizonval.jobs.progress import Terminal
-        from horizonval.renderer.kernel.radiance import radiance_along_rays
-        from horizonval.renderer.scattering.multiple_scattering import FINE
+        from horizonval.renderer.rays.radiance import radiance_along_rays
+        from horizonval.renderer.scattering.quality import FINE
 
         scattering = FINE if orders == "all" else None
         with Terminal() as progress:
@@ -161,10 +153,8 @@ def gallery(
     print(f"gallery: {page}")
 
 
-def _write_frame(out: Path, frame: Any, start: float) -> None:
-    from horizonval.store.exr import write_frame
-
-    write_frame(out, frame)
+def _write_frame(out: Path, frame: Frame, start: float) -> None:
+    frame.save(out)
     height, width = next(iter(frame.radiance.values())).shape
     counts = frame.render.get("spectral_nodes", {})
     bands = ", ".join(f"{band} ({counts[band]} spectral nodes)" if band in counts else band for band in frame.radiance)

@@ -33,9 +33,15 @@ def resumable(what: str, unit: str = "frames", *, kept: str | None = None) -> It
     """
     from horizonval.jobs.progress import Terminal
 
+    with interruptible(kept), Terminal(what, unit) as progress:
+        yield progress
+
+
+@contextmanager
+def interruptible(kept: str | None = None) -> Iterator[None]:
+    """Let an interruption say that the same command goes on, and end with 130; ``kept`` as for :func:`resumable`."""
     try:
-        with Terminal(what, unit) as progress:
-            yield progress
+        yield
     except KeyboardInterrupt:
         finished = f"finished {kept} are kept, " if kept else ""
         print(f"horizonval: interrupted; {finished}the same command goes on from here", file=sys.stderr)

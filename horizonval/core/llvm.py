@@ -12,6 +12,8 @@ import sysconfig
 from pathlib import Path
 
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
+OLDEST = 17
+"""First version that compiles everywhere; 14 is refused by Dr.Jit, 15 and 16 abort the process on some processors."""
 
 
 def wheel_libraries() -> list[str]:
@@ -30,6 +32,8 @@ def _users_library() -> str:
 
 
 USERS_LIBRARY = _users_library()
+DRJIT_CAME_FIRST = "drjit" in sys.modules
+"""Whether Dr.Jit had been imported before this package could name a library."""
 
 
 def candidates() -> list[str]:

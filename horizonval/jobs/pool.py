@@ -11,11 +11,13 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from types import ModuleType
 from typing import TypeAlias, TypeVar
 
 from horizonval.jobs.execution import available_cpus
@@ -102,16 +104,21 @@ def _drain(work: Callable[[I], T], waiting: deque[I], workers: int, renderer: bo
 def _inherited_by_children() -> Iterator[None]:
     """Set what spawned processes inherit: one thread for linear algebra, and deafness to Ctrl-C, which is for us.
 
-    A blocked signal stays blocked in the child, from its first instruction on; here it is only delayed.
+    A blocked signal stays blocked in the child, from its first instruction on; here it is only delayed. The user's
+    script is no part of the inheritance: a child that imported it again would start the script's work again, and all
+    that is sent to a child comes from this package.
     """
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(_ONE_THREAD)
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
     masked = hasattr(signal, "pthread_sigmask")
     if masked:
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
+        sys.modules["__main__"] = script
         for name, value in before.items():
             if value is None:
                 os.environ.pop(name, None)

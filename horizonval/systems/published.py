@@ -86,14 +86,11 @@ class Published(_PublishedModel):
         Authors, title, year.
     figures : dict of PrintedFigure
     tables : dict of PrintedTable
-    element_set : tuple of str
-        Two lines of an element set, where the experiment has one.
     """
 
     source: str
     figures: dict[str, PrintedFigure] = {}
     tables: dict[str, PrintedTable] = {}
-    element_set: tuple[str, str] | None = None
 
     def number(self, key: str) -> float:
         """Return a printed figure that is a number.

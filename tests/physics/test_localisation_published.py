@@ -7,9 +7,9 @@ import pytest
 
 from horizonval.systems.e.case import PUBLISHED_ROUNDING, ROUNDING_DEG, exact_pass, rounded
 from horizonval.systems.e.from_frames import expected
+from horizonval.systems.e.localisation.celestial import celestial_errors, rms
+from horizonval.systems.e.localisation.pipeline import locate
 from horizonval.systems.e.noise import LARGEST, MEANINGS, NoiseReading, noisy, plain_column
-from horizonval.systems.e.orbit.celestial import celestial_errors, rms
-from horizonval.systems.e.orbit.pipeline import locate
 
 
 @pytest.mark.parametrize("row", range(3))

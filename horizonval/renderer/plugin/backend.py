@@ -114,6 +114,8 @@ def activate(threads: int | None = None) -> str:
     import drjit as dr
     import mitsuba as mi
 
+    if chosen.library and chosen.variant.startswith("llvm"):
+        _refuse_early_drjit(dr.detail.llvm_version(), chosen.library)
     if mi.variant() != chosen.variant:
         mi.set_variant(chosen.variant)
     if chosen.variant not in _registered:
@@ -125,6 +127,21 @@ def activate(threads: int | None = None) -> str:
     if threads is not None:
         dr.set_thread_count(threads)
     return chosen.variant
+
+
+def _refuse_early_drjit(version: tuple[int, int, int], library: str) -> None:
+    """Raise ``UserError`` where Dr.Jit loaded a library of its own choice, before this package, that cannot compile.
+
+    Dr.Jit loads LLVM while it is imported and never again, so that nothing can be mended in this process.
+    """
+    if not llvm.DRJIT_CAME_FIRST or llvm.USERS_LIBRARY or version[0] >= llvm.OLDEST:
+        return
+    number = ".".join(map(str, version))
+    loaded = "found no LLVM" if version[0] < 0 else f"loaded LLVM {number}, with which kernels abort the process"
+    raise UserError(
+        f"drjit was imported before horizonval and {loaded}",
+        fix=f"import horizonval before drjit and mitsuba, or set {llvm.LLVM_VARIABLE}={library}",
+    )
 
 
 def _fingerprint() -> str:

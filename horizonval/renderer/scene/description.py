@@ -56,13 +56,13 @@ def describe(scene: SceneSpec, camera: CameraSpec) -> Described:
     """
     truth = truth_of(scene, camera, infrared=False)
     _, sun_distance_m = sun_itrs(scene.platform.epoch_utc)
-    model, moon = _with_sky(
-        optical_model(scene, camera, sun_distance_au=sun_distance_m / AU_M), scene, camera, truth, sun_distance_m
-    )
+    clear = optical_model(scene, camera, sun_distance_au=sun_distance_m / AU_M)
+    # The back-end is chosen before anything below imports Dr.Jit.
+    variant = activate()
+    model, moon = _with_sky(clear, scene, camera, truth, sun_distance_m)
     ground = ground_model(scene)
     if not ground.plain:
         model = replace(model, albedo_around=tuple(mean_albedo(scene, n.wavelength_um) for n in model.nodes))
-    variant = activate()
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings
 

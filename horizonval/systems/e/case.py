@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from functools import lru_cache
 
 import numpy as np
@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.tle import ElementSet, gcrs_states, itrs_states
-from horizonval.systems.e.orbit.pipeline import TwoStationPass
-from horizonval.systems.e.orbit.stations import Station
+from horizonval.systems.e.localisation.pipeline import TwoStationPass
+from horizonval.systems.e.localisation.stations import Station
+from horizonval.systems.published import published
 
-Figures = tuple[float, float, float]
+Figures = tuple[float, ...]
 
 ENVISAT = ElementSet(
     "1 27386U 02009A   20001.54192287  .00000005  00000-0  15038-4 0  9994",
@@ -22,31 +23,38 @@ ENVISAT = ElementSet(
 )
 """The paper does not give its own. This one stands above 48 degrees at both stations for the whole window."""
 
-STATIONS = (
-    Station("S1", float(np.radians(48.3358)), float(np.radians(35.7061)), 1000.0),
-    Station("S2", float(np.radians(54.7458)), float(np.radians(35.7161)), 200.0),
-)
+PUBLISHED = published("E")
 
-EPOCH_UTC = datetime(2019, 11, 26, 14, 38, 38, tzinfo=UTC)
-STEP_S = 0.5
-LENGTH_S = 120.0
+
+def _station(name: str, longitude_deg: float, latitude_deg: float, height_m: float) -> Station:
+    return Station(name, float(np.radians(longitude_deg)), float(np.radians(latitude_deg)), height_m)
+
+
+_FIRST, _SECOND = (place for place, _ in PUBLISHED.tables["stations"].columns())
+STATIONS = (_station("S1", **_FIRST), _station("S2", **_SECOND))
+
+EPOCH_UTC = datetime.fromisoformat(str(PUBLISHED.figures["start"].value))
+STEP_S = PUBLISHED.number("step")
+LENGTH_S = PUBLISHED.number("length")
 
 METHODS = ("plain", "smoothed", "filtered", "proposed", "batch")
 QUANTITIES = (("right ascension", "arcsec"), ("declination", "arcsec"), ("distance", "km"))
 
-ROUNDING_DEG = (0.01, 0.1, 1.0)
-PUBLISHED_ROUNDING: dict[str, tuple[Figures, ...]] = {
-    "proposed": ((0.57, 0.54, 0.05), (3.80, 2.42, 0.30), (58.2, 16.41, 4.03)),
-    "plain": ((0.94, 0.60, 0.08), (9.94, 6.01, 0.77), (106.77, 57.14, 8.10)),
-}
-"""Root mean square errors at each rounding: right ascension, declination [arcsec], distance [km]."""
 
-NOISE_ARCSEC = (200.0, 300.0, 400.0)
-NOISE_ROUNDING_DEG = 0.1
-PUBLISHED_NOISE: dict[str, tuple[Figures, ...]] = {
-    "proposed": ((5.02, 3.19, 0.37), (7.48, 5.09, 0.57), (9.02, 7.06, 0.79)),
-    "plain": ((12.07, 8.42, 0.99), (18.55, 11.62, 1.50), (23.64, 13.48, 1.76)),
-}
+def _printed(table: str, setting: str) -> tuple[tuple[float, ...], dict[str, tuple[Figures, ...]]]:
+    """Return a table's settings, and the printed errors of both methods at each of them."""
+    columns = list(PUBLISHED.tables[table].columns())
+    errors = {
+        method: tuple(tuple(read[f"{method} {quantity}"] or 0.0 for quantity, _ in QUANTITIES) for _, read in columns)
+        for method in ("proposed", "plain")
+    }
+    return tuple(settings[setting] for settings, _ in columns), errors
+
+
+ROUNDING_DEG, PUBLISHED_ROUNDING = _printed("rounding", "rounding_deg")
+"""Root mean square errors at each rounding: right ascension, declination [arcsec], distance [km]."""
+NOISE_ARCSEC, PUBLISHED_NOISE = _printed("noise", "noise_arcsec")
+NOISE_ROUNDING_DEG = PUBLISHED.number("noise_rounding")
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -22,16 +23,17 @@ from horizonval.systems.e.case import (
     QUANTITIES,
     ROUNDING_DEG,
     STATIONS,
+    Figures,
     exact_pass,
     rounded,
 )
-from horizonval.systems.e.frames.report import frame_part
 from horizonval.systems.e.from_frames import frames_part_of
-from horizonval.systems.e.orbit.celestial import celestial_errors
-from horizonval.systems.e.orbit.pipeline import ALPHA, locate
-from horizonval.systems.e.orbit.smoothing import smooth_clamped
-from horizonval.systems.e.orbit.triangulation import triangulate
-from horizonval.systems.e.tables import Rows, cases, mean, meaning_table, noise_table, rounding_table
+from horizonval.systems.e.localisation.celestial import celestial_errors
+from horizonval.systems.e.localisation.pipeline import ALPHA, locate
+from horizonval.systems.e.localisation.smoothing import smooth_clamped
+from horizonval.systems.e.localisation.triangulation import triangulate
+from horizonval.systems.e.passes.rows import frame_part
+from horizonval.systems.e.tables import TEXT, Rows, cases, mean, meaning_table, noise_table, rounding_table
 from horizonval.systems.e.trials import WHITE_ARCSEC, gathered, items_of, rounding_items, work
 from horizonval.systems.result import ComparisonRow, Figure, Reproduction
 from horizonval.systems.task_cache import TaskCache
@@ -46,7 +48,7 @@ _CLAMPED_S = 5.0
 def reproduce(cache: TaskCache) -> Reproduction:
     """Do the experiment: rounding, noise, honesty of the covariances; then from rendered frames."""
     columns = {
-        meaning: noise.plain_column(meaning, cache.rng("localisation", "meaning", meaning.words), _MEANING_DRAWS)
+        meaning: noise.plain_column(meaning, cache.rng("localisation", "meaning", meaning.description), _MEANING_DRAWS)
         for meaning in noise.MEANINGS
     }
     nearest = min(columns, key=lambda meaning: noise.distance(columns[meaning]))
@@ -61,13 +63,14 @@ def reproduce(cache: TaskCache) -> Reproduction:
     rows = dict(gathered(cache.each("localisation from angles", work, items)))
     frames = frame_part(cache, ENVISAT, STATIONS, EPOCH_UTC, exact_pass().times_s)
     from_frames = frames_part_of(frames.passes)
-    return Reproduction(
-        system="E",
-        title="Passive satellite localisation from angles only",
-        source="Hadinejad & Amiri 2020; adaptive filter after Akhlaghi, Zhou & Huang 2017",
-        summary={"text": f"{_summary(rows, nearest, noise.distance(columns[nearest]))}\n\n{from_frames.words}"},
+    six = cases()
+
+    def share(method: str) -> FloatArray:
+        return np.array([mean(rows, key, method) / np.array(printed["proposed"]) for key, _, printed in six])
+
+    return TEXT.reproduction(
         rows=(
-            *_plain_rows(rows, nearest, columns[nearest]),
+            *_plain_rows(rows, nearest),
             *_proposed_rows(rows),
             *_check_rows(rows, nearest, columns),
             *from_frames.rows,
@@ -86,133 +89,103 @@ def reproduce(cache: TaskCache) -> Reproduction:
             "epoch_utc": EPOCH_UTC.isoformat(),
             "draws": DRAWS,
             "forgetting_factor": ALPHA,
-            "noise_meaning": nearest.words,
+            "noise_meaning": nearest.description,
         },
+        kernels={q: rows[f"rounded {q:g}"]["kernel"][0][1] for q in ROUNDING_DEG},
+        proposed=share("proposed"),
+        batch=share("batch"),
+        readings=len(columns),
+        nearest=nearest.description,
+        distance=noise.distance(columns[nearest]),
+        frames=from_frames.summary,
     )
 
 
-def _plain_rows(rows: Rows, nearest: noise.NoiseReading, column: FloatArray) -> list[ComparisonRow]:
+def _plain_rows(rows: Rows, nearest: noise.NoiseReading) -> list[ComparisonRow]:
     out = []
-    for key, words, published in cases(rows):
-        measured = mean(rows, key, "plain")
-        for (quantity, unit), theirs, ours in zip(QUANTITIES, published["plain"], measured, strict=True):
-            apart = f"{ours / theirs - 1.0:+.1%} from the published figure"
-            if key.startswith("rounded"):
-                why = f"{apart}: the same least squares on another element set of the same satellite."
-            else:
-                why = f"{apart}, with the noise read as: {nearest.words}; mean of {len(rows[key]['rms'])} passes."
-            limit = 0.15 * theirs if key.startswith("rounded") else None
-            out.append(ComparisonRow(f"plain, {words}: {quantity}", theirs, float(ours), unit, why, limit, theirs))
+    for key, case, printed in cases():
+        rounded_only = key.startswith("rounded")
+        for (quantity, unit), theirs, ours in zip(QUANTITIES, printed["plain"], mean(rows, key, "plain"), strict=True):
+            out.append(
+                TEXT.row(
+                    "plain_rounded" if rounded_only else "plain_noisy",
+                    float(ours),
+                    theirs,
+                    limit=0.15 * theirs if rounded_only else None,
+                    against=theirs,
+                    case=case,
+                    quantity=quantity,
+                    unit=unit,
+                    apart=ours / theirs - 1.0,
+                    reading=nearest.description,
+                    passes=len(rows[key]["rms"]),
+                )
+            )
     return out
 
 
 def _proposed_rows(rows: Rows) -> list[ComparisonRow]:
     out = []
-    for key, words, published in cases(rows):
+    for key, case, printed in cases():
         columns = {method: mean(rows, key, method) for method in METHODS}
-        for i, ((quantity, unit), theirs) in enumerate(zip(QUANTITIES, published["proposed"], strict=True)):
-            ours = {method: float(column[i]) for method, column in columns.items()}
-            why = (
-                f"Smoothing alone gives {ours['smoothed']:.3g}, the adaptive filter {ours['filtered']:.3g}, its way "
-                f"back {ours['proposed']:.3g}; a batch orbit fit of the same angles {ours['batch']:.3g}."
-            )
-            out.append(ComparisonRow(f"proposed, {words}: {quantity}", theirs, ours["proposed"], unit, why, theirs))
+        for i, ((quantity, unit), theirs) in enumerate(zip(QUANTITIES, printed["proposed"], strict=True)):
+            ours: dict[str, Any] = {method: float(column[i]) for method, column in columns.items()}
+            names: dict[str, Any] = {"case": case, "quantity": quantity, "unit": unit}
+            out.append(TEXT.row("proposed", ours["proposed"], theirs, limit=theirs, **names, **ours))
     return out
 
 
 def _check_rows(
     rows: Rows, nearest: noise.NoiseReading, columns: dict[noise.NoiseReading, FloatArray]
 ) -> list[ComparisonRow]:
-    six = cases(rows)
-    wins = {
-        method: sum(int(np.sum(mean(rows, key, method) <= np.array(p["proposed"]))) for key, _, p in six)
-        for method in METHODS
-    }
-    harsh = sum(
-        int(np.sum(mean(rows, f"noisiest {n:g}", "proposed") <= np.array(PUBLISHED_NOISE["proposed"][i])))
-        for i, n in enumerate(NOISE_ARCSEC)
+    def beaten(row: str, method: str, printed: Figures) -> int:
+        return int(np.sum(mean(rows, row, method) <= np.array(printed)))
+
+    six = cases()
+    wins: dict[str, Any] = {m: sum(beaten(key, m, printed["proposed"]) for key, _, printed in six) for m in METHODS}
+    noisiest, shifted = (
+        sum(beaten(f"{row} {setting:g}", "proposed", printed[i]) for i, setting in enumerate(settings))
+        for row, settings, printed in (
+            ("noisiest", NOISE_ARCSEC, PUBLISHED_NOISE["proposed"]),
+            ("shifted", ROUNDING_DEG, PUBLISHED_ROUNDING["proposed"]),
+        )
     )
-    shifted = sum(
-        int(np.sum(mean(rows, f"shifted {q:g}", "proposed") <= np.array(PUBLISHED_ROUNDING["proposed"][i])))
-        for i, q in enumerate(ROUNDING_DEG)
-    )
+    largest = columns[noise.LARGEST]
     clamped = float(pictures.clamped_bias(_CLAMPED_S)[[0, -1]].max())
-    exact = mean(rows, "exact", "proposed")
     out = [
-        ComparisonRow(
-            "published proposed figures matched or beaten by the proposed way",
-            18,
-            wins["proposed"],
-            "of 18",
-            f"Without the filter's way back {wins['filtered']}, without any filter {wins['smoothed']}: a filter knows "
-            "nothing at the start of the pass.",
-            18,
-            None,
-            True,
+        TEXT.row("beaten_proposed", wins["proposed"], 18, limit=18, at_least=True, **wins),
+        TEXT.row("beaten_batch", wins["batch"], limit=18, at_least=True),
+        TEXT.row(
+            "beaten_largest_noise",
+            noisiest,
+            reading=noise.LARGEST.description,
+            factor=np.exp(np.mean(np.log(largest / np.array(PUBLISHED_NOISE["plain"])))),
         ),
-        ComparisonRow(
-            "published proposed figures matched or beaten by the batch orbit fit",
-            None,
-            wins["batch"],
-            "of 18",
-            "Six unknowns for the whole pass: the motion itself is the best smoother.",
-            18,
-            None,
-            True,
-        ),
-        ComparisonRow(
-            "the noise table's nine proposed figures beaten under the reading with the most noise",
-            None,
-            harsh,
-            "of 9",
-            f"Read as {noise.LARGEST.words}, which makes the plain column "
-            f"{np.exp(np.mean(np.log(columns[noise.LARGEST] / np.array(PUBLISHED_NOISE['plain'])))):.2f} times the "
-            "published one.",
-        ),
-        ComparisonRow(
-            "the rounding table's nine proposed figures beaten with the rounding grid at random places",
-            None,
-            shifted,
-            "of 9",
-            f"Mean over {len(rows['shifted 1']['rms'])} places: rounding errors are not random, and where the grid "
-            "lies decides how they add up.",
-        ),
-        ComparisonRow(
-            "distance of the noise table's plain column from the published one",
-            None,
+        TEXT.row("beaten_shifted", shifted, places=len(rows["shifted 1"]["rms"])),
+        TEXT.row(
+            "reading",
             100.0 * noise.distance(columns[nearest]),
-            "%",
-            f"Root mean square over nine figures; noise read as: {nearest.words}, nearest of {len(columns)} readings.",
+            reading=nearest.description,
+            readings=len(columns),
         ),
-        ComparisonRow(
-            f"bias at the pass's ends of a clamped Gaussian mean of {_CLAMPED_S:g} s",
-            None,
-            clamped,
-            "arcsec",
-            f"Exact directions of {STATIONS[0].name}; this is what the local polynomial removes.",
-        ),
-        ComparisonRow(
-            "declination error of the proposed way without rounding and noise",
-            None,
-            float(exact[1]),
-            "arcsec",
-            "What motion, smoothing and least squares themselves do wrong; the rule then chooses the narrowest kernel.",
-        ),
+        TEXT.row("clamped", clamped, width_s=_CLAMPED_S, station=STATIONS[0].name),
+        TEXT.row("exact", float(mean(rows, "exact", "proposed")[1])),
     ]
     squares = rows["white"]["squares"]
     low, high = (float(stats.chi2.ppf(p, 3 * len(squares)) / len(squares)) for p in (0.005, 0.995))
     for method, column in zip(METHODS[2:], squares.T, strict=True):
         limit, against = ((high - low) / 2.0, (high + low) / 2.0) if method == "batch" else (None, None)
         out.append(
-            ComparisonRow(
-                f"normalised squared position error in the pass's middle, {method}",
-                None,
+            TEXT.row(
+                "covariance",
                 float(column.mean()),
-                "1",
-                f"Independent noise of {WHITE_ARCSEC:g} arcsec, {len(column)} passes; an honest covariance gives 3, "
-                f"and 99 % of such means lie within {low:.2f} and {high:.2f}.",
-                limit,
-                against,
+                limit=limit,
+                against=against,
+                method=method,
+                noise_arcsec=WHITE_ARCSEC,
+                passes=len(column),
+                low=low,
+                high=high,
             )
         )
     return out
@@ -231,42 +204,18 @@ def _figures(rows: Rows) -> tuple[Figure, ...]:
         "batch": located.batch,
     }
     errors = {name: celestial_errors(r, truth.r_gcrs) for name, r in positions.items()}
-    six = cases(rows)
+    six = cases()
     ours = {m: np.array([mean(rows, key, m) for key, _, _ in six]) for m in METHODS}
     published = np.array([p["proposed"] for _, _, p in six])
+    title = f"angles rounded to {NOISE_ROUNDING_DEG:g} deg"
     return (
-        Figure("pass", "The pass over the two stations.", pictures.geometry),
-        Figure(
+        TEXT.figure("pass", pictures.geometry),
+        TEXT.figure(
             "errors",
-            f"Errors against time, angles rounded to {NOISE_ROUNDING_DEG:g} deg. The clamped mean "
-            f"({_CLAMPED_S:g} s) leaves the picture at both ends.",
-            partial(pictures.errors_against_time, errors, f"angles rounded to {NOISE_ROUNDING_DEG:g} deg"),
+            partial(pictures.errors_against_time, errors, title),
+            rounding_deg=NOISE_ROUNDING_DEG,
+            clamped_s=_CLAMPED_S,
         ),
-        Figure(
-            "smoothing-bias",
-            "Bias of smoothed exact directions: a clamped Gaussian mean, and the local polynomial used here.",
-            partial(pictures.end_bias, located.kernel.kernel),
-        ),
-        Figure(
-            "ratios",
-            "All 18 figures of the proposed column: ours over the published one.",
-            partial(pictures.ratios, [words for _, words, _ in six], published, ours),
-        ),
-    )
-
-
-def _summary(rows: Rows, nearest: noise.NoiseReading, apart: float) -> str:
-    six = cases(rows)
-    gain = np.array([mean(rows, key, "proposed") / np.array(p["proposed"]) for key, _, p in six])
-    batch = np.array([mean(rows, key, "batch") / np.array(p["proposed"]) for key, _, p in six])
-    kernels = ", ".join(f"{rows[f'rounded {q:g}']['kernel'][0][1]:.0f} s at {q:g} deg" for q in ROUNDING_DEG)
-    return (
-        "Two stations measure azimuth and elevation of ENVISAT twice a second for two minutes. Errors are those of the "
-        "right ascension (the angle about the axis, not times the cosine of the declination), the declination and the "
-        "distance, all seen from the Earth's centre. The proposed way is the published order with a smoother that has "
-        "no bias at the ends: local polynomials under Gaussian weights, degree and width chosen by one rule from the "
-        f"data alone ({kernels}), then least squares, an adaptive Kalman filter with two-body and J2 motion, and "
-        f"its way back. Its errors are {gain.min():.2f} to {gain.max():.2f} of the published ones; a batch orbit fit "
-        f"of the same angles gives {batch.min():.2f} to {batch.max():.2f}. The published noise has no stated unit; of "
-        f'{len(noise.MEANINGS)} readings, the plain column comes nearest with "{nearest.words}" ({apart:.1%} away).'
+        TEXT.figure("smoothing-bias", partial(pictures.end_bias, located.kernel.kernel)),
+        TEXT.figure("ratios", partial(pictures.ratios, [case for _, case, _ in six], published, ours)),
     )

@@ -12,8 +12,8 @@ from matplotlib.projections.polar import PolarAxes
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.ellipsoid import geodetic_from_itrs
 from horizonval.systems.e.case import QUANTITIES, STATIONS, exact_pass
-from horizonval.systems.e.orbit.celestial import ARCSEC
-from horizonval.systems.e.orbit.smoothing import Kernel, smooth, smooth_clamped
+from horizonval.systems.e.localisation.celestial import ARCSEC
+from horizonval.systems.e.localisation.smoothing import Kernel, smooth, smooth_clamped
 
 LOOKS = {
     "plain": ("0.65", "-", 0.8, "two-ray least squares"),

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,14 @@ from scipy import stats
 from horizonval.core.arrays import FloatArray
 from horizonval.systems.e import figures as pictures
 from horizonval.systems.e.case import EPOCH_UTC, METHODS, QUANTITIES, STATIONS, exact_pass
-from horizonval.systems.e.frames.frames import StationPass
-from horizonval.systems.e.orbit.celestial import ARCSEC, celestial_errors, normalised_squares, rms
-from horizonval.systems.e.orbit.pipeline import PassPositions, TwoStationPass, locate
+from horizonval.systems.e.localisation.celestial import ARCSEC, celestial_errors, normalised_squares, rms
+from horizonval.systems.e.localisation.pipeline import PassPositions, TwoStationPass, locate
+from horizonval.systems.e.passes.measured_pass import StationPass
 from horizonval.systems.result import Cell, ComparisonRow, Figure, Table
+from horizonval.systems.text import page_text
+
+TEXT = page_text("E")
+SHOWN_METHODS = ("plain", "proposed", "batch")
 
 
 def located_from(passes: Sequence[StationPass]) -> tuple[PassPositions, TwoStationPass, NDArray[np.bool_]]:
@@ -33,18 +38,18 @@ def located_from(passes: Sequence[StationPass]) -> tuple[PassPositions, TwoStati
 
 def _pass_of(passes: Sequence[StationPass], both: NDArray[np.bool_], angles: FloatArray) -> TwoStationPass:
     n = int(both.sum())
-    spread, lasting = np.zeros((n, 4, 4)), np.zeros((n, 4, 6))
+    spread, considered = np.zeros((n, 4, 4)), np.zeros((n, 4, 6))
     for i, one in enumerate(passes):
-        constant = _lasting(one)[both]
+        constant = _consider_partials(one)[both]
         to_angle = np.eye(2) * np.stack([1.0 / np.cos(one.true_elevation_rad[both]), np.ones(n)], axis=1)[:, None, :]
         claimed = one.covariance[both] - constant @ np.swapaxes(constant, -1, -2)
         part = slice(2 * i, 2 * i + 2)
         spread[:, part, part] = to_angle @ claimed @ to_angle
-        lasting[:, part, 3 * i : 3 * i + 3] = to_angle @ constant
-    return TwoStationPass(STATIONS, EPOCH_UTC, passes[0].seconds[both], angles, spread, lasting)
+        considered[:, part, 3 * i : 3 * i + 3] = to_angle @ constant
+    return TwoStationPass(STATIONS, EPOCH_UTC, passes[0].seconds[both], angles, spread, considered)
 
 
-def _lasting(one: StationPass) -> FloatArray:
+def _consider_partials(one: StationPass) -> FloatArray:
     """Return what a station's lasting errors do to (azimuth x cos elevation, elevation), shape (n, 2, 3) [rad].
 
     The mount's model on both axes, and the clock along the satellite's motion.
@@ -109,12 +114,12 @@ def expected(r_gcrs: FloatArray, covariances: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class FromFrames:
-    """What there is to say; ``words`` are for the summary."""
+    """What there is to say; ``summary`` are the numbers of the page's summary."""
 
     rows: tuple[ComparisonRow, ...]
     table: Table
     figure: Figure
-    words: str
+    summary: dict[str, Any]
 
 
 def frames_part_of(passes: Sequence[StationPass]) -> FromFrames:
@@ -124,76 +129,49 @@ def frames_part_of(passes: Sequence[StationPass]) -> FromFrames:
     measured = errors_of(located, both)
     causes = budget(passes, both)
     claimed = {method: expected(truth, getattr(located, f"{method}_covariances")) for method in ("proposed", "batch")}
-    shares = {cause: columns["proposed"] for cause, columns in causes.items()}
     rows = []
-    for method in ("plain", "proposed", "batch"):
+    for method in SHOWN_METHODS:
         for i, (quantity, unit) in enumerate(QUANTITIES):
-            largest = max(causes, key=lambda cause: causes[cause][method][i])
-            why = f"The largest part is {largest}, which alone makes {causes[largest][method][i]:.3g} {unit}"
-            why += f"; claimed by the covariance: {claimed[method][i]:.3g}." if method in claimed else "."
-            rows.append(
-                ComparisonRow(f"rendered frames, {method}: {quantity}", None, float(measured[method][i]), unit, why)
-            )
-    middle = len(truth) // 2
-    squares = {
-        method: float(
-            normalised_squares(getattr(located, method), getattr(located, f"{method}_covariances"), truth)[middle]
-        )
-        for method in ("proposed", "batch")
-    }
-    limit = float(stats.chi2.ppf(0.99, 3))
+            cause = max(causes, key=lambda cause: causes[cause][method][i])
+            fields: dict[str, Any] = {"method": method, "quantity": quantity, "unit": unit, "cause": cause}
+            fields["alone"] = causes[cause][method][i]
+            key = "frames"
+            if method in claimed:
+                key, fields["claimed"] = "frames_claimed", claimed[method][i]
+            rows.append(TEXT.row(key, float(measured[method][i]), **fields))
+    squares = normalised_squares(located.batch, located.batch_covariances, truth)
+    limit, residuals = float(stats.chi2.ppf(0.99, 3)), located.orbit.chi2_per_dof
     rows.append(
-        ComparisonRow(
-            "rendered frames, batch: normalised squared position error in the pass's middle",
-            None,
-            squares["batch"],
-            "1",
-            f"One pass: an honest covariance stays below {limit:.1f} in 99 % of passes; the lasting errors of mount "
-            f"and clock are considered in it. Residuals against claimed noise: {located.orbit.chi2_per_dof:.2f} "
-            "per degree of freedom, in which the lasting errors show as well.",
-            limit,
-        )
+        TEXT.row("frames_covariance", float(squares[len(truth) // 2]), limit=limit, bound=limit, residuals=residuals)
     )
-    table = _budget_table(causes, measured, claimed)
-    errors = {m: celestial_errors(getattr(located, m), truth) for m in ("plain", "proposed", "batch")}
-    picture = Figure(
-        "frames-errors",
-        "Errors against time, directions measured in rendered frames.",
-        partial(pictures.errors_against_time, errors, "directions from rendered frames", passes[0].seconds[both]),
+    errors = {m: celestial_errors(getattr(located, m), truth) for m in SHOWN_METHODS}
+    times_s = passes[0].seconds[both]
+    draw = partial(pictures.errors_against_time, errors, "directions from rendered frames", times_s)
+    summary = {
+        "used": int(both.sum()),
+        "instants": len(both),
+        "proposed": measured["proposed"],
+        "batch": measured["batch"],
+        "causes": sorted(causes, key=lambda cause: -float(causes[cause]["proposed"][0])),
+    }
+    return FromFrames(
+        tuple(rows), _causes_table(causes, measured, claimed), TEXT.figure("frames-errors", draw), summary
     )
-    return FromFrames(tuple(rows), table, picture, _sentence(measured, shares, int(both.sum()), len(both)))
 
 
-def _budget_table(
+def _causes_table(
     causes: dict[str, dict[str, FloatArray]], measured: dict[str, FloatArray], claimed: dict[str, FloatArray]
 ) -> Table:
-    methods = ("plain", "proposed", "batch")
-    cells: list[tuple[Cell, ...]] = []
+    def line(name: str, columns: dict[str, FloatArray]) -> list[Cell]:
+        errors = [float(f"{columns[m][i]:.3g}") if m in columns else None for m in SHOWN_METHODS for i in range(3)]
+        return [name, *errors]
 
-    def line(name: str, columns: dict[str, FloatArray]) -> None:
-        cells.append(
-            (name, *(float(f"{columns[m][i]:.3g}") if m in columns else None for m in methods for i in range(3)))
-        )
-
-    for cause, columns in causes.items():
-        line(f"{cause} alone", columns)
-    line("sum of squares", {m: np.sqrt(sum(c[m] ** 2 for c in causes.values())) for m in methods})
-    line("measured, all together", measured)
-    line("claimed by the covariance", claimed)
-    return Table(
-        "Where the errors from rendered frames come from",
-        ("cause", *(f"{m}: {quantity} [{unit}]" for m in methods for quantity, unit in QUANTITIES)),
-        tuple(cells),
-        "Root mean square errors over the pass; a lasting error shifts the whole orbit, which no smoother removes.",
-    )
-
-
-def _sentence(measured: dict[str, FloatArray], shares: dict[str, FloatArray], used: int, of: int) -> str:
-    order = sorted(shares, key=lambda cause: -float(shares[cause][0]))
-    ra, dec, km = measured["batch"]
-    return (
-        f"From rendered frames ({used} of {of} instants with a streak at both stations) the proposed way reaches "
-        f"{measured['proposed'][0]:.2f} and {measured['proposed'][1]:.2f} arcsec and "
-        f"{1e3 * measured['proposed'][2]:.0f} m, the batch fit {ra:.2f} and {dec:.2f} arcsec and {1e3 * km:.0f} m; "
-        f"most of it comes from {order[0]}, then {order[1]}."
+    return TEXT.table(
+        "causes",
+        [
+            *(line(f"{cause} alone", columns) for cause, columns in causes.items()),
+            line("sum of squares", {m: np.sqrt(sum(c[m] ** 2 for c in causes.values())) for m in SHOWN_METHODS}),
+            line("measured, all together", measured),
+            line("claimed by the covariance", claimed),
+        ],
     )

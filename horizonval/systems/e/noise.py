@@ -23,8 +23,8 @@ from horizonval.systems.e.case import (
     exact_pass,
     rounded,
 )
-from horizonval.systems.e.orbit.celestial import ARCSEC, celestial_errors, rms
-from horizonval.systems.e.orbit.triangulation import triangulate
+from horizonval.systems.e.localisation.celestial import ARCSEC, celestial_errors, rms
+from horizonval.systems.e.localisation.triangulation import triangulate
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class NoiseReading:
     order: str
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """For people."""
         return f"{SHAPES[self.shape][0]}, {ORDERS[self.order]}"
 

@@ -18,22 +18,13 @@ from horizonval.systems.e.case import (
     Figures,
 )
 from horizonval.systems.result import Cell, Table
+from horizonval.systems.text import page_text
 
 Rows = dict[str, dict[str, FloatArray]]
-"""Draws of every row, by the row's name: see ``localisation_trials.gathered``."""
+"""Draws of every row, by the row's name: see :func:`horizonval.systems.e.trials.gathered`."""
 
 
-_COLUMNS = (
-    "measurement",
-    "error of",
-    "published plain",
-    "published proposed",
-    "plain",
-    "smoothed",
-    "+ adaptive filter",
-    "+ way back (proposed)",
-    "batch fit",
-)
+TEXT = page_text("E")
 
 
 def mean(rows: Rows, row: str, method: str) -> FloatArray:
@@ -47,8 +38,8 @@ def half_width(rows: Rows, row: str, method: str) -> FloatArray:
     return stats.t.ppf(0.975, len(draws) - 1) * draws.std(axis=0, ddof=1) / np.sqrt(len(draws))
 
 
-def cases(rows: Rows) -> list[tuple[str, str, dict[str, Figures]]]:
-    """Return key, words and published columns of the six published rows."""
+def cases() -> list[tuple[str, str, dict[str, Figures]]]:
+    """Return key, description and published columns of the six published rows."""
     rounding = [
         (f"rounded {q:g}", f"rounded to {q:g} deg", {k: v[i] for k, v in PUBLISHED_ROUNDING.items()})
         for i, q in enumerate(ROUNDING_DEG)
@@ -61,52 +52,37 @@ def cases(rows: Rows) -> list[tuple[str, str, dict[str, Figures]]]:
 
 def rounding_table(rows: Rows) -> Table:
     """Return the rounding table, published and ours."""
-    cells: list[tuple[Cell, ...]] = []
+    lines: list[tuple[Cell, ...]] = []
     for i, q in enumerate(ROUNDING_DEG):
         for j, (quantity, unit) in enumerate(QUANTITIES):
             shifted = mean(rows, f"shifted {q:g}", "proposed")[j]
             half = half_width(rows, f"shifted {q:g}", "proposed")[j]
             ours = [round(float(mean(rows, f"rounded {q:g}", m)[j]), 3) for m in METHODS]
-            published = [PUBLISHED_ROUNDING[k][i][j] for k in ("plain", "proposed")]
-            cells.append(
-                (f"{q:g} deg", f"{quantity} [{unit}]", *published, *ours, f"{shifted:.3g} ± {half:.1g}"),
-            )
-    return Table(
-        "Rounded angles: root mean square errors",
-        (*_COLUMNS, "proposed, grid at random"),
-        tuple(cells),
-        "The last column is the mean over random places of the rounding grid, with its 95 % confidence interval.",
-    )
+            printed = [PUBLISHED_ROUNDING[k][i][j] for k in ("plain", "proposed")]
+            lines.append((f"{q:g} deg", f"{quantity} [{unit}]", *printed, *ours, f"{shifted:.3g} ± {half:.1g}"))
+    return TEXT.table("rounding", lines)
 
 
 def noise_table(rows: Rows, nearest: noise.NoiseReading, draws: int) -> Table:
     """Return the noise table, published and ours, under one reading of its noise."""
-    cells: list[tuple[Cell, ...]] = []
+    lines: list[tuple[Cell, ...]] = []
     for i, n in enumerate(NOISE_ARCSEC):
         for j, (quantity, unit) in enumerate(QUANTITIES):
             ours = [
                 f"{mean(rows, f'noisy {n:g}', m)[j]:.3g} ± {half_width(rows, f'noisy {n:g}', m)[j]:.1g}"
                 for m in METHODS
             ]
-            published = [PUBLISHED_NOISE[k][i][j] for k in ("plain", "proposed")]
-            cells.append((f"{n:g} arcsec", f"{quantity} [{unit}]", *published, *ours))
-    return Table(
-        f"Gaussian noise and {NOISE_ROUNDING_DEG:g} deg rounding: root mean square errors",
-        _COLUMNS,
-        tuple(cells),
-        f"Noise read as: {nearest.words}. Means of {draws} passes with their 95 % confidence intervals.",
-    )
+            printed = [PUBLISHED_NOISE[k][i][j] for k in ("plain", "proposed")]
+            lines.append((f"{n:g} arcsec", f"{quantity} [{unit}]", *printed, *ours))
+    return TEXT.table("noise", lines, rounding_deg=NOISE_ROUNDING_DEG, reading=nearest.description, draws=draws)
 
 
 def meaning_table(columns: dict[noise.NoiseReading, FloatArray]) -> Table:
     """Return the plain column under every reading of the noise, the nearest first."""
     ordered = sorted(columns.items(), key=lambda pair: noise.distance(pair[1]))
-    return Table(
-        "What the published noise may mean: the plain column under each reading",
-        ("reading", "distance [%]", *(f"{q} at {n:g} [{u}]" for n in NOISE_ARCSEC for q, u in QUANTITIES)),
-        tuple(
-            (meaning.words, round(100.0 * noise.distance(c), 1), *(round(float(v), 2) for v in c.ravel()))
-            for meaning, c in ordered
-        ),
-        "Published: " + ", ".join(f"{v:g}" for row in PUBLISHED_NOISE["plain"] for v in row) + ".",
-    )
+    lines: list[tuple[Cell, ...]] = [
+        (reading.description, round(100.0 * noise.distance(c), 1), *(round(float(v), 2) for v in c.ravel()))
+        for reading, c in ordered
+    ]
+    printed = ", ".join(f"{v:g}" for row in PUBLISHED_NOISE["plain"] for v in row)
+    return TEXT.table("readings", lines, published=printed)

@@ -21,7 +21,7 @@ from horizonval.geometry.ephemeris import sun_angular_radius, sun_itrs, sun_visi
 from horizonval.geometry.tle import ElementSet, itrs_states
 from horizonval.systems.e.ground.refraction import Correction, RefractingAir, apparent_elevation
 from horizonval.systems.e.ground.sky import sky_scene
-from horizonval.systems.e.orbit.stations import Station, enu_directions
+from horizonval.systems.e.localisation.stations import Station, enu_directions
 
 WAVELENGTH_UM = 0.62
 """At which refraction is taken: the middle of the tracker's band. Dispersion over the band (0.4 arcsec at 48 deg) is

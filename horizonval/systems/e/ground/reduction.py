@@ -26,7 +26,7 @@ from horizonval.systems.e.ground.frames import ARCSEC, Exposure, Frames
 from horizonval.systems.e.ground.ground_pass import azimuth_elevation
 from horizonval.systems.e.ground.refraction import true_elevation
 from horizonval.systems.e.ground.streak_fit import Noise
-from horizonval.systems.e.orbit.stations import enu_directions
+from horizonval.systems.e.localisation.stations import enu_directions
 
 REFRACTION_RAD = 0.05 * ARCSEC
 """Claimed for what the correction leaves above 45 deg, barometer and thermometer being right."""

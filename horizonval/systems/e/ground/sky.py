@@ -22,7 +22,7 @@ from horizonval.geometry.frames import rotate
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band, CameraSpec
-from horizonval.systems.e.orbit.stations import Station
+from horizonval.systems.e.localisation.stations import Station
 
 FIELD_DEG = 124.0
 """Of the fisheye; a circle of it in the image reaches down to an elevation of 28 deg."""

@@ -9,10 +9,10 @@ from scipy.integrate import solve_ivp
 from horizonval.geometry.rotation import itrs_from_gcrs
 from horizonval.geometry.tle import gcrs_states
 from horizonval.systems.e.case import ENVISAT, EPOCH_UTC, STATIONS, exact_pass
-from horizonval.systems.e.orbit.batch import OrbitFit, fit_orbit
-from horizonval.systems.e.orbit.celestial import ARCSEC, celestial, celestial_errors, normalised_squares, rms
-from horizonval.systems.e.orbit.motion import J2, MU_M3_S2, acceleration, propagate, transition
-from horizonval.systems.e.orbit.pipeline import locate
+from horizonval.systems.e.localisation.batch import OrbitFit, fit_orbit
+from horizonval.systems.e.localisation.celestial import ARCSEC, celestial, celestial_errors, normalised_squares, rms
+from horizonval.systems.e.localisation.motion import J2, MU_M3_S2, acceleration, propagate, transition
+from horizonval.systems.e.localisation.pipeline import locate
 
 SIGMA = 100.0 * ARCSEC
 TIMES = exact_pass().times_s[::8]

@@ -17,7 +17,7 @@ from horizonval.systems.e.ground.ground_pass import Pass, azimuth_elevation
 from horizonval.systems.e.ground.reduction import Sighting, measure
 from horizonval.systems.e.ground.satellite import ENVISAT
 from horizonval.systems.e.ground.sky import Sky
-from horizonval.systems.e.orbit.stations import Station
+from horizonval.systems.e.localisation.stations import Station
 
 ARCSEC = np.pi / 648000
 EPOCH = datetime(2019, 11, 26, 14, 38, 38, tzinfo=UTC)

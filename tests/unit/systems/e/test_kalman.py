@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from horizonval.systems.e.orbit.kalman import backward, filter_positions
+from horizonval.systems.e.localisation.kalman import filter_positions, rts_smoother
 
 DT = 1.0
 F = np.block([[np.eye(3), DT * np.eye(3)], [np.zeros((3, 3)), np.eye(3)]])
@@ -48,7 +48,7 @@ def test_without_process_noise_the_end_is_the_least_squares_line() -> None:
     slope, offset = np.polyfit(t, y, 1)
     line = offset + t[:, None] * slope
     assert track.states[-1, :3] == pytest.approx(line[-1], abs=1e-5)
-    states, covariances = backward(track)
+    states, covariances = rts_smoother(track)
     assert np.abs(states[:, :3] - line).max() < 1e-4
     basis = np.stack([np.ones(40), t], axis=1)
     spread = np.einsum("ni,ij,nj->n", basis, np.linalg.inv(basis.T @ basis), basis)
@@ -66,7 +66,7 @@ def test_errors_are_as_large_as_claimed(way: str) -> None:
     track = filter_positions(
         np.arange(59.0), measured[1:], R, Q, x, np.broadcast_to(f @ spread @ f.T + Q, (400, 6, 6)), _motion
     )
-    states, covariances = (track.states, track.covariances) if way == "forward" else backward(track)
+    states, covariances = (track.states, track.covariances) if way == "forward" else rts_smoother(track)
     for k in (5, 30, 58):
         e = states[k] - truth[k + 1]
         squares = np.einsum("ni,ni->n", e, np.linalg.solve(covariances[k], e[..., None])[..., 0])

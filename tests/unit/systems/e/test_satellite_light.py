@@ -13,7 +13,7 @@ from horizonval.geometry.tle import ElementSet, itrs_states
 from horizonval.systems.e.ground.ground_pass import Pass, azimuth_elevation, standard_air
 from horizonval.systems.e.ground.refraction import Correction, RefractingAir, apparent_elevation, true_elevation
 from horizonval.systems.e.ground.satellite import Brightness, box_cross_section_m2, magnitude, sunlight_share
-from horizonval.systems.e.orbit.stations import Station
+from horizonval.systems.e.localisation.stations import Station
 
 ARCSEC = np.pi / 648000
 STATION = Station("S1", np.radians(48.3358), np.radians(35.7061), 1000.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import savgol_coeffs
 
-from horizonval.systems.e.orbit.smoothing import (
+from horizonval.systems.e.localisation.smoothing import (
     Kernel,
     choose_kernel,
     scatter,

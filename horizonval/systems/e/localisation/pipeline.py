@@ -19,12 +19,12 @@ from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.rotation import itrs_from_gcrs, turn
-from horizonval.systems.e.orbit.batch import OrbitFit, fit_orbit
-from horizonval.systems.e.orbit.kalman import Track, backward, filter_positions
-from horizonval.systems.e.orbit.motion import propagate, transition
-from horizonval.systems.e.orbit.smoothing import KernelChoice, choose_kernel, smooth, smoother_matrix
-from horizonval.systems.e.orbit.stations import Station
-from horizonval.systems.e.orbit.triangulation import triangulate, triangulate_with_partials
+from horizonval.systems.e.localisation.batch import OrbitFit, fit_orbit
+from horizonval.systems.e.localisation.kalman import Track, filter_positions, rts_smoother
+from horizonval.systems.e.localisation.motion import propagate, transition
+from horizonval.systems.e.localisation.smoothing import KernelChoice, choose_kernel, smooth, smoother_matrix
+from horizonval.systems.e.localisation.stations import Station
+from horizonval.systems.e.localisation.triangulation import triangulate, triangulate_with_partials
 
 ALPHA = 0.995
 """Forgetting factor: a memory of 200 measurements, about a pass. The published 0.3 remembers one or two."""
@@ -49,8 +49,8 @@ class TwoStationPass:
         Azimuth and elevation of the first, then of the second station.
     covariance_rad2 : ndarray, shape (4, 4) or (n, 4, 4), or None
         Of the errors that differ from instant to instant. None: as the directions' scatter says, alike in all four.
-    lasting_rad : ndarray, shape (n, 4, k), or None
-        What one standard deviation of each error that lasts does to the angles.
+    consider_partials_rad : ndarray, shape (n, 4, k), or None
+        Consider partials: what one standard deviation of each error that lasts does to the angles.
     """
 
     stations: tuple[Station, Station]
@@ -58,7 +58,7 @@ class TwoStationPass:
     times_s: FloatArray
     angles_rad: FloatArray
     covariance_rad2: FloatArray | None = None
-    lasting_rad: FloatArray | None = None
+    consider_partials_rad: FloatArray | None = None
 
     @property
     def directions_itrs(self) -> tuple[FloatArray, FloatArray]:
@@ -115,20 +115,20 @@ def locate(measured: TwoStationPass, *, alpha: float = ALPHA) -> PassPositions:
     partials = back @ triangulate_with_partials(measured.stations, angles)[1]
     r = share * np.mean(partials @ spread @ np.swapaxes(partials, -1, -2), axis=0)
     track = follow(t, positions, r, alpha=alpha)
-    states, covariances = backward(track)
+    states, covariances = rts_smoother(track)
     middle = len(t) // 2
     orbit = fit_orbit(
-        measured.stations, t, angles, spread, turns, _carried(states[middle], t, middle), measured.lasting_rad
+        measured.stations, t, angles, spread, turns, _carried(states[middle], t, middle), measured.consider_partials_rad
     )
-    lasting = _lasting(partials, measured.lasting_rad)
+    considered = _considered(partials, measured.consider_partials_rad)
     return PassPositions(
         plain=plain,
         smoothed=positions,
         filtered=track.states[:, :3],
         proposed=states[:, :3],
         batch=orbit.states_gcrs[:, :3],
-        filtered_covariances=track.covariances[:, :3, :3] / share + lasting,
-        proposed_covariances=covariances[:, :3, :3] / share + lasting,
+        filtered_covariances=track.covariances[:, :3, :3] / share + considered,
+        proposed_covariances=covariances[:, :3, :3] / share + considered,
         batch_covariances=orbit.covariances[:, :3, :3],
         kernel=kernel,
         repeats=1.0 / share,
@@ -159,12 +159,12 @@ def follow(times_s: ArrayLike, r_gcrs: ArrayLike, covariance: ArrayLike, *, alph
     )
 
 
-def _lasting(partials: FloatArray, lasting_rad: FloatArray | None) -> FloatArray:
+def _considered(partials: FloatArray, consider_partials_rad: FloatArray | None) -> FloatArray:
     """Return the covariance that lasting errors leave in a position: neither smoother nor filter takes it away."""
-    if lasting_rad is None:
+    if consider_partials_rad is None:
         return np.zeros((len(partials), 3, 3))
-    moved = partials @ lasting_rad
-    return moved @ np.swapaxes(moved, -1, -2)
+    position_partials = partials @ consider_partials_rad
+    return position_partials @ np.swapaxes(position_partials, -1, -2)
 
 
 def _angle_sigma(sigma_rad: float, angles_rad: FloatArray) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
-from horizonval.systems.e.orbit.stations import Station
+from horizonval.systems.e.localisation.stations import Station
 
 
 def triangulate(

@@ -9,14 +9,17 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.ephemeris import sun_itrs
-from horizonval.systems.e.frames.frames import StationPass
 from horizonval.systems.e.ground.frames import ARCSEC
 from horizonval.systems.e.ground.ground_pass import azimuth_elevation
 from horizonval.systems.e.ground.reduction import REFRACTION_RAD
 from horizonval.systems.e.ground.refraction import true_elevation
 from horizonval.systems.e.ground.satellite import magnitude
-from horizonval.systems.e.orbit.stations import enu_directions
+from horizonval.systems.e.localisation.stations import enu_directions
+from horizonval.systems.e.passes.measured_pass import StationPass
 from horizonval.systems.result import Cell, Table
+from horizonval.systems.text import page_text
+
+TEXT = page_text("E")
 
 
 def refraction_left(one: StationPass) -> tuple[float, float]:
@@ -87,13 +90,8 @@ def budget_table(passes: Sequence[StationPass]) -> Table:
     add("clock", clock)
     add("refraction left", air)
     add("direction in all", total)
-    columns = ["part"] + [f"{one.station.name} {what}, arcsec" for one in passes for what in ("claimed", "measured")]
-    return Table(
-        "Error budget of a direction from one frame",
-        tuple(columns),
-        tuple(lines),
-        "Root mean square of the two axes over the pass. The first moment is not used.",
-    )
+    first, second = (one.station.name for one in passes)
+    return TEXT.table("direction", lines, first=first, second=second)
 
 
 def sky_table(passes: Sequence[StationPass]) -> Table:
@@ -114,21 +112,7 @@ def sky_table(passes: Sequence[StationPass]) -> Table:
                 round(light_time_shift(one) / ARCSEC, 2),
             )
         )
-    return Table(
-        "What the stations see",
-        (
-            "station",
-            "Sun's elevation, deg",
-            "zenith, mag/arcsec2",
-            "sky, electrons per pixel",
-            "satellite's elevation, deg",
-            "its magnitude above the air",
-            "its electrons per exposure",
-            "mean refraction, arcsec",
-            "light time, arcsec",
-        ),
-        tuple(lines),
-    )
+    return TEXT.table("circumstances", lines)
 
 
 def faint_table(curve: dict[str, FloatArray]) -> Table:
@@ -138,12 +122,7 @@ def faint_table(curve: dict[str, FloatArray]) -> Table:
         for mag, share, rms, claim, wrong in values:
             pair = (None, None) if np.isnan(rms) else (round(float(rms), 4), round(float(claim), 4))
             lines.append((name, round(float(mag), 2), round(float(share), 3), *pair, round(float(wrong), 3)))
-    return Table(
-        "Fainter satellites",
-        ("station", "magnitude", "share detected", "error of the middle, px rms", "claimed, px", "share wrong"),
-        tuple(lines),
-        "The same pass with a dimmer satellite. Wrong: the streak found is none of the satellite.",
-    )
+    return TEXT.table("faint", lines)
 
 
 def _unit(one: StationPass) -> FloatArray:

@@ -10,9 +10,9 @@ IEEE PES General Meeting 2017. The measurement is a position: ``H = [I 0]``. Wit
 in the order predict, gain, update, adapt. In theory ``E[e e^T] = R - H P+ H^T``: P- in place of P+, as printed, makes
 R a little too large. ``alpha = 1`` leaves both as they were given: the plain filter.
 
-A filter knows only what came before, and at the start of the pass that is nothing. :func:`backward` carries what came
-after to every instant (Rauch, Tung & Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA Journal
-3, 1965), with the covariances that the filter used::
+A filter knows only what came before, and at the start of the pass that is nothing. :func:`rts_smoother` carries what
+came after to every instant (Rauch, Tung & Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA
+Journal 3, 1965), with the covariances that the filter used::
 
     G = P_k F^T (P-_{k+1})^-1,     xs_k = x_k + G (xs_{k+1} - x-_{k+1}),     Ps_k = P_k + G (Ps_{k+1} - P-_{k+1}) G^T
 
@@ -114,7 +114,7 @@ def filter_positions(
     return Track(states, covariances, predicted, p_predicted, transitions, innovations, r_now, q_now)
 
 
-def backward(track: Track) -> tuple[FloatArray, FloatArray]:
+def rts_smoother(track: Track) -> tuple[FloatArray, FloatArray]:
     """Return states and covariances, shapes (n, ..., m) and (n, ..., m, m), that know all measurements."""
     states, covariances = list(track.states), list(track.covariances)
     for k in range(len(states) - 2, -1, -1):

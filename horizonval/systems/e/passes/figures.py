@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -13,12 +14,14 @@ from matplotlib.projections.polar import PolarAxes
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.ephemeris import sun_itrs
-from horizonval.systems.e.frames.frames import StationPass
 from horizonval.systems.e.ground import ground_camera as cam
 from horizonval.systems.e.ground.frames import ARCSEC
-from horizonval.systems.e.orbit.stations import enu_directions
+from horizonval.systems.e.localisation.stations import enu_directions
+from horizonval.systems.e.passes.measured_pass import StationPass
 from horizonval.systems.result import Figure
+from horizonval.systems.text import page_text
 
+TEXT = page_text("E")
 ZOOM_PX = 24
 _AXES = ("azimuth x cos(elevation)", "elevation")
 _STYLE = (("black", "o", "-"), ("tab:orange", "s", "--"))
@@ -27,34 +30,11 @@ _STYLE = (("black", "o", "-"), ("tab:orange", "s", "--"))
 def all_figures(passes: Sequence[StationPass], curve: dict[str, FloatArray]) -> tuple[Figure, ...]:
     """Return the figures of the passes, and of how faint the satellite may be."""
     return (
-        Figure(
-            "frames",
-            "An exposure of each station in mid-pass (electrons, stretched to show the stars) and the streak in it "
-            "(to its own brightest pixel), with the fitted middle.",
-            lambda: draw_frames(passes),
-        ),
-        Figure(
-            "frames-sky",
-            "The sky above 30 deg over both stations, zenith in the middle, north up and east to the right, with the "
-            "satellite's way (it ends in a triangle) and the Sun's azimuth (star).",
-            lambda: draw_sky(passes),
-        ),
-        Figure(
-            "frames-signal",
-            "Magnitude above the air, and significance of the streak in the matched filter.",
-            lambda: draw_signal(passes),
-        ),
-        Figure(
-            "frames-direction-errors",
-            "Measured minus true direction of every exposure; grey: one claimed standard deviation.",
-            lambda: draw_errors(passes),
-        ),
-        Figure(
-            "frames-faint",
-            "The same pass with a fainter satellite: share of exposures in which it is measured, and error of the "
-            "streak's middle (marks) beside the claim (lines).",
-            lambda: draw_faint(curve),
-        ),
+        TEXT.figure("frames", partial(draw_frames, passes)),
+        TEXT.figure("frames-sky", partial(draw_sky, passes)),
+        TEXT.figure("frames-signal", partial(draw_signal, passes)),
+        TEXT.figure("frames-direction-errors", partial(draw_errors, passes)),
+        TEXT.figure("frames-faint", partial(draw_faint, curve)),
     )
 
 

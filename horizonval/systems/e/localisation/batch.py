@@ -1,8 +1,8 @@
 """The orbit that fits all angles of a pass best: position and velocity at the middle, by weighted least squares.
 
-The unknowns are six numbers; :mod:`horizonval.systems.e.orbit.motion` carries them to every instant, the stations say
-which azimuth and elevation they would have measured there, and the weighted differences from the measured ones are
-made small (Tapley, Schutz & Born, "Statistical Orbit Determination", 2004, chapter 4)::
+The unknowns are six numbers; :mod:`horizonval.systems.e.localisation.motion` carries them to every instant, the
+stations say which azimuth and elevation they would have measured there, and the weighted differences from the measured
+ones are made small (Tapley, Schutz & Born, "Statistical Orbit Determination", 2004, chapter 4)::
 
     x = argmin sum_i |L_i^-1 (z_i - h_i(x))|^2,        P = (J^T J)^-1
 
@@ -27,8 +27,8 @@ from scipy.optimize import least_squares
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.rotation import turn
-from horizonval.systems.e.orbit.motion import propagate, transition
-from horizonval.systems.e.orbit.stations import Station
+from horizonval.systems.e.localisation.motion import propagate, transition
+from horizonval.systems.e.localisation.stations import Station
 
 _NOT_MEASURED_RAD2 = 1e5
 _SCALE = np.array([1e3, 1e3, 1e3, 10.0, 10.0, 10.0])
@@ -72,7 +72,7 @@ def fit_orbit(
     covariance_rad2: ArrayLike,
     itrs_from_gcrs: ArrayLike,
     start_gcrs: ArrayLike,
-    lasting_rad: ArrayLike | None = None,
+    consider_partials_rad: ArrayLike | None = None,
 ) -> OrbitFit:
     """Fit an orbit to a pass.
 
@@ -88,8 +88,8 @@ def fit_orbit(
     itrs_from_gcrs : array_like, shape (n, 3, 3)
     start_gcrs : array_like, shape (6,)
         A state at the middle of the pass to begin with; hundreds of kilometres may be missing.
-    lasting_rad : array_like, shape (n, 4, k), or None
-        What one standard deviation of each lasting error does to the angles.
+    consider_partials_rad : array_like, shape (n, 4, k), or None
+        Consider partials: what one standard deviation of each lasting error does to the angles.
     """
     t = np.asarray(times_s, float)
     measured, matrices = np.asarray(angles_rad, float), np.asarray(itrs_from_gcrs, float)
@@ -121,10 +121,10 @@ def fit_orbit(
     j = jacobian(solution.x)
     inverse = np.linalg.inv(np.linalg.qr(j, mode="r")) * _SCALE[:, None]
     covariance = inverse @ inverse.T
-    if lasting_rad is not None:
-        lasting = (whiten @ np.asarray(lasting_rad, float)).reshape(len(j), -1)
-        moved = covariance @ (j / _SCALE).T @ lasting
-        covariance = covariance + moved @ moved.T
+    if consider_partials_rad is not None:
+        considered = (whiten @ np.asarray(consider_partials_rad, float)).reshape(len(j), -1)
+        sensitivity = covariance @ (j / _SCALE).T @ considered
+        covariance = covariance + sensitivity @ sensitivity.T
     state = start + _SCALE * solution.x
     by_start = transition(state, t - epoch)
     used = int(np.sum(np.diagonal(spread, axis1=-2, axis2=-1) < _NOT_MEASURED_RAD2))

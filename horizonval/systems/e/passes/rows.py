@@ -1,0 +1,195 @@
+"""What the frames of system E are worth: rows, tables and figures from the measured passes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
+from horizonval.geometry.tle import ElementSet
+from horizonval.systems.e.ground.frames import ARCSEC
+from horizonval.systems.e.ground.ground_camera import detector_of
+from horizonval.systems.e.ground.satellite import ENVISAT, standard_magnitude
+from horizonval.systems.e.ground.sky import Sky
+from horizonval.systems.e.localisation.stations import Station, enu_directions
+from horizonval.systems.e.passes import figures as figures
+from horizonval.systems.e.passes.measured_pass import (
+    VALID,
+    PassSetup,
+    StationPass,
+    dimmed_frames,
+    measure_pass,
+    rendered_skies,
+)
+from horizonval.systems.e.passes.tables import (
+    budget_table,
+    faint_table,
+    sky_magnitude,
+    sky_table,
+    sun_elevation,
+)
+from horizonval.systems.result import ComparisonRow, Figure, Table
+from horizonval.systems.task_cache import TaskCache
+from horizonval.systems.text import page_text
+
+TEXT = page_text("E")
+DIMMER_MAG = (0.0, 2.0, 4.0, 5.0, 5.5, 6.0, 6.5, 7.0, 8.0)
+WRONG_PX = 3.0
+"""A streak whose middle is farther than this from the satellite is something else."""
+FINER_SKY = 65
+
+
+@dataclass(frozen=True)
+class FramePart:
+    """The frames' part of the reproduction."""
+
+    passes: tuple[StationPass, ...]
+    rows: tuple[ComparisonRow, ...]
+    tables: tuple[Table, ...]
+    figures: tuple[Figure, ...]
+
+
+def frame_part(
+    cache: TaskCache,
+    elements: ElementSet,
+    stations: Sequence[Station],
+    epoch_utc: datetime,
+    seconds: FloatArray,
+) -> FramePart:
+    """Return the passes from :func:`measure_pass` with everything there is to say about them."""
+    passes = measure_pass(cache, elements, stations, epoch_utc, seconds)
+    fainter = dimmed_frames(cache, passes, (*DIMMER_MAG, None))
+    scene = PassSetup(elements, tuple(stations), epoch_utc, np.asarray(seconds, float), cache.seed)
+    finer = rendered_skies(cache, scene, FINER_SKY)
+    curve = faintness(passes, fainter)
+    return FramePart(
+        passes,
+        tuple(_rows(passes, fainter, curve, finer)),
+        (budget_table(passes), sky_table(passes), faint_table(curve)),
+        figures.all_figures(passes, curve),
+    )
+
+
+def normalised(error: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return the normalised error squared per degree of freedom, shape (n,), of errors (n, 2)."""
+    return np.asarray(np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0]) / 2.0)
+
+
+def faintness(
+    passes: Sequence[StationPass], fainter: dict[tuple[str, float | None], list[JsonObject]]
+) -> dict[str, FloatArray]:
+    """Return magnitude, share detected, error and claim of the middle [px rms], share wrong, (k, 5), by station."""
+    out = {}
+    for one in passes:
+        lines = []
+        for dimmer in DIMMER_MAG:
+            frames = fainter[one.station.name, dimmer]
+            found = [f for f in frames if f["status"] == VALID]
+            errors = np.array([f["centroid_error_px"] for f in found]).reshape(-1, 2)
+            right = np.hypot(*errors.T) < WRONG_PX
+            claims = np.array([np.diag(f["centroid_covariance_px2"]) for f in found]).reshape(-1, 2)
+            rms, claim = (float(np.sqrt(np.mean(x[right]))) if right.any() else np.nan for x in (errors**2, claims))
+            mag = float(np.mean([f["magnitude"] for f in frames]))
+            lines.append([mag, right.sum() / len(frames), rms, claim, (~right).sum() / len(frames)])
+        out[one.station.name] = np.array(lines)
+    return out
+
+
+def _sky_error(one: StationPass, finer: JsonObject) -> float:
+    """Return the largest relative difference between the sky used and one from a finer grid, above 45 deg."""
+    azimuth, elevation = np.meshgrid(np.radians(np.arange(0, 360, 5.0)), np.radians(np.arange(45.0, 90.0, 2.5)))
+    towards = enu_directions(azimuth, elevation) @ one.station.itrs_from_enu.T
+    second = float(np.mean(one.seconds))
+    used, better = one.frames.sky.radiance(towards, second), Sky.of_plain(finer).radiance(towards, second)
+    return float(np.max(np.abs(used / better - 1.0)))
+
+
+def _rows(
+    passes: Sequence[StationPass],
+    fainter: dict[tuple[str, float | None], list[JsonObject]],
+    curve: dict[str, FloatArray],
+    finer: dict[str, JsonObject],
+) -> list[ComparisonRow]:
+    rows = []
+    for one in passes:
+        station, v = one.station.name, one.valid
+        empty = fainter[station, None]
+        magnitude, share = curve[station][:, 0], curve[station][:, 1]
+        seen = magnitude[share >= 0.5]
+        pixel = 1.0 / one.frames.geometry.fx / ARCSEC
+        middle_px = _rms(one.centroid_error_px[v])
+        rows += [
+            TEXT.row(
+                "detected",
+                float(np.mean(v)),
+                limit=0.95,
+                at_least=True,
+                station=station,
+                brightest=one.magnitude.min(),
+                faintest=one.magnitude.max(),
+                significance=np.nanmin(one.significance),
+            ),
+            TEXT.row(
+                "false_detections",
+                float(sum(frame["status"] == VALID for frame in empty)) / len(empty),
+                limit=0.05,
+                station=station,
+            ),
+            TEXT.row(
+                "direction",
+                _rms_arcsec(one.error_rad[v]),
+                station=station,
+                pointing=_rms_arcsec(one.pointing_rad[v]),
+                clock=_rms_arcsec(one.clock_rad[v]),
+                middle=pixel * middle_px,
+            ),
+            TEXT.row(
+                "direction_covariance",
+                float(np.mean(normalised(one.error_rad[v], one.covariance[v]))),
+                limit=0.75,
+                against=1.25,
+                station=station,
+            ),
+            TEXT.row(
+                "middle_covariance",
+                float(np.mean(normalised(one.centroid_error_px[v], one.centroid_covariance_px2[v]))),
+                limit=0.75,
+                against=1.25,
+                station=station,
+            ),
+            TEXT.row(
+                "middle",
+                middle_px,
+                station=station,
+                pixel=pixel,
+                electrons=one.satellite_e.mean(),
+                read_noise=detector_of(one.frames.camera).read_noise_e,
+            ),
+            TEXT.row(
+                "faintest" if seen.size else "faintest_unseen",
+                float(seen.max()) if seen.size else float(magnitude[0]),
+                station=station,
+            ),
+            TEXT.row("sky", sky_magnitude(one), station=station, sun_deg=np.degrees(sun_elevation(one))),
+            TEXT.row(
+                "sky_grid",
+                _sky_error(one, finer[station]),
+                limit=0.01,
+                station=station,
+                coarse=len(one.frames.sky.log_radiance[0]),
+                finer=FINER_SKY,
+            ),
+        ]
+    return [*rows, TEXT.row("standard_magnitude", standard_magnitude(ENVISAT))]
+
+
+def _rms(error: FloatArray) -> float:
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def _rms_arcsec(error_rad: FloatArray) -> float:
+    return _rms(error_rad) / ARCSEC
