@@ -85,6 +85,9 @@ class Work(ABC, Generic[I, R]):
 class Recorded(Work[I, Record]):
     """Work whose results are records in files of their own."""
 
+    sort_keys: bool = True
+    """Whether the keys of a record are sorted; otherwise their order is part of the result."""
+
     @abstractmethod
     def path(self, item: I) -> Path:
         """Return the file of an item's record."""
@@ -103,7 +106,7 @@ class Recorded(Work[I, Record]):
 
     def make(self, item: I, watch: Stopwatch) -> Record:
         """Make a record, keep it, and read it back: a result must not depend on what was still in memory."""
-        keep(self.path(item), self.identity(item), self.record(item, watch))
+        keep(self.path(item), self.identity(item), self.record(item, watch), sort_keys=self.sort_keys)
         record = self.finished(item)
         if record is None:
             raise OSError(f"{self.path(item).name} cannot be read back")

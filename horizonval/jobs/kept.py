@@ -16,10 +16,10 @@ from horizonval.store.folder import read_json, write_json
 Record = dict[str, Any]
 
 
-def keep(path: Path, identity: str, record: Mapping[str, Any]) -> None:
-    """Write a record with its identity."""
+def keep(path: Path, identity: str, record: Mapping[str, Any], *, sort_keys: bool = True) -> None:
+    """Write a record with its identity; its keys sorted, or in the order that they have."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_json(path, {**record, "identity": identity}, indent=None)
+    write_json(path, {**record, "identity": identity}, indent=None, sort_keys=sort_keys)
 
 
 def kept(path: Path, identity: str) -> Record | None:

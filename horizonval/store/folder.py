@@ -124,9 +124,9 @@ class RunFolder:
             yield
 
 
-def write_json(path: Path, data: Mapping[str, Any], *, indent: int | None = 1) -> None:
+def write_json(path: Path, data: Mapping[str, Any], *, indent: int | None = 1, sort_keys: bool = True) -> None:
     """Write JSON, whole or not at all; equal data give equal bytes."""
-    text = json.dumps(data, indent=indent, sort_keys=True, allow_nan=False) + "\n"
+    text = json.dumps(data, indent=indent, sort_keys=sort_keys, allow_nan=False) + "\n"
     atomic.write_text(path, text)
 
 

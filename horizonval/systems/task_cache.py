@@ -87,6 +87,8 @@ class NamedItem:
 class TaskWork(Recorded[NamedItem]):
     """A function of plain data on many items; the result of each lies under its identity."""
 
+    sort_keys = False
+
     def __init__(self, function: Callable[[JsonObject], JsonObject], folder: Path) -> None:
         self.function, self.place = function, folder
 

@@ -91,6 +91,10 @@ def test_random_numbers_belong_to_seed_and_names():
     assert rng_of(0, "a").standard_normal() == draws[0]
 
 
+def _ordered(item):
+    return {"b": 1, "a": 2}
+
+
 def _square(item):
     if item["x"] == 13:
         raise ValueError("thirteen")
@@ -111,6 +115,9 @@ def test_what_is_done_is_kept_when_another_item_fails(tmp_path):
     assert shop.each("squares", _square, items) == {"2": {"square": 4}, "3": {"square": 9}}
     items["2"]["x"] = 5
     assert shop.each("squares", _square, items)["2"] == {"square": 25}, "another item, another result"
+    # The order of keys is that of the function, also of what is read back.
+    for _ in range(2):
+        assert list(shop.each("orders", _ordered, {"one": {}})["one"]) == ["b", "a"]
 
 
 def test_a_foreign_folder_is_left_alone(tmp_path):
