@@ -20,6 +20,7 @@ myst_heading_anchors = 4
 exclude_patterns = ["_build", "_ext"]
 
 autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented_params"
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 napoleon_use_ivar = True

@@ -132,7 +132,7 @@ def _api_page() -> str:
         kind = "class" if inspect.isclass(thing) else "function" if callable(thing) else "data"
         if inspect.isclass(thing) and issubclass(thing, BaseException):
             kind = "exception"
-        lines += ["", f"## {name}", "", "```{eval-rst}", f".. auto{kind}:: horizonval.{name}"]
+        lines += ["", f"## `{name}`", "", "```{eval-rst}", f".. auto{kind}:: horizonval.{name}"]
         lines += ["   :members:"] if kind == "class" else []
         lines.append("```")
     return "\n".join(lines) + "\n"

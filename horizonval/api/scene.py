@@ -11,9 +11,10 @@ import numpy as np
 
 from horizonval.api.camera import Camera, camera_of
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
 from horizonval.core.suggest import nearest
 from horizonval.spec.load import Shelf, load_frames, load_scene
-from horizonval.spec.merge import Plain, deep_merge
+from horizonval.spec.merge import deep_merge
 from horizonval.spec.scene import SceneSpec
 
 FLAT = {
@@ -281,9 +282,9 @@ def scene_of(scene: Scene | str | Path) -> Scene:
     return scene if isinstance(scene, Scene) else Scene.from_file(scene)
 
 
-def _tables(keywords: Mapping[str, Any]) -> Plain:
+def _tables(keywords: Mapping[str, Any]) -> JsonObject:
     """Return keywords as the tables of a scene file; those that are None are left out."""
-    data: Plain = {"platform": {}}
+    data: JsonObject = {"platform": {}}
     for key, value in keywords.items():
         if key not in FLAT and key not in TABLES:
             known = [*FLAT, *TABLES]
@@ -297,7 +298,7 @@ def _tables(keywords: Mapping[str, Any]) -> Plain:
     return data
 
 
-def _resolved(data: Plain, camera: Camera | None) -> tuple[SceneSpec, Camera]:
+def _resolved(data: JsonObject, camera: Camera | None) -> tuple[SceneSpec, Camera]:
     spec, camera_spec = Shelf(Path("Scene")).resolve(data, inside="", camera=None if camera is None else camera.spec)
     if spec.camera.head is not None or camera_spec.head:
         camera_spec.chosen_head(spec.camera.head, where="Scene: camera.head")

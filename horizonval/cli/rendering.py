@@ -120,8 +120,8 @@ def radiance(
 
         activate()
         from horizonval.jobs.progress import Terminal
-        from horizonval.renderer.kernel.radiance import radiance_along_rays
-        from horizonval.renderer.scattering.multiple_scattering import FINE
+        from horizonval.renderer.rays.radiance import radiance_along_rays
+        from horizonval.renderer.scattering.quality import FINE
 
         scattering = FINE if orders == "all" else None
         with Terminal() as progress:

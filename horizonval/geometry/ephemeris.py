@@ -32,6 +32,7 @@ from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
+from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid
 
 SUN_RADIUS_M = 6.957e8
@@ -105,7 +106,7 @@ def moon_itrs(epoch_utc: datetime) -> FloatArray:
 def phase_angle(from_moon_to_sun: ArrayLike, from_moon_to_observer: ArrayLike) -> float:
     """Return the angle [rad] at the Moon between Sun and observer: 0 for a full Moon."""
     a, b = np.asarray(from_moon_to_sun, float), np.asarray(from_moon_to_observer, float)
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+    return float(off_axis_angle(a, b))
 
 
 def sun_angular_radius(distance_m: ArrayLike) -> FloatArray:

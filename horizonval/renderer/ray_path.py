@@ -16,6 +16,10 @@ import mitsuba as mi
 from horizonval.renderer.planet import Planet, along
 from horizonval.renderer.types import Vec
 
+SOLAR_CONCENTRATION = 0.15
+THERMAL_CONCENTRATION = 0.5
+"""The c of the module text for scattered sunlight and for emission."""
+
 GAUSS_LOW = 0.5 - math.sqrt(3.0) / 6.0
 """First Gauss point of a step of length 1; the second is as far from the other end."""
 

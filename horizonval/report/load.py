@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -84,14 +85,14 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
     # The images of a run that was scored again lie elsewhere.
     store = Store(run_dir / head.get("archive", "archive"))
     shown = _shown(run_dir, head["cases"], most)
-    names = head["cases"]
+    names, heads_of = head["cases"], head.get("heads") or {}
     missing, views = [], []
     for name in names:
         case_path = run_dir / "cases" / f"{name}.json"
         if case_path.is_file():
             record = _read(case_path, ("case", "rows", "details"))
             try:
-                heads = _head_images(run_dir, name, names) if name in shown else {}
+                heads = _head_images(run_dir, heads_of.get(name) or ()) if name in shown else {}
                 views += _views(record, store, run_dir, name in shown, heads)
             except (KeyError, TypeError, AttributeError, ValueError) as error:
                 raise DamagedFileError(f"not a case's results ({error!r})", where=str(case_path)) from error
@@ -143,14 +144,10 @@ def _is_striking(path: Path) -> bool:
     return bool(record.get("error")) or any(Row.from_dict(row).is_failure for row in record["rows"])
 
 
-def _head_images(run_dir: Path, name: str, names: list[str]) -> dict[str, dict[str, str]]:
-    """Return the addresses of images by head and band, if the case is that of all heads of a scene together."""
-    found = {}
-    for other in names:
-        if other.startswith(f"{name}."):
-            path = run_dir / "cases" / f"{other}.json"
-            found[other.removeprefix(f"{name}.")] = dict(_read(path, ()).get("images") or {}) if path.is_file() else {}
-    return found
+def _head_images(run_dir: Path, cases: Sequence[tuple[str, str]]) -> dict[str, dict[str, str]]:
+    """Return the addresses of images by head and band, from heads with the names of their cases."""
+    paths = {head: run_dir / "cases" / f"{name}.json" for head, name in cases}
+    return {head: dict(_read(path, ()).get("images") or {}) if path.is_file() else {} for head, path in paths.items()}
 
 
 def _views(

@@ -24,6 +24,7 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Estimator, Fit
 from horizonval.frame import FrameTruth
 from horizonval.geometry import frames
+from horizonval.geometry.directions import angle_between, tangent_basis
 from horizonval.scoring import limits
 from horizonval.scoring.row import Score
 
@@ -104,14 +105,9 @@ def is_false(nadir_error_rad: float, nees_nadir: float | None) -> bool:
     return beyond and nadir_error_rad > limits.SIGMA_TEST_FLOOR_RAD
 
 
-def angle_between(a: FloatArray, b: FloatArray) -> float:
-    """Angle [rad] between two vectors, accurate at 0 and at pi."""
-    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(np.dot(a, b)))
-
-
 def sigma_nadir_rad(nadir_cam: FloatArray, covariance_nadir_cam: FloatArray) -> float:
     """Claimed root-mean-square nadir error [rad]: square root of the trace of the covariance across ``nadir_cam``."""
-    basis = _tangent_basis(_unit(nadir_cam))
+    basis = tangent_basis(_unit(nadir_cam))
     return math.sqrt(max(float(np.trace(basis.T @ covariance_nadir_cam @ basis)), 0.0))
 
 
@@ -134,7 +130,7 @@ def _consistency(nadir: FloatArray, nadir_true: FloatArray, covariance: FloatArr
     """Claimed rms nadir error [rad] and normalised error squared (``None`` if the covariance cannot be inverted)."""
     if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
         return math.nan, None
-    basis = _tangent_basis(nadir)
+    basis = tangent_basis(nadir)
     projected = basis.T @ covariance @ basis
     projected = (projected + projected.T) / 2
     sigma = math.sqrt(max(float(np.trace(projected)), 0.0))
@@ -146,15 +142,6 @@ def _consistency(nadir: FloatArray, nadir_true: FloatArray, covariance: FloatArr
     length = float(np.linalg.norm(across))
     error = across * (angle_between(nadir_true, nadir) / length) if length > 0 else across
     return sigma, _finite(float(error @ np.linalg.solve(projected, error)))
-
-
-def _tangent_basis(n: FloatArray) -> FloatArray:
-    """Two unit vectors across ``n``, as columns, shape (3, 2)."""
-    helper = np.zeros(3)
-    helper[int(np.argmin(np.abs(n)))] = 1.0
-    first = np.cross(n, helper)
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(n, first)], axis=1)
 
 
 def _unit(v: tuple[float, float, float] | FloatArray) -> FloatArray:

@@ -53,9 +53,10 @@ from horizonval.estimation.limb.model.relief import (
     Relief,
 )
 from horizonval.estimation.limb.model.systematic import systematic_covariance
-from horizonval.estimation.limb.shape.cone import fit_cone, off_axis_angle, tangent_basis
+from horizonval.estimation.limb.shape.cone import fit_cone
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
+from horizonval.geometry.directions import off_axis_angle, tangent_basis
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import signed_limb_angle
 from horizonval.scoring import limits

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
+from horizonval.geometry.directions import perpendicular
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import horizon_cam, tangency_points
 from horizonval.scoring import limits
@@ -114,8 +115,7 @@ def moon_in_frame(camera: CameraModel, truth: FrameTruth) -> bool:
 
 def disc_in_frame(camera: CameraModel, centre: FloatArray, radius_rad: float) -> bool:
     """Whether a disc's centre or any of 64 points of its rim lies inside the image."""
-    across = np.cross(centre, np.eye(3)[int(np.argmin(np.abs(centre)))])
-    across /= np.linalg.norm(across)
+    across = perpendicular(centre)
     angle = np.linspace(0, math.tau, 64, endpoint=False)[:, None]
     ring = np.cos(angle) * across + np.sin(angle) * np.cross(centre, across)
     disc = np.concatenate([centre[None, :], math.cos(radius_rad) * centre + math.sin(radius_rad) * ring])

@@ -18,8 +18,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.shape.cone import tangent_basis
 from horizonval.estimation.observation import Fit
+from horizonval.geometry.directions import tangent_basis
 
 SHARPEST = 1e-15
 """Of the larger variance: a smaller one beside it is no statistic, as in :mod:`horizonval.scoring.errors`."""

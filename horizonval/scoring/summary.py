@@ -34,7 +34,7 @@ def summarise(rows: Sequence[Row]) -> Summary:
     Returns
     -------
     dict
-        Plain data: ``schema``, ``n_cases``, ``n_rows``, ``rates`` of all rows together as
+        JsonObject data: ``schema``, ``n_cases``, ``n_rows``, ``rates`` of all rows together as
         :func:`horizonval.scoring.rates.rates`, and ``groups``, a list sorted by estimator and camera of what
         :func:`summarise_group` returns.
     """

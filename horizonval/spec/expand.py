@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
 from horizonval.spec.explain import show
-from horizonval.spec.merge import Plain, deep_merge
+from horizonval.spec.merge import deep_merge
 from horizonval.spec.suite import CasesSpec
 
 MOST_CASES = 1_000_000
@@ -54,8 +55,8 @@ class Variant:
     item: str
     number: int | None
     parts: tuple[str, ...]
-    scene: Plain
-    orbit: Plain | None
+    scene: JsonObject
+    orbit: JsonObject | None
 
     @property
     def label(self) -> str:
@@ -100,7 +101,7 @@ def variants(table: CasesSpec, seed: int, where: str, frames: int | None = None)
     for (item, number, base), values, (suffix, point) in itertools.product(
         bases, itertools.product(*(values for _, values in axes)), points
     ):
-        scene: Plain = base | (orbit or {})
+        scene: JsonObject = base | (orbit or {})
         for key, value in [*zip(keys, values, strict=True), *point]:
             scene = _with(scene, key.split("."), value, f"{where}: {key}")
         parts = (*(f"{label}_{_word(value)}" for label, value in zip(labels, values, strict=True)), *suffix)
@@ -113,11 +114,11 @@ def seed_of(*parts: object) -> int:
     return int.from_bytes(hashlib.sha256(json.dumps(parts).encode()).digest()[:16], "big")
 
 
-def _listed(table: CasesSpec, where: str) -> list[tuple[str, int | None, Plain]]:
+def _listed(table: CasesSpec, where: str) -> list[tuple[str, int | None, JsonObject]]:
     """Return the name, place and partial scene of each of the list's, or of the table's only one."""
     if table.list is None:
         return [("", None, dict(table.base))]
-    found: list[tuple[str, int | None, Plain]] = []
+    found: list[tuple[str, int | None, JsonObject]] = []
     for i, scene in enumerate(table.list, start=1):
         head = scene.get("scene", {})
         name = head.get("name") if isinstance(head, Mapping) else None
@@ -239,7 +240,7 @@ def _sobol(
     ]
 
 
-def _with(tree: Plain, path: Sequence[str], value: Any, where: str) -> Plain:
+def _with(tree: JsonObject, path: Sequence[str], value: Any, where: str) -> JsonObject:
     """Return a tree with one value changed; nothing of the old one is touched."""
     head, rest = path[0], path[1:]
     if not rest:

@@ -17,12 +17,13 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
 from horizonval.core.suggest import nearest
 from horizonval.spec.base import Model
 from horizonval.spec.expand import variants
 from horizonval.spec.explain import explain, show
 from horizonval.spec.files import Kind, find
-from horizonval.spec.merge import Plain, deep_merge
+from horizonval.spec.merge import deep_merge
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.regression import RegressionSpec
 from horizonval.spec.scene import SceneSpec
@@ -32,7 +33,7 @@ from horizonval.spec.suite import FigureSpec, Keep, ProgramSpec, SuiteSpec
 
 M = TypeVar("M", bound=Model)
 
-Fly = Callable[[OrbitSpec, Plain, int, str, str], list[Plain]]
+Fly = Callable[[OrbitSpec, JsonObject, int, str, str], list[JsonObject]]
 """From an orbit, the scene it is laid over, seed, name and place in the file to a partial scene for every sample."""
 
 CAMERA_TABLES = ("camera", "platform", "optics", "band", "detector")
@@ -259,8 +260,8 @@ def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None, *, places: Seq
 
 
 def _scenes(
-    spec: SuiteSpec, path: Path, seeded: Plain, fly: Fly | None, places: Sequence[str]
-) -> Iterator[tuple[str, Plain, Plain]]:
+    spec: SuiteSpec, path: Path, seeded: JsonObject, fly: Fly | None, places: Sequence[str]
+) -> Iterator[tuple[str, JsonObject, JsonObject]]:
     """Yield the place in the file that makes a scene, the scene over the defaults, and what a case knows beside it."""
     for i, frame in enumerate(spec.frame, start=1):
         inside = f"frame[{i}] ({frame['scene']['name']})"
@@ -313,7 +314,9 @@ class Shelf:
         self._cameras: dict[str, CameraSpec] = {}
         self._files: dict[tuple[Kind, str], Path] = {}
 
-    def resolve(self, data: Plain, *, inside: str, camera: CameraSpec | None = None) -> tuple[SceneSpec, CameraSpec]:
+    def resolve(
+        self, data: JsonObject, *, inside: str, camera: CameraSpec | None = None
+    ) -> tuple[SceneSpec, CameraSpec]:
         """Return scene and camera of plain data.
 
         Parameters
@@ -361,7 +364,7 @@ class Shelf:
             self._files[kind, name] = find(kind, name, beside=self._path.parent, where=where)
         return self._files[kind, name]
 
-    def _camera(self, name: str, changes: Plain, inside: str, prefix: str) -> CameraSpec:
+    def _camera(self, name: str, changes: JsonObject, inside: str, prefix: str) -> CameraSpec:
         key = json.dumps([name, changes], sort_keys=True, default=str)
         if key in self._cameras:
             return self._cameras[key]
@@ -382,7 +385,7 @@ class Shelf:
         return camera
 
 
-def changed_camera(camera: Plain, changes: Plain, prefix: str) -> Plain:
+def changed_camera(camera: JsonObject, changes: JsonObject, prefix: str) -> JsonObject:
     """Return a camera file's data with a scene's changes; bands are changed by their names."""
     bands = changes.get("band")
     if not isinstance(bands, Mapping):

@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.suite import FigureSpec
 
-Plain = dict[str, Any]
 
-
-def figure_plans(suite: Suite) -> list[Plain]:
+def figure_plans(suite: Suite) -> list[JsonObject]:
     """Return the plan of every figure of a suite: one for each value of its key ``by``.
 
     Returns

@@ -14,12 +14,12 @@ from sgp4.conveniences import sat_epoch_datetime
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
 from horizonval.geometry import attitude_profile, orbit, tle
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_from_itrs
 from horizonval.geometry.ephemeris import sun_itrs
 from horizonval.geometry.rotation import itrs_from_teme
 from horizonval.spec.expand import seed_of
-from horizonval.spec.merge import Plain
 from horizonval.spec.orbit import OrbitAttitude, OrbitSpec
 
 _ANGLE_DIGITS, _RATE_DIGITS, _KM_DIGITS = 7, 9, 6
@@ -27,7 +27,7 @@ _ANGLE_DIGITS, _RATE_DIGITS, _KM_DIGITS = 7, 9, 6
 a sine, which machines disagree on, does not reach a scene's identity."""
 
 
-def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Path) -> list[Plain]:
+def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Path) -> list[JsonObject]:
     """Return a partial scene for every sample: ``platform`` and ``attitude``.
 
     Parameters
@@ -78,7 +78,7 @@ def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Pat
     ]
 
 
-def _attitude(angles_deg: FloatArray, rates_deg_s: FloatArray) -> Plain:
+def _attitude(angles_deg: FloatArray, rates_deg_s: FloatArray) -> JsonObject:
     yaw, pitch, roll = (float(x) for x in angles_deg)
     found: dict[str, Any] = {"yaw_deg": yaw, "pitch_deg": pitch, "roll_deg": roll}
     if np.any(rates_deg_s):

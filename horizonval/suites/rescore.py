@@ -29,7 +29,7 @@ from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import rescored_identity
 from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import Record
-from horizonval.suites.units.archived import Item, archived_record, items_of
+from horizonval.suites.units.archived import Item, archived_record, cases_of_heads, items_of
 
 RESCORE_SCHEMA = 1
 
@@ -150,6 +150,7 @@ def _claim(
             "version": code_version(),
             "estimators": [estimator.name for estimator in chosen],
             "cases": names,
+            "heads": cases_of_heads(items),
             "archive": Path(os.path.relpath(store.root, folder.root)).as_posix(),
         },
     )

@@ -145,6 +145,7 @@ def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
             "version": code_version(),
             "estimators": list(suite.estimators),
             "cases": [name for unit in units for name in unit.names],
+            "heads": {unit.name: [[case.head, case.name] for case in unit.cases] for unit in units if unit.heads},
             "keep": suite.keep,
             "figures": figure_plans(suite),
             "study": suite.study,

@@ -9,10 +9,10 @@ from typing import get_args
 from pydantic import ValidationError
 
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
 from horizonval.geometry.pose import ellipsoid_from_spec
 from horizonval.spec import load
 from horizonval.spec.load import Suite
-from horizonval.spec.merge import Plain
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.scene import Earth
 from horizonval.spec.suite import Keep
@@ -50,7 +50,7 @@ def with_options(suite: Suite, time_limit_s: float | None, keep: str | None) -> 
     raise UserError(f"found {keep!r}", where="--keep", expected=" or ".join(get_args(Keep)))
 
 
-def fly_scene(spec: OrbitSpec, scene: Plain, seed: int, name: str, where: str) -> list[Plain]:
+def fly_scene(spec: OrbitSpec, scene: JsonObject, seed: int, name: str, where: str) -> list[JsonObject]:
     """Return the samples of an orbit over a scene's Earth; errors name the place ``where`` of the file.
 
     Raises

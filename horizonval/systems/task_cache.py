@@ -12,19 +12,16 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from horizonval.core.code import code_digest
+from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.engine import Recorded, do
 from horizonval.jobs.execution import Execution, available_cpus
 from horizonval.jobs.kept import Record
 from horizonval.jobs.stopwatch import Stopwatch
-
-Plain = dict[str, Any]
-"""What JSON can hold, no NaN."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +42,9 @@ class TaskCache:
     workers: int = field(default_factory=available_cpus)
     progress: Progress = field(default_factory=Silent)
 
-    def each(self, title: str, work: Callable[[Plain], Plain], items: Mapping[str, Plain]) -> dict[str, Plain]:
+    def each(
+        self, title: str, work: Callable[[JsonObject], JsonObject], items: Mapping[str, JsonObject]
+    ) -> dict[str, JsonObject]:
         """Return what ``work`` gives for every item, by the item's name and in the items' order.
 
         Parameters
@@ -82,13 +81,13 @@ class NamedItem:
     """An item by its name."""
 
     name: str
-    item: Plain
+    item: JsonObject
 
 
 class TaskWork(Recorded[NamedItem]):
     """A function of plain data on many items; the result of each lies under its identity."""
 
-    def __init__(self, function: Callable[[Plain], Plain], folder: Path) -> None:
+    def __init__(self, function: Callable[[JsonObject], JsonObject], folder: Path) -> None:
         self.function, self.place = function, folder
 
     def name(self, item: NamedItem) -> str:

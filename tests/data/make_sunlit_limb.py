@@ -40,8 +40,8 @@ NODES = 192
 
 def profiles(model, altitude_km: float) -> tuple[FloatArray, list[FloatArray]]:
     """Return the band's radiance, shape (zenith, azimuth, tangent height), and that of its first and last node."""
-    from horizonval.renderer.kernel.radiance import radiance_along_rays
-    from horizonval.renderer.scattering.multiple_scattering import STANDARD
+    from horizonval.renderer.rays.radiance import radiance_along_rays
+    from horizonval.renderer.scattering.quality import STANDARD
 
     distance = RADIUS_M + altitude_km * 1e3
     off = np.arcsin((RADIUS_M + TANGENT_KM * 1e3) / distance)

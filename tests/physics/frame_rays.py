@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.earth.optical import optical_model
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
-from horizonval.renderer.scene.emission import NODES, thermal_radiance
+from horizonval.renderer.rays.thermal_radiance import NODES, thermal_radiance
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec

@@ -20,10 +20,12 @@ from horizonval.renderer.plugin.backend import activate
 activate()
 
 from horizonval.renderer.kernel import batching  # noqa: E402
-from horizonval.renderer.kernel.radiance import radiance_along_rays  # noqa: E402
 from horizonval.renderer.planet import Planet  # noqa: E402
+from horizonval.renderer.rays.radiance import radiance_along_rays  # noqa: E402
 from horizonval.renderer.scattering import multiple_scattering  # noqa: E402
-from horizonval.renderer.scattering.multiple_scattering import FINE, STANDARD, DiffuseField, Quality, solve  # noqa: E402
+from horizonval.renderer.scattering.diffuse_field import DiffuseField  # noqa: E402
+from horizonval.renderer.scattering.multiple_scattering import solve  # noqa: E402
+from horizonval.renderer.scattering.quality import FINE, STANDARD, Quality  # noqa: E402
 from horizonval.renderer.tables import AltitudeGrid, SunTable  # noqa: E402
 
 DATA = Path(__file__).parents[1] / "data"

@@ -10,8 +10,8 @@ import pytest
 from brute_force import single_scatter
 
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere
-from horizonval.renderer.kernel.radiance import radiance_along_rays
 from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.rays.radiance import radiance_along_rays
 
 DATA = Path(__file__).parents[1] / "data"
 BANDS = ("450nm", "550nm", "850nm")

@@ -17,9 +17,9 @@ from horizonval.earth.atmosphere import rayleigh
 from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere, write_atmosphere
 from horizonval.earth.column import OpticalModel, SpectralNode
-from horizonval.renderer.kernel.radiance import radiance_along_rays
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.rays.radiance import radiance_along_rays
 from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
 from horizonval.renderer.refraction.bending import BendingField, true_direction
 from horizonval.renderer.scene.frame import render_frame

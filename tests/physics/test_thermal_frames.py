@@ -15,7 +15,7 @@ from thermal_model import limb_rays, model_of
 
 from horizonval.frame import RadianceFrame
 from horizonval.renderer.plugin.backend import activate
-from horizonval.renderer.scene.emission import thermal_radiance
+from horizonval.renderer.rays.thermal_radiance import thermal_radiance
 from horizonval.renderer.scene.frame import render_frame
 
 BY_LATITUDE = {"profile": "by_latitude_month", "month": 2}

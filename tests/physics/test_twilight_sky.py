@@ -76,8 +76,8 @@ def test_illuminance_of_twilight(sun_depression_deg, published_lx, factor):
 def test_the_stations_sky_is_what_the_ray_integrator_gives():
     from horizonval.earth.optical import optical_model
     from horizonval.geometry.ephemeris import AU_M, sun_itrs
-    from horizonval.renderer.kernel.radiance import radiance_along_rays
-    from horizonval.renderer.scattering.multiple_scattering import STANDARD
+    from horizonval.renderer.rays.radiance import radiance_along_rays
+    from horizonval.renderer.scattering.quality import STANDARD
     from horizonval.systems.e.ground.ground_camera import tracker
     from horizonval.systems.e.ground.sky import render_sky, sky_scene
     from horizonval.systems.e.localisation.stations import Station, enu_directions

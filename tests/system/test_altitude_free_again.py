@@ -7,18 +7,19 @@ from pathlib import Path
 
 import pytest
 
+from horizonval.core.json_types import JsonObject
 from horizonval.systems.a import experiment as experiment
 from horizonval.systems.a import rows as report
 from horizonval.systems.a.bank import grid, limb_length_px, measure, set_ups
 from horizonval.systems.a.check import check
 from horizonval.systems.a.solvers import compare, conditions
 from horizonval.systems.a.table import bank_of, error_table, solver_table, steps_with_pixels
-from horizonval.systems.task_cache import Plain, TaskCache
+from horizonval.systems.task_cache import TaskCache
 
 SMALL = (100, 200)
 
 
-def _bank(cache: TaskCache) -> tuple[dict[str, Plain], dict[str, Plain]]:
+def _bank(cache: TaskCache) -> tuple[dict[str, JsonObject], dict[str, JsonObject]]:
     """3000 km, fields of 40 and 80 deg, two attitudes, at 100 and 200 pixels."""
     items = {
         name: item

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
+from horizonval.geometry.directions import GOLDEN_ANGLE_RAD
 from horizonval.spec.scene import SceneSpec
 
 BASE_M = 500.0
@@ -152,7 +153,7 @@ def rank_table(field: CloudField) -> tuple[float, float, FloatArray]:
     """Return ``(lowest, highest, rank)``: rank of the noise at RANK_STEPS + 1 even steps from lowest to highest."""
     k = np.arange(RANK_POINTS) + 0.5
     z = 1.0 - 2.0 * k / RANK_POINTS
-    phi = math.pi * (3.0 - math.sqrt(5.0)) * k
+    phi = GOLDEN_ANGLE_RAD * k
     s = np.sqrt(1.0 - z * z)
     values = np.sort(numpy_noise(np.stack([s * np.cos(phi), s * np.sin(phi), z], axis=1), field))
     steps = np.linspace(values[0], values[-1], RANK_STEPS + 1)

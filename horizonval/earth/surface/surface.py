@@ -40,6 +40,7 @@ from scipy.special import erfc
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.clouds import CloudField, cloud_field
 from horizonval.earth.surface.land import is_land
+from horizonval.geometry.directions import GOLDEN_ANGLE_RAD
 from horizonval.spec.scene import SceneSpec
 
 WATER_INDEX = 1.34
@@ -244,7 +245,7 @@ def region(scene: SceneSpec) -> tuple[FloatArray, FloatArray]:
     k = np.arange(REGION_POINTS) + 0.5
     mu = 1.0 - cap * k / REGION_POINTS
     s = np.sqrt(1.0 - mu * mu)
-    phi = math.pi * (3.0 - math.sqrt(5.0)) * k
+    phi = GOLDEN_ANGLE_RAD * k
     a, b = math.radians(place.latitude_deg), math.radians(place.longitude_deg)
     up = np.array([math.cos(a) * math.cos(b), math.cos(a) * math.sin(b), math.sin(a)])
     east = np.array([-math.sin(b), math.cos(b), 0.0])

@@ -35,9 +35,10 @@ from horizonval.estimation.limb.model.steepest import to_steepest
 from horizonval.estimation.limb.model.sunlit import sun_angles
 from horizonval.estimation.limb.model.systematic import systematic_covariance
 from horizonval.estimation.limb.model.trusted import faded, read_sides, restless, saturated
-from horizonval.estimation.limb.shape.cone import arc_order, cone_uncertainty, fit_cone, off_axis_angle, tangent_basis
+from horizonval.estimation.limb.shape.cone import arc_order, cone_uncertainty, fit_cone
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project, unproject
+from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 AZIMUTHS = 7200
 MOVED_RAD = 1e-4

@@ -16,8 +16,9 @@ from horizonval.estimation.limb.model.steepest import SIGMA_PX
 from horizonval.estimation.limb.model.sunlit import blur_rad
 from horizonval.estimation.limb.model.systematic import systematic_covariance
 from horizonval.estimation.limb.model.trusted import SMOOTHED_RAD, smoothed
-from horizonval.estimation.limb.shape.cone import SLOW_PX, off_axis_angle, slow_error, tangent_basis
+from horizonval.estimation.limb.shape.cone import SLOW_PX, slow_error
 from horizonval.estimation.observation import Observation
+from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 
 def model_covariance(
@@ -31,7 +32,7 @@ def model_covariance(
 ) -> FloatArray:
     """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
 
-    The basis is :func:`horizonval.estimation.limb.shape.cone.tangent_basis` of the axis.
+    The basis is :func:`horizonval.geometry.directions.tangent_basis` of the axis.
 
     Parameters
     ----------

@@ -21,11 +21,11 @@ from horizonval.estimation.limb.checks import check_image, saturated_pixels
 from horizonval.estimation.limb.consensus import Candidate, EdgePoints, find_candidates, to_sight
 from horizonval.estimation.limb.edges import Edges, find_edges, scale_to_8_bit
 from horizonval.estimation.limb.result import LimbPoints
-from horizonval.estimation.limb.shape.cone import off_axis_angle
 from horizonval.estimation.limb.subpixel import half_window, refine
 from horizonval.estimation.limb.sun import find_sun
 from horizonval.estimation.limb.verdict import Limb, judge
 from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.directions import off_axis_angle
 
 MOST_POINTS = 24_000
 """Edge points taken into the consensus: the calmest ones, since space is calm."""

@@ -43,9 +43,9 @@ from horizonval.estimation.limb.shape.cone import (
     cone_uncertainty,
     cones_through,
     fit_cone,
-    off_axis_angle,
 )
 from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import nadir_of_roll_pitch, roll_pitch_of_nadir
 
 MAX_STEPS = 20

@@ -29,9 +29,10 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard.limb_model import model_covariance
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.shape.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, cone_scatter, off_axis_angle
+from horizonval.estimation.limb.shape.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, cone_scatter
 from horizonval.estimation.methods.altitude_free import fit_of_cone
 from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.geometry.directions import off_axis_angle
 
 
 def solve(los_cam: FloatArray) -> tuple[FloatArray, float]:

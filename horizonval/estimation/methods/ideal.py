@@ -25,6 +25,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import roll_pitch_of_nadir
 
 AXIS_TOLERANCE_RAD = 1e-12
@@ -95,13 +96,9 @@ def ideal_horizon_sensor(r: FloatArray, q_cam_from_ref: FloatArray, radius_m: fl
     up = (horizon @ nadir) * horizon - nadir
     up /= np.linalg.norm(up)
     horizon_right = np.cross(horizon, up)
-    roll = _angle(right, horizon_right) * _sign(float(right @ up))
-    pitch = _angle(boresight, horizon) * _sign(float(boresight @ up))
+    roll = float(off_axis_angle(right, horizon_right)) * _sign(float(right @ up))
+    pitch = float(off_axis_angle(boresight, horizon)) * _sign(float(boresight @ up))
     return HorizonReading(ReadingStatus.DEFINED, horizon, roll, pitch)
-
-
-def _angle(a: FloatArray, b: FloatArray) -> float:
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
 def _sign(value: float) -> float:

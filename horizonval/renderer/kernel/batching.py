@@ -23,10 +23,12 @@ from horizonval.renderer.kernel.node_batches import (
     ThermalNodes,
 )
 from horizonval.renderer.planet import Planet
-from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir, mean_radius
+from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
+from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.refraction.bending import BendingField, refracted_sun_table
 from horizonval.renderer.refraction.bent_ray import RefractedSunTable, RefractionTables
-from horizonval.renderer.scattering.multiple_scattering import DiffuseField, Quality
+from horizonval.renderer.scattering.diffuse_field import DiffuseField
+from horizonval.renderer.scattering.quality import Quality
 from horizonval.renderer.scattering.source_store import multiple_scattering
 from horizonval.renderer.scattering.source_table import SourceTable
 from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunTable, table_of
@@ -121,7 +123,7 @@ def _diffuse_field(
     quality: Quality,
     progress: Progress | None,
 ) -> DiffuseField:
-    radius = mean_radius(planet)
+    radius = planet.mean_radius_m
 
     def sun_table() -> SunTable:
         return _fill_sun_table(planet, model.top_m, grid, mi.Float64(node.extinction_per_m), 1, IMAGE_TABLE)
@@ -232,7 +234,7 @@ def _interleave(columns: Sequence[FloatArray], width: int) -> mi.Float64:
 def _fill_sun_table(
     planet: Planet, top_m: float, grid: AltitudeGrid, extinction: mi.Float64, width: int, size: TableSize
 ) -> SunTable:
-    radius = mean_radius(planet)
+    radius = planet.mean_radius_m
     h, mu = SunTable.nodes(size.n_height, size.n_mu, radius, top_m)
     values = _sun_depth(planet, top_m, grid, extinction, width, h, mu, size.path_nodes)
     return SunTable(values, size.n_height, size.n_mu, radius, top_m)
@@ -249,13 +251,13 @@ def _sun_depth(
     path_nodes: int,
 ) -> mi.Float64:
     """Return ``ln(tau + tau_0)`` from heights (n_height,) in directions of zenith cosine ``mu`` (n_height, n_mu)."""
-    radius = mean_radius(planet)
+    radius = planet.mean_radius_m
     height, cosine = table_of(mi.Float64, np.repeat(height_m, mu.shape[1])), table_of(mi.Float64, mu)
     zero = mi.Float64(0.0)
     o = (zero, zero, height + radius)
     d = (dr.sqrt(dr.maximum(1.0 - cosine * cosine, 0.0)), zero, cosine)
     sphere = Planet(radius, radius)
-    tau = optical_depth(sphere, top_m, OpacityNodes(width, grid, extinction), o, d, path_nodes, 0.15)
+    tau = optical_depth(sphere, top_m, OpacityNodes(width, grid, extinction), o, d, path_nodes, SOLAR_CONCENTRATION)
     values = dr.zeros(mi.Float64, mu.size * width)
     row = dr.arange(mi.UInt32, mu.size)
     for k in range(width):
@@ -270,13 +272,15 @@ def _downwelling(
     """Return the irradiance of air and ``behind`` on the ground [sr times radiance], Gauss quadrature over the sky."""
     x, w = np.polynomial.legendre.leggauss(SKY_POLAR_NODES)
     mu, w = 0.5 * (x + 1.0), 0.5 * w
-    radius = mean_radius(planet)
+    radius = planet.mean_radius_m
     zero = mi.Float64(0.0)
     cosine, sine = table_of(mi.Float64, mu), table_of(mi.Float64, np.sqrt(1.0 - mu**2))
     o = (zero, zero, mi.Float64(radius))
     d = (sine, zero, cosine)
     sphere = Planet(radius, radius)
-    sky, through = march(sphere, top_m, batch, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), nodes, 0.15)
+    sky, through = march(
+        sphere, top_m, batch, o, d, (zero, zero, mi.Float64(1.0)), mi.Bool(False), nodes, SOLAR_CONCENTRATION
+    )
     for k, radiance in enumerate(behind):
         sky[k] = sky[k] + radiance * through[k]
     return [float(2.0 * math.pi * np.sum(w * mu * np.broadcast_to(np.array(s), mu.shape))) for s in sky]

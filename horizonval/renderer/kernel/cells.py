@@ -18,7 +18,7 @@ from horizonval.renderer.kernel.coverage import cell_coverage
 from horizonval.renderer.kernel.discs import SPLIT_HEIGHT_M, Direction, Disc, DiscCells, disc_cells
 from horizonval.renderer.kernel.rays import RayCamera
 from horizonval.renderer.kernel.surface import Ground
-from horizonval.renderer.planet import Planet, dot
+from horizonval.renderer.planet import Planet, distance_squared, dot
 from horizonval.renderer.refraction.bending import BendingField, true_direction
 from horizonval.renderer.types import Vec, indices_where
 
@@ -119,7 +119,7 @@ def group_cells(view: FrameGeometry) -> Cells:
     u, v = cell_centre(view, cell)
     centre = view.rays.direction(u, v)
     diagonals = [view.rays.direction(u + half, v + half), view.rays.direction(u + half, v - half)]
-    reach = 2.0 * dr.sqrt(dr.maximum(*(_gap(centre, d) for d in diagonals)))
+    reach = 2.0 * dr.sqrt(dr.maximum(*(distance_squared(centre, d) for d in diagonals)))
     depth = _limb_function(view, centre)
     share = dr.select(depth > 0.0, mi.Float64(1.0), 0.0)
     clear = dr.abs(depth) >= reach
@@ -190,11 +190,6 @@ def _limb_function(view: FrameGeometry, d: Vec) -> mi.Float64:
     return dr.select(dot(o1, planet.stretch(d)) < 0.0, f, -1.0)
 
 
-def _gap(a: Vec, b: Vec) -> mi.Float64:
-    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-    return x * x + y * y + z * z
-
-
 def _no_rays(index: mi.UInt32) -> Rays:
     """Return rays of no cells."""
     none = mi.Float64()
@@ -233,7 +228,7 @@ def _disc_cells(
         lift = view.bending.largest_angle()
         through = refracted
 
-    touching = dr.sqrt(_gap(centre, disc.direction)) < disc.radius + reach + lift
+    touching = dr.sqrt(distance_squared(centre, disc.direction)) < disc.radius + reach + lift
     near = indices_where(touching if lit is None else touching & lit)
     if not dr.width(near):
         return None

@@ -22,6 +22,7 @@ import numpy as np
 
 from horizonval.earth.atmosphere import clouds
 from horizonval.earth.atmosphere.clouds import BASE_M, CloudField
+from horizonval.geometry.directions import perpendicular
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.types import Vec, constant, constant_vector
 
@@ -74,8 +75,7 @@ def cloud_table(field: CloudField, planet: Planet, origin: tuple[float, float, f
 def _make_table(field: CloudField, planet: Planet, origin: tuple[float, float, float]) -> CloudTable:
     r = math.sqrt(sum(v * v for v in origin))
     up = np.array(origin) / r
-    x_axis = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    x_axis /= np.linalg.norm(x_axis)
+    x_axis = perpendicular(up)
     y_axis = np.cross(up, x_axis)
     radius = min(planet.a_m, planet.b_m)
     # a ray that just clears the ground may meet a top beyond the horizon; 1 deg for the ellipsoid's normals

@@ -34,7 +34,7 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.renderer.kernel.coverage import cell_coverage
-from horizonval.renderer.planet import dot
+from horizonval.renderer.planet import distance_squared, dot
 from horizonval.renderer.types import Vec, indices_where
 
 SPLITS_PER_RADIUS = 6.0
@@ -175,7 +175,7 @@ def disc_cells(
     through = through or seen
     size = 1.0 / subsamples
     middle, side = through(*centre), through(centre[0] + size, centre[1])
-    width = math.sqrt(float(dr.max(_gap(middle, side))[0]))
+    width = math.sqrt(float(dr.max(distance_squared(middle, side))[0]))
     finest = float(disc.radius[0]) / (SPLITS_PER_RADIUS if disc.light is None else 4.0 * SPLITS_PER_RADIUS)
     if height_rad is not None:
         finest = min(float(disc.radius[0]) / (2.0 * SPLITS_PER_RADIUS), finest, height_rad)
@@ -213,12 +213,12 @@ def disc_cells(
     column, line = (dr.gather(mi.Float64, w, owner) for w in pixel)
     solid_angle = _solid_angle(seen, column, line) / subsamples**2
     # through the middle of the part that is seen: away from the Earth where the limb cuts the sub-cell
-    move = 0.5 * small * covered
+    shift = 0.5 * small * covered
     result = DiscCells(
         cell,
         sub,
         splits,
-        seen(u - move * du, v - move * dv),
+        seen(u - shift * du, v - shift * dv),
         corners(u, v),
         (1.0 - covered) / solid_angle,
         None if disc.light is None else _phase(disc, on_disc, (e1, e2), u, v, small),
@@ -281,8 +281,3 @@ def _axes(s: Vec) -> tuple[Vec, Vec]:
     e1 = (x * scale, y * scale, z * scale)
     e2 = (s[1] * e1[2] - s[2] * e1[1], s[2] * e1[0] - s[0] * e1[2], s[0] * e1[1] - s[1] * e1[0])
     return e1, e2
-
-
-def _gap(a: Vec, b: Vec) -> mi.Float64:
-    x, y, z = a[0] - b[0], a[1] - b[1], a[2] - b[2]
-    return x * x + y * y + z * z

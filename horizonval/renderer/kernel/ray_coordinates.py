@@ -22,6 +22,7 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.geometry.directions import perpendicular
 from horizonval.renderer.planet import Planet, cross_squared, dot
 from horizonval.renderer.types import Vec, constant, constant_vector
 
@@ -80,8 +81,7 @@ class RayCoordinates:
         stretched = origin * np.array([1.0, 1.0, planet.a_m / planet.b_m])
         r = max(float(np.linalg.norm(stretched)), planet.a_m * (1.0 + 1e-12))
         up = stretched / np.linalg.norm(stretched)
-        across = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-        across /= np.linalg.norm(across)
+        across = perpendicular(up)
         axes = np.stack([across, np.cross(up, across), up])
         ground = RayAxis(GROUND_DENSE_RAD, 0.5 * math.pi, GROUND_NODES)
         # heights grow by the stretching: a ray that misses even so meets nothing

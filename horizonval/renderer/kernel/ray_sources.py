@@ -23,11 +23,11 @@ import mitsuba as mi
 
 from horizonval.renderer.kernel.node_batches import (
     Beam,
+    EmittingNodes,
     GlowNodes,
     OpacityNodes,
     Place,
     SolarNodes,
-    ThermalNodes,
 )
 from horizonval.renderer.kernel.surface import SurfaceHit
 from horizonval.renderer.planet import Planet, along, dot
@@ -82,13 +82,13 @@ class RaySource(Protocol):
 class EmittingRays:
     """Rays through air whose emission depends on the place alone."""
 
-    batch: ThermalNodes | GlowNodes | OpacityNodes
+    batch: EmittingNodes
     steps: Steps
 
     @classmethod
     def of(
         cls,
-        batch: ThermalNodes | GlowNodes | OpacityNodes,
+        batch: EmittingNodes,
         planet: Planet,
         path: AirPath,
         o: Vec,

@@ -26,8 +26,8 @@ from horizonval.renderer.kernel.cells import Cells, FrameGeometry, Rays, group_c
 from horizonval.renderer.kernel.discs import DiscCells
 from horizonval.renderer.kernel.march import march
 from horizonval.renderer.kernel.node_batches import GlowNodes, ShiningNodes, SolarNodes, ThermalNodes
-from horizonval.renderer.kernel.radiance import SOLAR_CONCENTRATION
 from horizonval.renderer.kernel.surface import SurfaceHit, surface_hits
+from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
 from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import Values, Vec

@@ -25,7 +25,7 @@ from horizonval.renderer.plugin.image import render_bands
 from horizonval.renderer.plugin.settings import LimbSettings, MoonSettings
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir, to_apparent_radius
 from horizonval.renderer.refraction.bending import BendingField
-from horizonval.renderer.scattering.multiple_scattering import STANDARD
+from horizonval.renderer.scattering.quality import STANDARD
 from horizonval.renderer.thermal.emission_columns import AirColumns
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import constant, constant_vector

@@ -48,15 +48,6 @@ LEAST_SLOPE = 0.05
 """Least ``dx/dr``: below 0 a level ray would be held by the air for ever."""
 
 
-def mean_radius(planet: Planet) -> float:
-    """Return the radius [m] of the sphere that stands in for the ellipsoid where only curvature counts.
-
-    Tables see local height and solar zenith: optical depths near the horizon go with the square root of the radius,
-    0.17 % between equator and pole.
-    """
-    return (2.0 * planet.a_m + planet.b_m) / 3.0
-
-
 @dataclass(frozen=True)
 class ApparentRadiusAir:
     """A model over apparent heights, in which light goes straight, for the march.
@@ -108,7 +99,7 @@ def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir
     """
     assert model.refractivity is not None
     z = model.altitude_m
-    radius = mean_radius(planet)
+    radius = planet.mean_radius_m
     excess = PchipInterpolator(z, model.refractivity - model.refractivity[-1])
     cells = np.maximum(1, np.ceil(np.diff(z) / STEP_M - 1e-9)).astype(int)
     nodes = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in zip(z, z[1:], cells, strict=False)])

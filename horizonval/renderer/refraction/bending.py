@@ -16,14 +16,13 @@ from scipy.interpolate import CubicSpline
 
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.planet import Planet, along, dot
-from horizonval.renderer.ray_path import find_path, warp
-from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir, mean_radius
+from horizonval.renderer.ray_path import SOLAR_CONCENTRATION, find_path, warp
+from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.refraction.bent_ray import RefractedSunTable
 from horizonval.renderer.tables import AltitudeGrid, SunTable, interpolate
 from horizonval.renderer.types import Vec
 
 BENDING_NODES = 128
-CONCENTRATION = 0.15
 
 
 @dataclass(frozen=True)
@@ -70,16 +69,16 @@ class BendingField:
         step = (path.y1 - path.y0) / count
 
         def body(i: mi.UInt32, t0: mi.Float64, total: mi.Float64) -> tuple[mi.UInt32, mi.Float64, mi.Float64]:
-            t1 = warp(path, path.y0 + step * (mi.Float64(i) + 1.0), CONCENTRATION)
+            t1 = warp(path, path.y0 + step * (mi.Float64(i) + 1.0), SOLAR_CONCENTRATION)
             mid, h = 0.5 * (t0 + t1), t1 - t0
             return i + 1, t1, total + 0.5 * h * (rate(mid - offset * h) + rate(mid + offset * h))
 
-        start = warp(path, path.y0 + zero, CONCENTRATION)
+        start = warp(path, path.y0 + zero, SOLAR_CONCENTRATION)
         return dr.while_loop((mi.UInt32(0), start, zero + 0.0), lambda i, *_: i < count, body, label="bending")[2]
 
     def largest_angle(self) -> float:
         """Return the bending angle [rad] of light that grazes the ground, between space and space."""
-        zero, radius = mi.Float64(0.0), mean_radius(self.planet)
+        zero, radius = mi.Float64(0.0), self.planet.mean_radius_m
         o = (mi.Float64(-2.0 * radius), zero, mi.Float64(radius))
         sphere = BendingField(Planet(radius, radius), self.top_m, self.grid, self.per_m)
         return float(sphere.angle(o, (mi.Float64(1.0), zero, zero))[0])
@@ -103,7 +102,7 @@ def refracted_sun_table(
     Bending is integrated on a first set of local directions; splines invert it to the local directions of the table's
     true ones.
     """
-    radius = mean_radius(field.planet)
+    radius = field.planet.mean_radius_m
     sphere = BendingField(Planet(radius, radius), field.top_m, field.grid, field.per_m)
     height, cosine = SunTable.nodes(n_height, n_mu, radius, field.top_m)
     zero = mi.Float64(0.0)

@@ -22,13 +22,9 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.cache import cache_folder
 from horizonval.core.progress import Progress
 from horizonval.earth.column import SpectralNode
-from horizonval.renderer.scattering.multiple_scattering import (
-    DiffuseField,
-    MultipleScattering,
-    Quality,
-    degree_of,
-    solve,
-)
+from horizonval.renderer.scattering.diffuse_field import DiffuseField, MultipleScattering
+from horizonval.renderer.scattering.multiple_scattering import solve
+from horizonval.renderer.scattering.quality import Quality, degree_of
 from horizonval.renderer.tables import SunTable
 
 METHOD = 1

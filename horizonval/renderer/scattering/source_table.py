@@ -21,8 +21,8 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.renderer.planet import dot
+from horizonval.renderer.scattering.diffuse_field import SMALLEST, DiffuseField
 from horizonval.renderer.scattering.harmonics import cosines, pairs, polar_parts
-from horizonval.renderer.scattering.multiple_scattering import SMALLEST, DiffuseField
 from horizonval.renderer.scattering.sun_angles import sun_angle_position
 from horizonval.renderer.tables import interpolate, table_of
 from horizonval.renderer.types import Values, Vec, Vec3

@@ -21,12 +21,9 @@ import mitsuba as mi
 
 from horizonval.renderer.kernel.march import gain
 from horizonval.renderer.planet import Planet, along
-from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, find_path, warp
+from horizonval.renderer.ray_path import GAUSS_LOW, THERMAL_CONCENTRATION, AirPath, find_path, warp
 from horizonval.renderer.thermal.emission_columns import ColumnBatch
 from horizonval.renderer.types import Values, Vec
-
-CONCENTRATION = 0.5
-"""How the steps crowd at the lowest point: the ``c`` of :mod:`horizonval.renderer.ray_path`."""
 
 THICK_STEP = 0.02
 """Optical depth from which the source is integrated against exp(-tau) exactly; emission knows its source everywhere, so
@@ -132,7 +129,7 @@ def march_emission(
 def _boundary(path: AirPath, i: mi.Float64, count: int, stations: Stations | None) -> mi.Float64:
     """Return the ray parameter of step boundary ``i``."""
     if stations is None:
-        return warp(path, path.y0 + (path.y1 - path.y0) * (i / count), CONCENTRATION)
+        return warp(path, path.y0 + (path.y1 - path.y0) * (i / count), THERMAL_CONCENTRATION)
     start = path.t_low - path.length_before
     before = start + (stations.first - start) * (i / count)
     x = (i - count) / ((stations.count - 1.0) * stations.steps)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
+from horizonval.geometry.directions import perpendicular
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import horizon_pixels
 from horizonval.truth.infrared_horizon.curve import curve_cam
@@ -36,8 +37,7 @@ def limb_path(camera: CameraModel, nadir_cam: ArrayLike, angular_radius_rad: flo
     """Return the fitted limb inside the image; empty if it does not cross it."""
     n = np.asarray(nadir_cam, dtype=np.float64)
     n = n / np.linalg.norm(n)
-    first = np.cross(n, np.eye(3)[int(np.argmin(np.abs(n)))])
-    first /= np.linalg.norm(first)
+    first = perpendicular(n)
     t = np.linspace(0, math.tau, _CONE_SAMPLES + 1)[:, None]
     ring = np.cos(t) * first + np.sin(t) * np.cross(n, first)
     return _visible_path(camera, math.cos(angular_radius_rad) * n + math.sin(angular_radius_rad) * ring)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import calendar
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from horizonval.core.json_types import JsonObject
 from horizonval.report.figures.plots import Draw
-
-Plain = Mapping[str, Any]
 
 SEASONS = (3, 6, 9, 12)
 """Months that stand for the year: those of equinoxes and solstices."""
@@ -35,7 +34,7 @@ def colour_of(month: int, shown: Sequence[int]) -> str:
     return _COLOURS[list(shown).index(month)]
 
 
-def profiles(result: Plain) -> Draw:
+def profiles(result: JsonObject) -> Draw:
     """Radiance against height, one panel per band."""
 
     def draw(figure: Figure) -> None:
@@ -56,7 +55,7 @@ def profiles(result: Plain) -> Draw:
     return draw
 
 
-def heights_by_latitude(result: Plain) -> Draw:
+def heights_by_latitude(result: JsonObject) -> Draw:
     """Half-plateau height against latitude, one panel per band, the uncertainty of the spectroscopy shaded."""
 
     def draw(figure: Figure) -> None:
@@ -87,7 +86,7 @@ def heights_by_latitude(result: Plain) -> Draw:
     return draw
 
 
-def maps(result: Plain, band: Plain) -> Draw:
+def maps(result: JsonObject, band: JsonObject) -> Draw:
     """Half-plateau height and plateau of one band by latitude and month."""
 
     def draw(figure: Figure) -> None:
@@ -113,7 +112,7 @@ def maps(result: Plain, band: Plain) -> Draw:
     return draw
 
 
-def errors_round_orbit(result: Plain, band: Plain) -> Draw:
+def errors_round_orbit(result: JsonObject, band: JsonObject) -> Draw:
     """Pitch (above) and roll error (below) of every sensor against the argument of latitude."""
 
     def draw(figure: Figure) -> None:
@@ -157,7 +156,7 @@ def errors_round_orbit(result: Plain, band: Plain) -> Draw:
     return draw
 
 
-def published_for(result: Plain, sensor: Plain, axis: str) -> float | None:
+def published_for(result: JsonObject, sensor: JsonObject, axis: str) -> float | None:
     """Return the published maximum that belongs to a sensor's pitch or roll, if there is one."""
     quantity = f"edge_{axis}_deg" if sensor["kind"] == "edge" else f"field_{axis}_deg"
     for item in result["published"]:
@@ -166,12 +165,12 @@ def published_for(result: Plain, sensor: Plain, axis: str) -> float | None:
     return None
 
 
-def title_of(band: Plain) -> str:
+def title_of(band: JsonObject) -> str:
     """Return a band's limits as text."""
     return f"{band['lo_um']}–{band['hi_um']} µm"
 
 
-def sensor_words(sensor: Plain) -> str:
+def sensor_words(sensor: JsonObject) -> str:
     """Return what a sensor is, in words."""
     if sensor["kind"] == "field":
         return f"field of {sensor['field_deg']:g}°"
@@ -187,7 +186,7 @@ def name_of(month: int) -> str:
     return calendar.month_name[month]
 
 
-def _place(example: Plain) -> str:
+def _place(example: JsonObject) -> str:
     latitude = example["latitude_deg"]
     where = "equator" if latitude == 0 else f"{abs(latitude):g}° {'N' if latitude > 0 else 'S'}"
     return f"{where}, {name_of(example['month'])}"

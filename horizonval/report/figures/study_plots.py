@@ -14,9 +14,8 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from horizonval.core.json_types import JsonObject
 from horizonval.report.figures.plots import ESTIMATOR_COLOURS, ESTIMATOR_MARKERS, Draw
-
-Plain = Mapping[str, Any]
 
 MOST_WORDY = 20
 """Among more designs only those on the front have their numbers and bars."""
@@ -32,8 +31,8 @@ SHARES = (("availability", "answered", "o"), ("within", "answered within the lim
 
 
 def pareto(
-    designs: Sequence[Plain],
-    x_of: Mapping[str, Plain],
+    designs: Sequence[JsonObject],
+    x_of: Mapping[str, JsonObject],
     front: Sequence[str],
     label: str,
     limit_deg: float,
@@ -107,7 +106,7 @@ def pareto(
     return draw
 
 
-def by_design(designs: Sequence[Plain], limit_deg: float, availability: float) -> Draw:
+def by_design(designs: Sequence[JsonObject], limit_deg: float, availability: float) -> Draw:
     """Errors of claims, and shares of frames, one line a design."""
 
     def draw(figure: Figure) -> None:
@@ -135,7 +134,7 @@ def by_design(designs: Sequence[Plain], limit_deg: float, availability: float) -
     return draw
 
 
-def shares_of_variance(effects: Plain, words: Mapping[str, str]) -> Draw:
+def shares_of_variance(effects: JsonObject, words: Mapping[str, str]) -> Draw:
     """Share of the variance of the log error that each axis, and each pair of axes, takes."""
 
     def draw(figure: Figure) -> None:
@@ -156,7 +155,7 @@ def shares_of_variance(effects: Plain, words: Mapping[str, str]) -> Draw:
     return draw
 
 
-def level_factors(effects: Plain, words: Mapping[str, str]) -> Draw:
+def level_factors(effects: JsonObject, words: Mapping[str, str]) -> Draw:
     """By how much every level of every axis multiplies the error."""
 
     def draw(figure: Figure) -> None:
@@ -186,7 +185,7 @@ def level_factors(effects: Plain, words: Mapping[str, str]) -> Draw:
     return draw
 
 
-def term_words(term: Plain, words: Mapping[str, str]) -> str:
+def term_words(term: JsonObject, words: Mapping[str, str]) -> str:
     """Return a term's axes as words."""
     return " × ".join(words.get(key, key) for key in term["axes"])
 
@@ -202,7 +201,7 @@ def _plain_ticks(axis: Axis) -> None:
     axis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" else "")
 
 
-def _arms(found: Plain) -> list[list[float]] | None:
+def _arms(found: JsonObject) -> list[list[float]] | None:
     """Return the arms of an error bar: never negative, an open end drawn to the value."""
     if found.get("interval") is None:
         return None
@@ -211,7 +210,7 @@ def _arms(found: Plain) -> list[list[float]] | None:
     return [[max(value - (value if low is None else low), 0.0)], [max((value if high is None else high) - value, 0.0)]]
 
 
-def _dots(axes: Axes, lines: Any, found: Sequence[Plain], key: str, index: int, marker: str, word: str) -> None:
+def _dots(axes: Axes, lines: Any, found: Sequence[JsonObject], key: str, index: int, marker: str, word: str) -> None:
     offset = (index - 1) * 0.16
     colour = ESTIMATOR_COLOURS[index % len(ESTIMATOR_COLOURS)]
     known = [(line + offset, item) for line, item in zip(lines, found, strict=True) if item[key] is not None]

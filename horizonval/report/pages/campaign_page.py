@@ -12,6 +12,7 @@ from datetime import datetime
 from typing import Any
 from urllib.parse import quote
 
+from horizonval.core.json_types import JsonObject
 from horizonval.report.figures import campaign_plots as draw
 from horizonval.report.figures.campaign_plots import Span, inline_svg
 from horizonval.report.figures.plots import Draw
@@ -31,10 +32,8 @@ FIGURES = "figures"
 WORST = 6
 GUARDED = "guarded-"
 
-Plain = dict[str, Any]
 
-
-def headline(run: ReportRun) -> Plain:
+def headline(run: ReportRun) -> JsonObject:
     """Return the page's name and the campaign in one sentence."""
     rows = run.rows
     false = sum(verdict_of(row) is FALSE_VALID for row in rows)
@@ -53,7 +52,7 @@ def has_draws(run: ReportRun) -> bool:
     return any(row.noise_draws is not None for row in run.rows)
 
 
-def page_of(run: ReportRun) -> Plain:
+def page_of(run: ReportRun) -> JsonObject:
     """Return everything the template shows."""
     rows, link = run.rows, links_of(run)
     groups = summarise(rows)["groups"]
@@ -89,7 +88,7 @@ def _together(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
     return [(name, own) for name, own in (("all bare methods", bare), ("all guarded methods", guarded)) if own]
 
 
-def _section(run: ReportRun, plan: Plain, index: int, link: draw.Link) -> Plain:
+def _section(run: ReportRun, plan: JsonObject, index: int, link: draw.Link) -> JsonObject:
     rows = [row for row in run.rows if row.case in plan["cases"]]
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
@@ -111,7 +110,7 @@ def _section(run: ReportRun, plan: Plain, index: int, link: draw.Link) -> Plain:
 
 
 def _drawings(
-    plan: Plain, rows: Sequence[Row], names: Sequence[str], link: draw.Link
+    plan: JsonObject, rows: Sequence[Row], names: Sequence[str], link: draw.Link
 ) -> list[tuple[str, Draw, float, float]]:
     first = {case: values[0] for case, values in plan["cases"].items() if values}
     match plan["kind"]:
@@ -189,7 +188,7 @@ def _spans(rows: Sequence[Row], minutes: Mapping[str, float]) -> list[Span]:
     return spans
 
 
-def _rates(name: str, camera: str, found: Mapping[str, Any], n: int) -> Plain:
+def _rates(name: str, camera: str, found: Mapping[str, Any], n: int) -> JsonObject:
     """Return the words of a line of the table of rates; ``found`` as :func:`horizonval.scoring.rates.rates`."""
     false = found["false_valid"]
     return {
@@ -204,7 +203,7 @@ def _rates(name: str, camera: str, found: Mapping[str, Any], n: int) -> Plain:
     }
 
 
-def _share(found: Mapping[str, Any]) -> Plain:
+def _share(found: Mapping[str, Any]) -> JsonObject:
     if not found["of"]:
         return {"rate": number(None), "of": "none", "interval": ""}
     return {
@@ -220,7 +219,7 @@ def _bound(share: float) -> str:
     return f"{math.ceil(100 * share * 10**digits - 1e-9) / 10**digits:.{digits}f} %"
 
 
-def _errors(group: Mapping[str, Any]) -> Plain:
+def _errors(group: Mapping[str, Any]) -> JsonObject:
     """Return the words of a line of the table of errors."""
     error = group["nadir_error_arcsec"]
     return {
@@ -233,7 +232,7 @@ def _errors(group: Mapping[str, Any]) -> Plain:
     }
 
 
-def _bias(found: Mapping[str, Any]) -> Plain:
+def _bias(found: Mapping[str, Any]) -> JsonObject:
     return {"mean": _signed(_degrees(found["mean"])), "std": number(_degrees(found["std"]))}
 
 
@@ -242,7 +241,7 @@ def _signed(degrees: float | None) -> str:
     return number(None) if degrees is None else f"{degrees:+.3f}".replace("-", "\N{MINUS SIGN}")
 
 
-def _consistency(found: Mapping[str, Any]) -> Plain:
+def _consistency(found: Mapping[str, Any]) -> JsonObject:
     """Return the words of a mean normalised error squared, per degree of freedom."""
     if not found["n"]:
         return {"mean": number(None), "n": 0, "interval": "", "glyph": "", "error": ""}
@@ -265,7 +264,7 @@ def _degrees(arcsec: float | None) -> float | None:
     return None if arcsec is None else arcsec / 3600.0
 
 
-def _worst(rows: Sequence[Row], link: draw.Link) -> list[Plain]:
+def _worst(rows: Sequence[Row], link: draw.Link) -> list[JsonObject]:
     """Return the worst frames of each kind: false claims by their error, and usable frames that were refused."""
     false = sorted(
         (row for row in rows if verdict_of(row) is FALSE_VALID), key=lambda row: -(row.nadir_error_arcsec or 0.0)

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import DamagedFileError
+from horizonval.core.json_types import JsonObject
 from horizonval.report.figures import plots
 from horizonval.report.figures import stability_plots as draw
 from horizonval.report.wording import number
 
 RESULT = Path("stability") / "result.json"
 PAGE = "stability.html"
-
-Plain = Mapping[str, Any]
 
 
 def load_result(run_dir: Path) -> dict[str, Any] | None:
@@ -38,7 +36,7 @@ def load_result(run_dir: Path) -> dict[str, Any] | None:
     return result
 
 
-def headline(result: Plain) -> str:
+def headline(result: JsonObject) -> str:
     """Return the study in one sentence, for the report's first page."""
     band = leading_band(result)
     half = band["half_statistics"]
@@ -49,13 +47,13 @@ def headline(result: Plain) -> str:
     )
 
 
-def leading_band(result: Plain) -> Plain:
+def leading_band(result: JsonObject) -> JsonObject:
     """Return the band that is compared with what is published: the first whose horizon is the air itself."""
-    bands: list[Plain] = result["bands"]
+    bands: list[JsonObject] = result["bands"]
     return next((band for band in bands if band["kind"] == "opaque"), bands[0])
 
 
-def page_of(result: Plain) -> dict[str, Any]:
+def page_of(result: JsonObject) -> dict[str, Any]:
     """Return everything the template shows."""
     band = leading_band(result)
     return {
@@ -71,7 +69,7 @@ def page_of(result: Plain) -> dict[str, Any]:
     }
 
 
-def _figures(result: Plain, band: Plain) -> list[dict[str, str]]:
+def _figures(result: JsonObject, band: JsonObject) -> list[dict[str, str]]:
     panels, sensors = len(result["bands"]), len(band["sensors"])
     title = draw.title_of(band)
     return [
@@ -102,7 +100,7 @@ def _figures(result: Plain, band: Plain) -> list[dict[str, str]]:
     ]
 
 
-def _band_line(band: Plain) -> dict[str, str]:
+def _band_line(band: JsonObject) -> dict[str, str]:
     def span(key: str, digits: int) -> str:
         found = band[key]
         return f"{number(found['min'], digits)} to {number(found['max'], digits)}, mean {number(found['mean'], digits)}"
@@ -120,7 +118,7 @@ def _band_line(band: Plain) -> dict[str, str]:
     }
 
 
-def _error_line(band: Plain, sensor: Plain) -> dict[str, str]:
+def _error_line(band: JsonObject, sensor: JsonObject) -> dict[str, str]:
     keys = ("max_pitch_deg", "rms_pitch_deg", "max_roll_deg", "rms_roll_deg")
     return {
         "band": draw.title_of(band),
@@ -130,7 +128,7 @@ def _error_line(band: Plain, sensor: Plain) -> dict[str, str]:
     }
 
 
-def _published_value(item: Plain) -> str:
+def _published_value(item: JsonObject) -> str:
     low, high = item["low"], item["high"]
     if item["quantity"] == "variation":
         return f"{100 * high:g} %"
@@ -138,7 +136,7 @@ def _published_value(item: Plain) -> str:
     return (f"{low:g}" if low == high else f"{low:g} to {high:g}") + unit
 
 
-def _ours(item: Plain, band: Plain) -> list[str]:
+def _ours(item: JsonObject, band: JsonObject) -> list[str]:
     """Return the study's own figures beside a published one, a line each."""
     quantity, words = item["quantity"], draw.sensor_words
     edges = [s for s in band["sensors"] if s["kind"] == "edge"]

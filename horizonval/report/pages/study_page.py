@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import DamagedFileError
+from horizonval.core.json_types import JsonObject
 from horizonval.report import template
 from horizonval.report.figures import plots
 from horizonval.report.figures import study_plots as draw
@@ -21,8 +22,6 @@ MOST_LEVELS = 7
 DASH = "\N{EN DASH}"
 ERROR_COLUMNS = ("bias_deg", "noise_deg", "rms_deg", "p95_deg", "three_sigma_deg")
 UNITS = {"_deg": "deg", "_px": "px", "_um": "µm", "_mm": "mm", "_s": "s", "_km": "km", "_h": "h", "_k": "K"}
-
-Plain = Mapping[str, Any]
 
 
 def write_page(run_dir: Path) -> Path:
@@ -51,7 +50,7 @@ def _read(path: Path, keys: set[str]) -> dict[str, Any]:
     return data
 
 
-def page_of(result: Plain, costs: Plain) -> dict[str, Any]:
+def page_of(result: JsonObject, costs: JsonObject) -> dict[str, Any]:
     """Return everything the template shows."""
     head, designs = result["study"], result["designs"]
     words = axis_words(result["axes"])
@@ -94,7 +93,7 @@ def _word(key: str) -> str:
     return {"width": "width [px]", "height": "height [px]"}.get(key, key.replace("_", " "))
 
 
-def _figures(result: Plain, costs: Plain, words: Mapping[str, str]) -> list[dict[str, str]]:
+def _figures(result: JsonObject, costs: JsonObject, words: Mapping[str, str]) -> list[dict[str, str]]:
     designs, head = result["designs"], result["study"]
     limit, availability = head["requirement"]["error_deg"], head["requirement"]["availability"]
     groups = _groups(result, words)
@@ -165,7 +164,7 @@ def _figures(result: Plain, costs: Plain, words: Mapping[str, str]) -> list[dict
     return made
 
 
-def _groups(result: Plain, words: Mapping[str, str]) -> dict[str, str]:
+def _groups(result: JsonObject, words: Mapping[str, str]) -> dict[str, str]:
     """Return the word whose marker each design carries: its level on the axis that matters most, of few levels."""
     designs, effects = result["designs"], result["effects"]
     terms = effects["terms"] if effects is not None else []
@@ -177,7 +176,7 @@ def _groups(result: Plain, words: Mapping[str, str]) -> dict[str, str]:
     return {d["name"]: "designs" for d in designs}
 
 
-def _effects(effects: Plain | None, words: Mapping[str, str]) -> dict[str, Any] | None:
+def _effects(effects: JsonObject | None, words: Mapping[str, str]) -> dict[str, Any] | None:
     if effects is None:
         return None
     common = effects["basis"] == "common"
@@ -202,7 +201,7 @@ def _effects(effects: Plain | None, words: Mapping[str, str]) -> dict[str, Any] 
     }
 
 
-def _line(d: Plain, cost: Plain, words: Mapping[str, str]) -> dict[str, Any]:
+def _line(d: JsonObject, cost: JsonObject, words: Mapping[str, str]) -> dict[str, Any]:
     settings = ", ".join(
         f"{word} = {draw.level_words(d['settings'][key])}" for key, word in words.items() if key in d["settings"]
     )
@@ -223,12 +222,12 @@ def _line(d: Plain, cost: Plain, words: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def _none_right(found: Plain) -> dict[str, str]:
+def _none_right(found: JsonObject) -> dict[str, str]:
     """Say it where even the widest angle has a wrong answer."""
     return {"value": "none"} if found["value"] is None and found["n"] else {}
 
 
-def _measure(found: Plain) -> dict[str, Any]:
+def _measure(found: JsonObject) -> dict[str, Any]:
     low, high = found["interval"] or (None, None)
     words = ""
     if found["interval"] is not None:
@@ -236,7 +235,7 @@ def _measure(found: Plain) -> dict[str, Any]:
     return {"value": number(found["value"]), "interval": words, "n": found["n"]}
 
 
-def _share(found: Plain) -> dict[str, str]:
+def _share(found: JsonObject) -> dict[str, str]:
     if not found["of"]:
         return {"rate": DASH, "of": "none", "interval": ""}
     return {
@@ -246,7 +245,7 @@ def _share(found: Plain) -> dict[str, str]:
     }
 
 
-def _pair(pair: Plain, designs: Sequence[Plain]) -> dict[str, Any]:
+def _pair(pair: JsonObject, designs: Sequence[JsonObject]) -> dict[str, Any]:
     numbers = {d["name"]: d["number"] for d in designs}
     return {
         "a": numbers[pair["a"]],
@@ -261,10 +260,10 @@ def _pair(pair: Plain, designs: Sequence[Plain]) -> dict[str, Any]:
     }
 
 
-def _with(found: Plain) -> dict[str, str]:
+def _with(found: JsonObject) -> dict[str, str]:
     return {"value": number(found["value"]), "interval": interval(found["interval"])}
 
 
-def _odd(found: Plain) -> dict[str, str]:
+def _odd(found: JsonObject) -> dict[str, str]:
     p = f"p = {number(found['p'], 2)}" if found["p"] is not None else "no difference"
     return {"counts": f"{found['only_a']}, {found['only_b']}", "p": p}

@@ -29,6 +29,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
+from horizonval.geometry.directions import GOLDEN_ANGLE_RAD, perpendicular
 from horizonval.spec.sensor.camera import Band
 from horizonval.spec.sensor.optics import Stray
 
@@ -74,10 +75,9 @@ def outside_image(camera: CameraModel, sun: Sun) -> tuple[float, FloatArray]:
     # Points of a sunflower: the square root makes areas equal, the golden angle spreads them.
     index = np.arange(_DISC_POINTS) + 0.5
     radius = np.sqrt(index / _DISC_POINTS) * math.tan(sun.angular_radius_rad)
-    turn = index * (math.pi * (3 - math.sqrt(5)))
+    turn = index * GOLDEN_ANGLE_RAD
     centre = np.array(sun.direction_cam)
-    side = np.cross(centre, np.eye(3)[int(np.argmin(np.abs(centre)))])
-    side /= np.linalg.norm(side)
+    side = perpendicular(centre)
     points = (
         centre + (radius * np.cos(turn))[:, None] * side + (radius * np.sin(turn))[:, None] * np.cross(centre, side)
     )

@@ -13,8 +13,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from horizonval.core.json_types import JsonObject
 from horizonval.spec.load import CAMERA_TABLES
-from horizonval.spec.merge import Plain
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.reference.keys import MODELS, FileKind, unit_of
 from horizonval.spec.scene import SceneSpec
@@ -25,7 +25,7 @@ _DEFINITIONS = "#/$defs/"
 _SUFFIXES = ("Partial", "Axes", "Ranges")
 
 
-def json_schema(kind: FileKind) -> Plain:
+def json_schema(kind: FileKind) -> JsonObject:
     """Return the schema of a kind of file as plain data.
 
     Every key has a ``description`` and, where it holds numbers, a ``unit`` (``"1"`` without a dimension). A schema
@@ -68,14 +68,14 @@ def schema_text(kind: FileKind) -> str:
     return json.dumps(json_schema(kind), indent=1) + "\n"
 
 
-_NAMES: Plain = {"type": "array", "minItems": 1, "items": {"type": "string"}}
+_NAMES: JsonObject = {"type": "array", "minItems": 1, "items": {"type": "string"}}
 
 
 class _Definitions:
     """Tables by name; those that are variants of others are made when they are first referred to."""
 
     def __init__(self) -> None:
-        self._tables: dict[str, Plain] = _ranges()
+        self._tables: dict[str, JsonObject] = _ranges()
 
     def add(self, model: Any) -> str:
         """Take in a model with all tables that it holds; return its name."""
@@ -95,17 +95,17 @@ class _Definitions:
             table["description"] = f"Change of the camera file's `{key}`."
             self._tables["CameraUse"]["properties"][key] = table
 
-    def replace(self, table: str, key: str, node: Plain) -> None:
+    def replace(self, table: str, key: str, node: JsonObject) -> None:
         """Put another node in a key's place; its description stays."""
         old = self._tables[table]["properties"][key]
         kept = {word: old[word] for word in ("title", "description") if word in old}
         self._tables[table]["properties"][key] = kept | node
 
-    def partial_scene(self, *, orbit: bool = False) -> Plain:
+    def partial_scene(self, *, orbit: bool = False) -> JsonObject:
         """Return a scene of which nothing is required."""
         return self.scene_of("Partial", orbit=orbit)
 
-    def scene_of(self, suffix: str, *, orbit: bool = True) -> Plain:
+    def scene_of(self, suffix: str, *, orbit: bool = True) -> JsonObject:
         """Return a variant of a scene, with or without an orbit; axes and ranges can also have dotted keys."""
         table = copy.deepcopy(self._tables[self._make("SceneSpec", suffix)])
         if orbit:
@@ -114,7 +114,7 @@ class _Definitions:
             table["patternProperties"] = {r"\.": {"type": ["array", "object"]}}
         return table
 
-    def frame(self) -> Plain:
+    def frame(self) -> JsonObject:
         """Return a ``[[frame]]`` of a suite."""
         table = self.partial_scene()
         table["properties"]["estimators"] = _NAMES
@@ -129,9 +129,9 @@ class _Definitions:
         self.replace(table, "orbit", {"$ref": _DEFINITIONS + self._make("OrbitSpec", "Partial")})
         self.replace("SobolSpec", "ranges", self.scene_of("Ranges"))
 
-    def document(self, name: str) -> Plain:
+    def document(self, name: str) -> JsonObject:
         """Return the schema with all tables that it needs, sorted by name."""
-        needed: dict[str, Plain] = {}
+        needed: dict[str, JsonObject] = {}
         waiting = [name]
         while waiting:
             for reference in _references(self._tables[waiting.pop()]):
@@ -158,7 +158,7 @@ class _Definitions:
                 table["properties"][key] = made
         return new
 
-    def _variant(self, node: Plain, suffix: str, place: str = "") -> Plain:
+    def _variant(self, node: JsonObject, suffix: str, place: str = "") -> JsonObject:
         """Return what stands in a key's place in a variant; ``place`` is the key's own in the schema."""
         options = [n for n in node.get("oneOf") or node.get("anyOf") or [node] if "$ref" in n]
         if options:
@@ -177,11 +177,11 @@ def _table_of(reference: str) -> str:
     return reference.removeprefix(_DEFINITIONS).split("/")[0]
 
 
-def _list_of(node: Plain) -> Plain:
+def _list_of(node: JsonObject) -> JsonObject:
     return {"type": "array", "minItems": 1, "items": node}
 
 
-def _values(node: Plain, whole: Plain, *, pair: bool) -> Plain:
+def _values(node: JsonObject, whole: JsonObject, *, pair: bool) -> JsonObject:
     """Return an axis over a key: a list of what it may hold, or a range of numbers or dates.
 
     ``pair``: its two ends instead of a list.
@@ -197,23 +197,23 @@ def _values(node: Plain, whole: Plain, *, pair: bool) -> Plain:
     return {"anyOf": [_list_of(whole), {"$ref": f"{_DEFINITIONS}{span}"}]}
 
 
-def _ranges() -> dict[str, Plain]:
+def _ranges() -> dict[str, JsonObject]:
     """Return the tables ``{from, to, ...}`` of numbers and dates; the ends' limits are left to the reading."""
-    found: dict[str, Plain] = {}
+    found: dict[str, JsonObject] = {}
     for name, end in (
         ("NumberRange", {"type": "number"}),
         ("DateRange", {"type": "string", "format": "date-time"}),
     ):
-        ends: Plain = {"from": end, "to": end, "scale": {"enum": ["linear", "log", "sine"], "default": "linear"}}
-        steps: Plain = {"step": {"type": "number"}, "n": {"type": "integer", "minimum": 1}}
-        table: Plain = {"type": "object", "required": ["from", "to"], "additionalProperties": False}
+        ends: JsonObject = {"from": end, "to": end, "scale": {"enum": ["linear", "log", "sine"], "default": "linear"}}
+        steps: JsonObject = {"step": {"type": "number"}, "n": {"type": "integer", "minimum": 1}}
+        table: JsonObject = {"type": "object", "required": ["from", "to"], "additionalProperties": False}
         found[f"{name}Drawn"] = table | {"properties": ends}
         one_of = {"oneOf": [{"required": ["step"]}, {"required": ["n"]}]}
         found[name] = table | {"properties": ends | steps} | one_of
     return found
 
 
-def _tidy_table(table: Plain) -> Plain:
+def _tidy_table(table: JsonObject) -> JsonObject:
     """Return a table without what TOML cannot hold, its keys with units."""
     table = copy.deepcopy(table)
     paragraphs = table.get("description", "").split("\n\n")
@@ -232,7 +232,7 @@ def _tidy_table(table: Plain) -> Plain:
     return table
 
 
-def _tidy(node: Plain) -> Plain:
+def _tidy(node: JsonObject) -> JsonObject:
     """Return a node without null (TOML has none), inner titles and units, and pydantic's discriminator."""
     node = {key: value for key, value in node.items() if key not in ("title", "unit", "discriminator")}
     options = [_tidy(option) for option in node.pop("anyOf", []) if option.get("type") != "null"]

@@ -11,6 +11,7 @@ import numpy as np
 
 from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.json_types import JsonObject
 from horizonval.store.folder import read_json
 from horizonval.studies.regression.baseline.baseline import (
     Baseline,
@@ -27,8 +28,6 @@ from horizonval.studies.regression.words import figure
 
 SHORTEST_REASON = 10
 MOST_REASONS = 50
-
-Plain = dict[str, Any]
 
 
 def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> list[Path]:
@@ -204,7 +203,7 @@ def _removed(before: Baseline, scenes: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _line(head: Mapping[str, Any]) -> Plain:
+def _line(head: Mapping[str, Any]) -> JsonObject:
     return {key: head[key] for key in ("night", "version", "accepted_utc", "reason")}
 
 

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from scipy import constants, integrate
 
+from horizonval.geometry.directions import angle_between
 from horizonval.studies.regression.statistics.decide import Verdict
 
 Anchor = dict[str, Any]
@@ -78,7 +79,7 @@ def furnace() -> Anchor:
     """Isothermal air over black ground, 8 to 14 um and the 15 um band: 1e-6, the quadrature's own accuracy."""
     from horizonval.earth.optical import optical_model
     from horizonval.earth.surface.ground_emission import uniform_ground
-    from horizonval.renderer.scene.emission import thermal_radiance
+    from horizonval.renderer.rays.thermal_radiance import thermal_radiance
     from horizonval.spec.scene import SceneSpec
     from horizonval.spec.sensor.camera import CameraSpec
 
@@ -181,12 +182,8 @@ def estimator_on_exact_limb() -> Anchor:
         if not isinstance(result, Fit):
             found.append(math.inf)
             continue
-        found.append(math.degrees(math.atan2(*_sine_cosine(nadir, result.nadir_cam))) * 3600)
+        found.append(math.degrees(angle_between(nadir, result.nadir_cam)) * 3600)
     return _anchor(found, 0.01, "arcsec", "nadir error of the altitude-free method on exact points of a sphere's limb")
-
-
-def _sine_cosine(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-    return float(np.linalg.norm(np.cross(a, b))), float(a @ b)
 
 
 def photon_transfer() -> Anchor:
@@ -241,8 +238,8 @@ def photon_transfer() -> Anchor:
 def single_scatter() -> Anchor:
     """A Rayleigh limb by day at 550 nm: 0.2 %; the table is good to 0.02 %."""
     from horizonval.earth.atmosphere_file import file_model, read_atmosphere
-    from horizonval.renderer.kernel.radiance import radiance_along_rays
     from horizonval.renderer.plugin.backend import activate
+    from horizonval.renderer.rays.radiance import radiance_along_rays
 
     with TABLE.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))

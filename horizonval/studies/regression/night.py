@@ -23,6 +23,7 @@ import numpy as np
 
 from horizonval.core import atomic
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.engine import do
 from horizonval.jobs.execution import Execution
@@ -52,8 +53,6 @@ INCOMPLETE = 2
 MOST_CHANGES = 200
 """Changed scenes written into the verdict; the count is always that of all."""
 
-Plain = dict[str, Any]
-
 
 @dataclass(frozen=True)
 class Wanted:
@@ -82,7 +81,7 @@ class Wanted:
     reference: Path | None = None
 
 
-def run_night(wanted: Wanted, progress: Progress | None = None) -> Plain:
+def run_night(wanted: Wanted, progress: Progress | None = None) -> JsonObject:
     """Do a night and return the content of ``verdict.json``.
 
     Raises
@@ -145,12 +144,12 @@ class _Gathered:
         self.identities: set[str] = set()
         self.failed: dict[str, str] = {}
         self.replayed: list[ReplicateRow] = []
-        self.scenes: dict[str, Plain] = {}
+        self.scenes: dict[str, JsonObject] = {}
         self.rows: list[ReplicateRow] = []
         self.arrays: dict[str, str] = {}
         self.fresh: list[ReplicateRow] = []
         self.batches = 0
-        self.anchors: list[Plain] = []
+        self.anchors: list[JsonObject] = []
         self._work(self._first_tasks())
 
     def _first_tasks(self) -> dict[str, Task]:
@@ -224,7 +223,7 @@ class _Gathered:
                             found[key] = replace(row, replicate=replicate, due=is_due(about))
         return [found[key] for key in sorted(found)]
 
-    def verdict(self, release: Baseline | None, reference: GateInputs | None) -> Plain:
+    def verdict(self, release: Baseline | None, reference: GateInputs | None) -> JsonObject:
         """Return the verdict; asks for further batches of fresh scenes as long as their gates are inconclusive."""
         while True:
             comparisons, gates = self._compare(release, reference)
@@ -235,8 +234,10 @@ class _Gathered:
             self._work(self._fresh_tasks())
         return self._conclude(comparisons, gates)
 
-    def _compare(self, release: Baseline | None, reference: GateInputs | None) -> tuple[list[Plain], list[Plain]]:
-        comparisons: list[Plain] = []
+    def _compare(
+        self, release: Baseline | None, reference: GateInputs | None
+    ) -> tuple[list[JsonObject], list[JsonObject]]:
+        comparisons: list[JsonObject] = []
         measured: list[tuple[str, Measured]] = []
         bases = [("accepted", self.accepted), ("release", release)]
         for name, base in bases:
@@ -251,7 +252,7 @@ class _Gathered:
         gates = judge(measured, looks=self.spec.most_batches)
         return comparisons, gates
 
-    def _against(self, name: str, base: Baseline, reference: GateInputs | None) -> tuple[Plain, list[Measured]]:
+    def _against(self, name: str, base: Baseline, reference: GateInputs | None) -> tuple[JsonObject, list[Measured]]:
         images = self._images(base)
         now = GateInputs(self.replayed, images, self.fresh, self.wanted.night)
         whole = replace(now, rows=self.all_rows())
@@ -291,7 +292,7 @@ class _Gathered:
         }
         return about, found
 
-    def _images(self, base: Baseline) -> dict[tuple[str, str], Plain]:
+    def _images(self, base: Baseline) -> dict[tuple[str, str], JsonObject]:
         frames = frames_of(base.images)
         found = {}
         for scene, record in self.scenes.items():
@@ -307,7 +308,7 @@ class _Gathered:
                 found[scene, band] = compare_images(record["table"], now, old, radiance, frames.get((scene, band)))
         return found
 
-    def _conclude(self, comparisons: list[Plain], gates: list[Plain]) -> Plain:
+    def _conclude(self, comparisons: list[JsonObject], gates: list[JsonObject]) -> JsonObject:
         problems = [f"{name}: {error}" for name, error in self.failed.items()]
         if self.accepted is None:
             problems.append(f"no accepted baseline at {self.wanted.baseline}: nothing to compare with")
@@ -341,7 +342,7 @@ class _Gathered:
             "levels": _levels(self.all_rows() or self.replayed, self.fresh),
         }
 
-    def content(self) -> Plain:
+    def content(self) -> JsonObject:
         """Return what a baseline is made of."""
         return {
             "schema": NIGHT_SCHEMA,
@@ -433,9 +434,9 @@ def _count(rows: Sequence[ReplicateRow]) -> int:
     return len({row.scene for row in rows})
 
 
-def _levels(rows: Sequence[ReplicateRow], fresh: Sequence[ReplicateRow]) -> Plain:
+def _levels(rows: Sequence[ReplicateRow], fresh: Sequence[ReplicateRow]) -> JsonObject:
     """Return the figures whose trend is followed: availability, false claims and median error, by estimator."""
-    found: Plain = {}
+    found: JsonObject = {}
     for lane, own in (("fixed", rows), ("fresh", fresh)):
         for estimator in sorted({row.estimator for row in own}):
             mine = [row for row in own if row.estimator == estimator]

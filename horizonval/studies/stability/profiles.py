@@ -112,7 +112,7 @@ def month_model(spec: StabilitySpec, band: StabilityBand, month: int) -> Optical
 
 def month_profiles(spec: StabilitySpec, band: StabilityBand, month: int) -> Profiles:
     """March every ray of one band in one month."""
-    from horizonval.renderer.scene.emission import thermal_radiance
+    from horizonval.renderer.rays.thermal_radiance import thermal_radiance
 
     heads = heads_of(spec)
     height = heights_m(spec)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.earth.spectral.thermal_accuracy import thermal_accuracy
 from horizonval.spec.stability import EdgeSensor, FieldSensor, StabilityBand, StabilitySpec
 from horizonval.studies.stability.locate import Horizon, highest_crossing, locate
@@ -23,14 +24,12 @@ from horizonval.studies.stability.profiles import LATITUDE_DEG, Profiles, heads_
 from horizonval.studies.stability.published import PUBLISHED
 from horizonval.studies.stability.sensors import attitude_error, edge_excess, field_excess, field_output, interpolate
 
-Plain = dict[str, Any]
-
 RESULT_SCHEMA = 1
 _DECIMALS = 6
 """1 mm, 4 milliarcsec, 1e-6 W m-2 sr-1."""
 
 
-def conclude(spec: StabilitySpec, profiles: Mapping[tuple[str, int], Profiles]) -> Plain:
+def conclude(spec: StabilitySpec, profiles: Mapping[tuple[str, int], Profiles]) -> JsonObject:
     """Return the study's result as plain data, rounded to six decimals.
 
     Parameters
@@ -63,7 +62,7 @@ def conclude(spec: StabilitySpec, profiles: Mapping[tuple[str, int], Profiles]) 
     }
 
 
-def digest(result: Mapping[str, Any]) -> Plain:
+def digest(result: Mapping[str, Any]) -> JsonObject:
     """Return the few figures of a result that a summary holds."""
     return {
         "bands": [
@@ -100,7 +99,7 @@ def rows(result: Mapping[str, Any]) -> tuple[list[str], list[list[Any]]]:
 
 def _band(
     spec: StabilitySpec, band: StabilityBand, months: Sequence[Profiles], heads: Heads, offset: FloatArray
-) -> Plain:
+) -> JsonObject:
     height = months[0].height_m
     seen = np.stack([p.orbit for p in months])
     orbit = locate(height, seen)
@@ -130,7 +129,7 @@ def _sensor(
     orbit: Horizon,
     heads: Heads,
     offset: FloatArray,
-) -> Plain:
+) -> JsonObject:
     """Errors of one sensor in one band; ``radiance`` and ``orbit`` are per month, position and head."""
     every = np.broadcast_to(offset, radiance.shape)
     calibration: dict[str, float]
@@ -167,7 +166,7 @@ def _sensor(
     }
 
 
-def _examples(spec: StabilitySpec, parallels: FloatArray) -> list[Plain]:
+def _examples(spec: StabilitySpec, parallels: FloatArray) -> list[JsonObject]:
     """Profiles over the equator and at 60 deg north, in the first month and half a year later where there is one."""
     first = spec.months[0]
     later = (first + 5) % 12 + 1
@@ -194,7 +193,7 @@ def _slope_rad_per_m(height: FloatArray, offset: FloatArray) -> FloatArray:
     return (high - low) / 6e4
 
 
-def _statistics(values: FloatArray) -> Plain:
+def _statistics(values: FloatArray) -> JsonObject:
     return {
         "min": _plain(values.min()),
         "max": _plain(values.max()),

@@ -13,11 +13,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
 from horizonval.scoring.row import Row
 from horizonval.scoring.table import read_results
 from horizonval.spec.study import Price, Requirement
@@ -39,8 +39,6 @@ MEASURES = ("bias_deg", "noise_deg", "rms_deg", "p95_deg", "three_sigma_deg", "e
 SHARES = ("availability", "answered_due", "false_valid", "within")
 FRONT_AGAINST = ("pixel_rate", "unavailability", "processor")
 
-Plain = dict[str, Any]
-
 
 @dataclass(frozen=True)
 class Data:
@@ -53,7 +51,7 @@ class Data:
     failed: tuple[str, ...]
     version: str
 
-    def compare(self, first: str, second: str, error_deg: float) -> Plain:
+    def compare(self, first: str, second: str, error_deg: float) -> JsonObject:
         """Return the paired difference of two designs, by name or number.
 
         Raises
@@ -62,8 +60,8 @@ class Data:
             There is no such design.
         """
         a, b = (self.plan.design(name, "--compare").name for name in (first, second))
-        found = compare(self.samples[a], self.samples[b], self.draws, error_deg)
-        return {"a": a, "b": b, "error_deg": error_deg, **found}
+        comparison = compare(self.samples[a], self.samples[b], self.draws, error_deg)
+        return {"a": a, "b": b, "error_deg": error_deg, **comparison}
 
 
 def read_data(plan: StudyPlan, root: Path) -> Data:
@@ -85,29 +83,29 @@ def read_data(plan: StudyPlan, root: Path) -> Data:
     order = sorted(set(plan.conditions.values()))
     samples, frames = {}, {}
     for design in plan.designs:
-        found = by_design.get((design.frames, design.estimator), [])
-        if not found:
+        design_rows = by_design.get((design.frames, design.estimator), [])
+        if not design_rows:
             raise UserError(f"no results of design {design.name!r}", where=str(root), fix="run the study again")
-        bands = sorted({row.band for _, row in found})
-        keyed = {condition if len(bands) == 1 else f"{condition} {row.band}": row for condition, row in found}
+        bands = sorted({row.band for _, row in design_rows})
+        keyed = {condition if len(bands) == 1 else f"{condition} {row.band}": row for condition, row in design_rows}
         cluster = {
             condition if len(bands) == 1 else f"{condition} {row.band}": order.index(plan.conditions[condition])
-            for condition, row in found
+            for condition, row in design_rows
         }
         samples[design.name] = sample_of(keyed, cluster)
-        frames[design.name] = [(row.case, len(bands)) for _, row in found]
+        frames[design.name] = [(row.case, len(bands)) for _, row in design_rows]
     draws = cluster_draws(len(order), plan.head.name, plan.head.seed)
     return Data(plan, samples, draws, frames, tuple(summary.get("failed") or ()), str(summary.get("version") or ""))
 
 
-def conclude(data: Data, root: Path) -> tuple[Plain, Plain]:
+def conclude(data: Data, root: Path) -> tuple[JsonObject, JsonObject]:
     """Work out and write the results of a study; return them and the costs."""
     plan, requirement = data.plan, data.plan.requirement
     designs = [_design(number, design, data) for number, design in enumerate(plan.designs, start=1)]
     costs = _costs(data, root)
     p95 = {design["name"]: design["p95_deg"]["value"] for design in designs}
     chosen = _front(designs, p95, {design["name"]: design["pixel_rate"] for design in designs})
-    result: Plain = {
+    result: JsonObject = {
         "schema": RESULT_SCHEMA,
         "version": data.version,
         "study": plan.head.model_dump(mode="json"),
@@ -124,7 +122,7 @@ def conclude(data: Data, root: Path) -> tuple[Plain, Plain]:
         "pairs": [data.compare(a, b, requirement.error_deg) for a, b in _neighbours(designs, chosen)],
         "query": query(data, designs, requirement, "pixel_rate", {}),
     }
-    prices = {name: found["value"] for name, found in costs["designs"].items()}
+    prices = {name: seconds["value"] for name, seconds in costs["designs"].items()}
     costs |= {
         "front": _front(designs, p95, prices),
         "query": query(data, designs, requirement, "processor", prices),
@@ -136,12 +134,12 @@ def conclude(data: Data, root: Path) -> tuple[Plain, Plain]:
 
 
 def query(
-    data: Data, designs: Sequence[Plain], requirement: Requirement, by: Price, seconds: Mapping[str, float | None]
-) -> Plain:
+    data: Data, designs: Sequence[JsonObject], requirement: Requirement, by: Price, seconds: Mapping[str, float | None]
+) -> JsonObject:
     """Return the cheapest design for a requirement, which need not be the study's own."""
     from horizonval.studies.trade.proportion import proportion
 
-    asked = [
+    shares = [
         {
             "name": design["name"],
             "within": proportion(
@@ -151,10 +149,10 @@ def query(
         for design in designs
     ]
     prices = {d["name"]: d["pixel_rate"] for d in designs} if by == "pixel_rate" else seconds
-    return cheapest(asked, requirement, by, prices)
+    return cheapest(shares, requirement, by, prices)
 
 
-def _design(number: int, design: Design, data: Data) -> Plain:
+def _design(number: int, design: Design, data: Data) -> JsonObject:
     measures = measures_of(data.samples[design.name], data.draws, data.plan.requirement.error_deg)
     pixels = design.width * design.height * design.heads
     return {
@@ -167,7 +165,7 @@ def _design(number: int, design: Design, data: Data) -> Plain:
     }
 
 
-def _costs(data: Data, root: Path) -> Plain:
+def _costs(data: Data, root: Path) -> JsonObject:
     timings = cost.read_timings(root)
     return {
         "machine": f"{platform.machine()}, {os.cpu_count()} processors",
@@ -181,20 +179,20 @@ def _costs(data: Data, root: Path) -> Plain:
 
 
 def _front(
-    designs: Sequence[Plain], error: Mapping[str, float | None], against: Mapping[str, float | None]
+    designs: Sequence[JsonObject], error: Mapping[str, float | None], against: Mapping[str, float | None]
 ) -> list[str]:
     names = [design["name"] for design in designs]
     kept = front([(error[name], against[name]) for name in names])
     return [name for name, is_on in zip(names, kept, strict=True) if is_on]
 
 
-def _neighbours(designs: Sequence[Plain], chosen: Sequence[str]) -> list[tuple[str, str]]:
+def _neighbours(designs: Sequence[JsonObject], chosen: Sequence[str]) -> list[tuple[str, str]]:
     """Return pairs that follow each other on a front, from the most pixels to the fewest."""
     on = sorted((d for d in designs if d["name"] in chosen), key=lambda d: (-d["pixel_rate"], d["name"]))
     return [(a["name"], b["name"]) for a, b in pairwise(on)]
 
 
-def _write_table(path: Path, designs: Sequence[Plain], axes: Sequence[str]) -> None:
+def _write_table(path: Path, designs: Sequence[JsonObject], axes: Sequence[str]) -> None:
     header = ["number", "design", *axes, "camera", "estimator_name", "n", "clusters", "claims", "pixels"]
     header += ["pixels_per_s"]
     header += [f"{name}{end}" for name in MEASURES for end in ("", "_low", "_high", "_n")]

@@ -5,29 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from scipy import stats
 
+from horizonval.core.json_types import JsonObject
 from horizonval.store.folder import read_json
 from horizonval.studies.trade.sample import CONFIDENCE
 from horizonval.suites.units.scored import PROCESSOR
 
 FILE = "study-costs.json"
 
-Plain = dict[str, Any]
-
 
 def read_timings(folder: Path) -> dict[str, dict[str, float]]:
     """Return the seconds of every stage by case, those of all shards together."""
-    found: dict[str, dict[str, float]] = {}
+    timings: dict[str, dict[str, float]] = {}
     for path in sorted(folder.glob("timings*.json")):
         for case, stages in ((read_json(path) or {}).get("cases") or {}).items():
-            found[case] = stages
-    return found
+            timings[case] = stages
+    return timings
 
 
-def cost_of(frames: Iterable[tuple[str, int]], estimator: str, timings: Mapping[str, Mapping[str, float]]) -> Plain:
+def cost_of(
+    frames: Iterable[tuple[str, int]], estimator: str, timings: Mapping[str, Mapping[str, float]]
+) -> JsonObject:
     """Return the mean processor time of an estimate.
 
     Parameters
@@ -50,7 +50,7 @@ def cost_of(frames: Iterable[tuple[str, int]], estimator: str, timings: Mapping[
     return mean_of(seconds)
 
 
-def mean_of(values: Sequence[float]) -> Plain:
+def mean_of(values: Sequence[float]) -> JsonObject:
     """Return a mean with Student's interval."""
     n = len(values)
     if n == 0:

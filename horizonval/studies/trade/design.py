@@ -20,12 +20,13 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
 from horizonval.core.suggest import nearest
 from horizonval.spec.expand import variants
 from horizonval.spec.explain import show
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite, read_toml, suite_of, validate
-from horizonval.spec.merge import Plain, deep_merge
+from horizonval.spec.merge import deep_merge
 from horizonval.spec.study import StudySpec
 from horizonval.spec.suite import CasesSpec, SuiteHead, SuiteSpec
 from horizonval.suites.axes import value_at
@@ -42,8 +43,8 @@ class DesignEntry:
 
     name: str
     settings: dict[str, Any]
-    scene: Plain
-    orbit: Plain
+    scene: JsonObject
+    orbit: JsonObject
     estimators: tuple[str, ...]
 
 
@@ -114,7 +115,7 @@ def read_study(path_or_name: str | Path, frames: int | None = None) -> tuple[Stu
     if frames is None:
         return spec, path
     if spec.frames.sobol is not None:
-        change: Plain = {"sobol": spec.frames.sobol.model_copy(update={"n": frames})}
+        change: JsonObject = {"sobol": spec.frames.sobol.model_copy(update={"n": frames})}
     elif spec.frames.orbit is not None:
         change = {"orbit": spec.frames.orbit | {"n": frames}}
     else:
@@ -147,14 +148,14 @@ def expand(spec: StudySpec, path: Path, known: dict[str, list[list[str]]] | None
     batches: dict[str, list[list[str]]] = {}
     used: dict[str, None] = {}
     for entry in entries:
-        made = _cases(spec, path, entry)
+        entry_cases = _cases(spec, path, entry)
         batches[entry.name] = _batches(entry.estimators, (known or {}).get(entry.name, ()))
         for number, batch in enumerate(batches[entry.name], start=1):
             # A batch that nobody asks for any more keeps its number, so that the others keep their frames.
             if not set(batch) & set(entry.estimators):
                 continue
             used |= dict.fromkeys(batch)
-            for condition, case in made:
+            for condition, case in entry_cases:
                 frame = _frame_of(case, entry, condition, number, tuple(batch))
                 cases.append(frame)
                 cluster = _cluster(spec, case, condition)
@@ -164,7 +165,7 @@ def expand(spec: StudySpec, path: Path, known: dict[str, list[list[str]]] | None
                 if frame.head is not None:
                     frames[frame.name] = (entry.name, f"{condition}.{frame.head}")
                     clusters.setdefault(f"{condition}.{frame.head}", cluster)
-        designs += [_design(entry, estimator, made[0][1], spec) for estimator in entry.estimators]
+        designs += [_design(entry, estimator, entry_cases[0][1], spec) for estimator in entry.estimators]
     if len({design.name for design in designs}) < len(designs):
         raise UserError("two designs have the same name", where=f"{path}: design", fix="rename one in design.list")
     head = spec.study
@@ -211,11 +212,11 @@ def _entries(spec: StudySpec, path: Path) -> Iterator[DesignEntry]:
         list=[scene for scene, *_ in listed],
         grid=grid or None,
     )
-    made = list(variants(table, spec.study.seed, where))
-    if len(made) > MOST_DESIGNS:
-        raise UserError(f"{len(made)} entries", where=where, expected=f"at most {MOST_DESIGNS}")
-    per_item = len(made) // len(listed)
-    for i, variant in enumerate(made):
+    entry_variants = list(variants(table, spec.study.seed, where))
+    if len(entry_variants) > MOST_DESIGNS:
+        raise UserError(f"{len(entry_variants)} entries", where=where, expected=f"at most {MOST_DESIGNS}")
+    per_item = len(entry_variants) // len(listed)
+    for i, variant in enumerate(entry_variants):
         _, names, estimators = listed[i // per_item]
         scene = dict(variant.scene)
         scene.pop("scene", None)
@@ -228,9 +229,9 @@ def _entries(spec: StudySpec, path: Path) -> Iterator[DesignEntry]:
         yield DesignEntry(name or "all", settings, scene, dict(orbit), _estimators(estimators, where))
 
 
-def _together(spec: StudySpec, items: Sequence[Plain]) -> tuple[Plain, list[str], Any]:
+def _together(spec: StudySpec, items: Sequence[JsonObject]) -> tuple[JsonObject, list[str], Any]:
     """Return entries of the lists laid over each other as a scene, their names, and the estimators they ask for."""
-    scene: Plain = {}
+    scene: JsonObject = {}
     estimators: Any = spec.study.estimators
     names = [str(item["name"]) for item in items]
     for item in items:

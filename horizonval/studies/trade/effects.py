@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.studies.trade.sample import Sample, interval_of
 
 FLOOR_DEG = 1e-6
@@ -29,10 +30,8 @@ FEWEST_COMMON = 5
 MOST_LEFT_OUT = 0.25
 """Share of the designs that may be left out so that the others have frames in common."""
 
-Plain = dict[str, Any]
 
-
-def effects_of(designs: Sequence[tuple[str, Mapping[str, Any], Sample]], draws: FloatArray) -> Plain | None:
+def effects_of(designs: Sequence[tuple[str, Mapping[str, Any], Sample]], draws: FloatArray) -> JsonObject | None:
     """Return the effects of the axes on the designs' mean log error.
 
     Parameters
@@ -133,34 +132,34 @@ def _coded(values: Sequence[Any], levels: Sequence[Any]) -> NDArray[np.float64]:
     return coded
 
 
-def _terms(factors: Sequence[str], columns: Mapping[str, FloatArray], response: FloatArray) -> list[Plain]:
+def _terms(factors: Sequence[str], columns: Mapping[str, FloatArray], response: FloatArray) -> list[JsonObject]:
     pairs = list(itertools.combinations(factors, 2))
     cross = {(a, b): (columns[a][:, :, None] * columns[b][:, None, :]).reshape(len(response), -1) for a, b in pairs}
     total, _ = _residual([], response)
     mains = [columns[key] for key in factors]
     all_mains, rank_mains = _residual(mains, response)
     everything, rank_all = _residual([*mains, *cross.values()], response)
-    found = []
+    terms = []
     for i, key in enumerate(factors):
         without, rank = _residual(mains[:i] + mains[i + 1 :], response)
-        found.append(([key], rank_mains - rank, without - all_mains))
+        terms.append(([key], rank_mains - rank, without - all_mains))
     for pair in pairs:
         without, rank = _residual([*mains, *(c for p, c in cross.items() if p != pair)], response)
         if rank_all > rank:
-            found.append((list(pair), rank_all - rank, without - everything))
+            terms.append((list(pair), rank_all - rank, without - everything))
     # Rounding must not make a share of nothing look like one.
     whole = np.where(total > 1e-18, total, np.nan)
-    found.sort(key=lambda term: -float(np.nan_to_num(term[2][0] / whole[0])))
+    terms.sort(key=lambda term: -float(np.nan_to_num(term[2][0] / whole[0])))
     left = len(response) - rank_all
     if left > 0:
-        found.append((["remainder"], left, everything))
+        terms.append((["remainder"], left, everything))
     return [
         {
             "axes": axes,
             "dof": dof,
             "share": {"value": _finite(float(share[0])), "interval": interval_of(share)},
         }
-        for axes, dof, squares in found
+        for axes, dof, squares in terms
         for share in (np.maximum(squares, 0.0) / whole,)
     ]
 
@@ -178,24 +177,24 @@ def _level_factors(
     columns: Mapping[str, FloatArray],
     designs: Sequence[tuple[str, Mapping[str, Any], Sample]],
     response: FloatArray,
-) -> dict[str, list[Plain]]:
+) -> dict[str, list[JsonObject]]:
     """Return 10 to the power of each level's coefficient in the model of main effects alone."""
     model = np.concatenate([np.ones((len(response), 1)), *(columns[key] for key in factors)], axis=1)
     solution, *_ = np.linalg.lstsq(model, response, rcond=None)
-    found, start = {}, 1
+    factors_by_axis, start = {}, 1
     for key in factors:
         width = len(axes[key]) - 1
-        own = solution[start : start + width]
+        coefficients = solution[start : start + width]
         start += width
         lines = []
-        for level, values in zip(axes[key], [*own, -own.sum(axis=0)], strict=True):
+        for level, values in zip(axes[key], [*coefficients, -coefficients.sum(axis=0)], strict=True):
             factor = 10.0**values
             count = sum(_word(settings.get(key)) == level for _, settings, _ in designs)
             lines.append(
                 {"level": level, "factor": float(factor[0]), "interval": interval_of(factor), "designs": count}
             )
-        found[key] = lines
-    return found
+        factors_by_axis[key] = lines
+    return factors_by_axis
 
 
 def _finite(value: float) -> float | None:

@@ -13,13 +13,13 @@ once.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.studies.trade.proportion import proportion
 from horizonval.studies.trade.sample import CONFIDENCE, Sample, interval_of
 
@@ -29,10 +29,8 @@ FEWEST_CLAIMS = 2
 FEWEST_DRAWN = 5
 """Drawing fewer than this anew says nothing about their scatter: no interval then."""
 
-Plain = dict[str, Any]
 
-
-def measures_of(sample: Sample, draws: FloatArray, error_deg: float) -> Plain:
+def measures_of(sample: Sample, draws: FloatArray, error_deg: float) -> JsonObject:
     """Return the measures of a design.
 
     Parameters
@@ -52,7 +50,7 @@ def measures_of(sample: Sample, draws: FloatArray, error_deg: float) -> Plain:
     weights = draws[:, sample.cluster]
     clusters = len(np.unique(sample.cluster))
     claims = np.isfinite(sample.error_deg)
-    own = weights[:, claims]
+    claim_weights = weights[:, claims]
     error = sample.error_deg[claims]
     angles = np.isfinite(sample.roll_deg) & np.isfinite(sample.pitch_deg)
     bias, noise = bias_and_noise(sample.roll_deg[angles], sample.pitch_deg[angles], weights[:, angles])
@@ -64,8 +62,8 @@ def measures_of(sample: Sample, draws: FloatArray, error_deg: float) -> Plain:
         "claims": int(np.count_nonzero(sample.claimed)),
         "bias_deg": _measure(bias, int(angles.sum()), clusters),
         "noise_deg": _measure(noise, int(angles.sum()), clusters),
-        "rms_deg": _measure(rms(error, own), error.size, clusters),
-        "p95_deg": _measure(quantile(error, own, P95), error.size, clusters),
+        "rms_deg": _measure(rms(error, claim_weights), error.size, clusters),
+        "p95_deg": _measure(quantile(error, claim_weights, P95), error.size, clusters),
         "three_sigma_deg": _three_sigma(error),
         "exclusion_deg": _measure(exclusion, int(sun.sum()), clusters),
         "availability": proportion(sample.claimed, sample.cluster),
@@ -96,8 +94,8 @@ def rms(values: FloatArray, weights: FloatArray) -> FloatArray:
     """Return the root mean square for every line of weights."""
     count = weights.sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        found: FloatArray = np.where(count > 0, np.sqrt(weights @ values**2 / count), np.nan)
-    return found
+        root: FloatArray = np.where(count > 0, np.sqrt(weights @ values**2 / count), np.nan)
+    return root
 
 
 def quantile(values: FloatArray, weights: FloatArray, q: float) -> FloatArray:
@@ -113,8 +111,8 @@ def quantile(values: FloatArray, weights: FloatArray, q: float) -> FloatArray:
     def at(rank: FloatArray) -> FloatArray:
         # The first value that more than ``rank`` copies stand up to.
         index = np.minimum((upto <= rank[:, None]).sum(axis=1), len(ranked) - 1)
-        found: FloatArray = ranked[index]
-        return found
+        values_at_rank: FloatArray = ranked[index]
+        return values_at_rank
 
     low, high = at(below), at(np.minimum(below + 1.0, np.maximum(count - 1.0, 0.0)))
     mixed: FloatArray = np.where(count > 0, low + (high - low) * (place - below), np.nan)
@@ -131,22 +129,22 @@ def exclusion_angle(angle: FloatArray, right: NDArray[np.bool_], weights: FloatA
     there = weights > 0
     wrong = np.where(there & ~right, angle, -1.0).max(axis=1)
     beyond = np.where(there & (angle > wrong[:, None]), angle, np.inf).min(axis=1)
-    found: FloatArray = np.where(np.isfinite(beyond), beyond, np.nan)
-    return found
+    angles: FloatArray = np.where(np.isfinite(beyond), beyond, np.nan)
+    return angles
 
 
-def _measure(values: FloatArray, n: int, clusters: int) -> Plain:
+def _measure(values: FloatArray, n: int, clusters: int) -> JsonObject:
     value = float(values[0]) if math.isfinite(values[0]) else None
     known = value is not None and min(n, clusters) >= FEWEST_DRAWN
     return {"value": value, "interval": interval_of(values) if known else None, "n": n}
 
 
-def _three_sigma(error: FloatArray) -> Plain:
+def _three_sigma(error: FloatArray) -> JsonObject:
     if error.size < FEWEST_CLAIMS:
         return {"value": None, "interval": None, "n": int(error.size)}
     value = float(np.quantile(error, THREE_SIGMA))
-    found = stats.quantile_test(error, q=value, p=THREE_SIGMA).confidence_interval(CONFIDENCE)
-    bounds = [float(found.low), float(found.high)]
+    interval = stats.quantile_test(error, q=value, p=THREE_SIGMA).confidence_interval(CONFIDENCE)
+    bounds = [float(interval.low), float(interval.high)]
     return {
         "value": value,
         "interval": [x if math.isfinite(x) else None for x in bounds],

@@ -19,9 +19,9 @@ def front(points: Sequence[Sequence[float | None]]) -> list[bool]:
         ``None`` where a coordinate is unknown.
     """
     known = [i for i, point in enumerate(points) if all(value is not None for value in point)]
-    found = [False] * len(points)
+    on_front = [False] * len(points)
     values = np.array([points[i] for i in known], dtype=np.float64)
-    for i, own in zip(known, values, strict=True):
-        beaten = (values <= own).all(axis=1) & (values < own).any(axis=1)
-        found[i] = not bool(beaten.any())
-    return found
+    for i, point in zip(known, values, strict=True):
+        beaten = (values <= point).all(axis=1) & (values < point).any(axis=1)
+        on_front[i] = not bool(beaten.any())
+    return on_front

@@ -8,18 +8,15 @@ same way nothing is known of how flights differ, and every flight counts once.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from horizonval.core.json_types import JsonObject
 from horizonval.studies.trade.sample import CONFIDENCE
 
-Plain = dict[str, Any]
 
-
-def proportion(flags: NDArray[np.bool_], cluster: NDArray[np.int64]) -> Plain:
+def proportion(flags: NDArray[np.bool_], cluster: NDArray[np.int64]) -> JsonObject:
     """Return a share with its two-sided 95 % interval and its one-sided 95 % bounds.
 
     Parameters

@@ -12,11 +12,11 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
+from horizonval.core.json_types import JsonObject
 from horizonval.spec.study import Price, Requirement
 from horizonval.studies.trade.sample import CONFIDENCE
 
 Verdict = Literal["meets", "fails", "open"]
-Plain = dict[str, Any]
 
 
 def verdict_of(within: Mapping[str, Any], availability: float) -> Verdict:
@@ -35,7 +35,7 @@ def frames_needed(availability: float) -> int:
 
 def cheapest(
     designs: Sequence[Mapping[str, Any]], requirement: Requirement, by: Price, prices: Mapping[str, float | None]
-) -> Plain:
+) -> JsonObject:
     """Return the answer to "which is the cheapest design that meets the requirement?".
 
     Parameters
@@ -60,20 +60,20 @@ def cheapest(
         return (math.inf if cost is None else cost, -(design["within"]["rate"] or 0.0), design["name"])
 
     ordered = sorted(designs, key=price)
-    found: dict[str, list[str]] = {"meets": [], "open": [], "fails": []}
+    by_verdict: dict[str, list[str]] = {"meets": [], "open": [], "fails": []}
     for design in ordered:
-        found[verdict_of(design["within"], requirement.availability)].append(design["name"])
+        by_verdict[verdict_of(design["within"], requirement.availability)].append(design["name"])
     by_name = {design["name"]: design for design in ordered}
     candidates = [
-        name for name in found["open"] if (by_name[name]["within"]["rate"] or 0.0) >= requirement.availability
+        name for name in by_verdict["open"] if (by_name[name]["within"]["rate"] or 0.0) >= requirement.availability
     ]
     closest = max(ordered, key=lambda d: d["within"]["rate"] or 0.0)["name"] if ordered else None
-    answer: Plain = {
-        **found,
+    answer: JsonObject = {
+        **by_verdict,
         "error_deg": requirement.error_deg,
         "availability": requirement.availability,
         "by": by,
-        "cheapest": found["meets"][0] if found["meets"] else None,
+        "cheapest": by_verdict["meets"][0] if by_verdict["meets"] else None,
         "candidate": candidates[0] if candidates else None,
         "closest": closest,
         "needed": frames_needed(requirement.availability),
@@ -81,8 +81,8 @@ def cheapest(
     return answer | {"text": _text(answer, by_name)}
 
 
-def _text(answer: Plain, by_name: Mapping[str, Mapping[str, Any]]) -> str:
-    asked = f"{answer['error_deg']:g} deg in {100 * answer['availability']:g} % of all conditions"
+def _text(answer: JsonObject, by_name: Mapping[str, Mapping[str, Any]]) -> str:
+    requirement = f"{answer['error_deg']:g} deg in {100 * answer['availability']:g} % of all conditions"
     by = {"pixel_rate": "pixel rate", "processor": "processor time"}[answer["by"]]
 
     def share(name: str) -> str:
@@ -95,27 +95,27 @@ def _text(answer: Plain, by_name: Mapping[str, Mapping[str, Any]]) -> str:
     if not by_name:
         return "no design has a result"
     if answer["cheapest"] is not None:
-        parts = [f"cheapest by {by} that meets {asked}: {answer['cheapest']} ({share(answer['cheapest'])})"]
+        parts = [f"cheapest by {by} that meets {requirement}: {answer['cheapest']} ({share(answer['cheapest'])})"]
         if answer["candidate"] is not None and _first(answer, by_name):
             parts.append(f"cheaper ones may meet it, too few frames to say: {answer['candidate']}")
         return "; ".join(parts)
     if answer["candidate"] is not None:
         worth = by_name[answer["candidate"]]["within"]["effective"]
         return (
-            f"none is shown to meet {asked}: the sample is too small to say. Cheapest by {by} that may: "
+            f"none is shown to meet {requirement}: the sample is too small to say. Cheapest by {by} that may: "
             f"{answer['candidate']} ({share(answer['candidate'])}); it is worth {worth:.0f} independent frames, "
             f"{answer['needed']} without a miss would show it"
         )
     closest = answer["closest"]
     if answer["open"]:
         return (
-            f"none is shown to meet {asked}, and none reached it here; not excluded: {len(answer['open'])} of "
+            f"none is shown to meet {requirement}, and none reached it here; not excluded: {len(answer['open'])} of "
             f"{len(by_name)} designs. Closest: {closest} ({share(closest)})"
         )
-    return f"none meets {asked}. Closest: {closest} ({share(closest)})"
+    return f"none meets {requirement}. Closest: {closest} ({share(closest)})"
 
 
-def _first(answer: Plain, by_name: Mapping[str, Mapping[str, Any]]) -> bool:
+def _first(answer: JsonObject, by_name: Mapping[str, Mapping[str, Any]]) -> bool:
     """Whether the candidate stands before the cheapest that meets; names keep the order of prices."""
     order = list(by_name)
     return order.index(answer["candidate"]) < order.index(answer["cheapest"])

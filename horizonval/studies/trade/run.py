@@ -106,5 +106,5 @@ def conclude_again(folder: Path) -> StudyResult:
 
 def ask(data: Data, result: StudyResult, requirement: Requirement) -> dict[str, Any]:
     """Return the cheapest design for a requirement, by what the study counts as cheap."""
-    seconds = {name: found["value"] for name, found in result.costs["designs"].items()}
+    seconds = {name: cost["value"] for name, cost in result.costs["designs"].items()}
     return query(data, result.result["designs"], requirement, data.plan.head.cheapest_by, seconds)

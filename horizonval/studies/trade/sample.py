@@ -110,8 +110,8 @@ def sample_of(rows: Mapping[str, Row], cluster_of: Mapping[str, int]) -> Sample:
 def cluster_draws(clusters: int, name: str, seed: int, draws: int = DRAWS) -> FloatArray:
     """Return how often each cluster is drawn, shape (1 + draws, clusters); the first line is the sample itself."""
     random = np.random.default_rng(np.random.SeedSequence(seed_of("study bootstrap", name, seed)))
-    drawn = random.multinomial(clusters, np.full(clusters, 1.0 / clusters), size=draws)
-    return np.concatenate([np.ones((1, clusters)), drawn.astype(np.float64)])
+    counts = random.multinomial(clusters, np.full(clusters, 1.0 / clusters), size=draws)
+    return np.concatenate([np.ones((1, clusters)), counts.astype(np.float64)])
 
 
 def interval_of(values: FloatArray) -> list[float] | None:

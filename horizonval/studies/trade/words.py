@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-Plain = Mapping[str, Any]
+from horizonval.core.json_types import JsonObject
 
 
-def design_lines(result: Plain, costs: Plain) -> list[str]:
+def design_lines(result: JsonObject, costs: JsonObject) -> list[str]:
     """Return a table of the designs, a line each."""
     error_deg = result["study"]["requirement"]["error_deg"]
     rows = [
@@ -31,35 +28,36 @@ def design_lines(result: Plain, costs: Plain) -> list[str]:
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-def comparison_lines(found: Plain) -> list[str]:
+def comparison_lines(comparison: JsonObject) -> list[str]:
     """Return the paired difference of two designs in words."""
     lines = [
-        f"A = {found['a']}",
-        f"B = {found['b']}",
-        f"{found['n']} frames of both, {found['both']} answered by both",
-        f"nadir error, B - A, mean: {_with(found['mean_difference_deg'], ' deg')}",
-        f"nadir error, B / A, typical: {_with(found['typical_ratio'])}; root mean square: {_with(found['rms_ratio'])}",
+        f"A = {comparison['a']}",
+        f"B = {comparison['b']}",
+        f"{comparison['n']} frames of both, {comparison['both']} answered by both",
+        f"nadir error, B - A, mean: {_with(comparison['mean_difference_deg'], ' deg')}",
+        f"nadir error, B / A, typical: {_with(comparison['typical_ratio'])}; "
+        f"root mean square: {_with(comparison['rms_ratio'])}",
     ]
-    if found["correlation"] is not None:
-        lines.append(f"correlation of the log errors: {found['correlation']:.2f}")
-    for key, words in (("answered", "answered"), ("within", f"within {found['error_deg']:g} deg")):
-        odd = found[key]
+    if comparison["correlation"] is not None:
+        lines.append(f"correlation of the log errors: {comparison['correlation']:.2f}")
+    for key, words in (("answered", "answered"), ("within", f"within {comparison['error_deg']:g} deg")):
+        odd = comparison[key]
         p = f", McNemar's p = {odd['p']:.2g}" if odd["p"] is not None else ""
         lines.append(f"{words}: by A alone {odd['only_a']}, by B alone {odd['only_b']}{p}")
     return lines
 
 
-def _with(found: Plain, unit: str = "") -> str:
-    if found["value"] is None:
+def _with(measure: JsonObject, unit: str = "") -> str:
+    if measure["value"] is None:
         return "unknown"
-    text = f"{found['value']:.3g}{unit}"
-    if found["interval"] is None:
+    text = f"{measure['value']:.3g}{unit}"
+    if measure["interval"] is None:
         return text
-    return f"{text} (95 %: {found['interval'][0]:.3g} to {found['interval'][1]:.3g})"
+    return f"{text} (95 %: {measure['interval'][0]:.3g} to {measure['interval'][1]:.3g})"
 
 
-def _share(found: Plain) -> str:
-    return f"{found['n']}/{found['of']}"
+def _share(share: JsonObject) -> str:
+    return f"{share['n']}/{share['of']}"
 
 
 def _degrees(value: float | None) -> str:

@@ -32,9 +32,14 @@ class Item:
     together: bool = False
 
     @property
+    def image_addresses(self) -> list[str]:
+        """Addresses of all images."""
+        return [address for images in self.images.values() for address in images.values()]
+
+    @property
     def addresses(self) -> list[str]:
         """Addresses of all images, then of the frames."""
-        return [address for images in self.images.values() for address in images.values()] + [*self.frames.values()]
+        return [*self.image_addresses, *self.frames.values()]
 
     def estimators(self, plan: CasePlan) -> list[str]:
         """Return the estimators of a plan that see what this is: one image, or those of all heads."""
@@ -113,6 +118,19 @@ def items_of(entries: Sequence[StoreEntry], estimators: Sequence[Estimator]) -> 
         if together and several:
             items.append(Item(scene, heads, of_heads, together=True))
     return _named_apart(items)
+
+
+def cases_of_heads(items: Iterable[Item]) -> dict[str, list[list[str]]]:
+    """Return for every item of all heads together [head, name] of the items of its heads alone, in their order."""
+    listed = list(items)
+    heads: dict[str, list[list[str]]] = {item.name: [] for item in listed if item.together}
+    together = {address: item.name for item in listed if item.together for address in item.image_addresses}
+    for item in listed:
+        scene = together.get(item.image_addresses[0])
+        if not item.together and scene is not None:
+            (head,) = item.images
+            heads[scene].append([head, item.name])
+    return heads
 
 
 def _named_apart(items: Sequence[Item]) -> list[Item]:

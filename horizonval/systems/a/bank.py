@@ -15,15 +15,17 @@ import cv2
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.edges import scale_to_8_bit
 from horizonval.estimation.limb.finder import find_canny_pixels, find_edges_only, find_limb
 from horizonval.estimation.limb.result import LimbPoints
-from horizonval.estimation.limb.shape.cone import SLOW_PX, off_axis_angle, slow_error, tangent_basis
+from horizonval.estimation.limb.shape.cone import SLOW_PX, slow_error
 from horizonval.estimation.methods import altitude_free, altitude_free_closed_form, altitude_free_published
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import CameraModel, camera_from_spec, project
+from horizonval.geometry.directions import off_axis_angle, tangent_basis
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.sensor.observe import observe
@@ -31,7 +33,7 @@ from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.published import published
-from horizonval.systems.task_cache import Plain, rng_of
+from horizonval.systems.task_cache import rng_of
 
 CAMERA = "vis-cmos-1024-60deg"
 ALTITUDES_KM = (400.0, 800.0, 3000.0, 6000.0)
@@ -47,7 +49,7 @@ SET_UPS = [settings for settings, _ in published("A").tables["set_ups"].columns(
 ARCSEC = math.degrees(1.0) * 3600.0
 
 
-def camera_of(item: Plain) -> CameraSpec:
+def camera_of(item: JsonObject) -> CameraSpec:
     """Return the shipped camera with the item's ``pixels`` and ``fov_deg``; one wavelength, for there is no air."""
     spec = load_camera(CAMERA).model_dump(mode="json", exclude_none=True)
     spec["camera"] = {"name": CAMERA, "width": item["pixels"], "height": item["pixels"], "fov_deg": item["fov_deg"]}
@@ -55,7 +57,7 @@ def camera_of(item: Plain) -> CameraSpec:
     return CameraSpec.model_validate(spec)
 
 
-def scene_of(item: Plain) -> SceneSpec:
+def scene_of(item: JsonObject) -> SceneSpec:
     """Return the item's scene. Albedo 0.1 lays the limb on half of the shipped exposure's full scale."""
     return SceneSpec.model_validate(
         {
@@ -79,7 +81,7 @@ def radius_of(altitude_km: float) -> float:
     return math.asin(Observation.earth_radius_m / (Observation.earth_radius_m + altitude_km * 1e3))
 
 
-def limb_length_px(item: Plain) -> float:
+def limb_length_px(item: JsonObject) -> float:
     """Return how much of the limb is in view [px]."""
     camera = camera_from_spec(camera_of(item).camera)
     nadir = nadir_of_roll_pitch(math.radians(item["roll_deg"]), math.radians(item["pitch_deg"]))
@@ -94,7 +96,9 @@ def limb_length_px(item: Plain) -> float:
     return float(length[inside[1:] & inside[:-1]].sum())
 
 
-def grid(seed: int, pixels: tuple[int, ...] = PIXELS, angles_deg: tuple[float, ...] = ANGLES_DEG) -> dict[str, Plain]:
+def grid(
+    seed: int, pixels: tuple[int, ...] = PIXELS, angles_deg: tuple[float, ...] = ANGLES_DEG
+) -> dict[str, JsonObject]:
     """Return the items of the full grid by name: those with a fifth of the width of horizon in view.
 
     An attitude is the same for all numbers of pixels, fields and altitudes.
@@ -114,22 +118,22 @@ def grid(seed: int, pixels: tuple[int, ...] = PIXELS, angles_deg: tuple[float, .
     return items
 
 
-def set_ups(seed: int) -> dict[str, Plain]:
+def set_ups(seed: int) -> dict[str, JsonObject]:
     """Return the published set-ups by name; their frames and iterates are kept."""
     items = {}
     for set_up in SET_UPS:
-        item: Plain = {key: set_up[key] for key in ("altitude_km", "fov_deg", "roll_deg", "pitch_deg")}
+        item: JsonObject = {key: set_up[key] for key in ("altitude_km", "fov_deg", "roll_deg", "pitch_deg")}
         item |= {"pixels": int(set_up["pixels"]), "noise_seed": seed, "picture": True}
         items[f"{item['altitude_km']:g} km, {item['fov_deg']:g} deg, {item['pixels']} px"] = item
     return items
 
 
-def measure(item: Plain) -> Plain:
+def measure(item: JsonObject) -> JsonObject:
     """Render an item's frame and return every method's errors on it."""
     camera, scene = camera_of(item), scene_of(item)
     frame = render_frame(scene, camera)
     image = frame.radiance["vis"].astype(np.float64)
-    result: Plain = {"clean": _errors(item, frame, image, camera_from_spec(camera.camera), None)}
+    result: JsonObject = {"clean": _errors(item, frame, image, camera_from_spec(camera.camera), None)}
     if item["noise_seed"] is not None:
         seen = observe(frame, camera, seed=item["noise_seed"])
         geometry = camera_from_spec(camera.camera)
@@ -140,8 +144,8 @@ def measure(item: Plain) -> Plain:
 
 
 def _errors(
-    item: Plain, frame: RadianceFrame, image: FloatArray, camera: CameraModel, full_scale: float | None
-) -> Plain:
+    item: JsonObject, frame: RadianceFrame, image: FloatArray, camera: CameraModel, full_scale: float | None
+) -> JsonObject:
     observation = Observation(image=image, camera=camera, full_scale=full_scale)
     nadir = np.array(frame.truth.nadir_geocentric_cam)
     whole = find_canny_pixels(image, camera, full_scale)
@@ -167,8 +171,13 @@ def _errors(
 
 
 def _error(
-    item: Plain, points: LimbPoints | Refusal, fit_points: Any, observation: Observation, nadir: Any, slow_px: float
-) -> Plain:
+    item: JsonObject,
+    points: LimbPoints | Refusal,
+    fit_points: Any,
+    observation: Observation,
+    nadir: Any,
+    slow_px: float,
+) -> JsonObject:
     if isinstance(points, Refusal):
         return {"refused": points.reason}
     fit: Fit | Refusal = fit_points(points.los_cam, points.uv, observation)
@@ -206,7 +215,7 @@ def _three_point_updates(los_cam: FloatArray) -> list[float]:
     return [float(u) for u in np.abs(np.diff(steps, axis=0)).max(axis=1)]
 
 
-def _iterates(los_cam: FloatArray) -> Plain:
+def _iterates(los_cam: FloatArray) -> JsonObject:
     """Return the iterates (phi, theta, rho) [rad] from both starts and the summed error of the equations at each."""
     pseudo_inverse = altitude_free_published.step_by_pseudo_inverse
     published = altitude_free.newton(los_cam, altitude_free_published.START, pseudo_inverse)

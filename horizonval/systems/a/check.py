@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import horizon_columns, horizon_rows
@@ -18,14 +19,13 @@ from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.a.bank import camera_of, radius_of, scene_of
-from horizonval.systems.task_cache import Plain
 
 SAMPLES = 256
 """Stratified, per pixel of the stock sphere: an edge pixel's coverage to 0.02 or so."""
 GAUSS, WEIGHT = (v / 2 for v in np.polynomial.legendre.leggauss(6))
 
 
-def check(item: Plain) -> Plain:
+def check(item: JsonObject) -> JsonObject:
     """Return the rms and largest departure [px] of the rendered edges from both authorities, and how many edges."""
     geometry = camera_of(item).camera.model_dump(mode="json", exclude_none=True)
     glow = {"name": "glow", "kind": "thermal", "lo_um": 10.0, "hi_um": 11.0}

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure as MplFigure
 
+from horizonval.core.json_types import JsonObject
 from horizonval.systems.a.bank import ALTITUDES_KM, FIELDS_DEG
 from horizonval.systems.a.table import Bank, median_nadir
-from horizonval.systems.task_cache import Plain
 
 UNKNOWNS = (("roll", "#0072b2", "o"), ("pitch", "#d55e00", "s"), ("angular radius", "#009e73", "^"))
 STARTS = {"zero": "start: roll = pitch = 0, rho = 45 deg", "three": "start: the cone through three pixels"}
@@ -19,7 +19,7 @@ FIELD_STYLES = (("#0072b2", "o", "-"), ("#d55e00", "s", "--"), ("#009e73", "^", 
 ROUNDING_RAD = 1e-16
 
 
-def draw_set_ups(set_ups: Mapping[str, Plain]) -> MplFigure:
+def draw_set_ups(set_ups: Mapping[str, JsonObject]) -> MplFigure:
     """The rendered set-ups with the pixels that Canny marked."""
     figure = MplFigure(figsize=(10.5, 6.6), layout="constrained")
     panels = figure.subplots(2, 3).ravel()
@@ -37,7 +37,7 @@ def draw_set_ups(set_ups: Mapping[str, Plain]) -> MplFigure:
     return figure
 
 
-def draw_convergence(result: Plain) -> MplFigure:
+def draw_convergence(result: JsonObject) -> MplFigure:
     """Summed error of the equations, and each unknown's distance from its final value, against the step."""
     figure = MplFigure(figsize=(10.5, 4.2), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
@@ -92,7 +92,7 @@ def draw_errors(bank: Bank) -> MplFigure:
     return figure
 
 
-def draw_solvers(comparisons: Mapping[str, Plain]) -> MplFigure:
+def draw_solvers(comparisons: Mapping[str, JsonObject]) -> MplFigure:
     """The nadir's error and bias of Newton and closed form against the arc, one panel per angular radius."""
     figure = MplFigure(figsize=(10.5, 4.0), layout="constrained")
     radii = (31.0, 62.7, 80.0, 88.0)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core.json_types import JsonObject
 from horizonval.systems.a.bank import SET_UPS
 from horizonval.systems.a.check import SAMPLES
 from horizonval.systems.a.table import (
@@ -23,7 +24,6 @@ from horizonval.systems.a.table import (
 )
 from horizonval.systems.published import published
 from horizonval.systems.result import ComparisonRow
-from horizonval.systems.task_cache import Plain
 
 PUBLISHED = {key: figure.value for key, figure in published("A").figures.items()}
 UPDATE_LIMIT_RAD = 1e-6
@@ -38,7 +38,7 @@ def off_axis_deg() -> float:
     return math.degrees(math.acos(math.cos(roll) * math.cos(pitch)))
 
 
-def set_up_rows(shown: Mapping[str, Plain]) -> list[ComparisonRow]:
+def set_up_rows(shown: Mapping[str, JsonObject]) -> list[ComparisonRow]:
     """Return the errors of the published method on the published set-ups, and how many of these it answers."""
     answers = {name: result["clean"]["whole, newton"] for name, result in shown.items()}
     answers = {name: answer for name, answer in answers.items() if "refused" not in answer}
@@ -52,7 +52,7 @@ def set_up_rows(shown: Mapping[str, Plain]) -> list[ComparisonRow]:
     return rows
 
 
-def check_rows(checks: Mapping[str, Plain]) -> list[ComparisonRow]:
+def check_rows(checks: Mapping[str, JsonObject]) -> list[ComparisonRow]:
     """Return how far the image generator's edges lie from two authorities."""
     edges = [check["edges"] for check in checks.values()]
     worst = max(check["curve_max_px"] for check in checks.values())
@@ -64,7 +64,7 @@ def check_rows(checks: Mapping[str, Plain]) -> list[ComparisonRow]:
     ]
 
 
-def convergence_rows(shown: Mapping[str, Plain], bank: Bank) -> list[ComparisonRow]:
+def convergence_rows(shown: Mapping[str, JsonObject], bank: Bank) -> list[ComparisonRow]:
     """Return the size of the fourth Newton update from both starts."""
     zero = [result["clean"]["whole, newton"].get("updates", []) for result in shown.values()]
     three = [result["clean"]["three-point start"]["updates"] for result in shown.values()]
@@ -172,7 +172,7 @@ def trend_rows(bank: Bank) -> list[ComparisonRow]:
     ]
 
 
-def closed_form_rows(bank: Bank, solvers: Mapping[str, Plain]) -> list[ComparisonRow]:
+def closed_form_rows(bank: Bank, solvers: Mapping[str, JsonObject]) -> list[ComparisonRow]:
     """Return what the closed form wins and loses against Newton's method."""
     newton, closed = (rms(values(bank.values(), m, "nadir_arcsec")) for m in ("limb, newton", "limb, closed"))
     whole_newton, whole_closed = (

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.shape.cone import fit_cone, off_axis_angle
+from horizonval.core.json_types import JsonObject
+from horizonval.estimation.limb.shape.cone import fit_cone
 from horizonval.estimation.methods import altitude_free, altitude_free_closed_form
+from horizonval.geometry.directions import off_axis_angle
 from horizonval.systems.a.bank import ARCSEC
-from horizonval.systems.task_cache import Plain, rng_of
+from horizonval.systems.task_cache import rng_of
 
 PIXEL_RAD = float(2 * np.tan(np.radians(30.0)) / 1024)
 """Of 1024 pixels over 60 deg, at the centre: what the noise is stated in."""
@@ -19,7 +21,7 @@ DRAWS = 200
 POINTS = 400
 
 
-def conditions(seed: int) -> dict[str, Plain]:
+def conditions(seed: int) -> dict[str, JsonObject]:
     """Return the items by name: every radius and arc at a tenth of a pixel, every noise on 40 deg at 3000 km."""
     cells = [(rho, arc, 0.1) for rho in RADII_DEG for arc in ARCS_DEG]
     cells += [(42.8, 40.0, noise) for noise in NOISES_PX if noise != 0.1]
@@ -34,7 +36,7 @@ def conditions(seed: int) -> dict[str, Plain]:
     }
 
 
-def compare(item: Plain) -> Plain:
+def compare(item: JsonObject) -> JsonObject:
     """Return errors of the nadir [arcsec] of one condition, over 200 draws of 400 points evenly along the arc.
 
     ``_rms``; ``_bias``: the mean, along the arc's bisector; the closed form's bias as predicted; Newton's steps and

@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from horizonval.core.json_types import JsonObject
 from horizonval.systems.a.bank import ALTITUDES_KM, FIELDS_DEG, PIXELS
 from horizonval.systems.a.solvers import DRAWS, POINTS
 from horizonval.systems.result import Cell, Table
-from horizonval.systems.task_cache import Plain
 from horizonval.systems.text import page_text
 
 TEXT = page_text("A")
@@ -22,16 +22,16 @@ METHODS = {
 }
 QUANTITIES = ("roll_deg", "pitch_deg", "altitude_km")
 
-Bank = Mapping[str, tuple[Plain, Plain]]
+Bank = Mapping[str, tuple[JsonObject, JsonObject]]
 """Item and result by name."""
 
 
-def bank_of(items: Mapping[str, Plain], results: Mapping[str, Plain]) -> Bank:
+def bank_of(items: Mapping[str, JsonObject], results: Mapping[str, JsonObject]) -> Bank:
     """Return items with their results."""
     return {name: (items[name], results[name]) for name in items}
 
 
-def cells(bank: Bank) -> Iterator[tuple[float, float, int, list[tuple[Plain, Plain]]]]:
+def cells(bank: Bank) -> Iterator[tuple[float, float, int, list[tuple[JsonObject, JsonObject]]]]:
     """Yield altitude [km], field [deg], pixels and the frames of every cell of the grid that has any."""
     for altitude in ALTITUDES_KM:
         for fov in FIELDS_DEG:
@@ -42,7 +42,9 @@ def cells(bank: Bank) -> Iterator[tuple[float, float, int, list[tuple[Plain, Pla
                     yield altitude, fov, pixels, frames
 
 
-def values(frames: Iterable[tuple[Plain, Plain]], method: str, quantity: str, light: str = "clean") -> list[float]:
+def values(
+    frames: Iterable[tuple[JsonObject, JsonObject]], method: str, quantity: str, light: str = "clean"
+) -> list[float]:
     """Return a quantity of all frames that a method answered."""
     answers = [result[light][method] for _, result in frames if light in result]
     return [float(answer[quantity]) for answer in answers if "refused" not in answer]
@@ -71,7 +73,7 @@ def error_table(bank: Bank, method: str) -> Table:
     return TEXT.table("errors", rows, method=METHODS[method])
 
 
-def solver_table(solvers: Mapping[str, Plain]) -> Table:
+def solver_table(solvers: Mapping[str, JsonObject]) -> Table:
     """Return Newton and closed form side by side, on noisy arcs."""
     names = ["rho_deg", "arc_deg", "noise_px", "newton_rms", "newton_bias", "closed_rms", "closed_bias"]
     names += ["predicted_closed_bias", "newton_steps"]
@@ -79,7 +81,7 @@ def solver_table(solvers: Mapping[str, Plain]) -> Table:
     return TEXT.table("solvers", lines, draws=DRAWS, points=POINTS)
 
 
-def sharp_frames(bank: Bank) -> list[tuple[Plain, Plain]]:
+def sharp_frames(bank: Bank) -> list[tuple[JsonObject, JsonObject]]:
     """Return the frames of 1024 pixels over 60 deg."""
     return [frame for frame in bank.values() if (frame[0]["fov_deg"], frame[0]["pixels"]) == (60.0, 1024)]
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from typing import Any
 
+from horizonval.core.json_types import JsonObject
 from horizonval.scoring.errors import ARCSEC
 from horizonval.systems.c.figures import draw_readings
 from horizonval.systems.c.frames import FRAMES, against_oracle
 from horizonval.systems.c.poses import RADIUS_M, departures, known_poses
 from horizonval.systems.published import published
 from horizonval.systems.result import ComparisonRow, Reproduction
-from horizonval.systems.task_cache import Plain, TaskCache
+from horizonval.systems.task_cache import TaskCache
 from horizonval.systems.text import page_text
 
 TEXT = page_text("C")
@@ -46,7 +47,7 @@ def reproduce(cache: TaskCache) -> Reproduction:
     )
 
 
-def _pose_rows(random: Plain, known: Plain) -> list[ComparisonRow]:
+def _pose_rows(random: JsonObject, known: JsonObject) -> list[ComparisonRow]:
     def row(key: str, value: float, limit: float = LIMIT_RAD, **fields: Any) -> ComparisonRow:
         counts: dict[str, Any] = {"poses": POSES, "minimised": BRUTE, "signs": 2 * POSES}
         return TEXT.row(key, value, EXACT, limit=limit, **counts, **fields)
@@ -66,7 +67,7 @@ def _pose_rows(random: Plain, known: Plain) -> list[ComparisonRow]:
     ]
 
 
-def _frame_rows(frames: dict[str, Plain]) -> list[ComparisonRow]:
+def _frame_rows(frames: dict[str, JsonObject]) -> list[ComparisonRow]:
     asked = sum(result["asked"] for result in frames.values())
     answered = sum(len(result["estimators"]) for result in frames.values())
     rows = [TEXT.row("answered", answered, limit=1.0, at_least=True, asked=asked)]

@@ -6,16 +6,17 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from horizonval.core.json_types import JsonObject
 from horizonval.estimation import registry
 from horizonval.estimation.methods import ideal
 from horizonval.estimation.observation import Fit
-from horizonval.scoring.errors import ARCSEC, angle_between, score
+from horizonval.geometry.directions import angle_between
+from horizonval.scoring.errors import ARCSEC, score
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.suites.observation import observation_of
-from horizonval.systems.task_cache import Plain
 
-FRAMES: dict[str, Plain] = {
+FRAMES: dict[str, JsonObject] = {
     "visible, sphere without air": {
         "camera": "vis-cmos-512-60deg",
         "width": 320,
@@ -37,7 +38,7 @@ FRAMES: dict[str, Plain] = {
 }
 
 
-def against_oracle(item: Plain) -> Plain:
+def against_oracle(item: JsonObject) -> JsonObject:
     """Render one frame; return the oracle's departure from its truth and each image estimator's from both [rad]."""
     from horizonval.renderer.scene.frame import render_frame
     from horizonval.sensor.observe import observe
@@ -64,7 +65,7 @@ def against_oracle(item: Plain) -> Plain:
     truth = image.truth
     oracle = ideal.ESTIMATOR.run(observation_of(image, ideal.ESTIMATOR))
     assert isinstance(oracle, Fit)
-    result: Plain = {
+    result: JsonObject = {
         "truth": angle_between(np.array(truth.nadir_geocentric_cam), oracle.nadir_cam),
         "angles": max(abs(oracle.roll_rad - truth.roll_rad), abs(oracle.pitch_rad - truth.pitch_rad)),
         "estimators": {},

@@ -15,11 +15,12 @@ from scipy.optimize import brentq, minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
+from horizonval.geometry.directions import angle_between, perpendicular
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.horizon import horizon_directions, limb_side
-from horizonval.scoring.errors import angle_between
-from horizonval.systems.task_cache import Plain, rng_of
+from horizonval.systems.task_cache import rng_of
 
 RADIUS_M = 6371e3
 CHORD_RAD = 1e-3
@@ -83,9 +84,7 @@ def pose_above_horizon(
     Positive roll lifts the right axis.
     """
     zenith = r / np.linalg.norm(r)
-    helper = np.eye(3)[int(np.argmin(np.abs(zenith)))]
-    level = np.cross(zenith, helper)
-    level /= np.linalg.norm(level)
+    level = perpendicular(zenith)
     level = Rotation.from_rotvec(azimuth_rad * zenith).apply(level)
     nadir_angle = math.asin(radius_m / np.linalg.norm(r)) + elevation_rad
     forward = -math.cos(nadir_angle) * zenith + math.sin(nadir_angle) * level
@@ -103,7 +102,7 @@ def random_poses(rng: np.random.Generator, count: int) -> list[tuple[FloatArray,
     return list(zip(direction * (RADIUS_M + altitude)[:, None], attitude, strict=True))
 
 
-def departures(item: Plain) -> Plain:
+def departures(item: JsonObject) -> JsonObject:
     """Return the largest departures [rad] of the shipped module from the other two, over random poses."""
     poses = random_poses(rng_of(item["seed"], "ideal module", "poses"), item["count"])
     documented: list[tuple[float, float, float]] = []
@@ -143,7 +142,7 @@ def _brute_force(r: FloatArray, q: FloatArray) -> float:
     return abs(abs(ideal_horizon_sensor(r, q, RADIUS_M).pitch_error_rad) - float(found.fun))
 
 
-def known_poses(item: Plain) -> Plain:
+def known_poses(item: JsonObject) -> JsonObject:
     """Return departures [rad] at poses whose reading is known, wrong signs and wrong statuses."""
     rng = rng_of(item["seed"], "ideal module", "known")
     pitch_off: list[float] = []

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from horizonval.core.json_types import JsonObject
 from horizonval.systems.result import ComparisonRow, Table
-from horizonval.systems.task_cache import Plain
 from horizonval.systems.text import page_text
 
 TEXT = page_text("D")
@@ -15,12 +15,12 @@ AXES = ("roll", "pitch")
 CHECKED_DEG = "240"
 
 
-def nadir_errors(readings: dict[str, Plain], method: str, key: str = "nadir_error") -> np.ndarray:
+def nadir_errors(readings: dict[str, JsonObject], method: str, key: str = "nadir_error") -> np.ndarray:
     """Return the nadir errors [deg] of readings that gave one."""
     return np.array([r[method][key] for r in readings.values() if r[method][key] is not None])
 
 
-def noise_of(readings: dict[str, Plain], method: str) -> tuple[float, float, int]:
+def noise_of(readings: dict[str, JsonObject], method: str) -> tuple[float, float, int]:
     """Return the standard deviation of roll and pitch [deg] about the noiseless reading, mean NEES, number of draws."""
     apart, nees = [], []
     for reading in readings.values():
@@ -38,13 +38,13 @@ def rms(errors: np.ndarray) -> float:
 
 
 def budget(
-    hard: dict[str, Plain], soft: dict[str, Plain], orbit: dict[str, dict[str, Plain]]
+    hard: dict[str, JsonObject], soft: dict[str, JsonObject], orbit: dict[str, dict[str, JsonObject]]
 ) -> tuple[list[ComparisonRow], Table]:
     """Return rows and the table of the error budget: nadir error, both methods."""
     real = {case: readings for case, readings in orbit.items() if case.startswith("oblate, ")}
     lines: list[tuple[str, ...]] = []
 
-    def line(cause: str, readings: dict[str, Plain], frames: str) -> None:
+    def line(cause: str, readings: dict[str, JsonObject], frames: str) -> None:
         whole, sub = nadir_errors(readings, "published"), nadir_errors(readings, "sub_pixel")
         cells = (f"{rms(whole):.4f} / {whole.max():.4f}", f"{rms(sub):.4f} / {sub.max():.4f}")
         lines.append((cause, *cells, f"{len(sub)}", TEXT.phrase(frames)))
@@ -61,7 +61,7 @@ def budget(
     return [*_noise_rows(hard, soft), *_orbit_rows(orbit, real)], TEXT.table("budget", lines)
 
 
-def _noise_rows(hard: dict[str, Plain], soft: dict[str, Plain]) -> list[ComparisonRow]:
+def _noise_rows(hard: dict[str, JsonObject], soft: dict[str, JsonObject]) -> list[ComparisonRow]:
     rows = []
     for limb, readings in (("hard", hard), ("infrared", soft)):
         sigma, nees, draws = noise_of(readings, "sub_pixel")
@@ -71,7 +71,7 @@ def _noise_rows(hard: dict[str, Plain], soft: dict[str, Plain]) -> list[Comparis
     return rows
 
 
-def _orbit_rows(orbit: dict[str, dict[str, Plain]], real: dict[str, dict[str, Plain]]) -> list[ComparisonRow]:
+def _orbit_rows(orbit: dict[str, dict[str, JsonObject]], real: dict[str, dict[str, JsonObject]]) -> list[ComparisonRow]:
     oblate = orbit["oblate"]
     geodetic_deg = nadir_errors(oblate, "sub_pixel", "geodetic_error").max()
     rows = [TEXT.row("ellipsoid", float(nadir_errors(oblate, "sub_pixel").max()), geodetic_deg=geodetic_deg)]
@@ -91,7 +91,7 @@ def _orbit_rows(orbit: dict[str, dict[str, Plain]], real: dict[str, dict[str, Pl
     return rows
 
 
-def air_alone(real: dict[str, Plain], oblate: dict[str, Plain]) -> np.ndarray:
+def air_alone(real: dict[str, JsonObject], oblate: dict[str, JsonObject]) -> np.ndarray:
     """Return roll and pitch [deg] that the air adds, shape (places, 2)."""
     return np.array(
         [[r["sub_pixel"][axis] - oblate[argument]["sub_pixel"][axis] for axis in AXES] for argument, r in real.items()]

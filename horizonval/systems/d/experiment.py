@@ -10,6 +10,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+from horizonval.core.json_types import JsonObject
 from horizonval.systems.d import figures as figures
 from horizonval.systems.d.budget import budget
 from horizonval.systems.d.frames import (
@@ -40,7 +41,7 @@ from horizonval.systems.d.rows import (
 )
 from horizonval.systems.d.settings import ALL, PRINTED, PUBLISHED, QUANTUM_DEG, TWO_QUANTA_DEG
 from horizonval.systems.result import Reproduction
-from horizonval.systems.task_cache import Plain, TaskCache
+from horizonval.systems.task_cache import TaskCache
 
 ARGUMENTS_DEG = tuple(30.0 * k for k in range(12))
 EPOCHS = {"April": "2016-04-15T12:00:00+00:00", "July": "2016-07-15T12:00:00+00:00"}
@@ -104,7 +105,7 @@ def reproduce(cache: TaskCache) -> Reproduction:
     )
 
 
-def _read(cache: TaskCache, title: str, planet: dict[str, Any], more: Plain) -> dict[str, Plain]:
+def _read(cache: TaskCache, title: str, planet: dict[str, Any], more: JsonObject) -> dict[str, JsonObject]:
     """Return the readings of all settings of the tables, by their keys."""
     items = {
         key: {
@@ -122,7 +123,7 @@ def _read(cache: TaskCache, title: str, planet: dict[str, Any], more: Plain) -> 
     return cache.each(title, read_heads, items)
 
 
-def _fly(cache: TaskCache, aim_deg: float) -> dict[str, dict[str, Plain]]:
+def _fly(cache: TaskCache, aim_deg: float) -> dict[str, dict[str, JsonObject]]:
     """Return level readings round the orbit: by case, by argument of latitude."""
     items = {}
     for argument in ARGUMENTS_DEG:
@@ -136,15 +137,15 @@ def _fly(cache: TaskCache, aim_deg: float) -> dict[str, dict[str, Plain]]:
     items["air of July", 240.0] = {**check, "seed": cache.seed}
     named = {f"{case} at {argument:g} deg": item for (case, argument), item in items.items()}
     readings = cache.each("D: round the orbit", read_heads, named)
-    cases: dict[str, dict[str, Plain]] = {}
+    cases: dict[str, dict[str, JsonObject]] = {}
     for (case, argument), reading in zip(items, readings.values(), strict=True):
         cases.setdefault(case, {})[f"{argument:g}"] = reading
     return cases
 
 
-def _ends(cache: TaskCache, aim_deg: float) -> dict[str, dict[str, Plain]]:
+def _ends(cache: TaskCache, aim_deg: float) -> dict[str, dict[str, JsonObject]]:
     """Return the ends of the working range: by kind of limb, by altitude, and of the altitude itself."""
-    limbs: dict[str, tuple[Plain, tuple[float, ...], float]] = {
+    limbs: dict[str, tuple[JsonObject, tuple[float, ...], float]] = {
         "hard": ({"planet": HARD}, HARD_ALTITUDES_KM, 0.05),
         "infrared": ({"planet": SOFT, "aim_deg": aim_deg}, SOFT_ALTITUDES_KM, 0.2),
     }

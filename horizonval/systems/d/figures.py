@@ -10,18 +10,18 @@ import numpy as np
 from matplotlib.figure import Figure as MplFigure
 from scipy.optimize import brentq
 
+from horizonval.core.json_types import JsonObject
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.systems.d.budget import air_alone
 from horizonval.systems.d.rows import pixel_errors
 from horizonval.systems.d.settings import ALL, PUBLISHED, QUANTUM_DEG, TABLES
-from horizonval.systems.task_cache import Plain
 
 BLUE, ORANGE, GREEN, BLACK = "#0072b2", "#d55e00", "#009e73", "#000000"
 RADIUS_KM = PUBLISHED.number("earth_radius")
 HALF_FIELD_DEG = 0.5 * PUBLISHED.number("elements") * PUBLISHED.number("element")
 
 
-def draw_pictures(pictures: dict[str, Plain]) -> MplFigure:
+def draw_pictures(pictures: dict[str, JsonObject]) -> MplFigure:
     """The heads' pictures of 160 x 160 pixels, as published, with the row of the array and its coarse crossing."""
     figure = MplFigure(figsize=(9.0, 5.0), layout="constrained")
     axes = figure.subplots(len(pictures), 4, squeeze=False, sharex=True, sharey=True)
@@ -42,7 +42,7 @@ def draw_pictures(pictures: dict[str, Plain]) -> MplFigure:
     return figure
 
 
-def draw_rows(pictures: dict[str, Plain]) -> MplFigure:
+def draw_rows(pictures: dict[str, JsonObject]) -> MplFigure:
     """The rows of one head through both limbs."""
     figure = MplFigure(figsize=(8.0, 3.4), layout="constrained")
     ax = figure.subplots()
@@ -57,7 +57,7 @@ def draw_rows(pictures: dict[str, Plain]) -> MplFigure:
     return figure
 
 
-def draw_quantisation(hard: dict[str, Plain]) -> MplFigure:
+def draw_quantisation(hard: dict[str, JsonObject]) -> MplFigure:
     """Error of a crossing against the fraction of the pixel, and the readings in steps."""
     whole, exact, sub = pixel_errors(hard)
     readings = [hard[s.key]["published"][a] for t in TABLES.values() for s in t for a in s.read]
@@ -88,7 +88,7 @@ def draw_quantisation(hard: dict[str, Plain]) -> MplFigure:
     return figure
 
 
-def draw_errors(hard: dict[str, Plain], soft: dict[str, Plain]) -> MplFigure:
+def draw_errors(hard: dict[str, JsonObject], soft: dict[str, JsonObject]) -> MplFigure:
     """Errors of all settings, both methods, both limbs."""
     figure = MplFigure(figsize=(9.0, 4.6), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
@@ -115,7 +115,7 @@ def draw_errors(hard: dict[str, Plain], soft: dict[str, Plain]) -> MplFigure:
     return figure
 
 
-def draw_orbit(orbit: dict[str, dict[str, Plain]]) -> MplFigure:
+def draw_orbit(orbit: dict[str, dict[str, JsonObject]]) -> MplFigure:
     """Roll and pitch errors round the orbit: ellipsoid, and what the air adds."""
     oblate = orbit["oblate"]
     argument = np.array([float(a) for a in oblate])
@@ -158,7 +158,7 @@ def widest_in_field(altitude_km: float, aim_deg: float, limb_km: float = 0.0) ->
     return float(brentq(spare, 0.0, 12.0)) if spare(0.0) > 0.0 else math.nan
 
 
-def draw_range(ends: dict[str, dict[str, Plain]], aim: Plain) -> MplFigure:
+def draw_range(ends: dict[str, dict[str, JsonObject]], aim: JsonObject) -> MplFigure:
     """Curve and measured ends of the working range."""
     figure = MplFigure(figsize=(7.0, 3.8), layout="constrained")
     ax = figure.subplots()

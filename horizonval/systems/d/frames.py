@@ -15,23 +15,24 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core.json_types import JsonObject
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.crossing import published_crossing, sub_pixel_crossing
 from horizonval.estimation.methods import linear_heads
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
+from horizonval.geometry.directions import angle_between
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.ephemeris import sun_itrs
 from horizonval.geometry.horizon import horizon_columns
-from horizonval.scoring.errors import angle_between, score
+from horizonval.scoring.errors import score
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
 from horizonval.systems.circular_orbit import place_on_orbit
 from horizonval.systems.d.settings import PUBLISHED
-from horizonval.systems.task_cache import Plain
 from horizonval.truth.frame_truth import truth_of
 
 CAMERA = "ir-linear-160-four-heads"
@@ -78,7 +79,7 @@ def orbit_place(argument_deg: float, epoch_utc: str) -> dict[str, Any]:
     return {"epoch_utc": epoch, **place}
 
 
-def head_camera(item: Plain) -> CameraSpec:
+def head_camera(item: JsonObject) -> CameraSpec:
     """Return the shipped camera with an item's changes.
 
     ``rows``: 160 for pictures as published, instead of a line; ``aim_deg``: nadir angle of the heads; ``optic``: keys
@@ -93,7 +94,7 @@ def head_camera(item: Plain) -> CameraSpec:
     return camera.model_copy(update={"camera": geometry, "optics": lens, "head": heads})
 
 
-def head_scene(item: Plain, head: str) -> SceneSpec:
+def head_scene(item: JsonObject, head: str) -> SceneSpec:
     """Return the scene of one head at an item's attitude and place."""
     platform: dict[str, Any] = {"altitude_km": item.get("altitude_km", ALTITUDE_KM)}
     platform |= orbit_place(item.get("argument_deg", 180.0), item.get("epoch_utc", EPOCH))
@@ -108,7 +109,7 @@ def head_scene(item: Plain, head: str) -> SceneSpec:
     )
 
 
-def head_frames(item: Plain, camera: CameraSpec, heads: tuple[str, ...] = ()) -> dict[str, RadianceFrame]:
+def head_frames(item: JsonObject, camera: CameraSpec, heads: tuple[str, ...] = ()) -> dict[str, RadianceFrame]:
     """Return the frames of some heads, or of all, at one attitude, by the heads' names."""
     from horizonval.renderer.scene.frame import render_frame
 
@@ -124,7 +125,7 @@ def heads_observation(frames: dict[str, RadianceFrame], camera: CameraSpec, seed
     return observation_of_heads(images, linear_heads.ESTIMATOR)
 
 
-def read_heads(item: Plain) -> Plain:
+def read_heads(item: JsonObject) -> JsonObject:
     """Render the four heads at one attitude and return all that both methods make of them.
 
     The item has ``planet`` (tables of the scene) and may have ``roll``, ``pitch``, ``yaw`` [deg], ``altitude_km``,
@@ -158,13 +159,13 @@ def exact_crossings(frames: dict[str, RadianceFrame], camera: CameraSpec) -> lis
     return columns
 
 
-def _reading(observation: Observation, frames: dict[str, RadianceFrame]) -> Plain:
+def _reading(observation: Observation, frames: dict[str, RadianceFrame]) -> JsonObject:
     """Return crossings and angles [deg] of both methods, with the scores against the frames' truth."""
     rows = linear_heads.head_rows(observation)
     assert isinstance(rows, list)
     located = [sub_pixel_crossing(r.row) for r in rows]
     truth = next(iter(frames.values())).truth
-    result: Plain = {
+    result: JsonObject = {
         "published_px": [published_crossing(r.row).fine for r in rows],
         "sub_pixel_px": [None if isinstance(c, Refusal) else c.column for c in located],
         "kind": ["none" if isinstance(c, Refusal) else c.kind for c in located],
@@ -189,7 +190,7 @@ def _geodetic_error(truth: FrameTruth, fit: Fit) -> float:
     return math.degrees(angle_between(np.array(truth.nadir_geodetic_cam), fit.nadir_cam))
 
 
-def infrared_aim(item: Plain) -> Plain:
+def infrared_aim(item: JsonObject) -> JsonObject:
     """Return where the half plateau of the infrared horizon is at an item's place: nadir angle [deg], height [km]."""
     camera = head_camera(item)
     horizon = truth_of(head_scene(item, camera.head[0].name), camera).infrared_horizon[camera.band[0].name]
@@ -199,7 +200,7 @@ def infrared_aim(item: Plain) -> Plain:
     }
 
 
-def picture(item: Plain) -> Plain:
+def picture(item: JsonObject) -> JsonObject:
     """Return the digital numbers of all heads as pictures, and where both locators see the limb in their middle row."""
     camera = head_camera(item)
     observation = heads_observation(head_frames(item, camera), camera, None)
@@ -212,7 +213,7 @@ def picture(item: Plain) -> Plain:
     }
 
 
-def widest_tilt(item: Plain) -> Plain:
+def widest_tilt(item: JsonObject) -> JsonObject:
     """Return the largest t [deg] at which, with pitch -t and roll t, both heads along the tilt still see a limb.
 
     Bisected on frames to ``step``; ``None`` where they see none even level.
@@ -227,7 +228,7 @@ def widest_tilt(item: Plain) -> Plain:
     return {"tilt_deg": _bisected(seen, 0.0, 10.0, item["step"])}
 
 
-def altitude_end(item: Plain) -> Plain:
+def altitude_end(item: JsonObject) -> JsonObject:
     """Return the last altitude [km] on the way from 400 km to ``towards_km`` at which a level sensor sees the limb."""
     camera = head_camera(item)
 
@@ -241,7 +242,7 @@ TILTED_HEADS = ("az135", "az315")
 """Opposite heads whose crossings move by sqrt(2) t when pitch is -t and roll t, one inwards, one outwards."""
 
 
-def _both_see(item: Plain, camera: CameraSpec) -> bool:
+def _both_see(item: JsonObject, camera: CameraSpec) -> bool:
     observation = heads_observation(head_frames(item, camera, TILTED_HEADS), camera, None)
     rows = [head.image[len(head.image) // 2] for head in observation.heads.values()]
     return all(not isinstance(sub_pixel_crossing(row), Refusal) for row in rows)

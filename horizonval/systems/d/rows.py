@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from horizonval.core.json_types import JsonObject
 from horizonval.estimation.methods.linear_heads import published_angles
 from horizonval.systems.d.settings import (
     MOMENTS,
@@ -17,14 +18,13 @@ from horizonval.systems.d.settings import (
     Setting,
 )
 from horizonval.systems.result import ComparisonRow, Table
-from horizonval.systems.task_cache import Plain
 from horizonval.systems.text import page_text
 
 TEXT = page_text("D")
 SUB_PIXEL_LIMIT_DEG = 0.005
 
 
-def _entries(readings: dict[str, Plain]) -> list[tuple[int, Setting, str, float | None, float | None, Plain]]:
+def _entries(readings: dict[str, JsonObject]) -> list[tuple[int, Setting, str, float | None, float | None, JsonObject]]:
     """Return (table, setting, axis, printed, ours, reading) of every figure of the tables."""
     return [
         (number, setting, axis, printed, readings[setting.key]["published"][axis], readings[setting.key])
@@ -34,21 +34,21 @@ def _entries(readings: dict[str, Plain]) -> list[tuple[int, Setting, str, float 
     ]
 
 
-def exact_angle(reading: Plain, axis: str) -> float:
+def exact_angle(reading: JsonObject, axis: str) -> float:
     """Return what the published formula makes of the exact crossings of the hard horizon [deg]."""
     element_rad = math.radians(PUBLISHED.number("element"))
     pitch, roll = published_angles(np.array(reading["exact_px"], dtype=float), element_rad)
     return math.degrees(pitch if axis == "pitch" else roll)
 
 
-def pixel_errors(readings: dict[str, Plain]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def pixel_errors(readings: dict[str, JsonObject]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return published, exact and sub-pixel crossings [px] of all heads and attitudes, shape (n,) each."""
     columns = [(r[k]) for k in ("published_px", "exact_px", "sub_pixel_px") for r in readings.values()]
     whole, exact, sub = np.array(columns, dtype=float).reshape(3, -1)
     return whole, exact, sub
 
 
-def entry_rows(hard: dict[str, Plain]) -> list[ComparisonRow]:
+def entry_rows(hard: dict[str, JsonObject]) -> list[ComparisonRow]:
     """Return a row for every figure of the tables that was read, and one that says whether all printed ones were."""
     again = sum(printed is not None and ours is not None for _, _, _, printed, ours, _ in _entries(hard))
     rows = [TEXT.row("read_again", again, PRINTED, limit=PRINTED, at_least=True, printed=PRINTED)]
@@ -88,13 +88,13 @@ def four_digits(value: float) -> str:
     return text if float(text) else "0"
 
 
-def _errors(readings: dict[str, Plain], number: int, axis: str, method: str) -> np.ndarray:
+def _errors(readings: dict[str, JsonObject], number: int, axis: str, method: str) -> np.ndarray:
     """Return reading minus truth [deg] of one table's settings; lost ones left out."""
     pairs = [(readings[s.key][method][axis], s.true_deg(axis)) for s in TABLES[number]]
     return np.array([read - true for read, true in pairs if read is not None])
 
 
-def moment_rows(hard: dict[str, Plain]) -> list[ComparisonRow]:
+def moment_rows(hard: dict[str, JsonObject]) -> list[ComparisonRow]:
     """Return mean and standard deviation of the errors of every table that has them printed."""
     expected = QUANTUM_DEG * math.sqrt(4 / 12)
     rows = []
@@ -107,7 +107,7 @@ def moment_rows(hard: dict[str, Plain]) -> list[ComparisonRow]:
     return rows
 
 
-def cause_rows(hard: dict[str, Plain]) -> list[ComparisonRow]:
+def cause_rows(hard: dict[str, JsonObject]) -> list[ComparisonRow]:
     """Return what shows that whole pixels make the published errors."""
     entries = _entries(hard)
     printed = np.array([p for _, _, _, p, _, _ in entries if p is not None]) / QUANTUM_DEG
@@ -136,7 +136,7 @@ def cause_rows(hard: dict[str, Plain]) -> list[ComparisonRow]:
     ]
 
 
-def worst(readings: dict[str, Plain], method: str) -> float:
+def worst(readings: dict[str, JsonObject], method: str) -> float:
     """Return the largest error of roll or pitch [deg] of a method, among the readings that it gives."""
     return max(
         abs(reading[method][axis] - reading[axis])
@@ -146,13 +146,13 @@ def worst(readings: dict[str, Plain], method: str) -> float:
     )
 
 
-def _lost(readings: dict[str, Plain], limb: str) -> tuple[int, str]:
+def _lost(readings: dict[str, JsonObject], limb: str) -> tuple[int, str]:
     """Return how many attitudes the sub-pixel crossing loses, and which."""
     lost = [key for key, reading in readings.items() if reading["sub_pixel"]["status"] != "valid"]
     return len(lost), TEXT.phrase(f"{'' if lost else 'none_'}lost_{limb}", attitudes="; ".join(lost))
 
 
-def sub_pixel_rows(hard: dict[str, Plain], soft: dict[str, Plain], aim: Plain) -> list[ComparisonRow]:
+def sub_pixel_rows(hard: dict[str, JsonObject], soft: dict[str, JsonObject], aim: JsonObject) -> list[ComparisonRow]:
     """Return what the sub-pixel crossing makes of the same rows."""
     rows = []
     for limb, readings, limit in (("hard", hard, 0.0), ("infrared", soft, None)):
@@ -165,7 +165,7 @@ def sub_pixel_rows(hard: dict[str, Plain], soft: dict[str, Plain], aim: Plain) -
     return [*rows, TEXT.row("yaw_spread", spread, PUBLISHED.figures["yaw_spread"].value, limit=1e-9)]
 
 
-def range_rows(ends: dict[str, dict[str, Plain]]) -> list[ComparisonRow]:
+def range_rows(ends: dict[str, dict[str, JsonObject]]) -> list[ComparisonRow]:
     """Return the ends of the working range."""
     tilts = {limb: end["tilt_deg"] for limb, end in ends["tilt"].items() if end["tilt_deg"] is not None}
     return [
@@ -174,7 +174,7 @@ def range_rows(ends: dict[str, dict[str, Plain]]) -> list[ComparisonRow]:
     ]
 
 
-def tables(hard: dict[str, Plain], soft: dict[str, Plain]) -> list[Table]:
+def tables(hard: dict[str, JsonObject], soft: dict[str, JsonObject]) -> list[Table]:
     """Return the published tables with ours beside: hard limb, infrared limb, sub-pixel."""
 
     def cell(value: float | None) -> str:
@@ -190,7 +190,7 @@ def tables(hard: dict[str, Plain], soft: dict[str, Plain]) -> list[Table]:
     ]
 
 
-def range_table(ends: dict[str, dict[str, Plain]]) -> Table:
+def range_table(ends: dict[str, dict[str, JsonObject]]) -> Table:
     """Return the ends of the working range as a table."""
     tilts = {limb: end["tilt_deg"] for limb, end in ends["tilt"].items()}
     lines = [(limb, "none" if tilt is None else f"{tilt:.2f}") for limb, tilt in tilts.items()]

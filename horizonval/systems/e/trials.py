@@ -7,18 +7,19 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.systems.e.case import METHODS, ROUNDING_DEG, exact_pass, rounded
 from horizonval.systems.e.localisation.celestial import ARCSEC, celestial_errors, normalised_squares, rms
 from horizonval.systems.e.localisation.pipeline import PassPositions, locate
 from horizonval.systems.e.noise import NoiseReading, noisy
-from horizonval.systems.task_cache import Plain, rng_of
+from horizonval.systems.task_cache import rng_of
 
 _AT_ONCE = 12
 WHITE_ARCSEC = 200.0
 """Independent noise without rounding: where a covariance can be checked."""
 
 
-def items_of(row: str, draws: int, seed: int, **what: str | float) -> dict[str, Plain]:
+def items_of(row: str, draws: int, seed: int, **what: str | float) -> dict[str, JsonObject]:
     """Return the items of a row's draws, some draws each."""
     starts = range(0, draws, _AT_ONCE)
     return {
@@ -27,14 +28,14 @@ def items_of(row: str, draws: int, seed: int, **what: str | float) -> dict[str, 
     }
 
 
-def work(item: Plain) -> Plain:
+def work(item: JsonObject) -> JsonObject:
     """Return, for every draw, each method's three errors, the normalised squared errors in the pass's middle, and chi2.
 
     An item says ``kind``: ``exact`` (no noise), ``rounded`` (``quantum_deg``), ``shifted`` (the same with the grid of
     rounding at random), ``noisy`` (``shape``, ``order``, ``amount``) or ``white`` (``WHITE_ARCSEC``).
     """
     truth = exact_pass()
-    out: Plain = {"rms": [], "squares": [], "chi2": [], "kernel": []}
+    out: JsonObject = {"rms": [], "squares": [], "chi2": [], "kernel": []}
     for draw in range(item["first"], item["first"] + item["draws"]):
         rng = rng_of(item["seed"], "localisation", item["row"], str(draw))
         located = locate(truth.measured(_angles(item, rng)))
@@ -56,7 +57,7 @@ def squares_of(located: PassPositions, method: str) -> FloatArray:
     return normalised_squares(getattr(located, method), getattr(located, f"{method}_covariances"), exact_pass().r_gcrs)
 
 
-def _angles(item: Plain, rng: np.random.Generator) -> FloatArray:
+def _angles(item: JsonObject, rng: np.random.Generator) -> FloatArray:
     exact = exact_pass().angles_rad
     if item["kind"] == "rounded":
         return rounded(exact, item["quantum_deg"])
@@ -69,18 +70,18 @@ def _angles(item: Plain, rng: np.random.Generator) -> FloatArray:
     return exact
 
 
-def rounding_items(seed: int, shifted: int) -> dict[str, Plain]:
+def rounding_items(seed: int, shifted: int) -> dict[str, JsonObject]:
     """Return the items of the rounding table: as it is, and with the grid of rounding at random places."""
-    items: dict[str, Plain] = {}
+    items: dict[str, JsonObject] = {}
     for quantum in ROUNDING_DEG:
         items |= items_of(f"rounded {quantum:g}", 1, seed, kind="rounded", quantum_deg=quantum)
         items |= items_of(f"shifted {quantum:g}", shifted, seed, kind="shifted", quantum_deg=quantum)
     return items
 
 
-def gathered(results: Mapping[str, Plain]) -> Iterator[tuple[str, dict[str, FloatArray]]]:
+def gathered(results: Mapping[str, JsonObject]) -> Iterator[tuple[str, dict[str, FloatArray]]]:
     """Yield every row's name with its draws along axis 0: ``rms`` (draws, methods, 3), and the others."""
-    rows: dict[str, list[Plain]] = {}
+    rows: dict[str, list[JsonObject]] = {}
     for name, result in results.items():
         rows.setdefault(name.rpartition(" ")[0], []).append(result)
     for row, parts in rows.items():

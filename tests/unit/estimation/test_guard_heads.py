@@ -17,10 +17,10 @@ from scipy.special import ndtr
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard.guard import guarded
-from horizonval.estimation.limb.shape.cone import off_axis_angle
 from horizonval.estimation.methods import linear_heads, video_vertical
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
+from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.scoring.errors import is_false
 

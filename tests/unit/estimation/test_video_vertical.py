@@ -17,7 +17,7 @@ from horizonval.estimation.methods.video_vertical import ESTIMATOR, ChordEnds, f
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry import frames
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
-from horizonval.scoring.errors import angle_between
+from horizonval.geometry.directions import angle_between
 
 WIDTH = 512
 CAMERA = CameraModel(WIDTH, WIDTH, 215.0, 215.0, (WIDTH - 1) / 2, (WIDTH - 1) / 2)

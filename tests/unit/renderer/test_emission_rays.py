@@ -14,8 +14,8 @@ from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.optical import optical_model
 from horizonval.earth.surface.ground_emission import uniform_ground
 from horizonval.geometry.ellipsoid import WGS84
-from horizonval.renderer.kernel.radiance import radiance_along_rays
-from horizonval.renderer.scene.emission import thermal_radiance
+from horizonval.renderer.rays.radiance import radiance_along_rays
+from horizonval.renderer.rays.thermal_radiance import thermal_radiance
 from horizonval.renderer.thermal.emission_ground import sky_radiance
 
 HEIGHT_M = 500e3

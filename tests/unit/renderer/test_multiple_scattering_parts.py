@@ -19,7 +19,7 @@ import mitsuba as mi  # noqa: E402
 
 from horizonval.renderer.scattering import source_store  # noqa: E402
 from horizonval.renderer.scattering.harmonics import cosines, pairs, polar_parts  # noqa: E402
-from horizonval.renderer.scattering.multiple_scattering import Quality  # noqa: E402
+from horizonval.renderer.scattering.quality import Quality  # noqa: E402
 from horizonval.renderer.scattering.shell_rays import shell_rays  # noqa: E402
 from horizonval.renderer.scattering.source_store import content_key, multiple_scattering  # noqa: E402
 from horizonval.renderer.scattering.sun_angles import sun_angle_cosines, sun_angle_position  # noqa: E402

@@ -16,11 +16,11 @@ from horizonval.earth.spectral import planck
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height
 from horizonval.renderer.kernel.coverage import cell_coverage
-from horizonval.renderer.kernel.radiance import radiance_along_rays
 from horizonval.renderer.kernel.rays import RayCamera
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.plugin.model_text import dump_model, load_model
+from horizonval.renderer.rays.radiance import radiance_along_rays
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec

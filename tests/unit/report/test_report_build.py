@@ -15,6 +15,7 @@ from synthetic import Case, synthetic_cases, truth_at, write_run
 
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.report import build_report
+from horizonval.report.load import load_run
 from horizonval.store.store import Store
 
 VOID = {"meta", "link", "input", "br", "img", "hr"}
@@ -167,6 +168,18 @@ def test_several_bands_give_a_tile_each(tmp_path):
     assert len(tiles) == 2
     assert "refused, dark" in plain(tiles[1])
     assert "not in the archive" in plain(tiles[1])
+
+
+def test_a_name_that_begins_like_another_is_no_head_of_it(tmp_path):
+    """A frame of 0.5 is no head 5 of the frame of 0; what the heads are, the run says."""
+    names = ("psf_0", "psf_0.5", "pair", "pair.right", "pair.left")
+    run = write_run(tmp_path / "run", [Case(truth_at(name=name)) for name in names])
+    head = json.loads((run / "run.json").read_text())
+    heads = {"pair": [["right", "pair.right"], ["left", "pair.left"]]}
+    (run / "run.json").write_text(json.dumps(head | {"heads": heads}))
+    assert {view.case: list(view.head_paths) for view in load_run(run).views} == {
+        "psf_0": [], "psf_0.5": [], "pair": ["right", "left"], "pair.right": [], "pair.left": [],
+    }  # fmt: skip
 
 
 def test_a_run_without_results(tmp_path):

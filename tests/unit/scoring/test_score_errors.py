@@ -12,9 +12,10 @@ from synthetic import estimator, fit_of, truth_at
 
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.geometry.directions import angle_between
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.scoring import limits
-from horizonval.scoring.errors import ARCSEC, METHOD_RADIUS_M, angle_between, is_false, score, sigma_nadir_rad
+from horizonval.scoring.errors import ARCSEC, METHOD_RADIUS_M, is_false, score, sigma_nadir_rad
 
 ROUNDING_ARCSEC = 1e-6
 """Rotations of unit vectors round at 1e-16 rad = 2e-11 arcsec; a microarcsecond allows for chains of ten."""

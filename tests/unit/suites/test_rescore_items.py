@@ -7,7 +7,7 @@ import hashlib
 from synthetic import estimator
 
 from horizonval.store.entry import StoreEntry
-from horizonval.suites.units.archived import items_of
+from horizonval.suites.units.archived import cases_of_heads, items_of
 
 
 def address(text: str) -> str:
@@ -54,7 +54,9 @@ def test_heads_have_names_of_their_own_and_a_common_one():
         {"left": frame("s", head="left").address},
         {"right": ""},
     ]
+    assert cases_of_heads(items) == {"s": [["left", "s.left"], ["right", "s.right"]]}
     assert [item.name for item in items_of([left, right], [HEADS])] == ["s"]
+    assert cases_of_heads(items_of([left, right], [HEADS])) == {"s": []}
 
 
 def test_draws_and_instants_of_one_scene_are_told_apart():

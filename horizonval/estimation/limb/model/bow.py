@@ -13,7 +13,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.model.sunlit import height_under
-from horizonval.estimation.limb.shape.cone import tangent_basis
+from horizonval.geometry.directions import fibonacci_sphere, tangent_basis
 
 SUNS = 64
 MOST_POINTS = 60
@@ -62,7 +62,7 @@ def unknown_sun_covariance(
     stride = max(1, len(los_cam) // MOST_POINTS)
     los_cam, blur_rad = los_cam[::stride], blur_rad[::stride]
     heights = []
-    for sun in _evenly(SUNS):
+    for sun in fibonacci_sphere(SUNS):
         height, zenith = height_under(los_cam, axis_cam, rho_rad, sun, blur_rad)
         if zenith.max() <= LIT_RAD and np.isfinite(height).all():
             heights.append(height)
@@ -71,11 +71,3 @@ def unknown_sun_covariance(
     moved = moves(los_cam, axis_cam, rho_rad, np.array(heights), earth_radius_m)
     moved[:, 2] -= moved[:, 2].mean()
     return np.asarray(moved.T @ moved / len(moved))
-
-
-def _evenly(count: int) -> FloatArray:
-    """Return unit vectors spread evenly over the sphere (Fibonacci's spiral), shape (count, 3)."""
-    k = np.arange(count) + 0.5
-    z = 1.0 - 2.0 * k / count
-    turn = k * np.pi * (1.0 + 5.0**0.5)
-    return np.column_stack([np.sqrt(1.0 - z**2) * np.cos(turn), np.sqrt(1.0 - z**2) * np.sin(turn), z])

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.shape.cone import off_axis_angle, tangent_basis
 from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 HALF_PX = 7
 """Half length of the window, an eighth of a tiny image's side at most. The inner pixels used end 2.5 px from the edge,

@@ -30,8 +30,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.model.steepest import SIGMA_PX, STEP_PX, profile_places, steepest_sample
-from horizonval.estimation.limb.shape.cone import off_axis_angle, tangent_basis
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
+from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 NEAREST_PX, FARTHEST_PX = 5.0, 30.0
 """Distance from the limb of the pixels that noise is read from: none of the limb's own profile, the same light."""
@@ -98,7 +98,7 @@ def noise_covariance(
 ) -> FloatArray:
     """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
 
-    The basis is :func:`horizonval.estimation.limb.shape.cone.tangent_basis` of the axis.
+    The basis is :func:`horizonval.geometry.directions.tangent_basis` of the axis.
 
     Parameters
     ----------

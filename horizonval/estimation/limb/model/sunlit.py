@@ -28,6 +28,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import CameraModel, project
+from horizonval.geometry.directions import tangent_basis
 
 TABLE = Path(__file__).parent / "data" / "sunlit_limb.npz"
 EARTH_RADIUS_KM = 6371.0088
@@ -83,7 +84,7 @@ def sunlit_limb(
     height = _height_km(rho_rad, sigma_km, zenith, azimuth)
     patterns = list(_others_km(sigma_km, zenith, azimuth))
     for k in range(2 if sun_sigma_rad > 0.0 else 0):
-        moved = sun_cam + sun_sigma_rad * _across(sun_cam)[:, k]
+        moved = sun_cam + sun_sigma_rad * tangent_basis(sun_cam)[:, k]
         there = _height_km(rho_rad, sigma_km, *sun_angles(los_cam, axis_cam, moved / np.linalg.norm(moved)))
         patterns.append(there - height)
     known = np.isfinite(height) & np.isfinite(patterns).all(axis=0)
@@ -123,13 +124,6 @@ def blur_rad(camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray, smo
     px_per_rad = np.linalg.norm(behind - before, axis=1) / (2.0 * step)
     local = np.where(px_per_rad > 0.0, LENS_PX / np.where(px_per_rad > 0.0, px_per_rad, 1.0), np.nan)
     return np.hypot(local, smoothing_rad)
-
-
-def _across(axis: FloatArray) -> FloatArray:
-    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    first = np.cross(helper, axis)
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(axis, first)])
 
 
 def _height_km(rho_rad: float, sigma_km: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> FloatArray:

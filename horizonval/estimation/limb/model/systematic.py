@@ -31,7 +31,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.model.relief import Relief
-from horizonval.estimation.limb.shape.cone import tangent_basis
+from horizonval.geometry.directions import fibonacci_sphere, tangent_basis
 
 MOST_POINTS = 240
 """Points that stand for all of them: the heights are smooth, and the matrix of their covariance is not made large."""
@@ -51,7 +51,7 @@ def systematic_covariance(
 ) -> FloatArray:
     """Return the covariance [rad^2] of (axis along basis 1, along basis 2, half-angle), shape (3, 3).
 
-    The basis is :func:`horizonval.estimation.limb.shape.cone.tangent_basis` of the axis.
+    The basis is :func:`horizonval.geometry.directions.tangent_basis` of the axis.
 
     Parameters
     ----------
@@ -143,8 +143,4 @@ def _oblate_moves(
 @cache
 def _poles() -> FloatArray:
     """Return unit vectors spread evenly over the sphere (Fibonacci's spiral), shape (POLES, 3)."""
-    k = np.arange(POLES) + 0.5
-    z = 1.0 - 2.0 * k / POLES
-    turn = k * np.pi * (1.0 + 5.0**0.5)
-    ring = np.sqrt(1.0 - z**2)
-    return np.column_stack([ring * np.cos(turn), ring * np.sin(turn), z])
+    return fibonacci_sphere(POLES)

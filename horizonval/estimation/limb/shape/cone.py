@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import CameraModel, project
+from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 AZIMUTHS = 7200
 
@@ -89,20 +90,6 @@ def cones_through(first: FloatArray, second: FloatArray, third: FloatArray) -> t
     cosine = np.einsum("ij,ij->i", axis, first)
     sign = np.where(cosine < 0, -1.0, 1.0)
     return axis * sign[:, None], cosine * sign
-
-
-def off_axis_angle(los_cam: FloatArray, axis_cam: FloatArray) -> FloatArray:
-    """Return the angle [rad] of each line of sight to the axis, accurate at every size (arc tangent, not cosine)."""
-    across = np.linalg.norm(np.cross(los_cam, axis_cam), axis=-1)
-    return np.asarray(np.arctan2(across, los_cam @ axis_cam))
-
-
-def tangent_basis(axis: FloatArray) -> FloatArray:
-    """Return two unit vectors, shape (3, 2), that make a right-handed triad (e1, e2, axis)."""
-    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    e1 = np.cross(helper, axis)
-    e1 /= np.linalg.norm(e1)
-    return np.column_stack([e1, np.cross(axis, e1)])
 
 
 def arc_order(los_cam: FloatArray, axis: FloatArray) -> NDArray[np.int64]:

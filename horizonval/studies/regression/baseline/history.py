@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core import atomic
+from horizonval.core.json_types import JsonObject
 from horizonval.studies.regression.statistics.steps import pieces
 
 FILE = "history.jsonl"
 NIGHTS = 60
 """Shown and searched for steps: a release cycle."""
-
-Plain = dict[str, Any]
 
 
 def append(path: Path, verdict: Mapping[str, Any]) -> None:
@@ -38,7 +37,7 @@ def append(path: Path, verdict: Mapping[str, Any]) -> None:
     atomic.write_text(path, text)
 
 
-def read(path: Path, most: int | None = NIGHTS) -> list[Plain]:
+def read(path: Path, most: int | None = NIGHTS) -> list[JsonObject]:
     """Return the last nights in the order of their labels; a line that is none (a torn write) is left out."""
     if not path.is_file():
         return []
@@ -54,9 +53,9 @@ def read(path: Path, most: int | None = NIGHTS) -> list[Plain]:
     return found if most is None else found[-most:]
 
 
-def series(nights: Sequence[Mapping[str, Any]]) -> dict[str, Plain]:
+def series(nights: Sequence[Mapping[str, Any]]) -> dict[str, JsonObject]:
     """Return every figure's values by its name: ``{unit, nights, values, n}``; nights without it are left out."""
-    found: dict[str, Plain] = {}
+    found: dict[str, JsonObject] = {}
     for line in nights:
         for name, level in line["levels"].items():
             one = found.setdefault(name, {"unit": level["unit"], "nights": [], "values": [], "n": []})
@@ -66,7 +65,7 @@ def series(nights: Sequence[Mapping[str, Any]]) -> dict[str, Plain]:
     return found
 
 
-def steps_of(nights: Sequence[Mapping[str, Any]]) -> list[Plain]:
+def steps_of(nights: Sequence[Mapping[str, Any]]) -> list[JsonObject]:
     """Return every step: ``{figure, unit, night, before, after}``, ``night`` the first of the new level."""
     found = []
     for name, one in series(nights).items():

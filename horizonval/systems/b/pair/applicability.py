@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.systems.b.pair.frames import answered, attitude, pair, scene, view
-from horizonval.systems.task_cache import Plain, TaskCache
+from horizonval.systems.task_cache import TaskCache
 
 REGION_DEG = 20.0
 """Half the side of the published region."""
@@ -35,7 +36,7 @@ class Map:
 
     pitch_deg: FloatArray
     yaw_deg: FloatArray
-    found: list[Plain]
+    found: list[JsonObject]
 
     def error_deg(self, reading: str = "SIGHT") -> FloatArray:
         """Return the nadir error of each attitude; NaN where there is no answer."""
@@ -78,7 +79,7 @@ def grid(step_deg: float, largest_deg: float = LARGEST_DEG, *, finer_within_deg:
 
 
 def measured_map(
-    cache: TaskCache, title: str, camera: Plain, attitudes: FloatArray, scenery: Plain | None = None
+    cache: TaskCache, title: str, camera: JsonObject, attitudes: FloatArray, scenery: JsonObject | None = None
 ) -> Map:
     """Return the map of one camera pair over one kind of Earth."""
     changes = {"air": False, "sun": OVERHEAD, **(scenery or {})}
@@ -109,7 +110,7 @@ def applicability(cache: TaskCache) -> Applicability:
     model = measured_map(cache, "B: map, sphere", pair(), grid(STEP_DEG, finer_within_deg=REGION_DEG))
     shipped = measured_map(cache, "B: map, 60 deg", pair(field_deg=60.0), grid(STEP_DEG, REGION_DEG))
     bare = {"earth": {"shape": "wgs84"}, "platform": {"altitude_km": 500.0, "latitude_deg": 45.0}}
-    sceneries: dict[str, Plain] = {
+    sceneries: dict[str, JsonObject] = {
         "sphere, no air": {},
         "WGS84, no air": bare,
         "WGS84, air": {"air": True, "sun": HIGH_SUN},

@@ -12,10 +12,10 @@ from matplotlib.figure import Figure as MplFigure
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
 
+from horizonval.core.json_types import JsonObject
 from horizonval.systems.b.pair.applicability import LIMIT_DEG, REGION_DEG, Map
 from horizonval.systems.b.pair.orbit import COASTS, INFRARED, LINEAR, VISIBLE, Lap, errors_deg
 from horizonval.systems.b.pair.sun import LIMB_ZENITH_DEG
-from horizonval.systems.task_cache import Plain
 
 _NORM = LogNorm(0.003, 10.0, clip=True)
 _COLOURS = "viridis_r"
@@ -112,7 +112,7 @@ def orbit(lap: Lap) -> MplFigure:
     return figure
 
 
-def sun(found: Mapping[str, Mapping[float, Plain]], shown: tuple[float, ...]) -> MplFigure:
+def sun(found: Mapping[str, Mapping[float, JsonObject]], shown: tuple[float, ...]) -> MplFigure:
     """What the forward camera sees of the Sun at some heights, one row per lens, and what the method says."""
     figure = MplFigure(figsize=(2.35 * len(shown), 2.75 * len(found)), layout="constrained")
     axes = figure.subplots(len(found), len(shown), squeeze=False)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.arc import Arc, find_arc
@@ -19,17 +20,17 @@ from horizonval.estimation.methods.video_vertical import ESTIMATOR, ChordEnds, f
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.geometry.camera import project, unproject
+from horizonval.geometry.directions import angle_between
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.horizon import horizon_cam
 from horizonval.renderer.scene.frame import render_frame
-from horizonval.scoring.errors import angle_between, score
+from horizonval.scoring.errors import score
 from horizonval.sensor.observe import observe
 from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
-from horizonval.systems.task_cache import Plain
 
 SHIPPED = "vis-pair-1024-60deg"
 WITH_GLARE = "vis-cmos-1024-60deg-full"
@@ -55,16 +56,16 @@ THERMAL = {
 """Behind the same geometry, a bolometer in the band of horizon sensors; 0.25 K is what 0.05 K of 8 to 14 um become."""
 
 
-def pair(width: int = 1024, field_deg: float = FIELD_DEG, tables: Plain | None = None) -> Plain:
+def pair(width: int = 1024, field_deg: float = FIELD_DEG, tables: JsonObject | None = None) -> JsonObject:
     """Return the shipped pair's camera as plain data, with another size and field; ``tables`` replace whole tables."""
     camera = _stated(load_camera(SHIPPED).model_dump(mode="json"))
     camera["camera"] |= {"width": width, "height": width, "fov_deg": field_deg, "name": f"pair-{width}-{field_deg:g}"}
     return {**camera, **(tables or {})}
 
 
-def glare_optics(scattered: float | None = None, ghost: float | None = None) -> Plain:
+def glare_optics(scattered: float | None = None, ghost: float | None = None) -> JsonObject:
     """Return the optics of a lens with scatter, ghost and a baffle that leaks; a worse one with larger shares."""
-    optics: Plain = _stated(load_camera(WITH_GLARE).optics.model_dump(mode="json"))
+    optics: JsonObject = _stated(load_camera(WITH_GLARE).optics.model_dump(mode="json"))
     if scattered is not None:
         optics["scatter"] = {**optics["scatter"], "tis": scattered}
     if ghost is not None:
@@ -72,9 +73,9 @@ def glare_optics(scattered: float | None = None, ghost: float | None = None) -> 
     return optics
 
 
-def scene(name: str, *, air: bool = False, **tables: Any) -> Plain:
+def scene(name: str, *, air: bool = False, **tables: Any) -> JsonObject:
     """Return a scene over a sphere without air, or over WGS84 with it; ``tables`` replace or add whole tables."""
-    made: Plain = {
+    made: JsonObject = {
         "scene": {"name": name},
         "platform": {"altitude_km": ALTITUDE_KM, "latitude_deg": 45.0 if air else 0.0},
         "earth": {"shape": "wgs84" if air else "sphere"},
@@ -85,7 +86,7 @@ def scene(name: str, *, air: bool = False, **tables: Any) -> Plain:
     return {**made, **tables}
 
 
-def attitude(pitch_deg: float, yaw_deg: float) -> Plain:
+def attitude(pitch_deg: float, yaw_deg: float) -> JsonObject:
     """Return the attitude that tilts the longitudinal axis in the planes of both cameras.
 
     The longitudinal axis is body z, down when level. The source's pitch tilts it about y; its yaw, the tilt across
@@ -94,7 +95,7 @@ def attitude(pitch_deg: float, yaw_deg: float) -> Plain:
     return {"pitch_deg": pitch_deg, "roll_deg": yaw_deg}
 
 
-def view(item: Plain) -> Plain:
+def view(item: JsonObject) -> JsonObject:
     """Return what the method makes of one view of both cameras.
 
     Parameters
@@ -116,14 +117,14 @@ def view(item: Plain) -> Plain:
     return found
 
 
-def measured(images: dict[str, DetectorImage]) -> Plain:
+def measured(images: dict[str, DetectorImage]) -> JsonObject:
     """Return the method's results on images of both cameras, every reading of the end points, beside the truth."""
     observation = observation_of_heads(images, ESTIMATOR)
     truth = next(iter(images.values())).truth
     result = solve(observation)
     down_body = np.array([0.0, 0.0, 1.0])
     nadir_body = _body(truth, truth.nadir_geocentric_cam)
-    found: Plain = {
+    found: JsonObject = {
         "status": str(result.status),
         "reason": result.reason if isinstance(result, Refusal) else "",
         "tilt_deg": math.degrees(angle_between(down_body, nadir_body)),
@@ -147,7 +148,7 @@ def measured(images: dict[str, DetectorImage]) -> Plain:
     return found
 
 
-def searched(images: dict[str, DetectorImage]) -> Plain:
+def searched(images: dict[str, DetectorImage]) -> JsonObject:
     """Return the method's result on arcs from the search that asks, in place of the longest edge of each image.
 
     :func:`horizonval.estimation.limb.finder.find_limb` takes the best cone of all edges, refines its points below the
@@ -212,7 +213,7 @@ def _body(truth: FrameTruth, v_cam: FloatArray | tuple[float, float, float]) -> 
     return rotate(inverse(truth.q_cam_from_body), np.asarray(v_cam))
 
 
-def answered(found: Plain) -> bool:
+def answered(found: JsonObject) -> bool:
     """Whether a view got an answer, right or wrong."""
     return bool(found["status"] == Outcome.VALID)
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.estimation.methods import linear_heads
 from horizonval.estimation.registry import run_safely
 from horizonval.renderer.scene.frame import render_frame
@@ -24,7 +25,7 @@ from horizonval.suites.observation import observation_of_heads
 from horizonval.systems.b.pair.frames import THERMAL, pair, scene, view
 from horizonval.systems.circular_orbit import place_on_orbit
 from horizonval.systems.d.frames import CAMERA, HOUSING_YAW_DEG
-from horizonval.systems.task_cache import Plain, TaskCache
+from horizonval.systems.task_cache import TaskCache
 from horizonval.truth.frame_truth import truth_of
 
 POSITIONS = 24
@@ -50,21 +51,21 @@ class Lap:
 
     argument_deg: list[float]
     lit: list[float]
-    by_sensor: dict[str, list[Plain]]
+    by_sensor: dict[str, list[JsonObject]]
 
 
-def place(argument_deg: float) -> Plain:
+def place(argument_deg: float) -> JsonObject:
     """Return the scene's platform table at one argument of latitude."""
     angles = (math.radians(angle) for angle in (argument_deg, INCLINATION_DEG, NODE_LONGITUDE_DEG))
     return {"epoch_utc": EPOCH, "altitude_km": ALTITUDE_KM, **place_on_orbit(*angles)}
 
 
-def seen(item: Plain) -> Plain:
+def seen(item: JsonObject) -> JsonObject:
     """Return what one pair sees from one place, and how much of the Sun the satellite sees."""
     return {**view(item), "lit": _lit(item)}
 
 
-def read_heads(item: Plain) -> Plain:
+def read_heads(item: JsonObject) -> JsonObject:
     """Return what the four linear heads make of one place: sub-pixel crossings and the cone through them."""
     camera = load_camera(CAMERA)
     frames = {}
@@ -82,7 +83,7 @@ def read_heads(item: Plain) -> Plain:
     }
 
 
-def _lit(item: Plain) -> float:
+def _lit(item: JsonObject) -> float:
     camera = CameraSpec.model_validate(item["camera"])
     chosen = SceneSpec.model_validate({**item["scene"], "camera": {"file": "pair", "head": camera.head[0].name}})
     return truth_of(chosen, camera, infrared=False).sun_visible_fraction
@@ -101,7 +102,7 @@ def lap(cache: TaskCache) -> Lap:
         INFRARED: (seen, pair(WIDTH_PX, tables=THERMAL), own_air, coasts),
         LINEAR: (read_heads, {}, own_air, coasts),
     }
-    by_sensor: dict[str, list[Plain]] = {}
+    by_sensor: dict[str, list[JsonObject]] = {}
     for sensor, (work, camera, air, ground) in sensors.items():
         items = {}
         for argument, (pitch, roll), turn in zip(arguments, tilts, turns, strict=True):
@@ -117,7 +118,7 @@ def lap(cache: TaskCache) -> Lap:
     return Lap(arguments, [one["lit"] for one in by_sensor[VISIBLE]], by_sensor)
 
 
-def errors_deg(found: list[Plain], *, by_search: bool = False) -> FloatArray:
+def errors_deg(found: list[JsonObject], *, by_search: bool = False) -> FloatArray:
     """Return the nadir error of every position, NaN where there is no answer; or that of the search that asks."""
     kept = [one["searched"] if by_search else one for one in found]
     return np.array([one["error_deg"].get("SIGHT", np.nan) for one in kept])

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+from horizonval.core.json_types import JsonObject
 from horizonval.estimation.observation import Observation
 from horizonval.systems.b.pair.frames import ALTITUDE_KM, FIELD_DEG, glare_optics, pair, scene, view
-from horizonval.systems.task_cache import Plain, TaskCache
+from horizonval.systems.task_cache import TaskCache
 
 ZENITH_DEG = (30.0, 60.0, 80.0, 90.0, 98.0, 104.0, 109.0, 112.0)
 HIGHEST_IN_FRAME_DEG = 90.0 - 0.5 * FIELD_DEG
@@ -23,9 +24,9 @@ HAZE = {"scattered": 0.05, "ghost": 1e-3}
 """A lens without coating or baffle, as small satellites fly them; the good one scatters 0.3 %, its ghost is 1e-4."""
 
 
-def sun_in_frame(cache: TaskCache) -> dict[str, dict[float, Plain]]:
+def sun_in_frame(cache: TaskCache) -> dict[str, dict[float, JsonObject]]:
     """Do the experiment: what the method makes of each height of the Sun, by lens and by zenith angle [deg]."""
-    found: dict[str, dict[float, Plain]] = {}
+    found: dict[str, dict[float, JsonObject]] = {}
     for lens, shares in ((GOOD, {}), (HAZY, HAZE)):
         items = {}
         for zenith in ZENITH_DEG:

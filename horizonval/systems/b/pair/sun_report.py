@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from horizonval.core.json_types import JsonObject
 from horizonval.systems.b.pair.applicability import LIMIT_DEG
 from horizonval.systems.b.pair.sun import GOOD, HAZY, HIGHEST_IN_FRAME_DEG, LIMB_ZENITH_DEG
 from horizonval.systems.result import ComparisonRow, Table
-from horizonval.systems.task_cache import Plain
 
 
-def sun_rows(found: dict[str, dict[float, Plain]]) -> list[ComparisonRow]:
+def sun_rows(found: dict[str, dict[float, JsonObject]]) -> list[ComparisonRow]:
     """Return the rows of the Sun in the frame."""
     rows = []
     for lens in (GOOD, HAZY):
@@ -42,7 +42,7 @@ def sun_rows(found: dict[str, dict[float, Plain]]) -> list[ComparisonRow]:
     return rows
 
 
-def sun_table(found: dict[str, dict[float, Plain]]) -> Table:
+def sun_table(found: dict[str, dict[float, JsonObject]]) -> Table:
     """Return the table of the Sun's heights."""
     lines = []
     for lens, views in found.items():

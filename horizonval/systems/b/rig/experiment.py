@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from horizonval.core import atomic
+from horizonval.core.json_types import JsonObject
 from horizonval.spec.load import load_camera
 from horizonval.systems.b.rig import figures, runs
 from horizonval.systems.b.rig.bench import STATED
@@ -21,7 +22,7 @@ from horizonval.systems.b.rig.results import RigResults
 from horizonval.systems.b.rig.runs import IMPERFECTIONS
 from horizonval.systems.b.rig.tables import ablation_table, sensitivity_table
 from horizonval.systems.result import ComparisonRow, Figure, Table
-from horizonval.systems.task_cache import Plain, TaskCache
+from horizonval.systems.task_cache import TaskCache
 
 TILTS_DEG = (-20.0, -10.0, 0.0, 10.0, 20.0)
 SHARP_LENS_PX = 0.0
@@ -172,7 +173,7 @@ def _picture_file(cache: TaskCache) -> str:
     return str(path)
 
 
-def _view(cache: TaskCache, picture: str) -> Plain:
+def _view(cache: TaskCache, picture: str) -> JsonObject:
     return {
         "picture": picture,
         "panel": asdict(runs.panel_of(IMPERFECTIONS)),

@@ -10,16 +10,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.systems.b.rig.frames import MAGNIFIER, SPAN, read_png
 from horizonval.systems.b.rig.results import RigResults
 from horizonval.systems.b.rig.runs import BenchRun
-from horizonval.systems.task_cache import Plain
 
 CLOSE_PX = 40
 ALONE, LEFT, MARK = "#4477aa", "#bbbbbb", "#aa3322"
 
 
-def view(shown: Plain) -> Figure:
+def view(shown: JsonObject) -> Figure:
     """Draw the camera's frame, and the limb under the magnifier, without blur, and behind the lens."""
     figure = Figure(figsize=(10.0, 5.6), layout="constrained")
     left, right = _side_by_side(figure.subfigures(1, 2, width_ratios=(1.15, 1.0)))

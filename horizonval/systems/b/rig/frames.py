@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.frame import DetectorImage
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.spec.load import load_camera
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.b.rig import bench, detector, panel, picture, tilt
-from horizonval.systems.task_cache import Plain
 
 CAMERA = "vis-cmos-512-60deg"
 DISTANCE_MM = 200.0
@@ -29,12 +29,12 @@ SPAN = 3.0
 """The open part of a stripe is up to twice as bright as a white area."""
 
 
-def make_picture(_item: Plain) -> Plain:
+def make_picture(_item: JsonObject) -> JsonObject:
     """Return the picture for the panel, packed."""
     return {"png": picture.packed(picture.picture(panel.Panel(), DISTANCE_MM, load_camera(CAMERA)))}
 
 
-def sweep(item: Plain) -> Plain:
+def sweep(item: JsonObject) -> JsonObject:
     """Return the estimated tilts [rad] of one bench, None where there is no arc.
 
     ``item``: ``picture`` (path), ``panel`` and ``errors`` (fields), ``tilts_deg``, ``noise``, ``name``, ``seed``.
@@ -47,7 +47,7 @@ def sweep(item: Plain) -> Plain:
     return {"tilt_rad": found}
 
 
-def show(item: Plain) -> Plain:
+def show(item: JsonObject) -> JsonObject:
     """Return one frame of a bench, for looking at: PNGs of 16 bits.
 
     ``item`` as for :func:`sweep`, with one tilt. Returned are ``dn``, the detector's numbers of ``full_scale``;
@@ -75,7 +75,7 @@ def read_png(text: str) -> NDArray[Any]:
     return np.asarray(cv2.imdecode(np.frombuffer(base64.b64decode(text), dtype=np.uint8), cv2.IMREAD_UNCHANGED))
 
 
-def _photograph(item: Plain, tilt_deg: float) -> DetectorImage:
+def _photograph(item: JsonObject, tilt_deg: float) -> DetectorImage:
     return detector.photograph(
         _render(item, tilt_deg, item["blur_px"]),
         _camera(),
@@ -87,7 +87,7 @@ def _photograph(item: Plain, tilt_deg: float) -> DetectorImage:
 
 
 def _render(
-    item: Plain, tilt_deg: float, blur_px: float, magnify_at: tuple[int, int] | None = None
+    item: JsonObject, tilt_deg: float, blur_px: float, magnify_at: tuple[int, int] | None = None
 ) -> NDArray[np.float32]:
     screen, errors = panel.Panel(**_tuples(item["panel"])), bench.BenchErrors(**item["errors"])
     return _radiance(item["picture"], screen, errors, tilt_deg, blur_px, magnify_at)
@@ -144,7 +144,7 @@ def _share(radiance: NDArray[np.float32]) -> NDArray[np.uint16]:
     return np.rint(65535.0 * np.clip(share, 0.0, 1.0)).astype(np.uint16)
 
 
-def _tuples(values: Plain) -> Plain:
+def _tuples(values: JsonObject) -> JsonObject:
     return {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
 
 

@@ -15,12 +15,13 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.systems.b.rig import design
 from horizonval.systems.b.rig.accelerometer import Accelerometer
 from horizonval.systems.b.rig.bench import STATED, BenchErrors
 from horizonval.systems.b.rig.frames import sweep
 from horizonval.systems.b.rig.panel import Panel
-from horizonval.systems.task_cache import Plain, TaskCache
+from horizonval.systems.task_cache import TaskCache
 
 PIXELS = "panel pixels: levels, stripes, moire"
 BACKLIGHT = "uneven backlight"
@@ -104,7 +105,7 @@ def run_all(
     blur_px : float
         Of the lens.
     """
-    items: dict[str, Plain] = {}
+    items: dict[str, JsonObject] = {}
     plans: dict[str, list[str]] = {}
     for name, (imperfections, tilts) in wanted.items():
         plans[name] = []
@@ -142,7 +143,7 @@ def _item(
     tilts: tuple[float, ...],
     number: int,
     blur_px: float,
-) -> Plain:
+) -> JsonObject:
     noise = FRAME_NOISE in on
     # What the camera does not see is left out, so that benches that look alike are rendered once...
     seen = errors.without(*_ACCELEROMETER)
@@ -175,7 +176,7 @@ def _run(cache: TaskCache, on: set[str], tilts: tuple[float, ...], found: list[l
     return BenchRun(np.array(tilts), np.degrees(estimated), np.degrees(np.array(reference)))
 
 
-def _digest(item: Plain) -> str:
+def _digest(item: JsonObject) -> str:
     return hashlib.sha256(json.dumps(item, sort_keys=True).encode()).hexdigest()[:24]
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.geometry.tle import ElementSet
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.e.ground import ground_camera as cam
@@ -26,7 +27,7 @@ from horizonval.systems.e.ground.reduction import measure, tangents
 from horizonval.systems.e.ground.satellite import ENVISAT
 from horizonval.systems.e.ground.sky import Sky, render_sky
 from horizonval.systems.e.localisation.stations import Station
-from horizonval.systems.task_cache import Plain, TaskCache
+from horizonval.systems.task_cache import TaskCache
 
 FRAMES_PER_ITEM = 24
 VALID = "valid"
@@ -140,7 +141,7 @@ def measure_pass(
 
 def dimmed_frames(
     cache: TaskCache, passes: Sequence[StationPass], dimmer_mag: Sequence[float | None], frames: int = 8
-) -> dict[tuple[str, float | None], list[Plain]]:
+) -> dict[tuple[str, float | None], list[JsonObject]]:
     """Return what is measured in some frames of every pass with a fainter satellite, or (None) with none.
 
     The answer is by station and dimming; each frame as :func:`expose_and_measure` gives it.
@@ -157,7 +158,7 @@ def dimmed_frames(
     return {key: part["frames"] for key, part in zip(keys, done, strict=True)}
 
 
-def rendered_skies(cache: TaskCache, scene: PassSetup, pixels: int = 33) -> dict[str, Plain]:
+def rendered_skies(cache: TaskCache, scene: PassSetup, pixels: int = 33) -> dict[str, JsonObject]:
     """Return every station's sky as plain data, by the station's name; ``pixels`` squared."""
     times = [float(scene.seconds[0]), float(np.mean(scene.seconds[[0, -1]])), float(scene.seconds[-1])]
     items = {s.name: {**_place(scene, s), "times": times, "pixels": pixels} for s in scene.stations}
@@ -165,8 +166,8 @@ def rendered_skies(cache: TaskCache, scene: PassSetup, pixels: int = 33) -> dict
 
 
 def frames_item(
-    scene: PassSetup, station: Station, sky: Plain, seconds: Sequence[float], dimmer_mag: float | None = 0.0
-) -> Plain:
+    scene: PassSetup, station: Station, sky: JsonObject, seconds: Sequence[float], dimmer_mag: float | None = 0.0
+) -> JsonObject:
     """Return the item of :func:`expose_and_measure` for some exposures; ``dimmer_mag`` None: no satellite."""
     return {
         **_place(scene, station),
@@ -178,26 +179,26 @@ def frames_item(
     }
 
 
-def sky_of(item: Plain) -> Plain:
+def sky_of(item: JsonObject) -> JsonObject:
     """Render a station's sky."""
     path = _pass(item)
     return render_sky(path.station, path.epoch_utc, item["times"], cam.tracker().band[0], item["pixels"]).plain()
 
 
-def expose_and_measure(item: Plain) -> Plain:
+def expose_and_measure(item: JsonObject) -> JsonObject:
     """Expose and measure the frames of an item; per frame one list of numbers in the order of its ``columns``."""
     frames = frames_of(item)
     return {"frames": [_one(frames, second) for second in item["seconds"]]}
 
 
-def frames_of(item: Plain) -> Frames:
+def frames_of(item: JsonObject) -> Frames:
     """Return the exposures an item describes."""
     camera = CameraSpec.model_validate(item["camera"])
     dimmer = float("inf") if item["dimmer_mag"] is None else item["dimmer_mag"]
     return Frames(_pass(item), Sky.of_plain(item["sky"]), camera, ENVISAT, StationErrors(), item["seed"], dimmer)
 
 
-def _one(frames: Frames, second: float) -> Plain:
+def _one(frames: Frames, second: float) -> JsonObject:
     exposure = frames.expose(second)
     known = {
         "second": second,
@@ -232,7 +233,7 @@ def _one(frames: Frames, second: float) -> Plain:
     }
 
 
-def _gathered(scene: PassSetup, station: Station, sky: Plain, parts: list[Plain]) -> StationPass:
+def _gathered(scene: PassSetup, station: Station, sky: JsonObject, parts: list[JsonObject]) -> StationPass:
     frames = [frame for part in parts for frame in part["frames"]]
     n = len(frames)
 
@@ -267,7 +268,7 @@ def _gathered(scene: PassSetup, station: Station, sky: Plain, parts: list[Plain]
     )
 
 
-def _place(scene: PassSetup, station: Station) -> Plain:
+def _place(scene: PassSetup, station: Station) -> JsonObject:
     return {
         "elements": [scene.elements.line1, scene.elements.line2],
         "station": {field.name: getattr(station, field.name) for field in fields(station)},
@@ -275,6 +276,6 @@ def _place(scene: PassSetup, station: Station) -> Plain:
     }
 
 
-def _pass(item: Plain) -> Pass:
+def _pass(item: JsonObject) -> Pass:
     place: dict[str, Any] = item["station"]
     return Pass(ElementSet(*item["elements"]), Station(**place), datetime.fromisoformat(item["epoch_utc"]))

@@ -9,6 +9,7 @@ from datetime import datetime
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.geometry.tle import ElementSet
 from horizonval.systems.e.ground.frames import ARCSEC
 from horizonval.systems.e.ground.ground_camera import detector_of
@@ -32,7 +33,7 @@ from horizonval.systems.e.passes.tables import (
     sun_elevation,
 )
 from horizonval.systems.result import ComparisonRow, Figure, Table
-from horizonval.systems.task_cache import Plain, TaskCache
+from horizonval.systems.task_cache import TaskCache
 from horizonval.systems.text import page_text
 
 TEXT = page_text("E")
@@ -79,7 +80,7 @@ def normalised(error: FloatArray, covariance: FloatArray) -> FloatArray:
 
 
 def faintness(
-    passes: Sequence[StationPass], fainter: dict[tuple[str, float | None], list[Plain]]
+    passes: Sequence[StationPass], fainter: dict[tuple[str, float | None], list[JsonObject]]
 ) -> dict[str, FloatArray]:
     """Return magnitude, share detected, error and claim of the middle [px rms], share wrong, (k, 5), by station."""
     out = {}
@@ -98,7 +99,7 @@ def faintness(
     return out
 
 
-def _sky_error(one: StationPass, finer: Plain) -> float:
+def _sky_error(one: StationPass, finer: JsonObject) -> float:
     """Return the largest relative difference between the sky used and one from a finer grid, above 45 deg."""
     azimuth, elevation = np.meshgrid(np.radians(np.arange(0, 360, 5.0)), np.radians(np.arange(45.0, 90.0, 2.5)))
     towards = enu_directions(azimuth, elevation) @ one.station.itrs_from_enu.T
@@ -109,9 +110,9 @@ def _sky_error(one: StationPass, finer: Plain) -> float:
 
 def _rows(
     passes: Sequence[StationPass],
-    fainter: dict[tuple[str, float | None], list[Plain]],
+    fainter: dict[tuple[str, float | None], list[JsonObject]],
     curve: dict[str, FloatArray],
-    finer: dict[str, Plain],
+    finer: dict[str, JsonObject],
 ) -> list[ComparisonRow]:
     rows = []
     for one in passes:

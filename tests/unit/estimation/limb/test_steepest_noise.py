@@ -10,8 +10,9 @@ from scipy.special import ndtr
 
 from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
-from horizonval.estimation.limb.shape.cone import fit_cone, limb_directions, off_axis_angle, tangent_basis
+from horizonval.estimation.limb.shape.cone import fit_cone, limb_directions
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
+from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 SIZE = 128
 CAMERA = CameraModel(width=SIZE, height=SIZE, fx=111.0, fy=111.0, cx=63.5, cy=63.5)

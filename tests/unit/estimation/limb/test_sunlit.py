@@ -9,8 +9,9 @@ import pytest
 
 from horizonval.estimation.limb.model.bow import moves, unknown_sun_covariance
 from horizonval.estimation.limb.model.sunlit import blur_rad, sun_angles, sunlit_limb
-from horizonval.estimation.limb.shape.cone import fit_cone, limb_directions, off_axis_angle, tangent_basis
+from horizonval.estimation.limb.shape.cone import fit_cone, limb_directions
 from horizonval.geometry.camera import CameraModel
+from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 RADIUS_M = 6371008.8
 RHO = math.asin(RADIUS_M / (RADIUS_M + 500e3))

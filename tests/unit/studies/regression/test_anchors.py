@@ -11,8 +11,8 @@ import pytest
 
 import horizonval.earth.spectral.planck
 import horizonval.geometry.horizon
-import horizonval.renderer.kernel.radiance
-import horizonval.renderer.scene.emission
+import horizonval.renderer.rays.radiance
+import horizonval.renderer.rays.thermal_radiance
 import horizonval.sensor.observe
 from horizonval.estimation import registry
 from horizonval.studies.regression import anchors
@@ -51,10 +51,10 @@ def scaled(function, factor):
 @pytest.mark.parametrize(
     ("name", "module", "function", "factor"),
     [
-        ("furnace", horizonval.renderer.scene.emission, "thermal_radiance", 1 + 1e-5),
+        ("furnace", horizonval.renderer.rays.thermal_radiance, "thermal_radiance", 1 + 1e-5),
         ("planck", horizonval.earth.spectral.planck, "band_radiance", 1 + 1e-8),
         ("exact-limb", horizonval.geometry.horizon, "tangency_points", 1 + 1e-8),
-        ("single-scatter", horizonval.renderer.kernel.radiance, "radiance_along_rays", 1.003),
+        ("single-scatter", horizonval.renderer.rays.radiance, "radiance_along_rays", 1.003),
     ],
 )
 def test_anchor_fails_when_its_subject_is_wrong(monkeypatch, name, module, function, factor):

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.surface.surface import GroundModel
-from horizonval.renderer.kernel.radiance import check_observers, unit_directions, vectors
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.rays.radiance import check_observers, unit_directions
 from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
 from horizonval.renderer.thermal.emission_columns import AirColumns
 from horizonval.renderer.thermal.emission_ground import (
@@ -23,7 +23,7 @@ from horizonval.renderer.thermal.emission_ground import (
     temperatures_k,
 )
 from horizonval.renderer.thermal.emission_march import march_emission
-from horizonval.renderer.types import Vec
+from horizonval.renderer.types import Vec, vectors
 
 NODES = 256
 BATCH = 65536

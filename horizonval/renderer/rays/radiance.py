@@ -1,9 +1,8 @@
-"""Radiance along given rays: the integrator alone, without camera or film."""
+"""Radiance of every spectral node along given rays through layered air."""
 
 from __future__ import annotations
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
@@ -14,13 +13,12 @@ from horizonval.renderer.kernel.batching import RAY_TABLE, make_batches
 from horizonval.renderer.kernel.march import march
 from horizonval.renderer.kernel.node_batches import SolarNodes
 from horizonval.renderer.planet import Planet
+from horizonval.renderer.ray_path import SOLAR_CONCENTRATION, THERMAL_CONCENTRATION
 from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
-from horizonval.renderer.scattering.multiple_scattering import Quality
-from horizonval.renderer.types import Vec
+from horizonval.renderer.scattering.quality import Quality
+from horizonval.renderer.types import vectors
 
 RAY_NODES = 2048
-SOLAR_CONCENTRATION = 0.15
-THERMAL_CONCENTRATION = 0.5
 
 
 def radiance_along_rays(
@@ -96,12 +94,6 @@ def check_observers(observer_m: FloatArray, radius_m: float, polar_radius_m: flo
             f"ray {int(np.argmax(below)) + 1} starts below the ground",
             expected=f"observers at least {radius_m / 1e3:g} km from the centre",
         )
-
-
-def vectors(v: FloatArray) -> Vec:
-    """Return rows (n, 3) as three kernel arrays."""
-    x, y, z = (mi.Float64(np.ascontiguousarray(v[:, k])) for k in range(3))
-    return x, y, z
 
 
 def unit_directions(v: FloatArray, name: str) -> FloatArray:

@@ -1,0 +1,1 @@
+"""Radiance along given rays: the integrators alone, without camera or film."""

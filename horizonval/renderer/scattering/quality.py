@@ -1,0 +1,41 @@
+"""Resolution of the tables of light scattered more than once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from horizonval.earth.column import SpectralNode
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Resolution of the tables and of the quadratures behind them.
+
+    ``n_*``: heights, Sun angles; directions above and below the horizon, azimuths in half a turn and nodes on a ray;
+    ``first_*`` the same for the light scattered once, which has the shadow's edge and the aureole in it.
+    ``particle_degree``: up to which moments are kept where there are particles.
+    """
+
+    n_height: int
+    n_sun: int
+    n_up: int
+    n_down: int
+    n_azimuth: int
+    n_nodes: int
+    first_up: int
+    first_azimuth: int
+    first_nodes: int
+    particle_degree: int
+
+
+STANDARD = Quality(24, 128, 20, 4, 6, 24, 28, 10, 64, 8)
+"""For images. Molecules at 450 to 850 nm, against a table of far higher resolution: at most 0.06 % of the radiance with
+the Sun up, 0.3 % until it is 8 deg below the horizon, 0.8 % (850 nm: 3 %) until 18 deg."""
+
+FINE = Quality(32, 160, 24, 4, 8, 48, 32, 16, 96, 12)
+"""For single rays: 0.02 %, 0.3 % and 0.4 % (850 nm: 1.1 %)."""
+
+
+def degree_of(node: SpectralNode, quality: Quality) -> int:
+    """Return the degree of the moments a node needs."""
+    return quality.particle_degree if node.particle_per_m.any() else 2
