@@ -71,13 +71,13 @@ def estimate(
         if camera is not None:
             raise UserError("used with several images", where="camera", expected="our own images, which carry theirs")
         return registry.run_safely(method, observation_from_heads(_named(image), method))
-    made = None if camera is None else camera_of(camera)
+    camera_object = None if camera is None else camera_of(camera)
     observation = observation_from(
         _picture_of(image),
         method,
         _name(image),
-        None if made is None else made.spec,
-        "" if made is None else made.source,
+        None if camera_object is None else camera_object.spec,
+        "" if camera_object is None else camera_object.source,
     )
     return registry.run_safely(method, observation)
 

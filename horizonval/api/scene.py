@@ -123,13 +123,13 @@ class Scene:
         render: Mapping[str, Any] | None = None,
         **unknown: Never,
     ) -> None:
-        given = {key: value for key, value in locals().items() if key in FLAT or key in TABLES}
+        keywords = {key: value for key, value in locals().items() if key in FLAT or key in TABLES}
         if camera is None:
             raise UserError("missing", where="Scene: camera", expected="a camera, its file, or a shipped name")
-        made = camera_of(camera)
-        data = _tables({**given, **unknown})
-        data["camera"] = {"file": made.source, **data.get("camera", {})}
-        self._set(*_resolved(data, made))
+        camera_object = camera_of(camera)
+        data = _tables({**keywords, **unknown})
+        data["camera"] = {"file": camera_object.source, **data.get("camera", {})}
+        self._set(*_resolved(data, camera_object))
 
     def _set(self, spec: SceneSpec, camera: Camera) -> None:
         self.spec, self.camera = spec, camera

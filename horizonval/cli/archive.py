@@ -10,7 +10,7 @@ import typer
 
 from horizonval.cli.options import Json
 from horizonval.cli.printing import print_json, print_summary
-from horizonval.cli.selection import ALL, Which, selects
+from horizonval.cli.selection import ALL, EntryOptions, selects
 from horizonval.cli.work import resumable, watched
 from horizonval.core.errors import UserError
 
@@ -22,14 +22,14 @@ Kind = Annotated[str | None, typer.Option(help="frame or image.")]
 
 @archive_app.command("ls")
 @selects
-def archive_ls(folder: Archive, kind: Kind = None, which: Which = ALL, as_json: Json = False) -> None:
+def archive_ls(folder: Archive, kind: Kind = None, options: EntryOptions = ALL, as_json: Json = False) -> None:
     """List the frames and images of an archive, from its index, which catches up with the files first."""
     from dataclasses import asdict
 
     store = _store(folder)
-    wanted = which.filter(kind)
+    entry_filter = options.filter(kind)
     with watched("reading headers") as progress:
-        entries = store.index.select(wanted, progress)
+        entries = store.index.select(entry_filter, progress)
     if as_json:
         print_json([asdict(entry) for entry in entries])
         return
@@ -108,21 +108,21 @@ def archive_export(
     png: Annotated[bool, typer.Option("--png", help="PNG of 16 bits; unit, scale and truth in a JSON file.")] = False,
     address: Annotated[list[str] | None, typer.Option(help="Only this one, by its beginning; repeatable.")] = None,
     kind: Kind = None,
-    which: Which = ALL,
+    options: EntryOptions = ALL,
 ) -> None:
     """Frames and images as files of other programs."""
     from horizonval.store.export import export_file
 
     if not (fits or png):
         raise UserError("which format?", where="archive export", expected="--fits, --png or both")
-    wanted = which.filter(kind)
+    entry_filter = options.filter(kind)
     if not source.is_dir():
-        _refuse_filters(address, wanted)
+        _refuse_filters(address, entry_filter)
         paths = [source]
     else:
         store = _store(source)
-        chosen = {store.find(start) for start in address or ()}
-        entries = [e for e in store.index.select(wanted) if not chosen or e.address in chosen]
+        addresses = {store.find(start) for start in address or ()}
+        entries = [e for e in store.index.select(entry_filter) if not addresses or e.address in addresses]
         paths = [store.path(e.address) for e in entries if e.kind != "missing"]
     if not paths:
         raise UserError("nothing to export", where=str(source), fix="see `horizonval archive ls`")
@@ -154,21 +154,21 @@ def archive_gc(
             expected="the archive of a run",
         )
     with run_folder.locked():
-        found = garbage(run_folder)
-        what = f"{len(found.files)} file{'' if len(found.files) == 1 else 's'}, {found.size_bytes / 1e6:.2f} MB"
-        if not found.files:
-            print(f"nothing to remove, {found.kept} entries are in use")
+        rubbish = garbage(run_folder)
+        what = f"{len(rubbish.files)} file{'' if len(rubbish.files) == 1 else 's'}, {rubbish.size_bytes / 1e6:.2f} MB"
+        if not rubbish.files:
+            print(f"nothing to remove, {rubbish.kept} entries are in use")
             return 0
-        for path in found.files:
+        for path in rubbish.files:
             print(path.relative_to(store.root))
         if dry_run:
-            print(f"{what} would be removed, {found.kept} entries are in use")
+            print(f"{what} would be removed, {rubbish.kept} entries are in use")
             return 0
-        if not yes and not _agreed(f"remove {what}? {found.kept} entries are in use and stay [y/N] "):
+        if not yes and not _agreed(f"remove {what}? {rubbish.kept} entries are in use and stay [y/N] "):
             print("nothing was removed")
             return 0
-        remove(found, run_folder)
-        print(f"{what} removed, {found.kept} entries are in use")
+        remove(rubbish, run_folder)
+        print(f"{what} removed, {rubbish.kept} entries are in use")
     return 0
 
 
@@ -183,7 +183,7 @@ def archive_rescore(
     ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Estimates at a time; by default the processors.")] = None,
     time_limit: Annotated[float, typer.Option(min=0.1, metavar="S", help="Of one estimate.")] = 60.0,
-    which: Which = ALL,
+    options: EntryOptions = ALL,
     as_json: Json = False,
 ) -> int:
     """Estimate and score the archived images again, without rendering: results, summary and report in OUT.
@@ -195,13 +195,13 @@ def archive_rescore(
     from horizonval.jobs.execution import available_cpus
     from horizonval.suites.rescore import rescore
 
-    wanted = which.filter("image")
+    entry_filter = options.filter("image")
     with resumable("rescore", "cases") as progress:
         done = rescore(
             _store(folder),
             out,
             tuple(estimator or ()),
-            wanted,
+            entry_filter,
             workers or available_cpus(),
             Limits(time_s=time_limit),
             progress,
@@ -248,10 +248,10 @@ def _file(folder: Path, address: str | None) -> Path:
     return path
 
 
-def _refuse_filters(address: list[str] | None, wanted: Any) -> None:
+def _refuse_filters(address: list[str] | None, entry_filter: Any) -> None:
     """Refuse filters of an archive where one file is named."""
-    given = {"address": address, **vars(wanted)}
-    for name, value in given.items():
+    filters = {"address": address, **vars(entry_filter)}
+    for name, value in filters.items():
         if value:
             raise UserError("used with one file", where=f"--{name}", expected="an archive, or the folder of a run")
 

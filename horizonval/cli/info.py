@@ -15,16 +15,16 @@ def doctor(as_json: Json = False) -> int:
     """Say what works on this machine, and how to mend what does not. Exit status 1 if rendering is impossible."""
     from horizonval.commands.doctor import examine
 
-    found = examine()
+    examination = examine()
     if as_json:
-        print_json(found)
+        print_json(examination)
     else:
-        for label, text in found["facts"]:
+        for label, text in examination["facts"]:
             print(f"{label:24} {text}")
-        for problem, fix in found["problems"]:
+        for problem, fix in examination["problems"]:
             print(f"problem: {problem}\n    to mend it: {fix}")
-        print("ready" if found["can_render"] else "rendering is impossible here")
-    return 0 if found["can_render"] else 1
+        print("ready" if examination["can_render"] else "rendering is impossible here")
+    return 0 if examination["can_render"] else 1
 
 
 def list_names(

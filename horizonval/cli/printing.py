@@ -14,8 +14,8 @@ def print_json(data: object) -> None:
 def print_summary(summary: dict[str, Any]) -> None:
     """Print the table of a run: one line for every estimator and camera."""
     head = ("estimator", "camera", "frames", "available", "nadir rms", "median", "p95", "false valid")
-    drawn = any(g["nees_noise"]["n"] for g in summary["groups"])
-    rows = [(*head, "noise NEES / 2") if drawn else head]
+    several_draws = any(g["nees_noise"]["n"] for g in summary["groups"])
+    rows = [(*head, "noise NEES / 2") if several_draws else head]
     for g in summary["groups"]:
         error, available, false = g["nadir_error_arcsec"], g["availability"], g["false_valid"]
         rows.append(
@@ -26,7 +26,7 @@ def print_summary(summary: dict[str, Any]) -> None:
                 f"{available['n']}/{available['of']}",
                 *(_arcsec(error[key]) for key in ("rms", "median", "p95")),
                 f"{false['n']}/{false['of']}",
-                *([_noise_nees(g["nees_noise"])] if drawn else []),
+                *([_noise_nees(g["nees_noise"])] if several_draws else []),
             )
         )
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
@@ -43,10 +43,10 @@ def _arcsec(value: float | None) -> str:
     return "-" if value is None else f'{value:.1f}"'
 
 
-def _noise_nees(found: dict[str, Any]) -> str:
+def _noise_nees(nees: dict[str, Any]) -> str:
     """Return the mean per degree of freedom with its standard error, 1 if the claimed noise is honest."""
-    if not found["n"]:
+    if not nees["n"]:
         return "-"
-    error = found["standard_error"]
-    spread = "" if error is None else f" +- {error / found['expected']:.2f}"
-    return f"{found['mean'] / found['expected']:.2f}{spread} ({found['n']} frames)"
+    error = nees["standard_error"]
+    spread = "" if error is None else f" +- {error / nees['expected']:.2f}"
+    return f"{nees['mean'] / nees['expected']:.2f}{spread} ({nees['n']} frames)"

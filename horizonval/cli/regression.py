@@ -45,10 +45,10 @@ def regress(
 
     from horizonval.studies.regression.night import LANES, Wanted, run_night
 
-    lanes = tuple(one for one in LANES if lane is None or one in lane)
-    for one in lane or ():
-        if one not in LANES:
-            raise UserError(f"found {one!r}", where="--lane", expected=" or ".join(LANES))
+    lanes = tuple(name for name in LANES if lane is None or name in lane)
+    for name in lane or ():
+        if name not in LANES:
+            raise UserError(f"found {name!r}", where="--lane", expected=" or ".join(LANES))
     label = night or datetime.now(UTC).date().isoformat()
     file = baseline or BASELINES / f"{Path(suite).stem}.json"
     with resumable(f"night {label}", "units", kept="units") as progress:

@@ -43,20 +43,20 @@ def render(
         if spp is not None or reference_size is not None:
             raise UserError("used without --reference", where="--spp" if spp is not None else "--reference-size")
         scenes = hv.Scene.each_head(scene, head)
-        names = [one.spec.camera.head for one in scenes]
+        names = [single.spec.camera.head for single in scenes]
         targets = [out] if len(scenes) == 1 else [out.with_name(f"{out.stem}.{name}{out.suffix}") for name in names]
         for target in targets:
             check_target(target)
-        for one, target in zip(scenes, targets, strict=True):
+        for single, target in zip(scenes, targets, strict=True):
             start = time.perf_counter()
-            _write_frame(target, hv.render(one), start)
+            _write_frame(target, hv.render(single), start)
         return
-    chosen = hv.Scene.from_file(scene, head)
+    source = hv.Scene.from_file(scene, head)
     check_target(out)
     size = None if reference_size is None else _size(reference_size, "--reference-size")
     start = time.perf_counter()
     try:
-        frame = hv.render_reference(chosen, samples=spp, size=size)
+        frame = hv.render_reference(source, samples=spp, size=size)
     except UserError as e:
         if e.where != "size":
             raise
@@ -80,11 +80,11 @@ def mitsuba(
     """
     import horizonval as hv
 
-    chosen = hv.Scene.from_file(scene, head)
+    source = hv.Scene.from_file(scene, head)
     check_folder(out)
     from horizonval.renderer.reference.export import export_scene
 
-    for path in export_scene(chosen.spec, chosen.camera.spec, out):
+    for path in export_scene(source.spec, source.camera.spec, out):
         print(f"{path}: {path.stat().st_size / 1e3:.1f} kB")
 
 

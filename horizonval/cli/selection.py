@@ -1,7 +1,7 @@
 """Options that choose entries of an archive, the same for every command that takes some of them.
 
-The parser knows single options only. A command that has an argument ``which`` of type :class:`Which` and is decorated
-with :func:`selects` gets one option for every field, in that argument's place.
+The parser knows single options only. A command that has an argument ``options`` of type :class:`EntryOptions` and is
+decorated with :func:`selects` gets one option for every field, in that argument's place.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Which:
+class EntryOptions:
     """Entries of an archive by what their headers say; what is None does not matter."""
 
     scene: Annotated[str | None, typer.Option("--scene", help="Name of the scene; `*` and `?` stand for others.")] = (
@@ -43,23 +43,27 @@ class Which:
         return Filter(kind, *astuple(self))
 
 
-ALL = Which()
+ALL = EntryOptions()
 
 
 def selects(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the fields of :class:`Which` as options, in the place of its argument ``which``."""
-    hints = get_type_hints(Which, include_extras=True)
-    options = [
+    """Give a command the fields of :class:`EntryOptions` as options, in the place of its argument ``options``."""
+    hints = get_type_hints(EntryOptions, include_extras=True)
+    choices = [
         Parameter(field.name, Parameter.POSITIONAL_OR_KEYWORD, default=field.default, annotation=hints[field.name])
-        for field in fields(Which)
+        for field in fields(EntryOptions)
     ]
-    own = signature(command, eval_str=True)
-    flat = [one for own_one in own.parameters.values() for one in (options if own_one.name == "which" else [own_one])]
+    command_signature = signature(command, eval_str=True)
+    parameters = [
+        parameter
+        for own_parameter in command_signature.parameters.values()
+        for parameter in (choices if own_parameter.name == "options" else [own_parameter])
+    ]
 
     @wraps(command)
     def call(**values: Any) -> Any:
-        return command(which=Which(**{option.name: values.pop(option.name) for option in options}), **values)
+        return command(options=EntryOptions(**{option.name: values.pop(option.name) for option in choices}), **values)
 
-    call.__signature__ = own.replace(parameters=flat)  # type: ignore[attr-defined]
-    call.__annotations__ = {one.name: one.annotation for one in flat}
+    call.__signature__ = command_signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    call.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return call

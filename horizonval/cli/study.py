@@ -93,14 +93,14 @@ def _ask_study(
 
     data = open_study(folder)
     changes = {"error_deg": error_deg, "availability": availability}
-    wanted = {key: value for key, value in changes.items() if value is not None}
-    requirement = data.plan.requirement.model_copy(update=wanted)
+    given = {key: value for key, value in changes.items() if value is not None}
+    requirement = data.plan.requirement.model_copy(update=given)
     if compare is not None:
-        found = data.compare(*compare, requirement.error_deg)
+        comparison = data.compare(*compare, requirement.error_deg)
         if as_json:
-            print_json(found)
+            print_json(comparison)
         else:
-            print("\n".join(comparison_lines(found)))
+            print("\n".join(comparison_lines(comparison)))
         return 0
     answer = ask(data, conclude_again(folder), requirement)
     if as_json:

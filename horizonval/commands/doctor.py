@@ -61,8 +61,8 @@ def examine() -> dict[str, Any]:
 
 def _gpu() -> str:
     driver = Path("/proc/driver/nvidia/gpus")
-    found = sorted(driver.glob("*/information")) if driver.is_dir() else []
-    for path in found:
+    files = sorted(driver.glob("*/information")) if driver.is_dir() else []
+    for path in files:
         for line in path.read_text().splitlines():
             if line.startswith("Model:"):
                 return line.removeprefix("Model:").strip()

@@ -98,9 +98,9 @@ def observation_from_heads(pictures: Mapping[str, GreyImage], estimator: Estimat
         if head in sources:
             raise UserError(f"a second image of the head {head!r}", where=where, expected="one image for each head")
         angles = (source.truth.roll_rad, source.truth.pitch_rad, source.truth.yaw_rad)
-        own = (source.truth.camera, source.truth.r_itrs, source.truth.epoch_utc, angles)
-        housing = own if housing is None else housing
-        if own != housing:
+        identity = (source.truth.camera, source.truth.r_itrs, source.truth.epoch_utc, angles)
+        housing = identity if housing is None else housing
+        if identity != housing:
             raise UserError(
                 "another camera, place, time or attitude than the first image's",
                 where=where,
@@ -158,18 +158,18 @@ def observation_from(
         )
     intrinsics = camera_from_spec(camera.camera)
     check_invertible(intrinsics, where=camera_file)
-    own = None if picture.source is None else observation_of(picture.source, estimator)
+    recorded = None if picture.source is None else observation_of(picture.source, estimator)
     prior = camera.platform.altitude_km
     return Observation(
         image=picture.grey,
         camera=intrinsics,
-        q_cam_from_body=np.array([0.0, 0.0, 0.0, 1.0]) if own is None else own.q_cam_from_body,
+        q_cam_from_body=np.array([0.0, 0.0, 0.0, 1.0]) if recorded is None else recorded.q_cam_from_body,
         full_scale=_full_scale(picture, camera),
         altitude_m=None if prior is None else prior * 1e3,
-        earth_radius_m=Observation.earth_radius_m if own is None else own.earth_radius_m,
-        flattening=Observation.flattening if own is None else own.flattening,
-        band_kind=_band_kind(camera) if own is None else own.band_kind,
-        oracle=None if own is None else own.oracle,
+        earth_radius_m=Observation.earth_radius_m if recorded is None else recorded.earth_radius_m,
+        flattening=Observation.flattening if recorded is None else recorded.flattening,
+        band_kind=_band_kind(camera) if recorded is None else recorded.band_kind,
+        oracle=None if recorded is None else recorded.oracle,
     )
 
 

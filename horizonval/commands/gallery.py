@@ -47,12 +47,12 @@ def make_gallery(folder: Path, names: Sequence[str], progress: Progress) -> Path
     for name in names:
         if name not in known:
             raise UserError(f"no scene {name!r}", where="SCENE", expected=", ".join(nearest(name, known)))
-    chosen = list(names) or known
+    shown = list(names) or known
     halls: dict[str, list[Exhibit]] = {"visible": [], "infrared": []}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        progress.start(len(chosen), 0, unit="scenes")
-        for name in chosen:
+        progress.start(len(shown), 0, unit="scenes")
+        for name in shown:
             for hall, exhibit in _exhibits(name):
                 halls[hall].append(exhibit)
                 atomic.write_bytes(folder / f"{exhibit.name}.png", exhibit.png)

@@ -66,16 +66,16 @@ def plans(
         raise UserError(f"{count} images", where="--seed", expected=f"at most {MOST_IMAGES} in one command")
     several = {"band": len(chosen_bands) > 1, "exposure": len(chosen_exposures) > 1, "seed": len(chosen_seeds) > 1}
     pattern = _pattern(out, [name for name in FIELDS if several[name]], count)
-    found = [
+    images = [
         ImagePlan(Path(_filled(pattern, camera, band, exposure, seed)), seed, exposure, band)
         for band, exposure, seed in itertools.product(chosen_bands, chosen_exposures, chosen_seeds)
     ]
-    taken: set[Path] = set()
-    for plan in found:
-        if plan.path in taken:
+    paths: set[Path] = set()
+    for plan in images:
+        if plan.path in paths:
             raise UserError(f"two images would be called {str(plan.path)!r}", where="--out")
-        taken.add(plan.path)
-    return found
+        paths.add(plan.path)
+    return images
 
 
 def _split(texts: Sequence[str]) -> list[str]:
@@ -83,7 +83,7 @@ def _split(texts: Sequence[str]) -> list[str]:
 
 
 def _seeds(texts: Sequence[str]) -> list[int]:
-    found: dict[int, None] = {}
+    seeds: dict[int, None] = {}
     for part in _split(texts):
         match = re.fullmatch(r"(\d{1,9})(?:-(\d{1,9}))?", part)
         first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
@@ -91,12 +91,12 @@ def _seeds(texts: Sequence[str]) -> list[int]:
             raise UserError(f"found {part!r}", where="--seed", expected="numbers from 0 up, or ranges such as 0-9")
         if last - first >= MOST_IMAGES:
             raise UserError(f"{part} are too many", where="--seed", expected=f"at most {MOST_IMAGES} in one command")
-        found |= dict.fromkeys(range(first, last + 1))
-    return list(found)
+        seeds |= dict.fromkeys(range(first, last + 1))
+    return list(seeds)
 
 
 def _exposures(texts: Sequence[str], camera: CameraSpec) -> list[float]:
-    found: dict[float, None] = {}
+    exposures: dict[float, None] = {}
     for part in _split(texts):
         try:
             seconds = float(part)
@@ -108,11 +108,11 @@ def _exposures(texts: Sequence[str], camera: CameraSpec) -> list[float]:
                 where="--exposure",
                 expected=f"seconds above 0 and of at most {LONGEST_EXPOSURE_S:g}, such as 1e-3",
             )
-        found[seconds] = None
-    if found and not isinstance(camera.detector, Cmos):
+        exposures[seconds] = None
+    if exposures and not isinstance(camera.detector, Cmos):
         kind = "no detector" if camera.detector is None else f"a detector of kind {camera.detector.kind!r}"
         raise UserError(f"the camera has {kind}, which has no exposure", where="--exposure", fix="leave it out")
-    return list(found)
+    return list(exposures)
 
 
 def _pattern(out: str, differ: Sequence[str], count: int) -> str:

@@ -35,12 +35,20 @@ class Group:
     estimators : int
         How many run on each image.
     needs : {"image", "pose", "heads"}
+    most : int or None
+        Look at no more of them.
     """
 
     subject: str
     cases: tuple[Case, ...]
     estimators: int = 1
     needs: Needs = "image"
+    most: int | None = None
+
+    @property
+    def count(self) -> int:
+        """Frames to be looked at if there is time."""
+        return len(self.cases) if self.most is None else min(len(self.cases), self.most)
 
 
 @dataclass

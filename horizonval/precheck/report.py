@@ -6,6 +6,7 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from horizonval.jobs.pool import available_cpus
 from horizonval.precheck.cost import Cost
 from horizonval.precheck.findings import Finding, Kind, Level
 from horizonval.precheck.text import cost_lines, counted, merged_lines
@@ -62,8 +63,10 @@ class Report:
             lines.append(f"  looked at {self.examined} of {self.frames} frames, evenly chosen")
         lines += merged_lines(self.findings, self.kind)
         if self.cost is not None:
-            lines += cost_lines(self.cost)
-        return "\n".join([*lines, "nothing wrong" if self.ok else counted(self.warnings)])
+            lines += cost_lines(self.cost, available_cpus())
+        count = counted(self.findings)
+        verdict = count if not self.ok else f"nothing wrong, {count}" if count else "nothing wrong"
+        return "\n".join([*lines, verdict])
 
     def summary_lines(self) -> list[str]:
         """Return errors and warnings in few lines, for what goes on after them."""

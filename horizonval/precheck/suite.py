@@ -58,7 +58,7 @@ def check_groups(
         except UserError as e:
             return Report(kind, name, (cannot_run(e),), facts, 0, len(suite.cases))
     watcher, looks = Watcher(), []
-    for group, count in zip(groups, sample_sizes([len(group.cases) for group in groups], most), strict=True):
+    for group, count in zip(groups, sample_sizes([group.count for group in groups], most), strict=True):
         look = watcher.look(group, count, infrared=infrared, cost=mistakes)
         looks.append(look)
         findings += look.errors[:1]

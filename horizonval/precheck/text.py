@@ -75,17 +75,19 @@ def group_line(views: Sequence[LimbView], frames: int) -> str:
     return ", ".join(parts) + (" (medians)" if len(parts) > 1 and len(views) > 1 else "")
 
 
-def cost_lines(cost: Cost) -> list[str]:
-    """Return what a run takes, a line or two."""
+def cost_lines(cost: Cost, processors: int) -> list[str]:
+    """Return what a run takes, a line or two; ``processors`` share the work."""
     frames = f"{cost.frames} frame{'s' if cost.frames != 1 else ''}"
     lines = [
-        f"cost: {frames}, about {seconds(cost.processor_s)} of processor time (to a factor of three), "
+        f"cost: {frames}, about {seconds(cost.processor_s / processors)} on {processors} processors "
+        f"(to a factor of three), "
         f"{size(cost.memory_mb)} a process, {size(cost.disk_mb)} on disk"
     ]
     if cost.tables:
+        time = seconds(cost.tables_s / processors)
         lines.append(
-            f"      and up to {seconds(cost.tables_s)} for {cost.tables} tables of multiple scattering that no earlier "
-            "run has left in the cache"
+            f"      and up to {time} for {cost.tables} tables of multiple scattering that no earlier run has left in "
+            "the cache"
         )
     return lines
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.types import Real, Values
+from horizonval.renderer.types import Real, Values, Vec
 
 TAU_FLOOR = 1e-12
 
@@ -52,6 +52,12 @@ def table_of(scalar: type[Real], values: NDArray[np.floating]) -> Real:
     return scalar(aligned)
 
 
+def vectors(v: FloatArray) -> Vec:
+    """Return rows (n, 3) as three kernel arrays."""
+    x, y, z = (table_of(mi.Float64, v[:, k]) for k in range(3))
+    return x, y, z
+
+
 def packet_type(scalar: type[Real]) -> Any:
     """Return the type of four neighbouring Float32 or Float64 values."""
     module = dr.cuda if dr.backend_v(scalar) == dr.JitBackend.CUDA else dr.llvm
@@ -71,7 +77,9 @@ class AltitudeGrid:
         """Build from rising altitudes [m]."""
         steps = np.diff(altitude_m)
         uniform = bool(np.all(np.abs(steps - steps[0]) <= 1e-9 * altitude_m[-1]))
-        return cls(mi.Float64(altitude_m), len(altitude_m), float(altitude_m[-1]) / len(steps) if uniform else None)
+        return cls(
+            table_of(mi.Float64, altitude_m), len(altitude_m), float(altitude_m[-1]) / len(steps) if uniform else None
+        )
 
     def locate(self, height_m: mi.Float64) -> tuple[mi.UInt32, mi.Float64, mi.Bool]:
         """Return ``(i, w, inside)``: lower node, weight of the upper one, and whether the height is at most the top.

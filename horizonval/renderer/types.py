@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from horizonval.core.arrays import FloatArray
 
@@ -47,12 +46,6 @@ def indices_where(condition: mi.Bool) -> mi.UInt32:
 def constant_vector(values: Iterable[float]) -> Vec:
     """Return three components as :func:`constant`."""
     x, y, z = (constant(v) for v in values)
-    return x, y, z
-
-
-def vectors(v: FloatArray) -> Vec:
-    """Return rows (n, 3) as three kernel arrays."""
-    x, y, z = (mi.Float64(np.ascontiguousarray(v[:, k])) for k in range(3))
     return x, y, z
 
 

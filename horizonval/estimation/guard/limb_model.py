@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.earth.limb_heights import systematic_covariance
+from horizonval.earth.limb_relief import Relief
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.limb.model.height_perturbation import cone_perturbation, unknown_sun_covariance
-from horizonval.estimation.limb.model.relief import Relief
 from horizonval.estimation.limb.model.steepest import SIGMA_PX
 from horizonval.estimation.limb.model.sunlit import blur_rad
-from horizonval.estimation.limb.model.systematic import systematic_covariance
 from horizonval.estimation.limb.model.trusted import SMOOTHED_RAD, smoothed
 from horizonval.estimation.limb.shape.cone import SLOW_PX, slow_error
 from horizonval.estimation.observation import Observation

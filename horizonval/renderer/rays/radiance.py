@@ -16,7 +16,7 @@ from horizonval.renderer.planet import Planet
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION, THERMAL_CONCENTRATION
 from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
 from horizonval.renderer.scattering.quality import Quality
-from horizonval.renderer.types import vectors
+from horizonval.renderer.tables import vectors
 
 RAY_NODES = 2048
 

@@ -14,6 +14,7 @@ from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.rays.radiance import check_observers, unit_directions
 from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
+from horizonval.renderer.tables import vectors
 from horizonval.renderer.thermal.emission_columns import AirColumns
 from horizonval.renderer.thermal.emission_ground import (
     GroundSource,
@@ -23,7 +24,7 @@ from horizonval.renderer.thermal.emission_ground import (
     temperatures_k,
 )
 from horizonval.renderer.thermal.emission_march import march_emission
-from horizonval.renderer.types import Vec, vectors
+from horizonval.renderer.types import Vec
 
 NODES = 256
 BATCH = 65536

@@ -19,7 +19,7 @@ from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION, find_path, warp
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.refraction.bent_ray import RefractedSunTable
-from horizonval.renderer.tables import AltitudeGrid, SunTable, interpolate
+from horizonval.renderer.tables import AltitudeGrid, SunTable, interpolate, table_of
 from horizonval.renderer.types import Vec
 
 BENDING_NODES = 128
@@ -38,7 +38,7 @@ class BendingField:
     def of(cls, air: ApparentRadiusAir) -> BendingField:
         """Build from air in apparent-radius coordinates."""
         grid = AltitudeGrid.of(air.model.altitude_m)
-        return cls(air.planet, air.model.top_m, grid, mi.Float64(np.ascontiguousarray(air.bending_per_m)))
+        return cls(air.planet, air.model.top_m, grid, table_of(mi.Float64, air.bending_per_m))
 
     def up(self, o: Vec, d: Vec) -> Vec:
         """Return the unit vector across a ray in its vertical plane."""
@@ -124,6 +124,6 @@ def refracted_sun_table(
         spreading[row] = scale * slope * np.append(slope[:1], x_local[1:] / x[1:])
     cosine_true = lowest + (1.0 - lowest) * x**2
     values = np.stack([local - cosine_true, spreading], axis=-1)
-    grazing_bending = mi.Float64(np.ascontiguousarray(angle[:, 0]))
-    table = RefractedSunTable(grazing_bending, mi.Float64(values.ravel()), n_height, n_mu, radius, field.top_m)
+    grazing_bending = table_of(mi.Float64, angle[:, 0])
+    table = RefractedSunTable(grazing_bending, table_of(mi.Float64, values), n_height, n_mu, radius, field.top_m)
     return table, height, np.clip(local, lowest_local, 1.0)

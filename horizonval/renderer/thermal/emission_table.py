@@ -30,10 +30,11 @@ from horizonval.earth.surface.ground_emission import GroundEmission
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.planet import Planet, dot
 from horizonval.renderer.spline_table import Azimuths, SplineTable, StationTable
+from horizonval.renderer.tables import vectors
 from horizonval.renderer.thermal.emission_columns import AirColumns, ColumnBatch
 from horizonval.renderer.thermal.emission_ground import GroundSource, kinds_of, mirrored, temperature_range_k
 from horizonval.renderer.thermal.emission_march import Stations, march_emission
-from horizonval.renderer.types import Number, Vec, vectors
+from horizonval.renderer.types import Number, Vec
 
 TEMPERATURE_ERROR = 2e-5
 STATIONS, STATION_STEPS = 80, 1

@@ -65,7 +65,7 @@ def test_tables_say_what_the_march_says(table: dict[str, Any], altitude_m: float
     Rays at random, a quarter of them within 2 km of the hard limb and as many about 16 km, where the absorption bends.
     """
     from horizonval.renderer.rays.thermal_radiance import thermal_radiance
-    from horizonval.renderer.types import vectors
+    from horizonval.renderer.tables import vectors
 
     air = optical_model(scene(**table), camera(spectrum))
     latitude = np.radians(20.0)
@@ -225,10 +225,10 @@ def test_what_a_cloud_top_reads_is_what_the_march_wrote(spectrum: dict[str, Any]
     from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.spline_table import Azimuths
+    from horizonval.renderer.tables import vectors
     from horizonval.renderer.thermal import emission_table
     from horizonval.renderer.thermal.emission_columns import AirColumns
     from horizonval.renderer.thermal.emission_table import ThermalAir, make_tables
-    from horizonval.renderer.types import vectors
 
     air = optical_model(scene(**VARYING), camera(spectrum))
     assert air.emission is not None

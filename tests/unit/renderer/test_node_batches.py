@@ -17,7 +17,7 @@ from horizonval.renderer.kernel.march import march, optical_depth  # noqa: E402
 from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, Place, SolarNodes, ThermalNodes  # noqa: E402
 from horizonval.renderer.planet import Planet  # noqa: E402
 from horizonval.renderer.scene.frame import render_frame  # noqa: E402
-from horizonval.renderer.tables import AltitudeGrid, SunTable, table_of  # noqa: E402
+from horizonval.renderer.tables import AltitudeGrid, SunTable, table_of, vectors  # noqa: E402
 from horizonval.renderer.types import constant  # noqa: E402
 from horizonval.spec.scene import SceneSpec  # noqa: E402
 from horizonval.spec.sensor.camera import CameraSpec  # noqa: E402
@@ -110,3 +110,16 @@ def test_a_second_scene_compiles_no_march() -> None:
     large = [kernel for kernel in history if kernel["size"] > 150]
     assert len(large) > 8
     assert not [kernel for kernel in large if not kernel["cache_hit"]]
+
+
+def test_kernels_do_not_depend_on_where_numpy_puts_an_array() -> None:
+    """Dr.Jit reads NumPy's memory in place, and makes a kernel for every alignment; rows are copied to one."""
+    room = np.zeros(3 * 64 + 8)
+    hashes = set()
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        for first in range(8):
+            dr.kernel_history_clear()
+            x, y, z = vectors(room[first : first + 3 * 64].reshape(64, 3))
+            dr.eval(x * y + z)
+            hashes |= {kernel["hash"] for kernel in dr.kernel_history([dr.KernelType.JIT])}
+    assert len(hashes) == 1

@@ -15,12 +15,12 @@ from pydantic import ValidationError
 import horizonval.systems
 from horizonval.core.code import digest_below
 from horizonval.systems.published import PrintedTable, Published, published
+from horizonval.systems.result import ComparisonRow
 from horizonval.systems.systems import SYSTEMS
-from horizonval.systems.text import page_text
+from horizonval.systems.text import PageText, page_text
 
 HERE = Path(horizonval.systems.__file__).parent
 PAGES = Path(__file__).parents[3] / "results" / "published"
-WRITTEN = [system for system in SYSTEMS if (HERE / system.lower() / "page" / "text.toml").is_file()]
 LABEL_WORDS = 12
 """A string of more words than this is a sentence."""
 
@@ -31,7 +31,7 @@ def _pattern(template: str) -> re.Pattern[str]:
     return re.compile("".join(re.escape(text) + ("" if field is None else "[^\n]*") for text, field, _, _ in parts))
 
 
-@pytest.mark.parametrize("system", WRITTEN)
+@pytest.mark.parametrize("system", SYSTEMS)
 def test_committed_rows_say_what_the_texts_say(system: str) -> None:
     texts = [[_pattern(part) for part in (t.name, t.unit, t.why)] for t in page_text(system).rows.values()]
     keys = ("name", "unit", "why")
@@ -40,7 +40,7 @@ def test_committed_rows_say_what_the_texts_say(system: str) -> None:
         assert any(all(p.fullmatch(row[k]) for p, k in zip(text, keys, strict=True)) for text in texts), row["name"]
 
 
-@pytest.mark.parametrize("system", WRITTEN)
+@pytest.mark.parametrize("system", SYSTEMS)
 def test_committed_pages_show_every_caption(system: str) -> None:
     page = (PAGES / f"{system}.md").read_text()
     text = page_text(system)
@@ -50,10 +50,19 @@ def test_committed_pages_show_every_caption(system: str) -> None:
         assert _pattern(caption).search(page), caption
 
 
+def test_a_row_is_made_of_its_text_and_the_numbers_of_the_run() -> None:
+    texts = {"rms": {"name": "rms at {px} px", "unit": "deg", "why": "Of {n} frames: {ratio:.0%}."}}
+    text = PageText.model_validate({"system": "A", "title": "a method", "rows": texts})
+    row = text.row("rms", 0.25, "small", limit=1.0, px=50, n=3, ratio=0.5)
+    assert row == ComparisonRow("rms at 50 px", "small", 0.25, "deg", "Of 3 frames: 50%.", limit=1.0)
+    with pytest.raises(KeyError, match="n"):
+        text.row("rms", 0.25, px=50)
+
+
 def test_python_holds_no_sentence() -> None:
     """Docstrings apart: what people read on the pages stands in the systems' text files."""
     sentences = []
-    for system in WRITTEN:
+    for system in SYSTEMS:
         for path in (HERE / system.lower()).rglob("*.py"):
             tree = ast.parse(path.read_text(encoding="utf-8"))
             docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
@@ -70,7 +79,7 @@ def test_python_holds_no_sentence() -> None:
     assert not sentences
 
 
-@pytest.mark.parametrize("system", WRITTEN)
+@pytest.mark.parametrize("system", SYSTEMS)
 def test_printed_figures_say_where_they_stand(system: str) -> None:
     source = published(system)
     assert source.figures or source.tables

@@ -29,7 +29,6 @@ def _result(measured: float = 0.03) -> Reproduction:
         system="B",
         title="a method",
         source="Somebody 2001",
-        summary={"text": "What was done."},
         rows=(
             ComparisonRow("rms", 0.038, measured, "deg", "alike", limit=0.038),
             ComparisonRow("entry | one", 1.0, 1.05, "deg", "quantised", limit=0.0708, against=1.0),

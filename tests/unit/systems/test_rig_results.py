@@ -56,8 +56,8 @@ def test_independent_imperfections_add_up_and_their_shares_make_the_whole():
 
 
 def test_rows_have_names_of_their_own_and_bars_that_can_be_missed():
-    kept = {row.name: row.holds for row in experiment.rows(results(SIZES))}
-    missed = {row.name: row.holds for row in experiment.rows(results([3.0 * size for size in SIZES]))}
+    kept = {row.name: row.holds for row in experiment.rig_rows(results(SIZES))}
+    missed = {row.name: row.holds for row in experiment.rig_rows(results([3.0 * size for size in SIZES]))}
     assert len(kept) == 7
     assert [v for v in kept.values() if v is not None] == [True] * 4
     assert next(iter(missed.values())) is False

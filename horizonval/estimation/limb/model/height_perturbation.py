@@ -1,6 +1,6 @@
 r"""What a limb of uneven height does to a fitted cone: the move of the nadir for known heights, covariance for unknown.
 
-As in :mod:`horizonval.estimation.limb.model.systematic`: a limb that stands ``h`` above the sphere is seen ``delta = h
+As in :mod:`horizonval.earth.limb_heights`: a limb that stands ``h`` above the sphere is seen ``delta = h
 tan(rho) / R`` outside of it, and the fitted cone moves by the least-squares answer to ``t(phi) . dn + drho =
 delta(phi)``.
 """

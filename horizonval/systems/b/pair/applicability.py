@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.systems.b.pair.frames import answered, attitude, pair, scene, view
+from horizonval.systems.published import published
 from horizonval.systems.task_cache import TaskCache
 
-REGION_DEG = 20.0
+PUBLISHED = published("B")
+REGION_DEG = PUBLISHED.number("region")
 """Half the side of the published region."""
-LIMIT_DEG = 1.0
+LIMIT_DEG = PUBLISHED.number("region_error")
 STEP_DEG = 10.0
 LARGEST_DEG = 40.0
 OVERHEAD = {"zenith_deg": 0.0, "azimuth_deg": 0.0}

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from horizonval.systems.b.pair.applicability import LIMIT_DEG, rms
+from horizonval.systems.b.pair.applicability import LIMIT_DEG, PUBLISHED, rms
 from horizonval.systems.b.pair.orbit import INFRARED, LINEAR, VISIBLE, Lap, errors_deg
 from horizonval.systems.result import ComparisonRow, Table
+from horizonval.systems.text import page_text
+
+TEXT = page_text("B")
 
 
 def in_shadow(orbit: Lap) -> np.ndarray:
@@ -22,63 +25,48 @@ def orbit_rows(orbit: Lap) -> list[ComparisonRow]:
     linear = errors_deg(orbit.by_sensor[LINEAR])
     asked = errors_deg(orbit.by_sensor[VISIBLE], by_search=True)
     both = np.isfinite(asked) & np.isfinite(infrared)
+    claims = {key: figure.value for key, figure in PUBLISHED.figures.items()}
     return [
-        ComparisonRow(
-            "shadowed segment: share of positions without a solution",
-            "no solution",
+        TEXT.row(
+            "shadow",
             float(np.mean(np.isnan(visible[dark]))),
-            "",
-            f"{int(dark.sum())} of {len(dark)} positions lie in the shadow; no edge is long enough in their frames.",
+            claims["shadow"],
             limit=1.0,
             at_least=True,
+            dark=int(dark.sum()),
+            positions=len(dark),
         ),
-        ComparisonRow(
-            "lit segment: share of claims wrong by more than 1 deg, longest edge",
-            None,
-            _wrong(visible[~dark]),
-            "",
-            f"The longest edge is the horizon's only where all of it is lit: {_share(asked[~dark]):.0%} of these "
-            f"positions pass a search that asks, {_wrong(asked[~dark]):.0%} of those wrongly.",
-        ),
-        ComparisonRow(
-            "visible pair: RMS on the orbit, horizons from the search that asks",
-            "comparable with infrared",
+        TEXT.row("lit", _wrong(visible[~dark]), answered=_share(asked[~dark]), wrong=_wrong(asked[~dark])),
+        TEXT.row(
+            "visible",
             rms(asked),
-            "deg",
-            f"{int(np.isfinite(asked).sum())} of {len(asked)} positions answered; in the same ones the infrared pair "
-            f"has {rms(infrared[both]):.3f} deg.",
+            claims["infrared"],
+            answered=int(np.isfinite(asked).sum()),
+            positions=len(asked),
+            infrared=rms(infrared[both]),
         ),
-        ComparisonRow(
-            "infrared pair of the same field and pixels: RMS on the orbit",
-            None,
-            rms(infrared),
-            "deg",
-            f"{_share(infrared):.0%} of the positions answered, the shadow included; the same method on the limb of "
-            "carbon dioxide.",
-        ),
-        ComparisonRow(
-            "four linear infrared heads: RMS on the orbit",
-            None,
-            rms(linear),
-            "deg",
-            f"{_share(linear):.0%} of the positions answered; the cone through four sub-pixel crossings.",
-        ),
+        TEXT.row("infrared", rms(infrared), answered=_share(infrared)),
+        TEXT.row("linear", rms(linear), answered=_share(linear)),
     ]
 
 
-def verdict(orbit: Lap) -> str:
-    """Return a sentence on the claim that the visible vertical is as accurate as an infrared one."""
+def verdict(orbit: Lap) -> dict[str, float]:
+    """Return what decides the claim that the visible vertical is as accurate as an infrared one.
+
+    ``comparable``: whether the visible pair's rms, with the search that asks, is within twice that of the infrared one.
+    """
     asked = errors_deg(orbit.by_sensor[VISIBLE], by_search=True)
-    bare = errors_deg(orbit.by_sensor[VISIBLE])
+    longest_edge = errors_deg(orbit.by_sensor[VISIBLE])
     infrared = errors_deg(orbit.by_sensor[INFRARED])
-    ratio = rms(asked) / rms(infrared)
-    word = "holds" if ratio <= 2.0 else "does not hold"
-    return (
-        f"The claim of an accuracy comparable with infrared {word} where the limb is lit and searched for with care "
-        f"({rms(asked):.2f} against {rms(infrared):.2f} deg rms), but the visible pair answers {_share(asked):.0%} of "
-        f"an orbit, the infrared one {_share(infrared):.0%}; as published, with the longest edge, the visible pair "
-        f"claims {_share(bare):.0%}, {_wrong(bare):.0%} of that wrong by more than a degree."
-    )
+    return {
+        "comparable": rms(asked) / rms(infrared) <= 2.0,
+        "visible_deg": rms(asked),
+        "infrared_deg": rms(infrared),
+        "answered": _share(asked),
+        "infrared_answered": _share(infrared),
+        "claimed": _share(longest_edge),
+        "wrong": _wrong(longest_edge),
+    }
 
 
 def orbit_table(orbit: Lap) -> Table:
@@ -101,13 +89,7 @@ def orbit_table(orbit: Lap) -> Table:
                     _wrong(error),
                 )
             )
-    return Table(
-        "One orbit, in and out of the shadow",
-        ("sensor", "answered, lit", "answered, shadow", "median [deg]", "rms [deg]", "share of claims above 1 deg"),
-        tuple(lines),
-        f"{len(dark)} positions, roll and pitch within 4 deg, any yaw, WGS84, against the geocentric nadir, without "
-        "correction for the ellipsoid.",
-    )
+    return TEXT.table("orbit", lines, positions=len(dark))
 
 
 def _share(error: np.ndarray) -> float:

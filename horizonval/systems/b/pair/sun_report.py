@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from horizonval.core.json_types import JsonObject
-from horizonval.systems.b.pair.applicability import LIMIT_DEG
+from horizonval.systems.b.pair.applicability import LIMIT_DEG, PUBLISHED
 from horizonval.systems.b.pair.sun import GOOD, HAZY, HIGHEST_IN_FRAME_DEG, LIMB_ZENITH_DEG
 from horizonval.systems.result import ComparisonRow, Table
+from horizonval.systems.text import page_text
+
+TEXT = page_text("B")
 
 
 def sun_rows(found: dict[str, dict[float, JsonObject]]) -> list[ComparisonRow]:
@@ -19,26 +22,27 @@ def sun_rows(found: dict[str, dict[float, JsonObject]]) -> list[ComparisonRow]:
         wrong = [one for one in views if one["error_deg"].get("SIGHT", 0.0) > LIMIT_DEG]
         none = [one for one in views if not one["error_deg"]]
         worst = max((one["error_deg"].get("SIGHT", 0.0) for one in views), default=0.0)
-        rows.append(
-            ComparisonRow(
-                f"Sun in the frame, {lens}: share of views without a right answer",
-                "washed out",
-                (len(wrong) + len(none)) / len(views),
-                "",
-                f"Of {len(views)} heights of the Sun, {len(wrong)} claims wrong by more than 1 deg (worst "
-                f"{worst:.1f} deg) and {len(none)} refusals.",
-            )
-        )
-        rows.append(
-            ComparisonRow(
-                f"Sun in the frame, {lens}: claims wrong by more than 1 deg, search that asks",
-                None,
+        share = (len(wrong) + len(none)) / len(views)
+        rows += [
+            TEXT.row(
+                "sun",
+                share,
+                PUBLISHED.figures["sun"].value,
+                lens=lens,
+                views=len(views),
+                wrong=len(wrong),
+                worst=worst,
+                refused=len(none),
+            ),
+            TEXT.row(
+                "sun_search",
                 false,
-                f"of {len(views)}",
-                f"It refuses {len(views) - len(claims)} of the same views, and {len(claims) - false} of its answers "
-                "are right.",
-            )
-        )
+                lens=lens,
+                views=len(views),
+                refused=len(views) - len(claims),
+                right=len(claims) - false,
+            ),
+        ]
     return rows
 
 
@@ -60,20 +64,4 @@ def sun_table(found: dict[str, dict[float, JsonObject]]) -> Table:
                     asked["reason"],
                 )
             )
-    columns = (
-        "lens",
-        "Sun over the limb [deg]",
-        "saturated, forward [%]",
-        "error [deg]",
-        "claimed sigma [deg]",
-        "refusal",
-        "error, search that asks [deg]",
-        "its refusal",
-    )
-    return Table(
-        "The Sun in the frame",
-        columns,
-        tuple(lines),
-        "Two things go wrong together as the Sun sinks: veil and ghost around it, and the ground going dark under the "
-        "satellite and behind it, so that the longest edge is no longer the horizon.",
-    )
+    return TEXT.table("sun", lines)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import asdict
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -20,44 +21,36 @@ from horizonval.systems.b.rig.bench import STATED
 from horizonval.systems.b.rig.frames import CAMERA, make_picture, show
 from horizonval.systems.b.rig.results import RigResults
 from horizonval.systems.b.rig.runs import IMPERFECTIONS
-from horizonval.systems.b.rig.tables import ablation_table, sensitivity_table
-from horizonval.systems.result import ComparisonRow, Figure, Table
+from horizonval.systems.published import published
+from horizonval.systems.result import ComparisonRow, Figure
 from horizonval.systems.task_cache import TaskCache
+from horizonval.systems.text import page_text
 
+TEXT = page_text("B")
+PUBLISHED_RIG_DEG, PUBLISHED_MODEL_DEG = (published("B").number(key) for key in ("rig_rms", "model_rms"))
 TILTS_DEG = (-20.0, -10.0, 0.0, 10.0, 20.0)
 SHARP_LENS_PX = 0.0
-PUBLISHED_RIG_DEG, PUBLISHED_MODEL_DEG = 0.752, 0.038
 LARGEST_RIG_DEG, SMALLEST_RIG_DEG, LARGEST_PERFECT_DEG = 1.0, 0.5, 0.1
 
 
-def rig_parts(cache: TaskCache) -> tuple[tuple[ComparisonRow, ...], tuple[Table, ...], tuple[Figure, ...], str]:
-    """Do the experiment; return its rows, tables and figures, and a paragraph about it."""
+def measure_rig(cache: TaskCache) -> tuple[RigResults, str]:
+    """Do the experiment; return what it measured and the file of the panel's picture."""
     picture = _picture_file(cache)
-    results = measure(cache, picture)
-    view = cache.each("bench pictures", show, {"view": _view(cache, picture)})["view"]
-    drawn = (
-        Figure(
-            "rig-view",
-            "The rendered bench. Left: what its camera takes of the panel at a tilt of 10 deg, all imperfections on. "
-            "Right, at the limb: the panel under a magnifier, red, green and blue stripes as the camera's band weighs "
-            "them; the camera's pixels behind a lens without blur, where the stripes beat with the pixels; and behind "
-            "its own lens.",
-            partial(figures.view, view),
-        ),
-        Figure(
-            "rig-error",
-            "Estimate minus accelerometer against tilt: sixteen benches with every imperfection at its stated size "
-            "and another choice of signs, and the perfect bench.",
-            partial(figures.errors, results.whole, results.perfect),
-        ),
-        Figure(
-            "rig-ablation",
-            "RMS of the published error. Left: with one imperfection alone. Right: what is left when they are "
-            "switched off one after another, from the top.",
-            partial(figures.ablation, results, PUBLISHED_RIG_DEG, PUBLISHED_MODEL_DEG),
-        ),
+    return measure(cache, picture), picture
+
+
+def rig_view(cache: TaskCache, picture: str) -> JsonObject:
+    """Return one frame of the bench, for looking at."""
+    return cache.each("bench pictures", show, {"view": _view(cache, picture)})["view"]
+
+
+def rig_figures(results: RigResults, view: JsonObject) -> tuple[Figure, ...]:
+    """Return the bench's figures."""
+    return (
+        TEXT.figure("rig-view", partial(figures.view, view)),
+        TEXT.figure("rig-error", partial(figures.errors, results.whole, results.perfect)),
+        TEXT.figure("rig-ablation", partial(figures.ablation, results, PUBLISHED_RIG_DEG, PUBLISHED_MODEL_DEG)),
     )
-    return rows(results), (ablation_table(results), sensitivity_table(results.whole)), drawn, summary(results)
 
 
 def measure(cache: TaskCache, picture: str) -> RigResults:
@@ -73,96 +66,68 @@ def measure(cache: TaskCache, picture: str) -> RigResults:
     return RigResults(first["whole"], first["perfect"], alone, order, after, first["soft"], sharp)
 
 
-def rows(results: RigResults) -> tuple[ComparisonRow, ...]:
+def rig_rows(results: RigResults) -> tuple[ComparisonRow, ...]:
     """Return the published figures beside ours."""
     whole, perfect = results.whole.rms_deg, results.perfect.rms_deg
     largest = results.order[0]
-    family = results.families()
+    shares: dict[str, Any] = {name: 100 * share for name, share in results.families().items()}
     width = load_camera(CAMERA).camera.width
+    count = len(results.order)
     return (
-        ComparisonRow(
-            "hardware in the loop: RMS, estimate minus accelerometer",
-            PUBLISHED_RIG_DEG,
+        TEXT.row(
+            "rig",
             whole,
-            "deg",
-            f"The largest imperfection alone ({largest}) makes {results.alone[largest].rms_deg:.2f} deg; the published "
-            f"text gives no sizes, ours are what a careful student reaches. {results.whole.answered:.0%} of the frames "
-            "have an answer.",
+            PUBLISHED_RIG_DEG,
             limit=0.5 * (LARGEST_RIG_DEG - SMALLEST_RIG_DEG),
             against=0.5 * (LARGEST_RIG_DEG + SMALLEST_RIG_DEG),
+            largest=largest,
+            largest_deg=results.alone[largest].rms_deg,
+            answered=results.whole.answered,
         ),
-        ComparisonRow(
-            "hardware in the loop: RMS, estimate minus true tilt",
-            None,
+        TEXT.row(
+            "rig_true",
             results.whole.true_rms_deg,
-            "deg",
-            "Known on a rendered bench only: without the accelerometer's own errors "
-            f"{100.0 * (1.0 - (results.whole.true_rms_deg / whole) ** 2):.0f} % of the mean square go.",
+            percent=100.0 * (1.0 - (results.whole.true_rms_deg / whole) ** 2),
         ),
-        ComparisonRow(
-            "hardware in the loop: RMS with every imperfection switched off",
-            f"{PUBLISHED_MODEL_DEG} (the model)",
+        TEXT.row(
+            "rig_perfect",
             results.after[results.order[-1]].rms_deg,
-            "deg",
-            f"Two end pixels decide the chord: one pixel up or down at one end of {width} turns it by "
-            f"{np.degrees(1.0 / width):.2f} deg.",
+            TEXT.phrase("rig_model", model_deg=PUBLISHED_MODEL_DEG),
             limit=LARGEST_PERFECT_DEG,
+            width=width,
+            turn_deg=np.degrees(1.0 / width),
         ),
-        ComparisonRow(
-            f"hardware in the loop: imperfections to switch off, largest first, until the RMS is below "
-            f"{LARGEST_PERFECT_DEG:g} deg",
-            None,
+        TEXT.row(
+            "rig_switched_off",
             results.switched_off_below(LARGEST_PERFECT_DEG),
-            f"of {len(results.order)}",
-            f"From {whole:.3f} deg with all of them; the table has the RMS after each.",
-            limit=len(results.order),
+            limit=count,
+            bound=LARGEST_PERFECT_DEG,
+            imperfections=count,
+            whole=whole,
         ),
-        ComparisonRow(
-            "hardware in the loop: RMS over that of the perfect bench",
-            round(PUBLISHED_RIG_DEG / PUBLISHED_MODEL_DEG, 1),
+        TEXT.row(
+            "rig_ratio",
             whole / perfect,
-            "",
-            f"Over the published model the bench has a factor of {whole / PUBLISHED_MODEL_DEG:.0f}; "
-            f"{100 * family['mounting']:.0f} % of the mean square come from how camera and panel are mounted, "
-            f"{100 * family['accelerometer']:.0f} % from the accelerometer, {100 * family['light']:.0f} % from panel "
-            "pixels, backlight and frame noise.",
+            round(PUBLISHED_RIG_DEG / PUBLISHED_MODEL_DEG, 1),
+            factor=whole / PUBLISHED_MODEL_DEG,
+            **shares,
         ),
-        ComparisonRow(
-            "hardware in the loop: root of the sum of squares of the single imperfections",
-            None,
-            results.root_sum_square_deg(),
-            "deg",
-            f"Independent imperfections would make the {whole:.3f} deg of all at once.",
-            limit=0.1,
-            against=whole,
-        ),
-        ComparisonRow(
-            f"hardware in the loop: frames {runs.LOST_DEG:g} deg off by pixels and noise alone, lens without blur",
-            None,
+        TEXT.row("rig_sum", results.root_sum_square_deg(), limit=0.1, against=whole, whole=whole),
+        TEXT.row(
+            "rig_lost",
             100.0 * results.sharp.lost,
-            "%",
-            "Moire at its worst, which no real lens shows: its edges are taken for the horizon. Behind the camera's "
-            f"own lens, of {runs.LENS_BLUR_PX} px, {100.0 * results.soft.lost:.0f} % are off as far and the RMS is "
-            f"{results.soft.rms_deg:.3f} deg.",
+            lost_deg=runs.LOST_DEG,
+            blur_px=runs.LENS_BLUR_PX,
+            soft=100.0 * results.soft.lost,
+            soft_deg=results.soft.rms_deg,
         ),
     )
 
 
-def summary(results: RigResults) -> str:
-    """Return a paragraph for the page."""
-    family = results.families()
-    return (
-        "**The bench.** Mitsuba renders a camera of 512 pixels and 60 deg before a 24 inch panel that shows a limb "
-        "frame of ours, pixel by pixel with its stripes; the camera is turned about its boresight and an "
-        "accelerometer says how far. The published text gives no sizes of its rig's imperfections; ours were written "
-        "down before anything was rendered. Sixteen benches with both signs of each give "
-        f"{results.whole.rms_deg:.3f} deg RMS (published {PUBLISHED_RIG_DEG}), the perfect bench "
-        f"{results.perfect.rms_deg:.3f} deg. Of the two causes that the publication names, imperfections of "
-        "the rig and frame noise, the shares in the mean square are: "
-        f"mounting of camera and panel {100 * family['mounting']:.0f} %, the accelerometer "
-        f"{100 * family['accelerometer']:.0f} %, panel pixels, backlight and frame noise "
-        f"{100 * family['light']:.0f} %."
-    )
+def rig_summary(results: RigResults) -> dict[str, float]:
+    """Return the numbers of the page's summary: rms [deg], and shares of the mean square [%]."""
+    shares = {name: 100 * share for name, share in results.families().items()}
+    return {"rms": results.whole.rms_deg, "perfect": results.perfect.rms_deg, **shares}
 
 
 def _picture_file(cache: TaskCache) -> str:

@@ -10,9 +10,12 @@ from horizonval.systems.b.rig.bench import STATED
 from horizonval.systems.b.rig.panel import Panel
 from horizonval.systems.b.rig.results import RigResults
 from horizonval.systems.b.rig.runs import BenchRun
+from horizonval.systems.published import published
 from horizonval.systems.result import Cell, Table
+from horizonval.systems.text import page_text
 
-TARGET_DEG = 0.038
+TEXT = page_text("B")
+TARGET_DEG = published("B").number("model_rms")
 
 
 def ablation_table(results: RigResults) -> Table:
@@ -20,13 +23,8 @@ def ablation_table(results: RigResults) -> Table:
     rows: list[tuple[Cell, ...]] = [("all together", "", None, round(results.whole.rms_deg, 3))]
     for name in results.order:
         rows.append((name, size_of(name), round(results.alone[name].rms_deg, 3), round(results.after[name].rms_deg, 3)))
-    return Table(
-        "The bench: imperfections one by one",
-        ("imperfection", "size, either sign", "RMS with it alone, deg", "RMS after switching it off too, deg"),
-        tuple(rows),
-        f"Sixteen benches, tilts of {results.whole.tilts_deg[0]:g} to {results.whole.tilts_deg[-1]:g} deg. With none "
-        f"the RMS is {results.perfect.rms_deg:.3f} deg, which is in every figure: two end pixels of the arc.",
-    )
+    lowest, highest = results.whole.tilts_deg[[0, -1]]
+    return TEXT.table("ablation", rows, lowest=lowest, highest=highest, perfect=results.perfect.rms_deg)
 
 
 def sensitivity_table(whole: BenchRun) -> Table:
@@ -37,16 +35,10 @@ def sensitivity_table(whole: BenchRun) -> Table:
         size, unit = getattr(STATED, name), name.rpartition("_")[2]
         rms = float(np.sqrt(np.mean(effect**2)))
         allowed = f"{size * TARGET_DEG / rms:.2g} {unit}" if rms > 0.0 else None
-        words = name.rpartition("_")[0].replace("_", " ")
-        rows.append((words, f"{size:g} {unit}", round(rms, 3), round(rms / size, 4), allowed))
+        error = name.rpartition("_")[0].replace("_", " ")
+        rows.append((error, f"{size:g} {unit}", round(rms, 3), round(rms / size, 4), allowed))
     noise = float(np.sqrt(np.mean(design.unused_effect(whole.error_deg) ** 2)))
-    return Table(
-        "The bench: sensitivities",
-        ("error", "stated size", "its effect, deg rms", "per unit, deg", f"size that makes {TARGET_DEG} deg"),
-        tuple(rows),
-        "Main effects of the two-level design, all errors present; rms over the tilts. A contrast that no error uses "
-        f"comes out at {noise:.3f} deg: effects of that size are noise, and their last two columns bounds.",
-    )
+    return TEXT.table("sensitivity", rows, target_deg=TARGET_DEG, noise=noise)
 
 
 def size_of(name: str) -> str:

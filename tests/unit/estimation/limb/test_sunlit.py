@@ -9,8 +9,9 @@ import pytest
 
 from horizonval.estimation.limb.model.height_perturbation import cone_perturbation, unknown_sun_covariance
 from horizonval.estimation.limb.model.sunlit import blur_rad, sun_angles, sunlit_limb
-from horizonval.estimation.limb.shape.cone import fit_cone, limb_directions
+from horizonval.estimation.limb.shape.cone import limb_directions
 from horizonval.geometry.camera import CameraModel
+from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 RADIUS_M = 6371008.8
