@@ -16,10 +16,10 @@ from horizonval.core.json_types import JsonObject
 from horizonval.report.figures import campaign_plots as draw
 from horizonval.report.figures.campaign_plots import Span, inline_svg
 from horizonval.report.figures.plots import Draw
+from horizonval.report.formatting import count, interval, number, percent
 from horizonval.report.load import ReportRun
 from horizonval.report.pages.confusion_section import matrices_of
 from horizonval.report.verdict import FALSE_VALID, MISSED, verdict_of
-from horizonval.report.wording import count, interval, number, percent
 from horizonval.scoring import limits
 from horizonval.scoring.exclusion import exclusion_angle_deg
 from horizonval.scoring.rates import rates
@@ -62,7 +62,7 @@ def page_of(run: ReportRun) -> JsonObject:
         "headline": headline(run)["text"],
         "sections": [_section(run, plan, number, link) for number, plan in enumerate(run.figures)],
         "confusions": matrices_of(rows, run.estimators),
-        "together": [_rates(name, "", rates(own), len(own)) for name, own in _together(rows)],
+        "together": [_rates(name, "", rates(own), len(own)) for name, own in _pooled(rows)],
         "rates": [_rates(group["estimator"], group["camera"], group, group["n"]) for group in groups],
         "errors": [_errors(group) for group in groups],
         "tails": inline_svg(draw.error_distribution(rows, run.estimators, link), 6.2, 4.8, "tails"),
@@ -81,7 +81,7 @@ def links_of(run: ReportRun) -> draw.Link:
     return lambda row: f"index.html#{quote(row.case)}" if row.case in shown else None
 
 
-def _together(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
+def _pooled(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
     """Return the rows of all bare and of all guarded methods, those that are there."""
     guarded = [row for row in rows if row.estimator.startswith(GUARDED)]
     bare = [row for row in rows if not row.estimator.startswith(GUARDED)]
