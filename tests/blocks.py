@@ -15,7 +15,9 @@ from pathlib import Path
 _FENCE = re.compile(r"^```(?P<head>[^\n]*)\n(?P<body>.*?)^```", flags=re.MULTILINE | re.DOTALL)
 _FILE = re.compile(r"\{code-block\} \w+")
 RUN = ("sh", "python")
-"""Languages whose blocks are run; a file is written, and anything else is shown only."""
+"""Languages whose blocks are run; a block with a caption is a file, which is written."""
+SHOWN = ("text", "{toctree}", "{include}", "{literalinclude}")
+"""All other kinds of blocks: what is printed or computed, and parts of pages."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,8 @@ def blocks(text: str) -> Iterator[Block]:
             yield Block("file", rest.lstrip("\n"), option.removeprefix(":caption: ").strip())
         elif head in RUN:
             yield Block(head, body)
+        else:
+            assert head.split(" ")[0] in SHOWN, f"a block that nothing runs: {head}"
 
 
 def commands(block: Block) -> list[str]:

@@ -83,6 +83,13 @@ def test_imports_point_downwards(module):
         assert (room, other) not in STRANGERS, f"{module} must not know {imported}"
 
 
+@pytest.mark.parametrize("module", sorted(m for m in MODULES if _room(m) == "scoring"))
+def test_what_judges_shares_no_code_with_what_is_judged(module):
+    """Scoring knows what an estimator returns, not how it comes to it."""
+    allowed = {"horizonval.estimation", "horizonval.estimation.observation"}
+    assert {imported for imported in INSIDE[module] if _room(imported) == "estimation"} <= allowed
+
+
 def test_no_circles():
     done: set[str] = set()
 
