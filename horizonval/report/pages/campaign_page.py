@@ -96,12 +96,12 @@ def _section(run: ReportRun, plan: JsonObject, index: int, link: draw.Link) -> J
     figures = []
     for (camera, band), own in sorted(groups.items()):
         names = [name for name in run.estimators if any(row.estimator == name for row in own)]
-        for k, (title, drawn, width, height) in enumerate(_drawings(plan, own, names, link)):
+        for k, (estimator, drawn, width, height) in enumerate(_drawings(plan, own, names, link)):
             salt = f"figure-{index}-{camera}-{band}-{k}"
-            name = "-".join([str(index + 1), plan["kind"], camera, band, *filter(None, [title.removeprefix(", ")])])
+            name = "-".join(filter(None, [str(index + 1), plan["kind"], camera, band, estimator]))
             figures.append(
                 {
-                    "title": f"{camera}, {band}{title}",
+                    "title": ", ".join(filter(None, [camera, band, estimator])),
                     "svg": inline_svg(drawn, width, height, salt),
                     "file": f"{FIGURES}/{re.sub(r'[^A-Za-z0-9._-]+', '-', name)}.svg",
                 }
@@ -112,6 +112,7 @@ def _section(run: ReportRun, plan: JsonObject, index: int, link: draw.Link) -> J
 def _drawings(
     plan: JsonObject, rows: Sequence[Row], names: Sequence[str], link: draw.Link
 ) -> list[tuple[str, Draw, float, float]]:
+    """Return the estimator of each drawing, "" of all together, what draws it, and its width and height [in]."""
     first = {case: values[0] for case, values in plan["cases"].items() if values}
     match plan["kind"]:
         case "timeline":
@@ -123,7 +124,7 @@ def _drawings(
             labels = (_label(plan["x"]), _label(plan["y"]))
             return [
                 (
-                    f", {name}",
+                    name,
                     draw.heat_map([r for r in rows if r.estimator == name], first, second, labels),
                     5.4,
                     4.2,
