@@ -49,15 +49,21 @@ def code_digest(*modules: str) -> str:
     Parameters
     ----------
     *modules : str
-        Dotted names; also of other packages than this one.
+        Dotted names; also of other packages than this one, and of compiled modules, whose files count as they are.
 
     Raises
     ------
     ModuleNotFoundError
-        One of them has no source file.
+        There is no such module.
     """
     roots = {name.partition(".")[0]: _root_of(name.partition(".")[0]) for name in (OWN, *modules)}
-    return digest_below(roots, *modules)
+    compiled = [name for name in modules if _file_of(name, roots) is None]
+    digest = digest_below(roots, *(name for name in modules if name not in compiled))
+    if not compiled:
+        return digest
+    files = [importlib.util.find_spec(name) for name in compiled]
+    digests = [hashlib.sha256(Path(str(one.origin)).read_bytes()).hexdigest() for one in files if one is not None]
+    return hashlib.sha256(json.dumps([digest, compiled, digests]).encode()).hexdigest()
 
 
 def digest_below(roots: dict[str, Path], *modules: str) -> str:

@@ -10,7 +10,7 @@ projected into the image (:mod:`horizonval.scoring.horizon_view`). A sample is *
 
 Samples are *enough* where they are long and bent enough, and where they determine the nadir: the standard deviation of
 a cone through them, for the scatter of single points and for all that makes the limb no circle
-(:mod:`horizonval.estimation.limb.model.systematic`), must stay below a limit.
+(:mod:`horizonval.earth.limb_heights`), must stay below a limit.
 
 The tests are made in this order and the first that leaves too little names the outcome: ``no_limb`` (no horizon in
 view), ``short_arc`` (too little of it), ``sun_glare`` (solar bands, the Sun's disc in view), ``dark``, ``sun_glare``
@@ -45,17 +45,17 @@ from numpy.typing import NDArray
 
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
-from horizonval.estimation.limb.model.relief import (
+from horizonval.earth.limb_heights import systematic_covariance
+from horizonval.earth.limb_relief import (
     CLOUD_RELIEF_SOLAR,
     CLOUD_RELIEF_THERMAL,
     SOLAR_RELIEF,
     THERMAL_RELIEF,
     Relief,
 )
-from horizonval.estimation.limb.model.systematic import systematic_covariance
-from horizonval.estimation.limb.shape.cone import fit_cone
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
+from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import signed_limb_angle

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.shape.cone import Cone, limb_directions
+from horizonval.estimation.limb.shape.cone import limb_directions
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
+from horizonval.geometry.cone import Cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 BoolArray = NDArray[np.bool_]

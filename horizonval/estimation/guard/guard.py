@@ -48,9 +48,10 @@ from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
 from horizonval.estimation.limb.model.sunlit import SunlitLimb, sun_angles, sunlit_limb
 from horizonval.estimation.limb.model.trusted import alone, faded, faint, read_sides, restless, saturated
-from horizonval.estimation.limb.shape.cone import Cone, ConeUncertainty, cone_uncertainty, fit_cone, limb_directions
+from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty, limb_directions
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project
+from horizonval.geometry.cone import Cone, fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 from horizonval.geometry.frames import roll_pitch_of_nadir
 

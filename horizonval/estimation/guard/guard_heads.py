@@ -28,16 +28,17 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.earth.limb_heights import systematic_covariance
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.guard_rows import RowLimb, is_row, misfit, row_limb
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.model.steepest import to_steepest
 from horizonval.estimation.limb.model.sunlit import sun_angles
-from horizonval.estimation.limb.model.systematic import systematic_covariance
 from horizonval.estimation.limb.model.trusted import faded, read_sides, restless, saturated
-from horizonval.estimation.limb.shape.cone import arc_order, cone_uncertainty, fit_cone
+from horizonval.estimation.limb.shape.cone import arc_order, cone_uncertainty
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project, unproject
+from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 AZIMUTHS = 7200

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from horizonval.estimation.limb.model.relief import SOLAR_RELIEF, THERMAL_RELIEF, Relief
+from horizonval.earth.limb_relief import SOLAR_RELIEF, THERMAL_RELIEF, Relief
 
 FEWEST_POINTS = 12
 

@@ -27,9 +27,9 @@ from scipy.stats import chi2
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.earth.limb_heights import oblate_limbs, relief_covariance
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.limb.crossing import Crossing, row_noise, sub_pixel_crossing
-from horizonval.estimation.limb.model.systematic import oblate_limbs, relief_covariance
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.directions import off_axis_angle, tangent_basis

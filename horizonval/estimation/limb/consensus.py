@@ -1,6 +1,6 @@
 """Which edge points lie on one horizon: consensus on the cone of sight lines.
 
-Three lines of sight define a cone (see :mod:`horizonval.estimation.limb.shape.cone`). Triples of edge points are drawn
+Three lines of sight define a cone (see :mod:`horizonval.geometry.cone`). Triples of edge points are drawn
 (RANSAC, Fischler and Bolles 1981); a point supports a cone if
 
 * it lies on its limb, within a pixel tolerance widened by a few kilometres of real limb (clouds, oblateness, haze:
@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.edges import Edges
-from horizonval.estimation.limb.shape.cone import arc_order, cones_through, fit_cone
+from horizonval.estimation.limb.shape.cone import arc_order
 from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.cone import cones_through, fit_cone
 
 IndexArray = NDArray[np.int64]
 

@@ -26,9 +26,10 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.consensus import Candidate, EdgePoints, off_limb_px, unbroken_px
 from horizonval.estimation.limb.model.shading import SHARP, unshade
 from horizonval.estimation.limb.result import LimbPoints
-from horizonval.estimation.limb.shape.cone import Cone, ConeUncertainty, arc_order, cone_uncertainty, fit_cone
+from horizonval.estimation.limb.shape.cone import ConeUncertainty, arc_order, cone_uncertainty
 from horizonval.estimation.limb.subpixel import refine
 from horizonval.geometry.camera import CameraModel, project, unproject
+from horizonval.geometry.cone import Cone, fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 SHORTEST_SHARE_OF_WIDTH = 0.2

@@ -35,16 +35,9 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard.limb_model import model_covariance
 from horizonval.estimation.limb.finder import find_limb
-from horizonval.estimation.limb.shape.cone import (
-    SLOW_PX,
-    SOFT_SLOW_PX,
-    ConeUncertainty,
-    arc_order,
-    cone_uncertainty,
-    cones_through,
-    fit_cone,
-)
+from horizonval.estimation.limb.shape.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, arc_order, cone_uncertainty
 from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.geometry.cone import cones_through, fit_cone
 from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import nadir_of_roll_pitch, roll_pitch_of_nadir
 

@@ -15,7 +15,7 @@ noise and ``m`` shrinks (attenuation). A point displaced by the angle ``e`` acro
 
 It is nothing on a long arc, and on a short one, where ``U^T U`` is nearly singular, it outgrows the scatter; at rho =
 90 deg ``m`` does not exist. Newton's method and the orthogonal regression of
-:func:`horizonval.estimation.limb.shape.cone.fit_cone` (which are one: both minimise the sum of ``(u . n - cos rho)^2``
+:func:`horizonval.geometry.cone.fit_cone` (which are one: both minimise the sum of ``(u . n - cos rho)^2``
 over unit ``n``) suffer ``cos^2 rho`` times as much. The bias is not taken away here; its outer product is in the
 covariance.
 """

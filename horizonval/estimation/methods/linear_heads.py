@@ -29,9 +29,9 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.crossing import published_crossing, sub_pixel_crossing
-from horizonval.estimation.limb.shape.cone import fit_cone
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import unproject
+from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 from horizonval.geometry.frames import inverse, nadir_of_roll_pitch, roll_pitch_of_nadir, rotate
 

@@ -41,9 +41,10 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.arc import Arc, find_arc
 from horizonval.estimation.limb.shape.circle import fit_circle
-from horizonval.estimation.limb.shape.cone import SLOW_PX, cone_uncertainty, fit_cone
+from horizonval.estimation.limb.shape.cone import SLOW_PX, cone_uncertainty
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import CameraModel, project, unproject
+from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import roll_pitch_of_nadir
 

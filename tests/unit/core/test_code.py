@@ -185,3 +185,15 @@ def test_the_version_names_the_release_and_the_code() -> None:
     assert release == horizonval.__version__
     assert len(digest) == 12
     assert code.code_version("horizonval.core.errors") != code.code_version()
+
+
+def test_modules_of_other_packages_count_also_compiled_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "own_method.py").write_text("import math\nLIMIT = 1\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    first = code.code_digest("own_method")
+    (tmp_path / "own_method.py").write_text("import math\nLIMIT = 2\n")
+    code.code_digest.cache_clear()
+    assert code.code_digest("own_method") != first
+    assert len({code.code_digest(name) for name in ("_bisect", "horizonval.core.errors")}) == 2
+    with pytest.raises(ModuleNotFoundError):
+        code.code_digest("no_such_package.method")

@@ -8,12 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.limb.shape.cone import fit_cone, noise_bias
+from horizonval.estimation.limb.shape.cone import noise_bias
 from horizonval.estimation.methods import altitude_free_closed_form as closed_form
 from horizonval.estimation.methods import altitude_free_published as published
 from horizonval.estimation.methods.altitude_free import newton, solve, step_by_qr
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import CameraModel, project
+from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import nadir_of_roll_pitch
 

@@ -19,10 +19,10 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard.clean_image import cleaned
 from horizonval.estimation.guard.guard import guarded, trusted_limb
 from horizonval.estimation.limb.model.sunlit import blur_rad, sunlit_limb
-from horizonval.estimation.limb.shape.cone import Cone, fit_cone
 from horizonval.estimation.methods import altitude_free, altitude_free_published
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
+from horizonval.geometry.cone import Cone, fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 from horizonval.scoring.repeats import noise_nees
 

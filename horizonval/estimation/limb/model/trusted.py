@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.shape.cone import arc_order, fit_cone
+from horizonval.estimation.limb.shape.cone import arc_order
 from horizonval.geometry.camera import CameraModel, project
+from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import tangent_basis
 
 BoolArray = NDArray[np.bool_]

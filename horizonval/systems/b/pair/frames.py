@@ -15,11 +15,11 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.arc import Arc, find_arc
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.shape.circle import fit_circle
-from horizonval.estimation.limb.shape.cone import fit_cone
 from horizonval.estimation.methods.video_vertical import ESTIMATOR, ChordEnds, fit_arcs, solve
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.geometry.camera import project, unproject
+from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import angle_between
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import inverse, rotate

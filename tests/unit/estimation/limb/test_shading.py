@@ -7,9 +7,9 @@ import pytest
 
 from horizonval.estimation.limb.edges import find_edges, scale_to_8_bit
 from horizonval.estimation.limb.model.shading import unshade
-from horizonval.estimation.limb.shape.cone import fit_cone
 from horizonval.estimation.limb.subpixel import refine
 from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import off_axis_angle
 
 SIDE = 240

@@ -10,8 +10,9 @@ from scipy.special import ndtr
 
 from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
-from horizonval.estimation.limb.shape.cone import fit_cone, limb_directions
+from horizonval.estimation.limb.shape.cone import limb_directions
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
+from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 SIZE = 128

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from horizonval.estimation.limb.model.relief import Relief
-from horizonval.estimation.limb.model.systematic import systematic_covariance
-from horizonval.estimation.limb.shape.cone import fit_cone
+from horizonval.earth.limb_heights import systematic_covariance
+from horizonval.earth.limb_relief import Relief
+from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import tangent_basis
 from horizonval.geometry.ellipsoid import WGS84, geocentric_nadir, geodetic_nadir, itrs_from_geodetic
 from horizonval.geometry.horizon import horizon_by_azimuth

@@ -30,7 +30,7 @@ from typing import Literal
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.model.relief import Relief
+from horizonval.earth.limb_relief import Relief
 from horizonval.geometry.directions import fibonacci_sphere, tangent_basis
 
 MOST_POINTS = 240
