@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from horizonval.api.frame import Frame, open_frame, render, render_reference
     from horizonval.api.image import Image, observe, open_image
     from horizonval.api.names import list_cameras, list_estimators, list_scenes, list_suites
-    from horizonval.api.run import Run, open_run, run
+    from horizonval.api.run import Run, SuiteWarning, open_run, run
     from horizonval.api.scene import Scene
     from horizonval.core.errors import UserError
     from horizonval.core.outcome import Outcome
@@ -51,6 +51,7 @@ __all__ = [
     "Run",
     "Scene",
     "Score",
+    "SuiteWarning",
     "UserError",
     "__version__",
     "check",
@@ -76,7 +77,7 @@ _HOMES = {
     "api.frame": ("Frame", "open_frame", "render", "render_reference"),
     "api.image": ("Image", "observe", "open_image"),
     "api.names": ("list_cameras", "list_estimators", "list_scenes", "list_suites"),
-    "api.run": ("Run", "open_run", "run"),
+    "api.run": ("Run", "SuiteWarning", "open_run", "run"),
     "api.scene": ("Scene",),
     "core.errors": ("UserError",),
     "core.outcome": ("Outcome",),

@@ -155,7 +155,7 @@ def _results_page() -> str:
 
 
 def _write(_app: Sphinx) -> None:
-    GENERATED.mkdir(exist_ok=True)
+    GENERATED.mkdir(parents=True, exist_ok=True)
     made = pages()
     for old in GENERATED.glob("*.md"):
         if old.stem not in made:

@@ -111,7 +111,7 @@ class Frame(RadianceFrame):
     def __repr__(self) -> str:
         height, width = next(iter(self.radiance.values())).shape
         bands = f"band{'s' if len(self.radiance) > 1 else ''} {', '.join(self.radiance)}"
-        return f"<Frame {self.truth.scene['scene']['name']}: {width} x {height} px, {bands}>"
+        return f"<Frame {self.truth.scene_name}: {width} x {height} px, {bands}>"
 
 
 def render(scene: Scene | str | Path, *, progress: bool | Progress = True) -> Frame:

@@ -75,7 +75,7 @@ class Image(DetectorImage):
     def __repr__(self) -> str:
         height, width = self.dn.shape
         saturated = 100 * float((self.dn >= self.full_scale).mean())
-        name, seed = self.truth.scene["scene"]["name"], self.observation.get("seed", 0)
+        name, seed = self.truth.scene_name, self.observation.get("seed", 0)
         return f"<Image {name}: {width} x {height} px, band {self.band}, seed {seed}, {saturated:.1f} % saturated>"
 
 

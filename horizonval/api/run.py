@@ -18,7 +18,16 @@ if TYPE_CHECKING:
 
 
 class SuiteWarning(UserWarning):
-    """What a check of a sample of a suite's frames found before they are rendered, as a saturated limb."""
+    """What a check of a sample of a suite's frames found before they are rendered, as a saturated limb.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import horizonval as hv
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("ignore", hv.SuiteWarning)
+    ...     run = hv.run("orbit.toml", out="out", progress=False)
+    """
 
 
 @dataclass(frozen=True, repr=False)

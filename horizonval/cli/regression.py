@@ -78,7 +78,7 @@ def baseline_accept(
 
 
 def _print_verdict(verdict: dict[str, Any]) -> None:
-    from horizonval.studies.regression.words import anchor_sentence, gate_sentence
+    from horizonval.studies.regression.formatting import anchor_sentence, gate_sentence
 
     for gate in verdict["gates"]:
         print(f"{gate['verdict']:12} {gate['name']} ({gate['against']}): {gate_sentence(gate)}")

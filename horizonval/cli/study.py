@@ -70,7 +70,7 @@ def study(
     elif done.page is None:
         print_shard(shard, done.missing)
     else:
-        from horizonval.studies.trade.words import design_lines
+        from horizonval.studies.trade.formatting import design_lines
 
         print("\n".join(design_lines(done.result, done.costs)))
         by = done.result["study"]["cheapest_by"]
@@ -88,8 +88,8 @@ def _ask_study(
     availability: float | None,
     as_json: bool,
 ) -> int:
+    from horizonval.studies.trade.formatting import comparison_lines
     from horizonval.studies.trade.run import ask, conclude_again, open_study
-    from horizonval.studies.trade.words import comparison_lines
 
     data = open_study(folder)
     changes = {"error_deg": error_deg, "availability": availability}

@@ -18,11 +18,11 @@ OLDEST = 17
 
 def wheel_libraries() -> list[str]:
     """Return LLVM libraries that came as a wheel, the best first."""
-    found: list[str] = []
+    libraries: list[str] = []
     for folder in dict.fromkeys([Path(sys.prefix, "lib"), Path(sysconfig.get_path("data"), "lib")]):
         for pattern in ("libLLVM.so", "libLLVM*.so", "libLLVM.dylib"):
-            found += [str(path) for path in sorted(folder.glob(pattern))]
-    return list(dict.fromkeys(found))[:2]
+            libraries += [str(path) for path in sorted(folder.glob(pattern))]
+    return list(dict.fromkeys(libraries))[:2]
 
 
 def _users_library() -> str:

@@ -8,5 +8,5 @@ from difflib import SequenceMatcher
 
 def nearest(name: str, names: Iterable[str]) -> list[str]:
     """Return all of ``names``, the most similar to ``name`` first (capitals do not count); ties in given order."""
-    wanted = name.lower()
-    return sorted(names, key=lambda n: -SequenceMatcher(None, wanted, n.lower()).ratio())
+    name_lower = name.lower()
+    return sorted(names, key=lambda n: -SequenceMatcher(None, name_lower, n.lower()).ratio())

@@ -74,8 +74,8 @@ def invertible_radius(coefficients: Coefficients) -> float:
     best = float(angles[int(np.argmin(radii))])
     smallest = min(radii)
     if math.isfinite(smallest):
-        found = minimize_scalar(first_zero, bounds=(best - step, best + step), method="bounded")
-        smallest = min(smallest, float(found.fun))
+        minimum = minimize_scalar(first_zero, bounds=(best - step, best + step), method="bounded")
+        smallest = min(smallest, float(minimum.fun))
     # A double zero of the determinant can hide as a slightly complex pair; the margin keeps to the safe side of it.
     return smallest * (1.0 - 1e-9)
 

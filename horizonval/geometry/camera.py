@@ -259,7 +259,7 @@ def pixel_solid_angle(camera: CameraModel) -> FloatArray:
     return solid_angle if camera.image_circle_rad is None else np.where(in_image_circle(camera), solid_angle, 0.0)
 
 
-def off_axis_angle(camera: CameraModel) -> FloatArray:
+def field_angles(camera: CameraModel) -> FloatArray:
     """Return the angle between every pixel's direction and the boresight [rad], shape (H, W).
 
     Pi for pixels beyond the image circle: they look where no light comes from.

@@ -23,12 +23,12 @@ def off_axis(radius: FloatArray, k: Coefficients, limit_rad: float) -> FloatArra
     radii = image_radius(table, k)
     r = np.asarray(radius, float)
     good = (r >= 0.0) & (r <= radii[-1])
-    wanted = np.where(good, r, 0.0)
-    cell = np.clip(np.searchsorted(radii, wanted, side="right") - 1, 0, _CELLS - 1)
+    valid_radius = np.where(good, r, 0.0)
+    cell = np.clip(np.searchsorted(radii, valid_radius, side="right") - 1, 0, _CELLS - 1)
     low, high = table[cell], table[cell + 1]
     theta = 0.5 * (low + high)
     for _ in range(_MOST_STEPS):
-        miss = image_radius(theta, k) - wanted
+        miss = image_radius(theta, k) - valid_radius
         low, high = np.where(miss <= 0.0, theta, low), np.where(miss >= 0.0, theta, high)
         with np.errstate(divide="ignore", invalid="ignore"):
             new = theta - miss / image_radius_slope(theta, k)

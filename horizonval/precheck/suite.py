@@ -13,7 +13,7 @@ from horizonval.precheck.rules import findings_of
 from horizonval.precheck.text import group_line
 from horizonval.spec.load import Case, Suite
 from horizonval.studies.parts import PARTS
-from horizonval.suites.check import check_suite as check_mistakes
+from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.part import asked_for
 from horizonval.suites.plan import CasePlan, of_heads, plan_of
 from horizonval.suites.record import camera_name
@@ -38,7 +38,7 @@ def check_suite(suite: Suite, *, most: int = MOST_FRAMES, infrared: bool = True)
     -------
     Report
         Findings by camera, and by band of cameras that have several. What a run would refuse
-        (:func:`horizonval.suites.check.check_suite`) is an error among them.
+        (:func:`horizonval.suites.mistakes.refuse_mistakes`) is an error among them.
     """
     return check_groups("suite", suite.name, suite, by_camera(suite), most=most, infrared=infrared)
 
@@ -54,7 +54,7 @@ def check_groups(
     facts: dict[str, str] = {}
     if mistakes:
         try:
-            check_mistakes(suite, plan_of(suite), asked_for(suite, PARTS))
+            refuse_mistakes(suite, plan_of(suite), asked_for(suite, PARTS))
         except UserError as e:
             return Report(kind, name, (cannot_run(e),), facts, 0, len(suite.cases))
     watcher, looks = Watcher(), []

@@ -16,7 +16,7 @@ from urllib.parse import quote
 
 from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
-from horizonval.report import rerun, template, wording
+from horizonval.report import formatting, rerun, template
 from horizonval.report.accuracy import accuracy_of
 from horizonval.report.figures import overlay, picture, plots
 from horizonval.report.load import CaseView, ReportRun, load_run
@@ -88,7 +88,7 @@ def page_of(run: ReportRun) -> dict[str, Any]:
     return {
         "run": run,
         "summary": summary,
-        "groups": [{**group, "finding": wording.finding(group)} for group in summary["groups"]],
+        "groups": [{**group, "finding": formatting.finding(group)} for group in summary["groups"]],
         "headline": _headline(summary, run, broken),
         "broken": broken,
         "cameras": cameras,
@@ -113,10 +113,10 @@ def _headline(summary: Mapping[str, Any], run: ReportRun, broken: int) -> dict[s
     false = sum(group["false_valid"]["n"] for group in summary["groups"])
     claims = sum(group["false_valid"]["of"] for group in summary["groups"])
     if false:
-        return {"kind": "false", "glyph": "✖", "text": f"{wording.count(false, 'false claim')} among {claims}"}
+        return {"kind": "false", "glyph": "✖", "text": f"{formatting.count(false, 'false claim')} among {claims}"}
     if broken or run.missing:
-        parts = [f"{wording.count(broken, 'frame')} failed"] if broken else []
-        parts += [f"{wording.count(len(run.missing), 'frame')} not finished"] if run.missing else []
+        parts = [f"{formatting.count(broken, 'frame')} failed"] if broken else []
+        parts += [f"{formatting.count(len(run.missing), 'frame')} not finished"] if run.missing else []
         return {"kind": "missed", "glyph": "▼", "text": ", ".join(parts)}
     if claims:
         return {"kind": "valid", "glyph": "●", "text": f"No false claim among {claims}"}
@@ -164,7 +164,7 @@ def _tile(view: CaseView, estimators: Sequence[str], index: int, reduced: bool) 
         "band": view.band,
         "rows": rows,
         "expected": expected.outcome if expected else None,
-        "expected_meaning": wording.meaning(expected.outcome) if expected else "",
+        "expected_meaning": formatting.meaning(expected.outcome) if expected else "",
         "problem": view.problem,
         "picture": None,
         "data": json.dumps({row["estimator"]: [row["verdict"].key, row["error"]] for row in rows}),
@@ -183,8 +183,8 @@ def _tile(view: CaseView, estimators: Sequence[str], index: int, reduced: bool) 
             "coarse": max(width, height) <= 320,
             # A line of pixels would be a hair on the page: it is drawn tall, its rows out of proportion.
             "strip": width > STRIP_RATIO * height,
-            "black": wording.number(made.black_dn),
-            "white": wording.number(made.white_dn),
+            "black": formatting.number(made.black_dn),
+            "white": formatting.number(made.white_dn),
             "full_scale": image.full_scale,
             "horizon": overlay.horizon_path(image.truth),
             "infrared": overlay.infrared_path(image.truth, view.band),
@@ -197,8 +197,8 @@ def _tile(view: CaseView, estimators: Sequence[str], index: int, reduced: bool) 
 def _tile_row(view: CaseView, estimator: str) -> dict[str, Any]:
     row = view.rows[estimator]
     verdict = verdict_of(row, broken=view.broken)
-    number = wording.number
-    expected = wording.meaning(row.expected)
+    number = formatting.number
+    expected = formatting.meaning(row.expected)
     if row.is_claim:
         text = f"{number(row.nadir_error_arcsec)} arcsec off"
         if sigma := row.sigma_total_arcsec:
@@ -206,15 +206,15 @@ def _tile_row(view: CaseView, estimator: str) -> dict[str, Any]:
         if row.expected != Outcome.VALID:
             text += f"; expected to refuse: {expected}"
     else:
-        text = f"refused, {wording.outcome(row.status)}"
+        text = f"refused, {formatting.outcome(row.status)}"
         if row.status != row.expected and not view.broken:
             usable = row.expected == Outcome.VALID
-            text += f"; expected {'an attitude' if usable else wording.outcome(row.expected)}"
+            text += f"; expected {'an attitude' if usable else formatting.outcome(row.expected)}"
         if row.reason and not view.broken:
             text += f". Its reason: {row.reason}"
     values = [
-        ("reported", wording.outcome(row.status)),
-        ("expected", f"{wording.outcome(row.expected)} ({expected})"),
+        ("reported", formatting.outcome(row.status)),
+        ("expected", f"{formatting.outcome(row.expected)} ({expected})"),
         ("reason given", row.reason or ""),
         ("nadir error", f"{number(row.nadir_error_arcsec)} arcsec"),
         ("claimed (1 sigma)", f"{number(row.sigma_total_arcsec)} arcsec"),
@@ -250,7 +250,7 @@ def _layers(view: CaseView, truth: FrameTruth, estimators: Sequence[str]) -> lis
 
 
 def _facts(expected: Expected, truth: FrameTruth) -> list[tuple[str, str]]:
-    number = wording.number
+    number = formatting.number
     sun_side = "above" if expected.sun_limb_distance_deg > 0 else "below"
     return [
         ("epoch", truth.epoch_utc),
@@ -263,13 +263,13 @@ def _facts(expected: Expected, truth: FrameTruth) -> list[tuple[str, str]]:
         ("Sun's zenith angle below the satellite", f"{number(expected.sun_zenith_deg, 4)}°"),
         (
             "Sun",
-            f"{wording.percent(truth.sun_visible_fraction)} of its disc seen past the Earth, "
+            f"{formatting.percent(truth.sun_visible_fraction)} of its disc seen past the Earth, "
             f"{'in' if expected.sun_in_frame else 'not in'} the frame, "
             f"{number(abs(expected.sun_limb_distance_deg))}° {sun_side} the horizon",
         ),
         (
             "horizon in view",
-            f"{number(expected.horizon_arc_px)} px, {wording.percent(expected.lit_fraction)} of it lit"
+            f"{number(expected.horizon_arc_px)} px, {formatting.percent(expected.lit_fraction)} of it lit"
             if expected.lit_fraction is not None
             else "none",
         ),

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.core import atomic
+from horizonval.report import template
 from horizonval.report.figures.frame_picture import png, png_uri
 
 
@@ -36,13 +35,6 @@ class Exhibit:
 
 def write_gallery(visible: Sequence[Exhibit], infrared: Sequence[Exhibit], folder: Path) -> Path:
     """Write ``folder/index.html`` and return its path."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     path = folder / "index.html"
-    atomic.write_text(path, environment.get_template("gallery.html").render(visible=visible, infrared=infrared))
+    template.write(path, template.environment().get_template("gallery.html").render(visible=visible, infrared=infrared))
     return path

@@ -55,8 +55,8 @@ def rerun_of(
         files.append((camera_file, toml(truth.camera)))
     quoted, word = shlex.quote(case), shlex.quote(band)
     heads = list(image_paths) if len(image_paths) > 1 else []
-    whole = " --head all" if heads else ""
-    commands = [f"horizonval render {quoted}.toml -o {quoted}.frame.exr{whole}"]
+    all_heads = " --head all" if heads else ""
+    commands = [f"horizonval render {quoted}.toml -o {quoted}.frame.exr{all_heads}"]
     endings = [f".{head}" for head in heads] or [""]
     # A rendered head's file is named by its target: FRAME.<head>.exr.
     commands += [
@@ -65,8 +65,8 @@ def rerun_of(
     made = " ".join(f"{quoted}{end}.image.exr" for end in endings)
     commands += [f"horizonval estimate {made} --estimator {shlex.quote(name)}" for name in estimators]
     if image_paths and all(image_paths.values()):
-        kept = " ".join(f"RUN/{path}" for path in image_paths.values())
-        commands += [f"horizonval estimate {kept} --estimator {shlex.quote(name)}" for name in estimators[:1]]
+        stored_images = " ".join(f"RUN/{path}" for path in image_paths.values())
+        commands += [f"horizonval estimate {stored_images} --estimator {shlex.quote(name)}" for name in estimators[:1]]
     return Rerun(tuple(files), tuple(commands))
 
 

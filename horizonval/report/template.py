@@ -7,27 +7,27 @@ from pathlib import Path
 import jinja2
 
 from horizonval.core import atomic
-from horizonval.report import wording
+from horizonval.report import formatting
 
 FOLDER = Path(__file__).parent
 _FILES = {"style": "page.css", "code": "page.js"}
 
 
-def environment() -> jinja2.Environment:
-    """Return the environment of the templates beside this file."""
+def environment(folder: Path = FOLDER) -> jinja2.Environment:
+    """Return the environment of a folder's templates; by default of those beside this file."""
     made = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(FOLDER),
+        loader=jinja2.FileSystemLoader(folder),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     made.filters |= {
-        "number": wording.number,
-        "percent": wording.percent,
-        "interval": wording.interval,
-        "outcome": wording.outcome,
-        "count": wording.count,
+        "number": formatting.number,
+        "percent": formatting.percent,
+        "interval": formatting.interval,
+        "outcome": formatting.outcome,
+        "count": formatting.count,
     }
     return made
 

@@ -55,7 +55,7 @@ def rate_cam_rad_s(truth: FrameTruth) -> FloatArray:
     return rotate(truth.q_cam_from_body, rate)
 
 
-def moved(
+def blur_by_motion(
     image: FloatArray, camera: CameraModel, rate_cam_rad_s: FloatArray, exposure_s: float, row_time_s: float = 0.0
 ) -> FloatArray:
     """Return the mean image over an exposure, shape (H, W).
@@ -82,7 +82,7 @@ def moved(
     return path.mean(image, 0.5 * exposure_s * x, 0.5 * weight, row_time_s)
 
 
-def averaged(
+def mean_over_instants(
     image: FloatArray, camera: CameraModel, rate_cam_rad_s: FloatArray, time_s: FloatArray, weight: FloatArray
 ) -> FloatArray:
     """Return the weighted mean of what is seen at instants, shape (H, W).

@@ -19,7 +19,7 @@ from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.sensor.detector import cmos, converter, thermal
 from horizonval.sensor.lens import lens_spread
-from horizonval.sensor.streams import drawn_as, stream
+from horizonval.sensor.streams import noise_identity, stream
 from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.spec.sensor.detector import Cmos, ThermalDetector
 
@@ -56,7 +56,7 @@ def observe(
     mosaic = isinstance(camera.detector, Cmos) and camera.detector.bayer is not None
     reading = "+".join(one.name for one in camera.band) if mosaic else spec.name
 
-    identity = drawn_as(frame.truth)
+    identity = noise_identity(frame.truth)
 
     def rng(stage: str) -> np.random.Generator | None:
         return stream(identity, camera.camera.name, reading, stage, seed) if noise else None
@@ -120,17 +120,19 @@ def _radiance(frame: RadianceFrame, camera: CameraSpec, band: str) -> FloatArray
             fix="render the scene again with this camera",
         )
     made_for = frame.truth.camera_model
-    wanted = camera_from_spec(camera.camera)
+    intrinsics = camera_from_spec(camera.camera)
     for key in ("width", "height", "fx", "fy", "cx", "cy", "distortion", "projection", "image_circle_rad"):
-        if getattr(wanted, key) != getattr(made_for, key):
+        if getattr(intrinsics, key) != getattr(made_for, key):
             raise UserError(
-                f"the camera's {key} is {getattr(wanted, key)}, the frame was made for {getattr(made_for, key)}",
+                f"the camera's {key} is {getattr(intrinsics, key)}, the frame was made for {getattr(made_for, key)}",
                 where=f"camera.{key}",
                 fix="render the scene again with this camera",
             )
     radiance = np.asarray(frame.radiance[band], dtype=np.float64)
-    if radiance.shape != (wanted.height, wanted.width):
-        raise UserError(f"the frame's pixels have shape {radiance.shape}", expected=f"{wanted.height, wanted.width}")
+    if radiance.shape != (intrinsics.height, intrinsics.width):
+        raise UserError(
+            f"the frame's pixels have shape {radiance.shape}", expected=f"{intrinsics.height, intrinsics.width}"
+        )
     bad = ~(np.isfinite(radiance) & (radiance >= 0))
     if bad.any():
         row, column = np.argwhere(bad)[0]

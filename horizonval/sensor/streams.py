@@ -17,7 +17,7 @@ import numpy as np
 from horizonval.frame import FrameTruth
 
 
-def drawn_as(truth: FrameTruth) -> str:
+def noise_identity(truth: FrameTruth) -> str:
     """Return the identity that the noise of a frame is drawn under: the scene's own, or that of its ``draw``."""
     scene = truth.scene.get("scene", {})
     if scene.get("draw") is None:

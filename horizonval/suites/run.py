@@ -22,9 +22,9 @@ from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Index
 from horizonval.suites.axes import figure_plans
-from horizonval.suites.check import check_suite
 from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import suite_identity
+from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.part import Part, PartOutcome, asked_for
 from horizonval.suites.plan import CasePlan, Unit, plan_of, units_of
 from horizonval.suites.shards import adopt
@@ -90,7 +90,7 @@ def run_suite(
     execution = execution or Execution(workers)
     plan = plan_of(suite)
     chosen = asked_for(suite, parts)
-    check_suite(suite, plan, chosen)
+    refuse_mistakes(suite, plan, chosen)
     units = units_of(suite.cases, plan)
     folder = RunFolder(out_dir)
     folder.create(stability=suite.stability is not None)

@@ -159,12 +159,12 @@ def with_infrared_horizon(truth: FrameTruth, model: OpticalModel) -> FrameTruth:
     """
     ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
     line = snow_line_deg(datetime.fromisoformat(truth.epoch_utc))
-    found = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs, snow_line_deg=line)
+    horizon_by_band = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs, snow_line_deg=line)
     from_file = truth.scene.get("atmosphere", {}).get("file") is not None
     bands = {band.name: band for band in truth.camera_spec.band}
-    for name, horizon in found.items():
+    for name, horizon in horizon_by_band.items():
         horizon["accuracy"] = None if from_file else _plain_accuracy(bands[name])
-    return replace(truth, infrared_horizon=found)
+    return replace(truth, infrared_horizon=horizon_by_band)
 
 
 def _plain_accuracy(band: Band) -> dict[str, Any]:

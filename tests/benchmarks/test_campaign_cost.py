@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from horizonval.jobs.execution import available_cpus
-from horizonval.suites.check import check_suite
+from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.plan import plan_of, units_of
 from horizonval.suites.suite import load_suite
 from horizonval.truth.frame_truth import truth_of
@@ -40,7 +40,7 @@ def test_a_long_suite_starts_in_less_than_a_frames_truth_per_case(tmp_path: Path
     start = time.process_time()
     suite = load_suite(tmp_path / "long.toml")
     plan = plan_of(suite)
-    check_suite(suite, plan)
+    refuse_mistakes(suite, plan)
     units = units_of(suite.cases, plan)
     per_case = (time.process_time() - start) / len(units)
     truths = []

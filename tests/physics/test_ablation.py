@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from scipy import constants
 
-from horizonval.geometry.camera import camera_from_spec, off_axis_angle
+from horizonval.geometry.camera import camera_from_spec, field_angles
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic
 from horizonval.sensor.lens.stray_light import band_irradiance
 from horizonval.sensor.observe import observe
@@ -153,7 +153,7 @@ def wing_electrons(off_axis_deg: float) -> float:
     return light * (1 - 0.2 * (off_axis_deg - 20) / 20) * (scattered + diffracted)
 
 
-ANGLE_DEG = np.degrees(off_axis_angle(camera_from_spec(SPEC.camera)))
+ANGLE_DEG = np.degrees(field_angles(camera_from_spec(SPEC.camera)))
 COS4 = np.cos(np.radians(ANGLE_DEG)) ** 4
 VIGNETTING = np.clip(1 - 0.2 * (ANGLE_DEG - 20) / 20, None, 1)
 AT_25_DEG = (MIDDLE, MIDDLE - round(FOCAL_PX * math.tan(math.radians(25))))

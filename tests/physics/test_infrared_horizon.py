@@ -25,7 +25,7 @@ from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import truth_of
 from horizonval.truth.infrared_horizon.around import infrared_horizon
 from horizonval.truth.infrared_horizon.radiance import BandMedium, ground_ray, limb_radiance
-from horizonval.truth.infrared_horizon.rays import courses
+from horizonval.truth.infrared_horizon.rays import ray_paths
 
 SPHERE = sphere(6_371_230.0)
 CAMERA_M = np.array([6_371_230.0 + 500e3, 0.0, 0.0])
@@ -107,7 +107,7 @@ def test_radiances_of_another_integrator(climate: str, interval: str) -> None:
     lo, hi = (float(x) for x in interval.removesuffix("um").split("-"))
     heights = np.array([float(r["tangent_height_km"]) for r in rows]) * 1e3
     air = BandMedium(model_of(climate, lo, hi).thermal[0])
-    found = limb_radiance(air, courses(CAMERA_M, SPHERE, [0.4], heights, air.top_m))[0]
+    found = limb_radiance(air, ray_paths(CAMERA_M, SPHERE, [0.4], heights, air.top_m))[0]
     # Five figures printed; 2e-3 for the cut bins of 14.0 to 16.3 um and both codes' steps.
     np.testing.assert_allclose(found, [float(r["radiance_420ppm_W_m2_sr"]) for r in rows], rtol=2e-3)
 
@@ -117,10 +117,10 @@ def test_radiances_of_another_integrator(climate: str, interval: str) -> None:
 def test_the_quadrature_has_converged(climate: str, band_um: tuple[float, float]) -> None:
     """Shells eight times thinner change the radiance by less than 1e-4 of the brightest."""
     air = BandMedium(model_of(climate, *band_um).thermal[0])
-    rays = courses(CAMERA_M, SPHERE, [0.0], np.array([0.0, 2e3, 5.3e3, 9e3, 16e3, 24.7e3, 38e3, 50e3]), air.top_m)
+    rays = ray_paths(CAMERA_M, SPHERE, [0.0], np.array([0.0, 2e3, 5.3e3, 9e3, 16e3, 24.7e3, 38e3, 50e3]), air.top_m)
     coarse, fine = limb_radiance(air, rays), limb_radiance(air, rays, step_m=125.0)
     assert np.abs(coarse - fine).max() < 1e-4 * fine.max()
-    down = courses(CAMERA_M, SPHERE, [0.0], [-10e3], air.top_m)[0]
+    down = ray_paths(CAMERA_M, SPHERE, [0.0], [-10e3], air.top_m)[0]
     (path, passed), (path_fine, passed_fine) = ground_ray(air, down), ground_ray(air, down, step_m=125.0)
     assert abs(path.sum() - path_fine.sum()) < 2e-4 * path_fine.sum()
     assert np.abs(passed - passed_fine).max() < 2e-4
@@ -135,7 +135,7 @@ def test_isothermal_exponential_limb_has_the_closed_form() -> None:
     model = exponential(k0, SCALE_M)
     air = BandMedium(model.thermal[0])
     heights = np.array([5e3, 20e3, 30e3, 36e3, 40e3, 47.3e3, 60e3])
-    found = limb_radiance(air, courses(CAMERA_M, SPHERE, [1.0], heights, air.top_m))[0]
+    found = limb_radiance(air, ray_paths(CAMERA_M, SPHERE, [1.0], heights, air.top_m))[0]
     full = float(model.thermal[0].source(250.0)[0])
     tau = np.array([depth(h, k0, SCALE_M) for h in heights])
     # The band is linear in height over 100 m, 2.5e-5 above the exponential, and ends at 100 km (exp(-8.6) of what a

@@ -56,7 +56,7 @@ def test_motion_and_rolling_shutter_against_steps_in_time(camera, exposure_s, ro
     The fisheye's spot has a width of 1.5 px and a height of 2: 1/8 * 2 / 1.5^2 = 0.11 at its peak alone.
     """
     still = limb(unproject(camera, pixel_grid(camera)))
-    ours = motion.moved(still, camera, RATE, exposure_s, row_time_s)
+    ours = motion.blur_by_motion(still, camera, RATE, exposure_s, row_time_s)
     exact = stepped(camera, RATE, exposure_s, row_time_s)
     # where pixels look into the still image at all times, its border being a guess
     inner = (slice(14, -14), slice(14, -14))
@@ -70,7 +70,7 @@ def test_slant_of_an_upright_edge():
     """A camera turning right at 10 deg/s: row by row the edge moves left by f omega row_time; to 0.02 px of 10."""
     camera = CameraModel(200, 101, 400.0, 400.0, 99.5, 50.0)
     still = 1 / (1 + np.exp(-(np.arange(200) - 99.5) / 2.0)) * np.ones((101, 1))
-    moved = motion.moved(still, camera, np.array([0.0, math.radians(10.0), 0.0]), 1e-6, 1.5e-3)
+    moved = motion.blur_by_motion(still, camera, np.array([0.0, math.radians(10.0), 0.0]), 1e-6, 1.5e-3)
     edge = 200 - moved.sum(axis=1)
     slope = np.polyfit(np.arange(101), edge, 1)[0]
     assert slope == pytest.approx(-400 * math.radians(10.0) * 1.5e-3, rel=3e-3)
@@ -82,7 +82,7 @@ def test_a_long_blur_has_no_dots():
     camera = CameraModel(220, 21, 2000.0, 2000.0, 109.5, 10.0)
     y, x = np.mgrid[0:21, 0:220]
     still = np.where((x - 110) ** 2 + (y - 10) ** 2 <= 2, 1e9, 1.0)
-    drawn = motion.moved(still, camera, np.array([0.0, 0.05, 0.0]), 1.0)
+    drawn = motion.blur_by_motion(still, camera, np.array([0.0, 0.05, 0.0]), 1.0)
     middle = drawn[10, 70:150]
     assert middle.std() / middle.mean() < 0.02
     assert drawn.sum() == pytest.approx(still.sum(), rel=2e-3)
@@ -101,7 +101,7 @@ def test_the_time_constant_against_the_equation_of_a_warming_pixel(drag_px):
     still = edge(
         np.arctan2(unproject(camera, pixel_grid(camera))[..., 0], unproject(camera, pixel_grid(camera))[..., 2])
     )
-    ours = thermal.dragged(still, camera, np.array([0.0, omega, 0.0]), tau)[1]
+    ours = thermal.lag_by_time_constant(still, camera, np.array([0.0, omega, 0.0]), tau)[1]
     for column in (70, 78, 80, 82, 90, 100):
         azimuth = math.atan2(column - 80.0, 160.0)
         crossing = -azimuth / omega

@@ -145,3 +145,27 @@ def test_no_class_name_is_defined_twice():
     )
     assert not [name for name, count in names.items() if count > 1], "one class name, one meaning"
     assert len(names) > 200
+
+
+def _folder(module: str) -> tuple[str, ...]:
+    return MODULES[module].parent.relative_to(PACKAGE).parts
+
+
+def test_folders_of_a_room_do_not_import_in_circles():
+    """Modules that lie in a folder itself tie its sub-folders together, and may be used by them."""
+    below: dict[tuple[str, ...], set[tuple[str, ...]]] = {}
+    for module, imported in INSIDE.items():
+        for other in imported:
+            a, b = _folder(module), _folder(other)
+            nested = a == b[: len(a)] or b == a[: len(b)]
+            if a and b and not nested and a[0] == b[0]:
+                below.setdefault(a, set()).add(b)
+
+    def visit(folder: tuple[str, ...], path: tuple[tuple[str, ...], ...]) -> None:
+        assert folder not in path, " -> ".join("/".join(f) for f in [*path[path.index(folder) :], folder])
+        for other in sorted(below.get(folder, ())):
+            visit(other, (*path, folder))
+
+    assert len(below) > 5
+    for folder in sorted(below):
+        visit(folder, ())

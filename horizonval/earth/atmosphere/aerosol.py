@@ -172,6 +172,8 @@ def optics(kind: str, wavelength_um: ArrayLike) -> AerosolOptics:
         for key in ("extinction_rel_550", "absorption_rel_550", "asymmetry")
     )
     ln_wavelength = np.log(wavelength)
-    found = np.exp(np.interp(ln_wavelength, ln_table, np.log(extinction)))
+    relative_extinction = np.exp(np.interp(ln_wavelength, ln_table, np.log(extinction)))
     albedo = np.interp(ln_wavelength, ln_table, 1 - absorption / extinction)
-    return AerosolOptics(found, found * albedo, np.interp(ln_wavelength, ln_table, asymmetry))
+    return AerosolOptics(
+        relative_extinction, relative_extinction * albedo, np.interp(ln_wavelength, ln_table, asymmetry)
+    )

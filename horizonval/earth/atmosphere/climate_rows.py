@@ -56,8 +56,8 @@ def rows_in_sight(latitude_deg: float, height_m: float) -> FloatArray:
 
 def month(scene: SceneSpec) -> float:
     """Return the month of a scene's climate: what the atmosphere asks for, or that of the epoch."""
-    asked = scene.atmosphere.month
-    return climate.month_of(scene.platform.epoch_utc) if asked is None else float(asked)
+    fixed = scene.atmosphere.month
+    return climate.month_of(scene.platform.epoch_utc) if fixed is None else float(fixed)
 
 
 def varies(scene: SceneSpec) -> bool:

@@ -8,7 +8,7 @@ What the air is decides where its levels are and how its absorption is found:
 - ``us76``, which has no absorption table of its own: that of ``us_standard`` with the temperatures of US76, on 100 m.
   The two profiles differ by at most 0.8 K up to 47 km and 2.3 K up to 100 km;
 - a profile from a file: what all six climates together say for its pressure, temperature and ozone, on 100 m, see
-  :mod:`horizonval.earth.atmosphere.borrowed_absorption`;
+  :mod:`horizonval.earth.atmosphere.absorption_interpolation`;
 - an atmosphere file: its own absorption, the same throughout a band (grey), on its own nodes;
 - none: nothing absorbs.
 
@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.atmosphere import aerosol, borrowed_absorption, climate_rows
+from horizonval.earth.atmosphere import absorption_interpolation, aerosol, climate_rows
 from horizonval.earth.atmosphere.air import TOP_M, Air
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile
@@ -50,8 +50,8 @@ class EmittingAir:
     level_m : ndarray, shape (k,)
     temperature_k : ndarray, shape (m, k)
     climates : tuple of dict, length m
-        Weights of the climates in each row; of no use where there is a ``borrower``.
-    borrower : AtmosphereProfile or None
+        Weights of the climates in each row; of no use where there is a ``interpolated_state``.
+    interpolated_state : AtmosphereProfile or None
         On ``level_m``: air without climates, whose absorption is found from all of them.
     particles : Aerosol
         On ``level_m``.
@@ -63,7 +63,7 @@ class EmittingAir:
     level_m: FloatArray
     temperature_k: FloatArray
     climates: tuple[dict[str, float], ...]
-    borrower: AtmosphereProfile | None
+    interpolated_state: AtmosphereProfile | None
     particles: aerosol.Aerosol
     co2_ppm: float
 
@@ -85,8 +85,8 @@ class EmittingAir:
         )
 
     def _ln_gas(self, points: GPoints, climates: dict[str, float]) -> FloatArray:
-        if self.borrower is not None:
-            return borrowed_absorption.ln_absorption(points, self.borrower, self.co2_ppm)
+        if self.interpolated_state is not None:
+            return absorption_interpolation.ln_absorption(points, self.interpolated_state, self.co2_ppm)
         table = points.ln_absorption(climates, self.co2_ppm)
         return np.stack([np.interp(self.level_m, thermal_absorption.levels_m(), row) for row in table])
 
@@ -129,7 +129,7 @@ def emitting_air(air: Air, scene: SceneSpec) -> EmittingAir:
         level_m=level_m,
         temperature_k=temperature,
         climates=climates,
-        borrower=None if air.climates else air.state,
+        interpolated_state=None if air.climates else air.state,
         particles=aerosol.aerosol(scene.atmosphere.aerosol, level_m),
         co2_ppm=scene.atmosphere.co2_ppm,
     )

@@ -65,8 +65,8 @@ def choose_rule(measure: Measure, air: Air, albedo: float, error: float, where: 
         spectra = _Spectra.of(rule.wavelength_um, rule.ozone_cold_m2, rule.ozone_warm_m2, air)
         energy = rule.weight_um * rule.mean_irradiance
         for i, (ray, expected) in enumerate(rays):
-            found = float(ray.radiance(spectra) @ energy)
-            if abs(found - expected) > error * expected:
+            approximate = float(ray.radiance(spectra) @ energy)
+            if abs(approximate - expected) > error * expected:
                 # The ray that refused this rule will probably refuse the next one as well.
                 rays.insert(0, rays.pop(i))
                 break

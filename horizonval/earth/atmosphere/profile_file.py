@@ -15,7 +15,7 @@ share stay as they are there, and the pressure goes on falling as it does betwee
 density need not be hydrostatic.
 
 Water vapour and carbon dioxide have their part in thermal bands only, and there go with pressure, temperature and ozone
-as in the AFGL climates: :mod:`horizonval.earth.atmosphere.borrowed_absorption` says how good that is.
+as in the AFGL climates: :mod:`horizonval.earth.atmosphere.absorption_interpolation` says how good that is.
 """
 
 from __future__ import annotations
@@ -154,11 +154,11 @@ def _check_keys(keys: Sequence[str], where: str) -> None:
             raise UserError(f"unknown key {key!r}", where=where, expected="one of " + ", ".join(nearest(key, _KEYS)))
         if list(keys).count(key) > 1:
             raise UserError(f"{key} is there more than once", where=where, expected="every key once")
-    for wanted in (("altitude_km",), ("temperature_K",), _AIR, _OZONE):
-        found = [key for key in wanted if key in keys]
+    for alternatives in (("altitude_km",), ("temperature_K",), _AIR, _OZONE):
+        found = [key for key in alternatives if key in keys]
         if len(found) != 1:
-            what = " and ".join(found) + " are given" if found else "missing: " + " or ".join(wanted)
-            raise UserError(what, where=where, expected="exactly one of " + ", ".join(wanted))
+            what = " and ".join(found) + " are given" if found else "missing: " + " or ".join(alternatives)
+            raise UserError(what, where=where, expected="exactly one of " + ", ".join(alternatives))
 
 
 def _range(key: str) -> str:

@@ -35,10 +35,10 @@ def brightness_temperature_k(band: Band, radiance: ArrayLike) -> FloatArray:
     Radiances of less than a black body of COLDEST_K or more than one of HOTTEST_K count as those. The error is below
     1e-5 K.
     """
-    given = np.asarray(radiance, dtype=np.float64)
+    radiance_in = np.asarray(radiance, dtype=np.float64)
     nodes_k = np.geomspace(COLDEST_K, HOTTEST_K, _NODES)
     ln_radiance = np.log(black_body_radiance(band, nodes_k))
     inverse = CubicSpline(ln_radiance, 1.0 / nodes_k)
-    ln_given = np.log(np.maximum(given, np.finfo(np.float64).tiny))
+    ln_given = np.log(np.maximum(radiance_in, np.finfo(np.float64).tiny))
     temperature = 1.0 / inverse(np.clip(ln_given, ln_radiance[0], ln_radiance[-1]))
-    return np.where(given > 0.0, temperature, 0.0)
+    return np.where(radiance_in > 0.0, temperature, 0.0)

@@ -149,14 +149,16 @@ def thermal_accuracy(band: Band) -> ThermalAccuracy:
         if band.lo_um is None or band.hi_um is None:
             continue
         if abs(band.lo_um - named.lo_um) <= _EDGE_UM and abs(band.hi_um - named.hi_um) <= _EDGE_UM:
-            told = f"Figures of {name} as compared with LOWTRAN7 in six climates and with REPTRAN where it applies."
+            comparison = (
+                f"Figures of {name} as compared with LOWTRAN7 in six climates and with REPTRAN where it applies."
+            )
             return ThermalAccuracy(
                 name,
                 RANGES_KM,
                 named.relative,
                 named.half_height_km,
                 named.nadir_k,
-                (told, *_NAMED_SENTENCES[name], *_LEFT_OUT),
+                (comparison, *_NAMED_SENTENCES[name], *_LEFT_OUT),
             )
     return _composed(band)
 
@@ -172,7 +174,7 @@ def _composed(band: Band) -> ThermalAccuracy:
         relative.append(round(total, 2) if total < _NO_STATEMENT else None)
     down = _shares(pieces, limb_radiances(points, np.array([-_RADIUS_M])))[0]
     nadir = [_BANDS_NADIR_K[piece.number] + (_SPLIT_K if piece.cut else 0.0) for piece in pieces]
-    told = (
+    comparison = (
         "Figures composed from those of the RRTMG bands that the response touches, by their shares in the radiance"
         + ("; it cuts at least one of them, which adds 6 to 35 % of that band." if any(p.cut for p in pieces) else ".")
     )
@@ -184,7 +186,7 @@ def _composed(band: Band) -> ThermalAccuracy:
         tuple(relative),
         half,
         round(float(np.linalg.norm(down * nadir)), 1),
-        (told, *unknown, *_LEFT_OUT),
+        (comparison, *unknown, *_LEFT_OUT),
     )
 
 

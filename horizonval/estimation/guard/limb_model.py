@@ -12,7 +12,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import systematic_covariance
 from horizonval.earth.limb_relief import Relief
 from horizonval.estimation.guard import guard_limits as limits
-from horizonval.estimation.limb.model.bow import moves, unknown_sun_covariance
+from horizonval.estimation.limb.model.height_perturbation import cone_perturbation, unknown_sun_covariance
 from horizonval.estimation.limb.model.steepest import SIGMA_PX
 from horizonval.estimation.limb.model.sunlit import blur_rad
 from horizonval.estimation.limb.model.trusted import SMOOTHED_RAD, smoothed
@@ -64,7 +64,7 @@ def model_covariance(
     )
     covariance = covariance + slow_error(los_cam, tangent_basis(axis_cam), 1.0 / max(camera.fx, camera.fy), slow_px)
     if patterns_m is not None:
-        moved = moves(los_cam, axis_cam, rho_rad, patterns_m, radius)
+        moved = cone_perturbation(los_cam, axis_cam, rho_rad, patterns_m, radius)
         return np.asarray(covariance + moved.T @ moved)
     if observation.band_kind == "solar":
         blur = blur_of(los_cam, axis_cam, observation)

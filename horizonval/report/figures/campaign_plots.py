@@ -103,11 +103,15 @@ def timeline(
             _shade(axes, spans)
         ends = _error_ends(rows)
         for i, name in enumerate(estimators):
-            own = sorted((row for row in rows if row.estimator == name), key=lambda row: minutes[row.case])
-            _strip_line(strip, [minutes[row.case] for row in own], own, i, link)
-            claims = [row for row in own if row.nadir_error_arcsec is not None]
+            rows_of_estimator = sorted(
+                (row for row in rows if row.estimator == name), key=lambda row: minutes[row.case]
+            )
+            _strip_line(strip, [minutes[row.case] for row in rows_of_estimator], rows_of_estimator, i, link)
+            claims = [row for row in rows_of_estimator if row.nadir_error_arcsec is not None]
             _error_panel(panels[i], [minutes[row.case] for row in claims], claims, ends, i, link)
-            panels[i].set_title(f"{name}, {len(claims)} claims of {len(own)} frames", loc="left", fontsize=9.5)
+            panels[i].set_title(
+                f"{name}, {len(claims)} claims of {len(rows_of_estimator)} frames", loc="left", fontsize=9.5
+            )
         _strip_names(strip, estimators)
         panels[-1].set_xlabel("time from the first frame [min]")
         handles = _verdict_handles(strip, rows) + _span_handles(strip, spans) + _error_handles(panels[0])
@@ -356,10 +360,10 @@ def _curves(
         heights = [STRIP_IN * len(estimators), 1.4, 1.8]
         strip, above, below = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": heights})
         for i, name in enumerate(estimators):
-            own = sorted((row for row in rows if row.estimator == name), key=lambda row: x_of[row.case])
-            x = np.array([x_of[row.case] for row in own])
-            _strip_line(strip, x, own, i, link)
-            right = np.array([row.is_right for row in own], dtype=float)
+            rows_of_estimator = sorted((row for row in rows if row.estimator == name), key=lambda row: x_of[row.case])
+            x = np.array([x_of[row.case] for row in rows_of_estimator])
+            _strip_line(strip, x, rows_of_estimator, i, link)
+            right = np.array([row.is_right for row in rows_of_estimator], dtype=float)
             at = np.unique(x)
             look = {
                 "color": ESTIMATOR_COLOURS[i % len(ESTIMATOR_COLOURS)],
@@ -370,15 +374,15 @@ def _curves(
                 [100 * right[x == value].mean() for value in at],
                 marker=ESTIMATOR_MARKERS[i % len(ESTIMATOR_MARKERS)],
                 ms=3.5,
-                label=f"{name}{words.get(name, '')} (n = {len(own)})",
+                label=f"{name}{words.get(name, '')} (n = {len(rows_of_estimator)})",
                 **look,
             )
             if name in edges:
                 above.axvline(edges[name], lw=1.0, **look)
-            claimed = [k for k, row in enumerate(own) if row.nadir_error_arcsec is not None]
-            errors = [_shown_arcsec(own[k]) / 3600 for k in claimed]
+            claimed = [k for k, row in enumerate(rows_of_estimator) if row.nadir_error_arcsec is not None]
+            errors = [_shown_arcsec(rows_of_estimator[k]) / 3600 for k in claimed]
             marks = below.scatter(x[claimed], errors, **_mark(i))
-            marks.set_urls([link(own[k]) for k in claimed])
+            marks.set_urls([link(rows_of_estimator[k]) for k in claimed])
         _strip_names(strip, estimators)
         above.set(ylabel="right answers [%]", ylim=(-4, 104))
         below.axhline(LIMIT_DEG, color="#b34700", lw=1.1, ls="--")
@@ -401,13 +405,13 @@ def error_distribution(rows: Sequence[Row], estimators: Sequence[str], link: Lin
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         for i, name in enumerate(estimators):
-            own = sorted(
+            rows_of_estimator = sorted(
                 (row for row in rows if row.estimator == name and row.nadir_error_arcsec is not None),
                 key=lambda row: row.nadir_error_arcsec or 0.0,
             )
-            if not own:
+            if not rows_of_estimator:
                 continue
-            errors = np.array([_shown_arcsec(row) / 3600 for row in own])
+            errors = np.array([_shown_arcsec(row) / 3600 for row in rows_of_estimator])
             share = 100 * (1.0 - np.arange(len(errors)) / len(errors))
             look: dict[str, Any] = {
                 "color": ESTIMATOR_COLOURS[i % len(ESTIMATOR_COLOURS)],
@@ -415,8 +419,15 @@ def error_distribution(rows: Sequence[Row], estimators: Sequence[str], link: Lin
             }
             axes.step(errors, share, where="post", **look)
             marks = axes.scatter(errors[-TAIL:], share[-TAIL:], **_mark(i))
-            marks.set_urls([link(row) for row in own[-TAIL:]])
-            axes.plot([], [], marker=ESTIMATOR_MARKERS[i % len(ESTIMATOR_MARKERS)], ms=4.5, **look, label=_n(name, own))
+            marks.set_urls([link(row) for row in rows_of_estimator[-TAIL:]])
+            axes.plot(
+                [],
+                [],
+                marker=ESTIMATOR_MARKERS[i % len(ESTIMATOR_MARKERS)],
+                ms=4.5,
+                **look,
+                label=_n(name, rows_of_estimator),
+            )
         axes.axvline(LIMIT_DEG, color="#b34700", lw=1.1, ls="--", label=f"false claim beyond {LIMIT_DEG:g}°")
         axes.set(xscale="log", yscale="log", xlabel="nadir error [deg]", ylabel="claims with at least this error [%]")
         _plain_ticks(axes.xaxis)

@@ -16,7 +16,7 @@ from horizonval.frame import Hit, RadianceFrame
 from horizonval.geometry.ephemeris import AU_M, sun_itrs
 from horizonval.report.figures.infrared import ThermalPanel, infrared_picture
 from horizonval.report.figures.tone import tone_mapped
-from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.spec.sensor.camera import Band
 
 LOW_LIMB_M = 15e3
 """Air seen up to here decides the colour scale of an infrared picture together with ground and clouds."""
@@ -28,8 +28,7 @@ def frame_picture(frame: RadianceFrame) -> NDArray[np.uint8]:
     Three solar bands make one in colour, the longest wavelengths red; of other numbers the first is grey. Without solar
     bands all thermal ones are shown as brightness temperatures, with their scale.
     """
-    camera = CameraSpec.model_validate(frame.truth.camera)
-    shown = [band for band in camera.band if band.name in frame.radiance]
+    shown = [band for band in frame.truth.camera_spec.band if band.name in frame.radiance]
     solar = [band for band in shown if band.kind == "solar"]
     if not solar:
         return infrared_picture([thermal_panel(band, frame) for band in shown])

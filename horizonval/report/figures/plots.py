@@ -15,9 +15,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from horizonval.report.formatting import count
 from horizonval.report.load import CaseView
 from horizonval.report.verdict import BROKEN, FAIR, MISSED, NONE, OTHER, REFUSED, verdict_of
-from horizonval.report.wording import count
 from horizonval.scoring import limits
 from horizonval.scoring.row import Row
 

@@ -128,10 +128,10 @@ def errors_round_orbit(result: JsonObject, band: JsonObject) -> Draw:
                                             ("#d9efe6", "#eef6e9"), strict=True):  # fmt: skip
                     for sign in (1, -1):
                         axes.axhspan(sign * low, sign * high, color=shade, lw=0)
-                found = published_for(result, sensor, axis)
-                if found is not None:
+                published = published_for(result, sensor, axis)
+                if published is not None:
                     for sign in (1, -1):
-                        axes.axhline(sign * found, color=_PUBLISHED, lw=1.1, ls="--")
+                        axes.axhline(sign * published, color=_PUBLISHED, lw=1.1, ls="--")
                 for month in shown:
                     values = np.array(sensor[f"{axis}_deg"][months.index(month)])
                     closed = np.append(argument, 360.0), np.append(values, values[0])

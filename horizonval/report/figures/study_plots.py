@@ -74,7 +74,14 @@ def pareto(
             on = d["name"] in front
             if on or len(shown) <= MOST_WORDY:
                 axes.errorbar(
-                    x["value"], y["value"], xerr=_arms(x), yerr=_arms(y), fmt="none", ecolor=_GREY, lw=0.8, zorder=1
+                    x["value"],
+                    y["value"],
+                    xerr=_error_bars(x),
+                    yerr=_error_bars(y),
+                    fmt="none",
+                    ecolor=_GREY,
+                    lw=0.8,
+                    zorder=1,
                 )
                 axes.annotate(
                     str(d["number"]), (x["value"], y["value"]), xytext=(5, 4), textcoords="offset points", fontsize=8
@@ -201,7 +208,7 @@ def _plain_ticks(axis: Axis) -> None:
     axis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" else "")
 
 
-def _arms(found: JsonObject) -> list[list[float]] | None:
+def _error_bars(found: JsonObject) -> list[list[float]] | None:
     """Return the arms of an error bar: never negative, an open end drawn to the value."""
     if found.get("interval") is None:
         return None

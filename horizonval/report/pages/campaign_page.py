@@ -16,10 +16,10 @@ from horizonval.core.json_types import JsonObject
 from horizonval.report.figures import campaign_plots as draw
 from horizonval.report.figures.campaign_plots import Span, inline_svg
 from horizonval.report.figures.plots import Draw
+from horizonval.report.formatting import count, interval, number, percent
 from horizonval.report.load import ReportRun
 from horizonval.report.pages.confusion_section import matrices_of
 from horizonval.report.verdict import FALSE_VALID, MISSED, verdict_of
-from horizonval.report.wording import count, interval, number, percent
 from horizonval.scoring import limits
 from horizonval.scoring.exclusion import exclusion_angle_deg
 from horizonval.scoring.rates import rates
@@ -62,7 +62,7 @@ def page_of(run: ReportRun) -> JsonObject:
         "headline": headline(run)["text"],
         "sections": [_section(run, plan, number, link) for number, plan in enumerate(run.figures)],
         "confusions": matrices_of(rows, run.estimators),
-        "together": [_rates(name, "", rates(own), len(own)) for name, own in _together(rows)],
+        "together": [_rates(name, "", rates(own), len(own)) for name, own in _pooled(rows)],
         "rates": [_rates(group["estimator"], group["camera"], group, group["n"]) for group in groups],
         "errors": [_errors(group) for group in groups],
         "tails": inline_svg(draw.error_distribution(rows, run.estimators, link), 6.2, 4.8, "tails"),
@@ -81,7 +81,7 @@ def links_of(run: ReportRun) -> draw.Link:
     return lambda row: f"index.html#{quote(row.case)}" if row.case in shown else None
 
 
-def _together(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
+def _pooled(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
     """Return the rows of all bare and of all guarded methods, those that are there."""
     guarded = [row for row in rows if row.estimator.startswith(GUARDED)]
     bare = [row for row in rows if not row.estimator.startswith(GUARDED)]
@@ -96,12 +96,12 @@ def _section(run: ReportRun, plan: JsonObject, index: int, link: draw.Link) -> J
     figures = []
     for (camera, band), own in sorted(groups.items()):
         names = [name for name in run.estimators if any(row.estimator == name for row in own)]
-        for k, (title, drawn, width, height) in enumerate(_drawings(plan, own, names, link)):
+        for k, (estimator, drawn, width, height) in enumerate(_drawings(plan, own, names, link)):
             salt = f"figure-{index}-{camera}-{band}-{k}"
-            name = "-".join([str(index + 1), plan["kind"], camera, band, *filter(None, [title.removeprefix(", ")])])
+            name = "-".join(filter(None, [str(index + 1), plan["kind"], camera, band, estimator]))
             figures.append(
                 {
-                    "title": f"{camera}, {band}{title}",
+                    "title": ", ".join(filter(None, [camera, band, estimator])),
                     "svg": inline_svg(drawn, width, height, salt),
                     "file": f"{FIGURES}/{re.sub(r'[^A-Za-z0-9._-]+', '-', name)}.svg",
                 }
@@ -112,6 +112,7 @@ def _section(run: ReportRun, plan: JsonObject, index: int, link: draw.Link) -> J
 def _drawings(
     plan: JsonObject, rows: Sequence[Row], names: Sequence[str], link: draw.Link
 ) -> list[tuple[str, Draw, float, float]]:
+    """Return the estimator of each drawing, "" of all together, what draws it, and its width and height [in]."""
     first = {case: values[0] for case, values in plan["cases"].items() if values}
     match plan["kind"]:
         case "timeline":
@@ -123,7 +124,7 @@ def _drawings(
             labels = (_label(plan["x"]), _label(plan["y"]))
             return [
                 (
-                    f", {name}",
+                    name,
                     draw.heat_map([r for r in rows if r.estimator == name], first, second, labels),
                     5.4,
                     4.2,

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from horizonval.core.outcome import Outcome
-from horizonval.report import wording
+from horizonval.report import formatting
 from horizonval.report.verdict import BONUS, FALSE_VALID, MISSED, OTHER, REFUSED, VALID, VerdictMark
 from horizonval.scoring import limits
 from horizonval.scoring.confusion import BEYOND_LIMIT, BEYOND_SIGMA, BORDERLINE, in_order, strict_confusion
@@ -40,11 +40,11 @@ def _matrix(rows: Sequence[Row], estimator: str) -> dict[str, Any]:
     counts = strict_confusion(rows)
     columns = list(in_order({reported: 1 for line in counts.values() for reported in line}))
     lines = []
-    for expected, found in counts.items():
-        total = sum(found.values())
+    for expected, count_by_outcome in counts.items():
+        total = sum(count_by_outcome.values())
         cells = []
         for reported in columns:
-            n = found.get(reported, 0)
+            n = count_by_outcome.get(reported, 0)
             kind, verdict = _look(expected, reported)
             cells.append(
                 {
@@ -55,9 +55,9 @@ def _matrix(rows: Sequence[Row], estimator: str) -> dict[str, Any]:
                 }
             )
         apart = expected == BORDERLINE
-        meaning = "either answer is fair" if apart else wording.meaning(expected)
+        meaning = "either answer is fair" if apart else formatting.meaning(expected)
         lines.append({"expected": expected, "meaning": meaning, "cells": cells, "total": total, "apart": apart})
-    words = [COLUMN_WORDS.get(name, wording.outcome(name)) for name in columns]
+    words = [COLUMN_WORDS.get(name, formatting.outcome(name)) for name in columns]
     return {"estimator": estimator, "n": len(rows), "reported": words, "lines": lines}
 
 

@@ -86,8 +86,8 @@ def contact_sheet(tiles: Sequence[Tile], columns: int) -> bytes:
     """Return a PNG file with the tiles in rows; the same tiles give the same bytes."""
     columns = min(columns, len(tiles))
     rows = [tiles[i : i + columns] for i in range(0, len(tiles), columns)]
-    drawn = [[_drawn(tile) for tile in row] for row in rows]
-    heights = [max(grey.shape[0] for grey, _ in row) + CAPTION_PX for row in drawn]
+    tiles_drawn = [[_drawn(tile) for tile in row] for row in rows]
+    heights = [max(grey.shape[0] for grey, _ in row) + CAPTION_PX for row in tiles_drawn]
     width = 2 * MARGIN_PX + columns * (TILE_PX + GAP_PX) - GAP_PX
     height = 2 * MARGIN_PX + sum(heights) + GAP_PX * (len(rows) - 1)
     with matplotlib.rc_context():
@@ -96,7 +96,7 @@ def contact_sheet(tiles: Sequence[Tile], columns: int) -> bytes:
         figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI, facecolor="white")
         canvas = FigureCanvasAgg(figure)
         top = MARGIN_PX
-        for row, row_height in zip(drawn, heights, strict=True):
+        for row, row_height in zip(tiles_drawn, heights, strict=True):
             for column, (grey, captions) in enumerate(row):
                 left = MARGIN_PX + column * (TILE_PX + GAP_PX)
                 figure.figimage(grey, left, height - top - grey.shape[0], cmap="gray", vmin=0, vmax=255, origin="upper")

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from horizonval.frame import FrameTruth
 from horizonval.report.figures import plots
+from horizonval.report.formatting import count, number, percent
 from horizonval.report.load import CaseView
-from horizonval.report.wording import count, number, percent
 from horizonval.spec.sensor.camera import Band
 from horizonval.truth.infrared_horizon.curve import MAXIMUM_GRADIENT, visible_height_m
 
@@ -39,10 +39,10 @@ def section_of(views: Sequence[CaseView]) -> dict[str, Any] | None:
         "Lowest height of the ray against azimuth about the nadir; solid: half of the plateau, dotted: steepest fall. "
         f"{count(len(shown), 'frame')}, true and clear-sky; (+n): so many more with the same curve."
     )
-    stated = [told for v in shown if (told := _stored(v).get("accuracy"))]
+    stated = [accuracy for v in shown if (accuracy := _stored(v).get("accuracy"))]
     return {
         "text": TEXT,
-        "notes": _notes({v.band: told["sentences"] for v in shown if (told := _stored(v).get("accuracy"))}),
+        "notes": _notes({v.band: accuracy["sentences"] for v in shown if (accuracy := _stored(v).get("accuracy"))}),
         "places": [_place(*pair) for pair in stated[0]["heights_km"]] if stated else [],
         "title": "Height of the infrared horizon",
         "caption": caption,
@@ -111,15 +111,15 @@ def _accuracy_rows(views: Sequence[CaseView], places: int) -> list[dict[str, Any
         stored = _stored(view)
         spec = view.image.truth.camera_spec
         band = next(b for b in spec.band if b.name == view.band)
-        told = stored.get("accuracy")
+        accuracy = stored.get("accuracy")
         rows.setdefault(
             (view.band, _range(band), stored["kind"]),
             {
                 "band": view.band,
                 "range": _range(band),
                 "kind": stored["kind"],
-                "radiance": [_share(x) for x in told["relative"]] if told else ["–"] * places,
-                "height": _height(told),
+                "radiance": [_share(x) for x in accuracy["relative"]] if accuracy else ["–"] * places,
+                "height": _height(accuracy),
             },
         )
     return [rows[key] for key in sorted(rows)]
@@ -134,9 +134,9 @@ def _notes(sentences: dict[str, list[str]]) -> list[str]:
     """Return a paragraph for every band of what is said of it alone, and one of what is said of all."""
     if not sentences:
         return []
-    common = [s for s in next(iter(sentences.values())) if all(s in own for own in sentences.values())]
-    own = {band: " ".join(s for s in told if s not in common) for band, told in sentences.items()}
-    return [*(f"{band}: {text}" for band, text in sorted(own.items()) if text), " ".join(common)]
+    common = [s for s in next(iter(sentences.values())) if all(s in distinct for distinct in sentences.values())]
+    distinct = {band: " ".join(s for s in lines if s not in common) for band, lines in sentences.items()}
+    return [*(f"{band}: {text}" for band, text in sorted(distinct.items()) if text), " ".join(common)]
 
 
 def _place(low_km: float | None, high_km: float | None) -> str:
@@ -147,7 +147,7 @@ def _share(relative: float | None) -> str:
     return "–" if relative is None else percent(round(relative, 3))
 
 
-def _height(told: dict[str, Any] | None) -> str:
-    if told is None or told["half_height_km"] is None:
+def _height(accuracy: dict[str, Any] | None) -> str:
+    if accuracy is None or accuracy["half_height_km"] is None:
         return "–"
-    return f"{told['half_height_km']:g} km"
+    return f"{accuracy['half_height_km']:g} km"

@@ -10,7 +10,7 @@ from horizonval.core.errors import DamagedFileError
 from horizonval.core.json_types import JsonObject
 from horizonval.report.figures import plots
 from horizonval.report.figures import stability_plots as draw
-from horizonval.report.wording import number
+from horizonval.report.formatting import number
 
 RESULT = Path("stability") / "result.json"
 PAGE = "stability.html"
@@ -102,8 +102,9 @@ def _figures(result: JsonObject, band: JsonObject) -> list[dict[str, str]]:
 
 def _band_line(band: JsonObject) -> dict[str, str]:
     def span(key: str, digits: int) -> str:
-        found = band[key]
-        return f"{number(found['min'], digits)} to {number(found['max'], digits)}, mean {number(found['mean'], digits)}"
+        statistics = band[key]
+        low, high, mean = (number(statistics[name], digits) for name in ("min", "max", "mean"))
+        return f"{low} to {high}, mean {mean}"
 
     width = band["spectroscopy_km"]
     return {
@@ -151,8 +152,8 @@ def _ours(item: JsonObject, band: JsonObject) -> list[str]:
     if quantity == "variation":
         return [f"{100 * band['variation']:.0f} % over latitude and season, none with longitude"]
     if quantity in ("half_std_km", "threshold_std_km"):
-        asked = [s for s in edges if quantity.startswith(s["locator"])]
-        return [f"{number(s['calibration']['std_km'], 2)} km, {words(s)}" for s in asked]
-    found = band["half_statistics" if quantity == "half_km" else "plateau_statistics"]
+        edge_sensors = [s for s in edges if quantity.startswith(s["locator"])]
+        return [f"{number(s['calibration']['std_km'], 2)} km, {words(s)}" for s in edge_sensors]
+    statistics = band["half_statistics" if quantity == "half_km" else "plateau_statistics"]
     unit = "km" if quantity == "half_km" else "W m⁻² sr⁻¹"
-    return [f"{number(found['min'])} to {number(found['max'])} {unit}"]
+    return [f"{number(statistics['min'])} to {number(statistics['max'])} {unit}"]

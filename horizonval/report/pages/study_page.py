@@ -12,7 +12,7 @@ from horizonval.core.json_types import JsonObject
 from horizonval.report import template
 from horizonval.report.figures import plots
 from horizonval.report.figures import study_plots as draw
-from horizonval.report.wording import count, interval, number, percent
+from horizonval.report.formatting import count, interval, number, percent
 
 RESULT, COSTS, PAGE = "study.json", "study-costs.json", "study.html"
 GLYPHS = {"meets": "●", "open": "○", "fails": "✕"}
@@ -256,7 +256,7 @@ def _pair(pair: JsonObject, designs: Sequence[JsonObject]) -> dict[str, Any]:
         "difference": _with(pair["mean_difference_deg"]),
         "ratio": _with(pair["typical_ratio"]),
         "correlation": number(pair["correlation"], 2),
-        **{key: _odd(pair[key]) for key in ("answered", "within")},
+        **{key: _odd_one_out(pair[key]) for key in ("answered", "within")},
     }
 
 
@@ -264,6 +264,6 @@ def _with(found: JsonObject) -> dict[str, str]:
     return {"value": number(found["value"]), "interval": interval(found["interval"])}
 
 
-def _odd(found: JsonObject) -> dict[str, str]:
+def _odd_one_out(found: JsonObject) -> dict[str, str]:
     p = f"p = {number(found['p'], 2)}" if found["p"] is not None else "no difference"
     return {"counts": f"{found['only_a']}, {found['only_b']}", "p": p}

@@ -40,7 +40,7 @@ def _spill(held: FloatArray, excess: FloatArray, full_well_e: float) -> FloatArr
     held = held.copy()
     carried = np.zeros(held.shape[1])
     for row in range(held.shape[0]):
-        taken = np.minimum(full_well_e - held[row], carried)
-        held[row] += taken
-        carried += excess[row] - taken
+        accepted_e = np.minimum(full_well_e - held[row], carried)
+        held[row] += accepted_e
+        carried += excess[row] - accepted_e
     return held

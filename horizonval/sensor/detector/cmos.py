@@ -80,7 +80,9 @@ def respond(
         seconds = auto_exposure.exposure_s(rate, full_well, detector.auto_exposure)
     turn = motion.rate_cam_rad_s(truth)
     row_time_s = detector.row_time_s if detector.shutter == "rolling" and detector.row_time_s is not None else 0.0
-    moved_w = {letter: motion.moved(power, geometry, turn, seconds, row_time_s) for letter, power in power_w.items()}
+    moved_w = {
+        letter: motion.blur_by_motion(power, geometry, turn, seconds, row_time_s) for letter, power in power_w.items()
+    }
     electrons = _electrons(moved_w, colours, detector, seconds)
     if detector.shutter == "frame_transfer" and detector.row_time_s is not None:
         electrons = electrons + charge.smear_e(electrons / seconds, detector.row_time_s)
@@ -146,10 +148,10 @@ def _with_protons(
         return electrons
     ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
     latitude, longitude, _ = geodetic_from_itrs(np.array(truth.r_itrs), ellipsoid)
-    here = protons.anomaly(float(np.degrees(latitude)), float(np.degrees(longitude)))
+    anomaly = protons.anomaly(float(np.degrees(latitude)), float(np.degrees(longitude)))
     shape = (electrons.shape[0], electrons.shape[1])
     open_s = seconds + 0.5 * shape[0] * (detector.row_time_s or 0.0)
-    hits = protons.mean_hits(detector.radiation.flux_per_cm2_s * here, shape, detector.pixel_pitch_um, open_s)
+    hits = protons.mean_hits(detector.radiation.flux_per_cm2_s * anomaly, shape, detector.pixel_pitch_um, open_s)
     return electrons + protons.streaks_e(
         hits, shape, detector.pixel_pitch_um, detector.radiation.depth_um, detector.radiation.charge_e_per_um, rng
     )

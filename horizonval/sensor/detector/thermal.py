@@ -52,7 +52,7 @@ def respond(
     """Return digital numbers, shape (H, W), and the settings that an image carries."""
     pitch_m = detector.pixel_pitch_um * 1e-6
     signal = image_plane.radiance_on_axis(radiance, geometry, camera.optics, pitch_m, band, sun_of(truth))
-    signal = dragged(signal, geometry, motion.rate_cam_rad_s(truth), detector.time_constant_s)
+    signal = lag_by_time_constant(signal, geometry, motion.rate_cam_rad_s(truth), detector.time_constant_s)
     signal = point_spread.blur(signal, detector.response_fwhm_px * SIGMA_PER_FWHM)
     measured_in = next((one for one in camera.band if one.name == detector.netd_band), band)
     sigma = noise_radiance(measured_in, detector, camera)
@@ -118,16 +118,18 @@ def offsets_k(
     return offset
 
 
-def dragged(image: FloatArray, geometry: CameraModel, rate_cam_rad_s: FloatArray, time_constant_s: float) -> FloatArray:
+def lag_by_time_constant(
+    image: FloatArray, geometry: CameraModel, rate_cam_rad_s: FloatArray, time_constant_s: float
+) -> FloatArray:
     """Return the image of a turning camera whose pixels follow with a time constant, shape (H, W)."""
     if time_constant_s == 0.0:
         return image
     drag_px = float(np.linalg.norm(rate_cam_rad_s)) * time_constant_s * max(geometry.fx, geometry.fy)
-    age, weight = past(drag_px)
-    return motion.averaged(image, geometry, rate_cam_rad_s, -time_constant_s * age, weight)
+    age, weight = lag_quadrature(drag_px)
+    return motion.mean_over_instants(image, geometry, rate_cam_rad_s, -time_constant_s * age, weight)
 
 
-def past(drag_px: float) -> tuple[FloatArray, FloatArray]:
+def lag_quadrature(drag_px: float) -> tuple[FloatArray, FloatArray]:
     """Return ages, in time constants, and weights of sum 1 that stand for ``exp(-age)``.
 
     A short drag takes Gauss and Laguerre's points. They are too far apart for edges that are dragged over many pixels:

@@ -21,7 +21,7 @@ from horizonval.core.arrays import FloatArray
 
 def shares(angle_deg: FloatArray, table_deg: list[float], table_sigma: list[float]) -> list[tuple[float, FloatArray]]:
     """Return for each entry its sigma and the share of every pixel's light, shape of ``angle_deg``, that it spreads."""
-    found = [np.zeros_like(angle_deg) for _ in table_deg]
+    share_by_entry = [np.zeros_like(angle_deg) for _ in table_deg]
     angle = np.clip(angle_deg, table_deg[0], table_deg[-1])
     low = np.clip(np.searchsorted(table_deg, angle, side="right") - 1, 0, max(len(table_deg) - 2, 0))
     for i in range(len(table_deg) - 1):
@@ -30,8 +30,8 @@ def shares(angle_deg: FloatArray, table_deg: list[float], table_sigma: list[floa
         a, b = table_sigma[i], table_sigma[i + 1]
         sigma = a + (b - a) * along
         share = along if a == b else (sigma**2 - a**2) / (b**2 - a**2)
-        found[i][here] += 1 - share
-        found[i + 1][here] += share
+        share_by_entry[i][here] += 1 - share
+        share_by_entry[i + 1][here] += share
     if len(table_deg) == 1:
-        found[0][:] = 1.0
-    return list(zip(table_sigma, found, strict=True))
+        share_by_entry[0][:] = 1.0
+    return list(zip(table_sigma, share_by_entry, strict=True))

@@ -16,7 +16,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.geometry.camera import CameraModel, off_axis_angle
+from horizonval.geometry.camera import CameraModel, field_angles
 from horizonval.sensor.lens import convolution, core_spread, diffraction, field_spread, point_spread, scatter
 from horizonval.sensor.lens.convolution import Border
 from horizonval.spec.sensor.camera import Band
@@ -146,7 +146,7 @@ def _over_field(camera: CameraModel, lens: Optics) -> list[tuple[float, FloatArr
     """Return the sigmas of the Gaussians and the share of every pixel's light that each spreads; None for all of it."""
     if not lens.psf_field_deg:
         return [(lens.psf_sigma_px, None)]
-    angle_deg = np.degrees(off_axis_angle(camera))
+    angle_deg = np.degrees(field_angles(camera))
     # Pixels outside the image circle have no angle and no light.
     angle_deg = np.where(np.isnan(angle_deg), 180.0, angle_deg)
     return [*field_spread.shares(angle_deg, lens.psf_field_deg, lens.psf_field_sigma_px)]

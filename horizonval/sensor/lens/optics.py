@@ -25,7 +25,7 @@ import math
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.camera import CameraModel, off_axis_angle, pixel_solid_angle
+from horizonval.geometry.camera import CameraModel, field_angles, pixel_solid_angle
 from horizonval.spec.sensor.optics import Optics
 
 
@@ -61,6 +61,6 @@ def pupil_share(camera: CameraModel, lens: Optics, off_axis_rad: FloatArray) -> 
 
 
 def _foreshortened_solid_angle(camera: CameraModel, lens: Optics) -> FloatArray:
-    seen = pupil_share(camera, lens, off_axis_angle(camera)) * pixel_solid_angle(camera)
+    foreshortened = pupil_share(camera, lens, field_angles(camera)) * pixel_solid_angle(camera)
     # Pixels outside the image circle have no direction.
-    return np.where(np.isnan(seen), 0.0, seen)
+    return np.where(np.isnan(foreshortened), 0.0, foreshortened)

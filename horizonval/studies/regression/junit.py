@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from horizonval.studies.regression.formatting import anchor_sentence, gate_sentence
 from horizonval.studies.regression.statistics.decide import Verdict
-from horizonval.studies.regression.words import anchor_sentence, gate_sentence
 
 
 def write_junit(path: Path, verdict: Mapping[str, Any]) -> None:

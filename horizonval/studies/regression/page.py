@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
-from horizonval.core import atomic
+from horizonval.report import template
 from horizonval.report.figures.plots import figure_uri
 from horizonval.studies.regression import trend_plots
 from horizonval.studies.regression.baseline import history
-from horizonval.studies.regression.words import figure, scenes
+from horizonval.studies.regression.formatting import figure, scenes
 
 GLYPHS = {"PASS": "●", "FAIL": "✖", "IMPROVED": "▲", "INCONCLUSIVE": "○"}
 KINDS = {"PASS": "valid", "FAIL": "false", "IMPROVED": "valid", "INCONCLUSIVE": "missed"}
@@ -22,18 +19,11 @@ MOST_LISTED = 40
 
 def write_page(path: Path, verdict: Mapping[str, Any], nights: Sequence[Mapping[str, Any]]) -> None:
     """Write ``index.html``, whole or not at all."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = template.environment(Path(__file__).parent)
     environment.filters |= {"figure": figure, "scenes": scenes, "short": _short}
-    style = (Path(str(files("horizonval"))) / "report" / "page.css").read_text(encoding="utf-8")
     text = environment.get_template("night.html").render(
         v=verdict,
-        style=style,
+        style=template.shared_parts()["style"],
         glyphs=GLYPHS,
         kinds=KINDS,
         headline=headline(verdict),
@@ -42,7 +32,7 @@ def write_page(path: Path, verdict: Mapping[str, Any], nights: Sequence[Mapping[
         nights=nights,
         most=MOST_LISTED,
     )
-    atomic.write_text(path, text)
+    template.write(path, text)
 
 
 def headline(verdict: Mapping[str, Any]) -> str:

@@ -17,6 +17,8 @@ from horizonval.systems.d.rows import pixel_errors
 from horizonval.systems.d.settings import ALL, PUBLISHED, QUANTUM_DEG, TABLES
 
 BLUE, ORANGE, GREEN, BLACK = "#0072b2", "#d55e00", "#009e73", "#000000"
+HEADS = ("az45", "az135", "az225", "az315")
+"""From left to right in the picture; kept results come in the order of their names."""
 RADIUS_KM = PUBLISHED.number("earth_radius")
 HALF_FIELD_DEG = 0.5 * PUBLISHED.number("elements") * PUBLISHED.number("element")
 
@@ -26,7 +28,8 @@ def draw_pictures(pictures: dict[str, JsonObject]) -> MplFigure:
     figure = MplFigure(figsize=(9.0, 5.0), layout="constrained")
     axes = figure.subplots(len(pictures), 4, squeeze=False, sharex=True, sharey=True)
     for line, (limb, heads) in zip(axes, pictures.items(), strict=True):
-        for ax, (name, head) in zip(line, heads.items(), strict=True):
+        for ax, name in zip(line, HEADS, strict=True):
+            head = heads[name]
             image = np.array(head["dn"])
             middle = len(image) // 2
             ax.imshow(image, cmap="gray", interpolation="nearest")

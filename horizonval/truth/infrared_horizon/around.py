@@ -26,7 +26,7 @@ from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_height
 from horizonval.truth.infrared_horizon.ground import GroundPlaces, ground_places, ground_radiance
 from horizonval.truth.infrared_horizon.locators import GROUND_RAY_M, HorizonHeights, locate, profile_heights_m
 from horizonval.truth.infrared_horizon.radiance import BandMedium, ground_ray, limb_radiance
-from horizonval.truth.infrared_horizon.rays import Course, angle_of_height, courses, ground_points
+from horizonval.truth.infrared_horizon.rays import RayPath, angle_of_height, ground_points, ray_paths
 
 AZIMUTHS = 36
 """Around the horizon, from north to east.
@@ -89,8 +89,8 @@ def infrared_horizon(
     if not model.thermal:
         return {}
     place, sun = (tuple(np.asarray(v, dtype=np.float64).tolist()) for v in (r_itrs, sun_itrs))
-    asked = _HorizonRequest(_digest(model), place, ellipsoid, sun, float(snow_line_deg), azimuths, model)
-    return copy.deepcopy(_solved(asked))
+    request = _HorizonRequest(_digest(model), place, ellipsoid, sun, float(snow_line_deg), azimuths, model)
+    return copy.deepcopy(_computed(request))
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def _digest(model: OpticalModel) -> str:
 
 
 @lru_cache(maxsize=8)
-def _solved(asked: _HorizonRequest) -> dict[str, dict[str, Any]]:
+def _computed(asked: _HorizonRequest) -> dict[str, dict[str, Any]]:
     model, ellipsoid = asked.model, asked.ellipsoid
     r = np.array(asked.r_itrs)
     if float(geodetic_height(r, ellipsoid)) <= model.top_m or model.top_m < _LOWEST_TOP_M:
@@ -143,8 +143,8 @@ class _CameraRays:
     azimuth_rad: FloatArray
     height_m: FloatArray
     spread: FloatArray
-    past: list[Course]
-    down: Course
+    past: list[RayPath]
+    down: RayPath
     ground: GroundPlaces
 
     @classmethod
@@ -161,7 +161,7 @@ class _CameraRays:
             spread = _cosine_series(solved, half)
         mirrored = np.minimum(np.arange(azimuths), azimuths - np.arange(azimuths))
         heights = profile_heights_m(top_m)
-        down, *past = courses(r_itrs, ellipsoid, solved, np.append(GROUND_RAY_M, heights), top_m)
+        down, *past = ray_paths(r_itrs, ellipsoid, solved, np.append(GROUND_RAY_M, heights), top_m)
         place = ground_points(r_itrs, ellipsoid, azimuth, GROUND_RAY_M)
         ground = ground_places(r_itrs, place, ellipsoid, np.array(asked.sun_itrs), asked.snow_line_deg)
         return cls(r_itrs, ellipsoid, azimuth, heights, spread[mirrored], past, down, ground)
@@ -179,8 +179,8 @@ def _plain(view: _CameraRays, located: HorizonHeights) -> dict[str, Any]:
     azimuths = len(view.azimuth_rad)
 
     def angles(height_m: FloatArray) -> list[float]:
-        found = angle_of_height(view.r_itrs, view.ellipsoid, view.azimuth_rad, height_m)
-        return [float(value) for value in np.round(found, 12)]
+        angle_rad = angle_of_height(view.r_itrs, view.ellipsoid, view.azimuth_rad, height_m)
+        return [float(value) for value in np.round(angle_rad, 12)]
 
     return {
         "kind": located.kind,

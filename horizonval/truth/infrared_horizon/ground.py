@@ -60,8 +60,8 @@ def ground_radiance(band: EmittingBand, emission: GroundEmission, at: GroundPlac
     total = np.zeros((len(at.land), band.count))
     for kind, share in shares.items():
         e = ground_emissivity(emission, kind, band.wavelength_um, at.cosine[:, None])
-        own = band.source(ground_k(emission, kind, at.sin_latitude, at.hour_angle))
-        total += share[:, None] * (e * own + (1.0 - e) * sky)
+        source = band.source(ground_k(emission, kind, at.sin_latitude, at.hour_angle))
+        total += share[:, None] * (e * source + (1.0 - e) * sky)
     return total
 
 

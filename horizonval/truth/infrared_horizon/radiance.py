@@ -19,7 +19,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.truth.infrared_horizon.rays import Course
+from horizonval.truth.infrared_horizon.rays import RayPath
 
 SHELL_M = 1000.0
 """Thickness of the shells from 17 to 60 km; half of it and a quarter below 17 and 8 km, where water vapour changes
@@ -67,7 +67,7 @@ class BandMedium:
         """Whether the air is the same at every latitude."""
         return len(self.sin_latitude) == 1
 
-    def along(self, path: Course, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def along(self, path: RayPath, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return extinction and source at the points of rays, shape (azimuths, points, g); 1 azimuth if uniform."""
         height = np.maximum(path.lowest_m + u * u, 0.0)
         i = np.clip(np.searchsorted(self.altitude_m, height, side="right") - 1, 0, len(self.altitude_m) - 2)
@@ -94,7 +94,7 @@ class BandMedium:
         return result[0], result[1]
 
 
-def limb_radiance(air: BandMedium, rays: Sequence[Course], *, step_m: float = SHELL_M) -> FloatArray:
+def limb_radiance(air: BandMedium, rays: Sequence[RayPath], *, step_m: float = SHELL_M) -> FloatArray:
     """Return the radiance [W m-2 sr-1], shape (azimuths, heights), of rays past the ground.
 
     Parameters
@@ -112,7 +112,7 @@ def limb_radiance(air: BandMedium, rays: Sequence[Course], *, step_m: float = SH
     return np.stack(columns, axis=-1)
 
 
-def ground_ray(air: BandMedium, path: Course, *, step_m: float = SHELL_M) -> tuple[FloatArray, FloatArray]:
+def ground_ray(air: BandMedium, path: RayPath, *, step_m: float = SHELL_M) -> tuple[FloatArray, FloatArray]:
     """Return path radiance [W m-2 sr-1] and transmission to the ground, shapes (azimuths, g).
 
     The rays' lowest height is negative: the depth of the chord.
@@ -120,7 +120,7 @@ def ground_ray(air: BandMedium, path: Course, *, step_m: float = SHELL_M) -> tup
     return _integrate(air, path, -_cuts(path, 0.0, step_m)[::-1])
 
 
-def _cuts(path: Course, start_m: float, step_m: float) -> FloatArray:
+def _cuts(path: RayPath, start_m: float, step_m: float) -> FloatArray:
     """Return u at the shells between ``start_m`` and the top, with the middles (in u) between: odd in number."""
     shells = shells_m(path.top_m, step_m)
     # Most of the air on a ray lies just above its lowest point. Shells of the same thickness there for all rays keep
@@ -136,7 +136,7 @@ def _cuts(path: Course, start_m: float, step_m: float) -> FloatArray:
     return both
 
 
-def _integrate(air: BandMedium, path: Course, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _integrate(air: BandMedium, path: RayPath, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return radiance and transmission, shapes (azimuths, g), along ``u`` from the observer on."""
     k, source = air.along(path, u)
     slope = k * path.metres_per_u(u)[..., None]
@@ -150,7 +150,7 @@ def _integrate(air: BandMedium, path: Course, u: FloatArray) -> tuple[FloatArray
     d = np.maximum(depth, _THIN)
     b = np.where(depth < _THIN, 1.0 - depth * (1 / 2 - depth * (1 / 6 - depth / 24)), (1.0 - e) / d)
     bulge = np.where(depth < _THIN, depth * (1.0 - depth * (1 / 2 - depth * 3 / 20)), 6.0 * (1.0 + e - 2.0 * b) / d)
-    own = near * (1.0 - b) + far * (b - e) + (mean - 0.5 * (near + far)) * bulge
+    emitted = near * (1.0 - b) + far * (b - e) + (mean - 0.5 * (near + far)) * bulge
     behind = np.minimum(np.cumsum(depth, axis=1), 8.0 * _OPAQUE)
     before = np.exp(depth - behind)
-    return (own * before).sum(axis=1), np.exp(-behind[:, -1])
+    return (emitted * before).sum(axis=1), np.exp(-behind[:, -1])

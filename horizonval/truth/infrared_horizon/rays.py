@@ -63,7 +63,7 @@ def angle_of_height(r_itrs: ArrayLike, ellipsoid: Ellipsoid, azimuth_rad: ArrayL
 
 
 @dataclass(frozen=True)
-class Course:
+class RayPath:
     """Rays of one lowest height at several azimuths, up to ``top_m``, as polynomials in ``x = u / reach``.
 
     ``distance`` and ``sin_latitude``: coefficients, shape (azimuths, k), lowest power first; metres from the lowest
@@ -86,9 +86,9 @@ class Course:
         return _polynomial(self.sin_latitude, u / self.reach)
 
 
-def courses(
+def ray_paths(
     r_itrs: ArrayLike, ellipsoid: Ellipsoid, azimuth_rad: ArrayLike, height_m: ArrayLike, top_m: float
-) -> list[Course]:
+) -> list[RayPath]:
     """Return, for every lowest height, the course between the passages of ``top_m`` of one ray per azimuth.
 
     Azimuths of shape (azimuths,), heights of shape (heights,), below the observer's and the top.
@@ -109,7 +109,7 @@ def courses(
     values = np.stack([np.broadcast_to(along, z.shape), np.sin(latitude)], axis=-1)
     fitted = np.linalg.solve(matrix, values)
     return [
-        Course(float(h), float(reach[n]), float(top_m), fitted[:, n, :, 0], fitted[:, n, :, 1])
+        RayPath(float(h), float(reach[n]), float(top_m), fitted[:, n, :, 0], fitted[:, n, :, 1])
         for n, h in enumerate(heights.tolist())
     ]
 

@@ -14,8 +14,8 @@ from horizonval.core.errors import UserError
 from horizonval.geometry.camera import (
     CameraModel,
     check_invertible,
+    field_angles,
     in_image_circle,
-    off_axis_angle,
     pixel_grid,
     pixel_solid_angle,
     project,
@@ -127,7 +127,7 @@ def test_pixels_beyond_the_image_circle_see_nothing() -> None:
     check_invertible(lens)
     inside = in_image_circle(lens)
     assert 0.3 < inside.mean() < 0.8
-    angle = off_axis_angle(lens)
+    angle = field_angles(lens)
     assert angle[inside].max() <= math.radians(85.0)
     assert (angle[~inside] == math.pi).all()
     assert (pixel_solid_angle(lens)[~inside] == 0.0).all()

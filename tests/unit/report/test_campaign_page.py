@@ -134,7 +134,7 @@ def test_a_refusal_of_a_borderline_frame_is_fair():
 def test_bare_and_guarded_methods_are_put_together():
     assert [line["estimator"] for line in campaign_page.page_of(_run())["together"]] == ["all bare methods"]
     rows = [_row("c1", name, 20.0) for name in ("a", "guarded-a", "guarded-b")]
-    assert [(name, len(own)) for name, own in campaign_page._together(rows)] == [
+    assert [(name, len(own)) for name, own in campaign_page._pooled(rows)] == [
         ("all bare methods", 1),
         ("all guarded methods", 2),
     ]

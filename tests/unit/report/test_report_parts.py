@@ -16,7 +16,7 @@ from synthetic import SOLAR_CAMERA, THERMAL_CAMERA, result_row, synthetic_cases,
 from horizonval.core.outcome import Outcome
 from horizonval.frame import DetectorImage
 from horizonval.geometry.ellipsoid import sphere
-from horizonval.report import rerun, wording
+from horizonval.report import formatting, rerun
 from horizonval.report.figures import overlay, picture, plots
 from horizonval.report.load import CaseView
 from horizonval.report.pages import infrared_section
@@ -44,11 +44,11 @@ def vertices(path: str) -> np.ndarray:
     ],
 )
 def test_numbers(value, text):
-    assert wording.number(value) == text
+    assert formatting.number(value) == text
 
 
 def test_every_outcome_has_words():
-    assert {wording.meaning(str(outcome)) for outcome in Outcome} == set(wording.OUTCOME_WORDS.values())
+    assert {formatting.meaning(str(outcome)) for outcome in Outcome} == set(formatting.OUTCOME_WORDS.values())
 
 
 HORIZON = {

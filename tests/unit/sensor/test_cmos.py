@@ -271,7 +271,7 @@ def test_motion_blur_has_the_length_and_direction_of_the_turn(axis):
     rate = np.zeros(3)
     rate[axis] = math.radians(3.0)
     image = spot(place)
-    blurred = motion.moved(image, WIDE, rate, exposure_s=1.0)
+    blurred = motion.blur_by_motion(image, WIDE, rate, exposure_s=1.0)
     # where the spot is seen at both ends of the exposure: the scene turns against the camera
     direction = unproject(WIDE, place)
     ends = [
@@ -293,7 +293,8 @@ def test_the_scene_moves_against_the_camera():
     rate = np.array([0.0, math.radians(0.5), 0.0])
     early, late = np.array([80.0, 9.5]), np.array([80.0, 109.5])
     shifts = [
-        centroid(motion.moved(spot(p), WIDE, rate, exposure_s=1e-4, row_time_s=0.01))[0] - p[0] for p in (early, late)
+        centroid(motion.blur_by_motion(spot(p), WIDE, rate, exposure_s=1e-4, row_time_s=0.01))[0] - p[0]
+        for p in (early, late)
     ]
     # 50 rows of 10 ms at 0.5 deg/s and 200 px per radian on the axis
     expected = 200.0 * math.radians(0.5) * 0.5
@@ -302,7 +303,7 @@ def test_the_scene_moves_against_the_camera():
 
 def test_a_camera_at_rest_is_left_alone(make_truth):
     image = spot(np.array([50.0, 50.0]))
-    assert motion.moved(image, WIDE, np.zeros(3), 1.0, 1e-3) is image
+    assert motion.blur_by_motion(image, WIDE, np.zeros(3), 1.0, 1e-3) is image
     truth = make_truth()
     assert not motion.rate_cam_rad_s(truth).any()
 

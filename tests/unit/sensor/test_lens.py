@@ -138,7 +138,7 @@ def test_each_stage_changes_the_image_as_its_formula_says(stage):
     )
     here = changed[40, 60] / plain[40, 60]
     total = changed.sum() / plain.sum()
-    theta = float(optics.off_axis_angle(CAMERA)[40, 60])
+    theta = float(optics.field_angles(CAMERA)[40, 60])
     if stage == "vignetting":
         assert here == total == pytest.approx(1 - 0.5 * math.degrees(theta) / 20)
     elif stage == "pupil":

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from horizonval.geometry.camera import CameraModel, off_axis_angle
+from horizonval.geometry.camera import CameraModel, field_angles
 from horizonval.sensor.lens import field_spread, ghosts, lens_spread, optics
 from horizonval.spec.sensor.optics import Ghost, Optics
 
@@ -18,7 +18,7 @@ RNG = np.random.default_rng(3)
 def test_vignetting_multiplies_the_cosine_law():
     lens = Optics(vignetting_deg=[10, 30], vignetting=[1.0, 0.6])
     share = optics.relative_illumination(CAMERA, lens) / optics.relative_illumination(CAMERA, Optics())
-    angle = np.degrees(off_axis_angle(CAMERA))
+    angle = np.degrees(field_angles(CAMERA))
     assert share[30, 40] == share[30, 45] == 1
     row, column = 30, 40 + round(60 * math.tan(math.radians(20)))
     assert share[row, column] == pytest.approx(1 - 0.4 * (angle[row, column] - 10) / 20, rel=1e-12)
@@ -62,7 +62,7 @@ def test_points_far_from_the_axis_are_wider():
         image = np.zeros((61, 81))
         image[row, column] = 2.0
         spread = lens_spread.spread(image, CAMERA, lens)
-        angle = np.degrees(off_axis_angle(CAMERA))[row, column]
+        angle = np.degrees(field_angles(CAMERA))[row, column]
         wanted = np.interp(angle, [0, 30], [0.8, 2.0])
         # All but what the widest Gaussian throws over the border at 6 sigma.
         assert spread.sum() == pytest.approx(2, rel=1e-8)

@@ -138,7 +138,7 @@ def test_the_time_constant_drags_an_edge():
     edge = np.zeros((60, 200))
     edge[:, 100:] = 1.0
     tau, rate = 0.3, math.radians(10.0)
-    image = thermal.dragged(edge, WIDE, np.array([0.0, rate, 0.0]), tau)
+    image = thermal.lag_by_time_constant(edge, WIDE, np.array([0.0, rate, 0.0]), tau)
     # turning right, the scene moves left: what the pixel saw before was further left, so the edge lags to the right
     length = 200.0 * rate * tau
     row = image[30]
@@ -147,8 +147,8 @@ def test_the_time_constant_drags_an_edge():
         assert row[100 + int(x)] == pytest.approx(1 - math.exp(-x / length), abs=0.1)
     lag = (edge - image)[30].sum()
     assert lag == pytest.approx(length, rel=0.03)  # one pixel of bilinear smoothing on 10.5; the lens's tangent 1 %
-    assert thermal.dragged(edge, WIDE, np.zeros(3), tau) is edge
-    assert thermal.dragged(edge, WIDE, np.array([0.0, rate, 0.0]), 0.0) is edge
+    assert thermal.lag_by_time_constant(edge, WIDE, np.zeros(3), tau) is edge
+    assert thermal.lag_by_time_constant(edge, WIDE, np.array([0.0, rate, 0.0]), 0.0) is edge
 
 
 def test_wide_pixels_blur(make_frame):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.suites.check import check_suite
+from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.plan import plan_of, units_of
 from horizonval.suites.suite import load_suite
 
@@ -35,7 +35,7 @@ def load(tmp_path):
 def test_heads_are_made_together_only_where_a_method_wants_them(load):
     suite = load(TABLE % "all" + TABLE % "heads" + HEADS + TABLE % "image" + IMAGE + TABLE % "single" + SINGLE)
     plan = plan_of(suite)
-    check_suite(suite, plan)
+    refuse_mistakes(suite, plan)
     units = {unit.name: unit for unit in units_of(suite.cases, plan)}
     assert {name for name, unit in units.items() if unit.heads} == {
         f"{table}_yaw_deg_{yaw}" for table in ("all", "heads") for yaw in (5, 6)
@@ -56,5 +56,5 @@ def test_heads_are_made_together_only_where_a_method_wants_them(load):
 def test_a_method_without_a_frame_is_one_line(load, text, parts):
     suite = load(text)
     with pytest.raises(UserError) as e:
-        check_suite(suite, plan_of(suite))
+        refuse_mistakes(suite, plan_of(suite))
     assert all(part in e.value.line() for part in parts), e.value.line()

@@ -8,7 +8,7 @@ import pytest
 
 from horizonval.core.errors import UserError
 from horizonval.suites.axes import figure_plans
-from horizonval.suites.check import check_suite
+from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.plan import of_heads, plan_of, units_of
 from horizonval.suites.suite import load_suite
 
@@ -33,7 +33,7 @@ def test_the_suites_of_failures_are_there():
 @pytest.mark.parametrize("path", SUITES, ids=lambda path: path.stem)
 def test_it_loads_and_checks(path):
     suite = load_suite(path)
-    check_suite(suite, plan_of(suite))
+    refuse_mistakes(suite, plan_of(suite))
     assert suite.name == path.stem
 
 
@@ -63,4 +63,4 @@ def test_an_estimator_that_is_not_there_is_noticed(tmp_path):
     (tmp_path / "moon.toml").write_text(text.replace('"guarded-altitude-free"]', '"guarded-nobody"]'))
     suite = load_suite(tmp_path / "moon.toml")
     with pytest.raises(UserError, match="guarded-nobody"):
-        check_suite(suite, plan_of(suite))
+        refuse_mistakes(suite, plan_of(suite))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import json
 import re
 import shutil
@@ -14,8 +15,9 @@ from pydantic import ValidationError
 
 import horizonval.systems
 from horizonval.core.code import digest_below
+from horizonval.systems import markdown
 from horizonval.systems.published import PrintedTable, Published, published
-from horizonval.systems.result import ComparisonRow
+from horizonval.systems.result import ComparisonRow, Reproduction, Table
 from horizonval.systems.systems import SYSTEMS
 from horizonval.systems.text import PageText, page_text
 
@@ -48,6 +50,32 @@ def test_committed_pages_show_every_caption(system: str) -> None:
     titles = [part for table in text.tables.values() for part in (table.title, table.caption)]
     for caption in [*text.figures.values(), *titles]:
         assert _pattern(caption).search(page), caption
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_committed_pages_are_made_of_the_committed_numbers(system: str) -> None:
+    """Rows and tables; summaries and figures need the run."""
+    content = json.loads((PAGES / f"{system}.json").read_text())
+    keys = [field.name for field in dataclasses.fields(ComparisonRow)]
+    rows = tuple(ComparisonRow(*(row[key] for key in keys)) for row in content["rows"])
+    captions = {table.title: table.caption for table in page_text(system).tables.values()}
+    tables = tuple(
+        Table(t["title"], tuple(t["columns"]), tuple(map(tuple, t["rows"])), captions.get(t["title"], ""))
+        for t in content["tables"]
+    )
+    result = Reproduction(system, content["title"], content["source"], rows, tables, settings=content["settings"])
+    committed = (PAGES / f"{system}.md").read_text()
+    head, *sections = markdown.page(result, content["seed"]).split("\n## ")
+    assert committed.startswith(head.split("\n\n\n")[0])
+    for section in sections:
+        # a caption with numbers of the run is not in the JSON file
+        assert section.split("\n\n")[-1] in committed
+        assert section.split("\n")[0] in committed
+
+
+def test_the_committed_first_page_is_made_of_the_committed_numbers() -> None:
+    contents = [json.loads((PAGES / f"{system}.json").read_text()) for system in SYSTEMS]
+    assert markdown.first_page(contents) == (PAGES / "README.md").read_text()
 
 
 def test_a_row_is_made_of_its_text_and_the_numbers_of_the_run() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from horizonval.geometry.ellipsoid import WGS84, geodetic_from_itrs, itrs_from_geodetic, sphere, tangent_point
 from horizonval.geometry.horizon import horizon_by_azimuth
-from horizonval.truth.infrared_horizon.rays import angle_of_height, courses, directions, ground_points
+from horizonval.truth.infrared_horizon.rays import angle_of_height, directions, ground_points, ray_paths
 
 AZIMUTH = np.radians(np.arange(0.0, 360.0, 40.0))
 
@@ -36,7 +36,7 @@ def test_azimuth_runs_from_north_to_east() -> None:
 def test_courses_follow_the_ray(height_m: float) -> None:
     """Distance and latitude at heights between the points that were fitted: 1 mm, and 1e-9 of the sine."""
     r = itrs_from_geodetic(-0.9, 0.4, 700e3)
-    path = courses(r, WGS84, AZIMUTH, [height_m], 100e3)[0]
+    path = ray_paths(r, WGS84, AZIMUTH, [height_m], 100e3)[0]
     d = directions(r, AZIMUTH, angle_of_height(r, WGS84, AZIMUTH, height_m))
     s, lowest = tangent_point(r, d, WGS84)
     for along in np.linspace(-0.95, 0.95, 8) * math.sqrt(2 * 6.38e6 * (100e3 - height_m)):
@@ -55,7 +55,7 @@ def test_courses_follow_the_ray(height_m: float) -> None:
 
 def test_courses_over_a_sphere_have_the_closed_form() -> None:
     ball = sphere(6.371e6)
-    path = courses(np.array([7e6, 0.0, 0.0]), ball, [0.0], [30e3], 100e3)[0]
+    path = ray_paths(np.array([7e6, 0.0, 0.0]), ball, [0.0], [30e3], 100e3)[0]
     u = np.linspace(-260.0, 260.0, 7)
     b = ball.a_m + 30e3
     # s = u sqrt(2 b + u^2)

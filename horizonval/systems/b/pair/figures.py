@@ -121,8 +121,8 @@ def sun(found: Mapping[str, Mapping[float, JsonObject]], shown: tuple[float, ...
             one = views[zenith]
             panel.imshow(np.sqrt(np.array(one["pictures"]["forward"]) / 255.0), cmap="gray", vmin=0, vmax=1)
             error = one["error_deg"].get("SIGHT")
-            told = f"{error:.2f} deg" if error is not None else f"no answer: {one['status'].replace('_', ' ')}"
-            panel.set_title(f"Sun {round(LIMB_ZENITH_DEG - zenith)} deg over the limb\n{told}", fontsize=8)
+            error_text = f"{error:.2f} deg" if error is not None else f"no answer: {one['status'].replace('_', ' ')}"
+            panel.set_title(f"Sun {round(LIMB_ZENITH_DEG - zenith)} deg over the limb\n{error_text}", fontsize=8)
             panel.set(xticks=[], yticks=[])
         row[0].set_ylabel(lens)
     return figure

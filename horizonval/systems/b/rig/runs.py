@@ -91,7 +91,7 @@ class BenchRun:
 def run_all(
     cache: TaskCache,
     picture: str,
-    wanted: Mapping[str, tuple[Iterable[str], tuple[float, ...]]],
+    run_settings: Mapping[str, tuple[Iterable[str], tuple[float, ...]]],
     blur_px: float = LENS_BLUR_PX,
 ) -> dict[str, BenchRun]:
     """Return runs by their name.
@@ -100,14 +100,14 @@ def run_all(
     ----------
     picture : str
         File of the panel's picture.
-    wanted : mapping
+    run_settings : mapping
         Name of the run to its imperfections and its tilts [deg].
     blur_px : float
         Of the lens.
     """
     items: dict[str, JsonObject] = {}
     plans: dict[str, list[str]] = {}
-    for name, (imperfections, tilts) in wanted.items():
+    for name, (imperfections, tilts) in run_settings.items():
         plans[name] = []
         for number, errors in enumerate(design.benches(errors_of(imperfections))):
             item = _item(cache, picture, set(imperfections), errors, tilts, number, blur_px)
@@ -117,7 +117,7 @@ def run_all(
     swept = cache.each("bench", sweep, items)
     return {
         name: _run(cache, set(imperfections), tilts, [swept[key]["tilt_rad"] for key in plans[name]])
-        for name, (imperfections, tilts) in wanted.items()
+        for name, (imperfections, tilts) in run_settings.items()
     }
 
 
@@ -148,7 +148,7 @@ def _item(
     # What the camera does not see is left out, so that benches that look alike are rendered once...
     seen = errors.without(*_ACCELEROMETER)
     # ...but where they all look alike, each has its own noise.
-    own = number if seen == BenchErrors() else 0
+    noise_number = number if seen == BenchErrors() else 0
     return {
         "picture": picture,
         "panel": asdict(panel_of(on)),
@@ -156,7 +156,7 @@ def _item(
         "tilts_deg": list(tilts),
         "noise": noise,
         "blur_px": blur_px,
-        "name": f"bench {own} {sorted(asdict(seen).items())}" if noise else "bench",
+        "name": f"bench {noise_number} {sorted(asdict(seen).items())}" if noise else "bench",
         "seed": cache.seed if noise else 0,
     }
 

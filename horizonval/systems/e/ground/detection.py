@@ -129,10 +129,10 @@ def _peaks(significance: FloatArray, reach: int) -> list[tuple[int, int]]:
 
 
 def _is_predicted(fit: StreakFit, run_uv: tuple[float, float]) -> bool:
-    fitted, wanted = np.array(fit.run_uv), np.array(run_uv)
-    apart = min(float(np.hypot(*(fitted - wanted))), float(np.hypot(*(fitted + wanted))))
+    fitted, predicted = np.array(fit.run_uv), np.array(run_uv)
+    apart = min(float(np.hypot(*(fitted - predicted))), float(np.hypot(*(fitted + predicted))))
     sigma = float(np.sqrt(np.trace(fit.covariance[2:4, 2:4])))
-    length = float(np.hypot(*wanted))
+    length = float(np.hypot(*predicted))
     bright = fit.light_e > THRESHOLD * float(np.sqrt(fit.covariance[4, 4]))
     return bright and sigma < RUN_SIGMA * length and apart < RUN_TOLERANCE * length + 3.0 * sigma
 

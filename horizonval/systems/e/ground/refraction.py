@@ -71,7 +71,7 @@ def apparent_elevation(
     elevation, distance = np.broadcast_arrays(np.asarray(elevation_rad, float), np.asarray(distance_m, float))
     r0 = air.radius_m + height_m
     across, up = distance * np.cos(elevation), r0 + distance * np.sin(elevation)
-    radius, wanted = np.hypot(across, up), np.arctan2(across, up)
+    radius, central_angle = np.hypot(across, up), np.arctan2(across, up)
     above = air.altitude_m[air.altitude_m > height_m]
     r = air.radius_m + np.concatenate([[height_m], above])
     index = 1.0 + np.interp(r - air.radius_m, air.altitude_m, air.refractivity)
@@ -85,14 +85,14 @@ def apparent_elevation(
 
     # n0 r0 cos E may exceed r0 only below 1.4 deg; the zenith is straight.
     first, second = elevation, elevation + 2.8e-4 / np.tan(np.maximum(elevation, 0.1)) + 1e-9
-    y_first, y_second = turned(first) - wanted, turned(second) - wanted
+    y_first, y_second = turned(first) - central_angle, turned(second) - central_angle
     for _ in range(_STEPS):
         slope = y_second - y_first
         moved = np.abs(slope) > 0.0
         step = np.divide(y_second * (second - first), slope, out=np.zeros_like(slope), where=moved)
         first, y_first = second, y_second
         second = second - step
-        y_second = turned(second) - wanted
+        y_second = turned(second) - central_angle
     return np.asarray(second)
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from horizonval.estimation.limb.model.bow import moves, unknown_sun_covariance
+from horizonval.estimation.limb.model.height_perturbation import cone_perturbation, unknown_sun_covariance
 from horizonval.estimation.limb.model.sunlit import blur_rad, sun_angles, sunlit_limb
 from horizonval.estimation.limb.shape.cone import limb_directions
 from horizonval.geometry.camera import CameraModel
@@ -82,7 +82,7 @@ def test_heights_move_the_cone_as_a_fit_to_raised_points_does() -> None:
     rho = np.arcsin((RADIUS_M + height) / up)
     across = np.cos(turn)[:, None] * basis[:, 0] + np.sin(turn)[:, None] * basis[:, 1]
     cone = fit_cone(np.cos(rho)[:, None] * NADIR + np.sin(rho)[:, None] * across)
-    moved = moves(los, NADIR, RHO, height[None, :], RADIUS_M)[0]
+    moved = cone_perturbation(los, NADIR, RHO, height[None, :], RADIUS_M)[0]
     # To first order; the second is a hundredth of it.
     assert basis.T @ (cone.axis_cam - NADIR) == pytest.approx(moved[:2], abs=0.03 * float(np.abs(moved).max()))
 

@@ -8,8 +8,8 @@ import pytest
 
 from horizonval.core.errors import UserError
 from horizonval.studies.trade.design import expand, read_study
-from horizonval.suites.check import check_suite
 from horizonval.suites.identity import unit_identity
+from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.plan import plan_of, units_of
 
 STUDIES = sorted((Path(__file__).parents[4] / "scenes" / "studies").glob("*.toml"))
@@ -138,7 +138,7 @@ def test_a_mistake_in_the_conditions_names_the_design(load):
 def test_an_unknown_estimator_is_a_key_of_the_study(load):
     study = load(STUDY.replace('"ideal"]', '"ideel"]'))
     with pytest.raises(UserError) as e:
-        check_suite(study.suite, plan_of(study.suite))
+        refuse_mistakes(study.suite, plan_of(study.suite))
     assert e.value.where.endswith("s.toml: study.estimators")
 
 
@@ -161,7 +161,7 @@ def test_heads_are_one_camera(load):
         '["altitude-free", "ideal"]', '["video-vertical"]'
     )
     study = load(text)
-    check_suite(study.suite, plan_of(study.suite))
+    refuse_mistakes(study.suite, plan_of(study.suite))
     assert (study.designs[0].heads, study.designs[0].name) == (2, "psf_sigma_px_0.5")
     assert study.frames["psf_sigma_px_0.5__000"] == ("psf_sigma_px_0.5", "000")
 
@@ -199,7 +199,7 @@ def test_an_unknown_study_is_told_the_shipped_ones():
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
 def test_shipped_studies_load_and_check(path):
     study = expand(*read_study(path, 2))
-    check_suite(study.suite, plan_of(study.suite))
+    refuse_mistakes(study.suite, plan_of(study.suite))
     assert study.suite.name == path.stem
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.atmosphere.borrowed_absorption import ln_absorption
+from horizonval.earth.atmosphere.absorption_interpolation import ln_absorption
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
 from horizonval.earth.spectral import thermal_absorption as ta
 from horizonval.earth.spectral.planck import radiance_per_wavenumber

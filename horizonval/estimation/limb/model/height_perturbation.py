@@ -21,7 +21,7 @@ MOST_POINTS = 60
 LIT_RAD = math.radians(90.0)
 
 
-def moves(
+def cone_perturbation(
     los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, heights_m: FloatArray, earth_radius_m: float
 ) -> FloatArray:
     """Return how far heights move the fitted cone: (axis along basis 1, basis 2, half-angle) [rad], shape (k, 3).
@@ -68,6 +68,6 @@ def unknown_sun_covariance(
             heights.append(height)
     if not heights:
         return np.zeros((3, 3))
-    moved = moves(los_cam, axis_cam, rho_rad, np.array(heights), earth_radius_m)
+    moved = cone_perturbation(los_cam, axis_cam, rho_rad, np.array(heights), earth_radius_m)
     moved[:, 2] -= moved[:, 2].mean()
     return np.asarray(moved.T @ moved / len(moved))

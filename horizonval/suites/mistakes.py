@@ -13,7 +13,7 @@ from horizonval.suites.part import Part
 from horizonval.suites.plan import CasePlan, of_heads
 
 
-def check_suite(suite: Suite, plan: CasePlan, parts: Sequence[Part] = ()) -> None:
+def refuse_mistakes(suite: Suite, plan: CasePlan, parts: Sequence[Part] = ()) -> None:
     """Find mistakes that the files' models cannot know: estimators, atmospheres, detectors, positions.
 
     Thousands of cases share few cameras and atmospheres, and each of those is looked at once. What the suite asks for

@@ -62,17 +62,17 @@ def ln_absorption(
     # Pressure falls with altitude; np.interp wants rising abscissae.
     at = -np.log(state.pressure_pa)
     known = [_climate(name) for name in names]
-    place = np.stack([_place(np.interp(at, c[0], c[1]), np.interp(at, c[0], c[2])) for c in known])
+    place = np.stack([_coordinates(np.interp(at, c[0], c[1]), np.interp(at, c[0], c[2])) for c in known])
     absorbed = []
-    for name, (own, _, _, ln_air) in zip(names, known, strict=True):
+    for name, (level, _, _, ln_air) in zip(names, known, strict=True):
         per_molecule = points.ln_absorption({name: 1.0}, co2_ppm) - ln_air
-        absorbed.append([np.interp(at, own, row) for row in per_molecule])
+        absorbed.append([np.interp(at, level, row) for row in per_molecule])
     ln_k = np.array(absorbed)
-    here = _place(state.temperature_k, np.log(state.number_density_o3 / state.number_density_air))
-    return _laid(place, ln_k, here) + np.log(state.number_density_air)
+    target = _coordinates(state.temperature_k, np.log(state.number_density_o3 / state.number_density_air))
+    return _interpolated(place, ln_k, target) + np.log(state.number_density_air)
 
 
-def _place(temperature_k: FloatArray, ln_ozone: FloatArray) -> FloatArray:
+def _coordinates(temperature_k: FloatArray, ln_ozone: FloatArray) -> FloatArray:
     """Return the two coordinates, shape (2, n)."""
     return np.stack([temperature_k / _UNIT_K, ln_ozone / _UNIT_LN_OZONE])
 
@@ -90,14 +90,14 @@ def _climate(name: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]
     return -np.log(pressure), thermal_absorption.temperature_k(name, levels), ozone, np.log(air)
 
 
-def _laid(place: FloatArray, values: FloatArray, here: FloatArray) -> FloatArray:
+def _interpolated(place: FloatArray, values: FloatArray, target: FloatArray) -> FloatArray:
     """Return values (c, g, n) known at places (c, 2, n) laid through to other places (2, n), shape (g, n)."""
     x, y = place - place.mean(axis=0), values - values.mean(axis=0)
-    to = np.clip(here - place.mean(axis=0), x.min(axis=0) - _BEYOND, x.max(axis=0) + _BEYOND)
+    to = np.clip(target - place.mean(axis=0), x.min(axis=0) - _BEYOND, x.max(axis=0) + _BEYOND)
     squares = np.einsum("cin,cjn->nij", x, x) + _RIDGE * np.eye(2)
     slope = np.linalg.solve(squares, np.einsum("cin,cgn->nig", x, y))
-    distance = ((place - here) ** 2).sum(axis=1)
+    distance = ((place - target) ** 2).sum(axis=1)
     weight = 1.0 / np.maximum(distance, _SAME)
-    left = y - np.einsum("cin,nig->cgn", x, slope)
-    spread = np.einsum("cn,cgn->gn", weight / weight.sum(axis=0), left)
+    residual = y - np.einsum("cin,nig->cgn", x, slope)
+    spread = np.einsum("cn,cgn->gn", weight / weight.sum(axis=0), residual)
     return values.mean(axis=0) + np.einsum("in,nig->gn", to, slope) + spread
