@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from horizonval.core.progress import Progress
 
 
+_FRAMES_ABOVE = 5
+"""From where a warning is given to the caller of :func:`run`, whose line it is about."""
+
+
 class SuiteWarning(UserWarning):
     """What a check of a sample of a suite's frames found before they are rendered, as a saturated limb.
 
@@ -172,11 +176,14 @@ def run(
     part = parse_shard(f"{shard[0]}/{shard[1]}" if isinstance(shard, tuple) else shard) if shard is not None else None
     execution = Execution(workers, part, dask, tuple(Path(folder) for folder in merge))
     loaded = with_options(load_suite(suite, frames, seed), time_limit_s, keep)
-    report = check_before_run(loaded)
-    for line in [] if report is None else report.summary_lines():
-        warnings.warn(line, SuiteWarning, stacklevel=2)
+
+    def warn() -> None:
+        report = check_before_run(loaded)
+        for line in [] if report is None else report.summary_lines():
+            warnings.warn(line, SuiteWarning, stacklevel=_FRAMES_ABOVE)
+
     with shown(progress, f"suite {loaded.name}") as listener:
-        result = run_suite(loaded, Path(out), progress=listener, execution=execution)
+        result = run_suite(loaded, Path(out), progress=listener, execution=execution, on_start=warn)
     return Run(Path(out), loaded.name, result.summary, result.failed, result.missing)
 
 

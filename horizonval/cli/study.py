@@ -58,13 +58,11 @@ def study(
             raise UserError(
                 f"used with --out {out}", where=name, fix=f"run the study, then `horizonval study {out} {name}`"
             )
-    from horizonval.studies.trade.design import expand, read_study
     from horizonval.studies.trade.run import run_study
 
     execution = execution_of(workers, shard, dask, merge)
-    print_warnings(expand(*read_study(study, frames)))
     with resumable("study", kept="frames") as progress:
-        done = run_study(study, out, execution=execution, progress=progress, frames=frames)
+        done = run_study(study, out, execution=execution, progress=progress, frames=frames, on_start=print_warnings)
     if as_json:
         print_json(done.result)
     elif done.page is None:

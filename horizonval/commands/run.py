@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from horizonval.core.progress import Progress
@@ -12,7 +13,12 @@ from horizonval.suites.run import RunResult, run_suite
 
 
 def run(
-    suite: Suite, out_dir: Path, *, progress: Progress | None = None, execution: Execution | None = None
+    suite: Suite,
+    out_dir: Path,
+    *,
+    progress: Progress | None = None,
+    execution: Execution | None = None,
+    on_start: Callable[[], None] | None = None,
 ) -> RunResult:
     """Run a suite into a folder, or finish what an earlier run left there; see :func:`run_suite`.
 
@@ -22,10 +28,12 @@ def run(
     out_dir : Path
     progress : Progress, optional
     execution : Execution, optional
+    on_start : callable, optional
+        Called once, when all that is refused has been, before the first frame.
 
     Raises
     ------
     UserError
         As :func:`horizonval.suites.run.run_suite`.
     """
-    return run_suite(suite, out_dir, progress=progress, execution=execution, parts=PARTS)
+    return run_suite(suite, out_dir, progress=progress, execution=execution, parts=PARTS, on_start=on_start)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -63,6 +63,7 @@ def run_suite(
     progress: Progress | None = None,
     execution: Execution | None = None,
     parts: Sequence[Part] = (),
+    on_start: Callable[[], None] | None = None,
 ) -> RunResult:
     """Run a suite into a folder, or finish what an earlier run left there.
 
@@ -77,6 +78,8 @@ def run_suite(
     execution : Execution, optional
     parts : sequence of Part, optional
         Those that there are; the suite may ask for some of them.
+    on_start : callable, optional
+        Called once, when all that is refused has been, before the first frame.
 
     Raises
     ------
@@ -101,6 +104,8 @@ def run_suite(
             folder.remove_temporary_files()
         for other in execution.merge:
             adopt(RunFolder(other), folder, suite)
+        if on_start is not None:
+            on_start()
         seconds: dict[str, Mapping[str, float]] = {}
         try:
             briefs = _run_units(units, plan, folder, execution, progress, seconds)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from horizonval.report.pages import study_page
 from horizonval.spec.study import Requirement
 from horizonval.store.folder import RunFolder, read_json
 from horizonval.studies.trade.conclude import Data, conclude, query, read_data
-from horizonval.studies.trade.design import expand, read_study
+from horizonval.studies.trade.design import Study, expand, read_study
 from horizonval.studies.trade.plan import FILE, plan_of_study, read_plan, write_plan
 from horizonval.suites.run import run_suite
 
@@ -48,6 +49,7 @@ def run_study(
     execution: Execution | None = None,
     progress: Progress | None = None,
     frames: int | None = None,
+    on_start: Callable[[Study], None] | None = None,
 ) -> StudyResult:
     """Run a study into a folder, or finish or extend what is there: only frames that are new are made.
 
@@ -60,6 +62,8 @@ def run_study(
     progress : Progress, optional
     frames : int, optional
         Conditions in place of the file's number.
+    on_start : callable, optional
+        Called with the study once, when all that is refused has been, before the first frame.
 
     Raises
     ------
@@ -70,7 +74,8 @@ def run_study(
     before = read_plan(out_dir)
     study = expand(spec, path, before.batches if before is not None and before.head.name == spec.study.name else None)
     try:
-        run = run_suite(study.suite, out_dir, progress=progress, execution=execution)
+        start = None if on_start is None else partial(on_start, study)
+        run = run_suite(study.suite, out_dir, progress=progress, execution=execution, on_start=start)
     finally:
         # Whatever was begun belongs to these batches of estimators: a later run must go on with them.
         claimed = read_json(RunFolder(out_dir).suite) or {}
