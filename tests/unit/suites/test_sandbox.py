@@ -21,6 +21,7 @@ BAD = """
 import ctypes, os, time
 from horizonval.estimation.observation import Estimator
 from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
 
 def make(name, run):
     return Estimator(name, name, run)
