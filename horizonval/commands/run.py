@@ -29,7 +29,7 @@ def run(
     progress : Progress, optional
     execution : Execution, optional
     on_start : callable, optional
-        Called once, when all that is refused has been, before the first frame.
+        Called once before the first frame, when nothing is refused any more; never if all frames are finished.
 
     Raises
     ------

@@ -29,7 +29,13 @@ _ready = False
 
 
 def run_on_cluster(
-    work: Callable[[I], T], items: Iterable[I], address: str, folder: Path, *, renderer: bool = True
+    work: Callable[[I], T],
+    items: Iterable[I],
+    address: str,
+    folder: Path,
+    *,
+    renderer: bool = True,
+    on_start: Callable[[], None],
 ) -> Results[I, T | None, None]:
     """Yield every item with its result, as they come; ``None`` for one that killed its workers.
 
@@ -45,6 +51,8 @@ def run_on_cluster(
         Where the results are kept.
     renderer : bool
         Whether the workers get a renderer.
+    on_start : callable
+        Called once when the workers are there.
 
     Raises
     ------
@@ -63,6 +71,7 @@ def run_on_cluster(
 
     with _client(address, workers) as client:
         _check_workers(client, folder.resolve(), address)
+        on_start()
         futures = {client.submit(_prepared, work, item, renderer, pure=False): item for item in items}
         waiting = as_completed(futures)
         for future in waiting:

@@ -12,7 +12,7 @@ import contextlib
 import faulthandler
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -121,6 +121,7 @@ def stream(
     *,
     unit: str = "",
     what: str = "",
+    on_start: Callable[[], None] | None = None,
 ) -> Iterator[tuple[I, Done[R]]]:
     """Yield every item with what became of it: those that are finished already, then the others as they come.
 
@@ -133,6 +134,8 @@ def stream(
     progress : Progress
     unit, what : str
         For the display: what is counted, and of what.
+    on_start : callable, optional
+        Called once when workers can be had for what is missing; never if nothing is.
 
     Raises
     ------
@@ -156,7 +159,7 @@ def stream(
     yield from ready
     if not missing:
         return
-    with contextlib.closing(_run(work, missing, execution)) as results:
+    with contextlib.closing(_run(work, missing, execution, on_start or _nothing)) as results:
         for item, made in results:
             done = work.lost(item, _died(work, item)) if made is None else made
             for name, error in work.parts(item, done).items():
@@ -178,16 +181,25 @@ def do(
     return {name: done[name] for item in items if (name := work.name(item)) in done}
 
 
-def _run(work: Work[I, R], items: Sequence[I], execution: Execution) -> Results[I, Done[R] | None, None]:
+def _run(
+    work: Work[I, R], items: Sequence[I], execution: Execution, on_start: Callable[[], None]
+) -> Results[I, Done[R] | None, None]:
     function = partial(_safely, work)
     if execution.dask is not None:
-        return run_on_cluster(function, items, execution.dask, work.folder or Path(), renderer=work.renders)
+        return run_on_cluster(
+            function, items, execution.dask, work.folder or Path(), renderer=work.renders, on_start=on_start
+        )
     if work.renders:
         from horizonval.renderer.plugin.backend import probe
 
         if probe().chosen is None:
             raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
+    on_start()
     return run_in_processes(function, items, execution.processes, renderer=work.renders)
+
+
+def _nothing() -> None:
+    pass
 
 
 def _safely(work: Work[I, R], item: I) -> Done[R]:

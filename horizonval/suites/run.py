@@ -79,7 +79,7 @@ def run_suite(
     parts : sequence of Part, optional
         Those that there are; the suite may ask for some of them.
     on_start : callable, optional
-        Called once, when all that is refused has been, before the first frame.
+        Called once before the first frame, when nothing is refused any more; never if all frames are finished.
 
     Raises
     ------
@@ -104,11 +104,9 @@ def run_suite(
             folder.remove_temporary_files()
         for other in execution.merge:
             adopt(RunFolder(other), folder, suite)
-        if on_start is not None:
-            on_start()
         seconds: dict[str, Mapping[str, float]] = {}
         try:
-            briefs = _run_units(units, plan, folder, execution, progress, seconds)
+            briefs = _run_units(units, plan, folder, execution, progress, seconds, on_start)
         except BaseException:
             # The times of what is finished cannot be had again.
             _add_timings(folder, seconds, execution.shard)
@@ -182,10 +180,11 @@ def _run_units(
     execution: Execution,
     progress: Progress,
     seconds: dict[str, Mapping[str, float]],
+    on_start: Callable[[], None] | None,
 ) -> dict[str, Brief]:
     """Make what is missing of the units and return what became of all; the times that it took go into ``seconds``."""
     briefs: dict[str, Brief] = {}
-    for unit, done in stream(UnitWork(plan, folder), units, execution, progress):
+    for unit, done in stream(UnitWork(plan, folder), units, execution, progress, on_start=on_start):
         if done.result is None:
             raise UserError(f"{unit.name}: {done.error}", where=str(folder.root), fix="mend it, and run again")
         briefs |= done.result

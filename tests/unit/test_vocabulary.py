@@ -13,7 +13,7 @@ import pytest
 import horizonval
 
 PACKAGE = Path(horizonval.__file__).parent
-GLOSSARY = PACKAGE.parent / "docs" / "glossary.md"
+GLOSSARY = Path(__file__).parents[2] / "docs" / "glossary.md"
 
 AVOIDED = {
     "bow": "height perturbation",

@@ -63,7 +63,7 @@ def run_study(
     frames : int, optional
         Conditions in place of the file's number.
     on_start : callable, optional
-        Called with the study once, when all that is refused has been, before the first frame.
+        Called with the study, once before the first frame, when nothing is refused any more.
 
     Raises
     ------

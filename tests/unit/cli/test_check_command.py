@@ -48,12 +48,14 @@ def test_exit_status_and_json(suite, capsys):
     assert captured.err.count("\n") == 1
 
 
+def start_and_stop(*arguments, on_start, **options):
+    on_start()
+    raise UserError("started")
+
+
 @pytest.mark.parametrize(("exposure_s", "told"), [(1e-2, True), (1e-4, False)])
 def test_a_run_says_first_what_is_wrong(suite, tmp_path, capsys, monkeypatch, exposure_s, told):
-    def stop(*arguments, **options):
-        raise UserError("started")
-
-    monkeypatch.setattr("horizonval.suites.run.run_suite", stop)
+    monkeypatch.setattr("horizonval.suites.run.stream", start_and_stop)
     run_command_line(["run", suite(exposure_s), "--out", str(tmp_path / "out"), "--json"])
     captured = capsys.readouterr()
     lines = captured.err.splitlines()
@@ -71,10 +73,7 @@ def test_a_study_says_so_too(tmp_path, capsys, monkeypatch):
         + '[frames.grid]\n"platform.latitude_deg" = [0.0, 10.0]\n'
     )
 
-    def stop(*arguments, **options):
-        raise UserError("started")
-
-    monkeypatch.setattr("horizonval.studies.trade.run.run_study", stop)
+    monkeypatch.setattr("horizonval.suites.run.stream", start_and_stop)
     run_command_line(["study", str(path), "--out", str(tmp_path / "out")])
     lines = capsys.readouterr().err.splitlines()
     assert lines[0].startswith("horizonval: warning: f_number_2.8, f_number_4: all 4 frames: limb at ")

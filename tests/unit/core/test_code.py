@@ -86,7 +86,7 @@ def test_layout_makes_nothing_again(changed: Changed) -> None:
     assert changed("geometry/horizon.py", lambda text: ast.unparse(ast.parse(text))) == set()
 
 
-@pytest.mark.parametrize("name", ["cli/campaign.py", "report/wording.py", "systems/pages.py", "jobs/engine.py"])
+@pytest.mark.parametrize("name", ["cli/campaign.py", "report/formatting.py", "systems/pages.py", "jobs/engine.py"])
 def test_what_no_result_flows_through_makes_nothing_again(changed: Changed, name: str) -> None:
     assert changed(name, _added) == set()
 
