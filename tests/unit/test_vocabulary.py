@@ -16,11 +16,14 @@ PACKAGE = Path(horizonval.__file__).parent
 GLOSSARY = Path(__file__).parents[2] / "docs" / "glossary.md"
 
 AVOIDED = {
+    "backward": "smoother",
+    "book": "pages",
     "bow": "height perturbation",
     "borrowed": "interpolated",
     "dear": "expensive",
     "foretold": "predicted",
     "landing": "surface hit",
+    "lasting": "consider (partials), systematic",
     "straightened": "apparent radius (Bouguer) coordinates",
     "told": "said, stated, compared",
     "wording": "formatting",

@@ -39,28 +39,28 @@ def json_schema(kind: FileKind) -> JsonObject:
     -------
     dict
     """
-    book = _Definitions()
-    name = book.add(MODELS[kind])
+    definitions = _Definitions()
+    name = definitions.add(MODELS[kind])
     if kind != "camera":
-        book.add(SceneSpec)
-        book.add(CameraSpec)
-        book.add(OrbitSpec)
-        book.let_scenes_change_the_camera()
+        definitions.add(SceneSpec)
+        definitions.add(CameraSpec)
+        definitions.add(OrbitSpec)
+        definitions.let_scenes_change_the_camera()
     match kind:
         case "suite":
-            book.replace("SuiteSpec", "defaults", book.partial_scene())
-            book.replace("SuiteSpec", "frame", {"type": "array", "items": book.frame()})
-            book.vary("CasesSpec")
+            definitions.replace("SuiteSpec", "defaults", definitions.partial_scene())
+            definitions.replace("SuiteSpec", "frame", {"type": "array", "items": definitions.frame()})
+            definitions.vary("CasesSpec")
         case "study":
-            book.replace("StudySpec", "defaults", book.partial_scene())
-            entry = book.partial_scene(orbit=True)
+            definitions.replace("StudySpec", "defaults", definitions.partial_scene())
+            entry = definitions.partial_scene(orbit=True)
             entry["properties"] |= {"name": {"type": "string"}, "estimators": _NAMES}
             entries = {"type": "array", "minItems": 1, "items": entry | {"required": ["name"]}}
-            book.replace("DesignSpec", "list", entries)
-            book.replace("DesignSpec", "choices", {"type": "object", "additionalProperties": entries})
-            book.replace("DesignSpec", "grid", book.scene_of("Axes"))
-            book.vary("FramesSpec")
-    return book.document(name)
+            definitions.replace("DesignSpec", "list", entries)
+            definitions.replace("DesignSpec", "choices", {"type": "object", "additionalProperties": entries})
+            definitions.replace("DesignSpec", "grid", definitions.scene_of("Axes"))
+            definitions.vary("FramesSpec")
+    return definitions.document(name)
 
 
 def schema_text(kind: FileKind) -> str:
