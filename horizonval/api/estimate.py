@@ -120,8 +120,11 @@ def _estimator_of(estimator: AnyEstimator) -> Estimator:
     )
 
 
-def _named(images: Sequence[Any]) -> dict[str, GreyImage]:
-    return {f"image {i}" if not isinstance(m, str | Path) else str(m): _picture_of(m) for i, m in enumerate(images, 1)}
+def _named(images: Sequence[Any]) -> list[tuple[str, GreyImage]]:
+    return [
+        (str(image) if isinstance(image, str | Path) else f"image {number}", _picture_of(image))
+        for number, image in enumerate(images, 1)
+    ]
 
 
 def _name(image: AnyImage) -> str:

@@ -63,19 +63,19 @@ def estimate_heads(paths: Sequence[Path], estimator_name: str) -> dict[str, Any]
         of different housings or instants.
     """
     estimator = registry.get(estimator_name)
-    observation = observation_from_heads({str(path): read_picture(path) for path in paths}, estimator)
+    observation = observation_from_heads([(str(path), read_picture(path)) for path in paths], estimator)
     start = time.perf_counter()
     result = registry.run_safely(estimator, observation)
     return _report(estimator, result, time.perf_counter() - start)
 
 
-def observation_from_heads(pictures: Mapping[str, GreyImage], estimator: Estimator) -> Observation:
+def observation_from_heads(pictures: Sequence[tuple[str, GreyImage]], estimator: Estimator) -> Observation:
     """Return what an estimator is given of the images of all heads of one housing.
 
     Parameters
     ----------
-    pictures : mapping of str to GreyImage
-        By the names that errors call them.
+    pictures : sequence of (str, GreyImage)
+        Each after the name that errors call it.
     estimator : Estimator
 
     Raises
@@ -85,10 +85,11 @@ def observation_from_heads(pictures: Mapping[str, GreyImage], estimator: Estimat
         housings or instants.
     """
     if estimator.needs != "heads":
-        raise UserError(f"estimator {estimator.name!r} takes one image, not {len(pictures)}", where=", ".join(pictures))
+        names = ", ".join(name for name, _ in pictures)
+        raise UserError(f"estimator {estimator.name!r} takes one image, not {len(pictures)}", where=names)
     sources: dict[str, DetectorImage | RadianceFrame] = {}
     housing = None
-    for where, picture in pictures.items():
+    for where, picture in pictures:
         source = picture.source
         head = None if source is None else source.truth.head
         if source is None or head is None:
