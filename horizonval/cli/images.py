@@ -96,7 +96,9 @@ def estimate(
         print_json(report)
         return
     for key, value in report.items():
-        if value is not None:
+        if key == "output":
+            print("\n" + str(value))
+        elif value is not None:
             print(f"{key:20} {_text(value)}")
 
 

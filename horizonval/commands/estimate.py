@@ -201,7 +201,7 @@ def _report(estimator: Estimator, result: Fit | Refusal, seconds: float) -> dict
         "seconds": round(seconds, 6),
     }
     if isinstance(result, Refusal):
-        return report | {"reason": result.reason}
+        return report | {"reason": result.reason} | ({"output": result.output} if result.output else {})
     sigma = sigma_nadir_rad(result.nadir_cam, result.total_covariance_nadir_cam) / ARCSEC
     return report | {
         "nadir_cam": [float(x) for x in result.nadir_cam],
