@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from horizonval.commands.picture import GreyImage, read_picture
+from horizonval.commands.picture import GreyImage, read_picture, refuse_other_size
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
@@ -41,7 +41,7 @@ def estimate_file(path: Path, estimator_name: str, camera: CameraSpec | None, ca
         Unknown estimator, unreadable picture, no camera, or a camera of another size.
     """
     estimator = registry.get(estimator_name)
-    observation = observation_from(read_picture(path), estimator, str(path), camera, camera_file)
+    observation = observation_from(read_picture(path, camera, camera_file), estimator, str(path), camera, camera_file)
     start = time.perf_counter()
     result = registry.run_safely(estimator, observation)
     return _report(estimator, result, time.perf_counter() - start)
@@ -151,12 +151,7 @@ def observation_from(
             )
         return observation_of(picture.source, estimator)
     height, width = picture.grey.shape
-    if (width, height) != (camera.camera.width, camera.camera.height):
-        raise UserError(
-            f"the image is {width} x {height} pixels, the camera {camera.camera.width} x {camera.camera.height}",
-            where=f"{where}, {camera_file}" if camera_file else where,
-            expected="equal sizes",
-        )
+    refuse_other_size(width, height, camera, where, camera_file)
     intrinsics = camera_from_spec(camera.camera)
     check_invertible(intrinsics, where=camera_file)
     recorded = None if picture.source is None else observation_of(picture.source, estimator)

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.commands.picture_size import EXR_MAGIC, refuse_too_large, size_of
 from horizonval.core.errors import UserError
 from horizonval.estimation.limb.grey import to_grey
 from horizonval.frame import DetectorImage, RadianceFrame
+from horizonval.spec.sensor.camera import CameraSpec
 
-EXR_MAGIC = b"\x76\x2f\x31\x01"
 MAX_FILE_BYTES = 4 * 1024**3
 
 
@@ -39,13 +40,24 @@ class GreyImage:
     source: DetectorImage | RadianceFrame | None
 
 
-def read_picture(path: Path) -> GreyImage:
+def read_picture(path: Path, camera: CameraSpec | None = None, camera_file: str = "") -> GreyImage:
     """Read a picture; the content decides what it is, not the name.
+
+    Its size is read first, from its header: no pixel of one that is refused for its size is decoded.
+
+    Parameters
+    ----------
+    path : Path
+    camera : CameraSpec, optional
+        The camera that took it, whose size it must have.
+    camera_file : str
+        For error messages.
 
     Raises
     ------
     UserError
-        No such file, or not a picture that can be read.
+        No such file, not a picture that can be read, one of another size than the camera's, or one that is larger than
+        any camera's or than memory holds.
     """
     try:
         with path.open("rb") as file:
@@ -54,7 +66,21 @@ def read_picture(path: Path) -> GreyImage:
         raise UserError("is a folder", where=str(path), expected="an image file") from e
     except OSError as e:
         raise UserError(e.strerror or "cannot be read", where=str(path), expected="an image file") from e
+    width, height = size_of(path)
+    if camera is not None:
+        refuse_other_size(width, height, camera, str(path), camera_file)
+    refuse_too_large(width, height, path)
     return _read_exr(path) if magic == EXR_MAGIC else _read_common(path)
+
+
+def refuse_other_size(width: int, height: int, camera: CameraSpec, where: str, camera_file: str = "") -> None:
+    """Raise ``UserError`` where an image has not the size of the camera that is said to have taken it."""
+    if (width, height) != (camera.camera.width, camera.camera.height):
+        raise UserError(
+            f"the image is {width} x {height} pixels, the camera {camera.camera.width} x {camera.camera.height}",
+            where=f"{where}, {camera_file}" if camera_file else where,
+            expected="equal sizes",
+        )
 
 
 def picture_of_array(pixels: NDArray[Any]) -> GreyImage:
