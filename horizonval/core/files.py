@@ -15,8 +15,8 @@ import errno
 import hashlib
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from horizonval.core.errors import UserError
 
@@ -64,7 +64,7 @@ def kind_at(path: str | os.PathLike[str], *, links: bool = False) -> str:
 
 def open_file(
     path: str | os.PathLike[str], *, expected: str = "a file", links: bool = True, largest: int | None = None
-) -> BinaryIO:
+) -> BufferedReader:
     """Open a regular file for reading; nothing waits, whatever lies there.
 
     Parameters
