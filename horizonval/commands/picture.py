@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.commands.picture_size import EXR_MAGIC, refuse_too_large, size_of
+from horizonval.commands.picture_size import EXPECTED, EXR_MAGIC, refuse_too_large, size_of
+from horizonval.core import files
 from horizonval.core.errors import UserError
 from horizonval.estimation.limb.grey import to_grey
 from horizonval.frame import DetectorImage, RadianceFrame
@@ -59,13 +60,7 @@ def read_picture(path: Path, camera: CameraSpec | None = None, camera_file: str 
         No such file, not a picture that can be read, one of another size than the camera's, or one that is larger than
         any camera's or than memory holds.
     """
-    try:
-        with path.open("rb") as file:
-            magic = file.read(4)
-    except IsADirectoryError as e:
-        raise UserError("is a folder", where=str(path), expected="an image file") from e
-    except OSError as e:
-        raise UserError(e.strerror or "cannot be read", where=str(path), expected="an image file") from e
+    magic = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED, first=4)
     width, height = size_of(path)
     if camera is not None:
         refuse_other_size(width, height, camera, str(path), camera_file)
@@ -111,20 +106,17 @@ def _read_exr(path: Path) -> GreyImage:
 def _read_common(path: Path) -> GreyImage:
     import cv2
 
-    expected = "an EXR, PNG, TIFF or JPEG image"
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise UserError("too large for an image", where=str(path), expected=expected)
-    data = np.fromfile(path, dtype=np.uint8)
+    data = np.frombuffer(files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED), dtype=np.uint8)
     pixels: NDArray[Any] | None = None
     if data.size:
         try:
             with _quiet():
                 pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
         except cv2.error as e:
-            raise UserError("not an image that can be read", where=str(path), expected=expected) from e
+            raise UserError("not an image that can be read", where=str(path), expected=EXPECTED) from e
     if pixels is None or pixels.size == 0:
         what = "not an image that can be read" if data.size else "the file is empty"
-        raise UserError(what, where=str(path), expected=expected)
+        raise UserError(what, where=str(path), expected=EXPECTED)
     return picture_of_array(pixels)
 
 

@@ -5,7 +5,6 @@ A few kilobytes can stand for any number of pixels: their number is known, and j
 
 from __future__ import annotations
 
-import math
 import struct
 import warnings
 from pathlib import Path
@@ -66,9 +65,9 @@ def _common_size(path: Path, magic: bytes) -> tuple[int, int]:
     if not magic:
         raise UserError("the file is empty", where=str(path), expected=EXPECTED)
     try:
-        if magic in TIFF_MAGIC:
-            return _tiff_size(path)
-        return _size_by_pillow(path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return _tiff_size(path) if magic in TIFF_MAGIC else _size_by_pillow(path)
     except Exception:
         # A damaged header comes out of its parser as whatever went wrong inside.
         raise UserError("not an image that can be read", where=str(path), expected=EXPECTED) from None
@@ -81,10 +80,8 @@ def _size_by_pillow(path: Path) -> tuple[int, int]:
     # The library's own limit would hide the size, which is told in our words; it decodes nothing here.
     Image.MAX_IMAGE_PIXELS = None
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            with Image.open(path) as picture:
-                return picture.size
+        with Image.open(path) as picture:
+            return picture.size
     finally:
         Image.MAX_IMAGE_PIXELS = limit
 
@@ -101,6 +98,6 @@ def _tiff_size(path: Path) -> tuple[int, int]:
         file.seek(directory.next)
         directory.load(file)
     width, height = (int(directory[tag]) for tag in (TiffImagePlugin.IMAGEWIDTH, TiffImagePlugin.IMAGELENGTH))
-    if width < 1 or height < 1 or not math.isfinite(width * height):
+    if width < 1 or height < 1:
         raise ValueError("no pixels")
     return width, height
