@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from horizonval.commands.picture import GreyImage, read_picture
+from horizonval.commands.picture import GreyImage, read_picture, refuse_other_size
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
@@ -50,7 +50,7 @@ def estimate_file(path: Path, estimator_name: str, camera: CameraSpec | None, ca
         Unknown estimator, unreadable picture, no camera, or a camera of another size.
     """
     estimator = registry.get(estimator_name)
-    picture = read_picture(path)
+    picture = read_picture(path, camera, camera_file)
     observation = observation_from(picture, estimator, str(path), camera, camera_file)
     start = time.perf_counter()
     result = registry.run_safely(estimator, observation)
@@ -170,12 +170,7 @@ def observation_from(
             )
         return observation_of(picture.source, estimator)
     height, width = picture.grey.shape
-    if (width, height) != (camera.camera.width, camera.camera.height):
-        raise UserError(
-            f"the image is {width} x {height} pixels, the camera {camera.camera.width} x {camera.camera.height}",
-            where=f"{where}, {camera_file}" if camera_file else where,
-            expected="equal sizes",
-        )
+    refuse_other_size(width, height, camera, where, camera_file)
     intrinsics = camera_from_spec(camera.camera)
     check_invertible(intrinsics, where=camera_file)
     recorded = None if picture.source is None else observation_of(picture.source, estimator)
@@ -225,7 +220,7 @@ def _report(estimator: Estimator, result: Fit | Refusal, seconds: float, truth: 
         errors = score(truth, estimator, result, earth_radius_m=method_radius_m(truth))
         report |= {name: getattr(errors, name) for name in ERRORS}
     if isinstance(result, Refusal):
-        return report | {"reason": result.reason}
+        return report | {"reason": result.reason} | ({"output": result.output} if result.output else {})
     sigma = sigma_nadir_rad(result.nadir_cam, result.total_covariance_nadir_cam) / ARCSEC
     return report | {
         "nadir_cam": [float(x) for x in result.nadir_cam],

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from horizonval.core import files
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.suggest import nearest
@@ -352,10 +353,10 @@ class Shelf:
             scene = _with_atmosphere(scene, file=str(file.resolve()))
         if scene.atmosphere.profile_file is not None:
             file = self._path.parent / Path(scene.atmosphere.profile_file).expanduser()
-            if not file.is_file():
-                raise UserError(
-                    f"no file {file}", where=prefix + "atmosphere.profile_file", expected="a profile (CSV or JSON)"
-                )
+            try:
+                files.ensure_file(file, expected="a profile (CSV or JSON)")
+            except UserError as e:
+                raise e.inside(prefix + "atmosphere.profile_file") from e
             scene = _with_atmosphere(scene, profile_file=str(file.resolve()))
         return scene, camera
 
@@ -400,14 +401,7 @@ def changed_camera(camera: JsonObject, changes: JsonObject, prefix: str) -> Json
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Return a TOML file's tables; a syntax error names file, line and column."""
-    try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise UserError("too large for a specification", where=str(path), expected="a TOML file")
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as e:
-        raise UserError(f"not text (byte {e.start} is not UTF-8)", where=str(path), expected="a TOML file") from e
-    except OSError as e:
-        raise UserError(e.strerror or "cannot be read", where=str(path), expected="a readable file") from e
+    text = files.read_text(path, largest=MAX_FILE_BYTES, expected="a TOML file")
     try:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as e:

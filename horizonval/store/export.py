@@ -1,4 +1,4 @@
-"""Frames and detector images as files that other programs open: FITS, 16-bit PNG with a JSON file beside it, ZIP EXR."""
+"""Frames and detector images as files that other programs open: FITS, 16-bit PNG with a JSON file, EXR with ZIP."""
 
 from __future__ import annotations
 

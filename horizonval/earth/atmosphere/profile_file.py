@@ -31,11 +31,13 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.suggest import nearest
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
 
+MAX_FILE_BYTES = 1024 * 1024
 MIN_LEVELS = 10
 MIN_TOP_KM = 60.0
 MAX_STEP_KM = 10.0
@@ -77,11 +79,7 @@ def read_profile(path: Path | str) -> AtmosphereProfile:
         Naming file, key and line of the first mistake, and what is allowed there.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a text file"
-        raise UserError(f"cannot be read ({reason})", where=str(path), expected="a profile (CSV or JSON)") from None
+    text = files.read_text(path, largest=MAX_FILE_BYTES, expected="a profile (CSV or JSON)")
     table = _read_json(text, str(path)) if path.suffix.lower() == ".json" else _read_csv(text, str(path))
     _check(table)
     return _profile(table, path.stem)
