@@ -105,7 +105,9 @@ def estimate(
         print_json(report)
         return 0
     for key, value in report.items():
-        if value is not None:
+        if key == "output":
+            print("\n" + str(value))
+        elif value is not None:
             print(f"{key:20} {_text(value)}")
     return 0
 

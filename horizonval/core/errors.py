@@ -11,6 +11,22 @@ from pathlib import Path
 from typing import Self
 
 
+def printable(text: str) -> str:
+    r"""Return text that a terminal shows as it is, and in one line.
+
+    Names of files and texts of headers may hold line ends, commands to the terminal or bytes that are no text: such
+    characters are written as Python escapes them.
+
+    Examples
+    --------
+    >>> printable("a\x1b[2Jb\n\udcffä")
+    'a\\x1b[2Jb\\n\\udcffä'
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
 class UserError(Exception):
     """A mistake in what the user gave us: what is wrong, where, what was expected, how to mend it.
 
@@ -54,7 +70,7 @@ class UserError(Exception):
             text += f"; expected {self.expected}"
         if self.fix:
             text += f"; {self.fix}"
-        return " ".join(text.split())
+        return printable(" ".join(text.split()))
 
 
 class DamagedFileError(UserError):
@@ -70,4 +86,4 @@ def one_line(error: BaseException) -> str:
         return error.line()
     trace = traceback.extract_tb(error.__traceback__)
     place = f" at {Path(trace[-1].filename).name}:{trace[-1].lineno}" if trace else ""
-    return " ".join(f"{type(error).__name__}{place}: {error}".split())
+    return printable(" ".join(f"{type(error).__name__}{place}: {error}".split()))

@@ -62,6 +62,11 @@ def kind_at(path: str | os.PathLike[str], *, links: bool = False) -> str:
         return ""
 
 
+def is_inside(path: Path, root: Path) -> bool:
+    """Whether a path is really below a folder: no link between them, and no ``..``, leads out of it."""
+    return Path(os.path.realpath(path.parent)).is_relative_to(os.path.realpath(root))
+
+
 def open_file(
     path: str | os.PathLike[str], *, expected: str = "a file", links: bool = True, largest: int | None = None
 ) -> BufferedReader:
@@ -115,15 +120,12 @@ def read_bytes(
     links: bool = True,
     first: int | None = None,
 ) -> bytes:
-    """Return what a regular file holds, or its ``first`` bytes; otherwise as :func:`open_file`."""
+    """Return what a regular file held when it was opened, or its ``first`` bytes; otherwise as :func:`open_file`."""
     with open_file(path, expected=expected, links=links, largest=largest) as file:
         try:
-            data = file.read(largest + 1 if first is None else first)
+            return file.read(os.fstat(file.fileno()).st_size if first is None else first)
         except OSError as error:
             raise _error_of(error, path, expected) from None
-    if len(data) > largest and first is None:
-        raise _too_large(path, expected, largest)
-    return data
 
 
 def read_text(
