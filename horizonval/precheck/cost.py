@@ -8,9 +8,10 @@ The constants are seconds of processor time, which other work on the machine cha
 two x86-64 processors: eight shipped scenes of 80 to 1024 pixels, second frame of a process.
 
 **How far off.** On those scenes the predicted time of a frame is 0.8 to 1.3 of the measured one, with clouds and
-moonlight 0.8 to 0.9; of memory :mod:`horizonval.renderer.scene.frame_memory` says it. The default suite rendered for 127 s with its tables, 112 s are predicted, and
-left 48 MB, 50 MB are predicted. On other machines, and for scenes unlike these, take a factor of three. Disk is within
-1.5, by the compression of what is in the frames. What an estimator takes is known for ours only, to a factor of three.
+moonlight 0.8 to 0.9; of memory :mod:`horizonval.renderer.scene.frame_memory` says it. The default suite rendered for
+127 s with its tables, 112 s are predicted, and left 48 MB, 50 MB are predicted. On other machines, and for scenes
+unlike these, take a factor of three. Disk is within 1.5, by the compression of what is in the frames. What an estimator
+takes is known for ours only, to a factor of three.
 
 Left out: the first frame of a process (1 to 7 s of compiling), the report's pages (a few seconds), refraction and
 airglow (each a march of its own).
