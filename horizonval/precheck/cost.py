@@ -9,9 +9,9 @@ two x86-64 processors: eight shipped scenes of 80 to 1024 pixels, second frame o
 
 **How far off.** On those scenes the predicted time of a frame is 0.8 to 1.3 of the measured one, with clouds and
 moonlight 0.8 to 0.9; of memory :mod:`horizonval.renderer.scene.frame_memory` says it. The default suite rendered for
-127 s with its tables, 112 s are predicted, and left 48 MB, 50 MB are predicted. On other machines, and for scenes
-unlike these, take a factor of three. Disk is within 1.5, by the compression of what is in the frames. What an estimator
-takes is known for ours only, to a factor of three.
+127 s with its tables, 112 s are predicted. On other machines, and for scenes unlike these, take a factor of three. Disk
+is within 1.5 on seven shipped scenes: by day and night, with clouds and Moon, in the infrared. What an estimator takes
+is known for ours only, to a factor of three.
 
 Left out: the first frame of a process (1 to 7 s of compiling), the report's pages (a few seconds), refraction and
 airglow (each a march of its own).
@@ -43,8 +43,10 @@ BY_LATITUDE = 2.5
 """How much longer thermal bands take through air that changes with latitude."""
 OBSERVE_S_PER_PIXEL = 1.2e-7
 ESTIMATE_S, ESTIMATE_S_PER_PIXEL = 0.1, 5e-7
-FRAME_BYTES, FRAME_BYTES_PER_VALUE = 2e4, 2.1
-IMAGE_BYTES, IMAGE_BYTES_PER_PIXEL = 2.5e4, 2.0
+FRAME_BYTES, FRAME_BYTES_PER_VALUE, FRAME_BYTES_PER_THERMAL_VALUE = 2e4, 0.65, 3.4
+"""Of radiance and truth maps, and of thermal radiance; under clouds, which have edges, twice as much."""
+IMAGE_BYTES, IMAGE_BYTES_PER_PIXEL, IMAGE_BYTES_PER_FINE_PIXEL = 1.5e4, 0.7, 2.3
+"""Of up to 11 bits, and of more."""
 RECORD_BYTES = 1e4
 TRUTH_MAPS = 4
 
@@ -172,9 +174,21 @@ def frame_cost(
         observe_s=OBSERVE_S_PER_PIXEL * pixels * images,
         estimate_s=(ESTIMATE_S + ESTIMATE_S_PER_PIXEL * pixels) * images * estimators,
         memory_mb=frame_bytes(scene, camera, thermal if by_latitude else 0) / 1e6,
-        frame_bytes=FRAME_BYTES + FRAME_BYTES_PER_VALUE * pixels * (len(camera.band) + TRUTH_MAPS),
-        image_bytes=(IMAGE_BYTES + IMAGE_BYTES_PER_PIXEL * pixels) * images,
+        frame_bytes=FRAME_BYTES + pixels * _bytes_per_pixel(scene, camera),
+        image_bytes=(IMAGE_BYTES + _image_bytes_per_pixel(camera) * pixels) * images,
     )
+
+
+def _bytes_per_pixel(scene: SceneSpec, camera: CameraSpec) -> float:
+    thermal = sum(band.kind == "thermal" for band in camera.band)
+    smooth = FRAME_BYTES_PER_VALUE * (len(camera.band) - thermal + TRUTH_MAPS)
+    clouds = 2.0 if scene.clouds is not None else 1.0
+    return smooth * clouds + FRAME_BYTES_PER_THERMAL_VALUE * thermal
+
+
+def _image_bytes_per_pixel(camera: CameraSpec) -> float:
+    fine = camera.detector is not None and camera.detector.bits > 11
+    return IMAGE_BYTES_PER_FINE_PIXEL if fine else IMAGE_BYTES_PER_PIXEL
 
 
 def _airless(scene: SceneSpec) -> bool:

@@ -1,4 +1,4 @@
-"""Frames and detector images as files that other programs open: FITS, or 16-bit PNG with a JSON file beside it."""
+"""Frames and detector images as files that other programs open: FITS, 16-bit PNG with a JSON file, EXR with ZIP."""
 
 from __future__ import annotations
 
@@ -24,17 +24,19 @@ PNG_MAX = 65535
 _UNFIT = re.compile(r"[^A-Za-z0-9._-]+")
 
 
-def export_file(path: Path, out: Path, *, fits: bool, png: bool) -> list[Path]:
+def export_file(path: Path, out: Path, *, fits: bool = False, png: bool = False, zipped: bool = False) -> list[Path]:
     """Write one of our EXR files in other formats into the folder ``out``, and return the paths.
 
     ``png``: digital numbers as they are, in 16 bits, so that `estimate --camera` reads them like the EXR file's; of a
     frame each band's radiance, the largest value being 65535. The JSON file beside it has unit, scale, camera and
-    truth. What has the same name is replaced: it is the same content.
+    truth. ``zipped``: EXR that programs with an OpenEXR before 3.4 read. What has the same name is replaced: it is the
+    same content.
 
     Raises
     ------
     UserError
-        Not one of our files, damaged, no astropy for ``fits``, or a folder that cannot be written.
+        Not one of our files, damaged, no astropy for ``fits``, a folder that cannot be written, or an EXR file that
+        would replace the one it is made of.
     """
     kind = exr.kind(path)
     if kind == "foreign":
@@ -43,6 +45,15 @@ def export_file(path: Path, out: Path, *, fits: bool, png: bool) -> list[Path]:
     address = path.stem if is_address(path.stem) else ""
     name = _name(source, path, address)
     written = []
+    if zipped:
+        target = out / f"{name}.exr"
+        if target.exists() and target.samefile(path):
+            raise UserError("input and output are the same file", where=str(target), fix="name another folder")
+        if isinstance(source, DetectorImage):
+            exr.write_image(target, source)
+        else:
+            exr.write_frame(target, source, codec="zip")
+        written.append(target)
     for file, data in _files(source, name, address, fits, png):
         _write(out / file, data)
         written.append(out / file)
