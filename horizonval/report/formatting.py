@@ -90,4 +90,6 @@ def finding(group: Mapping[str, Any]) -> str:
             f"{count(false['n'], 'false claim')} among {false['of']} "
             f"(95 % interval {interval(false['interval'], as_percent=True)})"
         )
+    if group["claims_without_sigma"]:
+        parts.append(f"{count(group['claims_without_sigma'], 'claim')} without a sigma, judged by 72 arcsec")
     return "; ".join(parts) + "."

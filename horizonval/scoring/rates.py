@@ -47,7 +47,8 @@ def rates(rows: Sequence[Row]) -> dict[str, Any]:
         ``availability``: claims among the frames that should give an attitude. ``refusal``: the rest of them.
         ``bonus``: claims among the frames that should not. ``false_valid``: false ones among all claims, with
         ``upper_bound`` and, of them, how many are ``beyond_limit`` and ``beyond_sigma``; ``false_valid_frames``: false
-        ones among all frames. ``n_borderline``: frames not counted in the
+        ones among all frames. ``claims_without_sigma``: how many claims claim no uncertainty and are judged by the
+        default (:data:`horizonval.scoring.limits.DEFAULT_SIGMA_RAD`). ``n_borderline``: frames not counted in the
         first three.
     """
     claims = [row for row in rows if row.is_claim]
@@ -65,5 +66,6 @@ def rates(rows: Sequence[Row]) -> dict[str, Any]:
         | {"upper_bound": upper_bound(false, len(claims))}
         | {"beyond_limit": reasons[BEYOND_LIMIT], "beyond_sigma": reasons[BEYOND_SIGMA]},
         "false_valid_frames": proportion(false, len(rows)) | {"upper_bound": upper_bound(false, len(rows))},
+        "claims_without_sigma": sum(row.without_sigma for row in claims),
         "n_borderline": len(rows) - len(clear),
     }
