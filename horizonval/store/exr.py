@@ -49,7 +49,7 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from horizonval.core import atomic
-from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError, excerpt
 from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.store import seal
@@ -338,7 +338,8 @@ def _own_kind(header: seal.Header, path: Path) -> Literal["frame", "image"]:
         return "frame"
     if value == "image":
         return "image"
-    raise DamagedFileError(f"header key '{_PREFIX}kind' is {value!r}", where=str(path), expected="frame or image")
+    what = f"header key '{_PREFIX}kind' is {excerpt(value)!r}"
+    raise DamagedFileError(what, where=str(path), expected="frame or image")
 
 
 def _decode(data: bytes, header: seal.Header, kind: Literal["frame", "image"], path: Path) -> dict[str, Any]:
