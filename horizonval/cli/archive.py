@@ -106,6 +106,9 @@ def archive_export(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the files; made if need be.")],
     fits: Annotated[bool, typer.Option("--fits", help="FITS, with units, camera and celestial coordinates.")] = False,
     png: Annotated[bool, typer.Option("--png", help="PNG of 16 bits; unit, scale and truth in a JSON file.")] = False,
+    zipped: Annotated[
+        bool, typer.Option("--exr", help="EXR compressed by ZIP, for programs with an OpenEXR before 3.4.")
+    ] = False,
     address: Annotated[list[str] | None, typer.Option(help="Only this one, by its beginning; repeatable.")] = None,
     kind: Kind = None,
     options: EntryOptions = ALL,
@@ -113,8 +116,8 @@ def archive_export(
     """Frames and images as files of other programs."""
     from horizonval.store.export import export_file
 
-    if not (fits or png):
-        raise UserError("which format?", where="archive export", expected="--fits, --png or both")
+    if not (fits or png or zipped):
+        raise UserError("which format?", where="archive export", expected="--fits, --png, --exr or several")
     entry_filter = options.filter(kind)
     if not source.is_dir():
         _refuse_filters(address, entry_filter)
@@ -131,7 +134,7 @@ def archive_export(
     with watched("exporting") as progress:
         progress.start(len(paths), 0)
         for path in paths:
-            count += len(export_file(path, out, fits=fits, png=png))
+            count += len(export_file(path, out, fits=fits, png=png, zipped=zipped))
             progress.done(path.name)
     print(f"{out}: {count} files of {len(paths)} {'entry' if len(paths) == 1 else 'entries'}")
 

@@ -220,7 +220,7 @@ def _report(estimator: Estimator, result: Fit | Refusal, seconds: float, truth: 
         errors = score(truth, estimator, result, earth_radius_m=method_radius_m(truth))
         report |= {name: getattr(errors, name) for name in ERRORS}
     if isinstance(result, Refusal):
-        return report | {"reason": result.reason}
+        return report | {"reason": result.reason} | ({"output": result.output} if result.output else {})
     sigma = sigma_nadir_rad(result.nadir_cam, result.total_covariance_nadir_cam) / ARCSEC
     return report | {
         "nadir_cam": [float(x) for x in result.nadir_cam],

@@ -208,8 +208,9 @@ def _tile_row(view: CaseView, estimator: str) -> dict[str, Any]:
         if row.expected != Outcome.VALID:
             text += f"; expected to refuse: {expected}"
     else:
-        text = f"refused, {formatting.outcome(row.status)}"
-        if row.status != row.expected and not view.broken:
+        crashed = row.status == Outcome.CRASHED
+        text = "crashed" if crashed else f"refused, {formatting.outcome(row.status)}"
+        if row.status != row.expected and not view.broken and not crashed:
             usable = row.expected == Outcome.VALID
             text += f"; expected {'an attitude' if usable else formatting.outcome(row.expected)}"
         if row.reason and not view.broken:
@@ -238,6 +239,7 @@ def _tile_row(view: CaseView, estimator: str) -> dict[str, Any]:
         "text": text,
         "values": values,
         "error": row.nadir_error_arcsec,
+        "output": (view.details.get(estimator) or {}).get("output", ""),
     }
 
 

@@ -258,8 +258,10 @@ class Row(Conditions, Score, _Question):
 
     @property
     def is_failure(self) -> bool:
-        """Whether the outcome is worth a look: a false claim, a claim where none was due, a refusal where one was."""
-        return self.false_valid or self.is_claim != (self.expected == Outcome.VALID)
+        """Whether the outcome is worth a look: a false claim, a crash, a claim where none was due, a refusal where
+        one was.
+        """
+        return self.false_valid or self.status == Outcome.CRASHED or self.is_claim != (self.expected == Outcome.VALID)
 
     @property
     def sort_key(self) -> tuple[str, str, str, str]:

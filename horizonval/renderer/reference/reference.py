@@ -20,6 +20,7 @@ from horizonval.core.progress import Progress, Silent
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.renderer.scene.description import Described, describe
+from horizonval.renderer.scene.frame_memory import refuse_too_large
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
@@ -107,6 +108,7 @@ def render_reference(
     if spp < 2:
         raise UserError(f"{spp} samples per pixel", expected="at least 2: the standard error needs two passes")
     check_sunlight(camera, scene.camera.file)
+    refuse_too_large(scene, camera)
     progress = progress or Silent()
     described = describe(scene, camera)
     import mitsuba as mi
