@@ -27,6 +27,11 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
+def excerpt(text: str, most: int = 40) -> str:
+    """Return the beginning of a word of a user's file, for a message; a whole line is nobody's to show."""
+    return text if len(text) <= most else f"{text[:most]}..."
+
+
 class UserError(Exception):
     """A mistake in what the user gave us: what is wrong, where, what was expected, how to mend it.
 

@@ -13,10 +13,12 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import json
 import os
 import stat
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
 
 from horizonval.core.errors import UserError
 
@@ -151,6 +153,25 @@ def read_text(
         raise UnfitFileError(
             f"not text (byte {error.start} is not {name})", where=str(path), expected=expected
         ) from None
+
+
+def parse_json(text: str, path: str | os.PathLike[str]) -> Any:
+    """Return JSON as plain data; ``path`` is for the message.
+
+    Raises
+    ------
+    UserError
+        Not JSON; of the text only the place of the mistake is told.
+    """
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        what = f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}"
+    except RecursionError:
+        what = "not JSON that is read here: nested too deeply"
+    except ValueError:
+        what = "not JSON that is read here: a number of thousands of digits"
+    raise UserError(what, where=str(path))
 
 
 def sha256_of(path: str | os.PathLike[str], *, links: bool = True) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, excerpt
 from horizonval.core.suggest import nearest
 
 Schema = Mapping[str, Any]
@@ -109,7 +109,7 @@ def show(value: object) -> str:
             return "nothing"
         case _:
             text = str(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return excerpt(text, 60)
 
 
 def _walk(root: Schema, loc: Sequence[int | str]) -> tuple[Schema, str]:
@@ -129,7 +129,7 @@ def _walk(root: Schema, loc: Sequence[int | str]) -> tuple[Schema, str]:
         else:
             properties = node.get("properties", {})
             node = _resolve(root, properties.get(part, {}))
-            key = f"{key}.{part}" if key else str(part)
+            key = f"{key}.{excerpt(str(part))}" if key else excerpt(str(part))
     return node, key
 
 
