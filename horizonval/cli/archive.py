@@ -13,6 +13,7 @@ from horizonval.cli.printing import print_json, print_summary
 from horizonval.cli.selection import ALL, EntryOptions, selects
 from horizonval.cli.work import resumable, watched
 from horizonval.core.errors import UserError
+from horizonval.jobs.execution import MOST_WORKERS
 
 archive_app = typer.Typer(help="The archive of a run: list, verify, export, clean, score again.", rich_markup_mode=None)
 
@@ -184,7 +185,9 @@ def archive_rescore(
         list[str] | None,
         typer.Option(help="Repeatable; by default those of the run (`horizonval list estimators`)."),
     ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Estimates at a time; by default the processors.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, max=MOST_WORKERS, help="Estimates at a time; by default the processors.")
+    ] = None,
     time_limit: Annotated[float, typer.Option(min=0.1, metavar="S", help="Of one estimate.")] = 60.0,
     options: EntryOptions = ALL,
     as_json: Json = False,

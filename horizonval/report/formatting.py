@@ -91,6 +91,8 @@ def finding(group: Mapping[str, Any]) -> str:
             f"{count(false['n'], 'false claim')} among {false['of']} "
             f"(95 % interval {interval(false['interval'], as_percent=True)})"
         )
+    if group["claims_without_sigma"]:
+        parts.append(f"{count(group['claims_without_sigma'], 'claim')} without a sigma, judged by 72 arcsec")
     if group["crashed"]["n"]:
         parts.append(f"crashed on {count(group['crashed']['n'], 'frame')}")
     return "; ".join(parts) + "."

@@ -59,6 +59,12 @@ def explain(error: ValidationError, model: type[BaseModel], file: str, *, inside
     return UserError(what, where=": ".join(part for part in (file, inside, key) if part), expected=expected)
 
 
+def describe_key(model: type[BaseModel], key: str) -> str:
+    """Return what a key of a model accepts, in words."""
+    root = model.model_json_schema()
+    return describe(root, _walk(root, (key,))[0])
+
+
 def describe(root: Schema, node: Schema) -> str:
     """Return what a schema node accepts, in words; empty where the schema says nothing useful."""
     node = _resolve(root, node)

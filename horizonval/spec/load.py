@@ -26,6 +26,7 @@ from horizonval.spec.expand import variants
 from horizonval.spec.explain import explain, show
 from horizonval.spec.files import Kind, find
 from horizonval.spec.merge import deep_merge
+from horizonval.spec.option import with_option
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.regression import RegressionSpec
 from horizonval.spec.scene import SceneSpec
@@ -212,9 +213,9 @@ def load_suite(
                 where="--frames",
                 expected="a suite with suite.frames, such as strict",
             )
-        spec = spec.model_copy(update={"suite": spec.suite.model_copy(update={"frames": frames})})
+        spec = spec.model_copy(update={"suite": with_option(spec.suite, "frames", frames, "--frames")})
     if seed is not None:
-        spec = spec.model_copy(update={"suite": spec.suite.model_copy(update={"seed": seed})})
+        spec = spec.model_copy(update={"suite": with_option(spec.suite, "seed", seed, "--seed")})
     return suite_of(spec, path, fly)
 
 

@@ -248,6 +248,21 @@ def read_foreign_grey(path: str | os.PathLike[str]) -> NDArray[np.float64]:
     return grey
 
 
+def content_digest(channels: Channels, own: dict[str, Any]) -> str:
+    """Return the sha256 of content: every channel's name, type, shape and bytes, then every text and integer of ours.
+
+    The other keys are made from these.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(channels):
+        values = channels[name]
+        digest.update(f"{name}\0{values.dtype.str}\0{values.shape}\0".encode())
+        digest.update(np.ascontiguousarray(values).data)
+    for key in sorted(set(own) - {"sha256", "body", "seal"}):
+        digest.update(f"{key}\0{own[key]}\0".encode())
+    return digest.hexdigest()
+
+
 def _dumps(value: dict[str, Any]) -> str:
     return json.dumps(value, sort_keys=True, allow_nan=False, separators=(",", ":"))
 
@@ -261,21 +276,6 @@ def _float32(values: NDArray[Any], name: str) -> NDArray[np.float32]:
     if np.abs(values, where=finite, out=np.zeros(values.shape)).max(initial=0.0) > _FLOAT32_MAX:
         raise ValueError(f"{name}: values too large for float32")
     return np.ascontiguousarray(values, dtype=np.float32)
-
-
-def _digest(channels: Channels, own: dict[str, Any]) -> str:
-    """Return the sha256 of content: every channel's name, type, shape and bytes, then every text and integer of ours.
-
-    The other keys are made from these.
-    """
-    digest = hashlib.sha256()
-    for name in sorted(channels):
-        values = channels[name]
-        digest.update(f"{name}\0{values.dtype.str}\0{values.shape}\0".encode())
-        digest.update(np.ascontiguousarray(values).data)
-    for key in sorted(set(own) - {"sha256", "body", "seal"}):
-        digest.update(f"{key}\0{own[key]}\0".encode())
-    return digest.hexdigest()
 
 
 def _write(
@@ -310,7 +310,7 @@ def _words(parts: Iterable[Any]) -> str:
 def _write_sealed(
     path: Path, channels: Channels, own: dict[str, Any], standard: dict[str, Any], codec: Codec = "zip"
 ) -> None:
-    own = own | {"sha256": _digest(channels, own), "body": seal.BODY_BLANK, "seal": seal.SEAL_BLANK}
+    own = own | {"sha256": content_digest(channels, own), "body": seal.BODY_BLANK, "seal": seal.SEAL_BLANK}
     header = standard | {_PREFIX + key: value for key, value in own.items()}
     for key, value in header.items():
         if isinstance(value, int) and not -(2**31) <= value < 2**31:
@@ -387,7 +387,7 @@ def _read(path: Path, wanted: Literal["frame", "image"]) -> tuple[dict[str, Any]
         for name, attribute in header.attributes.items()
         if name.startswith(_PREFIX) and attribute.type in ("int", "string")
     }
-    if _digest(channels, own) != content["sha256"]:
+    if content_digest(channels, own) != content["sha256"]:
         raise DamagedFileError("the pixels or the truth do not match their sha256", where=str(path))
     return content, channels
 

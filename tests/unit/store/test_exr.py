@@ -277,8 +277,8 @@ def test_a_truth_of_today_must_be_complete(make_truth):
 
 def test_pixels_are_checked_against_what_entered_the_library(stored, capfd, monkeypatch):
     """As if the library had scrambled the array on the way: all seals are right."""
-    sound = exr._digest
-    monkeypatch.setattr(exr, "_digest", lambda channels, own: sound(channels, own)[::-1])
+    sound = exr.content_digest
+    monkeypatch.setattr(exr, "content_digest", lambda channels, own: sound(channels, own)[::-1])
     reseal(stored, {})
     monkeypatch.undo()
     refuses(stored, capfd, "do not match their sha256")
