@@ -1,0 +1,223 @@
+"""The one way to open files that a user names, or that lie in a folder of results: regular files of bounded size only.
+
+A FIFO waits for a writer that never comes, a device or a file of ``/proc`` may never end, and what a link inside an
+archive leads to is none of the archive's. So what lies at a path is looked at before it is opened, and once more when
+it is open (something else may lie there by then); opening never waits. What is refused is a :class:`UnfitFileError`,
+one line like every mistake of a user, which a walk over many files takes for a finding.
+
+A user's own link to a regular file is as good as the file; inside a folder of results there are no links
+(``links=False``).
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import stat
+from io import BufferedReader
+from pathlib import Path
+from typing import Any
+
+from horizonval.core.errors import UserError
+
+_READ_ONLY = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+_KINDS = (
+    (stat.S_ISREG, "a file"),
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISLNK, "a link"),
+    (stat.S_ISFIFO, "a FIFO"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+
+
+class UnfitFileError(UserError):
+    """What lies at a path cannot be read as a file: no regular file, too large, not there, not permitted."""
+
+
+class MissingFileError(UnfitFileError):
+    """Nothing lies at a path, or a link to nothing."""
+
+
+def kind_at(path: str | os.PathLike[str], *, links: bool = False) -> str:
+    """Return what lies at a path, without opening it.
+
+    Parameters
+    ----------
+    path : path-like
+    links : bool
+        Tell what a link leads to, and not that it is one.
+
+    Returns
+    -------
+    str
+        ``"a file"``, ``"a folder"``, ``"a link"``, ``"a FIFO"``, ``"a socket"``, ``"a device"``; empty if there is
+        nothing, or nothing that may be looked at.
+    """
+    try:
+        return _kind(os.stat(path, follow_symlinks=links).st_mode)
+    except (OSError, ValueError):
+        return ""
+
+
+def is_inside(path: Path, root: Path) -> bool:
+    """Whether a path is really below a folder: no link between them, and no ``..``, leads out of it."""
+    return Path(os.path.realpath(path.parent)).is_relative_to(os.path.realpath(root))
+
+
+def open_file(
+    path: str | os.PathLike[str], *, expected: str = "a file", links: bool = True, largest: int | None = None
+) -> BufferedReader:
+    """Open a regular file for reading; nothing waits, whatever lies there.
+
+    Parameters
+    ----------
+    path : path-like
+    expected : str
+        What ought to be there, for the message (``"a TOML file"``).
+    links : bool
+        Whether the path may be a link to a regular file.
+    largest : int, optional
+        Size [bytes] that the file may have.
+
+    Returns
+    -------
+    file object
+        Binary, buffered; to be closed by who asked for it.
+
+    Raises
+    ------
+    MissingFileError
+        Nothing is there.
+    UnfitFileError
+        No regular file, one whose size the system does not tell (those of ``/proc``), one that is too large, or one
+        that cannot be read.
+    """
+    try:
+        # Opening alone may do something (a tape rewinds), so the look comes first.
+        _check(os.stat(path, follow_symlinks=links), path, expected, largest)
+        file = os.fdopen(os.open(path, _READ_ONLY | (0 if links else _NO_LINK)), "rb")
+    except (OSError, ValueError) as error:
+        raise _error_of(error, path, expected) from None
+    try:
+        status = os.fstat(file.fileno())
+        _check(status, path, expected, largest)
+        if not status.st_size and file.peek(1):
+            raise UnfitFileError("is a file of the system, without a size", where=str(path), expected=expected)
+    except (OSError, ValueError, UnfitFileError) as error:
+        file.close()
+        raise error if isinstance(error, UnfitFileError) else _error_of(error, path, expected) from None
+    return file
+
+
+def read_bytes(
+    path: str | os.PathLike[str],
+    *,
+    largest: int,
+    expected: str = "a file",
+    links: bool = True,
+    first: int | None = None,
+) -> bytes:
+    """Return what a regular file held when it was opened, or its ``first`` bytes; otherwise as :func:`open_file`."""
+    with open_file(path, expected=expected, links=links, largest=largest) as file:
+        try:
+            return file.read(os.fstat(file.fileno()).st_size if first is None else first)
+        except OSError as error:
+            raise _error_of(error, path, expected) from None
+
+
+def read_text(
+    path: str | os.PathLike[str],
+    *,
+    largest: int,
+    expected: str = "a text file",
+    links: bool = True,
+    encoding: str = "utf-8-sig",
+) -> str:
+    """Return the text of a regular file, its line ends as they are.
+
+    Raises
+    ------
+    UnfitFileError
+        As :func:`open_file`, and for bytes that are not of the encoding; none of them is shown.
+    """
+    data = read_bytes(path, largest=largest, expected=expected, links=links)
+    try:
+        return data.decode(encoding)
+    except UnicodeDecodeError as error:
+        name = "ASCII" if encoding == "ascii" else "UTF-8"
+        raise UnfitFileError(
+            f"not text (byte {error.start} is not {name})", where=str(path), expected=expected
+        ) from None
+
+
+def parse_json(text: str, path: str | os.PathLike[str]) -> Any:
+    """Return JSON as plain data; ``path`` is for the message.
+
+    Raises
+    ------
+    UserError
+        Not JSON; of the text only the place of the mistake is told.
+    """
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        what = f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}"
+    except RecursionError:
+        what = "not JSON that is read here: nested too deeply"
+    except ValueError:
+        what = "not JSON that is read here: a number of thousands of digits"
+    raise UserError(what, where=str(path))
+
+
+def sha256_of(path: str | os.PathLike[str], *, links: bool = True) -> str:
+    """Return the hex digest of a regular file's bytes; otherwise as :func:`open_file`."""
+    with open_file(path, links=links) as file:
+        try:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError as error:
+            raise _error_of(error, path, "a file") from None
+
+
+def _kind(mode: int) -> str:
+    return next((name for is_kind, name in _KINDS if is_kind(mode)), "no file")
+
+
+def _check(status: os.stat_result, path: str | os.PathLike[str], expected: str, largest: int | None) -> None:
+    kind = _kind(status.st_mode)
+    if kind != "a file":
+        raise UnfitFileError(f"is {kind}", where=str(path), expected=expected)
+    if largest is not None and status.st_size > largest:
+        raise _too_large(path, expected, largest)
+
+
+def _too_large(path: str | os.PathLike[str], expected: str, largest: int) -> UnfitFileError:
+    return UnfitFileError("is too large", where=str(path), expected=f"{expected} of at most {_size(largest)}")
+
+
+def _size(n: int) -> str:
+    unit, name = next((u, name) for u, name in ((2**30, "GiB"), (2**20, "MiB"), (2**10, "KiB"), (1, "B")) if n >= u)
+    return f"{n / unit:g} {name}"
+
+
+def _error_of(error: OSError | ValueError, path: str | os.PathLike[str], expected: str) -> UnfitFileError:
+    """Return what the system said as one of ours."""
+    number = error.errno if isinstance(error, OSError) else None
+    if number in (errno.ENOENT, errno.ENOTDIR):
+        what = "is a link to nothing" if kind_at(path) == "a link" else "no such file"
+        return MissingFileError(what, where=str(path), expected=expected)
+    if number == errno.ELOOP:
+        # With O_NOFOLLOW also for a link that came between the look and the opening.
+        return UnfitFileError("is a link that leads nowhere", where=str(path), expected=expected)
+    if isinstance(error, ValueError):
+        return UnfitFileError("is no path", where=repr(str(path)), expected=expected)
+    return UnfitFileError(f"cannot be read: {error.strerror or error}", where=str(path), expected=expected)
+
+
+def ensure_file(path: Path, *, expected: str = "a file", links: bool = True) -> None:
+    """Raise as :func:`open_file` would, for those who hand a path to a library that opens it by itself."""
+    open_file(path, expected=expected, links=links).close()
