@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 
@@ -22,6 +23,7 @@ def print_summary(summary: dict[str, Any]) -> None:
     groups = sorted(summary["groups"], key=lambda group: bool(group["given_pose"]))
     judged = [group for group in groups if not group["given_pose"]]
     unit = unit_of(group["nadir_error_arcsec"]["max"] for group in judged)
+    unit = replace(unit, sign=f" {unit.name}")
     head = (
         "estimator",
         "camera",

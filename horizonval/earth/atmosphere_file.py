@@ -189,6 +189,8 @@ def parse_atmosphere(data: object, file: str) -> AtmosphereFile:
     UserError
         Naming ``file``, the first offending key and what was expected there.
     """
+    if not isinstance(data, dict):
+        raise UserError("not an atmosphere file", where=file, expected="a JSON object of the format's keys")
     try:
         return AtmosphereFile.model_validate(data)
     except ValidationError as error:
@@ -204,15 +206,7 @@ def read_atmosphere(path: Path | str) -> AtmosphereFile:
         File missing, not JSON, or not what the format asks for.
     """
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected="an atmosphere file (JSON)")
-    try:
-        data = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise UserError(
-            f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}", where=str(path)
-        ) from None
-    except RecursionError:
-        raise UserError("not an atmosphere file: nested too deeply", where=str(path)) from None
-    return parse_atmosphere(data, str(path))
+    return parse_atmosphere(files.parse_json(text, path), str(path))
 
 
 def altitudes_m(file: AtmosphereFile, *, thermal: bool) -> FloatArray:

@@ -31,6 +31,7 @@ from horizonval.scoring.summary import summarise
 
 STRIP_RATIO = 20
 """Wider images than this are drawn as a strip of their own proportions."""
+DEFAULT_SIGMA_ARCSEC = 3600.0 * math.degrees(limits.DEFAULT_SIGMA_RAD)
 MOST_CASES_SHOWN = 300
 """With a picture each; the page of a longer run would not open."""
 
@@ -105,6 +106,7 @@ def page_of(run: ReportRun) -> dict[str, Any]:
         "verdicts": [verdict for verdict in VERDICTS if verdict in shown],
         "limit_deg": f"{math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}",
         "floor_deg": f"{math.degrees(limits.SIGMA_TEST_FLOOR_RAD):g}",
+        "default_sigma": unit.text(DEFAULT_SIGMA_ARCSEC),
         "sigmas": f"{limits.SIGMA_LIMIT:g}",
         "gamma": f"{picture.GAMMA:g}",
         "percentiles": [f"{value:g}" for value in picture.PERCENTILES],
@@ -236,7 +238,9 @@ def _tile_row(view: CaseView, estimator: str, unit: AngleUnit) -> dict[str, Any]
     expected = formatting.meaning(row.expected)
     if row.is_claim:
         text = f"{unit.text(row.nadir_error_arcsec)} off"
-        if sigma := row.sigma_total_arcsec:
+        if row.without_sigma:
+            text += ", claims no uncertainty"
+        elif sigma := row.sigma_total_arcsec:
             text += f", claims {unit.text(sigma)} (1 sigma)"
         if row.expected != Outcome.VALID:
             text += f"; expected to refuse: {expected}"
@@ -253,7 +257,12 @@ def _tile_row(view: CaseView, estimator: str, unit: AngleUnit) -> dict[str, Any]
         ("expected", f"{formatting.outcome(row.expected)} ({expected})"),
         ("reason given", row.reason or ""),
         ("nadir error", unit.text(row.nadir_error_arcsec)),
-        ("claimed (1 sigma)", unit.text(row.sigma_total_arcsec)),
+        (
+            "claimed (1 sigma)",
+            f"none: judged by {unit.text(DEFAULT_SIGMA_ARCSEC)}"
+            if row.without_sigma
+            else unit.text(row.sigma_total_arcsec),
+        ),
         ("normalised error squared", f"{number(row.nees_nadir_total)} (2 expected)"),
         ("of the noise alone", f"{number(row.nees_noise)} in {row.noise_draws} draws (2 expected)"),
         ("roll error", unit.text(row.roll_error_arcsec)),

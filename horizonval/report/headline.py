@@ -31,6 +31,8 @@ def headline(group: Mapping[str, Any], unit: AngleUnit) -> str:
     for key, words in (("crashed", "crashes"), ("false", "false"), ("silent", "no answer")):
         if line[key]:
             parts.append(f"{words} {_places(line[key])}")
+    if group["claims_without_sigma"]:
+        parts.append(f"{count(group['claims_without_sigma'], 'claim')} without uncertainty")
     if line["n"]:
         parts.append(f"worst {unit.text(line['worst_arcsec'])} (n = {line['n']})")
     return "; ".join(parts) + "."

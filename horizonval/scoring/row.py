@@ -145,6 +145,10 @@ class Score:
     ] = None
     n_points: Annotated[int, Meaning("Limb points used.")] = 0
     false_valid: Annotated[bool, Meaning("A claim that is wrong: beyond the limit, or beyond its own sigma.")] = False
+    without_sigma: Annotated[
+        bool,
+        Meaning("A claim whose covariance claims no uncertainty in some direction: judged by a sigma of 72 arcsec."),
+    ] = False
 
     @property
     def nadir_error_deg(self) -> float | None:

@@ -20,8 +20,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.errors import UserError
+
+LARGEST_RECORD = 1024**3
+"""Size [bytes] of a JSON file of a run: a case holds some kilobytes of each estimator and draw."""
 
 
 @dataclass(frozen=True)
@@ -131,9 +134,9 @@ def write_json(path: Path, data: Mapping[str, Any], *, indent: int | None = 1, s
 
 
 def read_json(path: Path) -> dict[str, Any] | None:
-    """Return a JSON object, or ``None`` if there is no such file or it is not one."""
+    """Return a JSON object, or ``None`` if there is no such file or it is not one; no link is followed."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        data = json.loads(files.read_text(path, largest=LARGEST_RECORD, links=False, encoding="utf-8"))
+    except (UserError, ValueError, RecursionError):
         return None
     return data if isinstance(data, dict) else None

@@ -70,6 +70,7 @@ def page_of(run: ReportRun) -> JsonObject:
         "worst": _worst(rows, link),
         "drawn": has_draws(run),
         "limit_deg": f"{math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}",
+        "default_sigma_deg": f"{math.degrees(limits.DEFAULT_SIGMA_RAD):g}",
         "sigmas": f"{limits.SIGMA_LIMIT:g}",
         "floor_deg": f"{math.degrees(limits.SIGMA_TEST_FLOOR_RAD):g}",
     }
@@ -198,6 +199,7 @@ def _rates(name: str, camera: str, found: Mapping[str, Any], n: int) -> JsonObje
         "n": n,
         "borderline": found["n_borderline"],
         "crashed": found["crashed"]["n"],
+        "without_sigma": found["claims_without_sigma"],
         **{key: _share(found[key]) for key in ("availability", "refusal", "bonus", "false_valid")},
         "bound": "" if false["upper_bound"] is None else _bound(false["upper_bound"]),
         "beyond_limit": false["beyond_limit"],

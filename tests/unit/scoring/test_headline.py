@@ -81,6 +81,11 @@ def test_without_an_orbit_the_frames_due_an_answer_count_with_their_interval():
     assert words_of(group, DEG).startswith("none of 1 frame is due an answer; no answer with the Sun")
 
 
+def test_claims_without_uncertainty_are_said():
+    (group,) = summarise([row("a", "valid", 0.1, without_sigma=True), ORBIT[0]])["groups"]
+    assert "; 1 claim without uncertainty; worst" in words_of(group, DEG)
+
+
 def test_who_is_told_the_pose_is_counted_apart():
     told = [row(case, "valid", 0.0, estimator="told") for case in "abcd"]
     summary = summarise([*ORBIT, *told], given_pose=["told"])
