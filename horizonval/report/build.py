@@ -201,13 +201,16 @@ def _tile_row(view: CaseView, estimator: str) -> dict[str, Any]:
     expected = formatting.meaning(row.expected)
     if row.is_claim:
         text = f"{number(row.nadir_error_arcsec)} arcsec off"
-        if sigma := row.sigma_total_arcsec:
+        if row.without_sigma:
+            text += ", claims no uncertainty"
+        elif sigma := row.sigma_total_arcsec:
             text += f", claims {number(sigma)} arcsec (1 sigma)"
         if row.expected != Outcome.VALID:
             text += f"; expected to refuse: {expected}"
     else:
-        text = f"refused, {formatting.outcome(row.status)}"
-        if row.status != row.expected and not view.broken:
+        crashed = row.status == Outcome.CRASHED
+        text = "crashed" if crashed else f"refused, {formatting.outcome(row.status)}"
+        if row.status != row.expected and not view.broken and not crashed:
             usable = row.expected == Outcome.VALID
             text += f"; expected {'an attitude' if usable else formatting.outcome(row.expected)}"
         if row.reason and not view.broken:
@@ -217,7 +220,10 @@ def _tile_row(view: CaseView, estimator: str) -> dict[str, Any]:
         ("expected", f"{formatting.outcome(row.expected)} ({expected})"),
         ("reason given", row.reason or ""),
         ("nadir error", f"{number(row.nadir_error_arcsec)} arcsec"),
-        ("claimed (1 sigma)", f"{number(row.sigma_total_arcsec)} arcsec"),
+        (
+            "claimed (1 sigma)",
+            "none: judged by 72 arcsec" if row.without_sigma else f"{number(row.sigma_total_arcsec)} arcsec",
+        ),
         ("normalised error squared", f"{number(row.nees_nadir_total)} (2 expected)"),
         ("of the noise alone", f"{number(row.nees_noise)} in {row.noise_draws} draws (2 expected)"),
         ("roll error", f"{number(row.roll_error_arcsec)} arcsec"),
@@ -233,6 +239,7 @@ def _tile_row(view: CaseView, estimator: str) -> dict[str, Any]:
         "text": text,
         "values": values,
         "error": row.nadir_error_arcsec,
+        "output": (view.details.get(estimator) or {}).get("output", ""),
     }
 
 

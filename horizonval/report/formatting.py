@@ -18,6 +18,7 @@ OUTCOME_WORDS = {
     Outcome.SATURATED: "saturated",
     Outcome.NOT_CONVERGED: "the fit did not converge",
     Outcome.BAD_INPUT: "unusable input",
+    Outcome.CRASHED: "the estimator crashed",
 }
 
 
@@ -90,4 +91,8 @@ def finding(group: Mapping[str, Any]) -> str:
             f"{count(false['n'], 'false claim')} among {false['of']} "
             f"(95 % interval {interval(false['interval'], as_percent=True)})"
         )
+    if group["claims_without_sigma"]:
+        parts.append(f"{count(group['claims_without_sigma'], 'claim')} without a sigma, judged by 72 arcsec")
+    if group["crashed"]["n"]:
+        parts.append(f"crashed on {count(group['crashed']['n'], 'frame')}")
     return "; ".join(parts) + "."

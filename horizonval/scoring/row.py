@@ -145,6 +145,10 @@ class Score:
     ] = None
     n_points: Annotated[int, Meaning("Limb points used.")] = 0
     false_valid: Annotated[bool, Meaning("A claim that is wrong: beyond the limit, or beyond its own sigma.")] = False
+    without_sigma: Annotated[
+        bool,
+        Meaning("A claim whose covariance claims no uncertainty in some direction: judged by a sigma of 72 arcsec."),
+    ] = False
 
     @property
     def nadir_error_deg(self) -> float | None:
@@ -254,8 +258,10 @@ class Row(Conditions, Score, _Question):
 
     @property
     def is_failure(self) -> bool:
-        """Whether the outcome is worth a look: a false claim, a claim where none was due, a refusal where one was."""
-        return self.false_valid or self.is_claim != (self.expected == Outcome.VALID)
+        """Whether the outcome is worth a look: a false claim, a crash, a claim where none was due, a refusal where
+        one was.
+        """
+        return self.false_valid or self.status == Outcome.CRASHED or self.is_claim != (self.expected == Outcome.VALID)
 
     @property
     def sort_key(self) -> tuple[str, str, str, str]:

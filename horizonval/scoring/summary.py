@@ -60,7 +60,8 @@ def summarise_group(rows: Sequence[Row]) -> dict[str, Any]:
     -------
     dict
         ``n``; ``n_expected_valid``, borderline frames left out; ``n_valid`` (claims); ``availability``, ``refusal``,
-        ``bonus``, ``false_valid``, ``false_valid_frames``, ``n_borderline`` as :func:`horizonval.scoring.rates.rates`;
+        ``bonus``, ``false_valid``, ``false_valid_frames``, ``claims_without_sigma``, ``crashed``,
+        ``n_borderline`` as :func:`horizonval.scoring.rates.rates`;
         ``nadir_error_arcsec``: ``{n, rms, median, p95, max}``; ``roll_error_arcsec`` and ``pitch_error_arcsec``:
         ``{n, mean, std}``; ``altitude_error_km``: the same; ``refusals``: ``{status: n}``; ``confusion``:
         ``{expected: {reported: n}}``; ``strict_confusion``: the same with borderline frames and false claims apart;

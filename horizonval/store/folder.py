@@ -27,8 +27,8 @@ from horizonval.core import atomic, files, sealed
 from horizonval.core.cache import log_damage
 from horizonval.core.errors import DamagedFileError, UserError
 
-LARGEST_JSON = 1 << 30
-"""Size of a JSON file of ours [bytes]; the records of a hundred thousand frames have a tenth of it."""
+LARGEST_RECORD = 1024**3
+"""Size [bytes] of a JSON file of a run: a case holds some kilobytes of each estimator and draw."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def read_json(path: Path, *, unsealed: bool = False, fix: str = "run it again, a
         It is no regular file, or cannot be read.
     """
     try:
-        data = files.read_bytes(path, largest=LARGEST_JSON, expected="a JSON file", links=unsealed)
+        data = files.read_bytes(path, largest=LARGEST_RECORD, expected="a JSON file", links=unsealed)
     except files.MissingFileError:
         return None
     try:

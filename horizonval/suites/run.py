@@ -30,6 +30,7 @@ from horizonval.suites.plan import CasePlan, Unit, plan_of, units_of
 from horizonval.suites.shards import adopt
 from horizonval.suites.suite import load_suite
 from horizonval.suites.units.work import Brief, UnitWork
+from horizonval.suites.worker_memory import within_memory
 
 RUN_SCHEMA = 1
 
@@ -84,8 +85,8 @@ def run_suite(
     Raises
     ------
     UserError
-        A mistake in the suite (told before anything is rendered), no back-end to render with, a folder that holds
-        another suite's run or in which another run is working.
+        A mistake in the suite (told before anything is rendered), frames or workers that memory does not hold, no
+        back-end to render with, a folder that holds another suite's run or in which another run is working.
     ValueError
         The suite asks for a part that is not among ``parts``: a defect of the caller.
     """
@@ -94,6 +95,7 @@ def run_suite(
     plan = plan_of(suite)
     chosen = asked_for(suite, parts)
     refuse_mistakes(suite, plan, chosen)
+    execution = within_memory(execution, suite)
     units = units_of(suite.cases, plan)
     folder = RunFolder(out_dir)
     folder.create(stability=suite.stability is not None)

@@ -19,6 +19,7 @@ from horizonval.earth.spectral.thermal_accuracy import thermal_accuracy
 from horizonval.earth.surface.surface import snow_line_deg
 from horizonval.frame import FRAME_SCHEMA, FrameTruth
 from horizonval.geometry.camera import camera_from_spec, check_invertible
+from horizonval.geometry.eclipse import sun_visible_fraction
 from horizonval.geometry.ellipsoid import Ellipsoid, geocentric_nadir, geodetic_nadir
 from horizonval.geometry.ephemeris import (
     MOON_RADIUS_M,
@@ -26,7 +27,6 @@ from horizonval.geometry.ephemeris import (
     phase_angle,
     sun_angular_radius,
     sun_itrs,
-    sun_visible_fraction,
 )
 from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import angular_radius

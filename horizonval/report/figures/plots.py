@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from horizonval.report.formatting import count
 from horizonval.report.load import CaseView
-from horizonval.report.verdict import BROKEN, FAIR, MISSED, NONE, OTHER, REFUSED, verdict_of
+from horizonval.report.verdict import BROKEN, CRASHED, FAIR, MISSED, NONE, OTHER, REFUSED, verdict_of
 from horizonval.scoring import limits
 from horizonval.scoring.row import Row
 
@@ -94,7 +94,7 @@ def error_by_frame(views: Sequence[CaseView], estimators: Sequence[str]) -> Draw
         strip.set_ylim(len(estimators) - 0.4, -0.6)
         strip.tick_params(bottom=False, labelbottom=False)
         strip.grid(axis="y", visible=False)
-        for verdict in (v for v in (MISSED, OTHER, FAIR, REFUSED, BROKEN) if v in used):
+        for verdict in (v for v in (CRASHED, MISSED, OTHER, FAIR, REFUSED, BROKEN) if v in used):
             hollow = "none" if verdict in (REFUSED, OTHER, FAIR) else verdict.colour
             strip.scatter(
                 [], [], marker=verdict.marker, s=26, facecolors=hollow, edgecolors=verdict.colour, label=verdict.label

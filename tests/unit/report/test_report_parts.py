@@ -20,7 +20,18 @@ from horizonval.report import formatting, rerun
 from horizonval.report.figures import overlay, picture, plots
 from horizonval.report.load import CaseView
 from horizonval.report.pages import infrared_section
-from horizonval.report.verdict import BONUS, BROKEN, FALSE_VALID, MISSED, NONE, OTHER, REFUSED, VALID, verdict_of
+from horizonval.report.verdict import (
+    BONUS,
+    BROKEN,
+    CRASHED,
+    FALSE_VALID,
+    MISSED,
+    NONE,
+    OTHER,
+    REFUSED,
+    VALID,
+    verdict_of,
+)
 from horizonval.spec.load import load_scene
 from horizonval.truth.frame_truth import truth_of
 
@@ -143,6 +154,7 @@ def test_notes_of_several_bands():
         ("valid", "dark", False, MISSED),
         ("dark", "dark", False, REFUSED),
         ("dark", "no_limb", False, OTHER),
+        ("dark", "crashed", False, CRASHED),
     ],
 )
 def test_verdicts(expected, status, false, verdict):

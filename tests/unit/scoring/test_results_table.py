@@ -46,6 +46,7 @@ nees_noise DOUBLE
 noise_draws INTEGER
 n_points INTEGER
 false_valid BOOLEAN
+without_sigma BOOLEAN
 epoch_utc VARCHAR
 altitude_km DOUBLE
 roll_deg DOUBLE
@@ -168,7 +169,7 @@ def test_missing_entries_are_null(tmp_path):
     path = write_results([result_row()], tmp_path / "r.parquet")
     with duckdb.connect() as connection:
         stored = connection.read_parquet(str(path)).fetchall()[0]
-    given = {"case", "camera", "band", "estimator", "expected", "status", "n_points", "false_valid"}
+    given = {"case", "camera", "band", "estimator", "expected", "status", "n_points", "false_valid", "without_sigma"}
     assert {column.name for column, value in zip(COLUMNS, stored, strict=True) if value is not None} == given
     assert read_results(path) == [result_row()]
 

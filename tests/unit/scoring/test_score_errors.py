@@ -118,14 +118,42 @@ def test_a_method_that_claims_perfection_has_no_nees():
     s = score(truth, estimator(), fit_of(truth, error_rad=(1e-5, 0.0), sigma_rad=0.0))
     assert s.nees_nadir is None
     assert s.sigma_nadir_arcsec == 0
+    assert s.without_sigma
 
 
 @pytest.mark.parametrize(
     ("error_deg", "nees", "false"),
-    [(0.6, 0.0, True), (0.6, None, True), (0.4, 1.0, False), (0.4, 26.0, True), (0.09, 1e6, False), (0.4, None, False)],
+    [
+        (0.6, 0.0, True),
+        (0.6, None, True),
+        (0.4, 1.0, False),
+        (0.4, 26.0, True),
+        (0.09, 1e6, False),
+        (0.4, None, True),
+        (0.09, None, False),
+    ],
 )
 def test_what_counts_as_a_false_claim(error_deg, nees, false):
     assert is_false(math.radians(error_deg), nees) is false
+
+
+@pytest.mark.parametrize("sigmas", [0.98, 1.02])
+@pytest.mark.parametrize("azimuth_deg", [0.0, 25.0, 90.0])
+def test_a_claim_is_false_beyond_so_many_of_its_own_sigma(sigmas, azimuth_deg):
+    """A distance of SIGMA_LIMIT times what is claimed in the error's own direction, also with unlike axes."""
+    truth = truth_at(roll_deg=30.0)
+    direction = np.array([math.cos(math.radians(azimuth_deg)), math.sin(math.radians(azimuth_deg))])
+    fit = fit_of(truth, error_rad=tuple(math.radians(0.4) * direction))
+    # The tangent plane at the claim, spanned by the error and what is across it.
+    along = np.array(truth.nadir_geocentric_cam) - fit.nadir_cam
+    along -= (along @ fit.nadir_cam) * fit.nadir_cam
+    along /= np.linalg.norm(along)
+    across = np.cross(fit.nadir_cam, along)
+    sigma = math.radians(0.4) / (sigmas * limits.SIGMA_LIMIT)
+    covariance = sigma**2 * np.outer(along, along) + (3 * sigma) ** 2 * np.outer(across, across)
+    s = score(truth, estimator(), dataclasses.replace(fit, covariance_nadir_cam=covariance))
+    assert s.nees_nadir == pytest.approx((sigmas * limits.SIGMA_LIMIT) ** 2, rel=1e-6)
+    assert s.false_valid is (sigmas > 1)
 
 
 def test_the_sigma_limit_is_one_of_chance():
@@ -136,7 +164,8 @@ def test_a_refusal_keeps_its_reason_and_has_no_numbers():
     s = score(truth_at(), estimator(), Refusal(Outcome.DARK, "too dark", np.zeros((7, 2))))
     assert (s.status, s.reason, s.n_points, s.false_valid) == ("dark", "too dark", 7, False)
     numbers = dataclasses.asdict(s)
-    assert [v for k, v in numbers.items() if k not in ("status", "reason", "n_points", "false_valid")] == [None] * 12
+    words = ("status", "reason", "n_points", "false_valid", "without_sigma")
+    assert [v for k, v in numbers.items() if k not in words] == [None] * 12
 
 
 @pytest.mark.parametrize("nadir", [[np.nan, 0, 1], [0, 0, 0], [np.inf, 0, 0]])

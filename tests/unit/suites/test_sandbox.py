@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +20,8 @@ from horizonval.geometry.camera import CameraModel
 from horizonval.spec.load import load_camera
 from horizonval.spec.suite import ProgramSpec
 
-BAD = """
-import ctypes, os, time
+BAD = '''
+import ctypes, os, subprocess, sys, time
 from horizonval.estimation.observation import Estimator
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
@@ -50,10 +53,29 @@ def chatter(observation):
 def wrong(observation):
     return {"nadir": 1}
 
+def helped(before):
+    """Start a process that holds a lock for ten minutes, and then do something else."""
+    def run(observation):
+        lock = os.environ["TEST_LOCK"]
+        subprocess.Popen([sys.executable, "-c", HELPER, lock])
+        while not os.path.exists(lock + ".held"):
+            time.sleep(0.01)
+        return before(observation)
+    return run
+
+HELPER = """
+import fcntl, sys, time
+lock = open(sys.argv[1], "w")
+fcntl.flock(lock, fcntl.LOCK_EX)
+open(sys.argv[1] + ".held", "w").close()
+time.sleep(600)
+"""
+HELPED_HANG, HELPED_DIE = make("helped-hang", helped(hang)), make("helped-die", helped(die))
+HELPED_ANSWER = make("helped-answer", helped(lambda observation: Refusal(Outcome.DARK, "done")))
 HANG, EAT, DIE = make("hang", hang), make("eat", eat), make("die", die)
 LEAVE, CHATTER, WRONG = make("leave", leave), make("chatter", chatter), make("wrong", wrong)
-"""
-NAMES = ("hang", "eat", "die", "leave", "chatter", "wrong")
+'''
+NAMES = ("hang", "eat", "die", "leave", "chatter", "wrong", "helped-hang", "helped-die", "helped-answer")
 OBSERVATION = Observation(np.full((48, 64), 100.0), CameraModel(64, 48, 55.0, 55.0, 31.5, 23.5), full_scale=1023.0)
 
 
@@ -65,7 +87,7 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory):
     info = place / "bad_estimators-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: bad-estimators\nVersion: 1.0\n")
-    lines = "".join(f"{name} = bad_estimators:{name.upper()}\n" for name in NAMES)
+    lines = "".join(f"{name} = bad_estimators:{name.upper().replace('-', '_')}\n" for name in NAMES)
     (info / "entry_points.txt").write_text(f"[horizonval.estimators]\n{lines}")
     programs = {
         "garbage": "import sys; sys.stdout.write('no json ' * 10)",
@@ -90,17 +112,17 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory):
 @pytest.mark.parametrize(
     ("name", "status", "reason"),
     [
-        ("hang", Outcome.BAD_INPUT, "exceeded its time limit of 3 s"),
-        ("eat", Outcome.BAD_INPUT, "MemoryError"),
-        ("die", Outcome.BAD_INPUT, "process died"),
-        ("leave", Outcome.BAD_INPUT, "process died"),
+        ("hang", Outcome.CRASHED, "exceeded its time limit of 3 s"),
+        ("eat", Outcome.CRASHED, "MemoryError"),
+        ("die", Outcome.CRASHED, "process died"),
+        ("leave", Outcome.CRASHED, "process died"),
         ("chatter", Outcome.DARK, "said enough"),
-        ("wrong", Outcome.BAD_INPUT, "returned a dict"),
-        ("garbage", Outcome.BAD_INPUT, "printed no JSON object but b'no json"),
-        ("endless", Outcome.BAD_INPUT, "more than a megabyte"),
-        ("sleeper", Outcome.BAD_INPUT, "the program exceeded its time limit"),
-        ("failing", Outcome.BAD_INPUT, "ended with status 4"),
-        ("unheard-of", Outcome.BAD_INPUT, "unknown estimator"),
+        ("wrong", Outcome.CRASHED, "returned a dict"),
+        ("garbage", Outcome.CRASHED, "printed no JSON object but b'no json"),
+        ("endless", Outcome.CRASHED, "more than a megabyte"),
+        ("sleeper", Outcome.CRASHED, "the program exceeded its time limit"),
+        ("failing", Outcome.CRASHED, "ended with status 4"),
+        ("unheard-of", Outcome.CRASHED, "unknown estimator"),
     ],
 )
 def test_misbehaviour_is_an_outcome(sandbox, name, status, reason):
@@ -108,6 +130,25 @@ def test_misbehaviour_is_an_outcome(sandbox, name, status, reason):
     assert isinstance(result, Refusal)
     assert result.status is status
     assert reason in result.reason
+
+
+@pytest.mark.parametrize("name", ["helped-hang", "helped-die", "helped-answer"])
+def test_nothing_that_an_estimator_started_survives_it(sandbox, name, tmp_path, monkeypatch):
+    """Whether it is ended, dies, or answers and is closed: the lock that its helper holds is free again."""
+    lock = tmp_path / "lock"
+    monkeypatch.setenv("TEST_LOCK", str(lock))
+    sandbox.close()
+    assert isinstance(sandbox.run(name, OBSERVATION), Refusal)
+    sandbox.close()
+    assert lock.with_name("lock.held").exists()
+    deadline = time.monotonic() + 10.0
+    with lock.open("w") as file:
+        while time.monotonic() < deadline:
+            with contextlib.suppress(BlockingIOError):
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return
+            time.sleep(0.02)
+    pytest.fail("the helper still runs")
 
 
 def test_a_program_is_an_estimator(sandbox):

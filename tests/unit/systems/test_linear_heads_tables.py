@@ -11,6 +11,7 @@ import pytest
 from horizonval.geometry.ephemeris import sun_itrs
 from horizonval.systems.d.figures import widest_in_field
 from horizonval.systems.d.frames import EPOCH, orbit_place
+from horizonval.systems.d.rows import moment_rows
 from horizonval.systems.d.settings import ALL, MOMENTS, QUANTUM_DEG, TABLES
 
 
@@ -29,6 +30,13 @@ def test_printed_moments_are_those_of_the_printed_readings(table: int, axis: str
     mean, deviation = MOMENTS[table, axis]
     assert errors.mean() == pytest.approx(mean, abs=1.5e-4)
     assert errors.std(ddof=1) == pytest.approx(deviation, abs=1.5e-4)
+
+
+def test_readings_as_printed_have_the_printed_moments() -> None:
+    """The page's rows, made of the printed readings in place of ours, repeat what is printed beside the tables."""
+    rows = moment_rows({s.key: {"published": s.read} for settings in TABLES.values() for s in settings})
+    assert [row.published for row in rows] == [figure for moments in MOMENTS.values() for figure in moments]
+    assert [row.measured for row in rows] == pytest.approx([row.published for row in rows], abs=1.5e-4)
 
 
 def test_settings_of_several_tables_are_rendered_once() -> None:
