@@ -94,7 +94,7 @@ def page_of(run: ReportRun) -> dict[str, Any]:
         "run": run,
         "summary": summary,
         "unit": unit,
-        "groups": [{**group, "finding": _finding(group, unit)} for group in _judged_first(summary["groups"])],
+        "groups": [{**group, "finding": _finding(group, unit)} for group in _in_order(summary["groups"], run)],
         "headline": _verdict(summary, run, broken),
         "broken": broken,
         "cameras": cameras,
@@ -115,9 +115,9 @@ def page_of(run: ReportRun) -> dict[str, Any]:
     }
 
 
-def _judged_first(groups: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Estimators that are told the true pose stand last: they are counted apart."""
-    return sorted(groups, key=lambda group: bool(group["given_pose"]))
+def _in_order(groups: Sequence[Mapping[str, Any]], run: ReportRun) -> list[Mapping[str, Any]]:
+    """Return groups in the suite's order of estimators; those that are told the true pose last."""
+    return sorted(groups, key=lambda group: (group["given_pose"], run.estimators.index(group["estimator"])))
 
 
 def _finding(group: Mapping[str, Any], unit: AngleUnit) -> str:

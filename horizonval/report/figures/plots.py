@@ -40,7 +40,7 @@ _STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "path.simplify": False,
 }
-FLOOR_ARCSEC = 0.1
+FLOOR_ARCSEC = 0.36
 """Smaller errors, exact zeros among them, are drawn here: a log axis has no zero."""
 _MOST_NAMES = 45
 
