@@ -19,6 +19,7 @@ from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.scoring.errors import score as scored
 from horizonval.scoring.row import Score
+from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import method_radius_m
 
 AnyImage: TypeAlias = DetectorImage | RadianceFrame | str | Path | NDArray[Any]
@@ -72,13 +73,8 @@ def estimate(
             raise UserError("used with several images", where="camera", expected="our own images, which carry theirs")
         return registry.run_safely(method, observation_from_heads(_named(image), method))
     camera_object = None if camera is None else camera_of(camera)
-    observation = observation_from(
-        _picture_of(image),
-        method,
-        _name(image),
-        None if camera_object is None else camera_object.spec,
-        "" if camera_object is None else camera_object.source,
-    )
+    spec, source = (None, "") if camera_object is None else (camera_object.spec, camera_object.source)
+    observation = observation_from(_picture_of(image, spec, source), method, _name(image), spec, source)
     return registry.run_safely(method, observation)
 
 
@@ -131,9 +127,9 @@ def _name(image: AnyImage) -> str:
     return str(image) if isinstance(image, str | Path) else "image"
 
 
-def _picture_of(image: AnyImage) -> GreyImage:
+def _picture_of(image: AnyImage, camera: CameraSpec | None = None, camera_file: str = "") -> GreyImage:
     if isinstance(image, str | Path):
-        return read_picture(Path(image))
+        return read_picture(Path(image), camera, camera_file)
     if isinstance(image, DetectorImage | RadianceFrame):
         return picture_of_source(image)
     if isinstance(image, np.ndarray) and image.ndim in (2, 3) and image.size and image.dtype.kind in "uif":

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -72,20 +74,27 @@ def sheet(
 def estimate(
     image: Annotated[
         list[Path],
-        typer.Argument(help="EXR, PNG, TIFF or JPEG, 8 or 16 bit; for a method of several heads one EXR for each."),
+        typer.Argument(
+            help="EXR, PNG, TIFF, JPEG, FITS; of several a line each, or for a method of several heads one for each."
+        ),
     ],
     estimator: Annotated[str, typer.Option(help="Its name; see `horizonval list estimators`.")],
-    camera: Annotated[str | None, typer.Option(help="Camera file or shipped name; our own EXR carry theirs.")] = None,
+    camera: Annotated[str | None, typer.Option(help="Camera file or shipped name; our own files carry theirs.")] = None,
     as_json: Json = False,
-) -> None:
-    """One estimator on any image, also a real photograph.
+) -> int:
+    """One estimator on any image, also a real photograph; of our own files also how far off the answer is.
 
-    A refusal (any status other than `valid`) is a result like any other: exit status 0.
+    The truth in a file of ours is compared with the answer, and never given to the estimator. A refusal (any status
+    other than `valid`) is a result like any other: exit status 0. Of several images one that cannot be read is said,
+    the others are done, and the exit status is 1.
     """
-    from horizonval.commands.estimate import estimate_file, estimate_heads
+    from horizonval.commands.estimate import estimate_file, estimate_heads, takes_heads
     from horizonval.spec.load import load_camera
 
+    heads = takes_heads(estimator)
     spec = load_camera(camera) if camera is not None else None
+    if len(image) > 1 and not heads:
+        return _each(image, lambda path: estimate_file(path, estimator, spec, camera or ""), as_json)
     if len(image) == 1:
         report = estimate_file(image[0], estimator, spec, camera or "")
     elif spec is not None:
@@ -94,13 +103,52 @@ def estimate(
         report = estimate_heads(image, estimator)
     if as_json:
         print_json(report)
-        return
+        return 0
     for key, value in report.items():
-        if value is not None:
+        if key == "output":
+            print("\n" + str(value))
+        elif value is not None:
             print(f"{key:20} {_text(value)}")
+    return 0
+
+
+def _each(images: list[Path], estimated: Callable[[Path], dict[str, Any]], as_json: bool) -> int:
+    """Print a line for every image, or with ``as_json`` a list of all; return the exit status."""
+    reports = []
+    for path in images:
+        try:
+            report = {"image": str(path)} | estimated(path)
+        except UserError as e:
+            print(f"horizonval: {e.line()}", file=sys.stderr)
+            continue
+        reports.append(report)
+        if not as_json:
+            print(f"{path}: {_line(report)}", flush=True)
+    if as_json:
+        print_json(reports)
+    return 0 if len(reports) == len(images) else 1
+
+
+def _line(report: dict[str, Any]) -> str:
+    """Return the answer, what it claims of itself, and how far off it is, on a line."""
+    parts = [report["status"]]
+    if report["reason"]:
+        parts.append(report["reason"])
+    for key, unit in (("roll_deg", "deg"), ("pitch_deg", "deg"), ("altitude_km", "km")):
+        if report[key] is not None:
+            parts.append(f"{key.rpartition('_')[0]} {report[key]:.6f} {unit}")
+    if report["sigma_nadir_arcsec"] is not None:
+        parts.append(f"claimed {report['sigma_nadir_arcsec']:.1f} arcsec")
+    if report["nadir_error_arcsec"] is not None:
+        parts.append(f"off by {report['nadir_error_arcsec']:.1f} arcsec")
+    if report["false_valid"]:
+        parts.append("a false claim")
+    return ", ".join(parts)
 
 
 def _text(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     if isinstance(value, list):
         return " ".join(_text(v) for v in value)
     return f"{value:.6f}" if isinstance(value, float) else str(value)

@@ -10,16 +10,24 @@ from typing import Any, Literal
 
 import numpy as np
 
-from horizonval.commands.picture import GreyImage, read_picture
+from horizonval.commands.picture import GreyImage, read_picture, refuse_other_size
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.frame import DetectorImage, RadianceFrame
+from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
-from horizonval.scoring.errors import ARCSEC, sigma_nadir_rad
+from horizonval.scoring.errors import ARCSEC, score, sigma_nadir_rad
 from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.suites.observation import observation_of, observation_of_heads
+from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads
+
+ERRORS = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec", "altitude_error_km", "false_valid")
+"""What is said of an answer whose image carries the truth, named as the columns of the results."""
+
+
+def takes_heads(estimator_name: str) -> bool:
+    """Return whether an estimator takes the images of all heads of a housing; ``UserError`` if there is none."""
+    return registry.get(estimator_name).needs == "heads"
 
 
 def estimate_file(path: Path, estimator_name: str, camera: CameraSpec | None, camera_file: str = "") -> dict[str, Any]:
@@ -28,7 +36,8 @@ def estimate_file(path: Path, estimator_name: str, camera: CameraSpec | None, ca
     Parameters
     ----------
     path : Path
-        Any picture :func:`horizonval.commands.picture.read_picture` reads.
+        Any picture :func:`horizonval.commands.picture.read_picture` reads. One that carries its truth has the errors
+        against it as well (:data:`ERRORS`); the estimator is not given the truth.
     estimator_name : str
     camera : CameraSpec or None
         May be left out for our own EXR files, which carry theirs.
@@ -41,10 +50,12 @@ def estimate_file(path: Path, estimator_name: str, camera: CameraSpec | None, ca
         Unknown estimator, unreadable picture, no camera, or a camera of another size.
     """
     estimator = registry.get(estimator_name)
-    observation = observation_from(read_picture(path), estimator, str(path), camera, camera_file)
+    picture = read_picture(path, camera, camera_file)
+    observation = observation_from(picture, estimator, str(path), camera, camera_file)
     start = time.perf_counter()
     result = registry.run_safely(estimator, observation)
-    return _report(estimator, result, time.perf_counter() - start)
+    seconds = time.perf_counter() - start
+    return _report(estimator, result, seconds, None if picture.source is None else picture.source.truth)
 
 
 def estimate_heads(paths: Sequence[Path], estimator_name: str) -> dict[str, Any]:
@@ -63,10 +74,11 @@ def estimate_heads(paths: Sequence[Path], estimator_name: str) -> dict[str, Any]
         of different housings or instants.
     """
     estimator = registry.get(estimator_name)
-    observation = observation_from_heads([(str(path), read_picture(path)) for path in paths], estimator)
+    sources = _sources_of_heads([(str(path), read_picture(path)) for path in paths], estimator)
+    observation = observation_of_heads(sources, estimator)
     start = time.perf_counter()
     result = registry.run_safely(estimator, observation)
-    return _report(estimator, result, time.perf_counter() - start)
+    return _report(estimator, result, time.perf_counter() - start, next(iter(sources.values())).truth)
 
 
 def observation_from_heads(pictures: Sequence[tuple[str, GreyImage]], estimator: Estimator) -> Observation:
@@ -84,6 +96,13 @@ def observation_from_heads(pictures: Sequence[tuple[str, GreyImage]], estimator:
         An estimator that takes a single image; a picture that is none of ours, two of one head, or images of different
         housings or instants.
     """
+    return observation_of_heads(_sources_of_heads(pictures, estimator), estimator)
+
+
+def _sources_of_heads(
+    pictures: Sequence[tuple[str, GreyImage]], estimator: Estimator
+) -> dict[str, DetectorImage | RadianceFrame]:
+    """Return what the pictures are made of, by head, in the order that decides whose camera frame the answer is in."""
     if estimator.needs != "heads":
         names = ", ".join(name for name, _ in pictures)
         raise UserError(f"estimator {estimator.name!r} takes one image, not {len(pictures)}", where=names)
@@ -108,7 +127,7 @@ def observation_from_heads(pictures: Sequence[tuple[str, GreyImage]], estimator:
                 expected="one housing's heads",
             )
         sources[head] = source
-    return observation_of_heads(_in_order(sources), estimator)
+    return _in_order(sources)
 
 
 def _in_order(sources: Mapping[str, DetectorImage | RadianceFrame]) -> dict[str, DetectorImage | RadianceFrame]:
@@ -151,12 +170,7 @@ def observation_from(
             )
         return observation_of(picture.source, estimator)
     height, width = picture.grey.shape
-    if (width, height) != (camera.camera.width, camera.camera.height):
-        raise UserError(
-            f"the image is {width} x {height} pixels, the camera {camera.camera.width} x {camera.camera.height}",
-            where=f"{where}, {camera_file}" if camera_file else where,
-            expected="equal sizes",
-        )
+    refuse_other_size(width, height, camera, where, camera_file)
     intrinsics = camera_from_spec(camera.camera)
     check_invertible(intrinsics, where=camera_file)
     recorded = None if picture.source is None else observation_of(picture.source, estimator)
@@ -186,7 +200,8 @@ def _full_scale(picture: GreyImage, camera: CameraSpec) -> float | None:
     return min(picture.full_scale, float(2**camera.detector.bits - 1))
 
 
-def _report(estimator: Estimator, result: Fit | Refusal, seconds: float) -> dict[str, Any]:
+def _report(estimator: Estimator, result: Fit | Refusal, seconds: float, truth: FrameTruth | None) -> dict[str, Any]:
+    """Return the keys of the command contract; ``truth`` is used here alone, after the estimator has answered."""
     report: dict[str, Any] = {
         "estimator": estimator.name,
         "status": str(result.status),
@@ -199,9 +214,13 @@ def _report(estimator: Estimator, result: Fit | Refusal, seconds: float) -> dict
         "sigma_nadir_arcsec": None,
         "n_points": len(result.points),
         "seconds": round(seconds, 6),
+        **dict.fromkeys(ERRORS),
     }
+    if truth is not None:
+        errors = score(truth, estimator, result, earth_radius_m=method_radius_m(truth))
+        report |= {name: getattr(errors, name) for name in ERRORS}
     if isinstance(result, Refusal):
-        return report | {"reason": result.reason}
+        return report | {"reason": result.reason} | ({"output": result.output} if result.output else {})
     sigma = sigma_nadir_rad(result.nadir_cam, result.total_covariance_nadir_cam) / ARCSEC
     return report | {
         "nadir_cam": [float(x) for x in result.nadir_cam],

@@ -1,4 +1,4 @@
-"""Read any picture an estimator may be given: our own EXR, foreign EXR, PNG, TIFF, JPEG; 8 or 16 bit or float."""
+"""Read any picture an estimator may be given: EXR, PNG, TIFF, JPEG, FITS; 8 or 16 bit or float; ours with its truth."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.commands.picture_size import EXPECTED, EXR_MAGIC, FITS_MAGIC, refuse_too_large, size_of
+from horizonval.core import files
 from horizonval.core.errors import UserError
 from horizonval.estimation.limb.grey import to_grey
 from horizonval.frame import DetectorImage, RadianceFrame
+from horizonval.spec.sensor.camera import CameraSpec
 
-EXR_MAGIC = b"\x76\x2f\x31\x01"
 MAX_FILE_BYTES = 4 * 1024**3
 
 
@@ -31,7 +33,7 @@ class GreyImage:
     full_scale : float or None
         Largest value the file's integers can hold; None for floating point.
     source : DetectorImage, RadianceFrame or None
-        The whole content, if the file is one of ours.
+        The whole content, if the file is one of ours, or exported from one.
     """
 
     grey: NDArray[np.float64]
@@ -39,22 +41,43 @@ class GreyImage:
     source: DetectorImage | RadianceFrame | None
 
 
-def read_picture(path: Path) -> GreyImage:
+def read_picture(path: Path, camera: CameraSpec | None = None, camera_file: str = "") -> GreyImage:
     """Read a picture; the content decides what it is, not the name.
+
+    Its size is read first, from its header: no pixel of one that is refused for its size is decoded.
+
+    Parameters
+    ----------
+    path : Path
+    camera : CameraSpec, optional
+        The camera that took it, whose size it must have.
+    camera_file : str
+        For error messages.
 
     Raises
     ------
     UserError
-        No such file, or not a picture that can be read.
+        No such file, not a picture that can be read, one of another size than the camera's, or one that is larger than
+        any camera's or than memory holds.
     """
-    try:
-        with path.open("rb") as file:
-            magic = file.read(4)
-    except IsADirectoryError as e:
-        raise UserError("is a folder", where=str(path), expected="an image file") from e
-    except OSError as e:
-        raise UserError(e.strerror or "cannot be read", where=str(path), expected="an image file") from e
-    return _read_exr(path) if magic == EXR_MAGIC else _read_common(path)
+    magic = files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED, first=4)
+    width, height = size_of(path)
+    if camera is not None:
+        refuse_other_size(width, height, camera, str(path), camera_file)
+    refuse_too_large(width, height, path)
+    if magic == EXR_MAGIC:
+        return _read_exr(path)
+    return _read_fits(path) if magic == FITS_MAGIC else _read_common(path)
+
+
+def refuse_other_size(width: int, height: int, camera: CameraSpec, where: str, camera_file: str = "") -> None:
+    """Raise ``UserError`` where an image has not the size of the camera that is said to have taken it."""
+    if (width, height) != (camera.camera.width, camera.camera.height):
+        raise UserError(
+            f"the image is {width} x {height} pixels, the camera {camera.camera.width} x {camera.camera.height}",
+            where=f"{where}, {camera_file}" if camera_file else where,
+            expected="equal sizes",
+        )
 
 
 def picture_of_array(pixels: NDArray[Any]) -> GreyImage:
@@ -82,24 +105,31 @@ def _read_exr(path: Path) -> GreyImage:
             return GreyImage(exr.read_foreign_grey(path), None, None)
 
 
+def _read_fits(path: Path) -> GreyImage:
+    from horizonval.store.fits import read_fits
+
+    pixels, full_scale, source = read_fits(path)
+    return GreyImage(to_grey(pixels), full_scale, None) if source is None else picture_of_source(source)
+
+
 def _read_common(path: Path) -> GreyImage:
     import cv2
 
-    expected = "an EXR, PNG, TIFF or JPEG image"
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise UserError("too large for an image", where=str(path), expected=expected)
-    data = np.fromfile(path, dtype=np.uint8)
+    from horizonval.store.exported import read_beside
+
+    data = np.frombuffer(files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED), dtype=np.uint8)
     pixels: NDArray[Any] | None = None
     if data.size:
         try:
             with _quiet():
                 pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
         except cv2.error as e:
-            raise UserError("not an image that can be read", where=str(path), expected=expected) from e
+            raise UserError("not an image that can be read", where=str(path), expected=EXPECTED) from e
     if pixels is None or pixels.size == 0:
         what = "not an image that can be read" if data.size else "the file is empty"
-        raise UserError(what, where=str(path), expected=expected)
-    return picture_of_array(pixels)
+        raise UserError(what, where=str(path), expected=EXPECTED)
+    source = read_beside(path, pixels)
+    return picture_of_array(pixels) if source is None else picture_of_source(source)
 
 
 @contextlib.contextmanager

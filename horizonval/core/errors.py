@@ -11,6 +11,27 @@ from pathlib import Path
 from typing import Self
 
 
+def printable(text: str) -> str:
+    r"""Return text that a terminal shows as it is, and in one line.
+
+    Names of files and texts of headers may hold line ends, commands to the terminal or bytes that are no text: such
+    characters are written as Python escapes them.
+
+    Examples
+    --------
+    >>> printable("a\x1b[2Jb\n\udcffä")
+    'a\\x1b[2Jb\\n\\udcffä'
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def excerpt(text: str, most: int = 40) -> str:
+    """Return the beginning of a word of a user's file, for a message; a whole line is nobody's to show."""
+    return text if len(text) <= most else f"{text[:most]}..."
+
+
 class UserError(Exception):
     """A mistake in what the user gave us: what is wrong, where, what was expected, how to mend it.
 
@@ -54,7 +75,7 @@ class UserError(Exception):
             text += f"; expected {self.expected}"
         if self.fix:
             text += f"; {self.fix}"
-        return " ".join(text.split())
+        return printable(" ".join(text.split()))
 
 
 class DamagedFileError(UserError):
@@ -70,4 +91,4 @@ def one_line(error: BaseException) -> str:
         return error.line()
     trace = traceback.extract_tb(error.__traceback__)
     place = f" at {Path(trace[-1].filename).name}:{trace[-1].lineno}" if trace else ""
-    return " ".join(f"{type(error).__name__}{place}: {error}".split())
+    return printable(" ".join(f"{type(error).__name__}{place}: {error}".split()))

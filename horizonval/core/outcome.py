@@ -8,6 +8,8 @@ from enum import StrEnum
 class Outcome(StrEnum):
     """Outcome of one estimator on one image, reported (by the estimator) or expected (from truth alone).
 
+    ``crashed`` is never expected, and never right: what was asked gave no answer that can be read.
+
     Examples
     --------
     >>> import horizonval as hv
@@ -24,3 +26,4 @@ class Outcome(StrEnum):
     SATURATED = "saturated"
     NOT_CONVERGED = "not_converged"
     BAD_INPUT = "bad_input"
+    CRASHED = "crashed"

@@ -25,6 +25,8 @@ class Refusal:
         One line for people.
     points : ndarray, shape (n, 2)
         Limb points found before the refusal, (column, row) [px]; empty where none were.
+    output : str
+        Of a crash: the last lines that were printed, and the traceback.
 
     Examples
     --------
@@ -39,6 +41,7 @@ class Refusal:
     status: Outcome
     reason: str
     points: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    output: str = ""
 
     def __repr__(self) -> str:
         return f"<Refusal {self.status}: {self.reason}>"

@@ -31,7 +31,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere import ozone, rayleigh
@@ -42,6 +42,9 @@ from horizonval.earth.spectral import planck
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _Fraction = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
+
+MAX_FILE_BYTES = 16 * 1024 * 1024
+"""Of an atmosphere file; the largest of ours has 90 kB."""
 
 MAX_TEMPERATURE_STEP_K = 0.1
 """Largest change of temperature between nodes of a thermal column; leaves 5e-7 of radiance at 15 um, 1e-4 at 1 um."""
@@ -186,6 +189,8 @@ def parse_atmosphere(data: object, file: str) -> AtmosphereFile:
     UserError
         Naming ``file``, the first offending key and what was expected there.
     """
+    if not isinstance(data, dict):
+        raise UserError("not an atmosphere file", where=file, expected="a JSON object of the format's keys")
     try:
         return AtmosphereFile.model_validate(data)
     except ValidationError as error:
@@ -200,20 +205,8 @@ def read_atmosphere(path: Path | str) -> AtmosphereFile:
     UserError
         File missing, not JSON, or not what the format asks for.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a text file"
-        raise UserError(f"cannot be read ({reason})", where=str(path), expected="an atmosphere file (JSON)") from None
-    try:
-        data = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise UserError(
-            f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}", where=str(path)
-        ) from None
-    except RecursionError:
-        raise UserError("not an atmosphere file: nested too deeply", where=str(path)) from None
-    return parse_atmosphere(data, str(path))
+    text = files.read_text(path, largest=MAX_FILE_BYTES, expected="an atmosphere file (JSON)")
+    return parse_atmosphere(files.parse_json(text, path), str(path))
 
 
 def altitudes_m(file: AtmosphereFile, *, thermal: bool) -> FloatArray:

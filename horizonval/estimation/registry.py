@@ -13,6 +13,8 @@ from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.core.suggest import nearest
+from horizonval.estimation.digits import rounded
+from horizonval.estimation.last_words import crash, raised, traceback_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
 GROUP = "horizonval.estimators"
@@ -63,21 +65,24 @@ def get(name: str) -> Estimator:
 
 
 def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
-    """Run an estimator so that whatever it does becomes an outcome: exceptions, wrong types and NaN are refusals."""
+    """Run an estimator so that whatever it does becomes an outcome: exceptions, wrong types and NaN are crashes.
+
+    Numbers are rounded to the digits that are results (:mod:`horizonval.estimation.digits`).
+    """
     try:
         # What a user's own method returns may be anything.
         result: object = estimator.run(observation)
     except Exception as e:
-        return Refusal(Outcome.BAD_INPUT, " ".join(f"the estimator raised {type(e).__name__}: {e}".split()))
+        return crash(f"the estimator raised {raised(e)}", traceback_of(e))
     if isinstance(result, Refusal):
         if result.status is Outcome.VALID:
-            return Refusal(Outcome.BAD_INPUT, "the estimator returned a refusal with status valid")
+            return crash("the estimator returned a refusal with status valid")
         return result
     if not isinstance(result, Fit):
-        return Refusal(Outcome.BAD_INPUT, f"the estimator returned a {type(result).__name__}, neither Fit nor Refusal")
+        return crash(f"the estimator returned a {type(result).__name__}, neither Fit nor Refusal")
     if not _is_sound(result):
-        return Refusal(Outcome.NOT_CONVERGED, "the estimator returned numbers that are none")
-    return result if result.estimates == estimator.estimates else replace(result, estimates=estimator.estimates)
+        return crash("the estimator returned numbers that are none")
+    return rounded(replace(result, estimates=estimator.estimates))
 
 
 def _is_sound(fit: Fit) -> bool:

@@ -1,4 +1,4 @@
-"""Where Sun and Moon are, how large they look, and how much of them the Earth hides.
+"""Where Sun and Moon are, and how large they look.
 
 Direction: the Earth's heliocentric position from ERFA's VSOP2000 series (``epv00``, 5e-8 au), aberrated with the
 Earth's barycentric velocity, taken to Earth-fixed axes with the IAU 2006/2000A matrix (``c2t06a``). This is the
@@ -14,11 +14,6 @@ apparent direction from the geocentre. Neglected, with sizes:
 The Moon: ERFA's series ``moon98`` (Meeus 1998 after ELP 2000-82; 10 arcsec in longitude, 4 in latitude, 18 km), brought
 to Earth-fixed axes with the same matrix. It is near: its direction is taken from where the camera is. Its annual
 aberration and the light time leave the observer's motion about the Earth's centre (5 arcsec from low orbit).
-
-Eclipse: on the great circle that leaves the Sun's centre at position angle ``t``, the tangent cone of the ellipsoid
-(``d^T Q d = 0``) is a quadratic in the tangent of the arc; its roots say which part of the disc's radius is hidden, and
-the sum over ``t`` is the hidden solid angle. The Earth's shape is exact, umbra, penumbra and annular eclipse are the
-same formula. Refraction and the atmosphere's shadow are not in it.
 """
 
 from __future__ import annotations
@@ -33,7 +28,6 @@ from numpy.typing import ArrayLike
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.geometry.directions import off_axis_angle
-from horizonval.geometry.ellipsoid import WGS84, Ellipsoid
 
 SUN_RADIUS_M = 6.957e8
 """IAU 2015 resolution B3 nominal solar radius."""
@@ -42,8 +36,6 @@ AU_M = float(erfa.DAU)
 
 MOON_RADIUS_M = 1.7374e6
 """IAU mean radius (Archinal et al. 2018)."""
-
-_DISC_ANGLES = 4096
 
 
 def _tt_ut(epoch_utc: datetime) -> tuple[float, float, float, float]:
@@ -112,77 +104,3 @@ def phase_angle(from_moon_to_sun: ArrayLike, from_moon_to_observer: ArrayLike) -
 def sun_angular_radius(distance_m: ArrayLike) -> FloatArray:
     """Return the angular radius of the Sun's disc [rad] at a distance [m] from its centre."""
     return np.arcsin(SUN_RADIUS_M / np.asarray(distance_m, float))
-
-
-def sun_visible_fraction(
-    r_itrs: ArrayLike,
-    sun_itrs: ArrayLike,
-    sun_angular_radius_rad: float,
-    ellipsoid: Ellipsoid = WGS84,
-    limb_darkening: ArrayLike = (1.0,),
-) -> FloatArray:
-    """Return the share of the Sun's disc that is seen past the Earth: of its solid angle, or of its light.
-
-    Parameters
-    ----------
-    r_itrs : array_like, shape (..., 3)
-        Observers [m], on or outside the ellipsoid.
-    sun_itrs : array_like, shape (3,)
-        Unit vector towards the Sun's centre.
-    sun_angular_radius_rad : float
-        Below a quarter of a turn.
-    ellipsoid : Ellipsoid
-    limb_darkening : array_like
-        Coefficients of ``I(mu) / I(1) = sum a_k mu^k``; the share is then that of the light. Default: a uniform disc.
-
-    Returns
-    -------
-    fraction : ndarray, shape (...)
-        1 lit, 0 umbra. The quadrature's error is below 1e-5.
-    """
-    p = np.asarray(r_itrs, float) / ellipsoid.axes_m
-    scale = ellipsoid.a_m / ellipsoid.axes_m
-    s = np.asarray(sun_itrs, float)
-    helper = np.array([1.0, 0.0, 0.0]) if abs(s[0]) < 0.6 else np.array([0.0, 1.0, 0.0])
-    e1 = np.cross(s, helper)
-    e1 /= np.linalg.norm(e1)
-    e2 = np.cross(s, e1)
-    # Great circles through the centre, half a turn each: tan of the arc runs from -tan(radius) to +tan(radius).
-    t = (np.arange(_DISC_ANGLES) + 0.5) * (np.pi / _DISC_ANGLES)
-    m = np.cos(t)[:, None] * e1 + np.sin(t)[:, None] * e2
-    s1, m1 = s * scale, m * scale
-    # d = s + x m is hidden where p.d' < 0 and (p.d')^2 > (|p|^2 - 1) |d'|^2, d' scaled: the forward half of the cone.
-    k = np.maximum(np.einsum("...i,...i->...", p, p) - 1.0, 0.0)[..., None]
-    ps, pm = (p @ s1)[..., None], p @ m1.T
-    a = pm**2 - k * np.einsum("ni,ni->n", m1, m1)
-    b = ps * pm - k * (m1 @ s1)
-    c = ps**2 - k * (s1 @ s1)
-    limit = np.tan(sun_angular_radius_rad)
-    disc = b**2 - a * c
-    with np.errstate(divide="ignore", invalid="ignore"):
-        root = np.sqrt(np.maximum(disc, 0.0))
-        q = -(b + np.copysign(root, b))
-        x1, x2 = q / a, c / q
-    # Between two neighbouring cuts of {-limit, roots, limit} a great circle is hidden or visible as a whole.
-    inside = (disc > 0.0)[..., None]
-    cuts = np.stack([x1, x2], axis=-1)
-    cuts = np.sort(np.clip(np.where(inside & np.isfinite(cuts), cuts, limit), -limit, limit), axis=-1)
-    ends = np.full_like(cuts[..., :1], limit)
-    cuts = np.concatenate([-ends, cuts, ends], axis=-1)
-    middle = 0.5 * (cuts[..., 1:] + cuts[..., :-1])
-    forward = ps[..., None] + middle * pm[..., None] < 0.0
-    hidden = forward & (a[..., None] * middle**2 + 2.0 * b[..., None] * middle + c[..., None] > 0.0)
-    # Solid angle of a sector between two arcs: integral of |sin| = difference of (1 - cos) with the arc's sign.
-    cosine = 1.0 / np.sqrt(1.0 + cuts**2)
-    a_k = np.asarray(limb_darkening, float)
-    if len(a_k) == 1:
-        arc, total = np.sign(cuts) * (1.0 - cosine), 1.0 - np.cos(sun_angular_radius_rad)
-    else:
-        # integral of I(mu) r dr up to r = sin(arc) / sin(radius), with mu dmu = -r dr
-        mu = np.sqrt(np.maximum(1.0 - (1.0 - cosine**2) / np.sin(sun_angular_radius_rad) ** 2, 0.0))
-        power = np.arange(len(a_k)) + 2
-        terms = a_k / power
-        arc, total = np.sign(cuts) * sum(t * (1.0 - mu**p) for t, p in zip(terms, power, strict=True)), terms.sum()
-    covered = np.where(hidden, arc[..., 1:] - arc[..., :-1], 0.0).sum(axis=(-1, -2))
-    total = 2.0 * _DISC_ANGLES * total
-    return np.clip(1.0 - covered / total, 0.0, 1.0)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from horizonval.core.outcome import Outcome
 from horizonval.scoring.row import Row
 
 
@@ -23,6 +24,7 @@ class VerdictMark:
 
 
 FALSE_VALID = VerdictMark("false", "✖", "false claim", "#b34700", "X")
+CRASHED = VerdictMark("crashed", "✱", "the estimator crashed", "#b34700", "*")
 MISSED = VerdictMark("missed", "▼", "refused, though the limb is usable", "#8a6100", "v")
 OTHER = VerdictMark("other", "◇", "refused, for another reason than expected", "#555555", "D")
 FAIR = VerdictMark("fair", "▽", "refused, on a borderline frame", "#555555", "v")
@@ -32,14 +34,14 @@ VALID = VerdictMark("valid", "●", "valid", "#0072b2", "o")
 BROKEN = VerdictMark("broken", "!", "the frame failed", "#b34700", "P")
 NONE = VerdictMark("none", "–", "no result", "#555555", "_")
 
-VERDICTS = (FALSE_VALID, MISSED, OTHER, FAIR, REFUSED, BONUS, VALID, BROKEN, NONE)
+VERDICTS = (FALSE_VALID, CRASHED, MISSED, OTHER, FAIR, REFUSED, BONUS, VALID, BROKEN, NONE)
 """Worst first."""
 
 
 def verdict_of(row: Row | None, *, broken: bool = False) -> VerdictMark:
     """Return the verdict on one row; ``broken``: the frame itself failed, so the row is not the estimator's doing.
 
-    On a borderline frame a refusal is as fair as a claim that is not false.
+    A crash is as bad on every frame. On a borderline frame a refusal is as fair as a claim that is not false.
     """
     if broken:
         return BROKEN
@@ -49,6 +51,8 @@ def verdict_of(row: Row | None, *, broken: bool = False) -> VerdictMark:
         return FALSE_VALID
     if row.is_claim:
         return VALID if row.borderline or row.is_due else BONUS
+    if row.status == Outcome.CRASHED:
+        return CRASHED
     if row.borderline:
         return FAIR
     if row.is_due:

@@ -5,7 +5,7 @@ also where nothing was seen. None in n trials still allows 3 / n (J. A. Hanley a
 1983).
 
 Frames that are borderline (:mod:`horizonval.scoring.expected`) take no part in availability and refusal. A false claim
-counts wherever it is made.
+or a crash counts wherever it is made.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any
 
 from scipy import stats
 
+from horizonval.core.outcome import Outcome
 from horizonval.scoring.confusion import BEYOND_LIMIT, BEYOND_SIGMA, why_false
 from horizonval.scoring.row import Row
 
@@ -47,8 +48,9 @@ def rates(rows: Sequence[Row]) -> dict[str, Any]:
         ``availability``: claims among the frames that should give an attitude. ``refusal``: the rest of them.
         ``bonus``: claims among the frames that should not. ``false_valid``: false ones among all claims, with
         ``upper_bound`` and, of them, how many are ``beyond_limit`` and ``beyond_sigma``; ``false_valid_frames``: false
-        ones among all frames. ``n_borderline``: frames not counted in the
-        first three.
+        ones among all frames. ``claims_without_sigma``: how many claims claim no uncertainty and are judged by the
+        default (:data:`horizonval.scoring.limits.DEFAULT_SIGMA_RAD`). ``crashed``: frames on which the estimator
+        crashed, among all. ``n_borderline``: frames not counted in the first three.
     """
     claims = [row for row in rows if row.is_claim]
     clear = [row for row in rows if not row.borderline]
@@ -65,5 +67,7 @@ def rates(rows: Sequence[Row]) -> dict[str, Any]:
         | {"upper_bound": upper_bound(false, len(claims))}
         | {"beyond_limit": reasons[BEYOND_LIMIT], "beyond_sigma": reasons[BEYOND_SIGMA]},
         "false_valid_frames": proportion(false, len(rows)) | {"upper_bound": upper_bound(false, len(rows))},
+        "claims_without_sigma": sum(row.without_sigma for row in claims),
+        "crashed": proportion(sum(row.status == Outcome.CRASHED for row in rows), len(rows)),
         "n_borderline": len(rows) - len(clear),
     }

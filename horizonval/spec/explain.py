@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, excerpt
 from horizonval.core.suggest import nearest
 
 Schema = Mapping[str, Any]
@@ -59,6 +59,12 @@ def explain(error: ValidationError, model: type[BaseModel], file: str, *, inside
     return UserError(what, where=": ".join(part for part in (file, inside, key) if part), expected=expected)
 
 
+def describe_key(model: type[BaseModel], key: str) -> str:
+    """Return what a key of a model accepts, in words."""
+    root = model.model_json_schema()
+    return describe(root, _walk(root, (key,))[0])
+
+
 def describe(root: Schema, node: Schema) -> str:
     """Return what a schema node accepts, in words; empty where the schema says nothing useful."""
     node = _resolve(root, node)
@@ -103,7 +109,7 @@ def show(value: object) -> str:
             return "nothing"
         case _:
             text = str(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return excerpt(text, 60)
 
 
 def _walk(root: Schema, loc: Sequence[int | str]) -> tuple[Schema, str]:
@@ -123,7 +129,7 @@ def _walk(root: Schema, loc: Sequence[int | str]) -> tuple[Schema, str]:
         else:
             properties = node.get("properties", {})
             node = _resolve(root, properties.get(part, {}))
-            key = f"{key}.{part}" if key else str(part)
+            key = f"{key}.{excerpt(str(part))}" if key else excerpt(str(part))
     return node, key
 
 

@@ -7,6 +7,7 @@ ends in one line: file, key, what was found, what was expected.
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from horizonval.core import files
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.suggest import nearest
@@ -24,6 +26,7 @@ from horizonval.spec.expand import variants
 from horizonval.spec.explain import explain, show
 from horizonval.spec.files import Kind, find
 from horizonval.spec.merge import deep_merge
+from horizonval.spec.option import with_option
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.regression import RegressionSpec
 from horizonval.spec.scene import SceneSpec
@@ -210,9 +213,9 @@ def load_suite(
                 where="--frames",
                 expected="a suite with suite.frames, such as strict",
             )
-        spec = spec.model_copy(update={"suite": spec.suite.model_copy(update={"frames": frames})})
+        spec = spec.model_copy(update={"suite": with_option(spec.suite, "frames", frames, "--frames")})
     if seed is not None:
-        spec = spec.model_copy(update={"suite": spec.suite.model_copy(update={"seed": seed})})
+        spec = spec.model_copy(update={"suite": with_option(spec.suite, "seed", seed, "--seed")})
     return suite_of(spec, path, fly)
 
 
@@ -352,10 +355,10 @@ class Shelf:
             scene = _with_atmosphere(scene, file=str(file.resolve()))
         if scene.atmosphere.profile_file is not None:
             file = self._path.parent / Path(scene.atmosphere.profile_file).expanduser()
-            if not file.is_file():
-                raise UserError(
-                    f"no file {file}", where=prefix + "atmosphere.profile_file", expected="a profile (CSV or JSON)"
-                )
+            try:
+                files.ensure_file(file, expected="a profile (CSV or JSON)")
+            except UserError as e:
+                raise e.inside(prefix + "atmosphere.profile_file") from e
             scene = _with_atmosphere(scene, profile_file=str(file.resolve()))
         return scene, camera
 
@@ -400,20 +403,31 @@ def changed_camera(camera: JsonObject, changes: JsonObject, prefix: str) -> Json
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Return a TOML file's tables; a syntax error names file, line and column."""
-    try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise UserError("too large for a specification", where=str(path), expected="a TOML file")
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as e:
-        raise UserError(f"not text (byte {e.start} is not UTF-8)", where=str(path), expected="a TOML file") from e
-    except OSError as e:
-        raise UserError(e.strerror or "cannot be read", where=str(path), expected="a readable file") from e
+    text = files.read_text(path, largest=MAX_FILE_BYTES, expected="a TOML file")
     try:
         return tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as e:
-        raise UserError(
-            f"not valid TOML: {e}", where=str(path), expected='lines such as key = 1.0 or key = "text"'
-        ) from e
+    except RecursionError as e:
+        what = "nested too deeply"
+        error: Exception = e
+    except ValueError as e:
+        what, error = _mistake_in_toml(str(e)), e
+    raise UserError(
+        f"not valid TOML: {what}", where=str(path), expected='lines such as key = 1.0 or key = "text"'
+    ) from error
+
+
+def _mistake_in_toml(message: str) -> str:
+    """Return what the parser says of a mistake and its place, without what it quotes: the file may be no TOML at all.
+
+    A single sign may stay.
+    """
+    if "integer string conversion" in message:
+        return "a number of thousands of digits"
+    what, _, place = message.rpartition(" (at ")
+    place = f" (at {place}" if what else ""
+    what = re.sub(r"^Cannot declare .* twice$", "Cannot declare the same table twice", what or message)
+    what = re.sub(r"^(Cannot mutate immutable namespace|Duplicate inline table key) .*", r"\1", what)
+    return re.sub(r"(['\"])(?!\1).{5,}\1", "...", what) + place
 
 
 def validate(model: type[M], data: Mapping[str, Any], file: str, *, inside: str = "") -> M:

@@ -12,6 +12,7 @@ import numpy as np
 from sgp4.api import Satrec
 from sgp4.conveniences import sat_epoch_datetime
 
+from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
@@ -21,6 +22,9 @@ from horizonval.geometry.ephemeris import sun_itrs
 from horizonval.geometry.rotation import itrs_from_teme
 from horizonval.spec.expand import seed_of
 from horizonval.spec.orbit import OrbitAttitude, OrbitSpec
+
+MAX_FILE_BYTES = 64 * 1024
+"""Of a file with one set of elements."""
 
 _ANGLE_DIGITS, _RATE_DIGITS, _KM_DIGITS = 7, 9, 6
 """Of what is written into scenes: a centimetre on the ground and a thousandth of an arc second, so that the last bit of
@@ -133,10 +137,11 @@ def _lines(given: Sequence[str] | str | None, beside: Path) -> tuple[str, str]:
     """Return the two lines, without the name that may stand before them."""
     if isinstance(given, str):
         path = beside / Path(given).expanduser()
+        expected = "a text file with two lines of 69 columns"
         try:
-            given = path.read_text(encoding="ascii").splitlines()
-        except (OSError, ValueError) as e:
-            raise UserError(f"{path} cannot be read", expected="a text file with two lines of 69 columns") from e
+            given = files.read_text(path, largest=MAX_FILE_BYTES, expected=expected, encoding="ascii").splitlines()
+        except UserError as e:
+            raise UserError(f"{path}: {e.what}", expected=expected) from e
     lines = [line.rstrip() for line in given or [] if line.strip()]
     if len(lines) not in (2, 3):
         raise UserError(f"found {len(lines)} lines", expected="two lines of 69 columns, or three with a name")

@@ -8,9 +8,11 @@ from horizonval.core.errors import UserError
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.pose import place_from_spec
 from horizonval.geometry.rotation import julian_utc
+from horizonval.renderer.scene.frame_memory import refuse_too_large
 from horizonval.spec.load import Case, Suite
 from horizonval.suites.part import Part
 from horizonval.suites.plan import CasePlan, of_heads
+from horizonval.suites.worker_memory import largest_frame
 
 
 def refuse_mistakes(suite: Suite, plan: CasePlan, parts: Sequence[Part] = ()) -> None:
@@ -44,6 +46,12 @@ def refuse_mistakes(suite: Suite, plan: CasePlan, parts: Sequence[Part] = ()) ->
             _check_case(case, cameras, matters)
         except UserError as e:
             raise e.inside(f"{suite.source}: {case.name}") from e
+    largest = largest_frame(suite)
+    if largest is not None:
+        try:
+            refuse_too_large(largest.scene, largest.camera)
+        except UserError as e:
+            raise e.inside(f"{suite.source}: {largest.name}") from e
     for part in parts:
         part.check(suite)
 

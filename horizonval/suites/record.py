@@ -94,7 +94,8 @@ def camera_name(case: Case) -> str:
 
 
 def details_of(result: Fit | Refusal) -> dict[str, Any]:
-    """Return what the report draws over the image: limb points, evenly thinned, and the fitted limb."""
+    """Return what the report draws over the image: limb points, evenly thinned, and the fitted limb; of a crash
+    what was printed last."""
     points = np.asarray(result.points, dtype=np.float64).reshape(-1, 2)
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) > MAX_POINTS:
@@ -105,7 +106,8 @@ def details_of(result: Fit | Refusal) -> dict[str, Any]:
             "nadir_cam": [float(x) for x in result.nadir_cam],
             "angular_radius_rad": None if result.angular_radius_rad is None else float(result.angular_radius_rad),
         }
-    return {"points": points.round(3).tolist(), "fit": fit}
+    details = {"points": points.round(3).tolist(), "fit": fit}
+    return details | {"output": result.output} if isinstance(result, Refusal) and result.output else details
 
 
 def _truth_or_none(case: Case) -> FrameTruth | None:

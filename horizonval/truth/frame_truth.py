@@ -19,6 +19,7 @@ from horizonval.earth.spectral.thermal_accuracy import thermal_accuracy
 from horizonval.earth.surface.surface import snow_line_deg
 from horizonval.frame import FRAME_SCHEMA, FrameTruth
 from horizonval.geometry.camera import camera_from_spec, check_invertible
+from horizonval.geometry.eclipse import sun_visible_fraction
 from horizonval.geometry.ellipsoid import Ellipsoid, geocentric_nadir, geodetic_nadir
 from horizonval.geometry.ephemeris import (
     MOON_RADIUS_M,
@@ -26,7 +27,6 @@ from horizonval.geometry.ephemeris import (
     phase_angle,
     sun_angular_radius,
     sun_itrs,
-    sun_visible_fraction,
 )
 from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import angular_radius
@@ -157,7 +157,7 @@ def with_infrared_horizon(truth: FrameTruth, model: OpticalModel) -> FrameTruth:
     what :func:`horizonval.earth.spectral.thermal_accuracy.thermal_accuracy` states of it (``heights_km``, ``relative``,
     ``half_height_km``, ``nadir_k``, ``sentences``), or None where the absorption comes from an atmosphere file.
     """
-    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+    ellipsoid = truth.ellipsoid
     line = snow_line_deg(datetime.fromisoformat(truth.epoch_utc))
     horizon_by_band = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs, snow_line_deg=line)
     from_file = truth.scene.get("atmosphere", {}).get("file") is not None

@@ -11,9 +11,10 @@ from astropy.coordinates import EarthLocation, get_sun
 from astropy.time import Time
 from astropy.utils import iers
 
+from horizonval.geometry.eclipse import sun_visible_fraction
 from horizonval.geometry.ellipsoid import WGS84, geodetic_from_itrs, itrs_from_geodetic, sphere, tangent_height
 from horizonval.geometry.ellipsoid import geodetic_height as height_of
-from horizonval.geometry.ephemeris import AU_M, sun_angular_radius, sun_gcrs, sun_visible_fraction
+from horizonval.geometry.ephemeris import AU_M, sun_angular_radius, sun_gcrs
 from horizonval.geometry.frames import body_from_lvlh, lvlh_from_itrs, roll_pitch_of_nadir, rotate
 from horizonval.geometry.horizon import angular_radius, horizon_directions
 

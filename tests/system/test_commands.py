@@ -13,12 +13,15 @@ import OpenEXR
 import pytest
 from conftest import MINI_CAMERA, assert_one_line
 
+from horizonval.scoring.table import read_results
 from horizonval.spec.files import shipped_names
 from horizonval.store import exr
 
+NAME = "altitude-free"
 CONTRACT_KEYS = [
     "estimator", "status", "reason", "nadir_cam", "roll_deg", "pitch_deg", "altitude_km", "angular_radius_deg",
-    "sigma_nadir_arcsec", "n_points", "seconds",
+    "sigma_nadir_arcsec", "n_points", "seconds", "nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec",
+    "altitude_error_km", "false_valid",
 ]  # fmt: skip
 
 MINI_SCENE = """
@@ -182,6 +185,34 @@ def test_estimate_on_our_own_files(horizonval, frame_path, image_path, name):
     text = horizonval("estimate", image_path, "--estimator", name).stdout
     assert "nadir_cam" in text
     assert "valid" in text
+
+
+def test_estimate_on_our_own_files_says_how_far_off_it_is(horizonval, mini_run, image_path, tmp_path):
+    """The errors are those of the run's own row; an image without truth has none."""
+    rows = read_results(mini_run / "results.parquet")
+    row = next(row for row in rows if (row.case, row.estimator) == ("frame-0", NAME))
+    report = _estimate(horizonval("estimate", image_path, "--estimator", NAME, "--json"))
+    assert report["nadir_error_arcsec"] == row.nadir_error_arcsec > 1.0
+    for key in CONTRACT_KEYS[-4:]:
+        assert report[key] == getattr(row, key), key
+    text = horizonval("estimate", image_path, "--estimator", NAME).stdout
+    assert f"nadir_error_arcsec   {row.nadir_error_arcsec:.6f}" in text
+    cv2.imwrite(str(tmp_path / "i.png"), exr.read_image(image_path).dn)
+    (tmp_path / "mini-camera.toml").write_text(MINI_CAMERA)
+    bare = horizonval("estimate", "i.png", "--camera", "mini-camera.toml", "--estimator", NAME, "--json")
+    assert {_estimate(bare)[key] for key in CONTRACT_KEYS[-5:]} == {None}
+
+
+def test_estimate_of_several_images_is_a_line_each(horizonval, frame_path, image_path, tmp_path):
+    (tmp_path / "bad.exr").write_bytes(image_path.read_bytes()[:-9])
+    done = horizonval("estimate", image_path, "bad.exr", frame_path, "--estimator", NAME)
+    assert done.returncode == 1
+    assert [line.split(":")[0] for line in done.stdout.splitlines()] == [str(image_path), str(frame_path)]
+    assert all("valid" in line and "off by" in line for line in done.stdout.splitlines())
+    assert done.stderr.startswith("horizonval: bad.exr: truncated")
+    assert len(done.stderr.splitlines()) == 1
+    reports = json.loads(horizonval("estimate", image_path, frame_path, "--estimator", NAME, "--json").stdout)
+    assert [list(report) for report in reports] == [["image", *CONTRACT_KEYS]] * 2
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif"])

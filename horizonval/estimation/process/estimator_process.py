@@ -16,9 +16,9 @@ import time
 from typing import IO
 
 from horizonval.core.errors import UserError
-from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
+from horizonval.estimation.last_words import crash
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.process.external import external
 from horizonval.estimation.process.sandbox import HEADER, Limits
@@ -48,7 +48,7 @@ def _run(name: str, observation: Observation, programs: dict[str, Estimator]) ->
     try:
         estimator = programs[name] if name in programs else registry.get(name)
     except UserError as e:
-        return Refusal(Outcome.BAD_INPUT, e.line())
+        return crash(e.line())
     return registry.run_safely(estimator, observation)
 
 
@@ -63,7 +63,7 @@ def _pickled(result: Fit | Refusal, spent_s: float) -> bytes:
         return pickle.dumps((result, spent_s), protocol=pickle.HIGHEST_PROTOCOL)
     except Exception as e:
         reason = f"the estimator's result cannot be handed on: {type(e).__name__}: {e}"
-        return pickle.dumps((Refusal(Outcome.BAD_INPUT, " ".join(reason.split())), spent_s))
+        return pickle.dumps((crash(reason), spent_s))
 
 
 def _prepare(limits: Limits) -> None:

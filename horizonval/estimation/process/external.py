@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.last_words import crash
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.frames import inverse, roll_pitch_of_nadir, rotate
 from horizonval.spec.suite import ProgramSpec
@@ -79,7 +80,7 @@ def _run(observation: Observation, *, command: str, folder: Path, limit_s: float
         try:
             words = command_line(command, folder, image, camera)
         except (ValueError, IndexError) as e:
-            return _bad(f"the command {command!r} cannot be read: {e}")
+            return crash(f"the command {command!r} cannot be read: {e}")
         answer = _answer(words, folder, limit_s)
     return answer if isinstance(answer, Refusal) else result_of(answer, observation)
 
@@ -116,7 +117,7 @@ def _answer(words: list[str], folder: Path, limit_s: float) -> bytes | Refusal:
             start_new_session=True,
         )
     except OSError as e:
-        return _bad(f"the program {words[0]!r} cannot be started: {e.strerror}")
+        return crash(f"the program {words[0]!r} cannot be started: {e.strerror}")
     assert process.stdout is not None
     try:
         printed = _read(process.stdout, time.monotonic() + limit_s)
@@ -124,14 +125,14 @@ def _answer(words: list[str], folder: Path, limit_s: float) -> bytes | Refusal:
             return printed
         status = process.wait(max(limit_s, 1.0))
     except subprocess.TimeoutExpired:
-        return _bad("the program closed its output and did not end")
+        return crash("the program closed its output and did not end")
     finally:
         # Whatever it started belongs to its session and goes with it.
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, signal.SIGKILL)
         process.stdout.close()
         process.wait()
-    return printed if status == 0 else _bad(f"the program ended with status {status}")
+    return printed if status == 0 else crash(f"the program ended with status {status}")
 
 
 def _read(pipe: IO[bytes], deadline: float) -> bytes | Refusal:
@@ -141,13 +142,13 @@ def _read(pipe: IO[bytes], deadline: float) -> bytes | Refusal:
     while True:
         ready, _, _ = select.select([pipe], [], [], max(0.0, deadline - time.monotonic()))
         if not ready:
-            return _bad("the program exceeded its time limit")
+            return crash("the program exceeded its time limit")
         chunk = os.read(pipe.fileno(), 65536)
         if not chunk:
             return bytes(found)
         found += chunk
         if len(found) > LONGEST_ANSWER:
-            return _bad("the program printed more than a megabyte, where one JSON object was expected")
+            return crash("the program printed more than a megabyte, where one JSON object was expected")
 
 
 def result_of(answer: bytes, observation: Observation) -> Fit | Refusal:
@@ -155,19 +156,19 @@ def result_of(answer: bytes, observation: Observation) -> Fit | Refusal:
     try:
         data = json.loads(answer)
     except (ValueError, RecursionError):
-        return _bad(f"the program printed no JSON object but {answer[:40]!r}")
+        return crash(f"the program printed no JSON object but {answer[:40]!r}")
     if not isinstance(data, dict):
-        return _bad(f"the program printed a {type(data).__name__}, where a JSON object was expected")
+        return crash(f"the program printed a {type(data).__name__}, where a JSON object was expected")
     status = data.get("status")
     if status not in tuple(Outcome):
-        return _bad(f"the program's status {str(status)[:40]!r} is none of {', '.join(Outcome)}")
+        return crash(f"the program's status {str(status)[:40]!r} is none of {', '.join(Outcome)}")
     try:
         points = np.asarray(data.get("points") or [], dtype=np.float64).reshape(-1, 2)
         if Outcome(status) is not Outcome.VALID:
             return Refusal(Outcome(status), str(data.get("reason") or "no reason given"), points)
         return _fit(data, points, observation)
     except (TypeError, ValueError, OverflowError) as e:
-        return _bad(f"the program's answer cannot be used: {e}")
+        return crash(f"the program's answer cannot be used: {e}")
 
 
 def _fit(data: Mapping[str, Any], points: NDArray[np.float64], observation: Observation) -> Fit:
@@ -177,6 +178,8 @@ def _fit(data: Mapping[str, Any], points: NDArray[np.float64], observation: Obse
     nadir = nadir / np.linalg.norm(nadir)
     angles = roll_pitch_of_nadir(rotate(inverse(observation.q_cam_from_body), nadir))
     sigma = float(data.get("sigma_nadir_arcsec") or 0.0) * _ARCSEC
+    if not sigma >= 0.0:
+        raise ValueError(f"sigma_nadir_arcsec is {data['sigma_nadir_arcsec']}; a standard deviation is 0 or more")
 
     def radians(key: str) -> float | None:
         return None if data.get(key) is None else math.radians(float(data[key]))
@@ -193,7 +196,3 @@ def _fit(data: Mapping[str, Any], points: NDArray[np.float64], observation: Obse
         altitude_m=None if altitude is None else float(altitude) * 1e3,
         points=points,
     )
-
-
-def _bad(reason: str) -> Refusal:
-    return Refusal(Outcome.BAD_INPUT, reason)

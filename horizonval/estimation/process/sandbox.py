@@ -20,8 +20,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.last_words import crash
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.spec.suite import ProgramSpec
 
@@ -66,7 +66,7 @@ class Sandbox:
         """Return what the estimator of a name makes of an observation."""
         process = self._process if self._process is not None and self._process.poll() is None else self._start()
         if process is None:
-            return Refusal(Outcome.BAD_INPUT, "the process of the estimators cannot be started")
+            return crash("the process of the estimators cannot be started")
         # A program's own limit comes first and says more.
         self.spent_s = None
         limit = self._limits.time_s + (5.0 if name in {p.name for p in self._limits.programs} else 0.0)
@@ -75,20 +75,16 @@ class Sandbox:
             answer = _receive(process, limit)
         except TimeoutError:
             self.close()
-            return Refusal(Outcome.BAD_INPUT, f"the estimator exceeded its time limit of {self._limits.time_s:g} s")
+            return crash(f"the estimator exceeded its time limit of {self._limits.time_s:g} s")
         except (OSError, EOFError):
             self.close()
-            return Refusal(Outcome.BAD_INPUT, "the estimator's process died (a crash, or out of memory)")
+            return crash("the estimator's process died (a crash, or out of memory)")
         try:
             result, spent = pickle.loads(answer)
         except Exception as e:
-            return Refusal(Outcome.BAD_INPUT, f"the estimator's result cannot be read: {type(e).__name__}")
+            return crash(f"the estimator's result cannot be read: {type(e).__name__}")
         self.spent_s = float(spent)
-        return (
-            result
-            if isinstance(result, Fit | Refusal)
-            else Refusal(Outcome.BAD_INPUT, "the estimator returned no result")
-        )
+        return result if isinstance(result, Fit | Refusal) else crash("the estimator returned no result")
 
     def close(self) -> None:
         """End the process and what it started."""

@@ -12,7 +12,7 @@ from typing import Any
 
 from horizonval.core.outcome import Outcome
 from horizonval.report import formatting
-from horizonval.report.verdict import BONUS, FALSE_VALID, MISSED, OTHER, REFUSED, VALID, VerdictMark
+from horizonval.report.verdict import BONUS, CRASHED, FALSE_VALID, MISSED, OTHER, REFUSED, VALID, VerdictMark
 from horizonval.scoring import limits
 from horizonval.scoring.confusion import BEYOND_LIMIT, BEYOND_SIGMA, BORDERLINE, in_order, strict_confusion
 from horizonval.scoring.row import Row
@@ -65,6 +65,8 @@ def _look(expected: str, reported: str) -> tuple[str, VerdictMark | None]:
     """Return the class of a cell and the verdict whose glyph it has."""
     if reported in COLUMN_WORDS:
         return "alarm", FALSE_VALID
+    if reported == Outcome.CRASHED:
+        return "alarm", CRASHED
     if expected == BORDERLINE:
         return "fair", None
     if reported == Outcome.VALID:

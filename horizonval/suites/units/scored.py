@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
+from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.sandbox import sandbox_of
@@ -129,6 +130,8 @@ def _score(
         with watch.stage(DRAWS):
             results.append(sandbox.run(estimator_name, other))
     fits = [one for one in results if isinstance(one, Fit)]
+    # A crash under any draw of the noise is a crash on the frame.
+    result = next((one for one in results if one.status is Outcome.CRASHED), result)
     with watch.stage("score"):
         scored = score(truth, estimator, result, earth_radius_m=method_radius_m(truth))
         if plan.draws > 1:

@@ -195,7 +195,7 @@ def test_files_that_are_no_profile(written: Callable[..., Path], text: str, name
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"none\.csv: cannot be read"):
+    with pytest.raises(UserError, match=r"none\.csv: no such file"):
         read_profile(tmp_path / "none.csv")
 
 

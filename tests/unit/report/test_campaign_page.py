@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from datetime import datetime
 
+import pytest
 from synthetic import result_row
 
 from horizonval.report import template
@@ -12,6 +14,8 @@ from horizonval.report.load import CaseView, ReportRun
 from horizonval.report.pages import campaign_page
 from horizonval.scoring.row import Row
 from horizonval.scoring.summary import summarise
+from horizonval.suites.suite import load_suite
+from horizonval.truth.frame_truth import truth_of
 
 NAMES = ("shy", "bold")
 
@@ -70,6 +74,20 @@ def test_spans_reach_half_way_to_the_next_frame():
     minutes = {f"c{k}": float(k) for k in range(8)}
     spans = {span.label: (span.start, span.end) for span in campaign_page._spans(rows, minutes)}
     assert spans == {"eclipse": (2.5, 5.5), "Sun in the frame": (0.5, 1.5), "terminator in view": (1.5, 2.5)}
+
+
+def test_the_shadow_of_a_revolution_is_a_single_band():
+    cases = [case for case in load_suite("shadow").cases if case.name.startswith("sso_visible_")]
+    truths = [truth_of(case.scene, case.camera) for case in cases]
+    clear = {"sun_in_frame": False, "lit_fraction": 1.0}
+    shares = [truth.sun_visible_fraction for truth in truths]
+    rows = [_row(f"c{k}", "shy", 30.0, sun_visible_fraction=share, **clear) for k, share in enumerate(shares)]
+    first, second = (datetime.fromisoformat(truth.epoch_utc) for truth in truths[:2])
+    step_min = (second - first).total_seconds() / 60.0
+    spans = campaign_page._spans(rows, {f"c{k}": k * step_min for k in range(len(rows))})
+    assert [span.label for span in spans] == ["eclipse"]
+    # A third of the revolution and more, in from the node at 10:30.
+    assert (spans[0].start, spans[0].end) == pytest.approx((26.6, 62.1), abs=0.1)
 
 
 def test_a_map_for_every_estimator_and_one_figure_for_curves():

@@ -66,6 +66,16 @@ def test_a_false_claim_counts_on_a_borderline_frame_too():
     assert (found["false_valid"]["beyond_limit"], found["false_valid"]["beyond_sigma"]) == (1, 1)
 
 
+@pytest.mark.parametrize("expected", ["valid", "dark"])
+@pytest.mark.parametrize("borderline", [False, True])
+def test_a_crash_is_right_on_no_frame(expected, borderline):
+    crash = row(expected, "crashed", borderline)
+    assert crash.is_failure
+    found = rates([*ROWS[:7], crash])
+    assert (found["crashed"]["n"], found["crashed"]["of"]) == (1, 8)
+    assert strict_confusion([crash]) == {"borderline" if borderline else expected: {"crashed": 1}}
+
+
 def test_a_claim_that_is_no_number_is_beyond_the_limit():
     assert why_false(row("valid", "valid", false=True)) == "false_beyond_limit"
     assert why_false(row("valid", "valid", error=1799.0)) is None

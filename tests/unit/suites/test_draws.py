@@ -9,6 +9,7 @@ import pytest
 
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.last_words import crash
 from horizonval.estimation.observation import Fit
 from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.scoring.repeats import noise_nees
@@ -134,3 +135,13 @@ def test_heads_are_drawn_together(make_frame, monkeypatch, tmp_path):
     for seed, observation in enumerate(sandbox.seen):
         for head, own in enumerate(observation.heads.values()):
             assert np.array_equal(own.image, observe(frame, camera, seed=10 * head + seed).dn)
+
+
+def test_a_crash_under_any_draw_is_the_rows_outcome(take, monkeypatch):
+    """The others' fits would hide it; what was printed last stays in the record."""
+    taken, *_ = take([1e-5, 2e-5, None], 3)
+    assert taken.rows[0].status == "valid"
+    monkeypatch.setitem(globals(), "REFUSAL", crash("gone", "last words"))
+    taken, *_ = take([1e-5, 2e-5, None], 3)
+    assert (taken.rows[0].status, taken.rows[0].reason, taken.rows[0].noise_draws) == ("crashed", "gone", 2)
+    assert taken.details["altitude-free"]["output"] == "last words"

@@ -112,17 +112,17 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory):
 @pytest.mark.parametrize(
     ("name", "status", "reason"),
     [
-        ("hang", Outcome.BAD_INPUT, "exceeded its time limit of 3 s"),
-        ("eat", Outcome.BAD_INPUT, "MemoryError"),
-        ("die", Outcome.BAD_INPUT, "process died"),
-        ("leave", Outcome.BAD_INPUT, "process died"),
+        ("hang", Outcome.CRASHED, "exceeded its time limit of 3 s"),
+        ("eat", Outcome.CRASHED, "MemoryError"),
+        ("die", Outcome.CRASHED, "process died"),
+        ("leave", Outcome.CRASHED, "process died"),
         ("chatter", Outcome.DARK, "said enough"),
-        ("wrong", Outcome.BAD_INPUT, "returned a dict"),
-        ("garbage", Outcome.BAD_INPUT, "printed no JSON object but b'no json"),
-        ("endless", Outcome.BAD_INPUT, "more than a megabyte"),
-        ("sleeper", Outcome.BAD_INPUT, "the program exceeded its time limit"),
-        ("failing", Outcome.BAD_INPUT, "ended with status 4"),
-        ("unheard-of", Outcome.BAD_INPUT, "unknown estimator"),
+        ("wrong", Outcome.CRASHED, "returned a dict"),
+        ("garbage", Outcome.CRASHED, "printed no JSON object but b'no json"),
+        ("endless", Outcome.CRASHED, "more than a megabyte"),
+        ("sleeper", Outcome.CRASHED, "the program exceeded its time limit"),
+        ("failing", Outcome.CRASHED, "ended with status 4"),
+        ("unheard-of", Outcome.CRASHED, "unknown estimator"),
     ],
 )
 def test_misbehaviour_is_an_outcome(sandbox, name, status, reason):
