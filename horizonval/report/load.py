@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from typing import Any
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.frame import DetectorImage
 from horizonval.scoring.row import Row
+from horizonval.store.folder import read_json
 from horizonval.store.store import Store
 
 
@@ -91,6 +91,10 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
         case_path = run_dir / "cases" / f"{name}.json"
         if case_path.is_file():
             record = _read(case_path, ("case", "rows", "details"))
+            if record["case"] != name:
+                raise DamagedFileError(
+                    f"holds the results of {record['case']!r}", where=str(case_path), fix="run the suite again"
+                )
             try:
                 heads = _head_images(run_dir, heads_of.get(name) or ()) if name in shown else {}
                 views += _views(record, store, run_dir, name in shown, heads)
@@ -112,11 +116,8 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
 
 
 def _read(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise DamagedFileError("not JSON", where=str(path), fix="run the suite again") from error
-    absent = [key for key in keys if not isinstance(data, dict) or key not in data]
+    data = read_json(path, fix="run the suite again") or {}
+    absent = [key for key in keys if key not in data]
     if absent:
         raise DamagedFileError(f"no key {absent[0]!r}", where=str(path), fix="run the suite again")
     result: dict[str, Any] = data

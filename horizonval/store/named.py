@@ -52,14 +52,15 @@ def named_addresses(folder: RunFolder, *, strict: bool = False) -> dict[str, str
     named: dict[str, str] = {}
     for room, what in ((folder.state, "the rendered frame"), (folder.cases, "the case")):
         for path in sorted(room.glob("*.json")):
-            content = read_json(path)
-            if content is None:
+            try:
+                content = read_json(path) or {}
+            except UserError as error:
                 if strict:
                     raise DamagedFileError(
-                        "cannot be read, so that nobody knows which entries it names",
+                        f"{error.what}, so that nobody knows which entries it names",
                         where=str(path),
                         fix="make the run again, or delete this file",
-                    )
+                    ) from None
                 continue
             named |= dict.fromkeys(_addresses(content, strict), f"{what} {path.stem!r}")
     return named
