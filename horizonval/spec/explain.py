@@ -174,17 +174,21 @@ def _limits(node: Schema) -> str:
     lo, hi = node.get("minimum"), node.get("maximum")
     above, below = node.get("exclusiveMinimum"), node.get("exclusiveMaximum")
     if lo is not None and hi is not None:
-        return f" from {lo:g} to {hi:g}"
+        return f" from {_number(lo)} to {_number(hi)}"
     words = []
     if above is not None:
-        words.append(f"above {above:g}")
+        words.append(f"above {_number(above)}")
     if lo is not None:
-        words.append(f"of at least {lo:g}")
+        words.append(f"of at least {_number(lo)}")
     if below is not None:
-        words.append(f"below {below:g}")
+        words.append(f"below {_number(below)}")
     if hi is not None:
-        words.append(f"of at most {hi:g}")
+        words.append(f"of at most {_number(hi)}")
     return (" " + " and ".join(words)) if words else ""
+
+
+def _number(value: float) -> str:
+    return str(value) if isinstance(value, int) and abs(value) < 10**9 else f"{value:g}"
 
 
 def _item(root: Schema, node: Schema) -> str:
