@@ -13,6 +13,7 @@ from horizonval.cli.printing import print_json, print_summary
 from horizonval.cli.selection import ALL, EntryOptions, selects
 from horizonval.cli.work import resumable, watched
 from horizonval.core.errors import UserError
+from horizonval.jobs.execution import MOST_WORKERS
 
 archive_app = typer.Typer(help="The archive of a run: list, verify, export, clean, score again.", rich_markup_mode=None)
 
@@ -106,6 +107,9 @@ def archive_export(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the files; made if need be.")],
     fits: Annotated[bool, typer.Option("--fits", help="FITS, with units, camera and celestial coordinates.")] = False,
     png: Annotated[bool, typer.Option("--png", help="PNG of 16 bits; unit, scale and truth in a JSON file.")] = False,
+    zipped: Annotated[
+        bool, typer.Option("--exr", help="EXR compressed by ZIP, for programs with an OpenEXR before 3.4.")
+    ] = False,
     address: Annotated[list[str] | None, typer.Option(help="Only this one, by its beginning; repeatable.")] = None,
     kind: Kind = None,
     options: EntryOptions = ALL,
@@ -113,8 +117,8 @@ def archive_export(
     """Frames and images as files of other programs."""
     from horizonval.store.export import export_file
 
-    if not (fits or png):
-        raise UserError("which format?", where="archive export", expected="--fits, --png or both")
+    if not (fits or png or zipped):
+        raise UserError("which format?", where="archive export", expected="--fits, --png, --exr or several")
     entry_filter = options.filter(kind)
     if not source.is_dir():
         _refuse_filters(address, entry_filter)
@@ -131,7 +135,7 @@ def archive_export(
     with watched("exporting") as progress:
         progress.start(len(paths), 0)
         for path in paths:
-            count += len(export_file(path, out, fits=fits, png=png))
+            count += len(export_file(path, out, fits=fits, png=png, zipped=zipped))
             progress.done(path.name)
     print(f"{out}: {count} files of {len(paths)} {'entry' if len(paths) == 1 else 'entries'}")
 
@@ -181,7 +185,9 @@ def archive_rescore(
         list[str] | None,
         typer.Option(help="Repeatable; by default those of the run (`horizonval list estimators`)."),
     ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Estimates at a time; by default the processors.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, max=MOST_WORKERS, help="Estimates at a time; by default the processors.")
+    ] = None,
     time_limit: Annotated[float, typer.Option(min=0.1, metavar="S", help="Of one estimate.")] = 60.0,
     options: EntryOptions = ALL,
     as_json: Json = False,

@@ -75,7 +75,7 @@ def estimate(
     image: Annotated[
         list[Path],
         typer.Argument(
-            help="EXR, PNG, TIFF or JPEG; of several a line each, or for a method of several heads one EXR for each."
+            help="EXR, PNG, TIFF, JPEG, FITS; of several a line each, or for a method of several heads one for each."
         ),
     ],
     estimator: Annotated[str, typer.Option(help="Its name; see `horizonval list estimators`.")],

@@ -1,4 +1,4 @@
-"""Read any picture an estimator may be given: our own EXR, foreign EXR, PNG, TIFF, JPEG; 8 or 16 bit or float."""
+"""Read any picture an estimator may be given: EXR, PNG, TIFF, JPEG, FITS; 8 or 16 bit or float; ours with its truth."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.commands.picture_size import EXPECTED, EXR_MAGIC, refuse_too_large, size_of
+from horizonval.commands.picture_size import EXPECTED, EXR_MAGIC, FITS_MAGIC, refuse_too_large, size_of
 from horizonval.core import files
 from horizonval.core.errors import UserError
 from horizonval.estimation.limb.grey import to_grey
@@ -33,7 +33,7 @@ class GreyImage:
     full_scale : float or None
         Largest value the file's integers can hold; None for floating point.
     source : DetectorImage, RadianceFrame or None
-        The whole content, if the file is one of ours.
+        The whole content, if the file is one of ours, or exported from one.
     """
 
     grey: NDArray[np.float64]
@@ -65,7 +65,9 @@ def read_picture(path: Path, camera: CameraSpec | None = None, camera_file: str 
     if camera is not None:
         refuse_other_size(width, height, camera, str(path), camera_file)
     refuse_too_large(width, height, path)
-    return _read_exr(path) if magic == EXR_MAGIC else _read_common(path)
+    if magic == EXR_MAGIC:
+        return _read_exr(path)
+    return _read_fits(path) if magic == FITS_MAGIC else _read_common(path)
 
 
 def refuse_other_size(width: int, height: int, camera: CameraSpec, where: str, camera_file: str = "") -> None:
@@ -103,8 +105,17 @@ def _read_exr(path: Path) -> GreyImage:
             return GreyImage(exr.read_foreign_grey(path), None, None)
 
 
+def _read_fits(path: Path) -> GreyImage:
+    from horizonval.store.fits import read_fits
+
+    pixels, full_scale, source = read_fits(path)
+    return GreyImage(to_grey(pixels), full_scale, None) if source is None else picture_of_source(source)
+
+
 def _read_common(path: Path) -> GreyImage:
     import cv2
+
+    from horizonval.store.exported import read_beside
 
     data = np.frombuffer(files.read_bytes(path, largest=MAX_FILE_BYTES, expected=EXPECTED), dtype=np.uint8)
     pixels: NDArray[Any] | None = None
@@ -117,7 +128,8 @@ def _read_common(path: Path) -> GreyImage:
     if pixels is None or pixels.size == 0:
         what = "not an image that can be read" if data.size else "the file is empty"
         raise UserError(what, where=str(path), expected=EXPECTED)
-    return picture_of_array(pixels)
+    source = read_beside(path, pixels)
+    return picture_of_array(pixels) if source is None else picture_of_source(source)
 
 
 @contextlib.contextmanager

@@ -13,6 +13,7 @@ from horizonval.core import memory
 from horizonval.core.errors import DamagedFileError, UserError
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"
+FITS_MAGIC = b"SIMP"
 TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 LARGEST_SIDE_PX = 16384
@@ -22,7 +23,7 @@ BYTES_PER_PIXEL = 48.0
 """Of a picture that is decoded, turned grey and given to an estimator: measured 36 to 37 of 8 bit grey (peak of
 ``estimate`` between 512 x 512 and 4096 x 4096 pixels, three methods), and up to 8 more for colour of 16 bit."""
 
-EXPECTED = "an EXR, PNG, TIFF or JPEG image"
+EXPECTED = "an EXR, PNG, TIFF, JPEG or FITS image"
 
 
 def size_of(path: Path) -> tuple[int, int]:
@@ -35,6 +36,10 @@ def size_of(path: Path) -> tuple[int, int]:
     """
     with path.open("rb") as file:
         magic = file.read(4)
+    if magic == FITS_MAGIC:
+        from horizonval.store import fits
+
+        return fits.size_of(path)
     return _exr_size(path) if magic == EXR_MAGIC else _common_size(path, magic)
 
 

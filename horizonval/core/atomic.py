@@ -83,7 +83,12 @@ def flush(path: Path) -> None:
 
 def move(temporary: Path, path: Path) -> None:
     """Give a flushed temporary file its name, for good. Systems that cannot open folders do without the last word."""
-    os.replace(temporary, path)
+    try:
+        os.replace(temporary, path)
+    except IsADirectoryError:
+        # Something put a folder in the file's place. With nothing in it it may go; otherwise the system's error tells.
+        path.rmdir()
+        os.replace(temporary, path)
     with contextlib.suppress(OSError):
         descriptor = os.open(path.parent, os.O_RDONLY)
         try:
@@ -98,6 +103,12 @@ def is_temporary(path: Path) -> bool:
 
 
 def leftovers(folder: Path, *, below: bool = True) -> list[Path]:
-    """Return what interrupted writes left in a folder, and ``below`` it, in the order of paths."""
-    found = folder.rglob(".*") if below else folder.glob(".*")
-    return sorted(path for path in found if is_temporary(path) and path.is_file())
+    """Return what interrupted writes left in a folder, and ``below`` it, in the order of paths; no link is followed."""
+    if folder.is_symlink():
+        return []
+    paths = []
+    for place, folders, names in os.walk(folder):
+        if not below:
+            folders.clear()
+        paths += [path for name in names if is_temporary(path := Path(place, name)) and not path.is_symlink()]
+    return sorted(path for path in paths if path.is_file())

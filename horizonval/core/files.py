@@ -13,10 +13,12 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import json
 import os
 import stat
 from io import BufferedReader
 from pathlib import Path
+from typing import Any
 
 from horizonval.core.errors import UserError
 
@@ -60,6 +62,11 @@ def kind_at(path: str | os.PathLike[str], *, links: bool = False) -> str:
         return _kind(os.stat(path, follow_symlinks=links).st_mode)
     except (OSError, ValueError):
         return ""
+
+
+def is_inside(path: Path, root: Path) -> bool:
+    """Whether a path is really below a folder: no link between them, and no ``..``, leads out of it."""
+    return Path(os.path.realpath(path.parent)).is_relative_to(os.path.realpath(root))
 
 
 def open_file(
@@ -115,15 +122,12 @@ def read_bytes(
     links: bool = True,
     first: int | None = None,
 ) -> bytes:
-    """Return what a regular file holds, or its ``first`` bytes; otherwise as :func:`open_file`."""
+    """Return what a regular file held when it was opened, or its ``first`` bytes; otherwise as :func:`open_file`."""
     with open_file(path, expected=expected, links=links, largest=largest) as file:
         try:
-            data = file.read(largest + 1 if first is None else first)
+            return file.read(os.fstat(file.fileno()).st_size if first is None else first)
         except OSError as error:
             raise _error_of(error, path, expected) from None
-    if len(data) > largest and first is None:
-        raise _too_large(path, expected, largest)
-    return data
 
 
 def read_text(
@@ -149,6 +153,25 @@ def read_text(
         raise UnfitFileError(
             f"not text (byte {error.start} is not {name})", where=str(path), expected=expected
         ) from None
+
+
+def parse_json(text: str, path: str | os.PathLike[str]) -> Any:
+    """Return JSON as plain data; ``path`` is for the message.
+
+    Raises
+    ------
+    UserError
+        Not JSON; of the text only the place of the mistake is told.
+    """
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        what = f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}"
+    except RecursionError:
+        what = "not JSON that is read here: nested too deeply"
+    except ValueError:
+        what = "not JSON that is read here: a number of thousands of digits"
+    raise UserError(what, where=str(path))
 
 
 def sha256_of(path: str | os.PathLike[str], *, links: bool = True) -> str:

@@ -15,6 +15,10 @@ import psutil
 from horizonval.core.errors import UserError
 
 MB = 1e6
+RESERVE_BYTES = 6e8
+"""Address space that libraries reserve and do not use (stacks of threads, pools, compiled code), which limits of a
+process count: 0.45 to 0.6 GB measured between address space and memory of a process that renders on two threads."""
+
 _CGROUPS = Path("/sys/fs/cgroup")
 
 
@@ -71,7 +75,7 @@ def _process_bytes() -> list[float]:
     for limit, size in ((resource.RLIMIT_AS, used.vms), (resource.RLIMIT_DATA, getattr(used, "data", used.rss))):
         soft, _ = resource.getrlimit(limit)
         if soft != resource.RLIM_INFINITY:
-            left.append(float(soft - size))
+            left.append(float(soft - size) - RESERVE_BYTES)
     return left
 
 

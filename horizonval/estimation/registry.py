@@ -14,6 +14,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
 from horizonval.core.suggest import nearest
 from horizonval.estimation.answer import checked
+from horizonval.estimation.digits import rounded
 from horizonval.estimation.last_words import crash, raised, traceback_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
@@ -96,7 +97,10 @@ def load(name: str) -> Estimator:
 
 
 def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
-    """Run an estimator so that whatever it does becomes an outcome: exceptions, wrong types and NaN are crashes."""
+    """Run an estimator so that whatever it does becomes an outcome: exceptions, wrong types and NaN are crashes.
+
+    Numbers are rounded to the digits that are results (:mod:`horizonval.estimation.digits`).
+    """
     try:
         # What a user's own method returns may be anything.
         result: object = estimator.run(observation)
@@ -106,6 +110,4 @@ def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
         answer = checked(result)
     except Exception as e:
         return crash(f"the estimator returned {e}" if isinstance(e, ValueError) else f"an answer raised {raised(e)}")
-    if isinstance(answer, Refusal) or answer.estimates == estimator.estimates:
-        return answer
-    return replace(answer, estimates=estimator.estimates)
+    return answer if isinstance(answer, Refusal) else rounded(replace(answer, estimates=estimator.estimates))

@@ -39,12 +39,17 @@ class ElementSet:
 
     def __post_init__(self) -> None:
         for number, line in enumerate((self.line1, self.line2), 1):
-            what = f"line {number} of the element set, {line!r}"
+            # The line itself is not shown: it may be of a file that is something else.
+            what = f"line {number} of the element set"
             if len(line) != 69 or line[0] != str(number):
-                raise UserError(what, expected=f"69 columns, the first of them {number}")
+                raise UserError(f"{what} has {len(line)} columns", expected=f"69 columns, the first of them {number}")
             total = sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10
             if line[68] != str(total):
-                raise UserError(what, expected=f"checksum {total} in the last column", fix="check the copied digits")
+                raise UserError(
+                    f"{what} is not what was distributed",
+                    expected=f"checksum {total} in the last column",
+                    fix="check the copied digits",
+                )
         if self.line1[2:7] != self.line2[2:7]:
             raise UserError(
                 f"element set of satellites {self.line1[2:7]} and {self.line2[2:7]}", expected="two lines of one"
@@ -52,7 +57,9 @@ class ElementSet:
         try:
             satellite = self._satellite()
         except ValueError as e:
-            raise UserError(f"element set of satellite {self.line1[2:7]}", expected=str(e)) from e
+            raise UserError(
+                f"element set of satellite {self.line1[2:7]}", expected="numbers in the columns of the format"
+            ) from e
         if satellite.error:
             raise UserError(f"element set of satellite {self.line1[2:7]}: {SGP4_ERRORS[satellite.error]}")
 

@@ -8,9 +8,10 @@ The constants are seconds of processor time, which other work on the machine cha
 two x86-64 processors: eight shipped scenes of 80 to 1024 pixels, second frame of a process.
 
 **How far off.** On those scenes the predicted time of a frame is 0.8 to 1.3 of the measured one, with clouds and
-moonlight 0.8 to 0.9, memory 0.55 to 1.3. The default suite rendered for 127 s with its tables, 112 s are predicted, and
-left 48 MB, 50 MB are predicted. On other machines, and for scenes unlike these, take a factor of three. Disk is within
-1.5, by the compression of what is in the frames. What an estimator takes is known for ours only, to a factor of three.
+moonlight 0.8 to 0.9; of memory :mod:`horizonval.renderer.scene.frame_memory` says it. The default suite rendered for
+127 s with its tables, 112 s are predicted. On other machines, and for scenes unlike these, take a factor of three. Disk
+is within 1.5 on seven shipped scenes: by day and night, with clouds and Moon, in the infrared. What an estimator takes
+is known for ours only, to a factor of three.
 
 Left out: the first frame of a process (1 to 7 s of compiling), the report's pages (a few seconds), refraction and
 airglow (each a march of its own).
@@ -27,8 +28,8 @@ from horizonval.earth.atmosphere.air import TOP_M
 from horizonval.earth.atmosphere.climate import BY_LATITUDE_MONTH
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import camera_from_spec, unproject
-from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import inverse, rotate
+from horizonval.renderer.scene.frame_memory import frame_bytes
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
@@ -41,10 +42,10 @@ BY_LATITUDE = 2.5
 """How much longer thermal bands take through air that changes with latitude."""
 OBSERVE_S_PER_PIXEL = 1.2e-7
 ESTIMATE_S, ESTIMATE_S_PER_PIXEL = 0.1, 5e-7
-MEMORY_MB, MEMORY_MB_PER_CELL, MEMORY_MB_PER_POINT = 250.0, 8e-5, 3.2
-"""Of a process, of each cell of a frame, and of each g point of air that changes with latitude."""
-FRAME_BYTES, FRAME_BYTES_PER_VALUE = 2e4, 2.1
-IMAGE_BYTES, IMAGE_BYTES_PER_PIXEL = 2.5e4, 2.0
+FRAME_BYTES, FRAME_BYTES_PER_VALUE, FRAME_BYTES_PER_THERMAL_VALUE = 2e4, 0.65, 3.4
+"""Of radiance and truth maps, and of thermal radiance; under clouds, which have edges, twice as much."""
+IMAGE_BYTES, IMAGE_BYTES_PER_PIXEL, IMAGE_BYTES_PER_FINE_PIXEL = 1.5e4, 0.7, 2.3
+"""Of up to 11 bits, and of more."""
 RECORD_BYTES = 1e4
 TRUTH_MAPS = 4
 
@@ -124,7 +125,7 @@ def marched_cells(truth: FrameTruth, camera: CameraSpec, subsamples: int) -> flo
     seen = np.isfinite(d_cam).all(axis=-1)
     itrs = np.array(truth.r_itrs)
     d = rotate(inverse(truth.q_cam_from_itrs), d_cam[seen])
-    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+    ellipsoid = truth.ellipsoid
     # The ellipsoid raised by the air's height differs from equal heights by metres.
     axes = ellipsoid.axes_m + TOP_M
     o, d = itrs / axes, d / axes
@@ -162,7 +163,6 @@ def frame_cost(
     render_s += per_point * thermal * (BY_LATITUDE if by_latitude else 1.0) if cells else 0.0
     tables = solar if scene.render.orders == "all" and not _airless(scene) else 0
     particles = scene.atmosphere.aerosol != "none" or scene.atmosphere.file is not None
-    memory_mb = MEMORY_MB + MEMORY_MB_PER_CELL * pixels * scene.render.subsamples**2
     images = 0 if camera.detector is None else len(camera.band)
     return FrameCost(
         cells=cells,
@@ -172,10 +172,22 @@ def frame_cost(
         render_s=render_s,
         observe_s=OBSERVE_S_PER_PIXEL * pixels * images,
         estimate_s=(ESTIMATE_S + ESTIMATE_S_PER_PIXEL * pixels) * images * estimators,
-        memory_mb=memory_mb + (MEMORY_MB_PER_POINT * thermal if by_latitude else 0.0),
-        frame_bytes=FRAME_BYTES + FRAME_BYTES_PER_VALUE * pixels * (len(camera.band) + TRUTH_MAPS),
-        image_bytes=(IMAGE_BYTES + IMAGE_BYTES_PER_PIXEL * pixels) * images,
+        memory_mb=frame_bytes(scene, camera, thermal if by_latitude else 0) / 1e6,
+        frame_bytes=FRAME_BYTES + pixels * _bytes_per_pixel(scene, camera),
+        image_bytes=(IMAGE_BYTES + _image_bytes_per_pixel(camera) * pixels) * images,
     )
+
+
+def _bytes_per_pixel(scene: SceneSpec, camera: CameraSpec) -> float:
+    thermal = sum(band.kind == "thermal" for band in camera.band)
+    smooth = FRAME_BYTES_PER_VALUE * (len(camera.band) - thermal + TRUTH_MAPS)
+    clouds = 2.0 if scene.clouds is not None else 1.0
+    return smooth * clouds + FRAME_BYTES_PER_THERMAL_VALUE * thermal
+
+
+def _image_bytes_per_pixel(camera: CameraSpec) -> float:
+    fine = camera.detector is not None and camera.detector.bits > 11
+    return IMAGE_BYTES_PER_FINE_PIXEL if fine else IMAGE_BYTES_PER_PIXEL
 
 
 def _airless(scene: SceneSpec) -> bool:

@@ -8,6 +8,7 @@ from horizonval.precheck.frames import Group, Watcher, cannot_run, total_cost
 from horizonval.precheck.report import Report
 from horizonval.precheck.rules import findings_of
 from horizonval.precheck.text import joined, view_line
+from horizonval.renderer.scene.frame_memory import refuse_too_large
 from horizonval.sensor.observe import check_camera
 from horizonval.spec.load import Case
 from horizonval.spec.scene import SceneSpec
@@ -41,11 +42,12 @@ def check_scene(scene: SceneSpec, camera: CameraSpec) -> Report:
     """
     findings: list[Finding] = []
     facts: dict[str, str] = {}
-    if camera.detector is not None:
-        try:
+    try:
+        refuse_too_large(scene, camera)
+        if camera.detector is not None:
             check_camera(camera)
-        except UserError as e:
-            findings.append(cannot_run(e))
+    except UserError as e:
+        findings.append(cannot_run(e))
     groups = _heads(scene, camera)
     watcher = Watcher()
     looks = [watcher.look(group, 1, infrared=True) for group in groups]

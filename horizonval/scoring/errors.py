@@ -8,6 +8,9 @@ which keeps full accuracy for small angles. The tangent-plane error ``e`` (two c
 claimed covariance projected on the same plane, ``P = B^T C B``, give the normalised error squared
 ``e^T P^-1 e`` (Bar-Shalom, Li and Kirubarajan 2001, section 5.4.2): 2 on average for an honest covariance.
 
+A claim without uncertainty (:func:`has_sigma`) has no such statistic. It is judged as if it claimed
+:data:`horizonval.scoring.limits.DEFAULT_SIGMA_RAD`, and marked.
+
 An estimator that claims the geodetic vertical is compared with the geodetic nadir, and its roll and pitch with the
 angles of that nadir in body axes.
 """
@@ -58,7 +61,7 @@ def score(
     nadir = np.asarray(result.nadir_cam, dtype=np.float64)
     norm = float(np.linalg.norm(nadir))
     if not math.isfinite(norm) or norm == 0.0:
-        return Score(status=str(Outcome.VALID), n_points=len(result.points), false_valid=True)
+        return Score(status=str(Outcome.VALID), n_points=len(result.points), false_valid=True, without_sigma=True)
     nadir = nadir / norm
     error = angle_between(nadir_true, nadir)
     noise = np.asarray(result.covariance_nadir_cam, dtype=np.float64)
@@ -90,6 +93,7 @@ def score(
         n_points=len(result.points),
         false_valid=is_false(error, nees_total),
         nees_nadir_total=nees_total,
+        without_sigma=nees_total is None,
         sigma_systematic_arcsec=systematic,
     )
 
@@ -97,18 +101,29 @@ def score(
 def is_false(nadir_error_rad: float, nees_nadir: float | None) -> bool:
     """Whether a claimed nadir with this error is a false claim (:mod:`horizonval.scoring.limits`).
 
-    ``nees_nadir`` is that of all that is claimed, noise and model error.
+    ``nees_nadir`` is that of all that is claimed, noise and model error; ``None`` where no uncertainty is claimed,
+    which is taken for the default.
     """
     if nadir_error_rad > limits.NADIR_ERROR_LIMIT_RAD:
         return True
-    beyond = nees_nadir is not None and nees_nadir > limits.SIGMA_LIMIT**2
-    return beyond and nadir_error_rad > limits.SIGMA_TEST_FLOOR_RAD
+    nees = (nadir_error_rad / limits.DEFAULT_SIGMA_RAD) ** 2 if nees_nadir is None else nees_nadir
+    return nees > limits.SIGMA_LIMIT**2 and nadir_error_rad > limits.SIGMA_TEST_FLOOR_RAD
+
+
+def has_sigma(nadir_cam: FloatArray, covariance_nadir_cam: FloatArray) -> bool:
+    """Whether a covariance claims an uncertainty of the nadir in every direction across it.
+
+    One that is not finite, not symmetric, not of shape (3, 3), or across ``nadir_cam`` not positive definite to what
+    float64 resolves (:data:`horizonval.scoring.limits.SMALLEST_SIGMA_RAD`) does not.
+    """
+    return _projected(_unit(nadir_cam), np.asarray(covariance_nadir_cam, dtype=np.float64)) is not None
 
 
 def sigma_nadir_rad(nadir_cam: FloatArray, covariance_nadir_cam: FloatArray) -> float:
     """Claimed root-mean-square nadir error [rad]: square root of the trace of the covariance across ``nadir_cam``."""
     basis = tangent_basis(_unit(nadir_cam))
-    return math.sqrt(max(float(np.trace(basis.T @ covariance_nadir_cam @ basis)), 0.0))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return math.sqrt(max(float(np.trace(basis.T @ covariance_nadir_cam @ basis)), 0.0))
 
 
 def _attitude_errors(truth: FrameTruth, nadir_true_cam: FloatArray, fit: Fit) -> tuple[float | None, float | None]:
@@ -127,21 +142,34 @@ def _attitude_errors(truth: FrameTruth, nadir_true_cam: FloatArray, fit: Fit) ->
 
 
 def _consistency(nadir: FloatArray, nadir_true: FloatArray, covariance: FloatArray) -> tuple[float, float | None]:
-    """Claimed rms nadir error [rad] and normalised error squared (``None`` if the covariance cannot be inverted)."""
-    if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
-        return math.nan, None
-    basis = tangent_basis(nadir)
-    projected = basis.T @ covariance @ basis
-    projected = (projected + projected.T) / 2
-    sigma = math.sqrt(max(float(np.trace(projected)), 0.0))
-    values = np.linalg.eigvalsh(projected)
-    # Conditioning beyond float64 means a direction claimed to be known perfectly: an ideal sensor, not a statistic.
-    if values[0] <= 1e-15 * values[1]:
-        return sigma, None
-    across = basis.T @ nadir_true
+    """Claimed rms nadir error [rad] and normalised error squared (``None`` if no uncertainty is claimed)."""
+    projected = _projected(nadir, covariance)
+    if projected is None:
+        is_matrix = covariance.shape == (3, 3) and bool(np.isfinite(covariance).all())
+        return sigma_nadir_rad(nadir, covariance) if is_matrix else math.nan, None
+    across = tangent_basis(nadir).T @ nadir_true
     length = float(np.linalg.norm(across))
-    error = across * (angle_between(nadir_true, nadir) / length) if length > 0 else across
-    return sigma, _finite(float(error @ np.linalg.solve(projected, error)))
+    # The opposite direction has no azimuth: any will do.
+    azimuth = across / length if length > 0 else np.array([1.0, 0.0])
+    error = angle_between(nadir_true, nadir) * azimuth
+    return math.sqrt(float(np.trace(projected))), _finite(float(error @ np.linalg.solve(projected, error)))
+
+
+def _projected(nadir: FloatArray, covariance: FloatArray) -> FloatArray | None:
+    """Covariance across the nadir, shape (2, 2), positive definite; ``None`` where it is none."""
+    if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
+        return None
+    if np.abs(covariance - covariance.T).max() > limits.ASYMMETRY * np.abs(covariance).max():
+        return None
+    basis = tangent_basis(nadir)
+    with np.errstate(over="ignore", invalid="ignore"):
+        projected = basis.T @ (0.5 * covariance + 0.5 * covariance.T) @ basis
+    if not np.isfinite(projected).all():
+        return None
+    projected = 0.5 * projected + 0.5 * projected.T
+    smaller, larger = np.linalg.eigvalsh(projected)
+    usable = smaller >= limits.SMALLEST_SIGMA_RAD**2 and smaller > limits.SHARPEST * larger
+    return projected if usable else None
 
 
 def _unit(v: tuple[float, float, float] | FloatArray) -> FloatArray:

@@ -31,6 +31,21 @@ every such frame a false claim would drown the claims that are dangerous. 0.1 de
 horizon sensors are required to deliver (0.03 to 0.1 deg).
 """
 
+DEFAULT_SIGMA_RAD = SIGMA_TEST_FLOOR_RAD / SIGMA_LIMIT
+"""Standard deviation, in each of the two directions, by which a claim without a usable covariance is judged: 72 arcsec.
+
+It is the largest with which such a claim is false wherever the sigma test applies. A larger one would make it worth
+while to claim nothing; with this one a claim without uncertainty is false whenever it would be with some uncertainty.
+"""
+
+SMALLEST_SIGMA_RAD = 1e-15
+SHARPEST = 1e-15
+"""A covariance with a standard deviation below the former, or one variance below so much of the other, claims a
+direction to be known perfectly: float64 resolves neither. That is no statistic."""
+
+ASYMMETRY = 1e-6
+"""Of the largest element: a matrix whose halves differ by more is no covariance. Rounding to float32 leaves 1e-7."""
+
 ROLL_DEFINED_MIN_COS_PITCH = math.sin(math.radians(1.0))
 """Within 1 deg of pitch = +-90 deg roll is not determined by the nadir, and its error is left empty."""
 

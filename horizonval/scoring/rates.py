@@ -48,8 +48,9 @@ def rates(rows: Sequence[Row]) -> dict[str, Any]:
         ``availability``: claims among the frames that should give an attitude. ``refusal``: the rest of them.
         ``bonus``: claims among the frames that should not. ``false_valid``: false ones among all claims, with
         ``upper_bound`` and, of them, how many are ``beyond_limit`` and ``beyond_sigma``; ``false_valid_frames``: false
-        ones among all frames. ``crashed``: frames on which the estimator crashed, among all. ``n_borderline``: frames
-        not counted in the first three.
+        ones among all frames. ``claims_without_sigma``: how many claims claim no uncertainty and are judged by the
+        default (:data:`horizonval.scoring.limits.DEFAULT_SIGMA_RAD`). ``crashed``: frames on which the estimator
+        crashed, among all. ``n_borderline``: frames not counted in the first three.
     """
     claims = [row for row in rows if row.is_claim]
     clear = [row for row in rows if not row.borderline]
@@ -66,6 +67,7 @@ def rates(rows: Sequence[Row]) -> dict[str, Any]:
         | {"upper_bound": upper_bound(false, len(claims))}
         | {"beyond_limit": reasons[BEYOND_LIMIT], "beyond_sigma": reasons[BEYOND_SIGMA]},
         "false_valid_frames": proportion(false, len(rows)) | {"upper_bound": upper_bound(false, len(rows))},
+        "claims_without_sigma": sum(row.without_sigma for row in claims),
         "crashed": proportion(sum(row.status == Outcome.CRASHED for row in rows), len(rows)),
         "n_borderline": len(rows) - len(clear),
     }

@@ -20,9 +20,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.observation import Fit
 from horizonval.geometry.directions import tangent_basis
-
-SHARPEST = 1e-15
-"""Of the larger variance: a smaller one beside it is no statistic, as in :mod:`horizonval.scoring.errors`."""
+from horizonval.scoring import limits
 
 
 def noise_nees(fits: Sequence[Fit]) -> FloatArray:
@@ -56,7 +54,7 @@ def mean_noise_nees(fits: Sequence[Fit]) -> float | None:
     if not np.isfinite(covariances).all():
         return None
     smaller, larger = np.linalg.eigvalsh((covariances + covariances.swapaxes(1, 2)) / 2).T
-    if not (smaller > SHARPEST * larger).all():
+    if not (smaller > limits.SHARPEST * larger).all():
         return None
     mean = float(noise_nees(fits).mean())
     return mean if np.isfinite(mean) else None

@@ -7,6 +7,7 @@ ends in one line: file, key, what was found, what was expected.
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +18,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from horizonval.core import files
-from horizonval.core.errors import UserError
+from horizonval.core.errors import MistakeCollector, UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.suggest import nearest
 from horizonval.spec.base import Model
@@ -25,6 +26,7 @@ from horizonval.spec.expand import variants
 from horizonval.spec.explain import explain, show
 from horizonval.spec.files import Kind, find
 from horizonval.spec.merge import deep_merge
+from horizonval.spec.option import with_option
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.regression import RegressionSpec
 from horizonval.spec.scene import SceneSpec
@@ -211,9 +213,9 @@ def load_suite(
                 where="--frames",
                 expected="a suite with suite.frames, such as strict",
             )
-        spec = spec.model_copy(update={"suite": spec.suite.model_copy(update={"frames": frames})})
+        spec = spec.model_copy(update={"suite": with_option(spec.suite, "frames", frames, "--frames")})
     if seed is not None:
-        spec = spec.model_copy(update={"suite": spec.suite.model_copy(update={"seed": seed})})
+        spec = spec.model_copy(update={"suite": with_option(spec.suite, "seed", seed, "--seed")})
     return suite_of(spec, path, fly)
 
 
@@ -233,13 +235,18 @@ def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None, *, places: Seq
     shelf = Shelf(path)
     cases: list[Case] = []
     names: set[str] = set()
-    for inside, data, origin in _scenes(spec, path, seeded, fly, places):
-        scene, camera = shelf.resolve(data, inside=inside)
-        for case in _one_per_head(scene, camera, f"{path}: {inside}: camera.head"):
-            if case.name in names:
-                raise UserError(f"two frames are named {case.name!r}", where=f"{path}: {inside}", fix="rename one")
-            names.add(case.name)
-            cases.append(replace(case, **origin))
+    collector = MistakeCollector()
+    with collector.caught():
+        for inside, data, origin in _scenes(spec, path, seeded, fly, places):
+            with collector.caught(inside):
+                scene, camera = shelf.resolve(data, inside=inside)
+                for case in _one_per_head(scene, camera, f"{path}: {inside}: camera.head"):
+                    if case.name in names:
+                        twice = f"two frames are named {case.name!r}"
+                        raise UserError(twice, where=f"{path}: {inside}", fix="rename one")
+                    names.add(case.name)
+                    cases.append(replace(case, **origin))
+    collector.tell()
     head = spec.suite
     return Suite(
         head.name,
@@ -404,10 +411,28 @@ def read_toml(path: Path) -> dict[str, Any]:
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected="a TOML file")
     try:
         return tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as e:
-        raise UserError(
-            f"not valid TOML: {e}", where=str(path), expected='lines such as key = 1.0 or key = "text"'
-        ) from e
+    except RecursionError as e:
+        what = "nested too deeply"
+        error: Exception = e
+    except ValueError as e:
+        what, error = _mistake_in_toml(str(e)), e
+    raise UserError(
+        f"not valid TOML: {what}", where=str(path), expected='lines such as key = 1.0 or key = "text"'
+    ) from error
+
+
+def _mistake_in_toml(message: str) -> str:
+    """Return what the parser says of a mistake and its place, without what it quotes: the file may be no TOML at all.
+
+    A single sign may stay.
+    """
+    if "integer string conversion" in message:
+        return "a number of thousands of digits"
+    what, _, place = message.rpartition(" (at ")
+    place = f" (at {place}" if what else ""
+    what = re.sub(r"^Cannot declare .* twice$", "Cannot declare the same table twice", what or message)
+    what = re.sub(r"^(Cannot mutate immutable namespace|Duplicate inline table key) .*", r"\1", what)
+    return re.sub(r"(['\"])(?!\1).{5,}\1", "...", what) + place
 
 
 def validate(model: type[M], data: Mapping[str, Any], file: str, *, inside: str = "") -> M:

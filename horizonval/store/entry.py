@@ -6,18 +6,19 @@ address's first two digits.
 
 from __future__ import annotations
 
-import hashlib
+import os
 import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
+from horizonval.core import files
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.store import exr
 
 _ADDRESS = re.compile(r"[0-9a-f]{64}")
-"""Endings of files that are being written, or that an interrupted write left; their names begin with a dot."""
+_FOLDER = re.compile(r"[0-9a-f]{2}")
 INDEX_PREFIX = "index."
 """Files at the root with such names are made from the headers and may be made again."""
 
@@ -75,13 +76,46 @@ def place(root: Path, address: str) -> Path:
 
 
 def places(root: Path) -> list[Path]:
-    """Return every file that lies where an entry would, in the order of addresses; its content is not looked at."""
-    return sorted(p for p in root.glob("??/*.exr") if is_address(p.stem) and p == place(root, p.stem))
+    """Return every regular file that lies where an entry would, in the order of addresses; none is opened.
+
+    What a link leads to is none of the archive's, be it at an entry's place or at that of a folder of entries.
+    """
+    addresses = []
+    for folder in _scanned(root):
+        if _FOLDER.fullmatch(folder.name) and folder.is_dir(follow_symlinks=False):
+            for file in _scanned(folder.path):
+                address, ending = os.path.splitext(file.name)
+                if ending == ".exr" and is_address(address) and address[:2] == folder.name and _is_regular(file):
+                    addresses.append(address)
+    return [place(root, address) for address in sorted(addresses)]
+
+
+def _scanned(folder: str | os.PathLike[str]) -> list[os.DirEntry[str]]:
+    """Return what a folder holds; nothing if it is none, or may not be read."""
+    try:
+        with os.scandir(folder) as content:
+            return list(content)
+    except OSError:
+        return []
+
+
+def _is_regular(file: os.DirEntry[str]) -> bool:
+    try:
+        return file.is_file(follow_symlinks=False)
+    except OSError:
+        return False
 
 
 def describe(path: Path) -> StoreEntry:
-    """Return what the header of the entry at ``path`` says; of a damaged one, that it is."""
-    size = path.stat().st_size
+    """Return what the header of the entry at ``path`` says; of a damaged one, that it is.
+
+    Raises
+    ------
+    UserError
+        No regular file is there, or it cannot be read.
+    """
+    with files.open_file(path, expected="an entry", links=False) as file:
+        size = os.fstat(file.fileno()).st_size
     try:
         header = exr.read_header(path)
         return _entry(path.stem, size, header)
@@ -109,9 +143,3 @@ def _entry(address: str, size: int, header: dict[str, Any]) -> StoreEntry:
         seed=str(header.get("observation", {}).get("seed", "")),
         content=header["sha256"],
     )
-
-
-def sha256(path: Path) -> str:
-    """Return the hex digest of a file's bytes."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

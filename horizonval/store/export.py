@@ -1,4 +1,4 @@
-"""Frames and detector images as files that other programs open: FITS, or 16-bit PNG with a JSON file beside it."""
+"""Frames and detector images as files that other programs open: FITS, 16-bit PNG with a JSON file, EXR with ZIP."""
 
 from __future__ import annotations
 
@@ -18,23 +18,26 @@ from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.store import exr
 from horizonval.store.attributes import camera_of
 from horizonval.store.entry import is_address
+from horizonval.store.exported import sealed, text_of
 from horizonval.store.fits import fits_bytes
 
 PNG_MAX = 65535
 _UNFIT = re.compile(r"[^A-Za-z0-9._-]+")
 
 
-def export_file(path: Path, out: Path, *, fits: bool, png: bool) -> list[Path]:
+def export_file(path: Path, out: Path, *, fits: bool = False, png: bool = False, zipped: bool = False) -> list[Path]:
     """Write one of our EXR files in other formats into the folder ``out``, and return the paths.
 
-    ``png``: digital numbers as they are, in 16 bits, so that `estimate --camera` reads them like the EXR file's; of a
-    frame each band's radiance, the largest value being 65535. The JSON file beside it has unit, scale, camera and
-    truth. What has the same name is replaced: it is the same content.
+    ``png``: digital numbers as they are, in 16 bits; of a frame each band's radiance, the largest value being 65535.
+    The JSON file beside it has unit, scale, camera and truth, so that `estimate` takes both for the EXR file.
+    ``zipped``: EXR that programs with an OpenEXR before 3.4 read. What has the same name is replaced: it is the same
+    content.
 
     Raises
     ------
     UserError
-        Not one of our files, damaged, no astropy for ``fits``, or a folder that cannot be written.
+        Not one of our files, damaged, no astropy for ``fits``, a folder that cannot be written, or an EXR file that
+        would replace the one it is made of.
     """
     kind = exr.kind(path)
     if kind == "foreign":
@@ -43,6 +46,15 @@ def export_file(path: Path, out: Path, *, fits: bool, png: bool) -> list[Path]:
     address = path.stem if is_address(path.stem) else ""
     name = _name(source, path, address)
     written = []
+    if zipped:
+        target = out / f"{name}.exr"
+        if target.exists() and target.samefile(path):
+            raise UserError("input and output are the same file", where=str(target), fix="name another folder")
+        if isinstance(source, DetectorImage):
+            exr.write_image(target, source)
+        else:
+            exr.write_frame(target, source, codec="zip")
+        written.append(target)
     for file, data in _files(source, name, address, fits, png):
         _write(out / file, data)
         written.append(out / file)
@@ -57,16 +69,18 @@ def _files(
     if not png:
         return
     if isinstance(source, DetectorImage):
-        yield f"{name}.png", _png(source.dn)
-        yield f"{name}.json", _json(source, {"address": address, "band": source.band, "unit": "DN", "scale": 1.0})
+        about: dict[str, Any] = {"address": address, "band": source.band, "unit": exr.DN_UNIT, "scale": 1.0}
+        pixels = np.ascontiguousarray(source.dn, dtype=np.uint16)
+        yield f"{name}.png", _png(pixels)
+        yield f"{name}.json", _json(source, pixels, about)
         return
     for band, radiance in source.radiance.items():
         # In double precision: a float32 times 65535 may round above it.
         scale = max(float(radiance.max()), 0.0) / PNG_MAX or 1.0
         counts = np.clip(np.rint(radiance.astype(np.float64) / scale), 0, PNG_MAX).astype(np.uint16)
         yield f"{name}-{band}.png", _png(counts)
-        content = {"address": address, "band": band, "unit": "W m-2 sr-1", "scale": scale}
-        yield f"{name}-{band}.json", _json(source, content)
+        about = {"address": address, "band": band, "unit": exr.RADIANCE_UNIT, "scale": scale}
+        yield f"{name}-{band}.json", _json(source, counts, about)
 
 
 def _name(source: RadianceFrame | DetectorImage, path: Path, address: str) -> str:
@@ -78,23 +92,31 @@ def _name(source: RadianceFrame | DetectorImage, path: Path, address: str) -> st
     return "-".join(_UNFIT.sub("_", part) for part in parts if part)
 
 
-def _png(values: NDArray[Any]) -> bytes:
-    done, data = cv2.imencode(".png", np.ascontiguousarray(values, dtype=np.uint16))
+def _png(pixels: NDArray[np.uint16]) -> bytes:
+    done, data = cv2.imencode(".png", pixels)
     if not done:
         raise UserError("cannot be made a PNG", expected="an image of at most 65535 x 65535 pixels")
     return data.tobytes()
 
 
-def _json(source: RadianceFrame | DetectorImage, content: dict[str, Any]) -> bytes:
-    """Return what a PNG cannot say: ``value = scale * count`` in ``unit``, camera, and the truth."""
-    observation = source.observation if isinstance(source, DetectorImage) else {}
-    more: dict[str, Any] = {"full_scale": source.full_scale} if isinstance(source, DetectorImage) else {}
-    more |= {
+def _json(source: RadianceFrame | DetectorImage, pixels: NDArray[np.uint16], about: dict[str, Any]) -> bytes:
+    """Return what a PNG cannot say: ``value = scale * count`` in ``unit``, camera, and the truth.
+
+    :func:`horizonval.store.exported.read_beside` reads it back.
+    """
+    if isinstance(source, DetectorImage):
+        observation = source.observation
+        about = about | {"full_scale": source.full_scale, "observation": observation}
+    else:
+        observation = {}
+        about = about | {"render": source.render}
+    about = about | {
         "camera": camera_of(source.truth, observation).model_dump(mode="json"),
         "truth": source.truth.to_dict(),
-        "observation" if observation else "render": observation or getattr(source, "render", {}),
     }
-    return (json.dumps(content | more, indent=1, sort_keys=True, allow_nan=False) + "\n").encode()
+    # Tuples of the truth become lists on the way; the digest is of what is read back.
+    content = json.loads(text_of(about))
+    return (json.dumps(sealed({"png": pixels}, content), indent=1, sort_keys=True, allow_nan=False) + "\n").encode()
 
 
 def _write(path: Path, data: bytes) -> None:

@@ -1,13 +1,22 @@
 """The one gate to EXR files: nothing else in the package reads or writes them.
 
 A file holds a frame or a detector image, with its truth; it alone is enough to score again. Channels (float32 unless
-said otherwise, ZIP compressed, which every reader knows and which keeps every bit)::
+said otherwise)::
 
     Y                   the first band once more, so that any viewer shows something
     radiance.<band>     W m-2 sr-1
     truth.<map>         see horizonval.frame.MAP_UNITS
     mask.<name>         0 or 1, float16: earth and sunlit, of an image saturated (horizonval.store.masks)
-    dn.<band>           digital numbers, uint32 (the format has no 16-bit integers)
+    dn.<band>           digital numbers
+
+``horizonval:unit.<channel>`` is the unit of a channel. Digital numbers are stored as floating point, float16 up to a
+full scale of 2048 and float32 above: both hold these integers exactly, and every reader shows them as they are, while
+many divide the format's own 32-bit integers by 2^32. Y of an image is of the same type.
+
+Every codec here keeps every bit. Frames are HTJ2K256, a third of the size of ZIP for sunlit bands and two thirds for
+thermal ones; it is read by OpenEXR 3.4 and newer and what is built on it (OpenImageIO 3.1, Blender 5). Detector images
+are ZIP, which every reader knows, and which is a third of HTJ2K's size for digital numbers in floating point. A frame
+for an older reader is written with ``codec="zip"``.
 
 Header keys: the standard ones and ours, named ``horizonval:*`` (:mod:`horizonval.store.attributes`). What is read
 back travels in JSON strings, because the format's own attributes turn Python floats into float32 and integers from 2^31
@@ -31,7 +40,7 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -40,32 +49,50 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from horizonval.core import atomic
-from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError, excerpt
 from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.store import seal
 from horizonval.store.attributes import camera_of, own_attributes, standard_attributes
 from horizonval.store.masks import earth, saturated, sunlit
 
-FILE_SCHEMA = 4
+FILE_SCHEMA = 5
 """Of the files' layout. 1 to 3 went with the truth's own schema (:data:`horizonval.frame.FRAME_SCHEMA`): 1 before there
-was a Moon, 2 before the infrared horizon. 4: masks, typed keys, the camera of an image in its standard attributes."""
-READABLE_SCHEMAS = (1, 2, 3, 4)
+was a Moon, 2 before the infrared horizon. 4: masks, typed keys, the camera of an image in its standard attributes. Up
+to then all files were ZIP, and digital numbers uint32. 5: digital numbers as floating point, units of channels, HTJ2K.
+"""
+READABLE_SCHEMAS = (1, 2, 3, 4, 5)
 
 Kind = Literal["frame", "image", "foreign"]
+Codec = Literal["zip", "htj2k256"]
+
+RADIANCE_UNIT = "W m-2 sr-1"
+DN_UNIT = "DN"
+UNIT_KEY = "unit."
+"""Of the keys that say a channel's unit, before the channel's name."""
 
 _PREFIX = "horizonval:"
 _COMMON = ("schema", "kind", "bands", "truth", "sha256", "body", "seal")
 _KEYS = {"frame": (*_COMMON, "render"), "image": (*_COMMON, "observation", "full_scale")}
 _BAND = re.compile(r"[A-Za-z0-9_-]+")
+_COMPRESSION = {"zip": OpenEXR.ZIP_COMPRESSION, "htj2k256": OpenEXR.HTJ2K256_COMPRESSION}
+_FLOAT16_INTEGERS = 2048
+"""Up to here float16 holds every integer."""
 _FLOAT32_MAX = float(np.finfo(np.float32).max)
 _quiet_lock = threading.Lock()
 
 Channels = dict[str, NDArray[Any]]
 
 
-def write_frame(path: str | os.PathLike[str], frame: RadianceFrame) -> None:
+def write_frame(path: str | os.PathLike[str], frame: RadianceFrame, *, codec: Codec = "htj2k256") -> None:
     """Write ``frame`` to ``path``, replacing what is there.
+
+    Parameters
+    ----------
+    path : path-like
+    frame : RadianceFrame
+    codec : {"zip", "htj2k256"}
+        ``zip`` for programs with an OpenEXR older than 3.4.
 
     Raises
     ------
@@ -89,9 +116,11 @@ def write_frame(path: str | os.PathLike[str], frame: RadianceFrame) -> None:
     channels["Y"] = channels[f"radiance.{bands[0]}"]
     channels |= {"mask.earth": earth(frame.maps), "mask.sunlit": sunlit(frame.maps, frame.truth)}
     own = {"kind": "frame", "bands": ",".join(bands), "truth": _dumps(frame.truth.to_dict())}
-    own |= {"render": _dumps(frame.render), "radiance_unit": "W m-2 sr-1"}
+    own |= {"render": _dumps(frame.render)}
     own |= {"renderer": _words(frame.render.get(key) for key in ("kind", "version", "variant"))}
-    _write(Path(path), channels, own, frame.truth, camera_of(frame.truth))
+    units = {f"radiance.{band}": RADIANCE_UNIT for band in bands}
+    units |= {f"truth.{name}": unit for name, unit in MAP_UNITS.items()} | {"Y": RADIANCE_UNIT}
+    _write(Path(path), channels, own, units, frame.truth, camera_of(frame.truth), codec=codec)
 
 
 def write_image(path: str | os.PathLike[str], image: DetectorImage) -> None:
@@ -101,16 +130,16 @@ def write_image(path: str | os.PathLike[str], image: DetectorImage) -> None:
         raise ValueError(f"digital numbers must be integers, got {dn.dtype}")
     if dn.size and (dn.min() < 0 or dn.max() > image.full_scale):
         raise ValueError(f"digital numbers outside 0..{image.full_scale}")
-    channels: Channels = {
-        f"dn.{image.band}": np.ascontiguousarray(dn, dtype=np.uint32),
-        "Y": np.ascontiguousarray(dn, dtype=np.float32),
-        "mask.saturated": saturated(dn, image.full_scale),
-    }
+    dtype = np.float16 if image.full_scale <= _FLOAT16_INTEGERS else np.float32
+    name = f"dn.{image.band}"
+    values = np.ascontiguousarray(dn, dtype=dtype)
+    channels: Channels = {name: values, "Y": values, "mask.saturated": saturated(dn, image.full_scale)}
     own: dict[str, Any] = {"kind": "image", "bands": image.band, "truth": _dumps(image.truth.to_dict())}
     own |= {"observation": _dumps(image.observation), "full_scale": image.full_scale}
     own |= {"seed": str(image.observation.get("seed", ""))}
     camera = camera_of(image.truth, image.observation)
-    _write(Path(path), channels, own, image.truth, camera, image.observation.get("exposure_s"))
+    units = dict.fromkeys((name, "Y"), DN_UNIT)
+    _write(Path(path), channels, own, units, image.truth, camera, image.observation.get("exposure_s"))
 
 
 def read_frame(path: str | os.PathLike[str]) -> RadianceFrame:
@@ -147,7 +176,10 @@ def read_image(path: str | os.PathLike[str]) -> DetectorImage:
     if f"dn.{band}" not in channels:
         raise DamagedFileError(f"no channel 'dn.{band}'", where=str(path))
     dn = channels[f"dn.{band}"]
-    if not 0 < full_scale <= np.iinfo(np.uint16).max or (dn.size and dn.max() > full_scale):
+    if (
+        not 0 < full_scale <= np.iinfo(np.uint16).max
+        or not ((dn >= 0) & (dn <= full_scale) & (dn == np.rint(dn))).all()
+    ):
         raise DamagedFileError(f"digital numbers outside 0..{full_scale}", where=str(path))
     return DetectorImage(
         dn=dn.astype(np.uint16),
@@ -216,6 +248,21 @@ def read_foreign_grey(path: str | os.PathLike[str]) -> NDArray[np.float64]:
     return grey
 
 
+def content_digest(channels: Channels, own: dict[str, Any]) -> str:
+    """Return the sha256 of content: every channel's name, type, shape and bytes, then every text and integer of ours.
+
+    The other keys are made from these.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(channels):
+        values = channels[name]
+        digest.update(f"{name}\0{values.dtype.str}\0{values.shape}\0".encode())
+        digest.update(np.ascontiguousarray(values).data)
+    for key in sorted(set(own) - {"sha256", "body", "seal"}):
+        digest.update(f"{key}\0{own[key]}\0".encode())
+    return digest.hexdigest()
+
+
 def _dumps(value: dict[str, Any]) -> str:
     return json.dumps(value, sort_keys=True, allow_nan=False, separators=(",", ":"))
 
@@ -231,28 +278,15 @@ def _float32(values: NDArray[Any], name: str) -> NDArray[np.float32]:
     return np.ascontiguousarray(values, dtype=np.float32)
 
 
-def _digest(channels: Channels, own: dict[str, Any]) -> str:
-    """Return the sha256 of content: every channel's name, type, shape and bytes, then every text and integer of ours.
-
-    The other keys are made from these.
-    """
-    digest = hashlib.sha256()
-    for name in sorted(channels):
-        values = channels[name]
-        digest.update(f"{name}\0{values.dtype.str}\0{values.shape}\0".encode())
-        digest.update(np.ascontiguousarray(values).data)
-    for key in sorted(set(own) - {"sha256", "body", "seal"}):
-        digest.update(f"{key}\0{own[key]}\0".encode())
-    return digest.hexdigest()
-
-
 def _write(
     path: Path,
     channels: Channels,
     own: dict[str, Any],
+    units: Mapping[str, str],
     truth: FrameTruth,
     spec: CameraSpec,
     exposure_s: float | None = None,
+    codec: Codec = "zip",
 ) -> None:
     expected = (spec.camera.height, spec.camera.width)
     for name, values in channels.items():
@@ -264,25 +298,28 @@ def _write(
     own = {"schema": FILE_SCHEMA, **own, "scene_id": truth.scene_id, "epoch_utc": truth.epoch_utc}
     own |= {"scene": truth.scene_name, "world_frame": "ITRS"}
     own |= {"projection": spec.camera.projection}
+    own |= {f"{UNIT_KEY}{name}": unit for name, unit in units.items()}
     typed = {_PREFIX + key: value for key, value in own_attributes(truth, spec, exposure_s).items()}
-    _write_sealed(path, channels, own, standard_attributes(truth, spec, exposure_s) | typed)
+    _write_sealed(path, channels, own, standard_attributes(truth, spec, exposure_s) | typed, codec)
 
 
 def _words(parts: Iterable[Any]) -> str:
     return " ".join(str(part) for part in parts if part is not None)
 
 
-def _write_sealed(path: Path, channels: Channels, own: dict[str, Any], standard: dict[str, Any]) -> None:
-    own = own | {"sha256": _digest(channels, own), "body": seal.BODY_BLANK, "seal": seal.SEAL_BLANK}
+def _write_sealed(
+    path: Path, channels: Channels, own: dict[str, Any], standard: dict[str, Any], codec: Codec = "zip"
+) -> None:
+    own = own | {"sha256": content_digest(channels, own), "body": seal.BODY_BLANK, "seal": seal.SEAL_BLANK}
     header = standard | {_PREFIX + key: value for key, value in own.items()}
     for key, value in header.items():
         if isinstance(value, int) and not -(2**31) <= value < 2**31:
             raise ValueError(f"{key} = {value} does not fit the format's 32-bit integers")
-    header |= {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header |= {"compression": _COMPRESSION[codec], "type": OpenEXR.scanlineimage}
     try:
         with atomic.replacing(path) as temporary:
             with _quiet():
-                OpenEXR.File(header, channels).write(str(temporary))
+                OpenEXR.File(header, dict(channels)).write(str(temporary))
             seal.seal_file(temporary)
     except FileNotFoundError:
         raise UserError(f"no folder {path.parent}", where=str(path), fix="create it first") from None
@@ -301,7 +338,8 @@ def _own_kind(header: seal.Header, path: Path) -> Literal["frame", "image"]:
         return "frame"
     if value == "image":
         return "image"
-    raise DamagedFileError(f"header key '{_PREFIX}kind' is {value!r}", where=str(path), expected="frame or image")
+    what = f"header key '{_PREFIX}kind' is {excerpt(value)!r}"
+    raise DamagedFileError(what, where=str(path), expected="frame or image")
 
 
 def _decode(data: bytes, header: seal.Header, kind: Literal["frame", "image"], path: Path) -> dict[str, Any]:
@@ -349,7 +387,7 @@ def _read(path: Path, wanted: Literal["frame", "image"]) -> tuple[dict[str, Any]
         for name, attribute in header.attributes.items()
         if name.startswith(_PREFIX) and attribute.type in ("int", "string")
     }
-    if _digest(channels, own) != content["sha256"]:
+    if content_digest(channels, own) != content["sha256"]:
         raise DamagedFileError("the pixels or the truth do not match their sha256", where=str(path))
     return content, channels
 

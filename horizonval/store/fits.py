@@ -5,7 +5,8 @@ each truth map (``TRUTH.<map>``). Beside the standard keywords of time, place (`
 a celestial coordinate system, so that a pixel has a right ascension and a declination: ``TAN`` for pinholes and ``ARC``
 for fisheyes, after Calabretta and Greisen 2002 (A&A 395, 1077), with the lens distortion as SIP polynomials (Shupe et
 al. 2005, ASP 347, 491) fitted to the exact model; ``WCSERR`` says how far they stay from it at most. Where that is more
-than 0.1 px, and for equal-angle grids, there is none. The last extension holds the full truth as JSON.
+than 0.1 px, and for equal-angle grids, there is none. The last extension holds the full truth as JSON, and with it a
+digest of everything: such a file can be read back.
 
 Rows stand in the file as in the image, the upper one first (``ROWORDER``); programs that draw the first row at the
 bottom show the picture upside down, with coordinates that are right.
@@ -13,16 +14,21 @@ bottom show the picture upside down, with coordinates that are right.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import math
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from horizonval.core.errors import UserError
+from horizonval.core import files
+from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry import frames
 from horizonval.geometry.camera import CameraModel, camera_from_spec, unproject
@@ -30,6 +36,7 @@ from horizonval.geometry.rotation import itrs_from_gcrs
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.spec.sensor.detector import Cmos
 from horizonval.store.attributes import camera_of
+from horizonval.store.exported import of_fits, sealed, text_of
 
 Cards = dict[str, tuple[Any, str]]
 
@@ -62,21 +69,114 @@ def fits_bytes(source: RadianceFrame | DetectorImage, address: str = "") -> byte
         for name, values in source.maps.items():
             unit = {"BUNIT": (MAP_UNITS[name], "")} if MAP_UNITS.get(name) in ("m", "deg") else {}
             units.append(_with(fits.ImageHDU(values, name=f"TRUTH.{name}"), unit | coordinates))
-    text = {"truth": source.truth.to_dict()}
-    text |= {"render": source.render} if isinstance(source, RadianceFrame) else {"observation": source.observation}
-    units.append(_json_table(fits, text))
+    arrays = {unit.name: np.asarray(unit.data) for unit in units if unit.data is not None}
+    units.append(_json_table(fits, sealed(arrays, json.loads(text_of(_content(source))))))
     buffer = io.BytesIO()
     fits.HDUList(units).writeto(buffer, checksum=False)
     return buffer.getvalue()
 
 
-def _astropy() -> Any:
+def read_fits(path: Path) -> tuple[NDArray[Any], float | None, RadianceFrame | DetectorImage | None]:
+    """Read an image from any FITS file, and all of one that :func:`fits_bytes` made.
+
+    Returns
+    -------
+    pixels : ndarray, shape (H, W)
+        Of the first unit that has some; the first row is the upper one.
+    full_scale : float or None
+        What ``SATURATE`` says, else the largest number of an integer type.
+    source : RadianceFrame, DetectorImage or None
+        The whole content, if the file is one of ours.
+
+    Raises
+    ------
+    UserError
+        Not a FITS file with a flat image, changed since it was exported, or no astropy.
+    """
+    with _opened(path) as units:
+        try:
+            arrays = {unit.name: _native(unit.data) for unit in units if unit.is_image and unit.data is not None}
+            content = _content_read(units)
+            first = next(unit for unit in units if unit.is_image and unit.data is not None)
+            header, pixels = first.header, _native(first.data)
+        except StopIteration:
+            raise UserError("holds no image", where=str(path), expected="a FITS file with one") from None
+        except Exception as error:
+            raise _damaged(error, path) from None
+    if pixels.ndim != 2:
+        raise UserError(f"pixels of shape {pixels.shape}", where=str(path), expected="a flat image")
+    if content is not None:
+        return pixels, None, of_fits(arrays, content, str(path))
+    if str(header.get("ROWORDER", "")).strip().upper() != "TOP-DOWN":
+        # As every viewer of FITS draws it.
+        pixels = np.ascontiguousarray(pixels[::-1])
+    saturate = header.get("SATURATE")
+    if isinstance(saturate, int | float) and saturate > 0:
+        return pixels, float(saturate), None
+    return pixels, float(np.iinfo(pixels.dtype).max) if pixels.dtype.kind in "ui" else None, None
+
+
+def size_of(path: Path) -> tuple[int, int]:
+    """Return width and height of the first image in a FITS file [px], from the headers; errors as :func:`read_fits`."""
+    with _opened(path) as units:
+        try:
+            shapes = [unit.shape for unit in units if unit.is_image and len(unit.shape) >= 2]
+        except Exception as error:
+            raise _damaged(error, path) from None
+    if not shapes:
+        raise UserError("holds no image", where=str(path), expected="a FITS file with one")
+    return int(shapes[0][-1]), int(shapes[0][-2])
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    fits = _astropy(str(path))
+    with warnings.catch_warnings(), files.open_file(path, expected="a FITS file") as file:
+        # It warns of what it mends by itself; what it cannot mend raises.
+        warnings.simplefilter("ignore")
+        try:
+            units = fits.open(file, memmap=False, lazy_load_hdus=False, disable_image_compression=True)
+        except Exception as error:
+            raise _damaged(error, path) from None
+        with units:
+            yield units
+
+
+def _damaged(error: Exception, path: Path) -> DamagedFileError:
+    """Return what went wrong in the library, which has no class for it, as one line of ours."""
+    text = " ".join(str(error).split())[:120]
+    return DamagedFileError(f"not a FITS file that can be read: {text or type(error).__name__}", where=str(path))
+
+
+def _content_read(units: Any) -> dict[str, Any] | None:
+    """Return what the JSON table of ours says; None where there is none."""
+    if "JSON" not in units or "format" not in units["JSON"].columns.names:
+        return None
+    table = units["JSON"]
+    return {name: json.loads(str(table.data[name][0])) for name in table.columns.names}
+
+
+def _native(values: Any) -> NDArray[Any]:
+    """Return an array in the machine's order of bytes."""
+    array = np.asarray(values)
+    return np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("="))
+
+
+def _content(source: RadianceFrame | DetectorImage) -> dict[str, Any]:
+    """Return what units and their keywords cannot say, or not exactly."""
+    if isinstance(source, RadianceFrame):
+        return {"truth": source.truth.to_dict(), "bands": list(source.radiance), "render": source.render}
+    more = {"full_scale": source.full_scale, "observation": source.observation}
+    return {"truth": source.truth.to_dict(), "bands": [source.band], **more}
+
+
+def _astropy(where: str = "--fits") -> Any:
     try:
         from astropy.io import fits
     except ImportError:
         raise UserError(
             "astropy is not installed",
-            where="--fits",
+            where=where,
             fix='run `pip install "horizonval[fits]"` or `pip install astropy`',
         ) from None
     return fits

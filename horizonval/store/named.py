@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.store.entry import is_address, places
 from horizonval.store.folder import RunFolder, read_json
@@ -27,7 +27,7 @@ class Garbage:
     @property
     def size_bytes(self) -> int:
         """Return what their removal sets free."""
-        return sum(path.stat().st_size for path in self.files)
+        return sum(path.lstat().st_size for path in self.files)
 
 
 def run_folder_of(archive: Path) -> RunFolder | None:
@@ -52,14 +52,15 @@ def named_addresses(folder: RunFolder, *, strict: bool = False) -> dict[str, str
     named: dict[str, str] = {}
     for room, what in ((folder.state, "the rendered frame"), (folder.cases, "the case")):
         for path in sorted(room.glob("*.json")):
-            content = read_json(path)
-            if content is None:
+            try:
+                content = read_json(path) or {}
+            except UserError as error:
                 if strict:
                     raise DamagedFileError(
-                        "cannot be read, so that nobody knows which entries it names",
+                        f"{error.what}, so that nobody knows which entries it names",
                         where=str(path),
                         fix="make the run again, or delete this file",
-                    )
+                    ) from None
                 continue
             named |= dict.fromkeys(_addresses(content, strict), f"{what} {path.stem!r}")
     return named
@@ -99,7 +100,12 @@ def remove(found: Garbage, folder: RunFolder) -> None:
     """Remove garbage, its rows in the index and the folders it leaves empty. Call with the lock still held."""
     store = Store(folder.archive)
     for path in found.files:
-        path.unlink(missing_ok=True)
-        if path.parent != store.root and not any(path.parent.iterdir()):
-            path.parent.rmdir()
+        if not files.is_inside(path, store.root):
+            raise UserError("a link on the way leads out of the archive", where=str(path), fix="remove the link")
+        try:
+            path.unlink(missing_ok=True)
+            if path.parent != store.root and not any(path.parent.iterdir()):
+                path.parent.rmdir()
+        except OSError as error:
+            raise UserError(f"cannot be removed: {error.strerror}", where=str(path)) from None
     store.index.forget(path.stem for path in found.files)

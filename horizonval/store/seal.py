@@ -22,13 +22,17 @@ import struct
 from dataclasses import dataclass
 from pathlib import Path
 
-from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core import files
+from horizonval.core.errors import DamagedFileError
 
 MAGIC = b"\x76\x2f\x31\x01"
 SEAL = "horizonval:seal"
 BODY = "horizonval:body"
 SEAL_BLANK = "0" * 64
 BODY_BLANK = "0" * 20 + ":" + "0" * 64
+
+LARGEST = 32 * 1024**3
+"""Size [bytes] of a file that is read: twenty float32 channels of the largest camera (16384 x 16384) are 21 GB."""
 
 _HEADER_GUESS = 1 << 20  # Headers are some 10 kB; longer ones cost a second read.
 
@@ -62,17 +66,9 @@ class Header:
     end: int
 
 
-def read_bytes(path: Path, limit: int = -1) -> bytes:
-    """Return the file's first ``limit`` bytes (all of them without a limit); raise ``UserError`` if there are none."""
-    try:
-        with path.open("rb") as file:
-            return file.read(limit)
-    except FileNotFoundError:
-        raise UserError("no such file", where=str(path)) from None
-    except IsADirectoryError:
-        raise UserError("is a folder", where=str(path), expected="an EXR file") from None
-    except OSError as error:
-        raise UserError(f"cannot be read: {error.strerror}", where=str(path)) from None
+def read_bytes(path: Path, limit: int | None = None) -> bytes:
+    """Return the file's first ``limit`` bytes, all of them without a limit; ``UserError`` if it is no regular file."""
+    return files.read_bytes(path, largest=LARGEST, expected="an EXR file", first=limit)
 
 
 def read_header(path: Path) -> Header:

@@ -13,12 +13,12 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.core.progress import Progress
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.store import exr
-from horizonval.store.entry import StoreEntry, describe, place, places, sha256
+from horizonval.store.entry import StoreEntry, describe, place, places
 from horizonval.store.index import Index
 from horizonval.store.verify import StoreFinding, verify
 
@@ -45,13 +45,28 @@ class Store:
             raise UserError(f"cannot be made: {error.strerror}", where=str(self.root)) from None
         with atomic.temporary_in(self.root) as temporary:
             write(temporary)
-            address = sha256(temporary)
+            address = files.sha256_of(temporary, links=False)
             path = self.path(address)
-            if not path.is_file() or sha256(path) != address:
-                path.parent.mkdir(exist_ok=True)
+            if not self.is_intact(address):
+                self._make_way(path)
                 atomic.move(temporary, path)
         self.index.record(describe(path))
         return address
+
+    def _make_way(self, path: Path) -> None:
+        """Make an entry's folder, and see that the entry can take its place there; nothing outside is touched.
+
+        A file, a FIFO or a link where the folder should be goes: what it leads to stays. A folder where the entry
+        should be may hold anything, so that it is the user's to remove.
+        """
+        try:
+            if files.kind_at(path.parent) not in ("a folder", ""):
+                path.parent.unlink()
+            path.parent.mkdir(exist_ok=True)
+        except OSError as error:
+            raise UserError(f"cannot be made: {error.strerror}", where=str(path.parent)) from None
+        if files.kind_at(path) == "a folder":
+            raise UserError("is a folder", where=str(path), expected="an entry of the archive", fix="move it away")
 
     def path(self, address: str) -> Path:
         """Return where the entry with this address lies (or would lie)."""
@@ -60,12 +75,20 @@ class Store:
     def is_intact(self, address: str) -> bool:
         """Whether an entry is there and is what was added."""
         try:
-            return sha256(self.path(address)) == address
-        except (UserError, OSError):
+            return self._digest(address) == address
+        except UserError:
             return False
 
+    def _digest(self, address: str) -> str:
+        """Return the digest of the file at an entry's place; what lies beyond a link is none of ours."""
+        path = self.path(address)
+        if (kind := files.kind_at(path.parent)) not in ("a folder", ""):
+            raise files.UnfitFileError(f"is {kind}", where=str(path.parent), expected="a folder of the archive")
+        return files.sha256_of(path, links=False)
+
     def __contains__(self, address: str) -> bool:
-        return self.path(address).is_file()
+        path = self.path(address)
+        return files.kind_at(path.parent) == "a folder" and files.kind_at(path) == "a file"
 
     def read_frame(self, address: str) -> RadianceFrame:
         """Read and verify a frame; ``UserError`` if there is none, ``DamagedFileError`` if it is not what was added."""
@@ -76,16 +99,21 @@ class Store:
         return exr.read_image(self._verified(address))
 
     def _verified(self, address: str) -> Path:
+        try:
+            digest = self._digest(address)
+        except files.MissingFileError:
+            raise UserError(f"no entry {address}", where=str(self.root), fix="see `horizonval archive ls`") from None
         path = self.path(address)
-        if not path.is_file():
-            raise UserError(f"no entry {address}", where=str(self.root), fix="see `horizonval archive ls`")
-        if sha256(path) != address:
+        if digest != address:
             raise DamagedFileError("its bytes are not those of its address", where=str(path))
         return path
 
     def is_one(self) -> bool:
         """Whether the folder looks like an archive: an entry's folder, an index, or nothing at all in it."""
-        inside = [path.name for path in self.root.iterdir()]
+        try:
+            inside = os.listdir(self.root)
+        except OSError as error:
+            raise UserError(f"cannot be read: {error.strerror}", where=str(self.root)) from None
         hexadecimal = re.compile("[0-9a-f]{2}")
         return not inside or self.index.path.name in inside or any(hexadecimal.fullmatch(name) for name in inside)
 

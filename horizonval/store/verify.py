@@ -2,31 +2,32 @@
 
 Bytes are compared with addresses, so that a file under a wrong name is recognised by what it holds::
 
-    damaged     at an entry's place, but not what was added there
+    damaged     at an entry's place, but not what was added there; a link, a folder, a FIFO or a device included
     misplaced   an intact entry under a name that is not its own
     missing     not at its place, and not misplaced, though the index or somebody else names it
     duplicate   a copy of an intact entry, or the same pixels and truth as another entry
     foreign     anything else that is no entry
     leftover    of an interrupted write
+    unreadable  a folder that may not be looked into
     index       a row of the index that is not what the header says
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from horizonval.core import atomic
-from horizonval.core.errors import UserError
+from horizonval.core import atomic, files
+from horizonval.core.errors import UserError, printable
 from horizonval.core.progress import Progress, Silent
 from horizonval.store import exr
-from horizonval.store.entry import INDEX_PREFIX, StoreEntry, describe, is_address, place, sha256
+from horizonval.store.entry import INDEX_PREFIX, StoreEntry, describe, is_address, place
 from horizonval.store.index import NAME, Index
 
-Problem = Literal["damaged", "misplaced", "missing", "duplicate", "foreign", "leftover", "index"]
+Problem = Literal["damaged", "misplaced", "missing", "duplicate", "foreign", "leftover", "unreadable", "index"]
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,8 @@ class _File:
 def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progress | None = None) -> list[StoreFinding]:
     """Read everything below ``root`` and return what is wrong, in the order of paths; nothing is changed.
 
+    Only regular files are opened and no link is followed; whatever else lies there is a finding.
+
     Parameters
     ----------
     root : Path
@@ -59,14 +62,15 @@ def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progres
     progress : Progress, optional
     """
     findings, known = _known(root)
+    paths, unreadable = _walk(root)
+    findings += unreadable
     expected = dict.fromkeys(known, "the index") | dict(named or {})
-    paths = sorted(_files(root))
     intact: dict[str, StoreEntry] = {}
     strays: list[_File] = []
     listener = progress or Silent()
     listener.start(len(paths), 0)
     for path in paths:
-        listener.done(path.name)
+        listener.done(printable(path.name))
         if path.parent == root and path.name.startswith(INDEX_PREFIX):
             continue
         if atomic.is_temporary(path):
@@ -95,32 +99,44 @@ def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progres
     return sorted(findings, key=lambda finding: finding.path)
 
 
-def _files(root: Path) -> Iterator[Path]:
-    """Yield everything that is no folder; a link to a folder is not followed, for it is none of ours."""
-    for folder, folders, files in os.walk(root):
-        yield from (Path(folder) / name for name in files)
-        yield from (Path(folder) / name for name in folders if (Path(folder) / name).is_symlink())
+def _walk(root: Path) -> tuple[list[Path], list[StoreFinding]]:
+    """Return, in order, everything that is no folder or lies where an entry should, and the folders that stay closed.
+
+    A link to a folder is not followed, for what it leads to is none of ours.
+    """
+    paths: list[Path] = []
+    closed: list[StoreFinding] = []
+
+    def refused(error: OSError) -> None:
+        if isinstance(error, FileNotFoundError):
+            return
+        path = Path(os.fsdecode(error.filename))
+        closed.append(StoreFinding(path, "unreadable", f"{_shown(path, root)}: cannot be listed: {error.strerror}"))
+
+    for folder, folders, names in os.walk(root, onerror=refused):
+        paths += [Path(folder, name) for name in names]
+        inside = [Path(folder, name) for name in folders]
+        paths += [path for path in inside if path.is_symlink() or _is_place(path, root)]
+    return sorted(paths), closed
 
 
 def _shown(path: Path, root: Path) -> str:
-    return path.relative_to(root).as_posix()
+    return printable(path.relative_to(root).as_posix())
 
 
 def _is_place(path: Path, root: Path) -> bool:
-    return is_address(path.stem) and path == place(root, path.stem)
+    return path.suffix == ".exr" and is_address(path.stem) and path == place(root, path.stem)
 
 
 def _looked_at(path: Path) -> _File:
-    if not path.is_file():
-        return _File(path, "", "no file")
     try:
-        reason = _damage(path)
+        digest = files.sha256_of(path, links=False)
     except UserError as error:
-        reason = error.what
+        return _File(path, "", error.what)
     try:
-        return _File(path, sha256(path), reason)
-    except OSError as error:
-        return _File(path, "", f"cannot be read: {error.strerror}")
+        return _File(path, digest, _damage(path))
+    except UserError as error:
+        return _File(path, digest, error.what)
 
 
 def _damage(path: Path) -> str:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from horizonval.core.errors import UserError
+from horizonval.core.errors import MistakeCollector, UserError
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.pose import place_from_spec
 from horizonval.geometry.rotation import julian_utc
+from horizonval.renderer.scene.frame_memory import refuse_too_large
 from horizonval.spec.load import Case, Suite
 from horizonval.suites.part import Part
 from horizonval.suites.plan import CasePlan, of_heads
+from horizonval.suites.worker_memory import largest_frame
 
 
 def refuse_mistakes(suite: Suite, plan: CasePlan, parts: Sequence[Part] = ()) -> None:
@@ -39,11 +41,20 @@ def refuse_mistakes(suite: Suite, plan: CasePlan, parts: Sequence[Part] = ()) ->
     _check_heads(suite, plan)
     cameras: set[int] = set()
     matters: set[tuple[str, int, float]] = set()
+    collector = MistakeCollector()
     for case in suite.cases:
+        with collector.caught(case.name):
+            try:
+                _check_case(case, cameras, matters)
+            except UserError as e:
+                raise e.inside(f"{suite.source}: {case.name}") from e
+    collector.tell()
+    largest = largest_frame(suite)
+    if largest is not None:
         try:
-            _check_case(case, cameras, matters)
+            refuse_too_large(largest.scene, largest.camera)
         except UserError as e:
-            raise e.inside(f"{suite.source}: {case.name}") from e
+            raise e.inside(f"{suite.source}: {largest.name}") from e
     for part in parts:
         part.check(suite)
 

@@ -19,7 +19,7 @@ from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.engine import stream
 from horizonval.jobs.execution import Execution
 from horizonval.spec.load import Suite
-from horizonval.store.folder import RunFolder, read_json, write_json
+from horizonval.store.folder import RunFolder, intact_json, write_json
 from horizonval.store.index import Index
 from horizonval.suites.axes import figure_plans
 from horizonval.suites.conclude import conclude
@@ -30,6 +30,7 @@ from horizonval.suites.plan import CasePlan, Unit, plan_of, units_of
 from horizonval.suites.shards import adopt
 from horizonval.suites.suite import load_suite
 from horizonval.suites.units.work import Brief, UnitWork
+from horizonval.suites.worker_memory import within_memory
 
 RUN_SCHEMA = 1
 
@@ -84,8 +85,8 @@ def run_suite(
     Raises
     ------
     UserError
-        A mistake in the suite (told before anything is rendered), no back-end to render with, a folder that holds
-        another suite's run or in which another run is working.
+        A mistake in the suite (told before anything is rendered), frames or workers that memory does not hold, no
+        back-end to render with, a folder that holds another suite's run or in which another run is working.
     ValueError
         The suite asks for a part that is not among ``parts``: a defect of the caller.
     """
@@ -94,11 +95,12 @@ def run_suite(
     plan = plan_of(suite)
     chosen = asked_for(suite, parts)
     refuse_mistakes(suite, plan, chosen)
+    execution = within_memory(execution, suite)
     units = units_of(suite.cases, plan)
     folder = RunFolder(out_dir)
     folder.create(stability=suite.stability is not None)
     with folder.locked(execution.shard):
-        _claim(folder, suite, units)
+        _claim(folder, suite, plan, units)
         if execution.shard is None:
             # Shards may be at work beside each other: what is temporary may be theirs.
             folder.remove_temporary_files()
@@ -121,14 +123,18 @@ def run_suite(
         return _conclude(suite, units, folder, briefs, seconds, outcomes)
 
 
-def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
+def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit]) -> None:
     """Write down which suite this folder belongs to; refuse if it belongs to another.
 
     A study's frames may change with its designs, and the number of frames that a suite draws: every case is known by
     its own identity, and kept if that is the same. What is no frame of the suite any more stays, and counts nowhere.
     """
     identity = suite_identity(suite)
-    before = read_json(folder.suite)
+    before = intact_json(folder.suite)
+    # Where run.json is lost, the summary still says whose folder it is.
+    lost = {} if before is not None else intact_json(folder.summary) or {}
+    if lost.get("suite", suite.name) != suite.name:
+        before = lost
     if before is not None and before.get("suite_sha256") != identity and not _may_go_on(before, suite):
         other = before.get("suite")
         same = "other frames, cameras or estimators of " if other == suite.name else ""
@@ -147,7 +153,9 @@ def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
             "suite_sha256": identity,
             "version": code_version(),
             "estimators": list(suite.estimators),
+            "given_pose": [name for name in suite.estimators if plan.estimator(name).needs == "pose"],
             "cases": [name for unit in units for name in unit.names],
+            "orbit": [name for unit in units if unit.cases[0].sample for name in unit.names],
             "heads": {unit.name: [[case.head, case.name] for case in unit.cases] for unit in units if unit.heads},
             "keep": suite.keep,
             "figures": figure_plans(suite),
@@ -224,6 +232,6 @@ def _add_timings(
 ) -> None:
     """Add seconds to what earlier runs left; every shard has a file of its own."""
     path = folder.timings if shard is None else folder.shard_timings(shard)
-    timings = read_json(path) or {}
+    timings = intact_json(path) or {}
     cases = {**timings.get("cases", {}), **seconds}
     write_json(path, {"cases": cases, **({} if conclude is None else {"conclude": conclude})})

@@ -203,7 +203,7 @@ def test_the_horizon_is_where_a_foreign_reader_projects_it(mini_run):
         assert not buffer.has_error, buffer.geterror()
         spec = buffer.spec()
         found = {a.name: a.value for a in spec.extra_attribs}
-        assert (spec.width, spec.height, found["horizonval:schema"]) == (96, 80, 4)
+        assert (spec.width, spec.height, found["horizonval:schema"]) == (96, 80, 5)
         if found["horizonval:kind"] != "frame":
             continue
         values = buffer.get_pixels(OpenImageIO.FLOAT)

@@ -33,7 +33,7 @@ import numpy as np
 
 from horizonval.core import files
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, excerpt
 from horizonval.core.suggest import nearest
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
 
@@ -106,18 +106,13 @@ def _read_csv(text: str, file: str) -> _Table:
                 columns[name].append(float(field))
             except ValueError:
                 raise UserError(
-                    f'found "{field[:40]}"', where=f"{file}: line {number}, column {name}", expected=_range(name)
+                    f'found "{excerpt(field)}"', where=f"{file}: line {number}, column {name}", expected=_range(name)
                 ) from None
     return _Table(file, columns, [number for number, _ in rows[1:]])
 
 
 def _read_json(text: str, file: str) -> _Table:
-    try:
-        data = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise UserError(f"not JSON: {error.msg} at line {error.lineno}, column {error.colno}", where=file) from None
-    except RecursionError:
-        raise UserError("not a profile: nested too deeply", where=file) from None
+    data = files.parse_json(text, file)
     if not isinstance(data, Mapping):
         raise UserError("not a profile", where=file, expected="an object of lists: " + ", ".join(_KEYS))
     _check_keys(list(data), file)
@@ -147,9 +142,14 @@ def _float(value: Any) -> float:
 
 
 def _check_keys(keys: Sequence[str], where: str) -> None:
+    # A file without a single key of ours is something else, which a message must not show.
+    if not set(keys) & set(_KEYS):
+        raise UserError("not a profile", where=where, expected="the keys " + ", ".join(_KEYS))
     for key in keys:
         if key not in _KEYS:
-            raise UserError(f"unknown key {key!r}", where=where, expected="one of " + ", ".join(nearest(key, _KEYS)))
+            raise UserError(
+                f"unknown key {excerpt(key)!r}", where=where, expected="one of " + ", ".join(nearest(key, _KEYS))
+            )
         if list(keys).count(key) > 1:
             raise UserError(f"{key} is there more than once", where=where, expected="every key once")
     for alternatives in (("altitude_km",), ("temperature_K",), _AIR, _OZONE):

@@ -178,6 +178,8 @@ def _fit(data: Mapping[str, Any], points: NDArray[np.float64], observation: Obse
     nadir = nadir / np.linalg.norm(nadir)
     angles = roll_pitch_of_nadir(rotate(inverse(observation.q_cam_from_body), nadir))
     sigma = float(data.get("sigma_nadir_arcsec") or 0.0) * _ARCSEC
+    if not sigma >= 0.0:
+        raise ValueError(f"sigma_nadir_arcsec is {data['sigma_nadir_arcsec']}; a standard deviation is 0 or more")
 
     def radians(key: str) -> float | None:
         return None if data.get(key) is None else math.radians(float(data[key]))

@@ -10,6 +10,7 @@ from horizonval import __version__
 from horizonval.earth.optical import node_counts
 from horizonval.frame import RadianceFrame
 from horizonval.renderer.scene.description import describe
+from horizonval.renderer.scene.frame_memory import refuse_too_large
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.truth.frame_truth import with_infrared_horizon
@@ -34,8 +35,9 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None
     ------
     UserError
         For anything in the scene or camera that cannot be rendered (bands outside the tables, a camera below the
-        ground), or when no back-end works here.
+        ground), a frame that memory does not hold, or when no back-end works here.
     """
+    refuse_too_large(scene, camera)
     described = describe(scene, camera)
     import mitsuba as mi
 

@@ -118,11 +118,20 @@ def test_a_method_that_claims_perfection_has_no_nees():
     s = score(truth, estimator(), fit_of(truth, error_rad=(1e-5, 0.0), sigma_rad=0.0))
     assert s.nees_nadir is None
     assert s.sigma_nadir_arcsec == 0
+    assert s.without_sigma
 
 
 @pytest.mark.parametrize(
     ("error_deg", "nees", "false"),
-    [(0.6, 0.0, True), (0.6, None, True), (0.4, 1.0, False), (0.4, 26.0, True), (0.09, 1e6, False), (0.4, None, False)],
+    [
+        (0.6, 0.0, True),
+        (0.6, None, True),
+        (0.4, 1.0, False),
+        (0.4, 26.0, True),
+        (0.09, 1e6, False),
+        (0.4, None, True),
+        (0.09, None, False),
+    ],
 )
 def test_what_counts_as_a_false_claim(error_deg, nees, false):
     assert is_false(math.radians(error_deg), nees) is false
@@ -155,7 +164,8 @@ def test_a_refusal_keeps_its_reason_and_has_no_numbers():
     s = score(truth_at(), estimator(), Refusal(Outcome.DARK, "too dark", np.zeros((7, 2))))
     assert (s.status, s.reason, s.n_points, s.false_valid) == ("dark", "too dark", 7, False)
     numbers = dataclasses.asdict(s)
-    assert [v for k, v in numbers.items() if k not in ("status", "reason", "n_points", "false_valid")] == [None] * 12
+    words = ("status", "reason", "n_points", "false_valid", "without_sigma")
+    assert [v for k, v in numbers.items() if k not in words] == [None] * 12
 
 
 @pytest.mark.parametrize("nadir", [[np.nan, 0, 1], [0, 0, 0], [np.inf, 0, 0]])

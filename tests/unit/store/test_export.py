@@ -154,6 +154,24 @@ def test_a_frame_as_png_has_its_scale(tmp_path, out, make_frame):
     assert not cv2.imread(str(out / "a-dark.png"), cv2.IMREAD_UNCHANGED).any()
 
 
+def test_a_frame_as_exr_for_older_programs(tmp_path, out, make_frame):
+    """Mitsuba's OpenEXR knows no HTJ2K; what it reads from the exported file is the frame."""
+    import mitsuba
+
+    mitsuba.set_variant("scalar_rgb")
+    frame = make_frame()
+    exr.write_frame(tmp_path / "a.exr", frame)
+    with pytest.raises(RuntimeError):
+        mitsuba.Bitmap(str(tmp_path / "a.exr"))
+    (written,) = export_file(tmp_path / "a.exr", out, zipped=True)
+    channels = {name.removeprefix("<root>."): bitmap for name, bitmap in mitsuba.Bitmap(str(written)).split()}
+    np.testing.assert_array_equal(np.array(channels["radiance"]).squeeze(), frame.radiance["vis"])
+    back = exr.read_frame(written)
+    assert back.truth == frame.truth
+    with pytest.raises(UserError, match="the same file"):
+        export_file(written, out, zipped=True)
+
+
 def test_what_cannot_be_exported_is_said_in_a_line(tmp_path, out, make_image):
     import OpenEXR
 

@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from synthetic import SOLAR_CAMERA, toy_image, truth_at
 
-from horizonval.frame import DetectorImage
+from horizonval.frame import MAP_UNITS, DetectorImage
 from horizonval.geometry.camera import project
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.store import exr
@@ -116,14 +116,66 @@ def test_the_sun_is_where_the_attributes_say(tmp_path):
     read = pixels(tmp_path / "a.exr")
     assert set(read) == {"Y", "dn.red", "mask.saturated"}
     np.testing.assert_array_equal(read["mask.saturated"] > 0, read["Y"] == 1023)
-    # OpenImageIO shows integers as shares of the largest 32-bit one.
-    np.testing.assert_array_equal(np.rint(read["dn.red"].astype(float) * (2**32 - 1)), read["Y"])
+    np.testing.assert_array_equal(read["dn.red"], read["Y"])
     rows, columns = np.nonzero(read["mask.saturated"])
     sun = np.array([*found["horizonval:sun_direction_itrs"], 0.0])
     centre = [columns.mean(), rows.mean()]
     assert len(rows) > 9
     for way in (by_window, by_ndc, by_ours):
         np.testing.assert_allclose(way(spec, found, sun), centre, atol=TOLERANCE_PX)
+
+
+@pytest.mark.parametrize(("full_scale", "dtype"), [(1023, "half"), (2048, "half"), (2049, "float"), (65535, "float")])
+def test_digital_numbers_are_what_a_foreign_reader_shows(tmp_path, full_scale, dtype):
+    """Every number from 0 to the full scale, in a file that needs no code of ours."""
+    dn = np.arange(256 * 256).reshape(256, 256).astype(np.int64) % (full_scale + 1)
+    square = SOLAR_CAMERA | {"camera": {"name": "square", "width": 256, "height": 256, "fov_deg": 60.0}}
+    exr.write_image(tmp_path / "a.exr", DetectorImage(dn.astype(np.uint16), "red", truth_at(square), full_scale))
+    spec, found = attributes(tmp_path / "a.exr")
+    assert {str(spec.channelformat(i)) for i in range(2)} == {dtype}
+    read = pixels(tmp_path / "a.exr")
+    np.testing.assert_array_equal(read["dn.red"], dn)
+    np.testing.assert_array_equal(read["Y"], dn)
+    assert found["compression"] == "zip"
+    np.testing.assert_array_equal(exr.read_image(tmp_path / "a.exr").dn, dn)
+
+
+def test_channels_have_units(tmp_path, make_frame):
+    exr.write_frame(tmp_path / "a.exr", make_frame())
+    exr.write_image(tmp_path / "b.exr", toy_image(truth_at(roll_deg=66.0)))
+    units = {}
+    for name in "ab":
+        spec, found = attributes(tmp_path / f"{name}.exr")
+        units |= {f"{name}:{c}": found[f"horizonval:unit.{c}"] for c in spec.channelnames if "mask." not in c}
+    assert units == {
+        **dict.fromkeys(("a:Y", "a:radiance.vis"), "W m-2 sr-1"),
+        **{f"a:truth.{name}": unit for name, unit in MAP_UNITS.items()},
+        **dict.fromkeys(("b:Y", "b:dn.red"), "DN"),
+    }
+
+
+@pytest.mark.parametrize("codec", ["htj2k256", "zip"])
+def test_every_bit_of_a_frame_comes_through_the_codec(tmp_path, make_frame, codec):
+    """Smooth radiance, which HTJ2K does transform, and maps with all that float32 has but numbers."""
+    camera = SOLAR_CAMERA | {"camera": {"name": "wide", "width": 300, "height": 280, "fov_deg": 60.0}}
+    row, column = np.mgrid[0:280, 0:300]
+    frame = make_frame({"red": np.sin(column / 50) * row * 1e-3}, camera)
+    odd = frame.maps["distance"].view(np.uint32)
+    # Quiet and signalling NaN with a payload, infinities, zeros of both signs, subnormals, the largest and smallest.
+    special = "7FC12345 FFC12345 7F812345 7F800000 FF800000 0 80000000 1 80000001 7F7FFFFF FF7FFFFF"
+    odd[7, :11] = [int(word, 16) for word in special.split()]
+    exr.write_frame(tmp_path / "a.exr", frame, codec=codec)
+    exr.write_frame(tmp_path / "b.exr", frame, codec=codec)
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+    _, found = attributes(tmp_path / "a.exr")
+    assert found["compression"] == codec
+    read, again = pixels(tmp_path / "a.exr"), exr.read_frame(tmp_path / "a.exr")
+    for name, values in {"radiance.red": frame.radiance["red"], "truth.distance": frame.maps["distance"]}.items():
+        assert np.ascontiguousarray(read[name]).tobytes() == values.tobytes(), name
+    assert again.maps["distance"].tobytes() == frame.maps["distance"].tobytes()
+    smaller = (tmp_path / "a.exr").stat().st_size
+    exr.write_frame(tmp_path / "zip.exr", frame, codec="zip")
+    assert codec == "zip" or smaller < 0.8 * (tmp_path / "zip.exr").stat().st_size
 
 
 def test_attributes_have_the_units_of_the_format(tmp_path):
@@ -176,8 +228,9 @@ def test_exposure_and_pitch_are_those_of_the_camera_that_took_the_image(tmp_path
 
 
 def test_files_of_every_schema_open(tmp_path, make_frame):
-    archive = Store(Path(__file__).parents[2] / "data" / "archive-v1")
-    paths = [archive.path(entry.address) for entry in archive.entries()]
+    archives = [Store(Path(__file__).parents[2] / "data" / name) for name in ("archive-v1", "archive-v4")]
+    paths = [archive.path(entry.address) for archive in archives for entry in archive.entries()]
+    assert len(paths) == 4
     exr.write_frame(tmp_path / "a.exr", make_frame())
     for path in [*paths, tmp_path / "a.exr"]:
         spec, found = attributes(path)

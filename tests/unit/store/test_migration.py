@@ -1,4 +1,4 @@
-"""Files of the first layout, written by the code of that time, are as good as new ones."""
+"""Files of earlier layouts, written by the code of their time, are as good as new ones."""
 
 from __future__ import annotations
 
@@ -59,3 +59,18 @@ def test_written_again_it_has_the_layout_of_today(store, tmp_path):
     header = exr.seal.read_header(new.path(address)).attributes
     assert {"horizonval:itrs_to_camera", "worldToNDC"} <= set(header)
     assert b"mask.sunlit" in header["channels"].raw
+
+
+def test_an_archive_of_the_fourth_schema_reads_as_it_was(tmp_path):
+    """Its digital numbers are 32-bit integers, its frame is compressed by ZIP; both keep their addresses."""
+    store = Store(shutil.copytree(OLD.with_name("archive-v4"), tmp_path / "old"))
+    assert store.verify() == []
+    frame_entry, image_entry = sorted(store.index.select(), key=lambda entry: entry.kind)
+    assert (frame_entry.schema, image_entry.schema) == (4, 4)
+    frame, image = store.read_frame(frame_entry.address), store.read_image(image_entry.address)
+    assert (image.dn.dtype, image.full_scale, int(image.dn.sum())) == (np.uint16, 1023, 209628)
+    np.testing.assert_array_equal(frame.radiance["red"], (image.dn * 0.01).astype(np.float32))
+    new = Store(tmp_path / "new")
+    again = new.read_image(new.add_image(image))
+    np.testing.assert_array_equal(again.dn, image.dn)
+    assert again.truth == image.truth == frame.truth

@@ -1,0 +1,52 @@
+"""How much memory a frame takes, known before it is rendered.
+
+**How far off.** The shipped scene ``limb-noon-vis`` with 256, 1024 and 2048 pixels a side peaks at 205, 615 and 1900
+MB, detector image included; 280, 690 and 2000 MB are predicted.
+"""
+
+from __future__ import annotations
+
+import math
+
+from horizonval.core import memory
+from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
+
+PROCESS_BYTES, BYTES_PER_CELL, BYTES_PER_VALUE, BYTES_PER_POINT = 250e6, 100.0, 16.0, 3.2e6
+"""Of a process that renders, of each cell of a frame, of each pixel of a band, and of each g point of air that changes
+with latitude."""
+
+
+def frame_bytes(scene: SceneSpec, camera: CameraSpec, thermal_points: int = 0) -> float:
+    """Return the memory that a process takes at its peak to make a frame and its images [bytes].
+
+    Parameters
+    ----------
+    scene, camera
+        Resolved specifications.
+    thermal_points : int
+        g points of all thermal bands, where the air changes with latitude.
+    """
+    return PROCESS_BYTES + BYTES_PER_POINT * thermal_points + _pixels_bytes(scene, camera)
+
+
+def refuse_too_large(scene: SceneSpec, camera: CameraSpec) -> None:
+    """Raise ``UserError`` for a frame that memory does not hold, with the size of one that it does."""
+    geometry = camera.camera
+    what = f"a frame of {geometry.width} x {geometry.height} pixels"
+    if scene.render.subsamples > 1:
+        what += f", each of {scene.render.subsamples} x {scene.render.subsamples} cells,"
+    room = memory.available_bytes() - PROCESS_BYTES
+    scale = math.sqrt(max(room, 0.0) / _pixels_bytes(scene, camera))
+    width, height = (int(scale * side) for side in (geometry.width, geometry.height))
+    memory.refuse_beyond(
+        frame_bytes(scene, camera),
+        what,
+        where="camera.width, camera.height, render.subsamples",
+        fix=f"{width} x {height} pixels would fit" if min(width, height) > 0 else "",
+    )
+
+
+def _pixels_bytes(scene: SceneSpec, camera: CameraSpec) -> float:
+    pixels = camera.camera.width * camera.camera.height
+    return pixels * (BYTES_PER_CELL * scene.render.subsamples**2 + BYTES_PER_VALUE * len(camera.band))

@@ -1,0 +1,94 @@
+"""Files that are something else are refused without showing a word of them, whatever reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from horizonval.commands.picture import read_picture
+from horizonval.commands.rays import read_rays
+from horizonval.core.errors import UserError
+from horizonval.earth.atmosphere.profile_file import read_profile
+from horizonval.earth.atmosphere_file import read_atmosphere
+from horizonval.spec.load import load_camera, load_scene, read_toml
+from horizonval.spec.orbit import OrbitSpec
+from horizonval.store import exr
+from horizonval.suites import flight
+
+SECRET = "hunter2"
+TEXTS = {
+    "shadow": f"root:$6${SECRET}:19000:0:99999:7:::\nbin:*:19000:0:99999:7:::\n",
+    "environment": f"PATH=/bin\0TOKEN={SECRET}\0",
+    "settings": f"password {SECRET}\n[{SECRET}]\n",
+    "quoted": f'"{SECRET} and more"\n',
+    "table twice": f"[{SECRET}]\n[{SECRET}]\n",
+    "key twice": f"a = {{ {SECRET} = 1, {SECRET} = 2 }}\n",
+    "escaped": f'key = "\\{SECRET}"\n',
+    "a date": f"key = 2026-99-99{SECRET}\n",
+    "table of something else": f"name,token,{SECRET}\nme,{SECRET},{SECRET}\n",
+    "object of something else": f'{{"{SECRET}": "{SECRET}"}}\n',
+    "broken object": f'{{"token": {SECRET}}}\n',
+    "list": f'["{SECRET}"]\n',
+    "two lines": f"{SECRET}\n{SECRET}\n",
+    "two long lines": "".join(f"{n} {SECRET}{'x' * 60}"[:69] + "\n" for n in (1, 2)),
+    "two lines with sums": "".join(f"{n} {SECRET}{'x' * 60}"[:68] + f"{n + 2}\n" for n in (1, 2)),
+    "bytes": f"\udcff{SECRET}",
+}
+
+
+def of_lines(path: Path) -> object:
+    orbit = OrbitSpec.model_validate({"tle": path.name, "n": 1, "duration_s": 1.0})
+    return flight._track(orbit, path.parent)
+
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "TOML": read_toml,
+    "scene": load_scene,
+    "camera": load_camera,
+    "atmosphere": read_atmosphere,
+    "profile": read_profile,
+    "profile.json": lambda path: read_profile(path.rename(path.with_suffix(".json"))),
+    "rays": read_rays,
+    "picture": read_picture,
+    "EXR": exr.read_frame,
+    "two lines": of_lines,
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("text", TEXTS)
+def test_a_file_that_is_something_else_is_not_shown(tmp_path, text, reader):
+    path = tmp_path / "file"
+    path.write_bytes(TEXTS[text].encode("utf-8", "surrogateescape"))
+    try:
+        READERS[reader](path)
+    except UserError as error:
+        line = str(error)
+    else:
+        assert reader == "TOML", "it is not what was asked for"
+        return
+    # A key of a file that is TOML is the offending token.
+    parsed = reader in ("scene", "camera") and text in ("key twice", "list")
+    assert SECRET not in line or parsed, line
+    assert str(path.stem) in line or reader == "two lines"
+
+
+def test_words_of_a_users_own_file_are_shown_but_not_at_length(tmp_path):
+    path = tmp_path / "profile.csv"
+    path.write_text(f"altitude_km,temperature_K,pressure_Pa,ozon{'e' * 1000}\n0,1,2,3\n")
+    with pytest.raises(UserError, match=r"unknown key 'ozone{36}\.\.\.'"):
+        read_profile(path)
+
+
+@pytest.mark.parametrize("text", [f"x = {'9' * 5000}\n", f"x = {'[' * 100_000}\n"])
+def test_what_a_parser_cannot_hold_is_one_line(tmp_path, text):
+    path = tmp_path / "a.toml"
+    path.write_text(text)
+    with pytest.raises(UserError, match="not valid TOML") as refused:
+        read_toml(path)
+    assert len(str(refused.value)) < 300
+    (tmp_path / "a.json").write_text(text.removeprefix("x = "))
+    with pytest.raises(UserError, match="not JSON"):
+        read_atmosphere(tmp_path / "a.json")
