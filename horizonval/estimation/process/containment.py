@@ -33,8 +33,8 @@ def own_namespace() -> bool:
             return False
         # The same names for user and group inside; without them files would seem nobody's.
         for name, text in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
-            with contextlib.suppress(OSError):
-                Path(f"/proc/self/{name}").write_text(text, encoding="ascii")
+            with contextlib.suppress(OSError), open(f"/proc/self/{name}", "w", encoding="ascii") as table:
+                table.write(text)
     except (OSError, AttributeError, TypeError):
         return False
     return True
