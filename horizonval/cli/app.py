@@ -19,6 +19,7 @@ from horizonval.cli.rendering import gallery, mitsuba, radiance, render
 from horizonval.cli.reproduce import reproduce
 from horizonval.cli.study import study
 from horizonval.core.errors import UserError
+from horizonval.core.machine.caches import settle_libraries
 
 app = typer.Typer(
     name="horizonval",
@@ -66,6 +67,7 @@ def main() -> None:
     # One thread for linear algebra, before numpy loads: the last bit of a result must not depend on the machine.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    settle_libraries()
     sys.exit(run_command_line(sys.argv[1:]))
 
 
