@@ -127,6 +127,10 @@ class Store:
             raise UserError(what, where=str(self.root), fix="see `horizonval archive ls`")
         return found[0]
 
+    def count(self) -> int:
+        """Return how many files lie where an entry would."""
+        return len(places(self.root))
+
     def entries(self) -> Iterator[StoreEntry]:
         """Yield every entry in the order of addresses, read from the headers alone."""
         for path in places(self.root):
