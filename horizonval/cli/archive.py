@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -227,17 +228,19 @@ def archive_rescore(
 def _store(folder: Path, *, follow: bool = True) -> Any:
     """Return the archive of a folder; ``follow``: of results that were scored again that of their images."""
     from horizonval.store.folder import RunFolder, read_json
+    from horizonval.store.named import archive_of
     from horizonval.store.store import Store
 
-    inside = folder / "archive"
-    elsewhere = (read_json(RunFolder(folder).suite) or {}).get("archive") if follow else None
-    if isinstance(elsewhere, str):
-        inside = folder / elsewhere
+    head = {}
+    if follow:
+        with contextlib.suppress(UserError):  # A damaged one names nothing; `verify` tells that it is.
+            head = read_json(RunFolder(folder).suite) or {}
+    inside = archive_of(RunFolder(folder), head)
     root = inside if inside.is_dir() else folder
     expected = "an archive, or the folder of a run"
     if not root.is_dir():
         raise UserError("is a file" if root.exists() else "no such folder", where=str(folder), expected=expected)
-    store = Store(root)
+    store = Store(root, read_only=inside.parent != folder)
     if root.resolve().name != "archive" and not store.is_one():
         raise UserError("holds no archive", where=str(folder), expected=expected)
     return store

@@ -1,7 +1,7 @@
 """Results in files: each whole or not at all, each with the digest of everything that it depends on.
 
 A record is a JSON object in a file of its own. It says its identity, so that one that was made of something else, or by
-other code, is known for what it is.
+other code, is known for what it is; and it is sealed, so that one that was altered is never taken for a result.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core import atomic, files
-from horizonval.store.folder import read_json, write_json
+from horizonval.store.folder import intact_json, write_json
 
 Record = dict[str, Any]
 
@@ -23,8 +23,11 @@ def keep(path: Path, identity: str, record: Mapping[str, Any], *, sort_keys: boo
 
 
 def kept(path: Path, identity: str) -> Record | None:
-    """Return a finished record of this identity; None if there is none, or one that says why there is no result."""
-    record = read_json(path)
+    """Return a finished record of this identity; None if there is none, or one that says why there is no result.
+
+    A record that is damaged is none, and that is said.
+    """
+    record: Record | None = intact_json(path)
     if record is None or record.get("identity") != identity or record.get("error") is not None:
         return None
     return record

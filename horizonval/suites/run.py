@@ -19,7 +19,7 @@ from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.engine import stream
 from horizonval.jobs.execution import Execution
 from horizonval.spec.load import Suite
-from horizonval.store.folder import RunFolder, read_json, write_json
+from horizonval.store.folder import RunFolder, intact_json, write_json
 from horizonval.store.index import Index
 from horizonval.suites.axes import figure_plans
 from horizonval.suites.conclude import conclude
@@ -130,7 +130,11 @@ def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
     its own identity, and kept if that is the same. What is no frame of the suite any more stays, and counts nowhere.
     """
     identity = suite_identity(suite)
-    before = read_json(folder.suite)
+    before = intact_json(folder.suite)
+    # Where run.json is lost, the summary still says whose folder it is.
+    lost = {} if before is not None else intact_json(folder.summary) or {}
+    if lost.get("suite", suite.name) != suite.name:
+        before = lost
     if before is not None and before.get("suite_sha256") != identity and not _may_go_on(before, suite):
         other = before.get("suite")
         same = "other frames, cameras or estimators of " if other == suite.name else ""
@@ -226,6 +230,6 @@ def _add_timings(
 ) -> None:
     """Add seconds to what earlier runs left; every shard has a file of its own."""
     path = folder.timings if shard is None else folder.shard_timings(shard)
-    timings = read_json(path) or {}
+    timings = intact_json(path) or {}
     cases = {**timings.get("cases", {}), **seconds}
     write_json(path, {"cases": cases, **({} if conclude is None else {"conclude": conclude})})
