@@ -231,7 +231,7 @@ def _store(folder: Path, *, follow: bool = True) -> Any:
     from horizonval.store.named import archive_of
     from horizonval.store.store import Store
 
-    head = {}
+    head: dict[str, Any] = {}
     if follow:
         with contextlib.suppress(UserError):  # A damaged one names nothing; `verify` tells that it is.
             head = read_json(RunFolder(folder).suite) or {}

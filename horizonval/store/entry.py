@@ -143,7 +143,7 @@ def _entry(address: str, size: int, header: dict[str, Any]) -> StoreEntry:
         seed=str(header.get("observation", {}).get("seed", "")),
         content=header["sha256"],
     )
-    for text in (entry.scene, entry.scene_id, entry.camera, entry.head):
+    for text in (entry.scene, entry.scene_id, entry.camera, entry.head, entry.seed):
         if not isinstance(text, str):
             raise TypeError(f"{type(text).__name__} where a name should be")
         text.encode()  # No table holds text without UTF-8; it raises.
