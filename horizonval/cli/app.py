@@ -63,7 +63,7 @@ def _root(version: Annotated[bool, typer.Option("--version", help="Print the ver
 
 
 def main() -> None:
-    """Run the command line; a user's mistake is one line on standard error and exit status 2."""
+    """Run the command line; each of a user's mistakes is one line on standard error; exit status 2."""
     # One thread for linear algebra, before numpy loads: the last bit of a result must not depend on the machine.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -79,7 +79,7 @@ def run_command_line(arguments: list[str]) -> int:
         status = app(arguments or ["--help"], prog_name="horizonval", standalone_mode=False)
         sys.stdout.flush()
     except UserError as e:
-        return _fail(e.line())
+        return _fail(*e.lines())
     except BrokenPipeError:
         # The reader has gone (``| head``); nothing is wrong, and nothing more may be written.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -97,6 +97,7 @@ def run_command_line(arguments: list[str]) -> int:
     return int(status or 0)
 
 
-def _fail(line: str) -> int:
-    print(f"horizonval: error: {line}", file=sys.stderr)
+def _fail(*lines: str) -> int:
+    for line in lines:
+        print(f"horizonval: error: {line}", file=sys.stderr)
     return 2

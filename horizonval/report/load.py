@@ -41,7 +41,8 @@ class CaseView:
 class ReportRun:
     """A run as the report needs it: views in the suite's order, the cases without result, the figures asked for.
 
-    ``figures`` are what :func:`horizonval.suites.axes.figure_plans` says; ``study``: of a trade study.
+    ``figures`` are what :func:`horizonval.suites.axes.figure_plans` says; ``study``: of a trade study; ``given_pose``:
+    estimators that are told the true pose; ``orbit``: cases that are samples of an orbit.
     """
 
     suite: str
@@ -53,11 +54,23 @@ class ReportRun:
     views: tuple[CaseView, ...]
     figures: tuple[dict[str, Any], ...] = ()
     study: bool = False
+    given_pose: tuple[str, ...] = ()
+    orbit: frozenset[str] = frozenset()
 
     @property
     def rows(self) -> list[Row]:
         """Every row, in the order of the views."""
         return [row for view in self.views for row in view.rows.values()]
+
+    @property
+    def judged_rows(self) -> list[Row]:
+        """The rows but those of estimators that are told the true pose."""
+        return [row for row in self.rows if row.estimator not in self.given_pose]
+
+    @property
+    def judged_estimators(self) -> tuple[str, ...]:
+        """The estimators that are not told the true pose."""
+        return tuple(name for name in self.estimators if name not in self.given_pose)
 
 
 def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
@@ -114,6 +127,8 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
         views=tuple(views),
         figures=tuple(head.get("figures") or ()),
         study=bool(head.get("study")),
+        given_pose=tuple(head.get("given_pose") or ()),
+        orbit=frozenset(head.get("orbit") or ()),
     )
 
 
