@@ -14,6 +14,8 @@ import coverage
 
 _TIME = re.compile(r"^([\d.]+)s (?:setup|call|teardown) +(\S.*)$")
 _FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+::.*?)(?: - .*)?$")
+OF_DEFINITIONS = "tests/unit/test_values.py"
+"""Tests of what modules define, which is executed before any test."""
 CONTROL = "\n_NOTHING_CHANGED = None\n"
 """Added to every file while the tests are recorded: a test that fails now would fail with any mutant."""
 
@@ -81,6 +83,7 @@ class Recording:
             names = self._defined(file, line)
             tests = set().union(*(self._of_lines(*use) for use in self._uses(names))) if names else set()
             tests = tests or self._of_lines(file, set(self._contexts(file)))
+            tests |= {test for test in self.seconds if test.startswith(OF_DEFINITIONS)}
         chosen, total = [], 0.0
         for test in sorted(tests - self.failed, key=lambda test: (self.seconds.get(test, 0.0), test)):
             total += self.seconds.get(test, 0.0)
