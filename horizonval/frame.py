@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.geometry.camera import CameraModel, camera_from_spec
+from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.spec.sensor.camera import CameraSpec
 
 FRAME_SCHEMA = 3
@@ -142,6 +143,11 @@ class FrameTruth:
     def camera_model(self) -> CameraModel:
         """Its intrinsics."""
         return camera_from_spec(self.camera_spec.camera)
+
+    @cached_property
+    def ellipsoid(self) -> Ellipsoid:
+        """The planet's shape."""
+        return Ellipsoid(self.ellipsoid_a_m, self.ellipsoid_b_m)
 
     @property
     def camera_file(self) -> str:

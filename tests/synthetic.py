@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,6 +31,7 @@ from horizonval.scoring.row import Row, make_row
 from horizonval.scoring.summary import summarise
 from horizonval.scoring.table import write_results
 from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.store.folder import write_json
 from horizonval.store.store import Store
 
 SOLAR_CAMERA: dict[str, Any] = {
@@ -275,16 +275,17 @@ def write_run(run_dir: Path, cases: list[Case] | None = None) -> Path:
             "rows": [row.to_dict() for row in own],
             "details": details,
         }
-        (run_dir / "cases" / f"{name}.json").write_text(json.dumps(document))
+        write_json(run_dir / "cases" / f"{name}.json", document)
     run = {
         "suite": "made-up",
         "title": "Made-up frames for the report's own tests",
         "version": "0.1.0",
         "estimators": ["altitude-free", "ideal"],
+        "given_pose": ["ideal"],
         "cases": [case.truth.scene["scene"]["name"] for case in cases],
     }
-    (run_dir / "run.json").write_text(json.dumps(run))
-    (run_dir / "summary.json").write_text(json.dumps(summarise(rows)))
+    write_json(run_dir / "run.json", run)
+    write_json(run_dir / "summary.json", summarise(rows, ["ideal"]))
     write_results(rows, run_dir / "results.parquet")
     return run_dir
 

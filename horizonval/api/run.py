@@ -87,16 +87,17 @@ class Run:
         Raises
         ------
         UserError
-            The run is not finished.
+            The run is not finished, or the file with its results is damaged.
         """
         import duckdb
 
+        from horizonval.scoring.table import open_results
         from horizonval.store.folder import RunFolder
 
         path = RunFolder(self.out).results
-        if not path.is_file():
+        if not path.exists():
             raise UserError("there are no results yet", where=str(self.out), fix="finish the run first")
-        return duckdb.connect().read_parquet(str(path))
+        return open_results(path, duckdb.connect())
 
     def __repr__(self) -> str:
         if not self.summary:

@@ -6,8 +6,12 @@ from typing import Annotated
 
 import typer
 
+from horizonval.jobs.execution import MOST_WORKERS
+
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
-Workers = Annotated[int | None, typer.Option(min=1, help="Processes; by default as many as processors.")]
+Workers = Annotated[
+    int | None, typer.Option(min=1, max=MOST_WORKERS, help="Processes; by default as many as processors.")
+]
 Shard = Annotated[
     str | None, typer.Option(metavar="I/N", help="Only every N-th frame from the I-th on; then run without it.")
 ]

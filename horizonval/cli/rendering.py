@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -21,7 +22,9 @@ def render(
     scene: Scene,
     out: Annotated[Path, typer.Option("-o", "--out", help="The frame, an EXR file.")],
     reference: Annotated[bool, typer.Option("--reference", help="By Monte Carlo, in stock Mitsuba.")] = False,
-    spp: Annotated[int | None, typer.Option(min=2, help="With --reference: samples per pixel and node.")] = None,
+    spp: Annotated[
+        int | None, typer.Option(min=2, max=1_000_000, help="With --reference: samples per pixel and node.")
+    ] = None,
     reference_size: Annotated[
         str | None, typer.Option(metavar="WxH", help="With --reference: the image in fewer, larger pixels.")
     ] = None,
@@ -163,6 +166,8 @@ def _write_frame(out: Path, frame: Frame, start: float) -> None:
 
 def _size(text: str, where: str) -> tuple[int, int]:
     width, _, height = text.lower().partition("x")
-    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 16384 and 0 < int(height) <= 16384):
-        raise UserError(f"found {text!r}", where=where, expected="WIDTHxHEIGHT in pixels, such as 64x64")
-    return int(width), int(height)
+    sides = [int(side) for side in (width, height) if re.fullmatch("[0-9]{1,5}", side)]
+    if len(sides) != 2 or not all(1 <= side <= 16384 for side in sides):
+        expected = "WIDTHxHEIGHT in pixels, such as 64x64, each from 1 to 16384"
+        raise UserError(f"found {text[:40]!r}", where=where, expected=expected)
+    return sides[0], sides[1]

@@ -86,13 +86,16 @@ def _ask_study(
     availability: float | None,
     as_json: bool,
 ) -> int:
+    from horizonval.spec.option import with_option
     from horizonval.studies.trade.formatting import comparison_lines
     from horizonval.studies.trade.run import ask, conclude_again, open_study
 
     data = open_study(folder)
-    changes = {"error_deg": error_deg, "availability": availability}
-    given = {key: value for key, value in changes.items() if value is not None}
-    requirement = data.plan.requirement.model_copy(update=given)
+    requirement = data.plan.requirement
+    if error_deg is not None:
+        requirement = with_option(requirement, "error_deg", error_deg, "--error-deg")
+    if availability is not None:
+        requirement = with_option(requirement, "availability", availability, "--availability")
     if compare is not None:
         comparison = data.compare(*compare, requirement.error_deg)
         if as_json:

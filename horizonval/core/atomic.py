@@ -83,7 +83,12 @@ def flush(path: Path) -> None:
 
 def move(temporary: Path, path: Path) -> None:
     """Give a flushed temporary file its name, for good. Systems that cannot open folders do without the last word."""
-    os.replace(temporary, path)
+    try:
+        os.replace(temporary, path)
+    except IsADirectoryError:
+        # Something put a folder in the file's place. With nothing in it it may go; otherwise the system's error tells.
+        path.rmdir()
+        os.replace(temporary, path)
     with contextlib.suppress(OSError):
         descriptor = os.open(path.parent, os.O_RDONLY)
         try:

@@ -1,11 +1,120 @@
-"""Where what is expensive to make is kept between runs."""
+"""Where what is expensive to make is kept between runs, and files of it that are sealed.
+
+A cache costs no run its result: what cannot be written is made again the next time, and what is not what was written is
+made anew, which is logged.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import io
+import logging
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from horizonval.core import atomic, files, sealed
+from horizonval.core.errors import DamagedFileError, UserError
+
+LARGEST = 1 << 34
+"""Size of a file that is kept [bytes]."""
+
+_LOG = logging.getLogger("horizonval")
 
 
 def cache_folder() -> Path:
     """Return the folder for caches (``XDG_CACHE_HOME`` respected)."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "horizonval"
+
+
+def log_damage(error: UserError) -> None:
+    """Log that a file is not what was written, and is made anew."""
+    where = f"{error.where}: " if error.where else ""
+    _LOG.warning("horizonval: %s%s; it is made anew", where, error.what)
+
+
+def keep_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Keep a JSON object in a cache, if that is possible."""
+    _keep(path, sealed.json_bytes(content, indent=None, sort_keys=False))
+
+
+def cached_json(path: Path) -> dict[str, Any] | None:
+    """Return the JSON object that is kept in a cache; None if there is none, or a damaged one, which is logged."""
+    data = _cached(path)
+    return None if data is None else sealed.plain_json_object(data, path)
+
+
+def keep_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Keep arrays by name in a cache, if that is possible."""
+    _keep(path, _npz(arrays, compressed=False))
+
+
+def cached_arrays(path: Path) -> dict[str, np.ndarray] | None:
+    """Return the arrays that are kept in a cache; otherwise as :func:`cached_json`."""
+    data = _cached(path)
+    return None if data is None else _arrays(data, path)
+
+
+def write_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write arrays by name to a sealed and compressed ``.npz`` file, whole or not at all."""
+    atomic.write_bytes(path, _npz(arrays, compressed=True))
+
+
+def read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of a file that :func:`write_arrays` wrote.
+
+    Raises
+    ------
+    DamagedFileError
+        The file is not what was written.
+    UserError
+        It is not there, no regular file, or cannot be read.
+    """
+    return _arrays(_checked(path), path)
+
+
+def is_intact(path: Path) -> bool:
+    """Whether a file of arrays is there and is what was written; one that is damaged is logged."""
+    return _cached(path) is not None
+
+
+def _keep(path: Path, data: bytes) -> None:
+    with contextlib.suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        atomic.write_bytes(path, data)
+
+
+def _cached(path: Path) -> bytes | None:
+    try:
+        return _checked(path)
+    except files.MissingFileError:
+        return None
+    except sealed.UnsealedFileError as error:
+        _LOG.info("horizonval: %s", error.line())  # What an earlier version left is no damage.
+        return None
+    except UserError as error:
+        log_damage(error)
+        return None
+
+
+def _checked(path: Path) -> bytes:
+    data = files.read_bytes(path, largest=LARGEST)
+    sealed.check(data, path)
+    return data
+
+
+def _npz(arrays: Mapping[str, np.ndarray], *, compressed: bool) -> bytes:
+    stream = io.BytesIO()
+    (np.savez_compressed if compressed else np.savez)(stream, **arrays)  # type: ignore[arg-type]
+    return sealed.with_seal(stream.getvalue())
+
+
+def _arrays(data: bytes, path: Path) -> dict[str, np.ndarray]:
+    try:
+        with np.load(io.BytesIO(sealed.without_seal(data)), allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (ValueError, NotImplementedError) as error:  # Its bytes are those that were written, by another numpy.
+        raise DamagedFileError(f"cannot be read as arrays ({error})", where=str(path)) from error

@@ -22,11 +22,10 @@ from pathlib import Path
 from typing import Any
 
 import horizonval
-from horizonval.core import atomic
-from horizonval.core.cache import cache_folder
+from horizonval.core.cache import cache_folder, cached_json, keep_json
 
 OWN = "horizonval"
-MACHINERY = re.compile(r"horizonval\.(jobs(\..*)?|core\.(atomic|cache|code|progress))")
+MACHINERY = re.compile(r"horizonval\.(jobs(\..*)?|core\.(atomic|cache|code|files|progress|sealed))")
 """Modules that are told about results or keep them, and have no part in what they are."""
 _KEPT = 4000
 """Modules whose digests stay in the cache; more are of code that is gone."""
@@ -214,15 +213,10 @@ def _known_digests() -> Iterator[dict[str, Any]]:
     global _known
     path = cache_folder() / "code.json"
     if _known is None:
-        try:
-            _known = dict(json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError):
-            _known = {}
+        _known = cached_json(path) or {}
     before = len(_known)
     yield _known
     if len(_known) != before:
         while len(_known) > _KEPT:
             _known.pop(next(iter(_known)))
-        with contextlib.suppress(OSError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            atomic.write_text(path, json.dumps(_known))
+        keep_json(path, _known)

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 from horizonval.core import atomic
 from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
+from horizonval.jobs.execution import local_workers
 from horizonval.jobs.pool import Results, get_ready
 
 I = TypeVar("I")  # noqa: E741
@@ -60,7 +61,7 @@ def run_on_cluster(
         Dask is not installed, no scheduler answers, or its workers do not see the folder, have other code or more than
         one thread.
     """
-    workers = _local_workers(address)
+    workers = local_workers(address)
     try:
         import distributed
     except ImportError as e:
@@ -93,16 +94,6 @@ def _prepared(work: Callable[[I], T], item: I, renderer: bool) -> T:
         get_ready(1, renderer)
         _ready = True
     return work(item)
-
-
-def _local_workers(address: str) -> int | None:
-    """Return N of ``local:N``, ``None`` for the address of a scheduler."""
-    local, _, count = address.partition(":")
-    if local != "local":
-        return None
-    if not count.isdecimal() or int(count) < 1:
-        raise UserError(f"found {address!r}", where="--dask", expected="local:N, or an address")
-    return int(count)
 
 
 @contextlib.contextmanager

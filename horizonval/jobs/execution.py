@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +13,9 @@ from typing import TypeVar
 from horizonval.core.errors import UserError
 
 I = TypeVar("I")  # noqa: E741
+MOST_WORKERS = 4096
+MOST_SHARDS = 1_000_000
+"""As many as a suite may have frames."""
 
 
 @dataclass(frozen=True)
@@ -28,12 +32,25 @@ class Execution:
         Address of a Dask scheduler, or ``local:N``; its workers must see the run's folder.
     merge : tuple of Path
         Folders of other runs of the same suite, whose results are taken over.
+
+    Raises
+    ------
+    UserError
+        No number of processes, or too many.
     """
 
     workers: int | None = None
     shard: tuple[int, int] | None = None
     dask: str | None = None
     merge: tuple[Path, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and not 1 <= self.workers <= MOST_WORKERS:
+            raise UserError(
+                f"found {self.workers}", where="--workers", expected=f"a whole number from 1 to {MOST_WORKERS}"
+            )
+        if self.dask is not None:
+            local_workers(self.dask)
 
     @property
     def processes(self) -> int:
@@ -54,6 +71,23 @@ def available_cpus() -> int:
     return cpus
 
 
+def local_workers(address: str) -> int | None:
+    """Return N of the address ``local:N``, ``None`` for that of a Dask scheduler.
+
+    Raises
+    ------
+    UserError
+        If N is no number of processes.
+    """
+    local, _, count = address.partition(":")
+    if local != "local":
+        return None
+    if not re.fullmatch("[0-9]{1,5}", count) or not 1 <= int(count) <= MOST_WORKERS:
+        expected = f"local:N with N from 1 to {MOST_WORKERS}, or an address"
+        raise UserError(f"found {address[:80]!r}", where="--dask", expected=expected)
+    return int(count)
+
+
 def parse_shard(text: str) -> tuple[int, int]:
     """Return (i, n) of ``"i/n"``.
 
@@ -62,7 +96,8 @@ def parse_shard(text: str) -> tuple[int, int]:
     UserError
         If it is not two whole numbers with 1 <= i <= n.
     """
-    first, _, second = text.partition("/")
-    if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second):
-        return int(first), int(second)
-    raise UserError(f"found {text!r}", where="--shard", expected="i/n with i from 1 to n, such as 2/8")
+    match = re.fullmatch(r"([0-9]{1,7})/([0-9]{1,7})", text)
+    if match and 1 <= int(match[1]) <= int(match[2]) <= MOST_SHARDS:
+        return int(match[1]), int(match[2])
+    expected = f"i/n with i from 1 to n, such as 2/8, and n of at most {MOST_SHARDS}"
+    raise UserError(f"found {text[:40]!r}", where="--shard", expected=expected)

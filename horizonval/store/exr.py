@@ -388,11 +388,17 @@ def _decode(data: bytes, header: seal.Header, kind: Literal["frame", "image"], p
         expected = " or ".join(str(s) for s in READABLE_SCHEMAS)
         raise DamagedFileError(f"schema {schema}", where=str(path), expected=f"schema {expected}")
     seal.check_header(data, header, path)
+    if "dataWindow" not in attributes or len(attributes["dataWindow"].raw) != 16:
+        raise DamagedFileError("no data window", where=str(path))
     window = np.frombuffer(attributes["dataWindow"].raw, dtype="<i4")
+    bands = attributes[_PREFIX + "bands"].text().split(",")
+    if not all(_BAND.fullmatch(band) for band in bands):
+        # They become names of files.
+        raise DamagedFileError(f"header key '{_PREFIX}bands' holds {excerpt(bands[0])!r}", where=str(path))
     content: dict[str, Any] = {
         "kind": kind,
         "schema": schema,
-        "bands": attributes[_PREFIX + "bands"].text().split(","),
+        "bands": bands,
         "width": int(window[2] - window[0] + 1),
         "height": int(window[3] - window[1] + 1),
         "sha256": attributes[_PREFIX + "sha256"].text(),
@@ -400,8 +406,10 @@ def _decode(data: bytes, header: seal.Header, kind: Literal["frame", "image"], p
     for key in ("truth", "render" if kind == "frame" else "observation"):
         try:
             content[key] = json.loads(attributes[_PREFIX + key].text())
-        except json.JSONDecodeError as error:
-            raise DamagedFileError(f"header key '{_PREFIX}{key}' is no JSON: {error}", where=str(path)) from None
+        except (ValueError, RecursionError):
+            content[key] = None
+        if not isinstance(content[key], dict):
+            raise DamagedFileError(f"header key '{_PREFIX}{key}' is no JSON object", where=str(path))
     if kind == "image":
         content["full_scale"] = attributes[_PREFIX + "full_scale"].integer()
     return content
@@ -432,7 +440,7 @@ def _truth(header: dict[str, Any], path: Path) -> FrameTruth:
         return FrameTruth.from_dict(header["truth"])
     except KeyError as error:
         raise DamagedFileError(f"the truth has no {error.args[0]!r}", where=str(path)) from None
-    except (TypeError, AttributeError) as error:
+    except (TypeError, AttributeError, ValueError) as error:
         raise DamagedFileError(f"the truth cannot be read: {error}", where=str(path)) from None
 
 

@@ -9,19 +9,23 @@
     stability/, stability.csv   the study of the infrared horizon, where the suite asks for one
     results.parquet, summary.json, report/     made of the cases at the end
     timings*.json      seconds; with the archive's index the only files that two equal runs do not share
+
+Every JSON file and the table hold a seal (:mod:`horizonval.core.sealed`), which is checked where they are read.
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
-from horizonval.core import atomic, files
-from horizonval.core.errors import UserError
+from horizonval.core import atomic, files, sealed
+from horizonval.core.cache import log_damage
+from horizonval.core.errors import DamagedFileError, UserError
 
 LARGEST_RECORD = 1024**3
 """Size [bytes] of a JSON file of a run: a case holds some kilobytes of each estimator and draw."""
@@ -73,16 +77,24 @@ class RunFolder:
         return self.root / "stability.csv"
 
     def stability_case(self, name: str) -> Path:
-        return self.stability / f"{name}.json"
+        return _record(self.stability, name)
 
     def case(self, name: str) -> Path:
-        return self.cases / f"{name}.json"
+        return _record(self.cases, name)
 
     def frame_pointer(self, name: str) -> Path:
-        return self.state / f"{name}.json"
+        return _record(self.state, name)
 
     def create(self, *, stability: bool = False) -> None:
-        """Make the folders; raise ``UserError`` where that is impossible."""
+        """Make the folders.
+
+        Raises
+        ------
+        UserError
+            That is impossible, or a link leads out of the run's folder. Only the archive may lie elsewhere, which runs
+            may share.
+        """
+        self.refuse_links()
         extra = (self.stability,) if stability else ()
         for folder in (self.root, self.archive, self.cases, self.state, *extra):
             try:
@@ -92,8 +104,14 @@ class RunFolder:
                     e.strerror or "cannot be created", where=str(folder), expected="a folder that can be written"
                 ) from e
 
+    def refuse_links(self) -> None:
+        """Raise ``UserError`` where a link stands for one of the folders that a run writes into and cleans."""
+        for folder in (self.cases, self.state, self.stability, self.root / "report"):
+            if folder.is_symlink():
+                raise UserError("is a link", where=str(folder), expected="a folder of the run", fix="remove the link")
+
     def remove_temporary_files(self) -> None:
-        """Delete what a killed run was writing. Call only with the lock held."""
+        """Delete what a killed run was writing; nothing where a link leads. Call only with the lock held."""
         folders = (self.archive, self.cases, self.state, self.stability)
         below = [path for folder in folders for path in atomic.leftovers(folder)]
         for path in (*below, *atomic.leftovers(self.root, below=False)):
@@ -113,9 +131,9 @@ class RunFolder:
         wanted = [(".lock", fcntl.LOCK_EX if shard is None else fcntl.LOCK_SH)]
         if shard is not None:
             wanted.append((f".lock-{shard[0]}-of-{shard[1]}", fcntl.LOCK_EX))
-        with contextlib.ExitStack() as files:
+        with contextlib.ExitStack() as opened:
             for name, kind in wanted:
-                file = files.enter_context(open(self.root / name, "w"))
+                file = opened.enter_context(_lock_file(self.root / name))
                 try:
                     fcntl.flock(file, kind | fcntl.LOCK_NB)
                 except OSError as e:
@@ -124,19 +142,82 @@ class RunFolder:
                         where=str(self.root),
                         fix="wait until it ends, or choose another --out",
                     ) from e
+                # It is empty, whatever was written into it: who holds it may set it right.
+                file.truncate(0)
             yield
 
 
+def _record(room: Path, name: str) -> Path:
+    """Return where the record of a name lies, which may be a damaged file's or a stranger's."""
+    if not files.is_name(name):
+        raise UserError(f"{name!r} is no name of a record", where=str(room), expected="letters, digits, . _ and -")
+    return room / f"{name}.json"
+
+
+def _lock_file(path: Path) -> IO[bytes]:
+    """Open the file of a lock, and make it where something else lies: a folder with nothing in it, a FIFO, a link."""
+    if files.kind_at(path) == "a folder":
+        path.rmdir()
+    elif files.kind_at(path) not in ("a file", ""):
+        path.unlink()
+    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    return os.fdopen(os.open(path, flags, 0o666), "r+b")
+
+
 def write_json(path: Path, data: Mapping[str, Any], *, indent: int | None = 1, sort_keys: bool = True) -> None:
-    """Write JSON, whole or not at all; equal data give equal bytes."""
-    text = json.dumps(data, indent=indent, sort_keys=sort_keys, allow_nan=False) + "\n"
-    atomic.write_text(path, text)
+    """Write a JSON object with its seal, whole or not at all; equal data give equal bytes."""
+    atomic.write_bytes(path, sealed.json_bytes(data, indent=indent, sort_keys=sort_keys))
 
 
-def read_json(path: Path) -> dict[str, Any] | None:
-    """Return a JSON object, or ``None`` if there is no such file or it is not one; no link is followed."""
+def read_json(path: Path, *, unsealed: bool = False, fix: str = "run it again, and it is made anew") -> Any:
+    """Return the object in a JSON file of ours, without its seal; None if there is no such file.
+
+    Parameters
+    ----------
+    path : Path
+    unsealed : bool
+        Take a file that has no seal at all, as earlier versions wrote it; for files that are not made by a run.
+    fix : str
+        What the error advises.
+
+    Raises
+    ------
+    DamagedFileError
+        The file is not what was written.
+    UserError
+        It is no regular file, or cannot be read.
+    """
     try:
-        data = json.loads(files.read_text(path, largest=LARGEST_RECORD, links=False, encoding="utf-8"))
-    except (UserError, ValueError, RecursionError):
+        data = files.read_bytes(path, largest=LARGEST_RECORD, expected="a JSON file", links=unsealed)
+    except files.MissingFileError:
         return None
-    return data if isinstance(data, dict) else None
+    try:
+        return sealed.json_object(data, path)
+    except sealed.UnsealedFileError as error:
+        if unsealed:
+            return sealed.plain_json_object(data, path)
+        raise sealed.UnsealedFileError(error.what, where=error.where, fix=fix) from None
+    except DamagedFileError as error:
+        raise DamagedFileError(error.what, where=error.where, fix=fix) from None
+
+
+def intact_json(path: Path) -> Any:
+    """Return the object in a JSON file of ours; None if there is none, or a damaged one, which is said.
+
+    For those who then make the file anew.
+    """
+    try:
+        return read_json(path)
+    except sealed.UnsealedFileError:
+        _log_unsealed(path.parent, path.suffix)
+        return None
+    except UserError as error:
+        log_damage(error)
+        return None
+
+
+@cache
+def _log_unsealed(folder: Path, suffix: str) -> None:
+    """Log once of a folder what would be said of every file that an earlier version left in it."""
+    what = f"a {suffix} file without a seal, which an earlier version wrote, or which was altered"
+    log_damage(UserError(what, where=str(folder)))

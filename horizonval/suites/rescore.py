@@ -21,7 +21,7 @@ from horizonval.jobs.engine import Recorded, do
 from horizonval.jobs.execution import Execution
 from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.scoring.row import Row
-from horizonval.store.folder import RunFolder, read_json, write_json
+from horizonval.store.folder import RunFolder, intact_json, read_json, write_json
 from horizonval.store.index import Filter
 from horizonval.store.named import run_folder_of
 from horizonval.store.store import Store
@@ -128,9 +128,10 @@ def rescore(
 def _claim(
     folder: RunFolder, store: Store, head: dict[str, Any], chosen: Sequence[Estimator], items: Sequence[Item]
 ) -> None:
-    before = read_json(folder.suite)
+    before = intact_json(folder.suite)
     if (before is not None and "rescored" not in before) or folder.archive.exists():
         raise UserError("holds a run", where=str(folder.root), fix="choose another --out")
+    folder.refuse_links()
     for path in (folder.root, folder.cases):
         try:
             path.mkdir(parents=True, exist_ok=True)
@@ -149,7 +150,9 @@ def _claim(
             "title": " ".join(filter(None, [str(head.get("title") or ""), "(scored again)"])),
             "version": code_version(),
             "estimators": [estimator.name for estimator in chosen],
+            "given_pose": [estimator.name for estimator in chosen if estimator.needs == "pose"],
             "cases": names,
+            "orbit": [name for name in head.get("orbit") or () if name in names],
             "heads": cases_of_heads(items),
             "archive": Path(os.path.relpath(store.root, folder.root)).as_posix(),
         },

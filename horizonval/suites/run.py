@@ -19,7 +19,7 @@ from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.engine import stream
 from horizonval.jobs.execution import Execution
 from horizonval.spec.load import Suite
-from horizonval.store.folder import RunFolder, read_json, write_json
+from horizonval.store.folder import RunFolder, intact_json, write_json
 from horizonval.store.index import Index
 from horizonval.suites.axes import figure_plans
 from horizonval.suites.conclude import conclude
@@ -100,7 +100,7 @@ def run_suite(
     folder = RunFolder(out_dir)
     folder.create(stability=suite.stability is not None)
     with folder.locked(execution.shard):
-        _claim(folder, suite, units)
+        _claim(folder, suite, plan, units)
         if execution.shard is None:
             # Shards may be at work beside each other: what is temporary may be theirs.
             folder.remove_temporary_files()
@@ -123,14 +123,18 @@ def run_suite(
         return _conclude(suite, units, folder, briefs, seconds, outcomes)
 
 
-def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
+def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit]) -> None:
     """Write down which suite this folder belongs to; refuse if it belongs to another.
 
     A study's frames may change with its designs, and the number of frames that a suite draws: every case is known by
     its own identity, and kept if that is the same. What is no frame of the suite any more stays, and counts nowhere.
     """
     identity = suite_identity(suite)
-    before = read_json(folder.suite)
+    before = intact_json(folder.suite)
+    # Where run.json is lost, the summary still says whose folder it is.
+    lost = {} if before is not None else intact_json(folder.summary) or {}
+    if lost.get("suite", suite.name) != suite.name:
+        before = lost
     if before is not None and before.get("suite_sha256") != identity and not _may_go_on(before, suite):
         other = before.get("suite")
         same = "other frames, cameras or estimators of " if other == suite.name else ""
@@ -149,7 +153,9 @@ def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
             "suite_sha256": identity,
             "version": code_version(),
             "estimators": list(suite.estimators),
+            "given_pose": [name for name in suite.estimators if plan.estimator(name).needs == "pose"],
             "cases": [name for unit in units for name in unit.names],
+            "orbit": [name for unit in units if unit.cases[0].sample for name in unit.names],
             "heads": {unit.name: [[case.head, case.name] for case in unit.cases] for unit in units if unit.heads},
             "keep": suite.keep,
             "figures": figure_plans(suite),
@@ -226,6 +232,6 @@ def _add_timings(
 ) -> None:
     """Add seconds to what earlier runs left; every shard has a file of its own."""
     path = folder.timings if shard is None else folder.shard_timings(shard)
-    timings = read_json(path) or {}
+    timings = intact_json(path) or {}
     cases = {**timings.get("cases", {}), **seconds}
     write_json(path, {"cases": cases, **({} if conclude is None else {"conclude": conclude})})

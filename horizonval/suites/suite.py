@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -41,6 +42,8 @@ def with_options(suite: Suite, time_limit_s: float | None, keep: str | None) -> 
         If ``keep`` is none of the words it can be.
     """
     if time_limit_s is not None:
+        if not 0.0 < time_limit_s < math.inf:
+            raise UserError(f"found {time_limit_s:g}", where="--time-limit", expected="a number of seconds above 0")
         suite = replace(suite, time_limit_s=time_limit_s)
     if keep is None:
         return suite

@@ -62,7 +62,9 @@ def write_reproduction(result: Reproduction, folder: Path, seed: int) -> dict[st
 
 def write_first_page(folder: Path) -> Path:
     """Write ``README.md`` of all systems whose JSON file lies in the folder; return its path."""
-    contents = [content for path in sorted(folder.glob("[A-E].json")) if (content := read_json(path)) is not None]
+    contents = [
+        content for path in sorted(folder.glob("[A-E].json")) if (content := read_json(path, unsealed=True)) is not None
+    ]
     path = folder / "README.md"
     atomic.write_text(path, markdown.first_page(contents))
     return path

@@ -11,7 +11,7 @@ from horizonval.core import atomic
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.execution import available_cpus
-from horizonval.store.folder import RunFolder, read_json, write_json
+from horizonval.store.folder import RunFolder, intact_json, write_json
 from horizonval.systems.pages import write_first_page, write_reproduction
 from horizonval.systems.systems import chosen, experiment
 from horizonval.systems.task_cache import TaskCache
@@ -63,7 +63,7 @@ def reproduce_systems(
         for letter in letters:
             start = time.perf_counter()
             content = write_reproduction(experiment(letter)(cache), out, seed)
-            spent = {**(read_json(out / TIMINGS) or {}), letter: round(time.perf_counter() - start, 1)}
+            spent = {**(intact_json(out / TIMINGS) or {}), letter: round(time.perf_counter() - start, 1)}
             write_json(out / TIMINGS, spent)
             write_first_page(out)
             yield content

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
-import json
 import os
 import subprocess
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from horizonval.core import atomic, llvm
-from horizonval.core.cache import cache_folder
+from horizonval.core import llvm
+from horizonval.core.cache import cache_folder, cached_json, keep_json
 from horizonval.core.errors import UserError
 
 VARIANT_VARIABLE = "HORIZONVAL_VARIANT"
@@ -69,11 +68,8 @@ class BackendReport:
 def probe(refresh: bool = False) -> BackendReport:
     """Try back-ends until one works; cached unless ``refresh``."""
     cache = cache_folder() / f"backend-{_fingerprint()}.json"
-    if not refresh and cache.is_file():
-        try:
-            return BackendReport(tuple(Attempt(**a) for a in json.loads(cache.read_text())))
-        except (ValueError, TypeError):
-            cache.unlink(missing_ok=True)
+    if not refresh and (known := cached_json(cache)) is not None:
+        return BackendReport(tuple(Attempt(**a) for a in known["attempts"]))
     attempts: list[Attempt] = []
     named = os.environ.get(VARIANT_VARIABLE)
     for variant in [named] if named else VARIANTS:
@@ -85,8 +81,7 @@ def probe(refresh: bool = False) -> BackendReport:
             break
     report = BackendReport(tuple(attempts))
     if report.chosen:
-        cache.parent.mkdir(parents=True, exist_ok=True)
-        atomic.write_text(cache, json.dumps([asdict(a) for a in attempts]))
+        keep_json(cache, {"attempts": [asdict(a) for a in attempts]})
     return report
 
 

@@ -32,6 +32,7 @@ LEAVES_OUT = "Sun's disc and glare, surface map, clouds"
 STANDARD_ERROR = "standard_error"
 """Map ``standard_error.<band>`` [W m-2 sr-1]: of each pixel's radiance, Monte Carlo noise alone."""
 DEFAULT_SPP = 256
+MOST_SPP = 1_000_000
 LEAST_PASSES = 8
 LANES = 2**22
 """Most paths of one pass: bounds the memory and the time between two signs of life."""
@@ -97,7 +98,7 @@ def render_reference(
     Parameters
     ----------
     spp : int
-        Samples per pixel and spectral node, at least 2; rounded up to a multiple of the number of passes.
+        Samples per pixel and spectral node, 2 to 1e6; rounded up to a multiple of the number of passes.
     progress : Progress, optional
 
     Raises
@@ -105,8 +106,12 @@ def render_reference(
     UserError
         Thermal bands, and whatever :func:`horizonval.renderer.scene.frame.render_frame` refuses.
     """
-    if spp < 2:
-        raise UserError(f"{spp} samples per pixel", expected="at least 2: the standard error needs two passes")
+    if not 2 <= spp <= MOST_SPP:
+        raise UserError(
+            f"{spp} samples per pixel",
+            where="samples",
+            expected=f"2 to {MOST_SPP}: the standard error needs two passes",
+        )
     check_sunlight(camera, scene.camera.file)
     refuse_too_large(scene, camera)
     progress = progress or Silent()

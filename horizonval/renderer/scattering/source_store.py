@@ -7,9 +7,7 @@ into place, so that runs side by side cannot harm each other; a damaged file is 
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import zipfile
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import astuple
@@ -17,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
-from horizonval.core.cache import cache_folder
+from horizonval.core.cache import cache_folder, cached_arrays, keep_arrays, log_damage
+from horizonval.core.errors import DamagedFileError
 from horizonval.core.progress import Progress
 from horizonval.earth.column import SpectralNode
 from horizonval.renderer.scattering.diffuse_field import DiffuseField, MultipleScattering
@@ -55,10 +53,10 @@ def multiple_scattering(
     key = content_key(node, altitude_m, planet_m, quality)
     if key not in _memory:
         path = cache_folder() / "scattering" / f"{key}.npz"
-        solution = _read(path, float(altitude_m[-1]), planet_m, degree_of(node, quality))
+        solution = _read(path, key, float(altitude_m[-1]), planet_m, degree_of(node, quality))
         if solution is None:
             solution = solve(node, altitude_m, planet_m, sun_table(), quality, progress)
-            _write(path, solution)
+            _write(path, key, solution)
         _memory[key] = solution
         if len(_memory) > _KEPT:
             _memory.popitem(last=False)
@@ -66,28 +64,27 @@ def multiple_scattering(
     return _memory[key]
 
 
-def _write(path: Path, solution: MultipleScattering) -> None:
-    """Keep a solution; a disk that does not take it costs the next run its time, no more."""
-    with contextlib.suppress(OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic.replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez(
-                file,
-                air=solution.air.moments,
-                air_irradiance=solution.air.irradiance,
-                bounce=solution.bounce.moments,
-                bounce_irradiance=solution.bounce.irradiance,
-                spherical_albedo=solution.spherical_albedo,
-            )
+def _write(path: Path, key: str, solution: MultipleScattering) -> None:
+    """Keep a solution."""
+    arrays = {
+        "key": np.asarray(key),
+        "air": solution.air.moments,
+        "air_irradiance": solution.air.irradiance,
+        "bounce": solution.bounce.moments,
+        "bounce_irradiance": solution.bounce.irradiance,
+        "spherical_albedo": np.asarray(solution.spherical_albedo),
+    }
+    keep_arrays(path, arrays)
 
 
-def _read(path: Path, top_m: float, planet_m: float, degree: int) -> MultipleScattering | None:
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            fields = [
-                DiffuseField(top_m, planet_m, degree, data[name], data[f"{name}_irradiance"])
-                for name in ("air", "bounce")
-            ]
-            return MultipleScattering(fields[0], fields[1], float(data["spherical_albedo"]))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+def _read(path: Path, key: str, top_m: float, planet_m: float, degree: int) -> MultipleScattering | None:
+    data = cached_arrays(path)
+    if data is None:
         return None
+    if str(data.get("key")) != key:
+        log_damage(DamagedFileError("holds the solution of another column of air", where=str(path)))
+        return None
+    fields = [
+        DiffuseField(top_m, planet_m, degree, data[name], data[f"{name}_irradiance"]) for name in ("air", "bounce")
+    ]
+    return MultipleScattering(fields[0], fields[1], float(data["spherical_albedo"]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from horizonval.core.json_types import JsonObject
 from horizonval.report.figures import plots
 from horizonval.report.figures import stability_plots as draw
 from horizonval.report.formatting import number
+from horizonval.store.folder import read_json
 
 RESULT = Path("stability") / "result.json"
 PAGE = "stability.html"
@@ -25,13 +25,10 @@ def load_result(run_dir: Path) -> dict[str, Any] | None:
         The file is not what a run writes.
     """
     path = run_dir / RESULT
-    if not path.is_file():
+    result: dict[str, Any] | None = read_json(path, fix="run the suite again")
+    if result is None:
         return None
-    try:
-        result = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise DamagedFileError("not JSON", where=str(path), fix="run the suite again") from error
-    if not isinstance(result, dict) or not {"bands", "months", "published"} <= set(result):
+    if not {"bands", "months", "published"} <= set(result):
         raise DamagedFileError("not a study's result", where=str(path), fix="run the suite again")
     return result
 

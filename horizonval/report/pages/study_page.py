@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from horizonval.report import template
 from horizonval.report.figures import plots
 from horizonval.report.figures import study_plots as draw
 from horizonval.report.formatting import count, interval, number, percent
+from horizonval.store.folder import read_json
 
 RESULT, COSTS, PAGE = "study.json", "study-costs.json", "study.html"
 GLYPHS = {"meets": "●", "open": "○", "fails": "✕"}
@@ -41,11 +41,8 @@ def write_page(run_dir: Path) -> Path:
 
 
 def _read(path: Path, keys: set[str]) -> dict[str, Any]:
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise DamagedFileError("cannot be read", where=str(path), fix="run the study again") from error
-    if not isinstance(data, dict) or not keys <= set(data):
+    data: dict[str, Any] = read_json(path, fix="run the study again") or {}
+    if not keys <= set(data):
         raise DamagedFileError("not a study's result", where=str(path), fix="run the study again")
     return data
 

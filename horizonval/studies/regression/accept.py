@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.core import atomic
+from horizonval.core.cache import read_arrays
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.store.folder import read_json
@@ -214,11 +215,7 @@ def _pack(run: Path, night: Mapping[str, Any]) -> Pack:
         path = run / WORK / night["arrays"][scene]
         if not path.is_file():
             raise UserError("no such file", where=str(path), fix="run the night again; its working files are gone")
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-        except (OSError, ValueError) as error:
-            raise DamagedFileError(f"cannot be read ({error})", where=str(path)) from error
+        arrays = read_arrays(path)
         truths[scene] = record["truth"]
         for band, about in record["bands"].items():
             radiance = arrays[f"radiance.{band}"].astype(np.float64)

@@ -12,9 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from horizonval.core import atomic
+from horizonval.core.cache import is_intact, write_arrays
 from horizonval.core.code import code_digest
 from horizonval.jobs.engine import Recorded
 from horizonval.jobs.kept import Record
@@ -79,8 +77,8 @@ class NightWork(Recorded[Task]):
         return hashlib.sha256(text.encode()).hexdigest()
 
     def finished(self, item: Task) -> Record | None:
-        """Return the record of a unit whose arrays are there, too."""
-        return None if item.kind == "render" and not self.arrays(item).is_file() else super().finished(item)
+        """Return the record of a unit whose arrays are there and undamaged, too."""
+        return None if item.kind == "render" and not is_intact(self.arrays(item)) else super().finished(item)
 
     def record(self, item: Task, watch: Stopwatch) -> Record:
         """Do a unit and write its arrays."""
@@ -93,8 +91,7 @@ class NightWork(Recorded[Task]):
             return {"rows": replay_scene(item.pack, item.scene, self.plan)}
         assert item.case is not None
         record, arrays = render_scene(item.case, self.plan, item.replicates, item.known)
-        with atomic.replacing(self.arrays(item)) as temporary, open(temporary, "wb") as file:
-            np.savez_compressed(file, **dict(arrays))  # type: ignore[arg-type]
+        write_arrays(self.arrays(item), arrays)
         return record
 
 

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.core import atomic
+from horizonval.core.cache import read_arrays
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.progress import Progress, Silent
@@ -303,8 +304,7 @@ class _Gathered:
                 old = before["bands"][band]
                 radiance = None
                 if now["radiance_sha256"] != old["radiance_sha256"]:
-                    with np.load(self.arrays[scene]) as arrays:
-                        radiance = arrays[f"radiance.{band}"]
+                    radiance = read_arrays(Path(self.arrays[scene]))[f"radiance.{band}"]
                 found[scene, band] = compare_images(record["table"], now, old, radiance, frames.get((scene, band)))
         return found
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from scipy import stats
 
 from horizonval.core.json_types import JsonObject
-from horizonval.store.folder import read_json
+from horizonval.store.folder import intact_json
 from horizonval.studies.trade.sample import CONFIDENCE
 from horizonval.suites.units.scored import PROCESSOR
 
@@ -20,7 +20,7 @@ def read_timings(folder: Path) -> dict[str, dict[str, float]]:
     """Return the seconds of every stage by case, those of all shards together."""
     timings: dict[str, dict[str, float]] = {}
     for path in sorted(folder.glob("timings*.json")):
-        for case, stages in ((read_json(path) or {}).get("cases") or {}).items():
+        for case, stages in ((intact_json(path) or {}).get("cases") or {}).items():
             timings[case] = stages
     return timings
 

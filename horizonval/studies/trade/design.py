@@ -27,6 +27,7 @@ from horizonval.spec.explain import show
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite, read_toml, suite_of, validate
 from horizonval.spec.merge import deep_merge
+from horizonval.spec.option import with_option
 from horizonval.spec.study import StudySpec
 from horizonval.spec.suite import CasesSpec, SuiteHead, SuiteSpec
 from horizonval.suites.axes import value_at
@@ -115,7 +116,7 @@ def read_study(path_or_name: str | Path, frames: int | None = None) -> tuple[Stu
     if frames is None:
         return spec, path
     if spec.frames.sobol is not None:
-        change: JsonObject = {"sobol": spec.frames.sobol.model_copy(update={"n": frames})}
+        change: JsonObject = {"sobol": with_option(spec.frames.sobol, "n", frames, "--frames")}
     elif spec.frames.orbit is not None:
         change = {"orbit": spec.frames.orbit | {"n": frames}}
     else:

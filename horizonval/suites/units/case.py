@@ -15,7 +15,7 @@ import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from horizonval.core.errors import one_line
+from horizonval.core.errors import UserError, one_line
 from horizonval.frame import RadianceFrame
 from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.spec.load import Case
@@ -111,20 +111,38 @@ def _frame(case: Case, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> t
     """
     from horizonval.renderer.scene.frame import render_frame
 
-    store, pointer_path = Store(folder.archive), folder.frame_pointer(case.name)
-    identity = frame_identity(case)
-    pointer = read_json(pointer_path) if plan.keep == "all" else None
-    if pointer is not None and pointer.get("identity") == identity and store.is_intact(str(pointer.get("frame"))):
+    store = Store(folder.archive)
+    known = rendered(case, plan, folder)
+    if known is not None and store.is_intact(known):
         with watch.stage("read"):
-            return store.read_frame(pointer["frame"]), pointer["frame"]
+            return store.read_frame(known), known
     with watch.stage("render"):
         frame = render_frame(case.scene, case.camera)
     if plan.keep != "all":
         return frame, None
     with watch.stage("archive"):
         address = store.add_frame(frame)
-        write_json(pointer_path, {"identity": identity, "frame": address})
+        point_to(case, folder, address)
     return frame, address
+
+
+def rendered(case: Case, plan: CasePlan, folder: RunFolder) -> str | None:
+    """Return the address of a case's frame, if the folder says so: whether the entry is there is not looked at."""
+    if plan.keep != "all":
+        return None
+    try:
+        pointer = read_json(folder.frame_pointer(case.name))
+    except UserError:
+        return None
+    if pointer is None or pointer.get("identity") != frame_identity(case):
+        return None
+    return str(pointer.get("frame"))
+
+
+def point_to(case: Case, folder: RunFolder, address: str) -> None:
+    """Write down where the frame of a case lies."""
+    pointer = {"case": case.name, "identity": frame_identity(case), "frame": address}
+    write_json(folder.frame_pointer(case.name), pointer)
 
 
 def _archive(made: _Made, folder: RunFolder, watch: Stopwatch) -> dict[str, str]:

@@ -10,12 +10,12 @@ from horizonval.jobs.engine import Done, Work
 from horizonval.jobs.kept import keep, kept
 from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.scoring.row import Row
-from horizonval.store.folder import RunFolder
+from horizonval.store.folder import RunFolder, intact_json
 from horizonval.store.store import Store
 from horizonval.suites.identity import unit_identity
 from horizonval.suites.plan import CasePlan, Unit
 from horizonval.suites.record import Record
-from horizonval.suites.units.case import failed_records, records_of
+from horizonval.suites.units.case import failed_records, point_to, records_of, rendered
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class UnitWork(Work[Unit, Briefs]):
     def finished(self, item: Unit) -> Briefs | None:
         """Return what is finished of a unit whose every archived file is there and undamaged."""
         identity, store = unit_identity(item, self.plan), Store(self.run.archive)
-        found = {}
+        found, frames = {}, {}
         for name in item.names:
             record = kept(self.run.case(name), identity)
             if record is None:
@@ -67,7 +67,17 @@ class UnitWork(Work[Unit, Briefs]):
             if not all(store.is_intact(address) for address in addresses):
                 return None
             found[name] = Brief.of(record)
+            frames[name] = record["truth_frame"]
+        self._mend_pointers(item, frames)
         return found
+
+    def _mend_pointers(self, unit: Unit, frames: Mapping[str, str | None]) -> None:
+        """Write again what says where the frames of a finished unit lie, if that is gone or damaged."""
+        for case in unit.cases:
+            address = frames[case.name]
+            if self.plan.keep == "all" and address is not None and rendered(case, self.plan, self.run) != address:
+                intact_json(self.run.frame_pointer(case.name))
+                point_to(case, self.run, address)
 
     def make(self, item: Unit, watch: Stopwatch) -> Briefs:
         """Make a unit and write its records."""

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import horizonval
+from horizonval.core import sealed
 from horizonval.core.progress import Silent
 from horizonval.jobs import engine
 from horizonval.jobs.engine import Recorded, do, stream
@@ -99,6 +100,19 @@ def test_other_code_or_damage_makes_it_again(tmp_path: Path) -> None:
     assert made(tmp_path) == [3, 4, 4, 3, 4]
 
 
+@pytest.mark.usefixtures("here")
+def test_an_altered_record_is_no_result(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A digit that was flipped on the disk is good JSON of the right identity, and not what was written."""
+    do(Squares(tmp_path), [3], Execution(1), Silent())
+    good = (tmp_path / "3.json").read_bytes()
+    (tmp_path / "3.json").write_bytes(good.replace(b'"square": 9', b'"square": 8'))
+    again = do(Squares(tmp_path), [3], Execution(1), Silent())
+    assert again["3"].result == {"square": 9, "identity": "3 now"}
+    assert (tmp_path / "3.json").read_bytes() == good
+    (line,) = caplog.messages
+    assert line.endswith("3.json: altered since it was written: it does not match its seal; it is made anew")
+
+
 def test_what_goes_wrong_is_the_items_own_result(tmp_path: Path) -> None:
     told = Telling()
     done = do(Squares(tmp_path), [13, 2, 17, 19], Execution(2), told)
@@ -133,7 +147,7 @@ def test_shards_make_the_whole(tmp_path: Path) -> None:
 def test_a_record_says_what_it_is_of(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "a.json"
     keep(path, "x", {"value": 1})
-    assert json.loads(path.read_text()) == {"identity": "x", "value": 1}
+    assert set(json.loads(path.read_text())) == {"identity", "value", sealed.KEY}
     assert kept(path, "x") == {"identity": "x", "value": 1}
     assert kept(path, "y") is None
     keep(path, "x", {"error": "it broke"})

@@ -18,6 +18,7 @@ activate()
 import mitsuba as mi  # noqa: E402
 
 from horizonval.renderer.scattering import source_store  # noqa: E402
+from horizonval.renderer.scattering.diffuse_field import DiffuseField, MultipleScattering  # noqa: E402
 from horizonval.renderer.scattering.harmonics import cosines, pairs, polar_parts  # noqa: E402
 from horizonval.renderer.scattering.quality import Quality  # noqa: E402
 from horizonval.renderer.scattering.shell_rays import shell_rays  # noqa: E402
@@ -112,6 +113,36 @@ def test_tables_are_kept_and_damage_is_noticed(store: Path) -> None:
         np.testing.assert_array_equal(solved(told), first)
         assert told[0] == "order 1"
         assert path.read_bytes() == whole
+
+
+def test_any_altered_bit_of_a_table_makes_it_anew(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the archive's headers (the number of a compression that nobody has), the arrays, its end and the seal."""
+    fields = [DiffuseField(1e5, PLANET_M, 2, np.full((3, 4, 9), n), np.full(4, n)) for n in (1.0, 2.0)]
+    solution = MultipleScattering(fields[0], fields[1], 0.25)
+    calls: list[int] = []
+    monkeypatch.setattr(source_store, "solve", lambda *_: calls.append(1) or solution)
+
+    def got() -> MultipleScattering:
+        source_store._memory.clear()
+        return multiple_scattering(_node(), ALTITUDE_M, PLANET_M, COARSE, _sun_table)
+
+    got()
+    (path,) = store.rglob("*.npz")
+    whole = path.read_bytes()
+    assert got().bounce.moments[0, 0, 0] == 2.0
+    assert len(calls) == 1
+    positions = [*range(64), *range(64, len(whole) - 160, 97), *range(len(whole) - 160, len(whole))]
+    for count, position in enumerate(positions, start=2):
+        damaged = bytearray(whole)
+        damaged[position] ^= 1 << (position % 8)
+        path.write_bytes(damaged)
+        assert got() is solution
+        assert len(calls) == count
+        assert path.read_bytes() == whole
+    other = content_key(_node(), ALTITUDE_M, PLANET_M + 1.0, COARSE)
+    path.rename(path.with_name(f"{other}.npz"))
+    multiple_scattering(_node(), ALTITUDE_M, PLANET_M + 1.0, COARSE, _sun_table)
+    assert len(calls) == len(positions) + 2, "a table under another's name is none"
 
 
 def test_a_store_that_cannot_be_written_costs_only_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

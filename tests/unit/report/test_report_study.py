@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 
 import pytest
@@ -10,6 +9,7 @@ from browser import Browser, chromium_path
 
 from horizonval.core.errors import DamagedFileError
 from horizonval.report.pages.study_page import axis_words, write_page
+from horizonval.store.folder import write_json
 
 NONE = {"n": 0, "of": 0, "rate": None, "interval": None, "lower": None, "upper": None, "effective": None}
 
@@ -105,8 +105,8 @@ COSTS = {
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study-page")
-    (folder / "study.json").write_text(json.dumps(RESULT))
-    (folder / "study-costs.json").write_text(json.dumps(COSTS))
+    write_json(folder / "study.json", RESULT)
+    write_json(folder / "study-costs.json", COSTS)
     return write_page(folder)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from dataclasses import replace
 
 import duckdb
@@ -11,6 +12,8 @@ import numpy as np
 import pytest
 from synthetic import THERMAL_CAMERA, estimator, fit_of, result_row, truth_at
 
+from horizonval.api.run import Run
+from horizonval.core import sealed
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.geometry.horizon import horizon_by_azimuth
@@ -190,11 +193,53 @@ def test_a_wrong_row_is_refused(wrong):
         Row.from_dict(result_row().to_dict() | wrong)
 
 
+def write_sealed(path, query, connection):
+    connection.execute(f"COPY ({query}) TO '{path}' (FORMAT parquet, KV_METADATA {{'{sealed.KEY}': '{sealed.BLANK}'}})")
+    path.write_bytes(sealed.fill_in(path.read_bytes()))
+
+
+NAMES = ["g[1]", "a*", "q?", "it's", 'd"q', "[!a]*", "x=1", "~", "{a,b}", "new\nline", "back\\slash", "%20", "ü"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="names that Windows does not have")
+@pytest.mark.parametrize("name", NAMES)
+def test_a_path_is_never_a_pattern(tmp_path, name):
+    """Beside every folder lies one that the name would match if it were a pattern."""
+    for folder, case in ((name, "right"), ("g1", "wrong"), ("ab", "wrong"), ("qq", "wrong")):
+        (tmp_path / folder).mkdir()
+        write_results([result_row(case=case)], tmp_path / folder / "results.parquet")
+    path = tmp_path / name / "results.parquet"
+    assert [row.case for row in read_results(path)] == ["right"]
+    relation = Run(tmp_path / name, "suite").rows()
+    assert relation.columns == [column.name for column in COLUMNS]
+    assert [row[0] for row in relation.project('"case"').fetchall()] == ["right"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="names that Windows does not have")
+def test_a_path_that_duckdb_cannot_be_told_is_refused(tmp_path):
+    (tmp_path / "a\\b*").mkdir()
+    with pytest.raises(UserError, match="another name"):
+        read_results(write_results([], tmp_path / "a\\b*" / "results.parquet"))
+
+
+def test_every_bit_of_a_table_counts(tmp_path):
+    path = write_results([result_row()], tmp_path / "r.parquet")
+    data = path.read_bytes()
+    for position in range(0, len(data), 7):
+        other = bytearray(data)
+        other[position] ^= 1 << (position % 8)
+        path.write_bytes(other)
+        with pytest.raises(DamagedFileError, match="make the run again"):
+            read_results(path)
+    path.write_bytes(data)
+    assert read_results(path) == [result_row()]
+
+
 def test_a_foreign_value_in_a_table_is_damage(tmp_path):
     path = write_results([result_row()], tmp_path / "r.parquet")
     with duckdb.connect() as connection:
-        relation = connection.sql(f"SELECT * REPLACE ('nan'::DOUBLE AS limb_snr) FROM read_parquet('{path}')")
-        relation.write_parquet(str(tmp_path / "other.parquet"))
+        query = f"SELECT * REPLACE ('nan'::DOUBLE AS limb_snr) FROM read_parquet('{path}')"
+        write_sealed(tmp_path / "other.parquet", query, connection)
     with pytest.raises(DamagedFileError, match="limb_snr"):
         read_results(tmp_path / "other.parquet")
 
@@ -222,5 +267,8 @@ def test_unreadable_tables(tmp_path):
     foreign = tmp_path / "foreign.parquet"
     with duckdb.connect() as connection:
         connection.sql("SELECT 1 AS x").write_parquet(str(foreign))
+        with pytest.raises(DamagedFileError, match="has no seal"):
+            read_results(foreign)
+        write_sealed(foreign, "SELECT 1 AS x", connection)
     with pytest.raises(UserError, match="columns differ"):
         read_results(foreign)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
+import sys
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from horizonval.core.errors import DamagedFileError, UserError
@@ -104,26 +108,96 @@ def test_a_time_that_is_none_is_refused(store):
         store.index.select(Filter(since="yesterday"))
 
 
-def test_a_damaged_index_costs_nothing_and_is_told(store, make_frame):
+def test_a_damaged_index_costs_nothing_and_is_told(store, make_frame, caplog):
     before = rows(store)
     good = store.index.path.read_bytes()
     store.index.path.write_bytes(b"\0" * len(good))
     address = store.add_frame(make_frame(5.0))
     assert store.read_frame(address).radiance["vis"][0, 0] == 5.0
     with pytest.raises(DamagedFileError, match=r"index is damaged .*reindex"):
-        store.index.select()
+        store.index.known()
     assert [(f.problem, f.path.name) for f in store.verify()] == [("index", NAME)]
-    assert store.index.rebuild() == 6
+    assert len(store.index.select()) == 6
+    (line,) = caplog.messages
+    assert "made again from the headers of 6 entries" in line
     assert [e for e in rows(store) if e.address != address] == before
     assert store.verify() == []
+    assert len(store.index.select()) == 6
+    assert len(caplog.messages) == 1
 
 
 def test_a_row_that_lies_is_told(store):
-    with sqlite3.connect(store.index.path) as connection:
-        connection.execute("UPDATE entries SET scene = 'other' WHERE kind = 'image'")
+    for entry in rows(store):
+        if entry.kind == "image":
+            store.index.record(replace(entry, scene="other"))
     (finding,) = store.verify()
     assert finding.problem == "index"
     assert "2 rows are not what the headers say" in finding.message
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE entries SET scene = 'other' WHERE kind = 'image'",
+        "DELETE FROM entries WHERE kind = 'image'",
+        "UPDATE total SET count = 4",
+        "DELETE FROM total",
+        "CREATE TRIGGER t AFTER INSERT ON entries BEGIN DELETE FROM entries; END",
+        "DROP TABLE entries; CREATE VIEW entries AS "
+        "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i FROM n",
+    ],
+)
+def test_what_others_did_to_the_index_is_told_and_undone(store, change, caplog):
+    before = rows(store)
+    with sqlite3.connect(store.index.path) as connection:
+        connection.executescript(change)
+    assert [(f.problem, f.path.name) for f in store.verify()] == [("index", NAME)]
+    assert store.index.select() == before
+    assert len(caplog.messages) == 1
+    assert store.verify() == []
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="FIFOs and links of POSIX")
+@pytest.mark.parametrize("name", [NAME, f"{NAME}-journal", f"{NAME}-wal"])
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("../outside"), lambda path: path.mkdir()])
+def test_an_index_that_is_no_regular_file_is_neither_waited_for_nor_followed(store, tmp_path, name, make):
+    before = rows(store)
+    (tmp_path / "outside").write_bytes(b"mine")
+    path = store.root / name
+    path.unlink(missing_ok=True)
+    make(path)
+    assert store.index.select() == before
+    assert (tmp_path / "outside").read_bytes() == b"mine"
+    assert path.is_dir() or store.verify() == []
+
+
+def test_no_damage_of_the_index_gives_a_wrong_list(tmp_path, make_image, caplog):
+    """Truncated 85 times and with a block of zeros 300 times: the list is right, or the damage is said as well."""
+    store = Store(tmp_path / "archive")
+    image = make_image()
+    for number in range(20):
+        store.add_image(replace(image, observation={"seed": number}))
+    gone = store.path(rows(store)[5].address)
+    gone.unlink()
+    whole = store.index.select()
+    there = [entry for entry in whole if entry.kind != "missing"]
+    good = store.index.path.read_bytes()
+    assert len(good) > 3 * 4096
+    rng = np.random.default_rng(14)
+    damages = [good[:size] for size in rng.integers(0, len(good), 85)]
+    for start, size in zip(rng.integers(0, len(good), 300), rng.integers(1, 4096, 300), strict=True):
+        block = good[start : start + size]
+        damages.append(good[:start] + bytes(len(block)) + good[start + len(block) :])
+    said = 0
+    for data in damages:
+        caplog.clear()
+        store.index.path.write_bytes(data)
+        listed = store.index.select()
+        # Without any index nobody knows of a file that is gone; an empty file is none.
+        assert listed == (there if caplog.messages or not data else whole)
+        said += len(caplog.messages)
+    assert store.index.select() == listed
+    assert said > 200
 
 
 def test_an_index_of_another_version_is_made_anew(store):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
+import os
 import subprocess
 import sys
 
 import pytest
 
-from horizonval.core.errors import UserError
-from horizonval.store.folder import RunFolder, read_json, write_json
+from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.store.folder import RunFolder, intact_json, read_json, write_json
 
 
 def test_equal_data_give_equal_bytes(tmp_path):
@@ -23,15 +23,48 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     write_json(tmp_path / "a.json", {"a": 1})
     with pytest.raises(ValueError, match="JSON compliant"):
         write_json(tmp_path / "a.json", {"a": float("nan")})
-    assert json.loads((tmp_path / "a.json").read_text()) == {"a": 1}
+    assert read_json(tmp_path / "a.json") == {"a": 1}
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[1]", b"\xff", b"[" * 100_000])
-def test_unreadable_json_is_none(tmp_path, content):
+def test_unreadable_json_is_told(tmp_path, content):
     (tmp_path / "a.json").write_bytes(content)
-    assert read_json(tmp_path / "a.json") is None
+    with pytest.raises(DamagedFileError):
+        read_json(tmp_path / "a.json")
+    with pytest.raises(DamagedFileError):
+        read_json(tmp_path / "a.json", unsealed=True)
+    assert intact_json(tmp_path / "a.json") is None
     assert read_json(tmp_path / "none.json") is None
+
+
+def test_what_is_no_file_is_not_waited_for(tmp_path, caplog):
+    os.mkfifo(tmp_path / "a.json")
+    (tmp_path / "b.json").mkdir()
+    for name in ("a", "b"):
+        with pytest.raises(UserError, match="is a"):
+            read_json(tmp_path / f"{name}.json")
+        assert intact_json(tmp_path / f"{name}.json") is None
+        assert f"{name}.json: is a" in caplog.messages[-1]
+        write_json(tmp_path / f"{name}.json", {"x": 1})
+        assert read_json(tmp_path / f"{name}.json") == {"x": 1}
+
+
+def test_a_file_of_an_earlier_version_is_told_or_taken(tmp_path):
+    (tmp_path / "a.json").write_text('{"x": 1}')
+    with pytest.raises(DamagedFileError, match="an earlier version wrote it"):
+        read_json(tmp_path / "a.json")
+    assert read_json(tmp_path / "a.json", unsealed=True) == {"x": 1}
+
+
+@pytest.mark.parametrize("kind", ["folder", "FIFO", "link"])
+def test_a_lock_is_had_whatever_lies_in_its_place(tmp_path, kind):
+    path = tmp_path / ".lock"
+    {"folder": path.mkdir, "FIFO": lambda: os.mkfifo(path), "link": lambda: path.symlink_to(tmp_path / "other")}[kind]()
+    with RunFolder(tmp_path).locked():
+        assert path.is_file()
+        assert not path.is_symlink()
+    assert [p.name for p in tmp_path.iterdir()] == [".lock"]
 
 
 def test_leftovers_go_and_nothing_else(tmp_path):

@@ -12,6 +12,7 @@ import pytest
 from horizonval import cli
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.jobs import engine
+from horizonval.store.folder import read_json, write_json
 from horizonval.studies.regression import bench
 from horizonval.studies.regression import night as nights
 from horizonval.studies.regression.accept import accept
@@ -62,8 +63,8 @@ def accepted(first):
     wanted, _ = first
     # The fresh lane has no gate in the tiny suite; a baseline needs its rows all the same.
     path = wanted.out / "night.json"
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps(content | {"lanes": list(nights.LANES)}))
+    content = read_json(path)
+    write_json(path, content | {"lanes": list(nights.LANES)})
     accept(wanted.out, wanted.baseline, "The first one, nothing before it", release=True)
     return wanted
 
@@ -102,7 +103,7 @@ def test_an_unchanged_night_passes_and_says_so_everywhere(accepted, second):
     assert compared["release"]["same_as_accepted"]
     about = compared["accepted"]
     assert (about["replayed"], about["n_changed"], about["rendered"], about["n_images_changed"]) == (8, 0, 8, 0)
-    stored = json.loads((accepted.out / "verdict.json").read_text())
+    stored = read_json(accepted.out / "verdict.json")
     assert stored == json.loads(json.dumps(second))
     suite = ElementTree.parse(accepted.out / "junit.xml").getroot()[0]
     assert [suite.get(key) for key in ("failures", "errors", "skipped")] == ["0", "0", "0"]
@@ -112,7 +113,7 @@ def test_an_unchanged_night_passes_and_says_so_everywhere(accepted, second):
 
 def test_a_changed_estimator_is_a_regression_with_names(accepted, second, here, monkeypatch):
     """The baseline's errors are made smaller: the present ones are then worse, in every scene."""
-    data = json.loads(accepted.baseline.read_text())
+    data = read_json(accepted.baseline)
     rows = from_columns(data["rows"])
     claims = [row for row in rows if row.nadir_error_arcsec is not None]
     better = [
@@ -120,7 +121,7 @@ def test_a_changed_estimator_is_a_regression_with_names(accepted, second, here, 
         for row in rows
     ]
     changed = accepted.baseline.with_name("better.json")
-    changed.write_text(json.dumps(data | {"rows": to_columns(better)}))
+    write_json(changed, data | {"rows": to_columns(better)})
     os.link(pack_path(accepted.baseline), pack_path(changed))
     os.link(release_path(accepted.baseline), release_path(changed))
     os.link(pack_path(release_path(accepted.baseline)), pack_path(release_path(changed)))
@@ -211,10 +212,10 @@ def test_a_reference_must_be_of_the_same_night(accepted, here, tmp_path):
     reference.mkdir()
     rows = [row.to_dict() for row in read_baseline(accepted.baseline, "tiny").results.rows]
     night = {"suite": "tiny", "night": "another", "fresh": rows}
-    (reference / "night.json").write_text(json.dumps(night))
+    write_json(reference / "night.json", night)
     with pytest.raises(UserError, match="is night 'another'"):
         run_night(wanted)
-    (reference / "night.json").write_text(json.dumps(night | {"night": wanted.night}))
+    write_json(reference / "night.json", night | {"night": wanted.night})
     assert run_night(wanted)["verdict"] == "PASS"
 
 
@@ -222,9 +223,9 @@ def test_failed_anchors_cannot_be_accepted(accepted, tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()
     (folder / "night.json").write_bytes((accepted.out / "night.json").read_bytes())
-    (folder / "verdict.json").write_text(json.dumps({"anchors": [ANCHOR | {"verdict": "FAIL"}]}))
-    night = json.loads((folder / "night.json").read_text())
-    (folder / "night.json").write_text(json.dumps(night | {"lanes": list(nights.LANES)}))
+    write_json(folder / "verdict.json", {"anchors": [ANCHOR | {"verdict": "FAIL"}]})
+    night = read_json(folder / "night.json")
+    write_json(folder / "night.json", night | {"lanes": list(nights.LANES)})
     with pytest.raises(UserError, match="physics anchors do not hold: stub"):
         accept(folder, accepted.baseline, "No reason is good enough")
 
