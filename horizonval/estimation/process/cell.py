@@ -59,6 +59,11 @@ class Cell:
         self._said: Description | Refusal | None = None
         self._question = _file_without_name()
 
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a process."""
+        return self._process is not None
+
     def describe(self) -> Description | Refusal:
         """Return what the estimator says of itself, asked for once; a crash if it cannot be imported."""
         if self._said is None:
