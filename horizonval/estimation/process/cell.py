@@ -254,7 +254,9 @@ def _pipes(process: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes], IO[b
 
 def crash_with(refusal: Refusal, printed: bytes) -> Refusal:
     """Return a crash with what was printed before its traceback."""
-    return crash(refusal.reason, printed + b"\n" + refusal.output.encode() if printed else refusal.output)
+    return crash(
+        refusal.reason, printed.rstrip() + b"\n" + refusal.output.encode() if printed.strip() else refusal.output
+    )
 
 
 def _description(said: object) -> Description:
