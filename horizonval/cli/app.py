@@ -20,6 +20,7 @@ from horizonval.cli.rendering import gallery, mitsuba, radiance, render
 from horizonval.cli.reproduce import reproduce
 from horizonval.cli.study import study
 from horizonval.core.errors import UserError, printable
+from horizonval.core.machine.caches import settle_libraries
 
 app = typer.Typer(
     name="horizonval",
@@ -67,6 +68,7 @@ def main() -> None:
     # One thread for linear algebra, before numpy loads: the last bit of a result must not depend on the machine.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    settle_libraries()
     # A terminal or pipe of another encoding must not stop a command at a name that it cannot show.
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
