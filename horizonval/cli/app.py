@@ -19,6 +19,7 @@ from horizonval.cli.rendering import gallery, mitsuba, radiance, render
 from horizonval.cli.reproduce import reproduce
 from horizonval.cli.study import study
 from horizonval.core.errors import UserError
+from horizonval.jobs.life import hush, sign_of_life
 
 app = typer.Typer(
     name="horizonval",
@@ -66,7 +67,16 @@ def main() -> None:
     # One thread for linear algebra, before numpy loads: the last bit of a result must not depend on the machine.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    sys.exit(run_command_line(sys.argv[1:]))
+    arguments = sys.argv[1:]
+    with sign_of_life(f"horizonval: {_command_name(arguments)} is getting ready"):
+        status = run_command_line(arguments)
+    sys.exit(status)
+
+
+def _command_name(arguments: list[str]) -> str:
+    """Return the words that name the command, as far as they can be told before anything is parsed."""
+    words = [word for word in arguments[:2] if not word.startswith("-")]
+    return " ".join(words if words[:1] in (["archive"], ["baseline"]) else words[:1]) or "it"
 
 
 def run_command_line(arguments: list[str]) -> int:
@@ -93,5 +103,6 @@ def run_command_line(arguments: list[str]) -> int:
 
 
 def _fail(line: str) -> int:
+    hush()
     print(f"horizonval: error: {line}", file=sys.stderr)
     return 2
