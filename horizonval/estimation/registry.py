@@ -13,6 +13,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.core.suggest import nearest
+from horizonval.estimation.digits import rounded
 from horizonval.estimation.last_words import crash, raised, traceback_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
@@ -64,7 +65,10 @@ def get(name: str) -> Estimator:
 
 
 def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
-    """Run an estimator so that whatever it does becomes an outcome: exceptions, wrong types and NaN are crashes."""
+    """Run an estimator so that whatever it does becomes an outcome: exceptions, wrong types and NaN are crashes.
+
+    Numbers are rounded to the digits that are results (:mod:`horizonval.estimation.digits`).
+    """
     try:
         # What a user's own method returns may be anything.
         result: object = estimator.run(observation)
@@ -78,7 +82,7 @@ def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
         return crash(f"the estimator returned a {type(result).__name__}, neither Fit nor Refusal")
     if not _is_sound(result):
         return crash("the estimator returned numbers that are none")
-    return result if result.estimates == estimator.estimates else replace(result, estimates=estimator.estimates)
+    return rounded(replace(result, estimates=estimator.estimates))
 
 
 def _is_sound(fit: Fit) -> bool:

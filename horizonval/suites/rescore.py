@@ -131,6 +131,7 @@ def _claim(
     before = intact_json(folder.suite)
     if (before is not None and "rescored" not in before) or folder.archive.exists():
         raise UserError("holds a run", where=str(folder.root), fix="choose another --out")
+    folder.refuse_links()
     for path in (folder.root, folder.cases):
         try:
             path.mkdir(parents=True, exist_ok=True)
@@ -149,7 +150,9 @@ def _claim(
             "title": " ".join(filter(None, [str(head.get("title") or ""), "(scored again)"])),
             "version": code_version(),
             "estimators": [estimator.name for estimator in chosen],
+            "given_pose": [estimator.name for estimator in chosen if estimator.needs == "pose"],
             "cases": names,
+            "orbit": [name for name in head.get("orbit") or () if name in names],
             "heads": cases_of_heads(items),
             "archive": Path(os.path.relpath(store.root, folder.root)).as_posix(),
         },
