@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyRelation
 
     from horizonval.core.progress import Progress
-    from horizonval.jobs.remaining import Expected
+    from horizonval.jobs.remaining import ExpectedTime
 
 
 class SuiteWarning(UserWarning):
@@ -176,7 +176,7 @@ def run(
     execution = Execution(workers, part, dask, tuple(Path(folder) for folder in merge))
     loaded = with_options(load_suite(suite, frames, seed), time_limit_s, keep)
 
-    def warn() -> dict[str, Expected]:
+    def warn() -> dict[str, ExpectedTime]:
         report = check_before_run(loaded)
         for line in [] if report is None else report.summary_lines():
             warnings.warn(line, SuiteWarning, stacklevel=_frames_inside())

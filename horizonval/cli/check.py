@@ -14,7 +14,7 @@ from horizonval.cli.options import Json
 from horizonval.cli.printing import print_json
 
 if TYPE_CHECKING:
-    from horizonval.jobs.remaining import Expected
+    from horizonval.jobs.remaining import ExpectedTime
     from horizonval.studies.trade.design import Study
 
 
@@ -60,7 +60,7 @@ def warnings_printed() -> Iterator[None]:
         yield
 
 
-def print_warnings(target: Study) -> dict[str, Expected]:
+def print_warnings(target: Study) -> dict[str, ExpectedTime]:
     """Print errors and warnings about a sample of the frames before a run, to standard error.
 
     Returns what the frames are expected to take.

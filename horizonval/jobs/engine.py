@@ -26,12 +26,12 @@ from horizonval.jobs.cluster import run_on_cluster
 from horizonval.jobs.execution import Execution
 from horizonval.jobs.kept import Record, keep, kept
 from horizonval.jobs.pool import Results, run_in_processes
-from horizonval.jobs.remaining import Expected, Remaining, Spent
+from horizonval.jobs.remaining import ExpectedTime, Remaining, SpentTime
 from horizonval.jobs.stopwatch import Stopwatch
 
 I = TypeVar("I")  # noqa: E741
 R = TypeVar("R")
-OnStart = Callable[[], Mapping[str, Expected] | None]
+OnStart = Callable[[], Mapping[str, ExpectedTime] | None]
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,14 @@ class Done(Generic[R]):
         Why there is no result, on one line.
     seconds : dict
         By stage; empty for a result that was kept.
-    spent : Spent or None
+    spent : SpentTime or None
         All of it, for the time that the rest will take; None for a result that was kept.
     """
 
     result: R | None
     error: str | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
-    spent: Spent | None = field(default=None, compare=False)
+    spent: SpentTime | None = field(default=None, compare=False)
 
 
 class Work(ABC, Generic[I, R]):
@@ -220,7 +220,7 @@ class _Clock(Generic[I, R]):
     def start(self) -> None:
         """Ask what is expected, and begin."""
         told = (self._on_start() if self._on_start is not None else None) or {}
-        expected: dict[str, Expected | None] = {}
+        expected: dict[str, ExpectedTime | None] = {}
         for item in self._missing:
             parts = [told.get(name) for name in self._work.parts(item, None)]
             known = [part for part in parts if part is not None]
@@ -231,7 +231,7 @@ class _Clock(Generic[I, R]):
 
     def left_s(self, item: I, done: Done[R]) -> float | None:
         """Return the seconds left when an item is done."""
-        self._remaining.done(self._work.name(item), done.spent or Spent(0.0))
+        self._remaining.done(self._work.name(item), done.spent or SpentTime(0.0))
         return self._remaining.seconds(time.monotonic() - self._begin)
 
 
@@ -244,7 +244,7 @@ def _safely(work: Work[I, R], item: I) -> Done[R]:
     first, start = _items_begun == 1, time.perf_counter()
     once.taken_s()
     done = _made(work, item)
-    return replace(done, spent=Spent(time.perf_counter() - start, once.taken_s(), first))
+    return replace(done, spent=SpentTime(time.perf_counter() - start, once.taken_s(), first))
 
 
 def _made(work: Work[I, R], item: I) -> Done[R]:

@@ -19,7 +19,7 @@ FEWEST_UNKNOWN = 3
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedTime:
     """What an item is expected to take.
 
     Attributes
@@ -33,13 +33,13 @@ class Expected:
     seconds: float
     once: Mapping[str, float] = field(default_factory=dict)
 
-    def __add__(self, other: Expected) -> Expected:
+    def __add__(self, other: ExpectedTime) -> ExpectedTime:
         """Return what two things take that are one item."""
-        return Expected(self.seconds + other.seconds, {**self.once, **other.once})
+        return ExpectedTime(self.seconds + other.seconds, {**self.once, **other.once})
 
 
 @dataclass(frozen=True)
-class Spent:
+class SpentTime:
     """What an item took: all of it, what of it was spent on what is made once, whether its process began with it."""
 
     seconds: float
@@ -52,17 +52,17 @@ class Remaining:
 
     Parameters
     ----------
-    expected : mapping of str to Expected or None
+    expected : mapping of str to ExpectedTime or None
         By item; None where nothing is known.
     processes : int or None
         That work at the same time; None where it is not known, and is told from the time that has passed.
     """
 
-    def __init__(self, expected: Mapping[str, Expected | None], processes: int | None) -> None:
+    def __init__(self, expected: Mapping[str, ExpectedTime | None], processes: int | None) -> None:
         known = [one.seconds for one in expected.values() if one is not None and one.seconds > 0]
         self._known = len(known) == len(expected)
         self._expected = {
-            name: one if self._known and one is not None else Expected(1.0) for name, one in expected.items()
+            name: one if self._known and one is not None else ExpectedTime(1.0) for name, one in expected.items()
         }
         self._left = dict(self._expected)
         self._processes = processes
@@ -72,7 +72,7 @@ class Remaining:
         self._made: set[str] = set()
         self._finished, self._spent = 0, 0.0
 
-    def done(self, name: str, spent: Spent) -> None:
+    def done(self, name: str, spent: SpentTime) -> None:
         """Learn from an item that is finished."""
         item = self._left.pop(name, None)
         if item is None:

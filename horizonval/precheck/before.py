@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from horizonval.core.errors import UserError
-from horizonval.jobs.remaining import Expected
+from horizonval.jobs.remaining import ExpectedTime
 from horizonval.precheck.cost import column_key, json_of_bands
 from horizonval.precheck.findings import Kind
 from horizonval.precheck.frames import Group, Watcher
@@ -42,7 +42,7 @@ def check_before_run(target: Suite | Study) -> Report | None:
     return None if any(finding.code == "cannot-run" for finding in report.findings) else report
 
 
-def expected_of(target: Suite | Study) -> dict[str, Expected]:
+def expected_of(target: Suite | Study) -> dict[str, ExpectedTime]:
     """Return what each frame is expected to take, by the cases' names, from a few frames of every camera.
 
     Empty where the run itself is about to say what is wrong with the file.
@@ -63,7 +63,7 @@ def expected_of(target: Suite | Study) -> dict[str, Expected]:
                 once_s = costs[0].tables_s
                 for case in cases:
                     once = {str(column_key(case.scene, case.camera)): once_s} if once_s else {}
-                    expected[case.name] = Expected(seconds, once)
+                    expected[case.name] = ExpectedTime(seconds, once)
     except UserError:
         return {}
     return expected

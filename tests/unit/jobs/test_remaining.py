@@ -9,14 +9,14 @@ import pytest
 
 from horizonval.core import once
 from horizonval.jobs.progress import about
-from horizonval.jobs.remaining import COMPILING_S, Expected, Remaining, Spent
+from horizonval.jobs.remaining import COMPILING_S, ExpectedTime, Remaining, SpentTime
 
 PROCESSES = 2
 
 
 def simulated(
-    expected: list[Expected], pace: float, rng: np.random.Generator, cached: bool
-) -> list[tuple[float, str, Spent]]:
+    expected: list[ExpectedTime], pace: float, rng: np.random.Generator, cached: bool
+) -> list[tuple[float, str, SpentTime]]:
     """Return when every item ends, its name and what it took, on two processes that take items in order."""
     free = [(0.0, process) for process in range(PROCESSES)]
     fresh, made, ends = {0, 1}, set(), []
@@ -26,13 +26,15 @@ def simulated(
         made |= set(item.once)
         compiling = rng.uniform(1, 7) if process in fresh else 0.0
         seconds = pace * (item.seconds * rng.uniform(0.8, 1.3) + once_s) + compiling
-        ends.append((begin + seconds, str(number), Spent(seconds, pace * once_s, process in fresh)))
+        ends.append((begin + seconds, str(number), SpentTime(seconds, pace * once_s, process in fresh)))
         fresh.discard(process)
         heapq.heappush(free, (begin + seconds, process))
     return sorted(ends)
 
 
-def told_after(count: int, expected: list[Expected], ends: list[tuple[float, str, Spent]]) -> tuple[float, float]:
+def told_after(
+    count: int, expected: list[ExpectedTime], ends: list[tuple[float, str, SpentTime]]
+) -> tuple[float, float]:
     """Return what is told after some items, and the truth."""
     remaining = Remaining({str(i): item for i, item in enumerate(expected)}, PROCESSES)
     for _, name, spent in ends[:count]:
@@ -51,14 +53,14 @@ def test_after_2_of_26_the_rest_is_known_to_a_factor_of_two(order, pace, cached)
     for _ in range(20):
         costs = np.sort(rng.uniform(2, 30, 26))
         costs = {"cheap first": costs, "dear first": costs[::-1], "mixed": rng.permutation(costs)}[order]
-        expected = [Expected(float(c), {f"air {i % 3}": 10.0} if i % 2 else {}) for i, c in enumerate(costs)]
+        expected = [ExpectedTime(float(c), {f"air {i % 3}": 10.0} if i % 2 else {}) for i, c in enumerate(costs)]
         told, true = told_after(2, expected, simulated(expected, pace, rng, cached))
         assert 0.5 < told / true < 2.0, (told, true)
 
 
 def test_a_mean_over_the_first_would_be_wrong():
     """The case that was seen: two cheap frames, then dear ones."""
-    expected = [Expected(2.0), Expected(2.0)] + [Expected(20.0)] * 24
+    expected = [ExpectedTime(2.0), ExpectedTime(2.0)] + [ExpectedTime(20.0)] * 24
     ends = simulated(expected, 1.0, np.random.default_rng(1), cached=True)
     told, true = told_after(2, expected, ends)
     mean = ends[1][0] / 2 * 24
@@ -67,15 +69,15 @@ def test_a_mean_over_the_first_would_be_wrong():
 
 
 def test_without_a_basis_there_is_no_figure():
-    known = Remaining({"a": Expected(2.0), "b": Expected(2.0)}, 1)
+    known = Remaining({"a": ExpectedTime(2.0), "b": ExpectedTime(2.0)}, 1)
     assert known.seconds(0.0) is None
-    known.done("a", Spent(2.0))
+    known.done("a", SpentTime(2.0))
     assert known.seconds(2.0) == pytest.approx(2.0)
-    known.done("b", Spent(2.0))
+    known.done("b", SpentTime(2.0))
     assert known.seconds(4.0) == 0.0
     unknown = Remaining(dict.fromkeys("abcdefgh"), None)
     for count, name in enumerate("abcde", 1):
-        unknown.done(name, Spent(4.0))
+        unknown.done(name, SpentTime(4.0))
         left = unknown.seconds(2.0 * count)
         assert (left is None) == (count < 3)
     # Two at a time, as the seconds that were spent while one passed tell.
@@ -83,8 +85,8 @@ def test_without_a_basis_there_is_no_figure():
 
 
 def test_compiling_is_no_measure_of_the_rest():
-    remaining = Remaining({"a": Expected(2.0), "b": Expected(2.0)}, 1)
-    remaining.done("a", Spent(2.0 + COMPILING_S, first=True))
+    remaining = Remaining({"a": ExpectedTime(2.0), "b": ExpectedTime(2.0)}, 1)
+    remaining.done("a", SpentTime(2.0 + COMPILING_S, first=True))
     assert remaining.seconds(6.0) == pytest.approx(2.0)
 
 
