@@ -9,6 +9,7 @@
     stability/, stability.csv   the study of the infrared horizon, where the suite asks for one
     results.parquet, summary.json, report/     made of the cases at the end
     timings*.json      seconds; with the archive's index the only files that two equal runs do not share
+    manifest.json      digest of every file, written last
 
 Every JSON file and the table hold a seal (:mod:`horizonval.core.sealed`), which is checked where they are read.
 """

@@ -23,6 +23,7 @@ from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder, intact_json, read_json, write_json
 from horizonval.store.index import Filter
+from horizonval.store.manifest import files_of_run, withdraw_manifest, write_manifest
 from horizonval.store.named import run_folder_of
 from horizonval.store.store import Store
 from horizonval.suites.conclude import conclude
@@ -116,13 +117,16 @@ def rescore(
     _claim(folder, store, head, chosen, items)
     plan = CasePlan(tuple(estimator.name for estimator in chosen), limits or Limits())
     with folder.locked():
+        withdraw_manifest(folder.root)
         folder.remove_temporary_files()
         done = do(RescoreWork(plan, store.root, folder), items, Execution(workers), progress or Silent())
         rows = [Row.from_dict(row) for one in done.values() if one.result is not None for row in one.result["rows"]]
         rows.sort(key=lambda row: row.sort_key)
         failed = {name: one.error for name, one in done.items() if one.error is not None}
-        summary, report = conclude(folder, head.get("suite"), rows, failed)
-    return Rescored(summary, failed, report)
+        summary, pages = conclude(folder, head.get("suite"), rows, failed)
+        records = [folder.case(item.name) for item in items]
+        write_manifest(folder.root, [*files_of_run(folder), *records, *pages])
+    return Rescored(summary, failed, pages[0])
 
 
 def _claim(
