@@ -281,10 +281,11 @@ def write_run(run_dir: Path, cases: list[Case] | None = None) -> Path:
         "title": "Made-up frames for the report's own tests",
         "version": "0.1.0",
         "estimators": ["altitude-free", "ideal"],
+        "given_pose": ["ideal"],
         "cases": [case.truth.scene["scene"]["name"] for case in cases],
     }
     write_json(run_dir / "run.json", run)
-    write_json(run_dir / "summary.json", summarise(rows))
+    write_json(run_dir / "summary.json", summarise(rows, ["ideal"]))
     write_results(rows, run_dir / "results.parquet")
     return run_dir
 

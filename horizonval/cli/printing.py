@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 
@@ -12,35 +13,53 @@ def print_json(data: object) -> None:
 
 
 def print_summary(summary: dict[str, Any]) -> None:
-    """Print the table of a run: one line for every estimator and camera."""
-    head = ("estimator", "camera", "frames", "available", "nadir rms", "median", "p95", "false valid")
-    several_draws = any(g["nees_noise"]["n"] for g in summary["groups"])
+    """Print the table of a run, one line for every estimator and camera, and what that says in words.
+
+    Estimators that are told the true pose stand last: they test the scoring, and are counted in no other line.
+    """
+    from horizonval.report.angle_unit import unit_of
+    from horizonval.report.headline import headline
+
+    groups = sorted(summary["groups"], key=lambda group: bool(group["given_pose"]))
+    judged = [group for group in groups if not group["given_pose"]]
+    unit = unit_of(group["nadir_error_arcsec"]["max"] for group in judged)
+    unit = replace(unit, sign=f" {unit.name}")
+    head = (
+        "estimator",
+        "camera",
+        "frames",
+        "answered",
+        f"rms [{unit.name}]",
+        "median",
+        "95 %",
+        "worst",
+        "false claims",
+    )
+    several_draws = any(group["nees_noise"]["n"] for group in groups)
     rows = [(*head, "noise NEES / 2") if several_draws else head]
-    for g in summary["groups"]:
-        error, available, false = g["nadir_error_arcsec"], g["availability"], g["false_valid"]
+    for group in groups:
+        error, available, false = group["nadir_error_arcsec"], group["availability"], group["false_valid"]
         rows.append(
             (
-                g["estimator"],
-                g["camera"],
-                str(g["n"]),
-                f"{available['n']}/{available['of']}",
-                *(_arcsec(error[key]) for key in ("rms", "median", "p95")),
-                f"{false['n']}/{false['of']}",
-                *([_noise_nees(g["nees_noise"])] if several_draws else []),
+                group["estimator"] + (" (told the pose)" if group["given_pose"] else ""),
+                group["camera"],
+                str(group["n"]),
+                f"{available['n']} of {available['of']} due",
+                *("-" if error[key] is None else unit.number(error[key]) for key in ("rms", "median", "p95", "max")),
+                f"{false['n']} of {false['of']}",
+                *([_noise_nees(group["nees_noise"])] if several_draws else []),
             )
         )
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     for row in rows:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    for group in judged:
+        print(f"{group['estimator']}, {group['camera']}: {headline(group, unit)}")
 
 
 def print_shard(shard: str | None, missing: int) -> None:
     """Print that a shard is done, and what the whole still lacks."""
     print(f"shard {shard} is done, {missing} results of others are missing; run without --shard to conclude")
-
-
-def _arcsec(value: float | None) -> str:
-    return "-" if value is None else f'{value:.1f}"'
 
 
 def _noise_nees(nees: dict[str, Any]) -> str:

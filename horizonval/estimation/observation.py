@@ -17,8 +17,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.geometry.camera import CameraModel
-
-WGS84_FLATTENING = 1.0 / 298.257223563
+from horizonval.geometry.ellipsoid import WGS84
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ class Observation:
     full_scale: float | None = None
     altitude_m: float | None = None
     earth_radius_m: float = 6371008.8
-    flattening: float = WGS84_FLATTENING
+    flattening: float = WGS84.flattening
     band_kind: Literal["solar", "thermal"] | None = None
     sun_cam: FloatArray | None = None
     oracle: OraclePose | None = None

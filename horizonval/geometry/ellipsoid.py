@@ -63,6 +63,11 @@ class Ellipsoid:
     def is_sphere(self) -> bool:
         return self.a_m == self.b_m
 
+    @property
+    def flattening(self) -> float:
+        """``(a - b) / a``: the difference of the radii is exact, ``1 - b / a`` would lose two digits."""
+        return (self.a_m - self.b_m) / self.a_m
+
 
 WGS84 = Ellipsoid(6378137.0, 6378137.0 * (1.0 - 1.0 / 298.257223563))
 

@@ -28,7 +28,6 @@ from horizonval.earth.atmosphere.air import TOP_M
 from horizonval.earth.atmosphere.climate import BY_LATITUDE_MONTH
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import camera_from_spec, unproject
-from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.renderer.scene.frame_memory import frame_bytes
 from horizonval.spec.scene import SceneSpec
@@ -126,7 +125,7 @@ def marched_cells(truth: FrameTruth, camera: CameraSpec, subsamples: int) -> flo
     seen = np.isfinite(d_cam).all(axis=-1)
     itrs = np.array(truth.r_itrs)
     d = rotate(inverse(truth.q_cam_from_itrs), d_cam[seen])
-    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+    ellipsoid = truth.ellipsoid
     # The ellipsoid raised by the air's height differs from equal heights by metres.
     axes = ellipsoid.axes_m + TOP_M
     o, d = itrs / axes, d / axes

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import shutil
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,11 @@ from urllib.parse import quote
 
 from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
-from horizonval.report import formatting, rerun, template
+from horizonval.report import angle_unit, formatting, rerun, template
 from horizonval.report.accuracy import accuracy_of
+from horizonval.report.angle_unit import AngleUnit
 from horizonval.report.figures import overlay, picture, plots
+from horizonval.report.headline import headline
 from horizonval.report.load import CaseView, ReportRun, load_run
 from horizonval.report.pages import campaign_page, confusion_section, infrared_section, stability
 from horizonval.report.verdict import VERDICTS, verdict_of
@@ -29,6 +32,7 @@ from horizonval.store.manifest import amend_manifest
 
 STRIP_RATIO = 20
 """Wider images than this are drawn as a strip of their own proportions."""
+DEFAULT_SIGMA_ARCSEC = 3600.0 * math.degrees(limits.DEFAULT_SIGMA_RAD)
 MOST_CASES_SHOWN = 300
 """With a picture each; the page of a longer run would not open."""
 
@@ -88,29 +92,32 @@ def write_report(run_dir: Path) -> list[Path]:
 
 def page_of(run: ReportRun) -> dict[str, Any]:
     """Return everything the template shows."""
-    summary = summarise(run.rows)
+    summary = summarise(run.rows, run.given_pose, run.orbit)
+    unit = angle_unit.unit_of(row.nadir_error_arcsec for row in run.judged_rows if row.is_claim)
     broken = sum(view.broken for view in run.views)
     pixels = sum(view.image.dn.size for view in run.views if view.image is not None)
     reduced = pixels > picture.LOSSLESS_BUDGET_PX
     shown_views = [view for view in run.views if view.shown]
-    tiles = [_tile(view, run.estimators, index, reduced) for index, view in enumerate(shown_views)]
+    tiles = [_tile(view, run.estimators, index, reduced, unit) for index, view in enumerate(shown_views)]
     shown = {tile_row["verdict"] for tile in tiles for tile_row in tile["rows"]}
     cameras = sorted({tile["camera"] for tile in tiles})
     return {
         "run": run,
         "summary": summary,
-        "groups": [{**group, "finding": formatting.finding(group)} for group in summary["groups"]],
-        "headline": _headline(summary, run, broken),
+        "unit": unit,
+        "groups": [{**group, "finding": _finding(group, unit)} for group in _in_order(summary["groups"], run)],
+        "headline": _verdict(summary, run, broken),
         "broken": broken,
         "cameras": cameras,
-        "confusions": confusion_section.matrices_of(run.rows, run.estimators),
-        "figures": _figures(run),
+        "confusions": confusion_section.matrices_of(run.rows, run.judged_estimators),
+        "figures": _figures(run, unit),
         "tiles": tiles,
         "reduced": reduced,
         "hidden": len({view.case for view in run.views if not view.shown}),
         "verdicts": [verdict for verdict in VERDICTS if verdict in shown],
         "limit_deg": f"{math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}",
         "floor_deg": f"{math.degrees(limits.SIGMA_TEST_FLOOR_RAD):g}",
+        "default_sigma": unit.text(DEFAULT_SIGMA_ARCSEC),
         "sigmas": f"{limits.SIGMA_LIMIT:g}",
         "gamma": f"{picture.GAMMA:g}",
         "percentiles": [f"{value:g}" for value in picture.PERCENTILES],
@@ -119,12 +126,27 @@ def page_of(run: ReportRun) -> dict[str, Any]:
     }
 
 
-def _headline(summary: Mapping[str, Any], run: ReportRun, broken: int) -> dict[str, str]:
-    """The first thing to know: false claims, else broken or missing frames, else that all is well."""
-    false = sum(group["false_valid"]["n"] for group in summary["groups"])
-    claims = sum(group["false_valid"]["of"] for group in summary["groups"])
+def _in_order(groups: Sequence[Mapping[str, Any]], run: ReportRun) -> list[Mapping[str, Any]]:
+    """Return groups in the suite's order of estimators; those that are told the true pose last."""
+    return sorted(groups, key=lambda group: (group["given_pose"], run.estimators.index(group["estimator"])))
+
+
+def _finding(group: Mapping[str, Any], unit: AngleUnit) -> str:
+    if not group["given_pose"]:
+        return headline(group, unit)
+    worst = unit.text(group["nadir_error_arcsec"]["max"])
+    return f"told the true pose, to test the scoring, and counted nowhere else; worst {worst}."
+
+
+def _verdict(summary: Mapping[str, Any], run: ReportRun, broken: int) -> dict[str, str]:
+    """The first thing to know: crashes and false claims, else broken or missing frames, else that all is well."""
+    rates = summary["rates"]
+    false, claims, crashes = rates["false_valid"]["n"], rates["false_valid"]["of"], rates["crashed"]["n"]
+    parts = [f"{crashes} {'crash' if crashes == 1 else 'crashes'}"] if crashes else []
     if false:
-        return {"kind": "false", "glyph": "✖", "text": f"{formatting.count(false, 'false claim')} among {claims}"}
+        parts.append(f"{formatting.count(false, 'false claim')} among {claims}, {_whose(summary['groups'])}")
+    if parts:
+        return {"kind": "false", "glyph": "✖", "text": "; ".join(parts)}
     if broken or run.missing:
         parts = [f"{formatting.count(broken, 'frame')} failed"] if broken else []
         parts += [f"{formatting.count(len(run.missing), 'frame')} not finished"] if run.missing else []
@@ -134,26 +156,41 @@ def _headline(summary: Mapping[str, Any], run: ReportRun, broken: int) -> dict[s
     return {"kind": "none", "glyph": "–", "text": "No attitude was claimed"}
 
 
-def _figures(run: ReportRun) -> list[dict[str, str]]:
+def _whose(groups: Sequence[Mapping[str, Any]]) -> str:
+    """Return whose the false claims are, the most first."""
+    counts: Counter[str] = Counter()
+    for group in groups:
+        if not group["given_pose"]:
+            counts[group["estimator"]] += group["false_valid"]["n"]
+    false = [(name, n) for name, n in counts.most_common() if n]
+    if len(false) == 1:
+        return f"all by {false[0][0]}"
+    return ", ".join(f"{n} by {name}" for name, n in false)
+
+
+def _figures(run: ReportRun, unit: AngleUnit) -> list[dict[str, str]]:
+    # What is told the pose stands at zero, and would only stretch the axes.
+    names, rows = run.judged_estimators, run.judged_rows
     width = 11.0 if len(run.views) <= 45 else 13.0
-    height = 3.4 + 0.17 * len(run.estimators) + (1.0 if len(run.views) <= 45 else 0.0)
+    floor = unit.text(plots.FLOOR_ARCSEC)
+    height = 3.4 + 0.17 * len(names) + (1.0 if len(run.views) <= 45 else 0.0)
     return [
         {
-            "uri": plots.figure_uri(plots.error_by_frame(run.views, run.estimators), width, height),
+            "uri": plots.figure_uri(plots.error_by_frame(run.views, names, unit), width, height),
             "title": "Nadir error of every frame",
             "text": "Angle between the claimed and the true nadir. The strip on top marks the frames that an estimator "
-            f"refused. Errors below {plots.FLOOR_ARCSEC:g} arcsec are drawn at {plots.FLOOR_ARCSEC:g} arcsec.",
+            f"refused. Errors below {floor} are drawn at {floor}.",
             "wide": "wide",
         },
         {
-            "uri": plots.figure_uri(plots.error_by_sigma(run.rows, run.estimators), 5.4, 4.6),
+            "uri": plots.figure_uri(plots.error_by_sigma(rows, names, unit), 5.4, 4.6),
             "title": "Error against claimed uncertainty",
             "text": "Points far above the diagonal are errors that the estimator does not know of: bias, such as the "
             "soft edge of the atmosphere.",
             "wide": "",
         },
         {
-            "uri": plots.figure_uri(plots.roll_and_pitch(run.rows, run.estimators), 5.4, 4.6),
+            "uri": plots.figure_uri(plots.roll_and_pitch(rows, names, unit), 5.4, 4.6),
             "title": "Roll and pitch errors",
             "text": "Claimed minus true, body axes. A cloud whose centre is off zero is a bias.",
             "wide": "",
@@ -161,10 +198,10 @@ def _figures(run: ReportRun) -> list[dict[str, str]]:
     ]
 
 
-def _tile(view: CaseView, estimators: Sequence[str], index: int, reduced: bool) -> dict[str, Any]:
+def _tile(view: CaseView, estimators: Sequence[str], index: int, reduced: bool, unit: AngleUnit) -> dict[str, Any]:
     image = view.image
     # A frame without any row says so once.
-    rows = [_tile_row(view, name) for name in estimators if name in view.rows]
+    rows = [_tile_row(view, name, unit) for name in estimators if name in view.rows]
     some = next(iter(view.rows.values()), None)
     expected = expected_outcome(image.truth, view.band) if image is not None else None
     camera = some.camera if some else (image.truth.camera_spec.camera.name or "" if image else "")
@@ -205,17 +242,17 @@ def _tile(view: CaseView, estimators: Sequence[str], index: int, reduced: bool) 
     return tile
 
 
-def _tile_row(view: CaseView, estimator: str) -> dict[str, Any]:
+def _tile_row(view: CaseView, estimator: str, unit: AngleUnit) -> dict[str, Any]:
     row = view.rows[estimator]
     verdict = verdict_of(row, broken=view.broken)
     number = formatting.number
     expected = formatting.meaning(row.expected)
     if row.is_claim:
-        text = f"{number(row.nadir_error_arcsec)} arcsec off"
+        text = f"{unit.text(row.nadir_error_arcsec)} off"
         if row.without_sigma:
             text += ", claims no uncertainty"
         elif sigma := row.sigma_total_arcsec:
-            text += f", claims {number(sigma)} arcsec (1 sigma)"
+            text += f", claims {unit.text(sigma)} (1 sigma)"
         if row.expected != Outcome.VALID:
             text += f"; expected to refuse: {expected}"
     else:
@@ -230,17 +267,19 @@ def _tile_row(view: CaseView, estimator: str) -> dict[str, Any]:
         ("reported", formatting.outcome(row.status)),
         ("expected", f"{formatting.outcome(row.expected)} ({expected})"),
         ("reason given", row.reason or ""),
-        ("nadir error", f"{number(row.nadir_error_arcsec)} arcsec"),
+        ("nadir error", unit.text(row.nadir_error_arcsec)),
         (
             "claimed (1 sigma)",
-            "none: judged by 72 arcsec" if row.without_sigma else f"{number(row.sigma_total_arcsec)} arcsec",
+            f"none: judged by {unit.text(DEFAULT_SIGMA_ARCSEC)}"
+            if row.without_sigma
+            else unit.text(row.sigma_total_arcsec),
         ),
         ("normalised error squared", f"{number(row.nees_nadir_total)} (2 expected)"),
         ("of the noise alone", f"{number(row.nees_noise)} in {row.noise_draws} draws (2 expected)"),
-        ("roll error", f"{number(row.roll_error_arcsec)} arcsec"),
-        ("pitch error", f"{number(row.pitch_error_arcsec)} arcsec"),
+        ("roll error", unit.text(row.roll_error_arcsec)),
+        ("pitch error", unit.text(row.pitch_error_arcsec)),
         ("altitude error", f"{number(row.altitude_error_km)} km"),
-        ("angular radius error", f"{number(row.angular_radius_error_arcsec)} arcsec"),
+        ("angular radius error", unit.text(row.angular_radius_error_arcsec)),
         ("limb points", str(row.n_points)),
     ]
     values = [(key, value) for key, value in values if value and not value.startswith("–")]

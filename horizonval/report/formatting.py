@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 from horizonval.core.outcome import Outcome
 
@@ -71,28 +69,3 @@ def outcome(name: str) -> str:
 def meaning(name: str) -> str:
     """Return what an outcome says about the frame."""
     return OUTCOME_WORDS.get(Outcome(name), name) if name in set(Outcome) else name
-
-
-def finding(group: Mapping[str, Any]) -> str:
-    """Return one sentence or two on an estimator with a camera (a group of the summary)."""
-    available, false, error = group["availability"], group["false_valid"], group["nadir_error_arcsec"]
-    parts = []
-    if available["of"]:
-        parts.append(f"answered {available['n']} of {available['of']} usable frames ({percent(available['rate'])})")
-    else:
-        parts.append(f"{count(group['n'], 'frame')}, none usable")
-    if error["n"]:
-        parts.append(
-            f"nadir error {number(error['median'])} arcsec median, {number(error['max'])} arcsec at most "
-            f"(n = {error['n']})"
-        )
-    if false["of"]:
-        parts.append(
-            f"{count(false['n'], 'false claim')} among {false['of']} "
-            f"(95 % interval {interval(false['interval'], as_percent=True)})"
-        )
-    if group["claims_without_sigma"]:
-        parts.append(f"{count(group['claims_without_sigma'], 'claim')} without a sigma, judged by 72 arcsec")
-    if group["crashed"]["n"]:
-        parts.append(f"crashed on {count(group['crashed']['n'], 'frame')}")
-    return "; ".join(parts) + "."

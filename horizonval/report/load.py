@@ -11,7 +11,8 @@ from typing import Any
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.frame import DetectorImage
 from horizonval.scoring.row import Row
-from horizonval.store.folder import read_json
+from horizonval.store.folder import RunFolder, read_json
+from horizonval.store.named import archive_of
 from horizonval.store.store import Store
 
 
@@ -40,7 +41,8 @@ class CaseView:
 class ReportRun:
     """A run as the report needs it: views in the suite's order, the cases without result, the figures asked for.
 
-    ``figures`` are what :func:`horizonval.suites.axes.figure_plans` says; ``study``: of a trade study.
+    ``figures`` are what :func:`horizonval.suites.axes.figure_plans` says; ``study``: of a trade study; ``given_pose``:
+    estimators that are told the true pose; ``orbit``: cases that are samples of an orbit.
     """
 
     suite: str
@@ -52,11 +54,23 @@ class ReportRun:
     views: tuple[CaseView, ...]
     figures: tuple[dict[str, Any], ...] = ()
     study: bool = False
+    given_pose: tuple[str, ...] = ()
+    orbit: frozenset[str] = frozenset()
 
     @property
     def rows(self) -> list[Row]:
         """Every row, in the order of the views."""
         return [row for view in self.views for row in view.rows.values()]
+
+    @property
+    def judged_rows(self) -> list[Row]:
+        """The rows but those of estimators that are told the true pose."""
+        return [row for row in self.rows if row.estimator not in self.given_pose]
+
+    @property
+    def judged_estimators(self) -> tuple[str, ...]:
+        """The estimators that are not told the true pose."""
+        return tuple(name for name in self.estimators if name not in self.given_pose)
 
 
 def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
@@ -83,12 +97,13 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
         raise UserError("no run.json", where=str(run_dir), expected="the folder of a run")
     head = _read(path, ("suite", "estimators", "cases"))
     # The images of a run that was scored again lie elsewhere.
-    store = Store(run_dir / head.get("archive", "archive"))
+    folder = RunFolder(run_dir)
+    store = Store(archive_of(folder, head), read_only=True)
     shown = _shown(run_dir, head["cases"], most)
     names, heads_of = head["cases"], head.get("heads") or {}
     missing, views = [], []
     for name in names:
-        case_path = run_dir / "cases" / f"{name}.json"
+        case_path = folder.case(name)
         if case_path.is_file():
             record = _read(case_path, ("case", "rows", "details"))
             if record["case"] != name:
@@ -112,6 +127,8 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
         views=tuple(views),
         figures=tuple(head.get("figures") or ()),
         study=bool(head.get("study")),
+        given_pose=tuple(head.get("given_pose") or ()),
+        orbit=frozenset(head.get("orbit") or ()),
     )
 
 
@@ -127,7 +144,7 @@ def _read(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
 def _shown(run_dir: Path, names: list[str], most: int | None) -> set[str]:
     if most is None or len(names) <= most:
         return set(names)
-    striking = [name for name in names if _is_striking(run_dir / "cases" / f"{name}.json")]
+    striking = [name for name in names if _is_striking(RunFolder(run_dir).case(name))]
     first = _spread(striking, most // 2)
     return {*first, *_spread([name for name in names if name not in set(striking)], most - len(first))}
 
@@ -147,7 +164,7 @@ def _is_striking(path: Path) -> bool:
 
 def _head_images(run_dir: Path, cases: Sequence[tuple[str, str]]) -> dict[str, dict[str, str]]:
     """Return the addresses of images by head and band, from heads with the names of their cases."""
-    paths = {head: run_dir / "cases" / f"{name}.json" for head, name in cases}
+    paths = {head: RunFolder(run_dir).case(name) for head, name in cases}
     return {head: dict(_read(path, ()).get("images") or {}) if path.is_file() else {} for head, path in paths.items()}
 
 

@@ -57,7 +57,6 @@ from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
-from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import signed_limb_angle
 from horizonval.scoring import limits
 from horizonval.scoring.horizon_view import (
@@ -199,7 +198,7 @@ def examine(
     determined = _determined_rad(scene, usable, limits.NOMINAL)
     seen = view.in_view
     up_cam = -np.array(truth.nadir_geodetic_cam)
-    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+    ellipsoid = truth.ellipsoid
     expected = Expected(
         outcome=outcome,
         horizon_fraction_in_view=float(seen.mean()),
@@ -341,7 +340,7 @@ def _determined_rad(scene: _Scene, member: BoolArray, thresholds: Thresholds) ->
             los,
             cone.axis_cam,
             rho,
-            flattening=1.0 - truth.ellipsoid_b_m / truth.ellipsoid_a_m,
+            flattening=truth.ellipsoid.flattening,
             reliefs=_reliefs(scene, rho),
             earth_radius_m=truth.ellipsoid_a_m,
         )

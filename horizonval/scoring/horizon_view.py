@@ -12,7 +12,6 @@ from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.directions import perpendicular
-from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import horizon_cam, tangency_points
 from horizonval.scoring import limits
 
@@ -48,7 +47,7 @@ class HorizonView:
 
 def horizon_view(truth: FrameTruth, camera: CameraModel) -> HorizonView:
     """Sample the horizon of a truth."""
-    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+    ellipsoid = truth.ellipsoid
     samples = _samples(camera)
     los = horizon_cam(truth.r_itrs, truth.q_cam_from_itrs, ellipsoid, samples)
     uv, _ = project(camera, los)

@@ -324,7 +324,13 @@ def make_row(
     frame_address: str | None = None,
     image_address: str | None = None,
 ) -> Row:
-    """Return the row of one estimator on one image."""
+    """Return the row of one estimator on one image, its numbers rounded to the digits that are results.
+
+    Angles in arcsec to :data:`ARCSEC_DECIMALS`, which is what fits are rounded to
+    (:mod:`horizonval.estimation.digits`), other numbers to :data:`SIGNIFICANT` digits: what is beyond is a matter of
+    the processor, and rows promise bytes.
+    """
+    values = {**vars(score), **vars(conditions_of(truth, expected, band))}
     return Row(
         case=case,
         camera=camera,
@@ -334,9 +340,14 @@ def make_row(
         borderline=expected.borderline,
         frame_address=frame_address,
         image_address=image_address,
-        **vars(score),
-        **vars(conditions_of(truth, expected, band)),
+        **{name: _rounded(name, value) for name, value in values.items()},
     )
+
+
+def _rounded(name: str, value: Any) -> Any:
+    if not isinstance(value, float):
+        return value
+    return round(value, ARCSEC_DECIMALS) if name in _IN_ARCSEC else float(f"{value:.{SIGNIFICANT}g}")
 
 
 def _columns() -> tuple[Column, ...]:
@@ -352,5 +363,11 @@ def _columns() -> tuple[Column, ...]:
 
 COLUMNS = _columns()
 """The columns of the table of results, in its order."""
+
+ARCSEC_DECIMALS = 7
+SIGNIFICANT = 10
+"""Digits of a row's numbers that are not in arcsec."""
+
+_IN_ARCSEC = {column.name for column in COLUMNS if column.unit == "arcsec"}
 
 _REQUIRED = tuple(field.name for field in fields(Row) if field.default is MISSING)

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
 from horizonval.scoring.confusion import confusion, in_order, strict_confusion
+from horizonval.scoring.headline import headline
 from horizonval.scoring.rates import rates
 from horizonval.scoring.row import Row
 
@@ -28,15 +29,24 @@ NEES_EXPECTED = 2.0
 Summary = dict[str, Any]
 
 
-def summarise(rows: Sequence[Row]) -> Summary:
+def summarise(rows: Sequence[Row], given_pose: Collection[str] = (), orbit: Collection[str] = ()) -> Summary:
     """Summarise rows of results.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+    given_pose : collection of str, optional
+        Estimators that are told the true pose: they test the scoring, and their claims are no merit of a method.
+    orbit : collection of str, optional
+        Cases that are samples of an orbit.
 
     Returns
     -------
     dict
-        JsonObject data: ``schema``, ``n_cases``, ``n_rows``, ``rates`` of all rows together as
-        :func:`horizonval.scoring.rates.rates`, and ``groups``, a list sorted by estimator and camera of what
-        :func:`summarise_group` returns.
+        JsonObject data: ``schema``, ``n_cases``, ``n_rows``, ``rates`` of all rows together but those of ``given_pose``
+        as :func:`horizonval.scoring.rates.rates`, and ``groups``, a list sorted by estimator and camera of what
+        :func:`summarise_group` returns, each with ``given_pose``, whether its estimator is one of those, and
+        ``headline`` as :func:`horizonval.scoring.headline.headline`.
     """
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
@@ -45,9 +55,15 @@ def summarise(rows: Sequence[Row]) -> Summary:
         "schema": SUMMARY_SCHEMA,
         "n_cases": len({row.case for row in rows}),
         "n_rows": len(rows),
-        "rates": rates(rows),
+        "rates": rates([row for row in rows if row.estimator not in given_pose]),
         "groups": [
-            {"estimator": estimator, "camera": camera, **summarise_group(groups[estimator, camera])}
+            {
+                "estimator": estimator,
+                "camera": camera,
+                "given_pose": estimator in given_pose,
+                "headline": headline(groups[estimator, camera], orbit),
+                **summarise_group(groups[estimator, camera]),
+            }
             for estimator, camera in sorted(groups)
         ],
     }

@@ -95,8 +95,7 @@ def standard_attributes(truth: FrameTruth, spec: CameraSpec, exposure_s: float |
     }
     if spec.camera.name:
         attributes |= {"cameraLabel": spec.camera.name, "cameraModel": spec.camera.name}
-    flattening = 1 - truth.ellipsoid_b_m / truth.ellipsoid_a_m
-    longitude, latitude, _ = erfa.gc2gde(truth.ellipsoid_a_m, flattening, np.array(truth.r_itrs))
+    longitude, latitude, _ = erfa.gc2gde(truth.ellipsoid_a_m, truth.ellipsoid.flattening, np.array(truth.r_itrs))
     attributes |= {"longitude": float(np.degrees(longitude)), "latitude": float(np.degrees(latitude))}
     if camera.projection == "pinhole":
         attributes |= _screen_window(camera)

@@ -8,7 +8,7 @@ from typing import Any
 
 from horizonval.core.code import code_version
 from horizonval.scoring.row import Row
-from horizonval.store.folder import RunFolder, write_json
+from horizonval.store.folder import RunFolder, read_json, write_json
 
 
 def conclude(
@@ -35,7 +35,9 @@ def conclude(
     from horizonval.scoring.summary import summarise
     from horizonval.scoring.table import write_results
 
-    summary = {"suite": suite, "version": code_version(), "failed": dict(failed), **summarise(rows), **(more or {})}
+    about = read_json(folder.suite) or {}
+    statistics = summarise(rows, about.get("given_pose") or (), frozenset(about.get("orbit") or ()))
+    summary = {"suite": suite, "version": code_version(), "failed": dict(failed), **statistics, **(more or {})}
     write_results(rows, folder.results)
     write_json(folder.summary, summary)
     return summary, write_report(folder.root)

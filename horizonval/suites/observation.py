@@ -38,7 +38,7 @@ def observation_of(
         full_scale=full_scale,
         altitude_m=None if prior is None else prior * 1e3,
         earth_radius_m=method_radius_m(truth),
-        flattening=1.0 - truth.ellipsoid_b_m / truth.ellipsoid_a_m,
+        flattening=truth.ellipsoid.flattening,
         band_kind=next((one.kind for one in spec.band if one.name == name), None),
         sun_cam=coarse_sun_cam(truth),
         oracle=oracle_pose(truth) if estimator.needs == "pose" else None,

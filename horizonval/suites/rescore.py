@@ -14,7 +14,7 @@ from typing import Any
 from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
-from horizonval.estimation import registry
+from horizonval.estimation import installed
 from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process.sandbox import Limits
 from horizonval.jobs.engine import Recorded, do
@@ -102,7 +102,8 @@ def rescore(
     """
     run = run_folder_of(store.root)
     head = (read_json(run.suite) if run else None) or {}
-    chosen = [registry.get(name) for name in estimators or head.get("estimators", ())]
+    limits = limits or Limits()
+    chosen = [installed.get(name, limits) for name in estimators or head.get("estimators", ())]
     if not chosen:
         raise UserError("which estimators?", where="--estimator", fix="see `horizonval list estimators`")
     entries = [entry for entry in store.index.select() if entry.kind == "frame"]
@@ -115,9 +116,8 @@ def rescore(
         raise UserError("no detector image to score", where=str(store.root), fix="see `horizonval archive ls`")
     folder = RunFolder(out)
     _claim(folder, store, head, chosen, items)
-    plan = CasePlan(tuple(estimator.name for estimator in chosen), limits or Limits())
+    plan = CasePlan(tuple(estimator.name for estimator in chosen), limits)
     with folder.locked():
-        withdraw_manifest(folder.root)
         folder.remove_temporary_files()
         done = do(RescoreWork(plan, store.root, folder), items, Execution(workers), progress or Silent())
         rows = [Row.from_dict(row) for one in done.values() if one.result is not None for row in one.result["rows"]]
@@ -135,12 +135,14 @@ def _claim(
     before = intact_json(folder.suite)
     if (before is not None and "rescored" not in before) or folder.archive.exists():
         raise UserError("holds a run", where=str(folder.root), fix="choose another --out")
+    folder.refuse_links()
     for path in (folder.root, folder.cases):
         try:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as e:
             raise UserError(e.strerror or "cannot be created", where=str(path)) from e
     names = [item.name for item in items]
+    withdraw_manifest(folder.root)
     for path in folder.cases.glob("*.json"):
         if path.stem not in names:
             path.unlink()
@@ -153,7 +155,9 @@ def _claim(
             "title": " ".join(filter(None, [str(head.get("title") or ""), "(scored again)"])),
             "version": code_version(),
             "estimators": [estimator.name for estimator in chosen],
+            "given_pose": [estimator.name for estimator in chosen if estimator.needs == "pose"],
             "cases": names,
+            "orbit": [name for name in head.get("orbit") or () if name in names],
             "heads": cases_of_heads(items),
             "archive": Path(os.path.relpath(store.root, folder.root)).as_posix(),
         },

@@ -104,8 +104,7 @@ def run_suite(
     folder = RunFolder(out_dir)
     folder.create(stability=suite.stability is not None)
     with folder.locked(execution.shard):
-        withdraw_manifest(folder.root)
-        _claim(folder, suite, units)
+        _claim(folder, suite, plan, units)
         if execution.shard is None:
             # Shards may be at work beside each other: what is temporary may be theirs.
             folder.remove_temporary_files()
@@ -128,7 +127,7 @@ def run_suite(
         return _conclude(suite, units, folder, briefs, seconds, outcomes, also)
 
 
-def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
+def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit]) -> None:
     """Write down which suite this folder belongs to; refuse if it belongs to another.
 
     A study's frames may change with its designs, and the number of frames that a suite draws: every case is known by
@@ -149,6 +148,7 @@ def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
             expected=f"a new folder, or a run of {suite.name!r} as it is now",
             fix="choose another --out, or delete this folder",
         )
+    withdraw_manifest(folder.root)
     write_json(
         folder.suite,
         {
@@ -158,7 +158,9 @@ def _claim(folder: RunFolder, suite: Suite, units: Sequence[Unit]) -> None:
             "suite_sha256": identity,
             "version": code_version(),
             "estimators": list(suite.estimators),
+            "given_pose": [name for name in suite.estimators if plan.estimator(name).needs == "pose"],
             "cases": [name for unit in units for name in unit.names],
+            "orbit": [name for unit in units if unit.cases[0].sample for name in unit.names],
             "heads": {unit.name: [[case.head, case.name] for case in unit.cases] for unit in units if unit.heads},
             "keep": suite.keep,
             "figures": figure_plans(suite),

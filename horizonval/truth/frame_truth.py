@@ -157,7 +157,7 @@ def with_infrared_horizon(truth: FrameTruth, model: OpticalModel) -> FrameTruth:
     what :func:`horizonval.earth.spectral.thermal_accuracy.thermal_accuracy` states of it (``heights_km``, ``relative``,
     ``half_height_km``, ``nadir_k``, ``sentences``), or None where the absorption comes from an atmosphere file.
     """
-    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+    ellipsoid = truth.ellipsoid
     line = snow_line_deg(datetime.fromisoformat(truth.epoch_utc))
     horizon_by_band = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs, snow_line_deg=line)
     from_file = truth.scene.get("atmosphere", {}).get("file") is not None

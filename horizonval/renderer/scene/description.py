@@ -16,7 +16,7 @@ from horizonval.earth.optical import NO_ATMOSPHERE, OpticalModel, optical_model
 from horizonval.earth.surface.surface import ground_model, mean_albedo
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, camera_from_spec
-from horizonval.geometry.ellipsoid import Ellipsoid, surface_normal
+from horizonval.geometry.ellipsoid import surface_normal
 from horizonval.geometry.ephemeris import AU_M, phase_angle, sun_itrs
 from horizonval.renderer.plugin.backend import activate
 from horizonval.spec.scene import SceneSpec
@@ -135,7 +135,7 @@ def _components(v: FloatArray) -> tuple[float, float, float]:
 def _zenith_and_horizon(truth: FrameTruth, direction: ArrayLike) -> tuple[float, float]:
     """Return a light's zenith angle below the camera, and the angle at the Earth's centre to the farthest horizon."""
     r = np.array(truth.r_itrs)
-    up = surface_normal(r, Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m))
+    up = surface_normal(r, truth.ellipsoid)
     cosine = float(np.clip(up @ np.asarray(direction), -1.0, 1.0))
     return math.acos(cosine), math.acos(min(truth.ellipsoid_b_m / float(np.linalg.norm(r)), 1.0))
 

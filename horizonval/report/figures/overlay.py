@@ -17,7 +17,6 @@ from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.directions import perpendicular
-from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import horizon_pixels
 from horizonval.truth.infrared_horizon.curve import curve_cam
 
@@ -28,7 +27,7 @@ _POINTS_PER_LINE = 160
 
 def horizon_path(truth: FrameTruth) -> str:
     """Return the exact horizon inside the image; empty if there is none."""
-    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+    ellipsoid = truth.ellipsoid
     lines = horizon_pixels(truth.camera_model, truth.q_cam_from_itrs, truth.r_itrs, ellipsoid, _POINTS_PER_LINE)
     return "".join(_line(line) for line in lines)
 

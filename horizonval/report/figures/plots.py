@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from horizonval.report.angle_unit import AngleUnit
 from horizonval.report.formatting import count
 from horizonval.report.load import CaseView
 from horizonval.report.verdict import BROKEN, CRASHED, FAIR, MISSED, NONE, OTHER, REFUSED, verdict_of
@@ -39,7 +40,7 @@ _STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "path.simplify": False,
 }
-FLOOR_ARCSEC = 0.1
+FLOOR_ARCSEC = 0.36
 """Smaller errors, exact zeros among them, are drawn here: a log axis has no zero."""
 _MOST_NAMES = 45
 
@@ -66,7 +67,7 @@ def figure_uri(draw: Draw, width_in: float, height_in: float) -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
 
 
-def error_by_frame(views: Sequence[CaseView], estimators: Sequence[str]) -> Draw:
+def error_by_frame(views: Sequence[CaseView], estimators: Sequence[str], unit: AngleUnit) -> Draw:
     """Nadir error of every frame on a log axis; refusals as marks in a strip on top."""
 
     def draw(figure: Figure) -> None:
@@ -82,7 +83,7 @@ def error_by_frame(views: Sequence[CaseView], estimators: Sequence[str]) -> Draw
                 verdict = verdict_of(row, broken=view.broken)
                 if row is not None and row.nadir_error_arcsec is not None:
                     x.append(j + offset[i])
-                    y.append(max(row.nadir_error_arcsec, FLOOR_ARCSEC))
+                    y.append(unit.of(max(row.nadir_error_arcsec, FLOOR_ARCSEC)))
                 elif verdict is not NONE:
                     used.add(verdict)
                     hollow = "none" if verdict in (REFUSED, OTHER, FAIR) else verdict.colour
@@ -101,9 +102,9 @@ def error_by_frame(views: Sequence[CaseView], estimators: Sequence[str]) -> Draw
             )
         if used:
             strip.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize=8.5, borderaxespad=0.2)
-        _limit_lines(axes)
+        _limit_line(axes, unit)
         axes.set_yscale("log")
-        axes.set_ylabel("nadir error [arcsec]")
+        axes.set_ylabel(f"nadir error [{unit.name}]")
         axes.set_xlim(-0.7, len(views) - 0.3)
         if len(views) <= _MOST_NAMES:
             axes.set_xticks(range(len(views)), [_label(v, views) for v in views], rotation=55, ha="right", fontsize=8)
@@ -115,7 +116,7 @@ def error_by_frame(views: Sequence[CaseView], estimators: Sequence[str]) -> Draw
     return draw
 
 
-def error_by_sigma(rows: Sequence[Row], estimators: Sequence[str]) -> Draw:
+def error_by_sigma(rows: Sequence[Row], estimators: Sequence[str], unit: AngleUnit) -> Draw:
     """Nadir error against the error each estimator claims: honest claims scatter about the diagonal."""
 
     def draw(figure: Figure) -> None:
@@ -123,7 +124,7 @@ def error_by_sigma(rows: Sequence[Row], estimators: Sequence[str]) -> Draw:
         everything, exact = [], 0
         for i, name in enumerate(estimators):
             pairs = [
-                (sigma, max(row.nadir_error_arcsec, FLOOR_ARCSEC))
+                (unit.of(sigma), unit.of(max(row.nadir_error_arcsec, FLOOR_ARCSEC)))
                 for row in rows
                 if row.estimator == name
                 and (sigma := row.sigma_total_arcsec) is not None
@@ -144,19 +145,19 @@ def error_by_sigma(rows: Sequence[Row], estimators: Sequence[str]) -> Draw:
             _empty(axes, "no claim with an uncertainty")
         if exact:
             axes.set_title(f"{count(exact, 'claim')} of zero uncertainty not drawn", fontsize=8.5, loc="left")
-        axes.set(xlabel="claimed nadir error, 1 sigma [arcsec]", ylabel="nadir error [arcsec]")
+        axes.set(xlabel=f"claimed nadir error, 1 sigma [{unit.name}]", ylabel=f"nadir error [{unit.name}]")
 
     return draw
 
 
-def roll_and_pitch(rows: Sequence[Row], estimators: Sequence[str]) -> Draw:
+def roll_and_pitch(rows: Sequence[Row], estimators: Sequence[str], unit: AngleUnit) -> Draw:
     """Roll against pitch error of every claim; a centre off zero is a bias."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         pairs = {
             name: [
-                (row.roll_error_arcsec, row.pitch_error_arcsec)
+                (unit.of(row.roll_error_arcsec), unit.of(row.pitch_error_arcsec))
                 for row in rows
                 if row.estimator == name and row.roll_error_arcsec is not None and row.pitch_error_arcsec is not None
             ]
@@ -166,7 +167,7 @@ def roll_and_pitch(rows: Sequence[Row], estimators: Sequence[str]) -> Draw:
         if not size:
             _empty(axes, "no claim with roll and pitch")
         # Twice the 75th percentile: one wild claim must not squeeze the others into a dot.
-        reach = max(1.0, min(1.1 * max(size, default=1), 2 * float(np.percentile(size, 75)) if size else 1))
+        reach = max(unit.of(1.0), min(1.1 * max(size, default=1), 2 * float(np.percentile(size, 75)) if size else 1))
         beyond = sum(value > reach for value in size)
         for i, name in enumerate(estimators):
             if pairs[name]:
@@ -175,7 +176,7 @@ def roll_and_pitch(rows: Sequence[Row], estimators: Sequence[str]) -> Draw:
             axes.axhline(0, color="#333333", lw=0.8)
             axes.axvline(0, color="#333333", lw=0.8)
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
-        axes.set(xlabel="roll error [arcsec]", ylabel="pitch error [arcsec]")
+        axes.set(xlabel=f"roll error [{unit.name}]", ylabel=f"pitch error [{unit.name}]")
         if size:
             axes.legend(loc="best", fontsize=8.5)
         if beyond:
@@ -195,15 +196,10 @@ def _mark(index: int) -> dict[str, Any]:
     }
 
 
-def _limit_lines(axes: Axes) -> None:
-    degrees = math.degrees(limits.NADIR_ERROR_LIMIT_RAD)
-    axes.axhline(
-        3600 * degrees,
-        color="#b34700",
-        lw=1.2,
-        ls="--",
-        label=f"false claim beyond {degrees:g}° = {3600 * degrees:g} arcsec",
-    )
+def _limit_line(axes: Axes, unit: AngleUnit) -> None:
+    limit_arcsec = 3600 * math.degrees(limits.NADIR_ERROR_LIMIT_RAD)
+    label = f"false claim beyond {unit.text(limit_arcsec)}"
+    axes.axhline(unit.of(limit_arcsec), color="#b34700", lw=1.2, ls="--", label=label)
 
 
 def _empty(axes: Axes, text: str) -> None:

@@ -35,7 +35,7 @@ GUARDED = "guarded-"
 
 def headline(run: ReportRun) -> JsonObject:
     """Return the page's name and the campaign in one sentence."""
-    rows = run.rows
+    rows = run.judged_rows
     false = sum(verdict_of(row) is FALSE_VALID for row in rows)
     claims = sum(row.is_claim for row in rows)
     figures = f"{count(len(run.figures), 'figure')}; " if run.figures else ""
@@ -54,22 +54,23 @@ def has_draws(run: ReportRun) -> bool:
 
 def page_of(run: ReportRun) -> JsonObject:
     """Return everything the template shows."""
-    rows, link = run.rows, links_of(run)
+    rows, link, names = run.judged_rows, links_of(run), run.judged_estimators
     groups = summarise(rows)["groups"]
     # One claim has no spread.
     spread = [group for group in groups if group["roll_error_arcsec"]["n"] > 1]
     return {
         "headline": headline(run)["text"],
         "sections": [_section(run, plan, number, link) for number, plan in enumerate(run.figures)],
-        "confusions": matrices_of(rows, run.estimators),
+        "confusions": matrices_of(rows, names),
         "together": [_rates(name, "", rates(own), len(own)) for name, own in _pooled(rows)],
         "rates": [_rates(group["estimator"], group["camera"], group, group["n"]) for group in groups],
         "errors": [_errors(group) for group in groups],
-        "tails": inline_svg(draw.error_distribution(rows, run.estimators, link), 6.2, 4.8, "tails"),
+        "tails": inline_svg(draw.error_distribution(rows, names, link), 6.2, 4.8, "tails"),
         "bias": inline_svg(draw.bias_and_noise(spread), 7.4, 1.1 + 0.42 * len(spread), "bias"),
         "worst": _worst(rows, link),
         "drawn": has_draws(run),
         "limit_deg": f"{math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}",
+        "default_sigma_deg": f"{math.degrees(limits.DEFAULT_SIGMA_RAD):g}",
         "sigmas": f"{limits.SIGMA_LIMIT:g}",
         "floor_deg": f"{math.degrees(limits.SIGMA_TEST_FLOOR_RAD):g}",
     }
@@ -89,13 +90,13 @@ def _pooled(rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
 
 
 def _section(run: ReportRun, plan: JsonObject, index: int, link: draw.Link) -> JsonObject:
-    rows = [row for row in run.rows if row.case in plan["cases"]]
+    rows = [row for row in run.judged_rows if row.case in plan["cases"]]
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         groups.setdefault((row.camera, row.band), []).append(row)
     figures = []
     for (camera, band), own in sorted(groups.items()):
-        names = [name for name in run.estimators if any(row.estimator == name for row in own)]
+        names = [name for name in run.judged_estimators if any(row.estimator == name for row in own)]
         for k, (estimator, drawn, width, height) in enumerate(_drawings(plan, own, names, link)):
             salt = f"figure-{index}-{camera}-{band}-{k}"
             name = "-".join(filter(None, [str(index + 1), plan["kind"], camera, band, estimator]))
@@ -197,6 +198,8 @@ def _rates(name: str, camera: str, found: Mapping[str, Any], n: int) -> JsonObje
         "camera": camera,
         "n": n,
         "borderline": found["n_borderline"],
+        "crashed": found["crashed"]["n"],
+        "without_sigma": found["claims_without_sigma"],
         **{key: _share(found[key]) for key in ("availability", "refusal", "bonus", "false_valid")},
         "bound": "" if false["upper_bound"] is None else _bound(false["upper_bound"]),
         "beyond_limit": false["beyond_limit"],

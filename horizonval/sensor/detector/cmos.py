@@ -20,7 +20,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral import bands
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_from_itrs
+from horizonval.geometry.ellipsoid import geodetic_from_itrs
 from horizonval.sensor import motion
 from horizonval.sensor.detector import (
     auto_exposure,
@@ -146,7 +146,7 @@ def _with_protons(
     """Return the charge with the protons' streaks. Rows wait half the read-out time on average, and collect."""
     if detector.radiation is None or rng is None:
         return electrons
-    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+    ellipsoid = truth.ellipsoid
     latitude, longitude, _ = geodetic_from_itrs(np.array(truth.r_itrs), ellipsoid)
     anomaly = protons.anomaly(float(np.degrees(latitude)), float(np.degrees(longitude)))
     shape = (electrons.shape[0], electrons.shape[1])

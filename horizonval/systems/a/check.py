@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.geometry.camera import camera_from_spec
-from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.horizon import horizon_columns, horizon_rows
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
@@ -36,7 +35,7 @@ def check(item: JsonObject) -> JsonObject:
     radiance = frame.radiance["glow"].astype(np.float64)
     coverage = radiance / radiance.max()
     intrinsics = camera_from_spec(camera.camera)
-    ellipsoid = Ellipsoid(frame.truth.ellipsoid_a_m, frame.truth.ellipsoid_b_m)
+    ellipsoid = frame.truth.ellipsoid
     pose = (intrinsics, frame.truth.q_cam_from_itrs, frame.truth.r_itrs)
     rho = radius_of(item["altitude_km"])
     stock = _stock_sphere(np.array(frame.truth.nadir_geocentric_cam), rho, item["pixels"], item["fov_deg"])

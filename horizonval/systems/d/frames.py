@@ -23,7 +23,6 @@ from horizonval.estimation.observation import Fit, Observation
 from horizonval.frame import FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.geometry.directions import angle_between
-from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.ephemeris import sun_itrs
 from horizonval.geometry.horizon import horizon_columns
 from horizonval.scoring.errors import score
@@ -151,7 +150,7 @@ def exact_crossings(frames: dict[str, RadianceFrame], camera: CameraSpec) -> lis
     columns = []
     for frame in frames.values():
         truth = frame.truth
-        shape = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+        shape = truth.ellipsoid
         row = float(camera.camera.height // 2)
         geometry = camera_from_spec(camera.camera)
         found = horizon_columns(geometry, truth.q_cam_from_itrs, truth.r_itrs, [row], shape)[0, 0]

@@ -9,7 +9,6 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import project
-from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import horizon_by_azimuth
 from horizonval.truth.infrared_horizon.rays import directions
@@ -28,7 +27,7 @@ def curve_cam(truth: FrameTruth, band: str, samples: int, locator: str = HALF_PL
     azimuth = np.arange(samples) * (math.tau / samples)
     at = np.radians(stored["azimuth_deg"])
     above = np.array(stored[f"{locator}_angle_rad"]) - np.array(stored["geometric_angle_rad"])
-    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+    ellipsoid = truth.ellipsoid
     hard = horizon_by_azimuth(truth.r_itrs, ellipsoid, azimuth)
     d_itrs = directions(truth.r_itrs, azimuth, hard + np.interp(azimuth, at, above, period=math.tau))
     height = np.interp(azimuth, at, stored[f"{locator}_height_m"], period=math.tau)

@@ -17,6 +17,7 @@ from horizonval.core.outcome import Outcome
 from horizonval.frame import DetectorImage
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.report import formatting, rerun
+from horizonval.report.angle_unit import ARCSEC, DEG, unit_of
 from horizonval.report.figures import overlay, picture, plots
 from horizonval.report.load import CaseView
 from horizonval.report.pages import infrared_section
@@ -56,6 +57,13 @@ def vertices(path: str) -> np.ndarray:
 )
 def test_numbers(value, text):
     assert formatting.number(value) == text
+
+
+def test_a_page_has_one_unit():
+    assert unit_of([0.0, None, 3600.0]) is DEG
+    assert unit_of([0.0, 35.9]) is ARCSEC
+    assert unit_of([None]) is unit_of([]) is DEG
+    assert (DEG.text(619.2), ARCSEC.text(12.0), DEG.text(None)) == ("0.172°", "12.0 arcsec", "–")
 
 
 def test_every_outcome_has_words():
@@ -287,7 +295,7 @@ def test_figures_are_the_same_twice_and_hold_no_date():
     views = [
         CaseView(c.truth.scene["scene"]["name"], "red", {}, {}, None, "", False, "") for c in synthetic_cases()[:2]
     ]
-    made = [plots.figure_uri(plots.error_by_frame(views, ["a", "b"]), 6, 3) for _ in range(2)]
+    made = [plots.figure_uri(plots.error_by_frame(views, ["a", "b"], DEG), 6, 3) for _ in range(2)]
     assert made[0] == made[1]
     svg = base64.b64decode(made[0].split(",")[1]).decode()
     assert "<svg" in svg

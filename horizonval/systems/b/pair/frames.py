@@ -21,7 +21,6 @@ from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.geometry.camera import project, unproject
 from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import angle_between
-from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.horizon import horizon_cam
 from horizonval.renderer.scene.frame import render_frame
@@ -174,7 +173,7 @@ def searched(images: dict[str, DetectorImage]) -> JsonObject:
 def horizon_in_view_px(truth: FrameTruth) -> float:
     """Return the length [px] of the hard horizon's true image inside a frame."""
     camera = truth.camera_model
-    ellipsoid = Ellipsoid(truth.ellipsoid_a_m, truth.ellipsoid_b_m)
+    ellipsoid = truth.ellipsoid
     uv, in_front = project(camera, horizon_cam(np.array(truth.r_itrs), truth.q_cam_from_itrs, ellipsoid, n=7200))
     with np.errstate(invalid="ignore"):
         inside = in_front & (uv >= -0.5).all(axis=1) & (uv < (camera.width - 0.5, camera.height - 0.5)).all(axis=1)
