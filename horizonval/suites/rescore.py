@@ -25,6 +25,7 @@ from horizonval.store.folder import RunFolder, intact_json, read_json, write_jso
 from horizonval.store.index import Filter
 from horizonval.store.named import run_folder_of
 from horizonval.store.store import Store
+from horizonval.suites.again import command_of_rescoring
 from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import rescored_identity
 from horizonval.suites.plan import CasePlan
@@ -113,8 +114,10 @@ def rescore(
     if not items:
         raise UserError("no detector image to score", where=str(store.root), fix="see `horizonval archive ls`")
     folder = RunFolder(out)
-    _claim(folder, store, head, chosen, items)
-    plan = CasePlan(tuple(estimator.name for estimator in chosen), limits or Limits())
+    limits = limits or Limits()
+    command = command_of_rescoring(store.root, out, estimators, wanted, limits.time_s)
+    _claim(folder, store, head, chosen, items, command)
+    plan = CasePlan(tuple(estimator.name for estimator in chosen), limits)
     with folder.locked():
         folder.remove_temporary_files()
         done = do(RescoreWork(plan, store.root, folder), items, Execution(workers), progress or Silent())
@@ -126,7 +129,12 @@ def rescore(
 
 
 def _claim(
-    folder: RunFolder, store: Store, head: dict[str, Any], chosen: Sequence[Estimator], items: Sequence[Item]
+    folder: RunFolder,
+    store: Store,
+    head: dict[str, Any],
+    chosen: Sequence[Estimator],
+    items: Sequence[Item],
+    command: Sequence[str],
 ) -> None:
     before = intact_json(folder.suite)
     if (before is not None and "rescored" not in before) or folder.archive.exists():
@@ -148,6 +156,7 @@ def _claim(
             "suite": head.get("suite") or store.root.name,
             "title": " ".join(filter(None, [str(head.get("title") or ""), "(scored again)"])),
             "version": code_version(),
+            "command": list(command),
             "estimators": [estimator.name for estimator in chosen],
             "given_pose": [estimator.name for estimator in chosen if estimator.needs == "pose"],
             "cases": names,

@@ -21,6 +21,7 @@ from horizonval.jobs.execution import Execution
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, intact_json, write_json
 from horizonval.store.index import Index
+from horizonval.suites.again import command_of_suite
 from horizonval.suites.axes import figure_plans
 from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import suite_identity
@@ -152,7 +153,9 @@ def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit
             "title": suite.title,
             "suite_sha256": identity,
             "version": code_version(),
+            "command": command_of_suite(suite, folder.root),
             "estimators": list(suite.estimators),
+            "programs": [program.name for program in suite.programs],
             "given_pose": [name for name in suite.estimators if plan.estimator(name).needs == "pose"],
             "cases": [name for unit in units for name in unit.names],
             "orbit": [name for unit in units if unit.cases[0].sample for name in unit.names],

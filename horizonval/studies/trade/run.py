@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -73,6 +73,8 @@ def run_study(
     spec, path = read_study(path_or_name, frames)
     before = read_plan(out_dir)
     study = expand(spec, path, before.batches if before is not None and before.head.name == spec.study.name else None)
+    if frames is not None:
+        study = replace(study, suite=replace(study.suite, options=("--frames", str(frames))))
     try:
         start = None if on_start is None else partial(on_start, study)
         run = run_suite(study.suite, out_dir, progress=progress, execution=execution, on_start=start)
