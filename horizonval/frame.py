@@ -205,18 +205,24 @@ class RadianceFrame:
     Attributes
     ----------
     radiance : dict of ndarray, shape (H, W), float32
-        Per band, W m-2 sr-1, weighted with the band's response (peak 1).
+        Per band, W m-2 sr-1, weighted with the band's response (peak 1). Of a solar band the response is a quantum
+        efficiency, and photons of every wavelength count as energy at the band's reference wavelength: what electrons
+        are proportional to (:mod:`horizonval.earth.spectral.bands`).
     maps : dict of ndarray, shape (H, W), float32
         See :data:`MAP_UNITS`.
     truth : FrameTruth
     render : dict
         How it was made (version, subsamples, nodes, spectral nodes per band, back-end): provenance, not identity.
+    energy_radiance : dict of ndarray, shape (H, W), float32
+        Per band, W m-2 sr-1: the plain integral over wavelength of spectral radiance times response. Of a thermal band
+        the same array as its radiance. Bands of solar frames from before this was kept are not in it.
     """
 
     radiance: dict[str, NDArray[np.float32]]
     maps: dict[str, NDArray[np.float32]]
     truth: FrameTruth
     render: dict[str, Any] = field(default_factory=dict)
+    energy_radiance: dict[str, NDArray[np.float32]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,12 @@ class Frame(RadianceFrame):
     Attributes
     ----------
     radiance : dict of ndarray, shape (H, W), float32
-        Per band [W m-2 sr-1], weighted with the band's response (peak 1).
+        Per band [W m-2 sr-1], weighted with the band's response (peak 1). Of a solar band the response is a quantum
+        efficiency, and every photon counts as energy at the band's reference wavelength: what a detector's electrons
+        are proportional to. For radiometry take ``energy_radiance``.
+    energy_radiance : dict of ndarray, shape (H, W), float32
+        Per band [W m-2 sr-1]: the integral over wavelength of spectral radiance times response. Of a thermal band the
+        same as its radiance. A solar band of a file that holds none is not in it.
     maps : dict of ndarray, shape (H, W), float32
         ``distance`` [m], ``tangent_height`` [m], ``solar_zenith`` [deg], ``hit``.
     truth : FrameTruth
@@ -48,7 +53,7 @@ class Frame(RadianceFrame):
     @classmethod
     def of(cls, frame: RadianceFrame) -> Frame:
         """Return a rendered frame as one that observes and shows itself."""
-        return cls(frame.radiance, frame.maps, frame.truth, frame.render)
+        return cls(frame.radiance, frame.maps, frame.truth, frame.render, frame.energy_radiance)
 
     @property
     def camera(self) -> Camera:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Callable
@@ -18,7 +19,8 @@ from horizonval.cli.regression import baseline_app, regress
 from horizonval.cli.rendering import gallery, mitsuba, radiance, render
 from horizonval.cli.reproduce import reproduce
 from horizonval.cli.study import study
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, printable
+from horizonval.core.machine.caches import settle_libraries
 
 app = typer.Typer(
     name="horizonval",
@@ -62,10 +64,14 @@ def _root(version: Annotated[bool, typer.Option("--version", help="Print the ver
 
 
 def main() -> None:
-    """Run the command line; a user's mistake is one line on standard error and exit status 2."""
+    """Run the command line; each of a user's mistakes is one line on standard error; exit status 2."""
     # One thread for linear algebra, before numpy loads: the last bit of a result must not depend on the machine.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    settle_libraries()
+    # A terminal or pipe of another encoding must not stop a command at a name that it cannot show.
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     sys.exit(run_command_line(sys.argv[1:]))
 
 
@@ -75,23 +81,25 @@ def run_command_line(arguments: list[str]) -> int:
         status = app(arguments or ["--help"], prog_name="horizonval", standalone_mode=False)
         sys.stdout.flush()
     except UserError as e:
-        return _fail(e.line())
+        return _fail(*e.lines())
     except BrokenPipeError:
         # The reader has gone (``| head``); nothing is wrong, and nothing more may be written.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 0
     except OSError as e:
-        return _fail(": ".join(str(part) for part in (e.filename, e.strerror or e) if part))
+        parts = (e.filename and os.fsdecode(e.filename), e.strerror or e)
+        return _fail(printable(": ".join(str(part) for part in parts if part)))
     except Exception as e:
         # The parser's own errors (unknown option, missing argument) have this method; anything else is a defect.
         if hasattr(e, "format_message"):
-            return _fail(" ".join(e.format_message().split()) + " (see --help)")
+            return _fail(printable(" ".join(e.format_message().split())) + " (see --help)")
         raise
     if status == 130:
         print("horizonval: interrupted", file=sys.stderr)
     return int(status or 0)
 
 
-def _fail(line: str) -> int:
-    print(f"horizonval: error: {line}", file=sys.stderr)
+def _fail(*lines: str) -> int:
+    for line in lines:
+        print(f"horizonval: error: {line}", file=sys.stderr)
     return 2

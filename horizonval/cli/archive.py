@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +13,7 @@ from horizonval.cli.options import Json
 from horizonval.cli.printing import print_json, print_summary
 from horizonval.cli.selection import ALL, EntryOptions, selects
 from horizonval.cli.work import resumable, watched
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, printable
 from horizonval.jobs.execution import MOST_WORKERS
 
 archive_app = typer.Typer(help="The archive of a run: list, verify, export, clean, score again.", rich_markup_mode=None)
@@ -38,10 +39,12 @@ def archive_ls(folder: Archive, kind: Kind = None, options: EntryOptions = ALL, 
         camera_name = f"{e.camera}.{e.head}" if e.head else e.camera
         seed_text = f" seed {e.seed}" if e.seed else ""
         print(
-            f"{e.address[:16]}  {e.kind:8} {e.size_bytes / 1e6:7.2f} MB  {e.epoch_utc[:19]:19}  {camera_name:24} "
-            f"{','.join(e.bands):12} {e.scene}{seed_text}"
+            printable(
+                f"{e.address[:16]}  {e.kind:8} {e.size_bytes / 1e6:7.2f} MB  {e.epoch_utc[:19]:19}  {camera_name:24} "
+                f"{','.join(e.bands):12} {e.scene}{seed_text}"
+            )
         )
-    if not entries and (count := len(store.index.known() or ())):
+    if not entries and (count := len(store.index.select())):
         print(f"horizonval: none of {count} entries is wanted", file=sys.stderr)
 
 
@@ -62,8 +65,8 @@ def archive_show(
         for key, (value, unit) in content[group].items():
             numbers = value if isinstance(value, list) else [value]
             text = " ".join(f"{v:.9g}" if isinstance(v, float) else str(v) for v in numbers)
-            print(f"{key:32} {text}{f' {unit}' if unit else ''}")
-    print(f"{'channels':32} {' '.join(content['channels'])}")
+            print(printable(f"{key:32} {text}{f' {unit}' if unit else ''}"))
+    print(printable(f"{'channels':32} {' '.join(content['channels'])}"))
 
 
 @archive_app.command("verify")
@@ -76,7 +79,7 @@ def archive_verify(folder: Archive, as_json: Json = False) -> int:
     named = named_addresses(run_folder) if run_folder else {}
     with watched("verifying") as progress:
         findings = store.verify(named, progress)
-    count = sum(1 for _ in store.entries())
+    count = store.count()
     if as_json:
         problems = [
             {"path": str(f.path), "problem": f.problem, "address": f.address, "message": f.message} for f in findings
@@ -86,7 +89,7 @@ def archive_verify(folder: Archive, as_json: Json = False) -> int:
         for finding in findings:
             print(f"{finding.problem}: {finding.message}")
         print(f"{count} entries, {len(findings)} problem{'' if len(findings) == 1 else 's'}")
-        if not store.index.path.is_file() and not named:
+        if not store.index.path.exists() and not named:
             print("without an index nobody knows of files that are gone; `horizonval archive reindex` makes one")
     return 1 if findings else 0
 
@@ -94,7 +97,7 @@ def archive_verify(folder: Archive, as_json: Json = False) -> int:
 @archive_app.command("reindex")
 def archive_reindex(folder: Archive) -> None:
     """Make the index anew, from the headers alone. What is missing by then is not missed any more."""
-    store = _store(folder)
+    store = _store(folder, follow=False)
     with watched("reading headers") as progress:
         count = store.index.rebuild(progress)
     print(f"{store.index.path}: {count} entries")
@@ -164,7 +167,7 @@ def archive_gc(
             print(f"nothing to remove, {rubbish.kept} entries are in use")
             return 0
         for path in rubbish.files:
-            print(path.relative_to(store.root))
+            print(printable(str(path.relative_to(store.root))))
         if dry_run:
             print(f"{what} would be removed, {rubbish.kept} entries are in use")
             return 0
@@ -218,24 +221,26 @@ def archive_rescore(
         print_summary(done.summary)
         print(f"report: {done.report}")
     for name, why in done.failed.items():
-        print(f"horizonval: {name}: {why}", file=sys.stderr)
+        print(printable(f"horizonval: {name}: {why}"), file=sys.stderr)
     return 1 if done.failed else 0
 
 
 def _store(folder: Path, *, follow: bool = True) -> Any:
     """Return the archive of a folder; ``follow``: of results that were scored again that of their images."""
     from horizonval.store.folder import RunFolder, read_json
+    from horizonval.store.named import archive_of
     from horizonval.store.store import Store
 
-    inside = folder / "archive"
-    elsewhere = (read_json(RunFolder(folder).suite) or {}).get("archive") if follow else None
-    if isinstance(elsewhere, str):
-        inside = folder / elsewhere
+    head: dict[str, Any] = {}
+    if follow:
+        with contextlib.suppress(UserError):  # A damaged one names nothing; `verify` tells that it is.
+            head = read_json(RunFolder(folder).suite) or {}
+    inside = archive_of(RunFolder(folder), head)
     root = inside if inside.is_dir() else folder
     expected = "an archive, or the folder of a run"
     if not root.is_dir():
         raise UserError("is a file" if root.exists() else "no such folder", where=str(folder), expected=expected)
-    store = Store(root)
+    store = Store(root, read_only=inside.parent != folder)
     if root.resolve().name != "archive" and not store.is_one():
         raise UserError("holds no archive", where=str(folder), expected=expected)
     return store

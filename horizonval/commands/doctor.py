@@ -25,7 +25,7 @@ LLVM_HELP = {
 
 def examine() -> dict[str, Any]:
     """Return what is found, as plain data: ``facts`` (label, text), ``problems`` (text, fix), ``can_render``."""
-    from horizonval.core.cache import cache_folder
+    from horizonval.core.machine.caches import configured_folder, is_usable
     from horizonval.jobs.execution import available_cpus
     from horizonval.renderer.plugin.backend import probe
 
@@ -52,9 +52,9 @@ def examine() -> dict[str, Any]:
     else:
         facts.append(("renders with", f"{report.chosen.variant} {report.chosen.library}".strip()))
     facts.append(("GPU", _gpu()))
-    cache = cache_folder()
+    cache = configured_folder()
     facts.append(("cache", str(cache)))
-    if not _writable(cache):
+    if not is_usable(cache):
         problems.append((f"cannot write to {cache}", "set XDG_CACHE_HOME to a folder you can write to"))
     return {"facts": facts, "problems": problems, "can_render": report.chosen is not None}
 
@@ -67,14 +67,3 @@ def _gpu() -> str:
             if line.startswith("Model:"):
                 return line.removeprefix("Model:").strip()
     return "none found (not needed)"
-
-
-def _writable(folder: Path) -> bool:
-    probe = folder / f".write-{os.getpid()}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe.touch()
-        probe.unlink()
-    except OSError:
-        return False
-    return True

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from horizonval.core import atomic, files, memory
+from horizonval.core import atomic, files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError, excerpt
+from horizonval.core.machine import memory
 from horizonval.core.suggest import nearest
 
 OBSERVER = ("obs_x_km", "obs_y_km", "obs_z_km")

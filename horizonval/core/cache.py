@@ -6,10 +6,8 @@ made anew, which is logged.
 
 from __future__ import annotations
 
-import contextlib
 import io
 import logging
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,16 +16,12 @@ import numpy as np
 
 from horizonval.core import atomic, files, sealed
 from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.machine.caches import warn_once
 
 LARGEST = 1 << 34
 """Size of a file that is kept [bytes]."""
 
 _LOG = logging.getLogger("horizonval")
-
-
-def cache_folder() -> Path:
-    """Return the folder for caches (``XDG_CACHE_HOME`` respected)."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "horizonval"
 
 
 def log_damage(error: UserError) -> None:
@@ -82,9 +76,11 @@ def is_intact(path: Path) -> bool:
 
 
 def _keep(path: Path, data: bytes) -> None:
-    with contextlib.suppress(OSError):
+    try:
         path.parent.mkdir(parents=True, exist_ok=True)
         atomic.write_bytes(path, data)
+    except OSError as error:
+        warn_once(f"{path.parent} cannot be written ({error.strerror})")
 
 
 def _cached(path: Path) -> bytes | None:

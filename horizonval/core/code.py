@@ -22,10 +22,11 @@ from pathlib import Path
 from typing import Any
 
 import horizonval
-from horizonval.core.cache import cache_folder, cached_json, keep_json
+from horizonval.core.cache import cached_json, keep_json
+from horizonval.core.machine.caches import cache_folder
 
 OWN = "horizonval"
-MACHINERY = re.compile(r"horizonval\.(jobs(\..*)?|core\.(atomic|cache|code|files|progress|sealed))")
+MACHINERY = re.compile(r"horizonval\.(jobs(\..*)?|core\.(atomic|cache|code|files|machine(\..*)?|progress|sealed))")
 """Modules that are told about results or keep them, and have no part in what they are."""
 _KEPT = 4000
 """Modules whose digests stay in the cache; more are of code that is gone."""

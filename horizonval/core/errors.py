@@ -6,9 +6,12 @@ status 2. Anything else that escapes is a defect of this package.
 
 from __future__ import annotations
 
+import contextlib
 import traceback
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 
 def printable(text: str) -> str:
@@ -60,6 +63,15 @@ class UserError(Exception):
         self.what, self.where, self.expected, self.fix = what, where, expected, fix
         super().__init__(self.line())
 
+    @property
+    def mistakes(self) -> tuple[UserError, ...]:
+        """All mistakes that were found at once, this one first."""
+        return (self,)
+
+    def lines(self) -> list[str]:
+        """Return the message of every mistake, each as one line."""
+        return [self.line()]
+
     def at(self, where: str) -> Self:
         """Return the same mistake at another place: that of the file that the user wrote."""
         return type(self)(self.what, where=where, expected=self.expected, fix=self.fix)
@@ -76,6 +88,113 @@ class UserError(Exception):
         if self.fix:
             text += f"; {self.fix}"
         return printable(" ".join(text.split()))
+
+
+MOST_MISTAKES = 20
+"""Mistakes that are told at once; of more the number."""
+
+
+class SeveralMistakesError(UserError):
+    """Several mistakes at once: as a :class:`UserError` it is the first of them.
+
+    Parameters
+    ----------
+    mistakes : sequence of UserError
+        At least one.
+    more : str
+        What is to be said of those that were left out, as one line.
+    """
+
+    def __init__(self, mistakes: Sequence[UserError], more: str = "") -> None:
+        self._mistakes, self._more = tuple(mistakes), more
+        first = self._mistakes[0]
+        super().__init__(first.what, where=first.where, expected=first.expected, fix=first.fix)
+
+    @property
+    def mistakes(self) -> tuple[UserError, ...]:
+        """All mistakes that were found at once, in their order."""
+        return self._mistakes
+
+    def lines(self) -> list[str]:
+        """Return the message of every mistake, each as one line, and last how many more there are."""
+        return [mistake.line() for mistake in self._mistakes] + ([self._more] if self._more else [])
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+    def at(self, where: str) -> Self:
+        """Return the same mistakes, all of them at another place."""
+        return type(self)([mistake.at(where) for mistake in self._mistakes], self._more)
+
+    def inside(self, where: str) -> Self:
+        """Return the same mistakes, the place of each inside ``where``."""
+        return type(self)([mistake.inside(where) for mistake in self._mistakes], self._more)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self._mistakes, self._more)
+
+
+def several(mistakes: Sequence[UserError], more: int = 0) -> UserError:
+    """Return one or several mistakes as one error, of many the first :data:`MOST_MISTAKES` and a count.
+
+    Parameters
+    ----------
+    mistakes : sequence of UserError
+        At least one.
+    more : int
+        How many there are beside them.
+    """
+    more += max(0, len(mistakes) - MOST_MISTAKES)
+    if len(mistakes) == 1 and not more:
+        return mistakes[0]
+    rest = f"and {more} more problem{'s' if more > 1 else ''}" if more else ""
+    return SeveralMistakesError(mistakes[:MOST_MISTAKES], rest)
+
+
+class MistakeCollector:
+    """Goes on after a mistake, to tell several at once; the same mistake in many places is told once, with a count.
+
+    Parameters
+    ----------
+    most : int
+        Mistakes after which it does not go on, the same ones counted each time.
+    """
+
+    def __init__(self, most: int = 200) -> None:
+        self._most, self._seen = most, 0
+        self._first: dict[tuple[str, str, str], UserError] = {}
+        self._times: Counter[tuple[str, str, str]] = Counter()
+        self._told: UserError | None = None
+
+    @contextlib.contextmanager
+    def caught(self, place: str = "") -> Iterator[None]:
+        """Keep a mistake that is made in the block; ``place`` is the part of its place that tells it from others."""
+        try:
+            yield
+        except UserError as error:
+            if error is self._told:
+                raise
+            for mistake in error.mistakes:
+                key = (mistake.where.replace(place, ""), mistake.what, mistake.expected)
+                self._first.setdefault(key, mistake)
+                self._times[key] += 1
+            self._seen += 1
+            if self._seen >= self._most:
+                self.tell()
+
+    def tell(self) -> None:
+        """Raise what was kept, if anything was."""
+        if self._first:
+            self._told = several([self._counted(key) for key in self._first])
+            raise self._told
+
+    def _counted(self, key: tuple[str, str, str]) -> UserError:
+        mistake, times = self._first[key], self._times[key]
+        if times == 1:
+            return mistake
+        least = "at least " if self._seen >= self._most else ""
+        what = f"{mistake.what} (so in {least}{times} places)"
+        return UserError(what, where=mistake.where, expected=mistake.expected, fix=mistake.fix)
 
 
 class DamagedFileError(UserError):

@@ -15,6 +15,7 @@ import errno
 import hashlib
 import json
 import os
+import re
 import stat
 from io import BufferedReader
 from pathlib import Path
@@ -24,6 +25,7 @@ from horizonval.core.errors import UserError
 
 _READ_ONLY = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+_NAME = re.compile(r"[A-Za-z0-9._-]+")
 _KINDS = (
     (stat.S_ISREG, "a file"),
     (stat.S_ISDIR, "a folder"),
@@ -62,6 +64,11 @@ def kind_at(path: str | os.PathLike[str], *, links: bool = False) -> str:
         return _kind(os.stat(path, follow_symlinks=links).st_mode)
     except (OSError, ValueError):
         return ""
+
+
+def is_name(text: object) -> bool:
+    """Whether a text is the name of a file and of nothing else: letters, digits, dot, hyphen and underscore."""
+    return isinstance(text, str) and _NAME.fullmatch(text) is not None and text not in (".", "..")
 
 
 def is_inside(path: Path, root: Path) -> bool:

@@ -33,7 +33,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from horizonval.core import atomic, files
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import UserError
+from horizonval.core.errors import MOST_MISTAKES, UserError, several
 from horizonval.earth.atmosphere import ozone, rayleigh
 from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.column import OpticalModel, SpectralNode
@@ -155,30 +155,37 @@ def _path(loc: tuple[int | str, ...]) -> str:
 
 def _user_error(error: ValidationError, file: str) -> UserError:
     problems = error.errors(include_url=False)
-    first = problems[0]
-    more = f"{len(problems) - 1} more problem(s) in this file" if len(problems) > 1 else ""
-    if first["type"] == "value_error":
-        key, _, text = str(first["ctx"]["error"]).partition(": ")
+    mistakes: dict[str, UserError] = {}
+    for problem in problems[:MOST_MISTAKES]:
+        mistake = _mistake(problem, file)
+        # A phase function is wrong once, and not once for each kind that there is.
+        mistakes.setdefault(mistake.where, mistake)
+    return several(list(mistakes.values()), max(0, len(problems) - MOST_MISTAKES))
+
+
+def _mistake(problem: Any, file: str) -> UserError:
+    if problem["type"] == "value_error":
+        key, _, text = str(problem["ctx"]["error"]).partition(": ")
         what, _, expected = text.partition("; expected ")
-        return UserError(what, where=f"{file}: {key}", expected=expected, fix=more)
-    key = _path(first["loc"])
+        return UserError(what, where=f"{file}: {key}", expected=expected)
+    key = _path(problem["loc"])
     if ".phase" in key:
         expected = '"rayleigh", "isotropic" or {"henyey_greenstein": g} with -1 < g < 1'
         return UserError(
-            f"not a phase function: {json.dumps(first['input'])}"[:120],
+            f"not a phase function: {json.dumps(problem['input'])}"[:120],
             where=f"{file}: {key.split('.phase')[0]}.phase",
             expected=expected,
         )
-    kind = first["type"]
+    kind = problem["type"]
     if kind == "missing":
-        return UserError("missing", where=f"{file}: {key}", expected="this key", fix=more)
+        return UserError("missing", where=f"{file}: {key}", expected="this key")
     if kind == "extra_forbidden":
-        return UserError("unknown key", where=f"{file}: {key}", expected="no other keys than the format's", fix=more)
-    found = json.dumps(first["input"])
+        return UserError("unknown key", where=f"{file}: {key}", expected="no other keys than the format's")
+    found = json.dumps(problem["input"])
     found = found if len(found) <= 40 else found[:40] + "..."
-    rule = first["msg"].removeprefix("Input should be ").removeprefix("a valid ").removeprefix("List should have ")
+    rule = problem["msg"].removeprefix("Input should be ").removeprefix("a valid ").removeprefix("List should have ")
     rule = rule.partition(" after validation")[0]
-    return UserError(f"is {found}", where=f"{file}: {key}", expected=rule, fix=more)
+    return UserError(f"is {found}", where=f"{file}: {key}", expected=rule)
 
 
 def parse_atmosphere(data: object, file: str) -> AtmosphereFile:
@@ -189,7 +196,7 @@ def parse_atmosphere(data: object, file: str) -> AtmosphereFile:
     UserError
         Naming ``file``, the first offending key and what was expected there.
     """
-    if not isinstance(data, dict):
+    if not isinstance(data, dict) or not AtmosphereFile.model_fields.keys() & data:
         raise UserError("not an atmosphere file", where=file, expected="a JSON object of the format's keys")
     try:
         return AtmosphereFile.model_validate(data)

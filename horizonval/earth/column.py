@@ -13,6 +13,7 @@ command.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -66,6 +67,9 @@ class SpectralNode:
     glow_per_m : ndarray, shape (m,)
         Emission of the air itself, whatever its temperature and the Sun's height (airglow), on the model's
         ``glow_altitude_m``: W m-3 sr-1 um-1, the node radiance per metre. Empty for none.
+    energy_ratio : float
+        Of solar bands, whose weights count photons: a band's energy radiance is the sum over nodes of ``weight`` *
+        ``energy_ratio`` * node radiance. Not a number where nobody asks for it.
     """
 
     name: str
@@ -85,6 +89,7 @@ class SpectralNode:
     moon_irradiance: float = 0.0
     sky_radiance: float = 0.0
     glow_per_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+    energy_ratio: float = math.nan
 
     @property
     def scattering_per_m(self) -> FloatArray:

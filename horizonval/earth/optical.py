@@ -157,6 +157,7 @@ def _solar_node(
         source=np.zeros_like(extinction),
         surface_source=0.0,
         sun_radiance=rule.mean_irradiance / sunlight.disc_projected_solid_angle(sun_distance_au),
+        energy_ratio=float(rule.energy_ratio[index]),
     )
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.store.folder import intact_json, write_json
 
 Record = dict[str, Any]
@@ -36,11 +36,14 @@ def kept(path: Path, identity: str) -> Record | None:
 def take_over(source: Path, target: Path, rooms: Iterable[str], wanted: Callable[[Path], bool]) -> None:
     """Copy the files of another folder that ``target`` does not have, below some of its sub-folders.
 
-    They are looked at like the folder's own: what is damaged or of other code is made again.
+    They are looked at like the folder's own: what is damaged or of other code is made again. Only regular files are
+    copied, and none to where a link leads out of ``target``.
     """
     for room in rooms:
         for path in sorted((source / room).rglob("*")):
             place = target / path.relative_to(source)
-            if path.is_file() and wanted(path) and not place.exists():
+            if files.kind_at(path) != "a file" or not wanted(path) or files.kind_at(place):
+                continue
+            if files.is_inside(path, source / room) and files.is_inside(place, target / room):
                 place.parent.mkdir(parents=True, exist_ok=True)
                 atomic.copy_file(path, place)

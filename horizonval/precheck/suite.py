@@ -56,7 +56,7 @@ def check_groups(
         try:
             refuse_mistakes(suite, plan_of(suite), asked_for(suite, PARTS))
         except UserError as e:
-            return Report(kind, name, (cannot_run(e),), facts, 0, len(suite.cases))
+            return Report(kind, name, tuple(map(cannot_run, e.mistakes)), facts, 0, len(suite.cases))
     watcher, looks = Watcher(), []
     for group, count in zip(groups, sample_sizes([group.count for group in groups], most), strict=True):
         look = watcher.look(group, count, infrared=infrared, cost=mistakes)

@@ -12,7 +12,8 @@ from typing import Any
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.frame import DetectorImage
 from horizonval.scoring.row import Row
-from horizonval.store.folder import read_json
+from horizonval.store.folder import RunFolder, read_json
+from horizonval.store.named import archive_of
 from horizonval.store.store import Store
 
 
@@ -110,12 +111,13 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
         raise UserError("no run.json", where=str(run_dir), expected="the folder of a run")
     head = _read(path, ("suite", "estimators", "cases"))
     # The images of a run that was scored again lie elsewhere.
-    store = Store(run_dir / head.get("archive", "archive"))
+    folder = RunFolder(run_dir)
+    store = Store(archive_of(folder, head), read_only=True)
     shown = _shown(run_dir, head["cases"], most)
     names, heads_of = head["cases"], head.get("heads") or {}
     missing, views = [], []
     for name in names:
-        case_path = run_dir / "cases" / f"{name}.json"
+        case_path = folder.case(name)
         if case_path.is_file():
             record = _read(case_path, ("case", "rows", "details"))
             if record["case"] != name:
@@ -158,7 +160,7 @@ def _read(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
 def _shown(run_dir: Path, names: list[str], most: int | None) -> set[str]:
     if most is None or len(names) <= most:
         return set(names)
-    striking = [name for name in names if _is_striking(run_dir / "cases" / f"{name}.json")]
+    striking = [name for name in names if _is_striking(RunFolder(run_dir).case(name))]
     first = _spread(striking, most // 2)
     return {*first, *_spread([name for name in names if name not in set(striking)], most - len(first))}
 
@@ -178,7 +180,7 @@ def _is_striking(path: Path) -> bool:
 
 def _head_images(run_dir: Path, cases: Sequence[tuple[str, str]]) -> dict[str, dict[str, str]]:
     """Return the addresses of images by head and band, from heads with the names of their cases."""
-    paths = {head: run_dir / "cases" / f"{name}.json" for head, name in cases}
+    paths = {head: RunFolder(run_dir).case(name) for head, name in cases}
     return {head: dict(_read(path, ()).get("images") or {}) if path.is_file() else {} for head, path in paths.items()}
 
 

@@ -7,18 +7,22 @@ error; nothing here knows a particular model.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from horizonval.core.errors import UserError, excerpt
+from horizonval.core.errors import UserError, excerpt, several
 from horizonval.core.suggest import nearest
 
 Schema = Mapping[str, Any]
 
+MOST_EXPLAINED = 200
+"""Problems of one file that are looked at; a list may have a million of them."""
+
 
 def explain(error: ValidationError, model: type[BaseModel], file: str, *, inside: str = "") -> UserError:
-    """Return the first problem of a validation as a user's error; further ones are only counted.
+    """Return the problems of a validation as a user's error, each of them one line.
 
     Parameters
     ----------
@@ -32,8 +36,22 @@ def explain(error: ValidationError, model: type[BaseModel], file: str, *, inside
     """
     problems = error.errors(include_url=False)
     # An unknown key is nearly always the cause of a missing one (``widht``), so it is told first.
-    problem = next((p for p in problems if p["type"] == "extra_forbidden"), problems[0])
-    root = model.model_json_schema()
+    problems.sort(key=lambda problem: problem["type"] != "extra_forbidden")
+    root = _schema_of(model)
+    mistakes: dict[str, UserError] = {}
+    for problem in problems[:MOST_EXPLAINED]:
+        mistake = _explained(problem, root, file, inside)
+        # What may be of several types is wrong once, and not once for each of them.
+        mistakes.setdefault(mistake.where if problem["type"] != "value_error" else mistake.line(), mistake)
+    return several(list(mistakes.values()), len(problems) - len(problems[:MOST_EXPLAINED]))
+
+
+@cache
+def _schema_of(model: type[BaseModel]) -> Schema:
+    return model.model_json_schema()
+
+
+def _explained(problem: Any, root: Schema, file: str, inside: str) -> UserError:
     node, key = _walk(root, problem["loc"])
     kind, value = problem["type"], problem["input"]
     if kind == "extra_forbidden":
@@ -53,21 +71,20 @@ def explain(error: ValidationError, model: type[BaseModel], file: str, *, inside
         what, expected = f"found {show(value)}", "a finite number"
     else:
         what, expected = f"found {show(value)}", describe(root, node) or problem["msg"]
-    if len(problems) > 1:
-        more = len(problems) - 1
-        expected += f" (and {more} more problem{'s' if more > 1 else ''} in this file)"
     return UserError(what, where=": ".join(part for part in (file, inside, key) if part), expected=expected)
 
 
 def describe_key(model: type[BaseModel], key: str) -> str:
     """Return what a key of a model accepts, in words."""
-    root = model.model_json_schema()
+    root = _schema_of(model)
     return describe(root, _walk(root, (key,))[0])
 
 
 def describe(root: Schema, node: Schema) -> str:
     """Return what a schema node accepts, in words; empty where the schema says nothing useful."""
     node = _resolve(root, node)
+    if options := _types(node):
+        return _either(filter(None, (describe(root, option) for option in options)))
     if "const" in node:
         return show(node["const"])
     if "enum" in node:
@@ -121,6 +138,9 @@ def _walk(root: Schema, loc: Sequence[int | str]) -> tuple[Schema, str]:
     node: Schema = _resolve(root, root)
     key = ""
     for part in loc:
+        if len(_types(node)) > 1 and "discriminator" not in node:
+            # Pydantic goes on with the name of a type, which is no key.
+            break
         mapping = node.get("discriminator", {}).get("mapping", {})
         if isinstance(part, int):
             node, key = _resolve(root, node.get("items", {})), f"{key}[{part + 1}]"
@@ -139,27 +159,36 @@ def _resolve(root: Schema, node: Schema) -> Schema:
         if "$ref" in node:
             node = root["$defs"][node["$ref"].rsplit("/", 1)[-1]]
             continue
-        options = [o for o in node.get("anyOf", []) if o.get("type") != "null"]
+        options = _types(node)
         if len(options) != 1:
             return node
         node = options[0]
+
+
+def _types(node: Schema) -> list[Schema]:
+    """Return the types that a node may be of, beside nothing; empty where it says none or one of them."""
+    return [o for o in node.get("anyOf", []) if o.get("type") != "null"]
 
 
 def _limits(node: Schema) -> str:
     lo, hi = node.get("minimum"), node.get("maximum")
     above, below = node.get("exclusiveMinimum"), node.get("exclusiveMaximum")
     if lo is not None and hi is not None:
-        return f" from {lo:g} to {hi:g}"
+        return f" from {_number(lo)} to {_number(hi)}"
     words = []
     if above is not None:
-        words.append(f"above {above:g}")
+        words.append(f"above {_number(above)}")
     if lo is not None:
-        words.append(f"of at least {lo:g}")
+        words.append(f"of at least {_number(lo)}")
     if below is not None:
-        words.append(f"below {below:g}")
+        words.append(f"below {_number(below)}")
     if hi is not None:
-        words.append(f"of at most {hi:g}")
+        words.append(f"of at most {_number(hi)}")
     return (" " + " and ".join(words)) if words else ""
+
+
+def _number(value: float) -> str:
+    return str(value) if isinstance(value, int) and abs(value) < 10**9 else f"{value:g}"
 
 
 def _item(root: Schema, node: Schema) -> str:

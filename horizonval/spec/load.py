@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from horizonval.core import files
-from horizonval.core.errors import UserError
+from horizonval.core.errors import MistakeCollector, UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.core.suggest import nearest
 from horizonval.spec.base import Model
@@ -239,13 +239,18 @@ def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None, *, places: Seq
     shelf = Shelf(path)
     cases: list[Case] = []
     names: set[str] = set()
-    for inside, data, origin in _scenes(spec, path, seeded, fly, places):
-        scene, camera = shelf.resolve(data, inside=inside)
-        for case in _one_per_head(scene, camera, f"{path}: {inside}: camera.head"):
-            if case.name in names:
-                raise UserError(f"two frames are named {case.name!r}", where=f"{path}: {inside}", fix="rename one")
-            names.add(case.name)
-            cases.append(replace(case, **origin))
+    collector = MistakeCollector()
+    with collector.caught():
+        for inside, data, origin in _scenes(spec, path, seeded, fly, places):
+            with collector.caught(inside):
+                scene, camera = shelf.resolve(data, inside=inside)
+                for case in _one_per_head(scene, camera, f"{path}: {inside}: camera.head"):
+                    if case.name in names:
+                        twice = f"two frames are named {case.name!r}"
+                        raise UserError(twice, where=f"{path}: {inside}", fix="rename one")
+                    names.add(case.name)
+                    cases.append(replace(case, **origin))
+    collector.tell()
     head = spec.suite
     return Suite(
         head.name,

@@ -119,7 +119,7 @@ def describe(path: Path) -> StoreEntry:
     try:
         header = exr.read_header(path)
         return _entry(path.stem, size, header)
-    except (DamagedFileError, AttributeError, TypeError, ValueError):
+    except (DamagedFileError, AttributeError, KeyError, TypeError, ValueError, OverflowError):
         return StoreEntry(address=path.stem, kind="damaged", size_bytes=size)
 
 
@@ -127,7 +127,7 @@ def _entry(address: str, size: int, header: dict[str, Any]) -> StoreEntry:
     truth = header["truth"]
     scene, camera = truth.get("scene", {}), truth.get("camera", {})
     epoch = str(truth.get("epoch_utc", ""))
-    return StoreEntry(
+    entry = StoreEntry(
         address=address,
         kind=header["kind"],
         size_bytes=size,
@@ -143,3 +143,8 @@ def _entry(address: str, size: int, header: dict[str, Any]) -> StoreEntry:
         seed=str(header.get("observation", {}).get("seed", "")),
         content=header["sha256"],
     )
+    for text in (entry.scene, entry.scene_id, entry.camera, entry.head, entry.seed):
+        if not isinstance(text, str):
+            raise TypeError(f"{type(text).__name__} where a name should be")
+        text.encode()  # No table holds text without UTF-8; it raises.
+    return entry

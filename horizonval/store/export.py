@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core import atomic
-from horizonval.core.errors import UserError
+from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.store import exr
 from horizonval.store.attributes import camera_of
@@ -55,9 +55,13 @@ def export_file(path: Path, out: Path, *, fits: bool = False, png: bool = False,
         else:
             exr.write_frame(target, source, codec="zip")
         written.append(target)
-    for file, data in _files(source, name, address, fits, png):
-        _write(out / file, data)
-        written.append(out / file)
+    try:
+        for file, data in _files(source, name, address, fits, png):
+            _write(out / file, data)
+            written.append(out / file)
+    except (ValueError, TypeError, LookupError, AttributeError) as error:
+        what = f"its header says what no writer of ours writes ({type(error).__name__})"
+        raise DamagedFileError(what, where=str(path)) from error
     return written
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from horizonval.core import files
 from horizonval.core.errors import DamagedFileError
 from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
-from horizonval.store.exr import content_digest
+from horizonval.store.exr import content_digest, with_thermal
 
 FORMAT = "horizonval export 1"
 """What a JSON file of ours, or the JSON table of a FITS file, says under ``format``."""
@@ -98,7 +98,8 @@ def of_fits(arrays: dict[str, NDArray[Any]], content: dict[str, Any], where: str
     Parameters
     ----------
     arrays : dict of ndarray
-        By the names of the units: ``PRIMARY`` of an image, ``RADIANCE.<BAND>`` and ``TRUTH.<MAP>`` of a frame.
+        By the names of the units: ``PRIMARY`` of an image; ``RADIANCE.<BAND>``, ``ENERGY.<BAND>`` and ``TRUTH.<MAP>``
+        of a frame.
     content : dict
         Of its JSON table.
     where : str
@@ -116,7 +117,8 @@ def _of_fits(arrays: dict[str, NDArray[Any]], content: dict[str, Any]) -> Detect
         )
     radiance = {band: arrays[f"RADIANCE.{band}".upper()] for band in content["bands"]}
     maps = {name: arrays[f"TRUTH.{name}".upper()] for name in MAP_UNITS}
-    return RadianceFrame(radiance, maps, truth, content["render"])
+    solar = {band: arrays[name] for band in content["bands"] if (name := f"ENERGY.{band}".upper()) in arrays}
+    return RadianceFrame(radiance, maps, truth, content["render"], with_thermal(truth, radiance, solar))
 
 
 def _made(make: Callable[[], T], where: str) -> T:

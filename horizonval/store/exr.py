@@ -4,7 +4,8 @@ A file holds a frame or a detector image, with its truth; it alone is enough to 
 said otherwise)::
 
     Y                   the first band once more, so that any viewer shows something
-    radiance.<band>     W m-2 sr-1
+    radiance.<band>     W m-2 sr-1; of solar bands counted by photons, see horizonval.earth.spectral.bands
+    energy_radiance.<band>  W m-2 sr-1, of solar bands: the plain integral over wavelength
     truth.<map>         see horizonval.frame.MAP_UNITS
     mask.<name>         0 or 1, float16: earth and sunlit, of an image saturated (horizonval.store.masks)
     dn.<band>           digital numbers
@@ -50,8 +51,9 @@ from numpy.typing import NDArray
 
 from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError, excerpt
+from horizonval.earth.spectral.bands import reference_wavelength_um
 from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
-from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.store import seal
 from horizonval.store.attributes import camera_of, own_attributes, standard_attributes
 from horizonval.store.masks import earth, saturated, sunlit
@@ -68,6 +70,8 @@ Codec = Literal["zip", "htj2k256"]
 
 RADIANCE_UNIT = "W m-2 sr-1"
 DN_UNIT = "DN"
+ENERGY = "energy_radiance."
+"""Of the channels of energy radiance, before the band's name."""
 UNIT_KEY = "unit."
 """Of the keys that say a channel's unit, before the channel's name."""
 
@@ -112,15 +116,41 @@ def write_frame(path: str | os.PathLike[str], frame: RadianceFrame, *, codec: Co
     for band, values in frame.radiance.items():
         if not np.isfinite(values).all():
             raise ValueError(f"radiance of band {band!r} is not finite everywhere")
+    solar = {band.name: band for band in frame.truth.camera_spec.band if band.kind == "solar" and band.name in bands}
+    for band, values in frame.energy_radiance.items():
+        if not np.isfinite(values).all():
+            raise ValueError(f"energy radiance of band {band!r} is not finite everywhere")
+        if band in solar:
+            channels[f"{ENERGY}{band}"] = _float32(values, f"{ENERGY}{band}")
     channels |= {f"truth.{name}": _float32(values, f"truth.{name}") for name, values in frame.maps.items()}
     channels["Y"] = channels[f"radiance.{bands[0]}"]
     channels |= {"mask.earth": earth(frame.maps), "mask.sunlit": sunlit(frame.maps, frame.truth)}
     own = {"kind": "frame", "bands": ",".join(bands), "truth": _dumps(frame.truth.to_dict())}
     own |= {"render": _dumps(frame.render)}
     own |= {"renderer": _words(frame.render.get(key) for key in ("kind", "version", "variant"))}
-    units = {f"radiance.{band}": RADIANCE_UNIT for band in bands}
-    units |= {f"truth.{name}": unit for name, unit in MAP_UNITS.items()} | {"Y": RADIANCE_UNIT}
+    units = {f"radiance.{band}": radiance_unit(solar.get(band)) for band in bands}
+    units |= {name: RADIANCE_UNIT for name in channels if name.startswith(ENERGY)}
+    units |= {f"truth.{name}": unit for name, unit in MAP_UNITS.items()} | {"Y": units[f"radiance.{bands[0]}"]}
     _write(Path(path), channels, own, units, frame.truth, camera_of(frame.truth), codec=codec)
+
+
+def with_thermal(
+    truth: FrameTruth, radiance: dict[str, NDArray[np.float32]], solar: dict[str, NDArray[np.float32]]
+) -> dict[str, NDArray[np.float32]]:
+    """Return the energy radiance of all bands, in their order: a thermal band's radiance is energy as it stands.
+
+    Files of older versions hold none of solar bands; these are left out.
+    """
+    thermal = {band.name for band in truth.camera_spec.band if band.kind == "thermal"}
+    energy = {band: radiance[band] for band in radiance if band in thermal} | solar
+    return {band: energy[band] for band in radiance if band in energy}
+
+
+def radiance_unit(band: Band | None) -> str:
+    """Return the unit of a band's radiance; a solar band's says at which wavelength its photons are counted."""
+    if band is None or band.kind == "thermal":
+        return RADIANCE_UNIT
+    return f"{RADIANCE_UNIT} of as many photons of {reference_wavelength_um(band):.4f} um"
 
 
 def write_image(path: str | os.PathLike[str], image: DetectorImage) -> None:
@@ -165,7 +195,12 @@ def read_frame(path: str | os.PathLike[str]) -> RadianceFrame:
     maps = {name.removeprefix("truth."): values for name, values in channels.items() if name.startswith("truth.")}
     if missing := sorted(set(MAP_UNITS) - set(maps)):
         raise DamagedFileError(f"no truth map {missing[0]!r}", where=str(path))
-    return RadianceFrame(radiance=radiance, maps=maps, truth=_truth(header, path), render=header["render"])
+    truth = _truth(header, path)
+    solar = {band: channels[f"{ENERGY}{band}"] for band in radiance if f"{ENERGY}{band}" in channels}
+    for band, values in solar.items():
+        if not np.isfinite(values).all():
+            raise DamagedFileError(f"energy radiance of band {band!r} is not finite everywhere", where=str(path))
+    return RadianceFrame(radiance, maps, truth, header["render"], with_thermal(truth, radiance, solar))
 
 
 def read_image(path: str | os.PathLike[str]) -> DetectorImage:
@@ -353,11 +388,17 @@ def _decode(data: bytes, header: seal.Header, kind: Literal["frame", "image"], p
         expected = " or ".join(str(s) for s in READABLE_SCHEMAS)
         raise DamagedFileError(f"schema {schema}", where=str(path), expected=f"schema {expected}")
     seal.check_header(data, header, path)
+    if "dataWindow" not in attributes or len(attributes["dataWindow"].raw) != 16:
+        raise DamagedFileError("no data window", where=str(path))
     window = np.frombuffer(attributes["dataWindow"].raw, dtype="<i4")
+    bands = attributes[_PREFIX + "bands"].text().split(",")
+    if not all(_BAND.fullmatch(band) for band in bands):
+        # They become names of files.
+        raise DamagedFileError(f"header key '{_PREFIX}bands' holds {excerpt(bands[0])!r}", where=str(path))
     content: dict[str, Any] = {
         "kind": kind,
         "schema": schema,
-        "bands": attributes[_PREFIX + "bands"].text().split(","),
+        "bands": bands,
         "width": int(window[2] - window[0] + 1),
         "height": int(window[3] - window[1] + 1),
         "sha256": attributes[_PREFIX + "sha256"].text(),
@@ -365,8 +406,10 @@ def _decode(data: bytes, header: seal.Header, kind: Literal["frame", "image"], p
     for key in ("truth", "render" if kind == "frame" else "observation"):
         try:
             content[key] = json.loads(attributes[_PREFIX + key].text())
-        except json.JSONDecodeError as error:
-            raise DamagedFileError(f"header key '{_PREFIX}{key}' is no JSON: {error}", where=str(path)) from None
+        except (ValueError, RecursionError):
+            content[key] = None
+        if not isinstance(content[key], dict):
+            raise DamagedFileError(f"header key '{_PREFIX}{key}' is no JSON object", where=str(path))
     if kind == "image":
         content["full_scale"] = attributes[_PREFIX + "full_scale"].integer()
     return content
@@ -397,7 +440,7 @@ def _truth(header: dict[str, Any], path: Path) -> FrameTruth:
         return FrameTruth.from_dict(header["truth"])
     except KeyError as error:
         raise DamagedFileError(f"the truth has no {error.args[0]!r}", where=str(path)) from None
-    except (TypeError, AttributeError) as error:
+    except (TypeError, AttributeError, ValueError) as error:
         raise DamagedFileError(f"the truth cannot be read: {error}", where=str(path)) from None
 
 

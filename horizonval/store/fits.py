@@ -64,8 +64,12 @@ def fits_bytes(source: RadianceFrame | DetectorImage, address: str = "") -> byte
     else:
         units = [_with(fits.PrimaryHDU(), common)]
         for band, values in source.radiance.items():
-            cards = {"BUNIT": ("W m-2 sr-1", "radiance, weighted with the band's response")} | _band(spec, band)
+            cards = {"BUNIT": ("W m-2 sr-1", "radiance; of solar bands counted by photons")} | _band(spec, band)
             units.append(_with(fits.ImageHDU(values, name=f"RADIANCE.{band}"), common | cards | coordinates))
+        for band, values in source.energy_radiance.items():
+            if values is not source.radiance.get(band):
+                cards = {"BUNIT": ("W m-2 sr-1", "integral over wavelength")} | _band(spec, band)
+                units.append(_with(fits.ImageHDU(values, name=f"ENERGY.{band}"), common | cards | coordinates))
         for name, values in source.maps.items():
             unit = {"BUNIT": (MAP_UNITS[name], "")} if MAP_UNITS.get(name) in ("m", "deg") else {}
             units.append(_with(fits.ImageHDU(values, name=f"TRUTH.{name}"), unit | coordinates))

@@ -77,16 +77,24 @@ class RunFolder:
         return self.root / "stability.csv"
 
     def stability_case(self, name: str) -> Path:
-        return self.stability / f"{name}.json"
+        return _record(self.stability, name)
 
     def case(self, name: str) -> Path:
-        return self.cases / f"{name}.json"
+        return _record(self.cases, name)
 
     def frame_pointer(self, name: str) -> Path:
-        return self.state / f"{name}.json"
+        return _record(self.state, name)
 
     def create(self, *, stability: bool = False) -> None:
-        """Make the folders; raise ``UserError`` where that is impossible."""
+        """Make the folders.
+
+        Raises
+        ------
+        UserError
+            That is impossible, or a link leads out of the run's folder. Only the archive may lie elsewhere, which runs
+            may share.
+        """
+        self.refuse_links()
         extra = (self.stability,) if stability else ()
         for folder in (self.root, self.archive, self.cases, self.state, *extra):
             try:
@@ -96,8 +104,14 @@ class RunFolder:
                     e.strerror or "cannot be created", where=str(folder), expected="a folder that can be written"
                 ) from e
 
+    def refuse_links(self) -> None:
+        """Raise ``UserError`` where a link stands for one of the folders that a run writes into and cleans."""
+        for folder in (self.cases, self.state, self.stability, self.root / "report"):
+            if folder.is_symlink():
+                raise UserError("is a link", where=str(folder), expected="a folder of the run", fix="remove the link")
+
     def remove_temporary_files(self) -> None:
-        """Delete what a killed run was writing. Call only with the lock held."""
+        """Delete what a killed run was writing; nothing where a link leads. Call only with the lock held."""
         folders = (self.archive, self.cases, self.state, self.stability)
         below = [path for folder in folders for path in atomic.leftovers(folder)]
         for path in (*below, *atomic.leftovers(self.root, below=False)):
@@ -131,6 +145,13 @@ class RunFolder:
                 # It is empty, whatever was written into it: who holds it may set it right.
                 file.truncate(0)
             yield
+
+
+def _record(room: Path, name: str) -> Path:
+    """Return where the record of a name lies, which may be a damaged file's or a stranger's."""
+    if not files.is_name(name):
+        raise UserError(f"{name!r} is no name of a record", where=str(room), expected="letters, digits, . _ and -")
+    return room / f"{name}.json"
 
 
 def _lock_file(path: Path) -> IO[bytes]:

@@ -101,10 +101,10 @@ class Filter:
 
 
 class Index:
-    """The index of the archive at ``root``; made when it is needed."""
+    """The index of the archive at ``root``; made when it is needed, or else (``read_only``) only used."""
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
+    def __init__(self, root: Path, *, read_only: bool = False) -> None:
+        self.root, self.read_only = root, read_only
         self.path = root / NAME
 
     def record(self, entry: StoreEntry) -> None:
@@ -201,11 +201,12 @@ class Index:
         """
         if not self.root.is_dir():
             return []
-        try:
-            self.update(progress)
-            in_memory = not files.kind_at(self.path)
-        except UserError:
-            in_memory = True
+        in_memory = self.read_only
+        with contextlib.suppress(UserError):
+            if not in_memory:
+                in_memory = True
+                self.update(progress)
+                in_memory = not files.kind_at(self.path)
         with self._reported(), self._in_memory(progress) if in_memory else self._open(write=False) as connection:
             entries = list(_select(connection, wanted))
         there = {path.stem for path in places(self.root)}

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from horizonval.core import atomic, files
-from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError, excerpt
 from horizonval.store.entry import is_address, places
 from horizonval.store.folder import RunFolder, read_json
 from horizonval.store.store import Store
@@ -34,6 +34,26 @@ def run_folder_of(archive: Path) -> RunFolder | None:
     """Return the run that an archive belongs to, if there is one."""
     folder = RunFolder(archive.parent)
     return folder if archive.name == folder.archive.name and folder.suite.is_file() else None
+
+
+def archive_of(folder: RunFolder, head: Mapping[str, Any]) -> Path:
+    """Return the archive of a run, or of results that were scored again that of their images, by its ``run.json``.
+
+    It need not exist.
+
+    Raises
+    ------
+    DamagedFileError
+        ``run.json`` names something that is no archive.
+    """
+    elsewhere = head.get("archive")
+    if elsewhere is None:
+        return folder.archive
+    root = folder.root / str(elsewhere)
+    kind = files.kind_at(root, links=True)
+    if not isinstance(elsewhere, str) or kind not in ("a folder", "") or (kind and not Store(root).is_one()):
+        raise DamagedFileError(f"names {excerpt(str(elsewhere))!r}, which is no archive", where=str(folder.suite))
+    return root
 
 
 def named_addresses(folder: RunFolder, *, strict: bool = False) -> dict[str, str]:

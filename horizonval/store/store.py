@@ -24,11 +24,18 @@ from horizonval.store.verify import StoreFinding, verify
 
 
 class Store:
-    """The folder ``root``; made on the first addition."""
+    """The folder ``root``; made on the first addition.
 
-    def __init__(self, root: str | os.PathLike[str]) -> None:
+    Parameters
+    ----------
+    root : path-like
+    read_only : bool
+        The archive is another's: its index is used, and neither made nor mended.
+    """
+
+    def __init__(self, root: str | os.PathLike[str], *, read_only: bool = False) -> None:
         self.root = Path(root)
-        self.index = Index(self.root)
+        self.index = Index(self.root, read_only=read_only)
 
     def add_frame(self, frame: RadianceFrame) -> str:
         """Store ``frame`` and return its address; an intact entry stays untouched, a damaged one is mended."""
@@ -65,7 +72,7 @@ class Store:
             path.parent.mkdir(exist_ok=True)
         except OSError as error:
             raise UserError(f"cannot be made: {error.strerror}", where=str(path.parent)) from None
-        if files.kind_at(path) == "a folder":
+        if files.kind_at(path) == "a folder" and any(path.iterdir()):
             raise UserError("is a folder", where=str(path), expected="an entry of the archive", fix="move it away")
 
     def path(self, address: str) -> Path:
@@ -126,6 +133,10 @@ class Store:
             )
             raise UserError(what, where=str(self.root), fix="see `horizonval archive ls`")
         return found[0]
+
+    def count(self) -> int:
+        """Return how many files lie where an entry would."""
+        return len(places(self.root))
 
     def entries(self) -> Iterator[StoreEntry]:
         """Yield every entry in the order of addresses, read from the headers alone."""

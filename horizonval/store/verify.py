@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -80,9 +80,12 @@ def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progres
             continue
         file = _looked_at(path)
         if _is_place(path, root) and file.digest == path.stem and not file.reason:
-            intact[path.stem] = describe(path)
-        else:
-            strays.append(file)
+            entry = describe(path)
+            if entry.kind != "damaged":
+                intact[path.stem] = entry
+                continue
+            file = replace(file, reason="its header says what no writer of ours writes")
+        strays.append(file)
     home: dict[str, Path] = {}
     for file in strays:
         findings.append(_stray(file, root, intact, expected, home))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from horizonval.core.errors import UserError
+from horizonval.core.errors import MistakeCollector, UserError
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.pose import place_from_spec
 from horizonval.geometry.rotation import julian_utc
@@ -41,11 +41,14 @@ def refuse_mistakes(suite: Suite, plan: CasePlan, parts: Sequence[Part] = ()) ->
     _check_heads(suite, plan)
     cameras: set[int] = set()
     matters: set[tuple[str, int, float]] = set()
+    collector = MistakeCollector()
     for case in suite.cases:
-        try:
-            _check_case(case, cameras, matters)
-        except UserError as e:
-            raise e.inside(f"{suite.source}: {case.name}") from e
+        with collector.caught(case.name):
+            try:
+                _check_case(case, cameras, matters)
+            except UserError as e:
+                raise e.inside(f"{suite.source}: {case.name}") from e
+    collector.tell()
     largest = largest_frame(suite)
     if largest is not None:
         try:

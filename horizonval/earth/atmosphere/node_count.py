@@ -92,7 +92,7 @@ def _ozone(wavelength_um: FloatArray, air: Air) -> tuple[FloatArray, FloatArray]
     zero = np.zeros_like(wavelength_um)
     if not air.with_ozone:
         return zero, zero
-    return Measure(wavelength_um, zero, 0.0).ozone()
+    return Measure(wavelength_um, zero, 0.0, 0.0).ozone()
 
 
 @dataclass(frozen=True)

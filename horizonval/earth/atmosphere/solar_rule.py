@@ -25,11 +25,14 @@ class Measure:
         W m-2; the sum is the band's irradiance.
     width_um : float
         Effective width: integral of the response.
+    reference_um : float
+        ``lambda_ref``.
     """
 
     wavelength_um: FloatArray
     energy: FloatArray
     width_um: float
+    reference_um: float
 
     def ozone(self) -> tuple[FloatArray, FloatArray]:
         """Return ozone's cross sections at 220 and 280 K [m2], shape (m,) each; 0 beyond their range to the red."""
@@ -49,6 +52,9 @@ class SolarRule:
         Nodes, and their weights, which add up to the band's effective width.
     mean_irradiance : float
         W m-2 um-1; what every node carries.
+    energy_ratio : ndarray, shape (n,)
+        What stands for ``lambda_ref / lambda`` at the nodes: times the weights, it makes them those of the plain
+        integral over wavelength, exact for reflectances that are polynomials of degree n - 1 in wavelength.
     ozone_cold_m2, ozone_warm_m2 : ndarray, shape (n,)
         The cross sections of ozone at 220 and 280 K that the nodes shall use, smoothed; 0 without ozone.
     """
@@ -56,6 +62,7 @@ class SolarRule:
     wavelength_um: FloatArray
     weight_um: FloatArray
     mean_irradiance: float
+    energy_ratio: FloatArray
     ozone_cold_m2: FloatArray
     ozone_warm_m2: FloatArray
 
@@ -75,6 +82,7 @@ class RuleFamily:
     def __init__(self, measure: Measure, n_max: int, *, with_ozone: bool = False) -> None:
         self._measure = measure
         self._polynomials = Orthonormal.of(measure.wavelength_um, measure.energy, n_max)
+        self._ratio = self._polynomials.moments(measure.reference_um / measure.wavelength_um)
         self._ozone = [self._polynomials.moments(samples) for samples in measure.ozone()] if with_ozone else None
 
     def rule(self, n: int) -> SolarRule:
@@ -84,7 +92,8 @@ class RuleFamily:
         cold = warm = np.zeros(n)
         if self._ozone is not None:
             cold, warm = (self._polynomials.smoothed(moments, nodes) for moments in self._ozone)
-        return SolarRule(nodes, energy / mean, mean, cold, warm)
+        ratio = self._polynomials.smoothed(self._ratio, nodes)
+        return SolarRule(nodes, energy / mean, mean, ratio, cold, warm)
 
 
 def check_sunlight(band: Band, where: str) -> None:
@@ -108,8 +117,10 @@ def solar_measure(band: Band, sun_distance_au: float, where: str) -> Measure:
     """
     check_sunlight(band, where)
     wavelength, weight = bands.sampled(band, sunlight.table_um(), order=4)
-    weight = weight * wavelength / bands.reference_wavelength_um(band)
-    return Measure(wavelength, weight * sunlight.irradiance(wavelength, sun_distance_au), float(weight.sum()))
+    reference = bands.reference_wavelength_um(band)
+    weight = weight * wavelength / reference
+    energy = weight * sunlight.irradiance(wavelength, sun_distance_au)
+    return Measure(wavelength, energy, float(weight.sum()), reference)
 
 
 def gauss(measure: Measure, n: int, *, with_ozone: bool = False) -> SolarRule:

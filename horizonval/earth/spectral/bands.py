@@ -9,6 +9,14 @@ at one reference wavelength, the response's mean::
     L_band = integral L R (lambda / lambda_ref) dlambda                       [W m-2 sr-1]
     electrons = L_band * A Omega t * QE_peak * lambda_ref / (h c)             exactly
 
+It is the energy of light of one wavelength only. A frame therefore has the *energy radiance* beside it, the plain
+integral over wavelength::
+
+    L_energy = integral L R dlambda                                           [W m-2 sr-1]
+
+Of sunlight from a white ground in 450 to 750 nm, L_band is 2 % below it; of a limb as blue as wavelength^-4, 10 %; of
+that from 400 to 1000 nm, 26 %.
+
 Thermal bands hold a response per unit power: ``L_band = integral L R dlambda``.
 """
 

@@ -16,8 +16,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from horizonval.core import llvm
-from horizonval.core.cache import cache_folder, cached_json, keep_json
+from horizonval.core.cache import cached_json, keep_json
 from horizonval.core.errors import UserError
+from horizonval.core.machine.caches import cache_folder
 
 VARIANT_VARIABLE = "HORIZONVAL_VARIANT"
 VARIANTS = ("cuda_ad_mono", "llvm_ad_mono")

@@ -46,15 +46,18 @@ def render_bands(
     nodes: int,
     thermal: Sequence[ThermalAir] = (),
     emission: GroundEmission | None = None,
-) -> dict[str, mi.Float64]:
-    """Return the radiance per band as Float64 arrays, one value per pixel in row order.
+) -> tuple[dict[str, mi.Float64], dict[str, mi.Float64]]:
+    """Return radiance per band, and energy radiance per solar band: Float64 arrays, one value per pixel in row order.
 
-    ``thermal``: the thermal bands among ``bands``; they need to know what the ground emits.
+    The same spectral nodes serve both, with other weights (``SpectralNode.energy_ratio``). ``thermal``: the thermal
+    bands among ``bands``; they need to know what the ground emits.
     """
     cells = group_cells(view)
+    emitted = {air.band.name for air in thermal}
     out = {band: dr.zeros(mi.Float64, view.width * view.height) for band in bands}
+    energy = {band: dr.zeros(mi.Float64, view.width * view.height) for band in bands if band not in emitted}
 
-    def add(band: str, parts: Iterable[BandPart]) -> None:
+    def add(out: dict[str, mi.Float64], band: str, parts: Iterable[BandPart]) -> None:
         total = dr.zeros(mi.Float64, cells.count)
         for cell, share, radiance in parts:
             dr.scatter_add(total, share * radiance, cell, mode=dr.ReduceMode.NoConflicts)
@@ -72,18 +75,24 @@ def render_bands(
                 hits.append(_look(view, cells, view.moon.light))
         parts = list(_parts(view, cells, hits, group, batch, nodes))
         for band in dict.fromkeys(node.band for node in group):
-            weight = [dr.opaque(mi.Float64, n.weight if n.band == band else 0.0, 1) for n in group]
-            add(band, ((cell, share, _weighted(weight, radiance)) for cell, share, radiance in parts))
+            own = [n.band == band for n in group]
+            weight = [n.weight if mine else 0.0 for n, mine in zip(group, own, strict=True)]
+            add(out, band, _band_parts(parts, weight))
+            weight = [n.weight * n.energy_ratio if mine else 0.0 for n, mine in zip(group, own, strict=True)]
+            add(energy, band, _band_parts(parts, weight))
     if thermal:
         assert emission is not None
         frame = ThermalFrame.of(view, cells, emission, thermal[0].top_m, nodes)
         for air in thermal:
-            add(air.band.name, frame.parts(air))
-    return out
+            add(out, air.band.name, frame.parts(air))
+    return out, energy
 
 
-def _weighted(weight: Values, radiance: Values) -> mi.Float64:
-    return sum((w * r for w, r in zip(weight, radiance, strict=False)), start=mi.Float64(0.0))
+def _band_parts(parts: Iterable[NodePart], weight: Sequence[float]) -> Iterator[BandPart]:
+    opaque = [dr.opaque(mi.Float64, w, 1) for w in weight]
+    for cell, share, radiance in parts:
+        terms = (w * r for w, r in zip(opaque, radiance, strict=False))
+        yield cell, share, sum(terms, start=mi.Float64(0.0))
 
 
 @dataclass(frozen=True)

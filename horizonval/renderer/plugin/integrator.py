@@ -1,7 +1,9 @@
 """``horizon_limb``: the deterministic limb march as a Mitsuba integrator plugin.
 
-``mi.render`` on a scene with this integrator and a ``horizon_camera`` returns a tensor (height, width, bands): radiance
-in W m-2 sr-1 per band. It makes its own Float64 rays and ignores sample count and seed, because nothing is random.
+``mi.render`` on a scene with this integrator and a ``horizon_camera`` returns a tensor (height, width, channels): the
+radiance of every band, then the energy radiance of every solar band, in W m-2 sr-1
+(:mod:`horizonval.earth.spectral.bands`). It makes its own Float64 rays and ignores sample count and seed, because
+nothing is random.
 """
 
 from __future__ import annotations
@@ -95,6 +97,8 @@ def make_plugin() -> type:
             self.settings = settings
             self.prepared = prepare(settings)
             self.bands = list(self.prepared.model.bands)
+            thermal = {band.name for band in self.prepared.model.thermal}
+            self.solar_bands = [band for band in self.bands if band not in thermal]
 
         def view(self, sensor: Any) -> FrameGeometry:
             """Return the geometry of a frame taken by a ``horizon_camera``, refraction left out."""
@@ -138,7 +142,7 @@ def make_plugin() -> type:
             if not hasattr(sensor, "rays"):
                 raise TypeError("horizon_limb needs a horizon_camera sensor")
             prepared = self.prepared
-            bands = render_bands(
+            radiance, energy = render_bands(
                 self.apparent_view(sensor),
                 prepared.batches,
                 self.bands,
@@ -146,8 +150,9 @@ def make_plugin() -> type:
                 prepared.thermal,
                 prepared.model.emission,
             )
-            stack = np.stack([np.array(bands[b], dtype=np.float32) for b in self.bands], axis=-1)
-            return mi.TensorXf(stack.reshape(sensor.camera.height, sensor.camera.width, len(self.bands)))
+            channels = [radiance[band] for band in self.bands] + [energy[band] for band in self.solar_bands]
+            stack = np.stack([np.array(channel, dtype=np.float32) for channel in channels], axis=-1)
+            return mi.TensorXf(stack.reshape(sensor.camera.height, sensor.camera.width, len(channels)))
 
         def sample(self, *arguments: object, **named: object) -> NoReturn:
             raise NotImplementedError("horizon_limb renders whole frames; use mi.render")

@@ -137,6 +137,7 @@ def render_reference(
     bands = list(dict.fromkeys(node.band for node in model.nodes))
     shape = (intrinsics.height, intrinsics.width)
     radiance = {band: np.zeros(shape) for band in bands}
+    energy = {band: np.zeros(shape) for band in bands}
     variance = {band: np.zeros(shape) for band in bands}
     progress.start(len(model.nodes) * passes, 0, unit="passes")
     for i, node in enumerate(model.nodes):
@@ -152,6 +153,7 @@ def render_reference(
             progress.done(f"{node.name}, pass {k + 1} of {passes}")
         unit = node.weight * node.solar_irradiance
         radiance[node.band] += unit * mean
+        energy[node.band] += unit * node.energy_ratio * mean
         variance[node.band] += unit**2 * squares / (passes * (passes - 1))
     error = {band: np.sqrt(v) for band, v in variance.items()}
     maps = dict(_truth_maps(described))
@@ -174,6 +176,7 @@ def render_reference(
         maps=maps,
         truth=described.truth,
         render=settings,
+        energy_radiance={band: e.astype(np.float32) for band, e in energy.items()},
     )
 
 

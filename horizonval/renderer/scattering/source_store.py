@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.core.cache import cache_folder, cached_arrays, keep_arrays, log_damage
+from horizonval.core.cache import cached_arrays, keep_arrays, log_damage
 from horizonval.core.errors import DamagedFileError
+from horizonval.core.machine.caches import cache_folder
 from horizonval.core.progress import Progress
 from horizonval.earth.column import SpectralNode
 from horizonval.renderer.scattering.diffuse_field import DiffuseField, MultipleScattering

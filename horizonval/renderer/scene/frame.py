@@ -57,9 +57,13 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None
         "orders": scene.render.orders,
         "spectral_nodes": node_counts(described.model),
     }
+    bands, solar = integrator.bands, integrator.solar_bands
+    radiance = {band: np.ascontiguousarray(image[:, :, i]) for i, band in enumerate(bands)}
+    energy = {band: np.ascontiguousarray(image[:, :, len(bands) + i]) for i, band in enumerate(solar)}
     return RadianceFrame(
-        radiance={band: np.ascontiguousarray(image[:, :, i]) for i, band in enumerate(integrator.bands)},
+        radiance=radiance,
         maps=truth_maps(integrator.view(sensor)),
         truth=with_infrared_horizon(described.truth, described.model),
         render=settings,
+        energy_radiance={band: energy.get(band, radiance[band]) for band in bands},
     )

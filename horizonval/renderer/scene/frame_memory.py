@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from horizonval.core import memory
+from horizonval.core.machine import memory
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 

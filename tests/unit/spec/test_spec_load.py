@@ -32,7 +32,7 @@ def _refusal(load, folder, text, name="x.toml"):
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(UserError) as caught:
         load(path)
-    line = str(caught.value)
+    line = caught.value.line()
     assert "\n" not in line
     assert str(folder) in line, "names the file"
     return line

@@ -312,7 +312,7 @@ def test_incomplete_truth_is_named(stored, capfd, make_frame):
     reseal(stored, {}, truth=exr._dumps(truth))
     refuses(stored, capfd, "the truth has no 'nadir_geocentric_cam'")
     reseal(stored, {}, truth="[1, 2]")
-    refuses(stored, capfd, "the truth")
+    refuses(stored, capfd, "truth. is no JSON object")
     reseal(stored, {}, truth="{")
     refuses(stored, capfd, "no JSON")
 

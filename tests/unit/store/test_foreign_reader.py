@@ -148,7 +148,7 @@ def test_channels_have_units(tmp_path, make_frame):
         spec, found = attributes(tmp_path / f"{name}.exr")
         units |= {f"{name}:{c}": found[f"horizonval:unit.{c}"] for c in spec.channelnames if "mask." not in c}
     assert units == {
-        **dict.fromkeys(("a:Y", "a:radiance.vis"), "W m-2 sr-1"),
+        **dict.fromkeys(("a:Y", "a:radiance.vis"), "W m-2 sr-1 of as many photons of 0.6000 um"),
         **{f"a:truth.{name}": unit for name, unit in MAP_UNITS.items()},
         **dict.fromkeys(("b:Y", "b:dn.red"), "DN"),
     }

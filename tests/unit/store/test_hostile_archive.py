@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
+import re
 import shutil
 import socket
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from horizonval.core import atomic
-from horizonval.core.errors import UserError
+from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.jobs.kept import take_over
+from horizonval.report.load import load_run
+from horizonval.store import exr
+from horizonval.store.export import export_file
 from horizonval.store.folder import RunFolder, write_json
-from horizonval.store.named import Garbage, garbage, remove
+from horizonval.store.index import NAME
+from horizonval.store.named import Garbage, archive_of, garbage, remove
 from horizonval.store.store import Store
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="FIFOs, devices and links of POSIX")
@@ -191,3 +200,109 @@ def test_a_folder_that_cannot_be_listed_is_a_finding_and_the_walk_goes_on(tmp_pa
     findings = {(f.problem, f.path) for f in store.verify()}
     assert ("unreadable", Path(closed)) in findings
     assert ("damaged", store.path(second)) in findings
+
+
+@pytest.mark.parametrize("name", ["../secret", "/etc/passwd", "a/b", "..", ".", "", "a\nb", "a\0b", 5, None])
+def test_names_of_records_are_names(tmp_path, name):
+    folder = RunFolder(tmp_path)
+    for place in (folder.case, folder.frame_pointer, folder.stability_case):
+        with pytest.raises(UserError, match="is no name of a record"):
+            place(name)
+
+
+def test_a_report_reads_no_record_that_lies_elsewhere(tmp_path):
+    (tmp_path / "secret.json").write_text("hunter2")
+    folder = RunFolder(tmp_path / "run")
+    folder.create()
+    write_json(folder.suite, {"suite": "s", "estimators": [], "cases": ["../../secret"]})
+    with pytest.raises(UserError, match="is no name of a record"):
+        load_run(folder.root)
+
+
+def test_another_archive_that_a_run_names_is_read_and_never_written(tmp_path, make_frame, make_image):
+    other, *_ = a_run(tmp_path / "other", make_frame)
+    address = Store(other.archive).add_image(make_image())
+    (other.archive / NAME).unlink()
+    before = sorted(other.root.rglob("*"))
+    folder = RunFolder(tmp_path / "run")
+    folder.create()
+    folder.archive.rmdir()
+    root = archive_of(folder, {"archive": "../other/archive"})
+    store = Store(root, read_only=True)
+    assert len(store.index.select()) == 3
+    store.read_image(address)
+    assert sorted(other.root.rglob("*")) == before
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "notes" / "a.txt").touch()
+    for named in ("../notes", "../notes/a.txt", 5, ["a"]):
+        with pytest.raises(DamagedFileError, match="is no archive"):
+            archive_of(folder, {"archive": named})
+
+
+@pytest.mark.parametrize("room", ["cases", "state", "stability", "report"])
+def test_a_run_writes_through_no_link(tmp_path, room):
+    (tmp_path / "outside").mkdir()
+    folder = RunFolder(tmp_path / "run")
+    folder.root.mkdir()
+    (folder.root / room).symlink_to(tmp_path / "outside")
+    with pytest.raises(UserError, match=rf"{room}: is a link"):
+        folder.create()
+
+
+def test_results_of_others_are_taken_over_as_regular_files_and_into_the_folder(tmp_path):
+    source, target, outside = tmp_path / "source", tmp_path / "target", tmp_path / "outside"
+    for folder in (source / "cases" / "more", target / "cases", outside):
+        folder.mkdir(parents=True)
+    (outside / "secret.json").write_text("hunter2")
+    (source / "cases" / "a.json").write_text("{}")
+    (source / "cases" / "more" / "b.json").write_text("{}")
+    (source / "cases" / "link.json").symlink_to(outside / "secret.json")
+    os.mkfifo(source / "cases" / "fifo.json")
+    (target / "cases" / "more").symlink_to(outside)
+    in_time(lambda: take_over(source, target, ["cases"], lambda path: True))
+    assert [path.name for path in sorted((target / "cases").iterdir())] == ["a.json", "more"]
+    assert [path.name for path in outside.iterdir()] == ["secret.json"]
+
+
+def test_bands_that_are_no_names_make_no_files(tmp_path, make_frame, monkeypatch):
+    monkeypatch.setattr(exr, "_BAND", re.compile(".*"))
+    exr.write_frame(tmp_path / "a.exr", make_frame({"../b": 1.0}))
+    monkeypatch.undo()
+    with pytest.raises(DamagedFileError, match="bands' holds"):
+        export_file(tmp_path / "a.exr", tmp_path / "out", png=True)
+
+
+def mutated(value: Any, rng: np.random.Generator) -> Any:
+    """A JSON value with one of its parts, at any depth, gone or replaced."""
+    replacements = [None, True, -1, 1e308, 2**70, "", "\ud800", "a\n\x1b[2Jb", "../x", [], {}, [1]]
+    if not isinstance(value, dict) or not value or rng.random() < 0.2:
+        return replacements[rng.integers(len(replacements))]
+    key = list(value)[rng.integers(len(value))]
+    rest = {k: v for k, v in value.items() if k != key}
+    return rest if rng.random() < 0.2 else {**rest, key: mutated(value[key], rng)}
+
+
+def test_headers_that_no_writer_of_ours_writes_are_read_without_a_defect(tmp_path, make_image, monkeypatch):
+    """Sealed as they should be, with other content: a listing stays one line an entry, and verifying ends."""
+    rng, write = np.random.default_rng(5), exr._write_sealed
+
+    def writing(path, channels, own, *more):
+        key = ("truth", "observation")[rng.integers(2)]
+        write(path, channels, {**own, key: json.dumps(mutated(json.loads(own[key]), rng))}, *more)
+
+    monkeypatch.setattr(exr, "_write_sealed", writing)
+    store, image = Store(tmp_path / "archive"), make_image()
+    for number in range(60):
+        store.add_image(replace(image, observation={"seed": number}))
+    count = store.count()
+    assert count > 40
+    findings = store.verify()
+    listed = store.index.select()
+    assert len(listed) == count
+    assert {f.path.stem for f in findings if f.problem == "damaged"} >= {
+        entry.address for entry in listed if entry.kind == "damaged"
+    }
+    assert 0 < len(findings) < count
+    for path in sorted(store.root.rglob("*.exr")):
+        with contextlib.suppress(UserError):
+            export_file(path, tmp_path, png=True)

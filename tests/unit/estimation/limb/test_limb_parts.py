@@ -1,0 +1,277 @@
+"""What limb points are worth and what their cone does with them, against definitions and brute force."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from horizonval.estimation.limb.consensus import (
+    COS_GRADIENT,
+    LIMB_RELIEF,
+    TOLERANCE_PX,
+    find_candidates,
+    off_limb_px,
+    support,
+    to_sight,
+)
+from horizonval.estimation.limb.edges import Edges
+from horizonval.estimation.limb.model import trusted
+from horizonval.estimation.limb.model.height_perturbation import cone_perturbation, unknown_sun_covariance
+from horizonval.estimation.limb.model.sunlit import height_under
+from horizonval.estimation.limb.model.trusted import Sides, alone, faded, faint, read_sides, restless, smoothed
+from horizonval.estimation.limb.shape.cone import (
+    SLOW_PATTERNS,
+    arc_order,
+    cone_scatter,
+    limb_directions,
+    slow_error,
+)
+from horizonval.estimation.limb.verdict import _visible_px
+from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
+from horizonval.geometry.cone import fit_cone
+
+CAMERA = CameraModel(256, 200, 180.0, 180.0, 127.5, 99.5)
+RHO = 1.1
+TILT = 1.0
+AXIS = np.array([0.0, math.sin(TILT), math.cos(TILT)])
+"""Nadir below the image's middle: the limb crosses the image some 20 px above it."""
+
+
+def limb(n: int = 400, half_width: float = 0.6, height_rad: np.ndarray | float = 0.0) -> np.ndarray:
+    """Lines of sight to the limb in view, from left to right; higher ones are seen further from the nadir."""
+    turn = np.linspace(-half_width, half_width, n)
+    up = np.array([0.0, -math.cos(TILT), math.sin(TILT)])
+    side = np.array([1.0, 0.0, 0.0])
+    angle = np.broadcast_to(RHO + np.asarray(height_rad), (n,))[:, None]
+    around = np.cos(turn)[:, None] * up + np.sin(turn)[:, None] * side
+    return np.cos(angle) * AXIS + np.sin(angle) * around
+
+
+def scene(inner: float, outer: float, camera: CameraModel = CAMERA) -> np.ndarray:
+    """Two levels, divided by the limb."""
+    los = unproject(camera, pixel_grid(camera))
+    return np.where(los @ AXIS > math.cos(RHO), inner, outer)
+
+
+def edge_points(los: np.ndarray, off_px: np.ndarray | float = 0.0, turned_rad: float = 0.0) -> Edges:
+    """Image points of lines of sight, moved inwards by pixels, with the gradient's direction turned."""
+    uv, _ = project(CAMERA, los)
+    towards, _ = project(CAMERA, los + 1e-5 * AXIS)
+    inwards = (towards - uv) / np.linalg.norm(towards - uv, axis=1)[:, None]
+    # Across the limb, which is not where the nadir lies in the image: by the limb's own direction.
+    along = np.gradient(uv, axis=0)
+    normal = np.column_stack([-along[:, 1], along[:, 0]])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    normal *= np.sign((normal * inwards).sum(axis=1))[:, None]
+    c, s = math.cos(turned_rad), math.sin(turned_rad)
+    gradient = normal @ np.array([[c, s], [-s, c]])
+    return Edges(uv + np.broadcast_to(off_px, (len(uv),))[:, None] * normal, gradient, np.zeros(len(uv)))
+
+
+@pytest.mark.parametrize("off_px", [-3.0, -0.5, 0.0, 2.0])
+def test_points_lie_as_far_off_a_cone_as_they_were_moved(off_px: float) -> None:
+    sight = to_sight(edge_points(limb(), off_px), CAMERA, (200, 256))
+    assert off_limb_px(sight, AXIS, math.cos(RHO))[5:-5] == pytest.approx(np.full(390, off_px), abs=0.03)
+
+
+def test_support_is_near_the_limb_and_turned_with_it() -> None:
+    relief = LIMB_RELIEF * math.tan(RHO) * 180.0
+    assert relief < TOLERANCE_PX
+
+    def share(off_px: float, turned_rad: float = 0.0, bright_inside: bool = True, slack: float = 1.0) -> float:
+        sight = to_sight(edge_points(limb(), off_px, turned_rad), CAMERA, (200, 256))
+        return float(support(sight, AXIS, math.cos(RHO), bright_inside, slack)[5:-5].mean())
+
+    most = min(TOLERANCE_PX + relief, max(TOLERANCE_PX, 0.006 * 200))
+    for sign in (-1.0, 1.0):
+        assert share(sign * 0.93 * most) == 1.0
+        assert share(sign * 1.4 * (TOLERANCE_PX + relief)) == 0.0
+        assert share(sign * 1.4 * (TOLERANCE_PX + relief), slack=2.0) == 1.0
+        angle = math.acos(COS_GRADIENT)
+        assert share(0.0, sign * 0.9 * angle) == 1.0
+        assert share(0.0, sign * 1.1 * angle) == 0.0
+    assert share(0.0, bright_inside=False) == 0.0
+    assert share(0.0, math.pi, bright_inside=False) == 1.0
+
+
+def test_the_limb_is_found_among_clutter() -> None:
+    rng = np.random.default_rng(1)
+    edges = edge_points(limb(240))
+    clutter = rng.uniform((10, 10), (245, 190), (200, 2))
+    turn = rng.uniform(0, 2 * np.pi, 200)
+    both = Edges(
+        np.vstack([edges.uv, clutter]),
+        np.vstack([edges.gradient, np.column_stack([np.cos(turn), np.sin(turn)])]),
+        np.concatenate([np.zeros(240), np.full(200, 0.5)]),
+    )
+    sight = to_sight(both, CAMERA, (200, 256))
+    best = find_candidates(sight, np.random.default_rng(2))[0]
+    assert best.bright_inside
+    assert best.axis_cam @ AXIS == pytest.approx(1.0, abs=1e-6)
+    assert math.acos(best.cos_rho) == pytest.approx(RHO, abs=1e-3)
+    assert len(np.intersect1d(best.rows, np.arange(240))) > 230
+    assert len(best.rows) < 260
+    length = np.hypot(*np.diff(edges.uv, axis=0).T).sum()
+    assert best.arc_px == pytest.approx(length, rel=0.15)
+    assert find_candidates(sight.take(np.arange(2)), rng) == []
+
+
+def test_two_levels_are_read_on_the_two_sides() -> None:
+    los = limb(200, 0.5)
+    sides = read_sides(scene(300.0, 40.0), CAMERA, los, AXIS)
+    assert sides.inner == pytest.approx(np.full(200, 300.0))
+    assert sides.outer == pytest.approx(np.full(200, 40.0))
+    assert sides.peak == pytest.approx(np.full(200, 300.0))
+    assert sides.spread == pytest.approx(np.zeros(200), abs=1e-4)
+    order = np.argsort(sides.azimuth)
+    steps = np.diff(order)
+    assert (steps == 1).all() or (steps == -1).all(), "azimuths go along the limb"
+
+
+def test_what_lies_outside_the_image_has_no_level_and_spoils_none() -> None:
+    """A limb along the image's upper edge: what would be read above it is missing."""
+    high = CameraModel(256, 200, 180.0, 180.0, 127.5, 30.0)
+    sides = read_sides(scene(300.0, 40.0, high), high, limb(200, 0.1), AXIS)
+    assert sides.inner == pytest.approx(np.full(200, 300.0))
+    assert sides.outer == pytest.approx(np.full(200, 40.0))
+
+
+def test_spread_is_half_the_range_outside_and_peak_the_brightest_near() -> None:
+    image = scene(300.0, 40.0)
+    distance = (np.arccos(unproject(CAMERA, pixel_grid(CAMERA)) @ AXIS) - RHO) * 180.0
+    image = np.where((distance > 8.5), 100.0, image)
+    image = np.where((distance < -2.5) & (distance > -7.5), 360.0, image)
+    image = np.where(distance < -9.5, 900.0, image)
+    sides = read_sides(image, CAMERA, limb(100, 0.2), AXIS)
+    assert np.median(sides.spread) == pytest.approx(30.0, abs=3.0)
+    assert np.median(sides.peak) == pytest.approx(360.0, abs=3.0), "no further in than a profile bears on the place"
+
+
+def sides_of(inner: np.ndarray, outer: np.ndarray, spread: np.ndarray | float = 0.0) -> Sides:
+    n = len(inner)
+    return Sides(inner, outer, inner + 10.0, np.broadcast_to(spread, (n,)), np.linspace(0.0, 1.5, n))
+
+
+def test_points_are_left_out_for_their_own_reason_only() -> None:
+    n = 300
+    good = sides_of(np.full(n, 500.0), np.full(n, 50.0))
+    assert not (faded(good) | restless(good) | faint(good, 50.0) | trusted.saturated(good, 600.0)).any()
+    bright = np.full(n, 500.0)
+    bright[:40] = 580.0
+    assert (trusted.saturated(sides_of(bright, np.full(n, 50.0)), 600.0) == (np.arange(n) < 40)).all()
+    assert not trusted.saturated(sides_of(bright, np.full(n, 590.0)), 600.0).any(), "the Earth's side only"
+    half = np.where(np.arange(n) < n // 2, 500.0, 50.0 + 450.0 * 0.2)
+    left_out = faded(sides_of(half, np.full(n, 50.0)))
+    assert not left_out[: n // 2 - 10].any()
+    assert left_out[n // 2 + 10 :].all()
+    assert not faded(sides_of(np.where(half > 400, 500.0, 50.0 + 450.0 * 0.5), np.full(n, 50.0))).any()
+    assert faint(sides_of(np.full(n, 50.0), np.full(n, 50.0)), 2.1).all(), "ten above: less than five sigma"
+    assert not faint(sides_of(np.full(n, 50.0), np.full(n, 50.0)), 1.9).any()
+    uneasy = np.where(np.arange(n) < 30, 0.3, 0.2) * 450.0
+    assert (restless(sides_of(np.full(n, 500.0), np.full(n, 50.0), uneasy)) == (np.arange(n) < 30)).all()
+
+
+def test_smoothed_is_the_mean_of_near_azimuths() -> None:
+    rng = np.random.default_rng(3)
+    azimuth, values = rng.uniform(-1.0, 1.0, 120), rng.normal(size=120)
+    near = np.abs(azimuth[:, None] - azimuth) <= trusted.SMOOTHED_RAD / 2
+    assert smoothed(values, azimuth) == pytest.approx((near * values).sum(axis=1) / near.sum(axis=1))
+
+
+def test_spots_between_gaps_are_alone() -> None:
+    los = limb(300, 0.6)
+    uv, _ = project(CAMERA, los)
+    step = float(np.hypot(*np.diff(uv, axis=0).T).mean())
+    spot = math.floor(0.6 * trusted.SHORTEST_STRETCH_PX / step)
+    gap = math.ceil(1.5 * trusted.GAP_PX / step)
+    kept = np.r_[0:100, 100 + gap : 100 + gap + spot, 100 + spot + 2 * gap : 300]
+    shuffle = np.random.default_rng(0).permutation(len(kept))
+    expected = (kept >= 100) & (kept < 100 + spot + 2 * gap)
+    assert (alone(los[kept][shuffle], CAMERA) == expected[shuffle]).all()
+    assert expected.sum() == spot
+    long = np.r_[0:100, 100 + gap : 100 + gap + 3 * spot, 100 + 3 * spot + 2 * gap : 300]
+    assert not alone(los[long], CAMERA).any()
+
+
+def test_a_limb_without_gaps_is_nowhere_alone() -> None:
+    up = CameraModel(256, 256, 40.0, 40.0, 127.5, 127.5)
+    turn = np.linspace(0.0, 2 * np.pi, 200, endpoint=False)
+    ring = np.column_stack([0.8 * np.cos(turn), 0.8 * np.sin(turn), np.full(200, 0.6)])
+    assert not alone(ring, up).any()
+
+
+def test_heights_move_a_cone_as_they_move_the_fit() -> None:
+    """A limb that stands ``h`` higher is seen ``h tan(rho) / R`` further out: fitted again by geometry's own fit."""
+    radius = 6371e3
+    n = 400
+    wave = 900.0 * np.array([np.cos(7 * np.linspace(-0.6, 0.6, n)), np.linspace(0.0, 1.0, n), np.ones(n)])
+    los = limb(n)
+    moved = cone_perturbation(los, AXIS, RHO, wave, radius)
+    basis = cone_scatter(los, AXIS, RHO).basis
+    for heights, expected in zip(wave, moved, strict=True):
+        cone = fit_cone(limb(n, height_rad=heights * math.tan(RHO) / radius))
+        off = np.array([*(cone.axis_cam @ basis), cone.rho_rad - RHO])
+        assert off == pytest.approx(expected, rel=0.02, abs=2e-3 * np.abs(expected).max())
+
+
+def test_unknown_suns_scatter_the_cone_as_drawn_suns_do() -> None:
+    """Against suns drawn at random, of which those that light the whole arc count."""
+    los, blur = limb(120), np.full(120, 5e-3)
+    covariance = unknown_sun_covariance(los, AXIS, RHO, blur, 6371e3)
+    rng = np.random.default_rng(5)
+    heights = []
+    for sun in rng.normal(size=(1500, 3)):
+        height, zenith = height_under(los, AXIS, RHO, sun / np.linalg.norm(sun), blur)
+        if zenith.max() <= math.pi / 2 and np.isfinite(height).all():
+            heights.append(height)
+    moved = cone_perturbation(los, AXIS, RHO, np.array(heights), 6371e3)
+    # The mean height is no scatter; the mean move across the limb is, for a method that does not know the Sun.
+    second = moved[:, :2].T @ moved[:, :2] / len(moved)
+    assert np.diag(covariance)[:2] == pytest.approx(np.diag(second), rel=0.35)
+    assert covariance[2, 2] == pytest.approx(moved[:, 2].var(), rel=0.4)
+    assert np.linalg.eigvalsh(covariance).min() > -1e-18
+
+
+def test_slow_errors_are_a_few_independent_patterns() -> None:
+    """As many independent errors as there are patterns, each of so many pixels, whatever the number of points."""
+    azimuth = np.linspace(0.0, 2 * np.pi, 240, endpoint=False)
+    los = np.column_stack(
+        [math.sin(RHO) * np.cos(azimuth), math.sin(RHO) * np.sin(azimuth), np.full(240, math.cos(RHO))]
+    )
+    axis, px = np.array([0.0, 0.0, 1.0]), 2e-3
+    basis = cone_scatter(los, axis, RHO).basis
+    covariance = slow_error(los, basis, px, 0.3)
+    # On a full circle the axis has twice the variance of a mean, the half-angle that of a mean.
+    mean = (0.3 * px) ** 2 / SLOW_PATTERNS
+    assert covariance == pytest.approx(np.diag([2 * mean, 2 * mean, mean]), abs=1e-6 * mean)
+    assert slow_error(los[::2], basis, px, 0.3) == pytest.approx(covariance, abs=1e-6 * mean)
+    assert slow_error(los, basis, 2 * px, 0.3) == pytest.approx(4 * covariance)
+
+
+def test_directions_of_a_limb_are_its_pixels_in_view() -> None:
+    los = limb_directions(CAMERA, AXIS, RHO, 5.0)
+    uv, _ = project(CAMERA, los)
+    assert los @ AXIS == pytest.approx(np.full(len(los), math.cos(RHO)))
+    assert (uv >= 5.0).all()
+    assert (uv <= (255 - 5.0, 199 - 5.0)).all()
+    pixels = np.unique(np.rint(uv).astype(int), axis=0)
+    assert len(pixels) == len(uv), "one for every pixel"
+    dense, _ = project(CAMERA, limb(40_000, 1.5))
+    inside = ((dense >= 5.0) & (dense <= (250.0, 194.0))).all(axis=1)
+    every = np.unique(np.rint(dense[inside]).astype(int), axis=0)
+    assert len(pixels) == pytest.approx(len(every), rel=0.03)
+    step = np.hypot(*np.diff(uv[np.argsort(uv[:, 0])], axis=0).T)
+    assert step.max() < 3.0
+    assert (np.diff(arc_order(los, AXIS)) == 1).sum() >= len(los) - 2, "in order of azimuth"
+
+
+def test_the_length_in_view_is_that_of_the_curve() -> None:
+    """Against the length of a fine polyline cut at the rim."""
+    dense, _ = project(CAMERA, limb(40_000, 1.5))
+    for rim in (0, 12):
+        inside = ((dense >= rim) & (dense < (256 - rim, 200 - rim))).all(axis=1)
+        length = np.hypot(*np.diff(dense, axis=0).T)[inside[1:] & inside[:-1]].sum()
+        assert _visible_px(CAMERA, AXIS, RHO, rim) == pytest.approx(length, rel=0.01)
+    assert _visible_px(CAMERA, -AXIS, RHO, 0) == 0.0

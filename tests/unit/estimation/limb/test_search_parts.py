@@ -1,0 +1,283 @@
+"""The parts of the limb search, each against images whose answer is known in closed form."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.limb.arc import FEWEST_PIXELS, Arc, find_arc, longest_chain
+from horizonval.estimation.limb.checks import SMALLEST_SIDE_PX, check_image, saturated_pixels
+from horizonval.estimation.limb.consensus import GAP_PX, unbroken_px
+from horizonval.estimation.limb.edges import find_edges, noise_sigma, scale_to_8_bit
+from horizonval.estimation.limb.grey import to_grey
+from horizonval.estimation.limb.subpixel import half_window, refine
+from horizonval.estimation.limb.sun import find_sun
+
+
+def half_plane(size: int, angle_deg: float, offset: float, dark: float = 10.0, bright: float = 110.0) -> np.ndarray:
+    """Share of every pixel on one side of a straight edge through the middle, as levels; 32 x 32 points a pixel."""
+    fine = (np.arange(size * 32) + 0.5) / 32 - 0.5
+    x, y = np.meshgrid(fine, fine)
+    middle = (size - 1) / 2
+    normal = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    lit = (x - middle) * normal[0] + (y - middle) * normal[1] > offset
+    return dark + (bright - dark) * lit.reshape(size, 32, size, 32).mean(axis=(1, 3))
+
+
+def disc(size: int, column: float, row: float, radius: float) -> np.ndarray:
+    """Whether a pixel's centre lies in a disc."""
+    x, y = np.meshgrid(np.arange(size), np.arange(size))
+    return np.hypot(x - column, y - row) <= radius
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 20.0, 44.0, 70.0, 90.0, 135.0, 200.0, 290.0])
+@pytest.mark.parametrize("offset", [-0.3, 0.0, 0.45])
+def test_points_of_a_straight_edge_are_exact(angle_deg: float, offset: float) -> None:
+    """The area under the profile gives the edge whatever its slope, from whole pixels up to one off."""
+    size = 48
+    image = half_plane(size, angle_deg, offset)
+    normal = np.array([math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))])
+    along = np.arange(-12.0, 13.0)[:, None] * np.array([-normal[1], normal[0]])
+    places = (size - 1) / 2 + along + offset * normal
+    whole = np.unique(np.rint(places), axis=0)
+    gradient = np.tile(normal, (len(whole), 1))
+    uv, kept, sharpness = refine(image, whole, gradient)
+    assert len(uv) >= 0.7 * len(whole)
+    # 1/32 of a pixel in each direction is what the image was made of.
+    assert np.abs((uv - (size - 1) / 2) @ normal - offset).max() < 0.02
+    assert np.abs(uv - whole[kept]).max() <= 1.5
+    moved = np.abs(uv - np.rint(uv)) > 1e-9
+    assert not moved.all(axis=1).any(), "a point moves along its column or its row"
+    # A hard edge rises by all of its step within two pixels across it, and a slanted one by no less.
+    assert sharpness == pytest.approx(np.ones(len(uv)), abs=0.45)
+    turned, _, _ = refine(image, whole, -gradient)
+    assert len(turned) == 0, "an edge that is bright on the other side is another edge"
+
+
+def test_a_soft_edge_is_less_sharp_and_in_the_same_place() -> None:
+    x = np.arange(64.0)
+    ramp = np.tile(np.clip((x - 29.3) / 4.0, 0.0, 1.0), (64, 1))
+    uv, _, soft = refine(ramp, np.array([[31.0, 20.0], [32.0, 40.0]]), np.array([[1.0, 0.0]] * 2))
+    assert uv == pytest.approx(np.array([[31.3, 20.0], [31.3, 40.0]]), abs=0.1)
+    assert soft == pytest.approx([0.5, 0.5], abs=0.1), "two of its four pixels"
+
+
+def test_the_same_place_is_given_once_and_the_rim_not_at_all() -> None:
+    image = half_plane(64, 0.0, 0.2)
+    twice = np.array([[31.0, 30.0], [32.0, 30.0], [31.0, 31.0]])
+    uv, kept, _ = refine(image, twice, np.array([[1.0, 0.0]] * 3))
+    assert len(uv) == 2
+    assert uv[:, 1] == pytest.approx([30.0, 31.0])
+    assert len(kept) == 2
+    near = np.array([[2.0, 30.0], [61.0, 30.0]])
+    assert len(refine(image, near, np.array([[1.0, 0.0]] * 2))[0]) == 0
+
+
+@pytest.mark.parametrize(("shape", "half"), [((16, 99), 2), ((99, 16), 2), ((8, 8), 2), ((32, 40), 4), ((512, 640), 5)])
+def test_a_window_fits_its_image(shape: tuple[int, int], half: int) -> None:
+    assert half_window(shape) == half
+    assert 2 * half + 1 < min(shape)
+
+
+def test_any_picture_is_one_grey_plane() -> None:
+    rng = np.random.default_rng(0)
+    colour = rng.integers(0, 255, (5, 7, 4)).astype(np.uint8)
+    plain = colour[:, :, :3].astype(float).mean(axis=2)
+    assert to_grey(colour[:, :, :3]) == pytest.approx(plain)
+    assert to_grey(colour) == pytest.approx(plain), "opacity is left out"
+    assert to_grey(colour[:, :, 2::-1]) == pytest.approx(plain), "whatever the order of channels"
+    for channels in (1, 2):
+        assert (to_grey(colour[:, :, :channels]) == colour[:, :, 0]).all()
+    assert (to_grey(colour[:, :, 1]) == colour[:, :, 1]).all()
+    for wrong in (np.zeros((3, 3, 5)), np.zeros((3, 3, 0)), np.zeros(4), np.zeros((1, 3, 3, 3))):
+        with pytest.raises(ValueError, match="shape"):
+            to_grey(wrong)
+    with pytest.raises(ValueError, match="numbers"):
+        to_grey(np.array([["a"]]))
+
+
+def noise(shape: tuple[int, ...] = (40, 40)) -> np.ndarray:
+    return np.random.default_rng(1).uniform(20.0, 200.0, shape)
+
+
+@pytest.mark.parametrize(
+    ("image", "full_scale", "outcome"),
+    [
+        (noise(), None, None),
+        (noise(), 1023.0, None),
+        ("no image", None, Outcome.BAD_INPUT),
+        (noise().astype(complex), None, Outcome.BAD_INPUT),
+        (noise((40,)), None, Outcome.BAD_INPUT),
+        (noise((40, 40, 3)), None, Outcome.BAD_INPUT),
+        (noise((SMALLEST_SIDE_PX - 1, 40)), None, Outcome.BAD_INPUT),
+        (noise((40, SMALLEST_SIDE_PX - 1)), None, Outcome.BAD_INPUT),
+        (noise((SMALLEST_SIDE_PX, SMALLEST_SIDE_PX)), None, None),
+        (np.where(noise() > 199.0, np.nan, noise()), None, Outcome.BAD_INPUT),
+        (np.where(noise() > 199.0, np.inf, noise()), None, Outcome.BAD_INPUT),
+        (np.full((40, 40), 255.0), None, Outcome.SATURATED),
+        (np.full((40, 40), 65535.0), None, Outcome.SATURATED),
+        (np.full((40, 40), 255.0), 1023.0, Outcome.NO_LIMB),
+        (np.full((40, 40), 1023.0), 1023.0, Outcome.SATURATED),
+        (np.full((40, 40), 1100.0), 1023.0, Outcome.SATURATED),
+        (np.zeros((40, 40)), None, Outcome.DARK),
+        (np.full((40, 40), 5.0), 1023.0, Outcome.DARK),
+        (np.full((40, 40), 60.0), 1023.0, Outcome.NO_LIMB),
+        (np.full((40, 40), 60.0), None, Outcome.NO_LIMB),
+        (np.where(np.arange(1600).reshape(40, 40) < 80, noise(), 1023.0), 1023.0, Outcome.SATURATED),
+        (np.where(np.arange(1600).reshape(40, 40) < 400, noise(), 1023.0), 1023.0, None),
+    ],
+)
+def test_what_cannot_hold_a_limb_is_refused_with_its_reason(
+    image: object, full_scale: float | None, outcome: Outcome | None
+) -> None:
+    refusal = check_image(image, full_scale)  # type: ignore[arg-type]
+    assert (None if refusal is None else refusal.status) == outcome
+
+
+def test_saturation_is_full_scale_or_a_plateau() -> None:
+    image = noise()
+    assert not saturated_pixels(image).any(), "a single brightest pixel is none"
+    image[3, :8] = 250.0
+    assert not saturated_pixels(image).any()
+    image[3, 8] = 250.0
+    assert (saturated_pixels(image) == (image == 250.0)).all()
+    assert (saturated_pixels(image, 100.0) == (image >= 100.0)).all()
+    assert not saturated_pixels(image, 251.0).any()
+
+
+@pytest.mark.parametrize(("column", "row", "radius"), [(50.0, 40.0, 6.0), (20.0, 90.0, 10.5), (0.0, 60.0, 8.0)])
+def test_the_sun_is_found_where_it_is(column: float, row: float, radius: float) -> None:
+    blob = find_sun(disc(120, column, row, radius))
+    assert blob is not None
+    middle = column if column >= radius else (column + radius) / 2
+    assert (blob.column, blob.row) == pytest.approx((middle, row), abs=0.6)
+    assert blob.radius_px == pytest.approx(radius, abs=0.75)
+
+
+def test_what_is_not_the_sun() -> None:
+    assert find_sun(np.zeros((120, 120), dtype=bool)) is None
+    assert find_sun(disc(120, 60, 60, 1.2)) is None, "a few hot pixels"
+    assert find_sun(disc(120, 60, 60, 25)) is None, "too wide"
+    bar = np.zeros((120, 120), dtype=bool)
+    bar[50:54, 40:70] = True
+    assert find_sun(bar) is None, "no disc"
+    assert find_sun(bar.T) is None
+    ring = disc(120, 60, 60, 14) & ~disc(120, 60, 60, 11)
+    assert find_sun(ring) is None, "hollow"
+    clouds = sum((disc(120, c, r, 5) for c, r in ((20, 20), (60, 20), (20, 80), (90, 90))), np.zeros((120, 120), bool))
+    assert find_sun(clouds) is None, "one of many"
+    both = find_sun(disc(120, 30, 30, 4) | disc(120, 80, 90, 12))
+    assert both is not None
+    assert (both.column, both.row) == (80, 90), "the largest"
+
+
+@pytest.mark.parametrize("sigma", [0.5, 7.0])
+def test_noise_is_measured_in_front_of_edges_and_slopes(sigma: float) -> None:
+    x, y = np.meshgrid(np.arange(300.0), np.arange(200.0))
+    scene = 3.0 * x - 2.0 * y + np.where(x > 150.0 + 0.2 * y, 500.0, 0.0)
+    image = scene + np.random.default_rng(2).normal(0.0, sigma, scene.shape)
+    assert noise_sigma(image) == pytest.approx(sigma, rel=0.04)
+
+
+def test_the_stretch_goes_from_the_darkest_to_the_brightest_that_is_not_saturated() -> None:
+    rng = np.random.default_rng(3)
+    x = np.arange(200.0)
+    image = np.tile(100.0 + 3.0 * x, (200, 1)) + rng.normal(0.0, 0.1, (200, 200))
+    stretched = scale_to_8_bit(image, np.zeros(image.shape, dtype=bool)).astype(float)
+    # Percentiles of 0.5 and 99.9: the first and the last column or so are clipped.
+    expected = np.clip(255.0 * (image - image[:, 1].mean()) / (image[:, -1].mean() - image[:, 1].mean()), 0.0, 255.0)
+    assert np.abs(stretched - expected).max() < 2.0
+    blob = image.copy()
+    blob[50:70, 50:70] = 5000.0
+    assert np.abs(scale_to_8_bit(blob, blob > 4e3).astype(float) - stretched)[blob < 4e3].max() <= 2.0
+    dot = rng.normal(100.0, 1.0, (200, 200))
+    dot[100:104, 100:104] = 5000.0
+    faint = scale_to_8_bit(dot, np.zeros(dot.shape, dtype=bool))
+    assert faint[0:90].max() < 5, "a small bright Earth leaves the noise dark"
+    assert faint[100:104, 100:104].min() > 250
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 90.0, 180.0, 270.0, 30.0])
+def test_edges_lie_on_the_edge_and_point_to_the_brighter_side(angle_deg: float) -> None:
+    image = half_plane(60, angle_deg, 3.0, 20.0, 220.0)
+    edges = find_edges(image.astype(np.uint8), 5)
+    normal = np.array([math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))])
+    assert len(edges.uv) > 40
+    assert np.abs((edges.uv - 29.5) @ normal - 3.0).max() <= 1.0
+    assert edges.gradient @ normal == pytest.approx(np.ones(len(edges.uv)), abs=0.02)
+    assert edges.uv.min() >= 5
+    assert edges.uv.max() < 55
+    assert (np.abs(edges.uv - 29.5) > 23).any(), "up to the rim that is left out"
+
+
+def test_calm_is_the_side_with_less_in_it() -> None:
+    """An edge with a world on one side is calmer than one with a world on both."""
+    rng = np.random.default_rng(5)
+    x, _ = np.meshgrid(np.arange(160), np.arange(120))
+    texture = np.kron(rng.uniform(-25, 25, (30, 40)), np.ones((4, 4)))
+    one = np.where(x < 80, 20.0, 170.0 + texture)
+    both = np.where(x < 80, 60.0 + texture, 170.0 + texture)
+    quiet = []
+    for image in (one, both):
+        edges = find_edges(image.astype(np.uint8), 8)
+        quiet.append(np.median(edges.quiet[np.abs(edges.uv[:, 0] - 79.5) < 1.5]))
+    assert quiet[0] < 0.2 * quiet[1]
+
+
+def test_a_slow_ramp_and_noise_alone_have_no_edges() -> None:
+    ramp = np.tile(np.linspace(0.0, 255.0, 300), (80, 1)).astype(np.uint8)
+    assert len(find_edges(ramp, 5).uv) == 0
+    grain = np.random.default_rng(7).normal(128.0, 20.0, (120, 120)).clip(0, 255).astype(np.uint8)
+    assert len(find_edges(grain, 5).uv) < 20
+
+
+def test_a_closed_ring_is_unbroken_and_gaps_do_not_count() -> None:
+    turn = np.linspace(0.0, 2 * np.pi, 100, endpoint=False)
+    ring = 40.0 * np.column_stack([np.cos(turn), np.sin(turn)])
+    side = 2 * 40.0 * math.sin(math.pi / 100)
+    assert unbroken_px(ring) == pytest.approx(100 * side)
+    assert unbroken_px(np.delete(ring, [50], axis=0)) == pytest.approx(98 * side), "a gap of two sides is too wide"
+    assert side < GAP_PX < 2 * side
+
+
+def test_the_longest_chain_is_the_largest_group_that_touches() -> None:
+    diagonal = np.array([[k, k] for k in range(10)], dtype=float)
+    row = np.array([[k, 30] for k in range(8)], dtype=float)
+    mixed = np.random.default_rng(0).permutation(np.vstack([diagonal, row]))
+    assert {tuple(p) for p in longest_chain(mixed, (40, 50))} == {tuple(p) for p in diagonal}
+    assert len(longest_chain(np.empty((0, 2)), (40, 50))) == 0
+
+
+def test_the_arc_of_a_disc_is_its_circle_in_order() -> None:
+    image = np.where(disc(160, 70.0, 190.0, 120.0), 200.0, 20.0)
+    arc = find_arc(image)
+    assert isinstance(arc, Arc)
+    assert arc.circle.centre == pytest.approx([70.0, 190.0], abs=1.0)
+    assert arc.circle.radius_px == pytest.approx(120.0, abs=1.0)
+    assert np.hypot(*np.diff(arc.uv, axis=0).T).max() < 3.0, "neighbours follow each other"
+    spotted = image.copy()
+    spotted[20:26, 20:26] = 200.0
+    again = find_arc(spotted)
+    assert isinstance(again, Arc)
+    assert again.circle.centre == pytest.approx(arc.circle.centre, abs=0.2)
+
+
+def test_what_is_no_arc() -> None:
+    straight = find_arc(half_plane(80, 0.0, 0.0))
+    assert isinstance(straight, Refusal)
+    assert straight.status in (Outcome.SHORT_ARC, Outcome.NO_LIMB)
+    few = np.where(disc(80, 40, 40, 2.0), 900.0, 20.0)
+    reasons = []
+    for image in (few, few / 10):
+        refusal = find_arc(image, 1023.0)
+        assert isinstance(refusal, Refusal)
+        reasons.append(refusal.status)
+    assert 4 * math.pi < FEWEST_PIXELS
+    assert reasons == [Outcome.NO_LIMB, Outcome.DARK]
+    blank = find_arc(np.zeros((40, 40)))
+    assert isinstance(blank, Refusal)
+    assert blank.status is Outcome.DARK

@@ -1,0 +1,308 @@
+"""Gates on rows made by hand, whose answers can be counted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from horizonval.spec.regression import UNITS, GateSpec
+from horizonval.studies.regression.accept import difference_table
+from horizonval.studies.regression.baseline.baseline import Baseline
+from horizonval.studies.regression.formatting import anchor_sentence, figure, gate_sentence, scenes
+from horizonval.studies.regression.images import compare_images
+from horizonval.studies.regression.junit import write_junit
+from horizonval.studies.regression.night import _levels
+from horizonval.studies.regression.row import ReplicateRow
+from horizonval.studies.regression.statistics.decide import Verdict, decide
+from horizonval.studies.regression.statistics.estimate import Estimate, exact
+from horizonval.studies.regression.statistics.gates import (
+    ANGLE_LIMIT_ARCSEC,
+    GateInputs,
+    changed,
+    measure,
+    pairs_of,
+)
+from horizonval.studies.regression.statistics.holm import holm
+from horizonval.studies.regression.statistics.judge import MOST_NAMED, judge
+from horizonval.studies.regression.statistics.means import paired_difference
+from horizonval.studies.regression.statistics.proportions import independent_loss, paired_loss
+
+
+def gate(metric: str, lane: str = "replay", **keys: Any) -> GateSpec:
+    return GateSpec(
+        name="g", lane=lane, metric=metric, margin=1.0, unit=UNITS[metric], reason="because it is tested", **keys
+    )
+
+
+def row(scene: int | str, error: float | None = 10.0, **columns: Any) -> ReplicateRow:
+    defaults = {
+        "band": "vis",
+        "replicate": 0,
+        "estimator": "est",
+        "image": "0",
+        "status": "valid" if error is not None else "dark",
+        "reason": None,
+        "false_valid": False,
+        "roll_error_arcsec": None,
+        "pitch_error_arcsec": None,
+        "table": "day",
+        "due": True,
+    }
+    return ReplicateRow(scene=f"s{scene}", nadir_error_arcsec=error, **(defaults | columns))
+
+
+def test_a_mean_change_is_taken_over_pairs_that_claim() -> None:
+    rng = np.random.default_rng(1)
+    before, after = rng.normal(10, 2, 12), rng.normal(12, 2, 12)
+    base = [row(k, error) for k, error in enumerate(before)] + [row(20, 5.0), row(21, None), row(22, 1.0)]
+    now = [row(k, error) for k, error in enumerate(after)] + [row(20, None), row(21, 5.0), row(99, 900.0)]
+    found = measure(gate("nadir_error"), GateInputs(now), GateInputs(base))
+    assert found.paired
+    assert found.estimate == paired_difference(list(after - before), list(range(12)))
+    order = np.argsort(-(after - before), kind="stable")
+    worse = [f"s{k}" for k in order if after[k] > before[k]]
+    better = [f"s{k}" for k in order[::-1] if after[k] < before[k]]
+    assert list(found.scenes) == worse + better
+
+
+def test_availability_is_lost_among_the_due_and_false_claims_among_all() -> None:
+    base = [row(k, due=k < 9) for k in range(12)]
+    now = [row(k, None if k in (1, 10) else 10.0, due=False) for k in range(12)]
+    found = measure(gate("availability"), GateInputs(now), GateInputs(base))
+    one_of_nine = paired_loss([True] * 9, [k != 1 for k in range(9)], list(range(9)))
+    assert found.estimate is not None
+    assert one_of_nine is not None
+    assert found.estimate.value == pytest.approx(100 / 9)
+    for bound in ("lower95", "upper95", "lower99", "upper99"):
+        assert getattr(found.estimate, bound) == pytest.approx(100 * getattr(one_of_nine, bound))
+    assert (found.estimate.p_worse, found.estimate.p_better) == (one_of_nine.p_worse, one_of_nine.p_better)
+    assert (found.estimate.n, found.scenes) == (9, ("s1",))
+    lying = [row(k, false_valid=k in (2, 10)) for k in range(12)]
+    found = measure(gate("false_valid"), GateInputs(lying), GateInputs(base))
+    assert found.estimate is not None
+    assert found.estimate.value == pytest.approx(100 * 2 / 12)
+    assert found.scenes == ("s10", "s2")
+
+
+def test_a_gate_looks_at_its_estimators_and_tables_only() -> None:
+    base = [row(k, 1.0, estimator=e, table=t) for k in range(6) for e in "ab" for t in ("day", "dusk")]
+    base = [r for r in base if (r.table == "day") == (int(r.scene[1:]) < 3)]
+    now = [row(r.scene[1:], 1.0 + (r.estimator == "a"), estimator=r.estimator, table=r.table) for r in base]
+    for keys, value, n in (({}, 0.5, 12), ({"estimators": ["a"]}, 1.0, 6), ({"estimators": ["b"]}, 0.0, 6)):
+        estimate = measure(gate("nadir_error", **keys), GateInputs(now), GateInputs(base)).estimate
+        assert estimate is not None
+        assert (estimate.value, estimate.n) == (pytest.approx(value), n)
+    assert measure(gate("nadir_error", cases=["day"]), GateInputs(now), GateInputs(base)).estimate is None, "3 scenes"
+
+
+def test_fresh_scenes_of_one_night_are_pairs_and_of_two_nights_not() -> None:
+    rng = np.random.default_rng(2)
+    before, after = rng.normal(10, 2, 9), rng.normal(13, 2, 9)
+    mine = [row(k, e) for k, e in enumerate(after)]
+    theirs = [row(k, e) for k, e in enumerate(before)]
+    g = gate("nadir_error", "fresh")
+    same = measure(g, GateInputs(fresh=mine, fresh_night="n1"), GateInputs(fresh=theirs, fresh_night="n1"))
+    assert same.paired
+    assert same.estimate == paired_difference(list(after - before), list(range(9)))
+    for night in ("n2", ""):
+        other = measure(g, GateInputs(fresh=mine, fresh_night=night), GateInputs(fresh=theirs, fresh_night=""))
+        assert not other.paired
+        assert other.scenes == ()
+        assert other.estimate is not None
+        welch = stats.ttest_ind(after, before, equal_var=False, alternative="greater")
+        assert other.estimate.value == pytest.approx(after.mean() - before.mean())
+        assert other.estimate.p_worse == pytest.approx(welch.pvalue)
+
+
+def test_a_fresh_frame_is_good_if_all_its_estimators_are() -> None:
+    """Two estimators on one frame are one frame; frames that are not due do not count for availability."""
+
+    def frames(bad: int, n: int, **columns: Any) -> list[ReplicateRow]:
+        rows = [row(k, None if k < bad else 5.0, estimator="a", **columns) for k in range(n)]
+        return rows + [row(k, 5.0, estimator="b", **columns) for k in range(n)]
+
+    now, base = frames(4, 20) + frames(9, 9, due=False, band="ir"), frames(1, 25)
+    found = measure(
+        gate("availability", "fresh"), GateInputs(fresh=now, fresh_night="a"), GateInputs(fresh=base, fresh_night="b")
+    )
+    expected = independent_loss(24, 25, 16, 20)
+    assert expected is not None
+    assert found.estimate is not None
+    assert found.estimate.value == pytest.approx(100 * expected.value) == pytest.approx(16.0)
+    assert found.estimate.p_worse == expected.p_worse
+    false = measure(
+        gate("false_valid", "fresh"), GateInputs(fresh=now, fresh_night="a"), GateInputs(fresh=base, fresh_night="b")
+    )
+    assert false.estimate is not None
+    assert false.estimate.value == 0.0
+
+
+def test_images_are_measured_where_the_metric_applies() -> None:
+    images = {(f"s{k}", "vis"): {"table": "day", "noise": float(k), "limb_radiance": None} for k in range(6)}
+    images["s9", "vis"] = {"table": "dusk", "noise": 100.0, "limb_radiance": None}
+    found = measure(gate("noise", "rerender", cases=["day"]), GateInputs(images=images), GateInputs())
+    assert found.estimate == paired_difference([float(k) for k in range(6)], list(range(6)))
+    assert found.scenes == ("s5", "s4", "s3", "s2", "s1")
+    assert measure(gate("limb_radiance", "rerender"), GateInputs(images=images), GateInputs()).estimate is None
+
+
+def test_changes_are_said_with_what_was_and_is() -> None:
+    base = [row(k, 10.0, roll_error_arcsec=1.0, false_valid=k == 3) for k in range(6)]
+    now = [
+        row(0, 10.0, roll_error_arcsec=1.0),
+        row(1, 10.0 + 0.5 * ANGLE_LIMIT_ARCSEC, roll_error_arcsec=1.0),
+        row(2, 10.0 + 2.0 * ANGLE_LIMIT_ARCSEC, roll_error_arcsec=1.0),
+        row(3, 10.0, roll_error_arcsec=1.0),
+        row(4, None),
+        row(5, 30.0, roll_error_arcsec=1.0, false_valid=True),
+    ]
+    told = changed(pairs_of(now, base))
+    assert [one["scene"] for one in told] == ["s5", "s4", "s3", "s2"], "statuses first, then by the change"
+    said = {one["scene"]: one["what"] for one in told}
+    assert said["s5"] == "became false; nadir error 10 -> 30 arcsec"
+    assert said["s4"] == "valid -> dark"
+    assert said["s3"] == "no longer false"
+    assert said["s2"].startswith("nadir error 10 -> 10")
+    assert told[0] | {"what": ""} == {"scene": "s5", "band": "vis", "replicate": 0, "estimator": "est", "what": ""}
+    assert pairs_of(now, base[:2]) == [(now[0], base[0]), (now[1], base[1])]
+
+
+def estimate(value: float, error: float, p_worse: float, p_better: float = 0.5) -> Estimate:
+    return Estimate(
+        value, value - 2 * error, value + 2 * error, value - 3 * error, value + 3 * error, p_worse, p_better, 90, 40
+    )
+
+
+@pytest.mark.parametrize("two_sided", [False, True])
+def test_a_bound_on_the_margin_is_not_within_it(two_sided: bool) -> None:
+    """A change of exactly the margin is one that matters."""
+    verdicts = [decide([exact(v, 90, 40)], [0.5], [two_sided])[0][0] for v in (0.25, 0.5, -0.5)]
+    assert verdicts[0] is Verdict.PASS
+    assert Verdict.PASS not in verdicts[1:2]
+    assert (verdicts[2] is Verdict.PASS) is False
+    assert decide([estimate(0.1, 0.2, 0.4)], [0.5], [two_sided])[0][0] is Verdict.INCONCLUSIVE, "upper bound at 0.5"
+    assert decide([estimate(0.09, 0.2, 0.4)], [0.5], [two_sided])[0][0] is Verdict.PASS
+    below = decide([estimate(-0.1, 0.2, 0.4)], [0.5], [two_sided])[0][0]
+    assert below is (Verdict.INCONCLUSIVE if two_sided else Verdict.PASS)
+
+
+def test_a_two_sided_gate_doubles_the_smaller_chance() -> None:
+    small = [estimate(2.0, 0.1, 0.004, 0.996), estimate(-2.0, 0.1, 0.997, 0.003)]
+    adjusted = [p for _, p in decide(small, [1.0, 1.0], [True, True])]
+    assert adjusted == pytest.approx(holm([0.008, 0.006]))
+    assert [v for v, _ in decide(small, [1.0, 1.0], [True, True])] == [Verdict.INCONCLUSIVE] * 2
+    assert decide([estimate(0.0, 0.1, 0.7, 0.6)], [1.0], [True])[0][1] == 1.0
+    mixed = decide([small[0], None, small[1]], [1.0] * 3, [False] * 3)
+    assert [v for v, _ in mixed] == [Verdict.FAIL, Verdict.INCONCLUSIVE, Verdict.IMPROVED]
+    assert mixed[1][1] is None
+
+
+def test_all_gates_of_a_night_are_judged_with_their_scenes() -> None:
+    base = [row(k, 10.0) for k in range(20)]
+    now = [row(k, 15.0 + 0.02 * k) for k in range(20)]
+    quiet = measure(gate("availability"), GateInputs(now), GateInputs(base))
+    loud = measure(gate("nadir_error"), GateInputs(now), GateInputs(base))
+    one, two = judge([("accepted", loud), ("release", quiet)])
+    assert (one["verdict"], one["against"], one["n_scenes"], len(one["scenes"])) == ("FAIL", "accepted", 20, MOST_NAMED)
+    assert (two["against"], two["n_scenes"], two["scenes"]) == ("release", 0, [])
+    assert (one["two_sided"], one["paired"], one["unit"]) == (False, True, "arcsec")
+    assert scenes(one).endswith(" and 8 more")
+    assert "8 more" not in scenes(one | {"n_scenes": 12})
+    text = gate_sentence(one)
+    assert "nadir_error +5.19 arcsec" in text
+    assert "paired" in text
+    assert "scenes: s19" in text
+    assert "scenes:" not in gate_sentence(one | {"verdict": "PASS"})
+    assert "other scenes" in gate_sentence(one | {"paired": False})
+    assert gate_sentence(one | {"estimate": None}).startswith("too few scenes")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(None, "–"), (0.12345, "0.123"), (-12.3456, "-12.3"), (999.4, "999"), (1234.5678, "1235")]
+)
+def test_figures_have_three_digits_and_whole_numbers_all(value: float | None, text: str) -> None:
+    assert figure(value) == text
+
+
+def test_junit_counts_what_failed_was_skipped_and_is_missing(tmp_path: Path) -> None:
+    found = [
+        measure(
+            gate("nadir_error"), GateInputs([row(k, 20.0) for k in range(8)]), GateInputs([row(k) for k in range(8)])
+        )
+    ]
+    failing = judge([("accepted", found[0])])[0]
+    anchors = [
+        {"name": "a", "verdict": "PASS", "what": "w\x00", "found": 1.0, "limit": 2.0, "unit": "m", "n": 3},
+        {"name": "b", "verdict": "INCONCLUSIVE", "what": "not run", "found": None, "limit": 2.0, "unit": "m", "n": 0},
+    ]
+    assert anchor_sentence(anchors[1]) == "not run"
+    for problems in ([], ["one", "two"]):
+        verdict = {"suite": "s", "night": "n", "verdict": "FAIL", "gates": [failing], "anchors": anchors}
+        verdict |= {"problems": problems, "environment": {"version": "1", "commit": "abc"}}
+        write_junit(tmp_path / "junit.xml", verdict)
+        suite = ElementTree.parse(tmp_path / "junit.xml").getroot()[0]
+        counts = {key: int(suite.get(key, "")) for key in ("tests", "failures", "errors", "skipped")}
+        assert counts == {"tests": 4, "failures": 1, "errors": int(bool(problems)), "skipped": 1}
+        properties = {p.get("name"): p.get("value") for p in suite.iter("property")}
+        assert properties == {"night": "n", "verdict": "FAIL", "version": "1", "commit": "abc"}
+        errors = [e.get("message") for e in suite.iter("error")]
+        assert errors == (["one; two"] if problems else [])
+
+
+def test_levels_are_shares_of_what_is_due_and_medians_of_what_claims() -> None:
+    rows = [row(0, 4.0), row(1, 8.0), row(2, None), row(3, 100.0, due=False, false_valid=True)]
+    levels = _levels(rows, [row(0, None, due=False)])
+    assert levels["fixed est: availability"] == {"value": pytest.approx(200 / 3), "unit": "%", "n": 3}
+    assert levels["fixed est: false claims"] == {"value": 25.0, "unit": "%", "n": 4}
+    assert levels["fixed est: median nadir error"] == {"value": 8.0, "unit": "arcsec", "n": 3}
+    assert set(levels) == {*[k for k in levels if k.startswith("fixed")], "fresh est: false claims"}
+    assert levels["fresh est: false claims"]["value"] == 0.0
+
+
+def band(radiance: str, noise: float | None, *images: str) -> dict[str, Any]:
+    return {"radiance_sha256": radiance, "noise_dn": noise, "images": list(images)}
+
+
+@pytest.mark.parametrize(
+    ("now", "base", "percent"),
+    [(1.1, 1.0, 10.0), (1.0, 1.25, -20.0), (0.0, 0.0, 0.0), (0.3, 0.0, 100.0), (None, 1.0, None)],
+)
+def test_noise_is_compared_in_per_cent(now: float | None, base: float | None, percent: float | None) -> None:
+    compared = compare_images("day", band("x", now, "a", "b"), band("x", base, "a", "c"), None, None)
+    assert compared["noise"] == (percent if percent is None else pytest.approx(percent))
+    assert (compared["same_radiance"], compared["same_images"], compared["n_images"]) == (True, 1, 2)
+    assert compared["limb_radiance"] is None
+
+
+def head(**keys: Any) -> dict[str, Any]:
+    return {"suite": "s", "night": "n", "version": "1", "accepted_utc": "u", "reason": "r", "past": []} | keys
+
+
+def scene_record(*images: str) -> dict[str, Any]:
+    return {"table": "day", "camera": "c", "bands": {"vis": {"images": list(images)}}}
+
+
+def test_a_new_baseline_says_what_changes() -> None:
+    old = [row(k, 10.0 + k) for k in range(4)] + [row(9, None, table="dusk")]
+    new = [row(k, 20.0 + k) for k in range(3)] + [row(3, None), row(9, 5.0, table="dusk", false_valid=True)]
+    first = difference_table(None, GateInputs(new), {"s0": scene_record("a")}, head())
+    assert "There was no baseline before." in first
+    assert "| est | day | 4 | 75 | 0 | 21 |" in first
+    assert "| est | dusk | 1 | 100 | 100 | 5 |" in first
+    old_scenes = {"s0": scene_record("a", "b"), "s7": scene_record("a")}
+    before = Baseline(Path(), head(night="m", version="0"), GateInputs(old), old_scenes, Path())
+    text = difference_table(before, GateInputs(new), {"s0": scene_record("a", "c"), "s8": scene_record("z")}, head())
+    assert "night m, version 0. 1 of 3 detector images are the same" in text
+    assert "| est | day | 4 | 100 → 75 | 0 → 0 | 11 → 21 |" in text
+    assert "| 1 of 4 |" in text
+    assert "| est | dusk | 1 | 0 → 100 | 0 → 100 | – → – |" in text
+    assert "no longer there: s7." in text
+    assert "New scenes: s8." in text
+    assert "Earlier baselines" not in text
+    past = [{"accepted_utc": "then", "night": "k", "version": "0", "reason": "why"}]
+    assert "- then, night k, 0: why" in difference_table(None, GateInputs(new), {}, head(past=past))
