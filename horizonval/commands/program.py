@@ -10,8 +10,8 @@ from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process.external import external
 from horizonval.spec.files import find
 from horizonval.spec.load import read_toml, validate
-from horizonval.spec.study import StudySpec
-from horizonval.spec.suite import SuiteSpec
+from horizonval.spec.study import StudyHead, StudySpec
+from horizonval.spec.suite import SuiteHead, SuiteSpec
 
 
 def program_of(suite: str | Path, name: str) -> Estimator | None:
@@ -31,12 +31,17 @@ def program_of(suite: str | Path, name: str) -> Estimator | None:
     """
     path = find("suite", suite)
     data = read_toml(path)
-    spec: SuiteSpec | StudySpec = validate(StudySpec if "study" in data else SuiteSpec, data, str(path))
-    head = spec.study if isinstance(spec, StudySpec) else spec.suite
-    for program in spec.estimator:
+    head: StudyHead | SuiteHead
+    if "study" in data:
+        study = validate(StudySpec, data, str(path))
+        head, programs = study.study, study.estimator
+    else:
+        spec = validate(SuiteSpec, data, str(path))
+        head, programs = spec.suite, spec.estimator
+    for program in programs:
         if program.name == name:
             return external(program, path.resolve().parent, head.time_limit_s)
     if name in head.estimators:
         return None
-    known = nearest(name, [*(program.name for program in spec.estimator), *head.estimators])
+    known = nearest(name, [*(program.name for program in programs), *head.estimators])
     raise UserError(f"no estimator {name!r}", where=str(path), expected=f"one of {', '.join(known)}")
