@@ -14,7 +14,7 @@ from horizonval.commands.picture import GreyImage, read_picture, refuse_other_si
 from horizonval.commands.program import program_of
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
-from horizonval.estimation import registry
+from horizonval.estimation import installed, registry
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
@@ -29,7 +29,7 @@ ERRORS = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec", "alti
 def estimator_of(name: str, suite: str | Path | None = None) -> Estimator:
     """Return an installed estimator, or with ``suite`` a program of that file; ``UserError`` if there is none."""
     program = None if suite is None else program_of(suite, name)
-    return registry.get(name) if program is None else program
+    return installed.get(name) if program is None else program
 
 
 def estimate_file(path: Path, estimator: Estimator, camera: CameraSpec | None, camera_file: str = "") -> dict[str, Any]:
