@@ -14,7 +14,7 @@ from horizonval.commands.estimate import observation_from, observation_from_head
 from horizonval.commands.picture import GreyImage, picture_of_array, picture_of_source, read_picture
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
-from horizonval.estimation import registry
+from horizonval.estimation import installed, registry
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.scoring.errors import score as scored
@@ -107,7 +107,7 @@ def _estimator_of(estimator: AnyEstimator) -> Estimator:
     if isinstance(estimator, Estimator):
         return estimator
     if isinstance(estimator, str):
-        return registry.get(estimator)
+        return installed.get(estimator)
     if callable(estimator):
         name = getattr(estimator, "__name__", type(estimator).__name__)
         return Estimator(name=name, title=name, run=estimator)

@@ -13,7 +13,7 @@ import numpy as np
 from horizonval.commands.picture import GreyImage, read_picture, refuse_other_size
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
-from horizonval.estimation import registry
+from horizonval.estimation import installed, registry
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
@@ -27,7 +27,7 @@ ERRORS = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec", "alti
 
 def takes_heads(estimator_name: str) -> bool:
     """Return whether an estimator takes the images of all heads of a housing; ``UserError`` if there is none."""
-    return registry.get(estimator_name).needs == "heads"
+    return installed.get(estimator_name).needs == "heads"
 
 
 def estimate_file(path: Path, estimator_name: str, camera: CameraSpec | None, camera_file: str = "") -> dict[str, Any]:
@@ -49,7 +49,7 @@ def estimate_file(path: Path, estimator_name: str, camera: CameraSpec | None, ca
     UserError
         Unknown estimator, unreadable picture, no camera, or a camera of another size.
     """
-    estimator = registry.get(estimator_name)
+    estimator = installed.get(estimator_name)
     picture = read_picture(path, camera, camera_file)
     observation = observation_from(picture, estimator, str(path), camera, camera_file)
     start = time.perf_counter()
@@ -73,7 +73,7 @@ def estimate_heads(paths: Sequence[Path], estimator_name: str) -> dict[str, Any]
         Unknown estimator, or one that takes a single image; a picture that is none of ours, two of one head, or images
         of different housings or instants.
     """
-    estimator = registry.get(estimator_name)
+    estimator = installed.get(estimator_name)
     sources = _sources_of_heads([(str(path), read_picture(path)) for path in paths], estimator)
     observation = observation_of_heads(sources, estimator)
     start = time.perf_counter()

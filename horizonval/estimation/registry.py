@@ -1,28 +1,50 @@
-"""Estimators by name, from the package entry points ``horizonval.estimators``: ours and any user's, side by side."""
+"""Estimators by name, from the package entry points ``horizonval.estimators``: ours and any user's, side by side.
+
+Names come from what packages declare; nothing of a user's package is imported for them. Only :func:`load` imports it,
+in the process that the estimator runs in (:mod:`horizonval.estimation.process`).
+"""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
-import numpy as np
-
 from horizonval.core.errors import UserError
-from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.core.suggest import nearest
+from horizonval.estimation.answer import checked
 from horizonval.estimation.digits import rounded
 from horizonval.estimation.last_words import crash, raised, traceback_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
 
 GROUP = "horizonval.estimators"
+PACKAGE = "horizonval"
 
 
 @cache
 def _points() -> dict[str, EntryPoint]:
-    return {point.name: point for point in entry_points(group=GROUP)}
+    """Return entry points by name: ours keep their names, of others' the first package's in the alphabet counts."""
+    points = [point for point in entry_points(group=GROUP) if point.name.isprintable() and _module(point) is not None]
+    points.sort(key=lambda point: (_is_ours(point), _package(point)), reverse=True)
+    ours = {point.name: point for point in points if _is_ours(point)}
+    return {point.name: point for point in points} | ours
+
+
+def _package(point: EntryPoint) -> str:
+    return "" if point.dist is None else str(point.dist.name).lower()
+
+
+def _module(point: EntryPoint) -> str | None:
+    try:
+        return point.module
+    except AttributeError:
+        # What is declared is no place in a module.
+        return None
+
+
+def _is_ours(point: EntryPoint) -> bool:
+    return _package(point) == PACKAGE and point.value.startswith(f"{PACKAGE}.")
 
 
 def names() -> list[str]:
@@ -30,37 +52,47 @@ def names() -> list[str]:
     return sorted(_points())
 
 
+def is_foreign(name: str) -> bool:
+    """Whether an estimator is installed that is another package's."""
+    point = _points().get(name)
+    return point is not None and not _is_ours(point)
+
+
 def module_of(name: str) -> str | None:
     """Return the module that an installed estimator is in, by its dotted name."""
     point = _points().get(name)
-    return None if point is None else point.module
+    return None if point is None else _module(point)
 
 
-@cache
 def get(name: str) -> Estimator:
-    """Return an estimator.
+    """Return an estimator of ours; those of others are had from :func:`horizonval.estimation.installed.get`.
 
     Raises
     ------
     UserError
-        If there is none of that name, or its package cannot be imported.
+        If there is none of that name.
     """
     if name not in _points():
         known = ", ".join(nearest(name, names()))
         raise UserError(f"unknown estimator {name!r}", expected=f"one of {known}")
+    if is_foreign(name):
+        raise UserError(f"the estimator {name!r} is another package's and runs in a process of its own")
+    return load(name)
+
+
+@cache
+def load(name: str) -> Estimator:
+    """Import an estimator's module and return it: of another package only in the process that is there for it.
+
+    Raises
+    ------
+    TypeError
+        What is declared is no estimator.
+    """
     point = _points()[name]
-    try:
-        estimator = point.load()
-    except Exception as e:
-        raise UserError(
-            f"the estimator {name!r} cannot be loaded from {point.value}: {type(e).__name__}: {e}",
-            fix="mend or uninstall the package that provides it",
-        ) from e
+    estimator = point.load()
     if not isinstance(estimator, Estimator):
-        raise UserError(
-            f"the entry point {name!r} ({point.value}) is a {type(estimator).__name__}",
-            expected="a horizonval.estimation.observation.Estimator",
-        )
+        raise TypeError(f"{point.value} is a {type(estimator).__name__}, no horizonval.Estimator")
     return estimator
 
 
@@ -74,25 +106,8 @@ def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
         result: object = estimator.run(observation)
     except Exception as e:
         return crash(f"the estimator raised {raised(e)}", traceback_of(e))
-    if isinstance(result, Refusal):
-        if result.status is Outcome.VALID:
-            return crash("the estimator returned a refusal with status valid")
-        return result
-    if not isinstance(result, Fit):
-        return crash(f"the estimator returned a {type(result).__name__}, neither Fit nor Refusal")
-    if not _is_sound(result):
-        return crash("the estimator returned numbers that are none")
-    return rounded(replace(result, estimates=estimator.estimates))
-
-
-def _is_sound(fit: Fit) -> bool:
-    arrays = [fit.nadir_cam, fit.covariance_nadir_cam]
-    if fit.systematic_nadir_cam is not None:
-        arrays.append(fit.systematic_nadir_cam)
-    scalars = (fit.roll_rad, fit.pitch_rad, fit.angular_radius_rad, fit.altitude_m, fit.sigma_altitude_m)
-    return (
-        np.shape(fit.nadir_cam) == (3,)
-        and all(np.shape(covariance) == (3, 3) for covariance in arrays[1:])
-        and all(bool(np.all(np.isfinite(a))) for a in arrays)
-        and all(v is None or math.isfinite(v) for v in scalars)
-    )
+    try:
+        answer = checked(result)
+    except Exception as e:
+        return crash(f"the estimator returned {e}" if isinstance(e, ValueError) else f"an answer raised {raised(e)}")
+    return answer if isinstance(answer, Refusal) else rounded(replace(answer, estimates=estimator.estimates))

@@ -67,7 +67,8 @@ class Platform(Model):
     altitude_km: Annotated[float, Field(gt=0, le=2_000_000)]
     """Geodetic altitude: height above the ellipsoid, or above the sphere."""
     heading_deg: Angle = 0.0
-    """Azimuth of the velocity, from north towards east; it says where x of lvlh points."""
+    """Geocentric azimuth of the velocity, from north towards east, in the plane across the line to the Earth's centre
+    (the azimuth in the geodetic level plane differs by up to half an arcsecond). It says where x of lvlh points."""
 
     @field_validator("epoch_utc")
     @classmethod

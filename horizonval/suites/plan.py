@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from horizonval.estimation import registry
+from horizonval.estimation import installed
 from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process.external import external
 from horizonval.estimation.process.sandbox import Limits
@@ -52,7 +52,7 @@ class CasePlan:
         for spec in self.limits.programs:
             if spec.name == name:
                 return external(spec, self.limits.folder, self.limits.time_s)
-        return registry.get(name)
+        return installed.get(name, self.limits)
 
     def of(self, case: Case) -> tuple[str, ...]:
         """Return the estimators of a case, in the suite's order."""

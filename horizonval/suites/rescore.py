@@ -14,7 +14,7 @@ from typing import Any
 from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
-from horizonval.estimation import registry
+from horizonval.estimation import installed
 from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process.sandbox import Limits
 from horizonval.jobs.engine import Recorded, do
@@ -101,7 +101,8 @@ def rescore(
     """
     run = run_folder_of(store.root)
     head = (read_json(run.suite) if run else None) or {}
-    chosen = [registry.get(name) for name in estimators or head.get("estimators", ())]
+    limits = limits or Limits()
+    chosen = [installed.get(name, limits) for name in estimators or head.get("estimators", ())]
     if not chosen:
         raise UserError("which estimators?", where="--estimator", fix="see `horizonval list estimators`")
     entries = [entry for entry in store.index.select() if entry.kind == "frame"]
@@ -114,7 +115,7 @@ def rescore(
         raise UserError("no detector image to score", where=str(store.root), fix="see `horizonval archive ls`")
     folder = RunFolder(out)
     _claim(folder, store, head, chosen, items)
-    plan = CasePlan(tuple(estimator.name for estimator in chosen), limits or Limits())
+    plan = CasePlan(tuple(estimator.name for estimator in chosen), limits)
     with folder.locked():
         folder.remove_temporary_files()
         done = do(RescoreWork(plan, store.root, folder), items, Execution(workers), progress or Silent())

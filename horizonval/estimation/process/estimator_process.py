@@ -1,93 +1,105 @@
 """The process that runs estimators for a worker; see :mod:`horizonval.estimation.process.sandbox`.
 
-It reads pickled pairs of a name and an observation and writes pickled results, each behind its length. Nothing but its
-worker can speak to it.
+Ours run in it one after the other. For one of another package, or a program, it is the keeper of processes that run it:
+:mod:`horizonval.estimation.process.keeper`. What estimators print goes to standard error, which the worker reads.
 """
 
 from __future__ import annotations
 
 import contextlib
+import json
 import os
-import pickle
 import signal
 import sys
 import threading
 import time
-from typing import IO
+from pathlib import Path
+from typing import IO, Any
 
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.last_words import crash
-from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.estimation.process.external import external
-from horizonval.estimation.process.sandbox import HEADER, Limits
+from horizonval.estimation.observation import Estimator
+from horizonval.estimation.process import asked, keeper
+from horizonval.estimation.process.containment import end_with_parent, own_namespace, show_own_processes
+from horizonval.estimation.process.frames import ANSWER, READY, receive, send
+from horizonval.estimation.process.limits import Limits, limit_memory
+from horizonval.spec.suite import ProgramSpec
 
 
-def main() -> None:
-    """Answer until the worker closes the pipe."""
+def main(kind: str, question: int) -> None:
+    """Answer until the worker closes the pipe.
+
+    Parameters
+    ----------
+    kind : {"ours", "foreign"}
+    question : int
+        Descriptor of the file in which observations come.
+    """
     requests, answers = _take_pipes()
+    if kind == "foreign":
+        _keep(requests, answers, question)
+        return
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
-    limits: Limits = pickle.loads(_receive(requests))
-    _prepare(limits)
-    programs = {spec.name: external(spec, limits.folder, limits.time_s) for spec in limits.programs}
-    _send(answers, b"ready")
+    limits = _prepare(receive(requests))
+    limit_memory(limits.memory_mb)
+    send(answers, READY)
     with contextlib.suppress(EOFError, BrokenPipeError):
         while True:
-            name, observation = pickle.loads(_receive(requests))
+            order: dict[str, Any] = json.loads(receive(requests))
             # The worker ends an estimate in time; this is for one that outlives a killed worker inside foreign code.
             signal.setitimer(signal.ITIMER_REAL, 2 * limits.time_s + 60)
-            start = _processor_s()
-            result = _run(name, observation, programs)
-            spent = _processor_s() - start
+            said = asked.answer(_ours(order["name"]), question, order["length"])
             signal.setitimer(signal.ITIMER_REAL, 0)
-            _send(answers, _pickled(result, spent))
+            send(answers, ANSWER + said)
 
 
-def _run(name: str, observation: Observation, programs: dict[str, Estimator]) -> Fit | Refusal:
+def _ours(name: str) -> Estimator:
     try:
-        estimator = programs[name] if name in programs else registry.get(name)
+        return registry.get(name)
     except UserError as e:
-        return crash(e.line())
-    return registry.run_safely(estimator, observation)
+        refusal: Refusal = crash(e.line())
+        return Estimator(name, name, lambda _: refusal)
 
 
-def _processor_s() -> float:
-    """Return the processor time of this process and of the programs that it ran."""
-    times = os.times()
-    return time.process_time() + times.children_user + times.children_system
+def _keep(requests: IO[bytes], answers: IO[bytes], question: int) -> None:
+    worker = os.getppid()
+    private = own_namespace()
+    first = os.fork() if private else 0
+    if first:
+        requests.close()
+        answers.close()
+        while os.getppid() == worker and os.waitpid(first, os.WNOHANG)[0] == 0:
+            time.sleep(0.2)
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(first, signal.SIGKILL)
+        os._exit(0)
+    if private:
+        end_with_parent()
+        show_own_processes()
+    # Ctrl-C is for the run, which ends this process in order.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    keeper.keep(requests, answers, question, _prepare(receive(requests)), private)
+    os._exit(0)
 
 
-def _pickled(result: Fit | Refusal, spent_s: float) -> bytes:
-    try:
-        return pickle.dumps((result, spent_s), protocol=pickle.HIGHEST_PROTOCOL)
-    except Exception as e:
-        reason = f"the estimator's result cannot be handed on: {type(e).__name__}: {e}"
-        return pickle.dumps((crash(reason), spent_s))
-
-
-def _prepare(limits: Limits) -> None:
+def _prepare(message: bytes) -> Limits:
     import cv2
 
     cv2.setNumThreads(1)
-    try:
-        import resource
-
-        with open("/proc/self/statm") as file:
-            used = int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
-        most = used + limits.memory_mb * 2**20
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))
-    except (ImportError, OSError, ValueError):
-        # Without Linux's limits memory is the user's care, as for every other program.
-        return
+    said = json.loads(message)
+    programs = tuple(ProgramSpec(**spec) for spec in said["programs"])
+    return Limits(said["time_s"], said["memory_mb"], programs, Path(said["folder"]))
 
 
 def _take_pipes() -> tuple[IO[bytes], IO[bytes]]:
-    """Return the pipes, and put nothing in their places: what an estimator prints must not be taken for an answer."""
-    requests, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    """Return the pipes; in their places comes what an estimator may read and write: nothing, and standard error."""
+    requests, answers = os.fdopen(os.dup(0), "rb", 0), os.fdopen(os.dup(1), "wb")
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)
-    os.dup2(nothing, 1)
+    os.dup2(2, 1)
+    os.close(nothing)
     return requests, answers
 
 
@@ -97,19 +109,6 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
-def _receive(pipe: IO[bytes]) -> bytes:
-    header = pipe.read(HEADER.size)
-    if len(header) < HEADER.size:
-        raise EOFError
-    (length,) = HEADER.unpack(header)
-    return pipe.read(length)
-
-
-def _send(pipe: IO[bytes], data: bytes) -> None:
-    pipe.write(HEADER.pack(len(data)) + data)
-    pipe.flush()
-
-
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1], int(sys.argv[2]))
     sys.exit(0)

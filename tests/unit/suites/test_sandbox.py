@@ -13,6 +13,7 @@ import pytest
 
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation import registry
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.external import camera_file, result_of
 from horizonval.estimation.process.sandbox import Limits, Sandbox
@@ -103,10 +104,14 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory):
     specs = tuple(ProgramSpec(name=name, command=f"{sys.executable} {name}.py") for name in programs)
     patch = pytest.MonkeyPatch()
     patch.setenv("PYTHONPATH", str(place), prepend=":")
+    patch.syspath_prepend(place)
+    registry._points.cache_clear()
     found = Sandbox(Limits(time_s=3.0, memory_mb=512, programs=specs, folder=place))
     yield found
     found.close()
     patch.undo()
+    registry._points.cache_clear()
+    assert "bad_estimators" not in sys.modules
 
 
 @pytest.mark.parametrize(
@@ -114,8 +119,8 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory):
     [
         ("hang", Outcome.CRASHED, "exceeded its time limit of 3 s"),
         ("eat", Outcome.CRASHED, "MemoryError"),
-        ("die", Outcome.CRASHED, "process died"),
-        ("leave", Outcome.CRASHED, "process died"),
+        ("die", Outcome.CRASHED, "ended with status 3"),
+        ("leave", Outcome.CRASHED, "SystemExit"),
         ("chatter", Outcome.DARK, "said enough"),
         ("wrong", Outcome.CRASHED, "returned a dict"),
         ("garbage", Outcome.CRASHED, "printed no JSON object but b'no json"),
