@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from horizonval.core import files
-from horizonval.core.errors import MistakeCollector, UserError
+from horizonval.core.errors import MistakeCollector, UserError, excerpt
 from horizonval.core.json_types import JsonObject
 from horizonval.core.suggest import nearest
 from horizonval.spec.base import Model
@@ -238,17 +238,20 @@ def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None, *, places: Seq
     seeded = deep_merge({"scene": {"seed": spec.suite.seed}}, spec.defaults)
     shelf = Shelf(path)
     cases: list[Case] = []
-    names: set[str] = set()
+    names: dict[str, str] = {}
     collector = MistakeCollector()
     with collector.caught():
         for inside, data, origin in _scenes(spec, path, seeded, fly, places):
             with collector.caught(inside):
                 scene, camera = shelf.resolve(data, inside=inside)
                 for case in _one_per_head(scene, camera, f"{path}: {inside}: camera.head"):
-                    if case.name in names:
+                    # Some systems do not tell names apart by the case of their letters.
+                    key = case.name.casefold()
+                    if key in names:
                         twice = f"two frames are named {case.name!r}"
+                        twice += "" if names[key] == case.name else f" and {names[key]!r}, alike but for capitals"
                         raise UserError(twice, where=f"{path}: {inside}", fix="rename one")
-                    names.add(case.name)
+                    names[key] = case.name
                     cases.append(replace(case, **origin))
     collector.tell()
     head = spec.suite
@@ -276,7 +279,7 @@ def _scenes(
 ) -> Iterator[tuple[str, JsonObject, JsonObject]]:
     """Yield the place in the file that makes a scene, the scene over the defaults, and what a case knows beside it."""
     for i, frame in enumerate(spec.frame, start=1):
-        inside = f"frame[{i}] ({frame['scene']['name']})"
+        inside = f"frame[{i}] ({excerpt(frame['scene']['name'])})"
         chosen = _chosen_estimators(frame.get("estimators"), spec.suite.estimators, f"{path}: {inside}.estimators")
         plain = {key: frame[key] for key in frame if key != "estimators"}
         yield inside, deep_merge(seeded, plain), {"estimators": chosen}

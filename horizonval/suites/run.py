@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from typing import Any
 from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
-from horizonval.jobs.engine import stream
+from horizonval.jobs.engine import OnStart, stream
 from horizonval.jobs.execution import Execution
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, intact_json, write_json
@@ -65,7 +65,7 @@ def run_suite(
     progress: Progress | None = None,
     execution: Execution | None = None,
     parts: Sequence[Part] = (),
-    on_start: Callable[[], None] | None = None,
+    on_start: OnStart | None = None,
 ) -> RunResult:
     """Run a suite into a folder, or finish what an earlier run left there.
 
@@ -81,7 +81,8 @@ def run_suite(
     parts : sequence of Part, optional
         Those that there are; the suite may ask for some of them.
     on_start : callable, optional
-        Called once before the first frame, when nothing is refused any more; never if all frames are finished.
+        Called once before the first frame, when nothing is refused any more; never if all frames are finished. It may
+        return what the frames are expected to take, by the cases' names.
 
     Raises
     ------
@@ -191,7 +192,7 @@ def _run_units(
     execution: Execution,
     progress: Progress,
     seconds: dict[str, Mapping[str, float]],
-    on_start: Callable[[], None] | None,
+    on_start: OnStart | None,
 ) -> dict[str, Brief]:
     """Make what is missing of the units and return what became of all; the times that it took go into ``seconds``."""
     briefs: dict[str, Brief] = {}

@@ -11,6 +11,7 @@ from typing import Any
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
 from horizonval.jobs.execution import Execution
+from horizonval.jobs.remaining import ExpectedTime
 from horizonval.report.pages import study_page
 from horizonval.spec.study import Requirement
 from horizonval.store.folder import RunFolder, read_json
@@ -49,7 +50,7 @@ def run_study(
     execution: Execution | None = None,
     progress: Progress | None = None,
     frames: int | None = None,
-    on_start: Callable[[Study], None] | None = None,
+    on_start: Callable[[Study], Mapping[str, ExpectedTime] | None] | None = None,
 ) -> StudyResult:
     """Run a study into a folder, or finish or extend what is there: only frames that are new are made.
 
