@@ -26,6 +26,7 @@ from horizonval.store.index import Filter
 from horizonval.store.manifest import files_of_run, withdraw_manifest, write_manifest
 from horizonval.store.named import run_folder_of
 from horizonval.store.store import Store
+from horizonval.suites.again import command_of_rescoring
 from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import rescored_identity
 from horizonval.suites.plan import CasePlan
@@ -115,7 +116,8 @@ def rescore(
     if not items:
         raise UserError("no detector image to score", where=str(store.root), fix="see `horizonval archive ls`")
     folder = RunFolder(out)
-    _claim(folder, store, head, chosen, items)
+    command = command_of_rescoring(store.root, out, estimators, wanted, limits.time_s)
+    _claim(folder, store, head, chosen, items, command)
     plan = CasePlan(tuple(estimator.name for estimator in chosen), limits)
     with folder.locked():
         folder.remove_temporary_files()
@@ -130,7 +132,12 @@ def rescore(
 
 
 def _claim(
-    folder: RunFolder, store: Store, head: dict[str, Any], chosen: Sequence[Estimator], items: Sequence[Item]
+    folder: RunFolder,
+    store: Store,
+    head: dict[str, Any],
+    chosen: Sequence[Estimator],
+    items: Sequence[Item],
+    command: Sequence[str],
 ) -> None:
     before = intact_json(folder.suite)
     if (before is not None and "rescored" not in before) or folder.archive.exists():
@@ -154,6 +161,7 @@ def _claim(
             "suite": head.get("suite") or store.root.name,
             "title": " ".join(filter(None, [str(head.get("title") or ""), "(scored again)"])),
             "version": code_version(),
+            "command": list(command),
             "estimators": [estimator.name for estimator in chosen],
             "given_pose": [estimator.name for estimator in chosen if estimator.needs == "pose"],
             "cases": names,

@@ -16,12 +16,13 @@ from typing import Any
 from horizonval.core.code import code_version
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
-from horizonval.jobs.engine import stream
+from horizonval.jobs.engine import OnStart, stream
 from horizonval.jobs.execution import Execution
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, intact_json, write_json
 from horizonval.store.index import Index
 from horizonval.store.manifest import files_of_run, withdraw_manifest, write_manifest
+from horizonval.suites.again import command_of_suite
 from horizonval.suites.axes import figure_plans
 from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import suite_identity
@@ -65,7 +66,7 @@ def run_suite(
     progress: Progress | None = None,
     execution: Execution | None = None,
     parts: Sequence[Part] = (),
-    on_start: Callable[[], None] | None = None,
+    on_start: OnStart | None = None,
     also: Callable[[], Iterable[Path]] | None = None,
 ) -> RunResult:
     """Run a suite into a folder, or finish what an earlier run left there.
@@ -82,7 +83,8 @@ def run_suite(
     parts : sequence of Part, optional
         Those that there are; the suite may ask for some of them.
     on_start : callable, optional
-        Called once before the first frame, when nothing is refused any more; never if all frames are finished.
+        Called once before the first frame, when nothing is refused any more; never if all frames are finished. It may
+        return what the frames are expected to take, by the cases' names.
     also : callable, optional
         Called in the end, to make more of the results; returns the files of the folder that it made.
 
@@ -157,7 +159,9 @@ def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit
             "title": suite.title,
             "suite_sha256": identity,
             "version": code_version(),
+            "command": command_of_suite(suite, folder.root),
             "estimators": list(suite.estimators),
+            "programs": [program.name for program in suite.programs],
             "given_pose": [name for name in suite.estimators if plan.estimator(name).needs == "pose"],
             "cases": [name for unit in units for name in unit.names],
             "orbit": [name for unit in units if unit.cases[0].sample for name in unit.names],
@@ -193,7 +197,7 @@ def _run_units(
     execution: Execution,
     progress: Progress,
     seconds: dict[str, Mapping[str, float]],
-    on_start: Callable[[], None] | None,
+    on_start: OnStart | None,
 ) -> dict[str, Brief]:
     """Make what is missing of the units and return what became of all; the times that it took go into ``seconds``."""
     briefs: dict[str, Brief] = {}

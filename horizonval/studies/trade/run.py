@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from horizonval.core.cache import log_damage
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
 from horizonval.jobs.execution import Execution
+from horizonval.jobs.remaining import ExpectedTime
 from horizonval.report.pages import study_page
 from horizonval.spec.study import Requirement
 from horizonval.store.folder import RunFolder, intact_json
@@ -51,7 +52,7 @@ def run_study(
     execution: Execution | None = None,
     progress: Progress | None = None,
     frames: int | None = None,
-    on_start: Callable[[Study], None] | None = None,
+    on_start: Callable[[Study], Mapping[str, ExpectedTime] | None] | None = None,
 ) -> StudyResult:
     """Run a study into a folder, or finish or extend what is there: only frames that are new are made.
 
@@ -75,6 +76,8 @@ def run_study(
     spec, path = read_study(path_or_name, frames)
     before = _plan_before(out_dir)
     study = expand(spec, path, before.batches if before is not None and before.head.name == spec.study.name else None)
+    if frames is not None:
+        study = replace(study, suite=replace(study.suite, options=("--frames", str(frames))))
     plan = plan_of_study(study)
     made: list[tuple[dict[str, Any], dict[str, Any], Path]] = []
 
