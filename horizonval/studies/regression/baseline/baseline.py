@@ -68,7 +68,7 @@ def read_baseline(path: Path, suite: str) -> Baseline:
     """
     if not path.is_file():
         raise UserError("no accepted baseline", where=str(path), fix="see `horizonval baseline accept --help`")
-    data = read_json(path, unsealed=True, fix="take it from version control again")
+    data = read_json(path, bound=False, fix="take it from version control again")
     if data is None or data.get("schema") != BASELINE_SCHEMA:
         raise DamagedFileError("not a baseline of this version", where=str(path))
     if data["suite"] != suite:
@@ -104,17 +104,17 @@ def write_baseline(
         "fresh_night": results.fresh_night,
         "pack_sha256": files.sha256_of(images),
     }
-    write_json(path, content, indent=None)
+    write_json(path, content, indent=None, bound=False)
 
 
 def copy_as_release(path: Path) -> Path:
     """Write the last release's files from the accepted ones, without detector images; return the JSON's path."""
-    data = read_json(path, unsealed=True) or {}
+    data = read_json(path, bound=False) or {}
     accepted = read_pack(pack_path(path))
     target = release_path(path)
     write_pack(pack_path(target), Pack((), accepted.frames, {}))
     data["pack_sha256"] = files.sha256_of(pack_path(target))
-    write_json(target, data, indent=None)
+    write_json(target, data, indent=None, bound=False)
     return target
 
 
