@@ -13,8 +13,8 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
+from horizonval.core import files
 from horizonval.core.code import code_digest, is_there
-from horizonval.core.errors import UserError
 from horizonval.estimation import registry
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
@@ -65,10 +65,7 @@ def rescored_identity(addresses: Iterable[str], estimators: Iterable[str]) -> st
 def _scene_content(case: Case) -> str:
     content = {"scene": case.scene.model_dump(mode="json"), "camera": case.camera.model_dump(mode="json")}
     for key, path in _atmosphere_files(case).items():
-        try:
-            content[f"atmosphere {key}"] = {"sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-        except OSError as e:
-            raise UserError(e.strerror or "cannot be read", where=str(path), expected="an atmosphere file") from e
+        content[f"atmosphere {key}"] = {"sha256": files.sha256_of(path, expected="an atmosphere file")}
         # The content counts, not where it lies: a folder can be moved.
         content["scene"]["atmosphere"][key] = path.name
     return json.dumps(content, sort_keys=True)

@@ -1,0 +1,177 @@
+"""What headers tell other programs, against astropy and our own geometry."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from astropy import units
+from astropy.coordinates import EarthLocation
+from astropy.time import Time
+from astropy.utils.iers import conf
+from synthetic import truth_at
+
+from horizonval.frame import FrameTruth, Hit
+from horizonval.geometry import frames
+from horizonval.geometry.camera import camera_from_spec, project
+from horizonval.geometry.ellipsoid import WGS84
+from horizonval.store import exr, masks
+from horizonval.store.attributes import UNITS, camera_of, own_attributes, standard_attributes
+from horizonval.store.show import shown
+
+conf.auto_download = False
+
+DETECTOR: dict[str, Any] = {
+    "kind": "cmos",
+    "pixel_pitch_um": 5.5,
+    "exposure_s": 2e-4,
+    "quantum_efficiency": 0.6,
+    "full_well_e": 13500,
+    "read_noise_e": 13,
+    "bits": 10,
+}
+CAMERA: dict[str, Any] = {
+    "camera": {"name": "off", "width": 80, "height": 60, "fx": 70.0, "fy": 90.0, "cx": 30.25, "cy": 41.5},
+    "optics": {"f_number": 4.0, "transmission": 0.64},
+    "band": [
+        {"name": "red", "kind": "solar", "lo_um": 0.6, "hi_um": 0.7},
+        {"name": "free", "kind": "solar", "wavelength_um": [0.4, 0.45, 0.5], "response": [0.1, 1.0, 0.3]},
+    ],
+    "detector": DETECTOR,
+}
+
+
+@pytest.fixture
+def truth() -> FrameTruth:
+    return truth_at(CAMERA, roll_deg=55.0, yaw_deg=20.0, latitude_deg=-33.0, altitude_km=700.0)
+
+
+def points(truth: FrameTruth) -> tuple[np.ndarray, np.ndarray]:
+    """Places in view, in the Earth's axes, and their pixels by our own projection."""
+    rng = np.random.default_rng(1)
+    d = np.column_stack([rng.uniform(-0.3, 0.5, 30), rng.uniform(-0.4, 0.2, 30), np.ones(30)])
+    places = np.array(truth.r_itrs) + frames.rotate(frames.inverse(truth.q_cam_from_itrs), 2e6 * d)
+    return places, project(camera_from_spec(truth.camera_spec.camera), d / np.linalg.norm(d, axis=1)[:, None])[0]
+
+
+def test_matrices_lead_from_the_earth_to_the_pixel(truth: FrameTruth) -> None:
+    places, uv = points(truth)
+    rows = np.column_stack([places, np.ones(30)])
+    own = own_attributes(truth, truth.camera_spec)
+    cam = rows @ own["itrs_to_camera"]
+    (fx, fy), (cx, cy) = own["focal_length_px"], own["principal_point_px"]
+    mine = np.column_stack([fx * cam[:, 0] / cam[:, 2] + cx, fy * cam[:, 1] / cam[:, 2] + cy])
+    assert mine == pytest.approx(uv, abs=1e-6)
+    assert cam[:, 3] == pytest.approx(np.ones(30))
+    standard = standard_attributes(truth, truth.camera_spec)
+    up = rows @ standard["worldToCamera"].astype(float)
+    # As float32 the position is known to half a metre, of two thousand kilometres.
+    assert up[:, :3] == pytest.approx(cam[:, :3] * [1, -1, 1], abs=4.0)
+    ndc = rows @ standard["worldToNDC"].astype(float)
+    assert 80 * ndc[:, 0] / ndc[:, 3] - 0.5 == pytest.approx(uv[:, 0], abs=1e-3)
+    assert 60 * ndc[:, 1] / ndc[:, 3] - 0.5 == pytest.approx(uv[:, 1], abs=1e-3)
+    assert ndc[:, 2] / ndc[:, 3] == pytest.approx(np.ones(30), abs=1e-5)
+
+
+def test_the_screen_window_is_the_images_outline(truth: FrameTruth) -> None:
+    found = standard_attributes(truth, truth.camera_spec)
+    left, right = (-0.5 - 30.25) / 70.0, (79.5 - 30.25) / 70.0
+    top, bottom = -(-0.5 - 41.5) / 90.0, -(59.5 - 41.5) / 90.0
+    assert found["screenWindowWidth"] == pytest.approx(right - left)
+    assert found["screenWindowCenter"] == pytest.approx([(left + right) / 2, (top + bottom) / 2])
+    assert found["pixelAspectRatio"] == pytest.approx(90.0 / 70.0)
+    assert found["screenWindowWidth"] / ((80 / 60) * found["pixelAspectRatio"]) == pytest.approx(top - bottom)
+
+
+def test_time_and_place_are_astropys(truth: FrameTruth) -> None:
+    found, own = standard_attributes(truth, truth.camera_spec), own_attributes(truth, truth.camera_spec)
+    place = EarthLocation.from_geocentric(*truth.r_itrs, unit=units.m).to_geodetic("WGS84")
+    assert (found["longitude"], found["latitude"]) == pytest.approx((place.lon.deg, place.lat.deg), abs=1e-9)
+    assert found["altitude"] == pytest.approx(place.height.to_value(units.m), abs=1e-3)
+    assert truth.ellipsoid_a_m == WGS84.a_m
+    time = Time("2026-03-20T12:00:00", scale="utc")
+    assert own["epoch_tai_mjd"][0] == pytest.approx(time.tai.mjd, abs=1e-9)
+    assert (found["capDate"], found["utcOffset"]) == ("2026:03:20 12:00:00", 0.0)
+    shifted = dataclasses.replace(truth, epoch_utc="2026-03-20T14:30:00+02:30")
+    assert standard_attributes(shifted, truth.camera_spec)["capDate"] == found["capDate"]
+
+
+def test_the_sensor_in_millimetres(truth: FrameTruth) -> None:
+    found = standard_attributes(truth, truth.camera_spec)
+    assert found["sensorOverallDimensions"] == pytest.approx([80 * 5.5e-3, 60 * 5.5e-3])
+    assert found["sensorCenterOffset"] == pytest.approx([(39.5 - 30.25) * 5.5, (29.5 - 41.5) * 5.5])
+    assert [list(end) for end in found["sensorAcquisitionRectangle"]] == [[0, 0], [79, 59]]
+    assert found["pinholeFocalLength"] == found["effectiveFocalLength"] == pytest.approx(70.0 * 5.5e-3)
+    assert (found["aperture"], found["tStop"], found["expTime"]) == (4.0, pytest.approx(5.0), 2e-4)
+    assert standard_attributes(truth, truth.camera_spec, 1e-3)["expTime"] == 1e-3
+    assert own_attributes(truth, truth.camera_spec, 1e-3)["exposure_s"] == 1e-3
+    assert own_attributes(truth, truth.camera_spec)["exposure_s"] == 2e-4
+    fisheye = truth_at(
+        CAMERA | {"camera": {"name": "f", "width": 80, "height": 60, "fov_deg": 120.0, "projection": "fisheye"}}
+    )
+    wide = standard_attributes(fisheye, fisheye.camera_spec)
+    assert "pinholeFocalLength" not in wide
+    assert "screenWindowWidth" not in wide
+    assert "worldToNDC" not in wide
+    assert wide["effectiveFocalLength"] > 0
+
+
+def test_what_has_no_detector_has_no_sensor(truth: FrameTruth) -> None:
+    spec = truth.camera_spec.model_copy(update={"detector": None})
+    found = standard_attributes(truth, spec)
+    assert not {"expTime", "sensorPhotositePitch", "effectiveFocalLength"} & set(found)
+    assert "exposure_s" not in own_attributes(truth, spec)
+    assert camera_of(truth, {"camera": spec.model_dump(mode="json")}).detector is None
+    assert camera_of(truth, {}) == camera_of(truth) == truth.camera_spec
+
+
+def test_bands_have_their_ends(truth: FrameTruth) -> None:
+    own = own_attributes(truth, truth.camera_spec)
+    assert (own["band_names"], own["band_lo_um"], own["band_hi_um"]) == (["red", "free"], [0.6, 0.4], [0.7, 0.5])
+    assert [own[f"q_cam_from_itrs_{axis}"][0] for axis in "xyzw"] == list(truth.q_cam_from_itrs)
+
+
+def test_a_header_is_shown_as_it_was_written(tmp_path, make_frame) -> None:
+    path = tmp_path / "frame.exr"
+    frame = make_frame()
+    exr.write_frame(path, frame)
+    told = shown(path)
+    spec = frame.truth.camera_spec
+    standard = standard_attributes(frame.truth, spec)
+    for name in ("altitude", "aperture", "latitude", "tStop"):
+        assert told["standard"][name] == [pytest.approx(float(standard[name]), rel=1e-6), UNITS.get(name, "")]
+    assert told["standard"]["capDate"][0] == standard["capDate"]
+    assert told["standard"]["focus"][0] == "inf"
+    matrix = np.array(told["standard"]["worldToCamera"][0]).reshape(4, 4)
+    assert matrix == pytest.approx(standard["worldToCamera"], rel=1e-6)
+    own = own_attributes(frame.truth, spec)
+    for name in ("camera_position_m", "focal_length_px", "sun_direction_itrs"):
+        assert told["horizonval"][f"horizonval:{name}"][0] == pytest.approx([float(v) for v in own[name]], rel=1e-15)
+    assert told["horizonval"]["horizonval:band_names"][0] == own["band_names"]
+    assert told["horizonval"]["horizonval:epoch_tai_mjd"] == [float(own["epoch_tai_mjd"][0]), "d"]
+    assert told["file"]["bytes"][0] == path.stat().st_size
+    assert told["file"]["size"] == ["40 x 30", "px"]
+    assert told["truth"] == frame.truth.to_dict() or told["truth"].keys() == frame.truth.to_dict().keys()
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        assert told["channels"] == sorted(file.channels())
+    assert not {"channels", "compression", "dataWindow"} & set(told["standard"])
+
+
+def test_masks_follow_the_maps(truth: FrameTruth) -> None:
+    """A ray through air 30 km up sees the Sun until 5.6 deg below the horizon: acos(R / (R + h))."""
+    radius = (2 * truth.ellipsoid_a_m + truth.ellipsoid_b_m) / 3
+    dip = math.degrees(math.acos(radius / (radius + 30e3)))
+    kinds = [Hit.SURFACE, Hit.CLOUD, Hit.ATMOSPHERE, Hit.ATMOSPHERE, Hit.SURFACE, Hit.SPACE]
+    maps = {
+        "hit": np.array([kinds], dtype=np.float32),
+        "tangent_height": np.array([[-5e4, -1e4, 30e3, 30e3, 30e3, 30e3]]),
+        "solar_zenith": np.array([[89.0, 91.0, 90.0 + dip - 0.1, 90.0 + dip + 0.1, 91.0, 10.0]]),
+    }
+    assert masks.earth(maps).tolist() == [[1, 1, 0, 0, 1, 0]]
+    assert masks.sunlit(maps, truth).tolist() == [[1, 0, 1, 0, 0, 0]]
+    assert masks.saturated(np.array([[0, 1022, 1023, 1024]]), 1023).tolist() == [[0, 0, 1, 1]]

@@ -1,0 +1,183 @@
+"""Records, plans and figures of cases, and what an estimator is told, worked out by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import THERMAL_CAMERA, fit_of, result_row, toy_image, truth_at
+
+from horizonval.core.errors import UserError
+from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
+from horizonval.estimation import registry
+from horizonval.estimation.observation import Observation
+from horizonval.frame import RadianceFrame
+from horizonval.geometry.ellipsoid import sphere
+from horizonval.jobs.execution import parse_shard
+from horizonval.jobs.kept import keep, kept, take_over
+from horizonval.suites.axes import figure_plans, value_at
+from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads, oracle_pose
+from horizonval.suites.plan import plan_of
+from horizonval.suites.record import MAX_POINTS, camera_name, details_of, failed_record, record_of
+from horizonval.suites.suite import load_suite
+
+SUITE = """
+[suite]
+name = "s"
+title = "Some"
+estimators = ["altitude-free", "ideal"]
+[defaults]
+camera = { file = "vis-cmos-512-60deg", mount_roll_deg = 55.0 }
+platform.altitude_km = 500.0
+[[cases]]
+name = "near"
+grid = { attitude.yaw_deg = [5.0, 6.0], sun.zenith_deg = [10.0, 20.0] }
+[[cases]]
+name = "far"
+grid = { platform.altitude_km = [900.0] }
+[[figure]]
+kind = "sweep"
+cases = "near"
+x = "attitude.yaw_deg"
+by = "sun.zenith_deg"
+[[figure]]
+kind = "map"
+x = "platform.altitude_km"
+y = "camera.detector.exposure_s"
+"""
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-def]
+    path = tmp_path_factory.mktemp("suite") / "s.toml"
+    path.write_text(SUITE)
+    return load_suite(path)
+
+
+def test_a_figure_stands_on_its_axes(suite) -> None:  # type: ignore[no-untyped-def]
+    first, second, all_of_them = figure_plans(suite)
+    assert [first["title"], second["title"]] == ["near, sun.zenith_deg 10", "near, sun.zenith_deg 20"]
+    assert sorted(first["cases"].values()) == [[5.0], [6.0]]
+    assert not set(first["cases"]) & set(second["cases"])
+    assert all_of_them["title"] == "Some"
+    assert len(all_of_them["cases"]) == 5
+    exposure = suite.cases[0].camera.detector.exposure_s
+    assert all_of_them["cases"]["far_altitude_km_900"] == [900.0, exposure]
+    assert value_at(suite.cases[0], "camera.band.vis.kind") == "solar"
+    for key in ("attitude.nothing", "camera.band.nothing.kind", "camera.detector.exposure_s.more"):
+        with pytest.raises(KeyError):
+            value_at(suite.cases[0], key)
+    for key in ("sun.nothing", "scene.name"):
+        with pytest.raises(UserError):
+            figure_plans(dataclasses.replace(suite, figures=[suite.figures[0].model_copy(update={"x": key})]))
+
+
+def test_a_record_says_where_frame_and_images_lie() -> None:
+    truth = truth_at()
+    rows = [result_row(case="a", band="red"), result_row(case="a", band="blue")]
+    record = record_of("a", truth, rows, {"x": 1}, {"": "f", "red": "r"})
+    assert (record["truth_frame"], record["image"], record["images"]) == ("f", "r", {"red": "r"})
+    assert [(row["frame_address"], row["image_address"]) for row in record["rows"]] == [("f", "r"), ("f", None)]
+    assert (record["error"], record["scene_id"], record["details"]) == (None, truth.scene_id, {"x": 1})
+    empty = record_of("a", truth, rows, {}, {})
+    assert (empty["truth_frame"], empty["image"], empty["images"]) == (None, None, {})
+
+
+def test_what_broke_has_a_row_for_every_estimator(suite) -> None:  # type: ignore[no-untyped-def]
+    case, plan = suite.cases[0], plan_of(suite)
+    record = failed_record("a", case, ["altitude-free", "ideal"], plan, "it\n  broke")
+    assert record["error"] == "it broke"
+    assert [row["estimator"] for row in record["rows"]] == ["altitude-free", "ideal"]
+    assert {row["status"] for row in record["rows"]} == {"bad_input"}
+    assert record["rows"][1]["expected"] == "valid", "who is given the pose can always answer"
+    assert (record["image"], record["images"], record["truth_frame"]) == (None, {}, None)
+    assert camera_name(case) == case.camera.camera.name
+
+
+def test_points_are_thinned_evenly_and_end_with_the_last() -> None:
+    truth = truth_at()
+    many = np.column_stack([np.arange(5000.0), np.zeros(5000)])
+    details = details_of(fit_of(truth, points=many, angular_radius_rad=1.1))
+    assert len(details["points"]) == MAX_POINTS
+    assert (details["points"][0], details["points"][-1]) == ([0.0, 0.0], [4999.0, 0.0])
+    steps = np.diff(np.array(details["points"])[:, 0])
+    assert set(steps) <= {2.0, 3.0}
+    assert details["fit"]["angular_radius_rad"] == 1.1
+    few = np.array([[1.23456, 2.0], [np.nan, 1.0], [3.0, np.inf]])
+    assert details_of(Refusal(Outcome.DARK, "x", few)) == {"points": [[1.235, 2.0]], "fit": None}
+    assert details_of(fit_of(truth))["fit"]["angular_radius_rad"] is None
+
+
+def test_an_observation_has_what_a_flight_computer_knows() -> None:
+    truth = truth_at(roll_deg=66.0, mount_roll_deg=10.0)
+    image = toy_image(truth)
+    seen = observation_of(image, registry.get("altitude-free"))
+    assert (seen.image == image.dn).all()
+    assert (seen.full_scale, seen.band_kind, seen.oracle) == (1023.0, "solar", None)
+    assert seen.q_cam_from_body == pytest.approx(np.array(truth.q_cam_from_body))
+    assert seen.flattening == pytest.approx(1 / 298.257223563)
+    assert seen.altitude_m is None
+    assert seen.earth_radius_m == Observation.earth_radius_m
+    hot = toy_image(truth_at(THERMAL_CAMERA | {"platform": {"altitude_km": 512.0}}, roll_deg=66.0))
+    told = observation_of(hot, registry.get("altitude-free"))
+    assert (told.band_kind, told.altitude_m) == ("thermal", 512e3)
+    assert observation_of(image, registry.get("ideal")).oracle is not None
+    light = RadianceFrame({"red": np.ones((480, 640), np.float32), "b": np.zeros((480, 640), np.float32)}, {}, truth)
+    assert observation_of(light, registry.get("altitude-free")).full_scale is None
+    assert observation_of(light, registry.get("altitude-free")).image.max() == 1.0
+    assert observation_of(light, registry.get("altitude-free"), band="b").image.max() == 0.0
+    heads = observation_of_heads({"left": image, "right": image}, registry.get("video-vertical"))
+    assert list(heads.heads) == ["left", "right"]
+    assert (heads.image == image.dn).all()
+
+
+def test_a_method_is_told_the_spheres_own_radius_or_the_mean_one() -> None:
+    assert method_radius_m(truth_at(ellipsoid=sphere(6.0e6))) == 6.0e6
+    assert method_radius_m(truth_at()) == Observation.earth_radius_m
+    truth = truth_at(altitude_km=800.0)
+    pose = oracle_pose(truth)
+    distance = np.linalg.norm(truth.r_itrs)
+    assert math.asin(pose.radius_m / distance) == pytest.approx(truth.angular_radius_rad)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "1", "/", "0/2", "3/2", "a/2", "1/b", "1/", "/2", "1/2/3", "-1/2", "1.0/2", " 1/2"]
+)
+def test_what_is_no_shard_is_refused(text: str) -> None:
+    with pytest.raises(UserError, match="--shard"):
+        parse_shard(text)
+    assert parse_shard("1/1") == (1, 1)
+    assert parse_shard("2/2") == (2, 2)
+    assert parse_shard("12/340") == (12, 340)
+
+
+def test_a_kept_record_has_its_keys_in_order_or_as_they_were(tmp_path: Path) -> None:
+    for sort, order in ((True, ["a", "b", "identity"]), (False, ["b", "a", "identity"])):
+        path = tmp_path / str(sort) / "deep" / "r.json"
+        keep(path, "me", {"b": 1, "a": 2}, sort_keys=sort)
+        found = kept(path, "me")
+        assert found is not None
+        assert [key for key in json.loads(path.read_text()) if key in order] == order
+    assert next(iter(json.loads((tmp_path / "True/deep/r.json").read_text()))) == "a", "by default"
+    keep(tmp_path / "d.json", "me", {"b": 1, "a": 2})
+    assert next(iter(json.loads((tmp_path / "d.json").read_text()))) == "a"
+    assert kept(tmp_path / "none.json", "me") is None
+
+
+def test_what_another_folder_has_is_taken_over_and_nothing_replaced(tmp_path: Path) -> None:
+    source, target = tmp_path / "a", tmp_path / "b"
+    for name, text in {"cases/one": "1", "cases/deep/two": "2", "cases/.lock": "x", "other/three": "3"}.items():
+        (source / name).parent.mkdir(parents=True, exist_ok=True)
+        (source / name).write_text(text)
+    (target / "cases").mkdir(parents=True)
+    (target / "cases/one").write_text("mine")
+    take_over(source, target, ["cases", "missing"], lambda path: not path.name.startswith("."))
+    assert {p.relative_to(target).as_posix(): p.read_text() for p in target.rglob("*") if p.is_file()} == {
+        "cases/one": "mine",
+        "cases/deep/two": "2",
+    }
