@@ -78,7 +78,8 @@ def run(
         total = len(loaded.cases) + (len(study.band) * len(study.months) if study else 0)
         what = "frames and months" if study else "frames"
         print(f"horizonval: {len(result.failed)} of {total} {what} failed: {names}", file=sys.stderr)
-    return 1 if result.failed else 0
+    # A run that ends without its summary has not done what was asked, whatever stopped it.
+    return 1 if result.failed or (shard is None and not result.summary) else 0
 
 
 def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]) -> None:
