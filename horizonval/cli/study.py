@@ -9,14 +9,20 @@ from typing import Annotated
 import typer
 
 from horizonval.cli.check import print_warnings
-from horizonval.cli.options import Dask, Json, Shard, Workers
-from horizonval.cli.printing import print_json, print_shard
+from horizonval.cli.completion import shipped
+from horizonval.cli.options import Dask, DryRun, Json, Shard, Workers
+from horizonval.cli.printing import print_dry_run, print_json, print_shard
 from horizonval.cli.work import execution_of, resumable
 from horizonval.core.errors import UserError
 
 
 def study(
-    study: Annotated[str, typer.Argument(help="A study file, the name of a shipped study, or a study's folder.")],
+    study: Annotated[
+        str,
+        typer.Argument(
+            help="A study file, the name of a shipped study, or a study's folder.", autocompletion=shipped("study")
+        ),
+    ],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the study; made if need be.")] = None,
     workers: Workers = None,
     shard: Shard = None,
@@ -37,6 +43,7 @@ def study(
     availability: Annotated[
         float | None, typer.Option(min=1e-6, max=0.999999, help="The same for the availability, such as 0.95.")
     ] = None,
+    dry_run: DryRun = False,
     as_json: Json = False,
 ) -> int:
     """Trade study: designs compared on the same frames; accuracy, availability, cost, and the cheapest that will do.
@@ -46,7 +53,14 @@ def study(
     Exit status 1 if a frame failed.
     """
     if out is None:
-        running = {"--workers": workers, "--shard": shard, "--merge": merge, "--dask": dask, "--frames": frames}
+        running = {
+            "--dry-run": dry_run,
+            "--workers": workers,
+            "--shard": shard,
+            "--merge": merge,
+            "--dask": dask,
+            "--frames": frames,
+        }
         used = [name for name, value in running.items() if value]
         if used or not Path(study).is_dir():
             raise UserError(
@@ -61,6 +75,14 @@ def study(
     from horizonval.studies.trade.run import run_study
 
     execution = execution_of(workers, shard, dask, merge)
+    if dry_run:
+        from horizonval.commands.dry_run import of_suite
+        from horizonval.precheck import check_study
+        from horizonval.studies.trade.run import study_in
+
+        planned = study_in(study, out, frames)
+        print_dry_run(of_suite(planned.suite, out, execution, check_study(planned, infrared=False)), as_json)
+        return 0
     with resumable("study", kept="frames") as progress:
         done = run_study(study, out, execution=execution, progress=progress, frames=frames, on_start=print_warnings)
     if as_json:

@@ -77,3 +77,16 @@ def find(kind: Kind, path_or_name: str | Path, *, beside: Path | None = None, wh
         where=where,
         expected=f"a path or one of {', '.join(known)}" if known else "the path of a file",
     )
+
+
+def head_comment(path: Path) -> str:
+    """Return the comment at the head of a file as one paragraph."""
+    lines = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        if line.startswith("#:"):
+            # A word to editors: where the schema is.
+            continue
+        lines.append(line.lstrip("# ").rstrip())
+    return " ".join(lines)
