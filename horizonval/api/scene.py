@@ -54,7 +54,7 @@ class Scene:
     latitude_deg, longitude_deg : float
         Geodetic position of the satellite.
     heading_deg : float
-        Azimuth of its velocity, from north over east.
+        Azimuth of its velocity, from north over east, in the plane across the line to the Earth's centre.
     epoch : str or datetime
         UTC, such as ``"2026-03-20T12:00Z"``.
     yaw_deg, pitch_deg, roll_deg : float
