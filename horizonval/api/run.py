@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,10 +16,7 @@ if TYPE_CHECKING:
     from duckdb import DuckDBPyRelation
 
     from horizonval.core.progress import Progress
-
-
-_FRAMES_ABOVE = 5
-"""From where a warning is given to the caller of :func:`run`, whose line it is about."""
+    from horizonval.jobs.remaining import ExpectedTime
 
 
 class SuiteWarning(UserWarning):
@@ -171,17 +169,18 @@ def run(
     """
     from horizonval.commands.run import run as run_suite
     from horizonval.jobs.execution import Execution, parse_shard
-    from horizonval.precheck import check_before_run
+    from horizonval.precheck import check_before_run, expected_of
     from horizonval.suites.suite import load_suite, with_options
 
     part = parse_shard(f"{shard[0]}/{shard[1]}" if isinstance(shard, tuple) else shard) if shard is not None else None
     execution = Execution(workers, part, dask, tuple(Path(folder) for folder in merge))
     loaded = with_options(load_suite(suite, frames, seed), time_limit_s, keep)
 
-    def warn() -> None:
+    def warn() -> dict[str, ExpectedTime]:
         report = check_before_run(loaded)
         for line in [] if report is None else report.summary_lines():
-            warnings.warn(line, SuiteWarning, stacklevel=_FRAMES_ABOVE)
+            warnings.warn(line, SuiteWarning, stacklevel=_frames_inside())
+        return expected_of(loaded)
 
     with shown(progress, f"suite {loaded.name}") as listener:
         result = run_suite(loaded, Path(out), progress=listener, execution=execution, on_start=warn)
@@ -219,3 +218,11 @@ def open_run(folder: str | Path) -> Run:
     summary = read_json(paths.summary) or {}
     missing = 0 if summary else sum(not paths.case(name).is_file() for name in about["cases"])
     return Run(Path(folder), about["suite"], summary, dict(summary.get("failed", {})), missing)
+
+
+def _frames_inside() -> int:
+    """Return how many frames above its caller the user's own code stands, whose line a warning is about."""
+    frame, count = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "horizonval":
+        frame, count = frame.f_back, count + 1
+    return count

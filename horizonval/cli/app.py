@@ -21,6 +21,7 @@ from horizonval.cli.reproduce import reproduce
 from horizonval.cli.study import study
 from horizonval.core.errors import UserError, printable
 from horizonval.core.machine.caches import settle_libraries
+from horizonval.jobs.life import hush, sign_of_life
 
 app = typer.Typer(
     name="horizonval",
@@ -72,7 +73,16 @@ def main() -> None:
     # A terminal or pipe of another encoding must not stop a command at a name that it cannot show.
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
-    sys.exit(run_command_line(sys.argv[1:]))
+    arguments = sys.argv[1:]
+    with sign_of_life(f"horizonval: {_command_name(arguments)} is getting ready"):
+        status = run_command_line(arguments)
+    sys.exit(status)
+
+
+def _command_name(arguments: list[str]) -> str:
+    """Return the words that name the command, as far as they can be told before anything is parsed."""
+    words = [word for word in arguments[:2] if not word.startswith("-")]
+    return " ".join(words if words[:1] in (["archive"], ["baseline"]) else words[:1]) or "it"
 
 
 def run_command_line(arguments: list[str]) -> int:
@@ -100,6 +110,7 @@ def run_command_line(arguments: list[str]) -> int:
 
 
 def _fail(*lines: str) -> int:
+    hush()
     for line in lines:
         print(f"horizonval: error: {line}", file=sys.stderr)
     return 2

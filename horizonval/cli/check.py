@@ -14,6 +14,7 @@ from horizonval.cli.options import Json
 from horizonval.cli.printing import print_json
 
 if TYPE_CHECKING:
+    from horizonval.jobs.remaining import ExpectedTime
     from horizonval.studies.trade.design import Study
 
 
@@ -59,10 +60,14 @@ def warnings_printed() -> Iterator[None]:
         yield
 
 
-def print_warnings(target: Study) -> None:
-    """Print errors and warnings about a sample of the frames before a run, to standard error."""
-    from horizonval.precheck import check_before_run
+def print_warnings(target: Study) -> dict[str, ExpectedTime]:
+    """Print errors and warnings about a sample of the frames before a run, to standard error.
+
+    Returns what the frames are expected to take.
+    """
+    from horizonval.precheck import check_before_run, expected_of
 
     report = check_before_run(target)
     for line in [] if report is None else report.summary_lines():
         print(f"horizonval: {line}", file=sys.stderr)
+    return expected_of(target)

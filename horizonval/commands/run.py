@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from horizonval.core.progress import Progress
+from horizonval.jobs.engine import OnStart
 from horizonval.jobs.execution import Execution
 from horizonval.spec.load import Suite
 from horizonval.studies.parts import PARTS
@@ -18,7 +18,7 @@ def run(
     *,
     progress: Progress | None = None,
     execution: Execution | None = None,
-    on_start: Callable[[], None] | None = None,
+    on_start: OnStart | None = None,
 ) -> RunResult:
     """Run a suite into a folder, or finish what an earlier run left there; see :func:`run_suite`.
 

@@ -45,6 +45,10 @@ class MissingFileError(UnfitFileError):
     """Nothing lies at a path, or a link to nothing."""
 
 
+class UnreadableFileError(UnfitFileError):
+    """A regular file, perhaps, but the system does not let it be read."""
+
+
 def kind_at(path: str | os.PathLike[str], *, links: bool = False) -> str:
     """Return what lies at a path, without opening it.
 
@@ -100,9 +104,10 @@ def open_file(
     ------
     MissingFileError
         Nothing is there.
+    UnreadableFileError
+        It cannot be read: without permission, or from a broken disc.
     UnfitFileError
-        No regular file, one whose size the system does not tell (those of ``/proc``), one that is too large, or one
-        that cannot be read.
+        No regular file, one whose size the system does not tell (those of ``/proc``), or one that is too large.
     """
     try:
         # Opening alone may do something (a tape rewinds), so the look comes first.
@@ -181,13 +186,13 @@ def parse_json(text: str, path: str | os.PathLike[str]) -> Any:
     raise UserError(what, where=str(path))
 
 
-def sha256_of(path: str | os.PathLike[str], *, links: bool = True) -> str:
+def sha256_of(path: str | os.PathLike[str], *, expected: str = "a file", links: bool = True) -> str:
     """Return the hex digest of a regular file's bytes; otherwise as :func:`open_file`."""
-    with open_file(path, links=links) as file:
+    with open_file(path, expected=expected, links=links) as file:
         try:
             return hashlib.file_digest(file, "sha256").hexdigest()
         except OSError as error:
-            raise _error_of(error, path, "a file") from None
+            raise _error_of(error, path, expected) from None
 
 
 def _kind(mode: int) -> str:
@@ -222,7 +227,7 @@ def _error_of(error: OSError | ValueError, path: str | os.PathLike[str], expecte
         return UnfitFileError("is a link that leads nowhere", where=str(path), expected=expected)
     if isinstance(error, ValueError):
         return UnfitFileError("is no path", where=repr(str(path)), expected=expected)
-    return UnfitFileError(f"cannot be read: {error.strerror or error}", where=str(path), expected=expected)
+    return UnreadableFileError(f"cannot be read: {error.strerror or error}", where=str(path), expected=expected)
 
 
 def ensure_file(path: Path, *, expected: str = "a file", links: bool = True) -> None:

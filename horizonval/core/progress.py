@@ -21,6 +21,9 @@ class Progress(Protocol):
     def done(self, name: str, *, failed: str | None = None) -> None:
         """One more item is finished; ``failed`` says why it has no result."""
 
+    def left(self, seconds: float | None) -> None:
+        """Say about how long the rest will take, before the next item is said to be done; None: nothing tells it."""
+
     def step(self, what: str, state: str = "") -> None:
         """Something that takes a while is under way: ``what`` it is, and how it stands."""
 
@@ -32,6 +35,9 @@ class Silent:
         """Ignore."""
 
     def done(self, name: str, *, failed: str | None = None) -> None:
+        """Ignore."""
+
+    def left(self, seconds: float | None) -> None:
         """Ignore."""
 
     def step(self, what: str, state: str = "") -> None:

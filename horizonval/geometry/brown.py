@@ -15,7 +15,6 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from horizonval.core.arrays import FloatArray
 
@@ -74,6 +73,9 @@ def invertible_radius(coefficients: Coefficients) -> float:
     best = float(angles[int(np.argmin(radii))])
     smallest = min(radii)
     if math.isfinite(smallest):
+        # Loaded here: it takes as long as all the rest of a small command.
+        from scipy.optimize import minimize_scalar
+
         minimum = minimize_scalar(first_zero, bounds=(best - step, best + step), method="bounded")
         smallest = min(smallest, float(minimum.fun))
     # A double zero of the determinant can hide as a slightly complex pair; the margin keeps to the safe side of it.

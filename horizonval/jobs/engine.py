@@ -11,23 +11,27 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import os
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Generic, TypeVar
 
+from horizonval.core import once
 from horizonval.core.errors import UserError, one_line
 from horizonval.core.progress import Progress
 from horizonval.jobs.cluster import run_on_cluster
 from horizonval.jobs.execution import Execution
 from horizonval.jobs.kept import Record, keep, kept
 from horizonval.jobs.pool import Results, run_in_processes
+from horizonval.jobs.remaining import ExpectedTime, Remaining, SpentTime
 from horizonval.jobs.stopwatch import Stopwatch
 
 I = TypeVar("I")  # noqa: E741
 R = TypeVar("R")
+OnStart = Callable[[], Mapping[str, ExpectedTime] | None]
 
 
 @dataclass(frozen=True)
@@ -42,11 +46,14 @@ class Done(Generic[R]):
         Why there is no result, on one line.
     seconds : dict
         By stage; empty for a result that was kept.
+    spent : SpentTime or None
+        All of it, for the time that the rest will take; None for a result that was kept.
     """
 
     result: R | None
     error: str | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
+    spent: SpentTime | None = field(default=None, compare=False)
 
 
 class Work(ABC, Generic[I, R]):
@@ -121,7 +128,7 @@ def stream(
     *,
     unit: str = "",
     what: str = "",
-    on_start: Callable[[], None] | None = None,
+    on_start: OnStart | None = None,
 ) -> Iterator[tuple[I, Done[R]]]:
     """Yield every item with what became of it: those that are finished already, then the others as they come.
 
@@ -135,7 +142,8 @@ def stream(
     unit, what : str
         For the display: what is counted, and of what.
     on_start : callable, optional
-        Called once when workers can be had for what is missing; never if nothing is.
+        Called once when workers can be had for what is missing; never if nothing is. It may return what the parts of
+        items are expected to take, by their names, from which the time left is told.
 
     Raises
     ------
@@ -159,9 +167,11 @@ def stream(
     yield from ready
     if not missing:
         return
-    with contextlib.closing(_run(work, missing, execution, on_start or _nothing)) as results:
+    clock = _Clock(work, missing, execution, on_start)
+    with contextlib.closing(_run(work, missing, execution, clock.start)) as results:
         for item, made in results:
             done = work.lost(item, _died(work, item)) if made is None else made
+            progress.left(clock.left_s(item, done))
             for name, error in work.parts(item, done).items():
                 progress.done(name, failed=error)
             yield item, done
@@ -198,11 +208,46 @@ def _run(
     return run_in_processes(function, items, execution.processes, renderer=work.renders)
 
 
-def _nothing() -> None:
-    pass
+class _Clock(Generic[I, R]):
+    """Tells the time that the rest of the missing items will take."""
+
+    def __init__(self, work: Work[I, R], missing: Sequence[I], execution: Execution, on_start: OnStart | None) -> None:
+        self._work, self._missing, self._on_start = work, missing, on_start
+        self._processes = execution.processes if execution.dask is None else None
+        self._remaining = Remaining({}, 1)
+        self._begin = 0.0
+
+    def start(self) -> None:
+        """Ask what is expected, and begin."""
+        told = (self._on_start() if self._on_start is not None else None) or {}
+        expected: dict[str, ExpectedTime | None] = {}
+        for item in self._missing:
+            parts = [told.get(name) for name in self._work.parts(item, None)]
+            known = [part for part in parts if part is not None]
+            whole = sum(known[1:], known[0]) if known and len(known) == len(parts) else None
+            expected[self._work.name(item)] = whole
+        self._remaining = Remaining(expected, self._processes)
+        self._begin = time.monotonic()
+
+    def left_s(self, item: I, done: Done[R]) -> float | None:
+        """Return the seconds left when an item is done."""
+        self._remaining.done(self._work.name(item), done.spent or SpentTime(0.0))
+        return self._remaining.seconds(time.monotonic() - self._begin)
 
 
 def _safely(work: Work[I, R], item: I) -> Done[R]:
+    from horizonval.renderer.plugin.compiling import compiling_counted
+
+    start = time.perf_counter()
+    once.taken_s()
+    with compiling_counted() if work.renders else contextlib.nullcontext():
+        done = _made(work, item)
+    counted = once.taken_s()
+    compiling_s = counted.pop(once.COMPILING, 0.0)
+    return replace(done, spent=SpentTime(time.perf_counter() - start, sum(counted.values()), compiling_s))
+
+
+def _made(work: Work[I, R], item: I) -> Done[R]:
     watch = Stopwatch()
     try:
         with _ended_after(work.limit_s(item)):

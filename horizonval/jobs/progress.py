@@ -7,6 +7,23 @@ import time
 from types import TracebackType
 from typing import Self
 
+from horizonval.jobs.life import hush
+
+FEWEST_ALIKE = 3
+"""Items that must be done before a mean over them says how long the rest will take."""
+
+
+def about(seconds: float | None) -> str:
+    """Return the time left in words, as roughly as it is known; empty for None."""
+    if seconds is None:
+        return ""
+    if seconds < 90:
+        step = 1 if seconds < 10 else 5
+        return f"about {max(1, step * round(seconds / step))} s left"
+    if seconds < 5400:
+        return f"about {round(seconds / 60)} min left"
+    return f"about {seconds / 3600:.1f} h left"
+
 
 class Terminal:
     """A bar with rate and time left where standard error is a terminal, else one line per item.
@@ -25,7 +42,7 @@ class Terminal:
 
     def __init__(self, what: str = "", unit: str = "frames", *, log: bool = True) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
         from rich.progress import Progress as RichProgress
 
         self._what, self._unit, self._log = what, unit, log
@@ -35,12 +52,14 @@ class Terminal:
             BarColumn(),
             MofNCompleteColumn(),
             TextColumn("{task.fields[rate]}"),
-            TimeRemainingColumn(),
+            TextColumn("{task.fields[left]}"),
             console=self._console,
             disable=not self._console.is_terminal,
         )
         self._status = self._console.status("") if self._console.is_terminal else None
         self._finished = self._kept = self._total = 0
+        self._left_s: float | None = None
+        self._told = False
         self._step = ""
 
     def __enter__(self) -> Self:
@@ -58,26 +77,39 @@ class Terminal:
         self._bar.start()
         self._unit, self._what = unit or self._unit, what or self._what
         self._total, self._kept, self._finished, self._begin = total, kept, kept, time.monotonic()
-        self._task = self._bar.add_task(self._what, total=total, completed=kept, rate="")
+        self._left_s, self._told = None, False
+        self._task = self._bar.add_task(self._what, total=total, completed=kept, rate="", left="")
+        hush()
         if kept:
             self._line(f"{kept} of {total} {self._unit} are finished already")
+        elif not self._console.is_terminal and self._log:
+            self._line(f"{self._what}: {total} {self._unit}".removeprefix(": "))
 
     def done(self, name: str, *, failed: str | None = None) -> None:
         """Advance."""
         self._finished += 1
         elapsed = max(time.monotonic() - self._begin, 1e-9)
         rate = (self._finished - self._kept) / elapsed
-        left = (self._total - self._finished) / rate
-        self._bar.update(self._task, completed=self._finished, rate=f"{rate:.2f} {self._unit}/s")
+        if not self._told:
+            alike = self._finished - self._kept >= FEWEST_ALIKE
+            self._left_s = (self._total - self._finished) / rate if alike else None
+        left = about(self._left_s) if self._finished < self._total else ""
+        self._bar.update(self._task, completed=self._finished, rate=f"{rate:.2f} {self._unit}/s", left=left)
         if failed:
             self._line(f"{name}: failed: {failed}")
         elif not self._console.is_terminal and self._log:
-            self._line(f"[{self._finished}/{self._total}] {name}  {rate:.2f} {self._unit}/s  {left:.0f} s left")
+            line = f"[{self._finished}/{self._total}] {name}  {rate:.2f} {self._unit}/s  {left}"
+            self._line(line.rstrip())
+
+    def left(self, seconds: float | None) -> None:
+        """Show what the work says of the time left, in place of a mean over what is done."""
+        self._left_s, self._told = seconds, True
 
     def step(self, what: str, state: str = "") -> None:
         """Show what is under way; beside a bar there is no place for it."""
         if self._bar.tasks:
             return
+        hush()
         if self._status is None:
             if what != self._step and self._log:
                 self._line(what)

@@ -1,21 +1,26 @@
-"""The check that precedes a run: a sample of the frames, in a second or two."""
+"""The check that precedes a run: a sample of the frames, in a second or two; and what the frames will take."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 from horizonval.core.errors import UserError
+from horizonval.jobs.remaining import ExpectedTime
+from horizonval.precheck.cost import column_key, json_of_bands
 from horizonval.precheck.findings import Kind
-from horizonval.precheck.frames import Group
+from horizonval.precheck.frames import Group, Watcher
 from horizonval.precheck.report import Report
 from horizonval.precheck.study import by_design
 from horizonval.precheck.suite import by_camera, check_groups
 from horizonval.scoring import limits
-from horizonval.spec.load import Suite
+from horizonval.spec.load import Case, Suite
 from horizonval.studies.trade.design import Study
 
 FEW_FRAMES = 32
 """Frames that are looked at before a run, some 0.05 s each: it must not start more than some two seconds later."""
+
+FRAMES_FOR_COST = 3
+"""Frames of every camera from which the time that a run takes is told."""
 
 FEW_LINEAR = 2
 """Of each linear array: its horizon is followed in steps of a thousandth of a pixel, for some 0.2 s."""
@@ -35,6 +40,33 @@ def check_before_run(target: Suite | Study) -> Report | None:
     except UserError:
         return None
     return None if any(finding.code == "cannot-run" for finding in report.findings) else report
+
+
+def expected_of(target: Suite | Study) -> dict[str, ExpectedTime]:
+    """Return what each frame is expected to take, by the cases' names, from a few frames of every camera.
+
+    Empty where the run itself is about to say what is wrong with the file.
+    """
+    suite = target.suite if isinstance(target, Study) else target
+    watcher, expected = Watcher(), {}
+    try:
+        for group in by_camera(suite):
+            bands: dict[str, list[Case]] = {}
+            for case in group.cases:
+                bands.setdefault(json_of_bands(case.camera), []).append(case)
+            for cases in bands.values():
+                alike = Group(group.subject, tuple(cases), group.estimators, group.needs)
+                costs = watcher.look(alike, FRAMES_FOR_COST, infrared=False).costs
+                if not costs:
+                    return {}
+                seconds = sum(c.render_s + (c.observe_s + c.estimate_s) * suite.draws for c in costs) / len(costs)
+                once_s = costs[0].tables_s
+                for case in cases:
+                    once = {str(column_key(case.scene, case.camera)): once_s} if once_s else {}
+                    expected[case.name] = ExpectedTime(seconds, once)
+    except UserError:
+        return {}
+    return expected
 
 
 def _is_linear(group: Group) -> bool:

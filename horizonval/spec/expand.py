@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
+from horizonval.core.machine.file_names import LONGEST_GENERATED_NAME, shortened
 from horizonval.spec.explain import show
 from horizonval.spec.merge import deep_merge
 from horizonval.spec.suite import CasesSpec
@@ -66,8 +67,8 @@ class Variant:
 
     @property
     def name(self) -> str:
-        """The table's name, then the label."""
-        return "_".join(filter(None, [self.table, self.label]))
+        """The table's name, then the label; of many axes or long values their beginning and a digest."""
+        return shortened("_".join(filter(None, [self.table, self.label])), LONGEST_GENERATED_NAME)
 
 
 def variants(table: CasesSpec, seed: int, where: str, frames: int | None = None) -> Iterator[Variant]:

@@ -99,7 +99,7 @@ def describe(root: Schema, node: Schema) -> str:
         case "string" if node.get("format") == "date-time":
             return "a date and time such as 2026-03-20T12:00:00Z"
         case "string" if "pattern" in node:
-            return f"text made of the characters {node['pattern'].strip('^$').rstrip('+')}"
+            return f"text made of the characters {node['pattern'].strip('^$').rstrip('+')}" + _length(node)
         case "string":
             return "text in quotes"
         case "array":
@@ -200,8 +200,8 @@ def _length(node: Schema) -> str:
     words = []
     if "minItems" in node:
         words.append(f"at least {node['minItems']} long")
-    if "maxItems" in node:
-        words.append(f"at most {node['maxItems']} long")
+    if most := node.get("maxItems", node.get("maxLength")):
+        words.append(f"at most {most} long")
     return (", " + " and ".join(words)) if words else ""
 
 

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from horizonval.core import files
-from horizonval.core.errors import MistakeCollector, UserError
+from horizonval.core.errors import MistakeCollector, UserError, excerpt
 from horizonval.core.json_types import JsonObject
 from horizonval.core.suggest import nearest
 from horizonval.spec.base import Model
@@ -92,6 +92,7 @@ class Suite:
 
     ``programs``, ``keep``, ``draws``, ``seed`` and the limits are those of :class:`horizonval.spec.suite.SuiteHead` and
     ``[[estimator]]``. ``study``: the frames of a trade study, whose list of designs may change in the folder of a run.
+    ``options``: words of the command line that stood in place of what the file says.
     """
 
     name: str
@@ -110,6 +111,7 @@ class Suite:
     study: bool = False
     draws: int = 1
     seed: int = 0
+    options: tuple[str, ...] = ()
 
     @property
     def estimators_key(self) -> str:
@@ -216,7 +218,9 @@ def load_suite(
         spec = spec.model_copy(update={"suite": with_option(spec.suite, "frames", frames, "--frames")})
     if seed is not None:
         spec = spec.model_copy(update={"suite": with_option(spec.suite, "seed", seed, "--seed")})
-    return suite_of(spec, path, fly)
+    given = {"--frames": frames, "--seed": seed}
+    words = tuple(word for option, value in given.items() if value is not None for word in (option, str(value)))
+    return replace(suite_of(spec, path, fly), options=words)
 
 
 def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None, *, places: Sequence[str] = ()) -> Suite:
@@ -234,17 +238,20 @@ def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None, *, places: Seq
     seeded = deep_merge({"scene": {"seed": spec.suite.seed}}, spec.defaults)
     shelf = Shelf(path)
     cases: list[Case] = []
-    names: set[str] = set()
+    names: dict[str, str] = {}
     collector = MistakeCollector()
     with collector.caught():
         for inside, data, origin in _scenes(spec, path, seeded, fly, places):
             with collector.caught(inside):
                 scene, camera = shelf.resolve(data, inside=inside)
                 for case in _one_per_head(scene, camera, f"{path}: {inside}: camera.head"):
-                    if case.name in names:
+                    # Some systems do not tell names apart by the case of their letters.
+                    key = case.name.casefold()
+                    if key in names:
                         twice = f"two frames are named {case.name!r}"
+                        twice += "" if names[key] == case.name else f" and {names[key]!r}, alike but for capitals"
                         raise UserError(twice, where=f"{path}: {inside}", fix="rename one")
-                    names.add(case.name)
+                    names[key] = case.name
                     cases.append(replace(case, **origin))
     collector.tell()
     head = spec.suite
@@ -272,7 +279,7 @@ def _scenes(
 ) -> Iterator[tuple[str, JsonObject, JsonObject]]:
     """Yield the place in the file that makes a scene, the scene over the defaults, and what a case knows beside it."""
     for i, frame in enumerate(spec.frame, start=1):
-        inside = f"frame[{i}] ({frame['scene']['name']})"
+        inside = f"frame[{i}] ({excerpt(frame['scene']['name'])})"
         chosen = _chosen_estimators(frame.get("estimators"), spec.suite.estimators, f"{path}: {inside}.estimators")
         plain = {key: frame[key] for key in frame if key != "estimators"}
         yield inside, deep_merge(seeded, plain), {"estimators": chosen}

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import Positive
+from horizonval.spec.numbers import Name, Positive
 from horizonval.spec.units import unit
 
 MOST_GATES = 10
@@ -38,7 +38,7 @@ TWO_SIDED = ("limb_radiance", "disc_radiance", "noise")
 class GateSpec(Model):
     """One gate: a metric in one lane, the largest change for the worse that does not matter, and why."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]
+    name: Name
     """Name of the gate."""
     lane: Lane
     """`replay` (frozen images through today's estimators), `rerender` (the same scenes and noise again) or `fresh`

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, field_validator, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import Angle, Finite, Fraction, Listed, Positive, Whole
+from horizonval.spec.numbers import Angle, Finite, Fraction, FrameName, Listed, PlainName, Positive, Whole
 from horizonval.spec.units import unit
 
 
@@ -17,13 +17,13 @@ class SceneName(Model):
 
     later_keys: ClassVar[frozenset[str]] = frozenset({"draw"})
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")] = "scene"
+    name: FrameName = "scene"
     """Name of the scene. Clouds are drawn from it, unless there is a `draw`; with all the rest of scene and camera it
     also seeds the noise.
     """
     seed: Whole = 0
     """Another number draws other clouds and other noise. In a suite the default is the suite's seed."""
-    draw: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")] | None = None
+    draw: FrameName | None = None
     """A name that stands in place of the scene's own identity wherever something is drawn. Scenes of the same draw and
     seed have the same clouds and, with the same camera name, the same noise: common random numbers, for comparing
     cameras and methods frame by frame.
@@ -43,7 +43,7 @@ class CameraUse(Model):
     """Name of a shipped camera (`horizonval list cameras`), or the path of a camera file; a relative path starts from
     the folder of this file.
     """
-    head: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")] | None = None
+    head: PlainName | None = None
     """Name of one of the camera file's `[[head]]` tables, or `"all"` for one frame per head, named `<scene>.<head>`.
     Without the key a suite's frame does the same, and a scene file asks for a choice.
     """

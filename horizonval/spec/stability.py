@@ -8,18 +8,18 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
+from horizonval.spec.numbers import PlainName
 from horizonval.spec.scene import Atmosphere, Surface
 from horizonval.spec.sensor.camera import Band, Positive
 from horizonval.spec.units import unit
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
 Month = Annotated[int, Field(ge=1, le=12), unit("1")]
 
 
 class StabilityBand(Model):
     """A thermal band with a rectangular response."""
 
-    name: Name
+    name: PlainName
     """Name of the band."""
     lo_um: Positive
     """Lower end."""
@@ -41,7 +41,7 @@ class StabilityBand(Model):
 class EdgeSensor(Model):
     """Four heads that each report the nadir angle of an edge."""
 
-    name: Name
+    name: PlainName
     """Name of the sensor."""
     kind: Literal["edge"]
     """A sensor of edges."""
@@ -54,7 +54,7 @@ class EdgeSensor(Model):
 class FieldSensor(Model):
     """Four heads with a square field across the horizon; their output is the mean radiance in the field."""
 
-    name: Name
+    name: PlainName
     """Name of the sensor."""
     kind: Literal["field"]
     """A sensor of the mean radiance in a field."""

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import Positive, Whole
-from horizonval.spec.suite import Keep, Name, ProgramSpec, Scenes, SobolSpec
+from horizonval.spec.numbers import Name, Positive, Whole
+from horizonval.spec.suite import Keep, ProgramSpec, Scenes, SobolSpec
 from horizonval.spec.units import unit
 
 Price = Literal["pixel_rate", "processor"]

@@ -7,12 +7,11 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import Positive, Whole
+from horizonval.spec.numbers import Name, Positive, Whole
 from horizonval.spec.regression import RegressionSpec
 from horizonval.spec.stability import StabilitySpec
 from horizonval.spec.units import unit
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")]
 Keep = Literal["all", "failures", "none"]
 Scenes = list[dict[str, Any]]
 Names = list[str]

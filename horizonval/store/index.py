@@ -210,7 +210,13 @@ class Index:
         with self._reported(), self._in_memory(progress) if in_memory else self._open(write=False) as connection:
             entries = list(_select(connection, wanted))
         there = {path.stem for path in places(self.root)}
-        return [entry if entry.address in there else replace(entry, kind="missing") for entry in entries]
+        entries = [entry if entry.address in there else replace(entry, kind="missing") for entry in entries]
+        if wanted in (None, Filter()):
+            # What may not be read has no row, and is not to be overlooked.
+            unknown = there.difference(entry.address for entry in entries)
+            entries += [StoreEntry(address, "damaged", 0) for address in unknown]
+            entries.sort(key=lambda entry: entry.address)
+        return entries
 
     @contextlib.contextmanager
     def _in_memory(self, progress: Progress | None) -> Iterator[sqlite3.Connection]:

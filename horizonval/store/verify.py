@@ -8,7 +8,7 @@ Bytes are compared with addresses, so that a file under a wrong name is recognis
     duplicate   a copy of an intact entry, or the same pixels and truth as another entry
     foreign     anything else that is no entry
     leftover    of an interrupted write
-    unreadable  a folder that may not be looked into
+    unreadable  a folder that may not be looked into, or a file that may not be read: nobody knows what is there
     index       a row of the index that is not what the header says
 """
 
@@ -27,7 +27,9 @@ from horizonval.store import exr
 from horizonval.store.entry import INDEX_PREFIX, StoreEntry, describe, is_address, place
 from horizonval.store.index import NAME, Index
 
-Problem = Literal["damaged", "misplaced", "missing", "duplicate", "foreign", "leftover", "unreadable", "index"]
+Problem = Literal[
+    "damaged", "misplaced", "missing", "duplicate", "foreign", "leftover", "unreadable", "index", "unfinished", "older"
+]
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,7 @@ class _File:
     path: Path
     digest: str
     reason: str
+    readable: bool = True
 
 
 def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progress | None = None) -> list[StoreFinding]:
@@ -92,10 +95,13 @@ def verify(root: Path, named: Mapping[str, str] | None = None, progress: Progres
     findings += _same_content(root, intact, expected)
     findings += _stale_rows(root, intact, known)
     bytes_at = {file.digest: file.path for file in strays if not file.reason}
-    accounted = {finding.address for finding in findings if finding.problem in ("damaged", "misplaced")}
+    accounted = {f.address for f in findings if f.problem in ("damaged", "misplaced", "unreadable")}
+    closed = {f.path for f in unreadable}
     for address, who in expected.items():
         if address not in intact and address not in accounted and is_address(address):
             where = place(root, address)
+            if closed & {root, where.parent}:
+                continue
             hint = f"; its bytes lie at {_shown(bytes_at[address], root)}" if address in bytes_at else ""
             message = f"{_shown(where, root)}: not there, though {who} names it{hint}"
             findings.append(StoreFinding(where, "missing", message, address))
@@ -135,7 +141,7 @@ def _looked_at(path: Path) -> _File:
     try:
         digest = files.sha256_of(path, links=False)
     except UserError as error:
-        return _File(path, "", error.what)
+        return _File(path, "", error.what, readable=not isinstance(error, files.UnreadableFileError))
     try:
         return _File(path, digest, _damage(path))
     except UserError as error:
@@ -162,6 +168,8 @@ def _stray(
     ``home`` has the files that were told to be misplaced entries; this one is added if it is one.
     """
     path, shown = file.path, _shown(file.path, root)
+    if not file.readable:
+        return StoreFinding(path, "unreadable", f"{shown}: {file.reason}", path.stem if _is_place(path, root) else "")
     if file.reason or not file.digest:
         if _is_place(path, root):
             return StoreFinding(path, "damaged", f"{shown}: {file.reason}", path.stem)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sqlite3
+import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 import OpenImageIO
 import pytest
-from conftest import assert_one_line
+from conftest import assert_one_line, outcome_of
 
 from horizonval.estimation import registry
 from horizonval.geometry.ellipsoid import WGS84
@@ -66,9 +68,40 @@ def test_verify_knows_what_the_run_names(horizonval, out):
     (out / "archive" / victim[:2] / f"{victim}.exr").unlink()
     (out / "archive" / "index.sqlite").unlink()
     done = horizonval("archive", "verify", "out", "--json")
-    (problem,) = json.loads(done.stdout)["problems"]
+    index, problem = sorted(json.loads(done.stdout)["problems"], key=lambda one: one["address"])
+    assert index["message"] == "archive/index.sqlite: not there, though the manifest names it"
     assert (done.returncode, problem["problem"], problem["address"]) == (1, "missing", victim)
     assert "the case 'frame-" in problem["message"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="FIFOs and links of POSIX")
+def test_a_run_among_what_its_host_put_there_is_verified_and_restored(horizonval, out, mini_suite, mini_run, tmp_path):
+    archive, outside = out / "archive", tmp_path / "outside"
+    first, second, third = (archive / e["address"][:2] / f"{e['address']}.exr" for e in listed(horizonval)[:9:4])
+    assert len({path.parent for path in (first, second, third)}) == 3
+    for path in (first, second):
+        path.unlink()
+    os.mkfifo(first)
+    second.symlink_to("/dev/zero")
+    third.parent.rename(outside)
+    third.parent.symlink_to(outside)
+    (archive / "index.sqlite").write_bytes((archive / "index.sqlite").read_bytes()[:5000])
+    strange = archive / os.fsdecode(b"two\nlines\x1b[2J\xff")
+    strange.touch()
+    done = horizonval("archive", "verify", out)
+    assert done.returncode == 1
+    assert done.stdout.replace("\n", "").isprintable()
+    lines = done.stdout.splitlines()
+    assert sorted(line.partition(":")[0] for line in lines[:-1]) == [
+        "damaged", "damaged", "foreign", "foreign", "index", "missing",
+    ]  # fmt: skip
+    assert lines[-1] == "9 entries, 6 problems"
+    strange.unlink()
+    assert horizonval("run", mini_suite, "--out", out).returncode == 0
+    assert outcome_of(out) == outcome_of(mini_run)
+    done = horizonval("archive", "verify", out)
+    assert (done.returncode, done.stdout) == (0, "12 entries, 0 problems\n")
+    assert [path.name for path in outside.iterdir()] == [third.name]
 
 
 def test_show(horizonval, out):

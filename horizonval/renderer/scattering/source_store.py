@@ -19,6 +19,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.cache import cached_arrays, keep_arrays, log_damage
 from horizonval.core.errors import DamagedFileError
 from horizonval.core.machine.caches import cache_folder
+from horizonval.core.once import made_once
 from horizonval.core.progress import Progress
 from horizonval.earth.column import SpectralNode
 from horizonval.renderer.scattering.diffuse_field import DiffuseField, MultipleScattering
@@ -56,7 +57,8 @@ def multiple_scattering(
         path = cache_folder() / "scattering" / f"{key}.npz"
         solution = _read(path, key, float(altitude_m[-1]), planet_m, degree_of(node, quality))
         if solution is None:
-            solution = solve(node, altitude_m, planet_m, sun_table(), quality, progress)
+            with made_once("tables"):
+                solution = solve(node, altitude_m, planet_m, sun_table(), quality, progress)
             _write(path, key, solution)
         _memory[key] = solution
         if len(_memory) > _KEPT:

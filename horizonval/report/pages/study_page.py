@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,12 @@ def write_page(run_dir: Path) -> Path:
         A file of the study is not what it writes.
     """
     result, costs = _read(run_dir / RESULT, {"designs", "query"}), _read(run_dir / COSTS, {"designs", "query"})
-    text = template.environment().get_template(PAGE).render(**page_of(result, costs), **template.shared_parts())
+    run = read_json(run_dir / "run.json") or {}
+    text = (
+        template.environment()
+        .get_template(PAGE)
+        .render(**page_of(result, costs), again=shlex.join(run.get("command") or ()), **template.shared_parts())
+    )
     path = run_dir / "report" / PAGE
     path.parent.mkdir(exist_ok=True)
     template.write(path, text)
@@ -67,6 +73,7 @@ def page_of(result: JsonObject, costs: JsonObject) -> dict[str, Any]:
         "figures": _figures(result, costs, words),
         "effects": _effects(result["effects"], words),
         "lines": [_line(d, costs["designs"][d["name"]], words) for d in designs],
+        "compare": shlex.join(["horizonval", "study", ".", "--compare", *(str(d["number"]) for d in designs[:2])]),
         "pairs": [_pair(pair, designs) for pair in result["pairs"]],
         "failed": result["failed"],
         "machine": costs["machine"],

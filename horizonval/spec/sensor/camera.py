@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from horizonval.core.errors import UserError
 from horizonval.spec.base import Model
-from horizonval.spec.numbers import Angle, Fraction, Positive
+from horizonval.spec.numbers import Angle, Fraction, PlainName, Positive
 from horizonval.spec.sensor.camera_geometry import CameraGeometry
 from horizonval.spec.sensor.cmos import Cmos
 from horizonval.spec.sensor.detector import Detector, ThermalDetector
@@ -33,7 +33,7 @@ class PlatformPrior(Model):
 class Band(Model):
     """One spectral band: a top hat (`lo_um`, `hi_um`) or a table (`wavelength_um`, `response`)."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+    name: PlainName
     """Name of the band; the camera's bands have different names."""
     kind: Literal["solar", "thermal"]
     """`solar`: scattered sunlight, the response is a quantum efficiency (electrons per photon). `thermal`: emission,
@@ -77,7 +77,7 @@ class Head(Model):
     x. The scene's `camera.mount_*` angles turn the satellite's body axes into those of the housing; they come first.
     """
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]
+    name: PlainName
     """Name of the head, anything but `all`."""
     mount_yaw_deg: Angle = 0.0
     """Yaw in the housing, about z."""

@@ -28,7 +28,7 @@ from horizonval.studies.trade.design import Design
 from horizonval.studies.trade.effects import effects_of
 from horizonval.studies.trade.measures import measures_of
 from horizonval.studies.trade.pareto import front
-from horizonval.studies.trade.plan import StudyPlan
+from horizonval.studies.trade.plan import FILE, StudyPlan
 from horizonval.studies.trade.query import cheapest, verdict_of
 from horizonval.studies.trade.sample import Sample, cluster_draws, sample_of
 
@@ -131,6 +131,11 @@ def conclude(data: Data, root: Path) -> tuple[JsonObject, JsonObject]:
     write_json(root / cost.FILE, costs)
     _write_table(root / TABLE, designs, result["axes"])
     return result, costs
+
+
+def files_of_study(root: Path) -> list[Path]:
+    """Return the files that the results of a study are."""
+    return [root / name for name in (FILE, RESULT, cost.FILE, TABLE)]
 
 
 def query(

@@ -21,6 +21,7 @@ from typing import Any
 
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
+from horizonval.core.machine.file_names import LONGEST_FRAME_NAME, LONGEST_GENERATED_NAME, shortened
 from horizonval.core.suggest import nearest
 from horizonval.spec.expand import variants
 from horizonval.spec.explain import show
@@ -226,7 +227,7 @@ def _entries(spec: StudySpec, path: Path) -> Iterator[DesignEntry]:
             raise UserError(f"found {show(orbit)}", where=f"{where}: orbit", expected="keys of the orbit")
         settings = dict(zip(spec.design.lists, names, strict=True))
         settings |= {key: _plain(_value(variant.scene, key)) for key in keys}
-        name = "_".join(filter(None, [variant.item, *variant.parts]))
+        name = shortened("_".join(filter(None, [variant.item, *variant.parts])), LONGEST_GENERATED_NAME)
         yield DesignEntry(name or "all", settings, scene, dict(orbit), _estimators(estimators, where))
 
 
@@ -304,7 +305,7 @@ def _batches(estimators: Sequence[str], known: Sequence[Sequence[str]]) -> list[
 
 def _frame_of(case: Case, entry: DesignEntry, condition: str, batch: int, estimators: tuple[str, ...]) -> Case:
     """Return a condition's case as the frame of an entry, for one batch of its estimators."""
-    name = f"{entry.name}__{condition}" + (f"__{batch}" if batch > 1 else "")
+    name = shortened(f"{entry.name}__{condition}" + (f"__{batch}" if batch > 1 else ""), LONGEST_FRAME_NAME)
     identity = case.scene.scene.model_copy(update={"name": name, "draw": condition})
     return replace(case, scene=case.scene.model_copy(update={"scene": identity}), estimators=estimators)
 

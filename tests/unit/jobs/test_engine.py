@@ -17,6 +17,7 @@ from horizonval.jobs import engine
 from horizonval.jobs.engine import Recorded, do, stream
 from horizonval.jobs.execution import Execution, parse_shard
 from horizonval.jobs.kept import Record, keep, kept
+from horizonval.jobs.remaining import ExpectedTime
 from horizonval.jobs.stopwatch import Stopwatch
 
 PACKAGE = Path(horizonval.__file__).parent
@@ -169,3 +170,24 @@ def test_there_is_one_engine() -> None:
         found |= {(place, "pool")} if names & pools else set()
         found |= {(place, "runs")} if names & {"run_in_processes", "run_on_cluster"} else set()
     assert found == {("jobs/pool.py", "pool"), ("jobs/engine.py", "runs")}
+
+
+class Left(Telling):
+    def __init__(self) -> None:
+        super().__init__()
+        self.seconds: list[float | None] = []
+
+    def left(self, seconds: float | None) -> None:
+        self.seconds.append(seconds)
+
+
+@pytest.mark.usefixtures("here")
+def test_the_time_left_comes_from_what_was_expected(tmp_path: Path) -> None:
+    """The dear item is left: a mean over the cheap ones would say next to nothing."""
+    told = Left()
+    expected = {"1": ExpectedTime(1.0), "2": ExpectedTime(1.0), "3": ExpectedTime(1000.0)}
+    list(stream(Squares(tmp_path), [1, 2, 3], Execution(1), told, on_start=lambda: expected))
+    assert len(told.seconds) == 3
+    assert told.seconds[-1] == 0.0
+    assert told.seconds[1] is not None
+    assert told.seconds[1] > 100.0

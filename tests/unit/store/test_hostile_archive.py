@@ -198,8 +198,28 @@ def test_a_folder_that_cannot_be_listed_is_a_finding_and_the_walk_goes_on(tmp_pa
 
     monkeypatch.setattr(os, "scandir", refusing)
     findings = {(f.problem, f.path) for f in store.verify()}
-    assert ("unreadable", Path(closed)) in findings
-    assert ("damaged", store.path(second)) in findings
+    assert findings == {("unreadable", Path(closed)), ("damaged", store.path(second))}
+
+
+def test_an_entry_that_may_not_be_read_is_not_called_damaged_and_not_overlooked(tmp_path, make_frame, monkeypatch):
+    store = Store(tmp_path / "archive")
+    closed, other = (store.path(store.add_frame(make_frame(value))) for value in (1.0, 2.0))
+    (store.root / NAME).unlink()
+    opening = os.open
+
+    def refusing(path, *arguments, **options):
+        if os.fspath(path) == str(closed):
+            raise PermissionError(13, "Permission denied", str(closed))
+        return opening(path, *arguments, **options)
+
+    monkeypatch.setattr(os, "open", refusing)
+    assert [(f.problem, f.path) for f in store.verify()] == [("unreadable", closed)]
+    assert {entry.address: entry.kind for entry in store.index.select()} == {
+        closed.stem: "damaged",
+        other.stem: "frame",
+    }
+    monkeypatch.undo()
+    assert {entry.kind for entry in store.index.select()} == {"frame"}
 
 
 @pytest.mark.parametrize("name", ["../secret", "/etc/passwd", "a/b", "..", ".", "", "a\nb", "a\0b", 5, None])

@@ -1,0 +1,115 @@
+"""Names that cannot be files are refused at loading; names that grids make are bounded."""
+
+from __future__ import annotations
+
+import pytest
+
+from horizonval.core.errors import UserError
+from horizonval.core.machine.file_names import (
+    LONGEST_FRAME_NAME,
+    LONGEST_GENERATED_NAME,
+    LONGEST_NAME,
+    shortened,
+    usable_name,
+)
+from horizonval.core.sealed import json_bytes
+from horizonval.store.folder import RunFolder, write_json
+from horizonval.studies.trade.design import expand, read_study
+from horizonval.suites.suite import load_suite
+
+HEAD = """
+[suite]
+name = "names"
+estimators = ["ideal"]
+[defaults]
+camera = { file = "vis-cmos-512-60deg" }
+platform = { altitude_km = 500.0 }
+"""
+
+
+@pytest.fixture
+def load(tmp_path):
+    def load(text: str):
+        (tmp_path / "s.toml").write_text(HEAD + text)
+        return load_suite(tmp_path / "s.toml")
+
+    return load
+
+
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [
+        ("x" * 300, "at most 150 long"),
+        ("x" * 151, "at most 150 long"),
+        ("a/b", "[A-Za-z0-9._-]"),
+        ("a\\u0000b", "[A-Za-z0-9._-]"),
+        ("a\\nb", "[A-Za-z0-9._-]"),
+        ("a\\u007f", "[A-Za-z0-9._-]"),
+        ("\\u00e9", "[A-Za-z0-9._-]"),
+        ("", "[A-Za-z0-9._-]"),
+        ("a ", "[A-Za-z0-9._-]"),
+        (" ", "[A-Za-z0-9._-]"),
+        (".", "cannot be a file's"),
+        ("..", "cannot be a file's"),
+        ("a.", "cannot be a file's"),
+        ("CON", "a device"),
+        ("nul.frame", "a device"),
+        ("Lpt1", "a device"),
+    ],
+)
+def test_a_name_that_cannot_be_a_file_is_refused(load, name, part):
+    with pytest.raises(UserError) as e:
+        load(f'[[frame]]\nscene.name = "{name}"\n')
+    assert part in e.value.line()
+    assert len(e.value.lines()) == 1
+    assert len(e.value.line()) < 500
+    with pytest.raises(UserError) as e:
+        load(f'[[cases]]\nname = "{name}"\ngrid = {{ "platform.latitude_deg" = [1.0] }}\n')
+    assert "cases[1].name" in e.value.line()
+
+
+def test_names_alike_but_for_capitals_are_refused(load):
+    with pytest.raises(UserError, match="two frames are named 'limb' and 'Limb', alike but for capitals"):
+        load('[[frame]]\nscene.name = "Limb"\n[[frame]]\nscene.name = "limb"\n')
+
+
+def test_a_grid_of_long_values_has_bounded_names_of_their_own(load, tmp_path):
+    keys = [f"platform.{key}" for key in ("latitude_deg", "longitude_deg", "altitude_km", "heading_deg")]
+    keys += [f"attitude.{key}" for key in ("roll_deg", "pitch_deg", "yaw_deg")]
+    axes = "\n".join(f'"{key}" = [100.123456701, 100.123456702]' for key in keys).replace("100.", "10.")
+    suite = load(f'[[cases]]\nname = "{"n" * LONGEST_NAME}"\n[cases.grid]\n{axes}\n')
+    names = [case.name for case in suite.cases]
+    assert len(set(names)) == len(names) == 2**7
+    assert {len(name) for name in names} <= set(range(LONGEST_GENERATED_NAME + 1))
+    assert max(map(len, names)) > LONGEST_GENERATED_NAME - 10
+    assert names == [case.name for case in load_suite(tmp_path / "s.toml").cases]
+
+
+def test_the_longest_name_can_be_written(tmp_path):
+    folder = RunFolder(tmp_path)
+    folder.create()
+    path = folder.case("f" * LONGEST_FRAME_NAME + "." + "h" * LONGEST_NAME)
+    write_json(path, {"a": 1})
+    assert path.is_file()
+    assert json_bytes({"a": 1})
+
+
+def test_names_of_a_study_are_bounded(tmp_path):
+    design = "d" * 140
+    (tmp_path / "s.toml").write_text(
+        HEAD.replace("[suite]", "[study]")
+        + f'[design]\nlist = [{{ name = "{design}a" }}, {{ name = "{design}b" }}]\n'
+        + f'[frames]\nlist = [{{ scene = {{ name = "{"c" * 110}" }} }}]\n'
+    )
+    cases = expand(*read_study(tmp_path / "s.toml")).suite.cases
+    assert len({case.name for case in cases}) == 2
+    assert all(len(case.name) <= LONGEST_FRAME_NAME for case in cases)
+
+
+def test_a_shortened_name_keeps_its_beginning():
+    assert shortened("a" * 10, 10) == "a" * 10
+    long = shortened("ab" * 40, 30)
+    assert long.startswith("ab" * 8)
+    assert len(long) == 30
+    assert long != shortened("ab" * 40 + "c", 30)
+    assert usable_name("console") == "console"
