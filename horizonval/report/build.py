@@ -28,6 +28,7 @@ from horizonval.report.verdict import VERDICTS, verdict_of
 from horizonval.scoring import limits
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
+from horizonval.store.manifest import amend_manifest
 
 STRIP_RATIO = 20
 """Wider images than this are drawn as a strip of their own proportions."""
@@ -53,6 +54,14 @@ def build_report(run_dir: Path) -> Path:
     UserError
         There is no run in the folder, or its files cannot be read or written.
     """
+    before = {path for path in (run_dir / "report").rglob("*") if path.is_file()}
+    pages = write_report(run_dir)
+    amend_manifest(run_dir, [*pages, *(path for path in before if not path.exists())])
+    return pages[0]
+
+
+def write_report(run_dir: Path) -> list[Path]:
+    """Write the pages of a report and return them, the first one first; otherwise as :func:`build_report`."""
     run = load_run(run_dir, MOST_CASES_SHOWN)
     environment, parts = template.environment(), template.shared_parts()
     result = stability.load_result(run_dir)
@@ -69,6 +78,8 @@ def build_report(run_dir: Path) -> Path:
         texts[campaign_page.PAGE] = environment.get_template("campaign.html").render(run=run, **page, **parts)
         texts |= {figure["file"]: figure["svg"] for section in page["sections"] for figure in section["figures"]}
     pages = run_dir / "report"
+    if (pages / campaign_page.FIGURES).is_symlink():
+        (pages / campaign_page.FIGURES).unlink()
     shutil.rmtree(pages / campaign_page.FIGURES, ignore_errors=True)
     for place in {(pages / name).parent for name in texts}:
         place.mkdir(parents=True, exist_ok=True)
@@ -76,7 +87,7 @@ def build_report(run_dir: Path) -> Path:
         (pages / name).unlink(missing_ok=True)
     for name, text in texts.items():
         template.write(pages / name, text)
-    return pages / "index.html"
+    return [pages / name for name in texts]
 
 
 def page_of(run: ReportRun) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder, intact_json, read_json, write_json
 from horizonval.store.index import Filter
+from horizonval.store.manifest import files_of_run, withdraw_manifest, write_manifest
 from horizonval.store.named import run_folder_of
 from horizonval.store.store import Store
 from horizonval.suites.again import command_of_rescoring
@@ -124,8 +125,10 @@ def rescore(
         rows = [Row.from_dict(row) for one in done.values() if one.result is not None for row in one.result["rows"]]
         rows.sort(key=lambda row: row.sort_key)
         failed = {name: one.error for name, one in done.items() if one.error is not None}
-        summary, report = conclude(folder, head.get("suite"), rows, failed)
-    return Rescored(summary, failed, report)
+        summary, pages = conclude(folder, head.get("suite"), rows, failed)
+        records = [folder.case(item.name) for item in items]
+        write_manifest(folder.root, [*files_of_run(folder), *records, *pages])
+    return Rescored(summary, failed, pages[0])
 
 
 def _claim(
@@ -146,6 +149,7 @@ def _claim(
         except OSError as e:
             raise UserError(e.strerror or "cannot be created", where=str(path)) from e
     names = [item.name for item in items]
+    withdraw_manifest(folder.root)
     for path in folder.cases.glob("*.json"):
         if path.stem not in names:
             path.unlink()

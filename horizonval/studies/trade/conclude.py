@@ -31,8 +31,7 @@ from horizonval.studies.trade.expression import Expression
 from horizonval.studies.trade.measures import measures_of
 from horizonval.studies.trade.misses import misses_of, words_of
 from horizonval.studies.trade.pareto import front
-from horizonval.studies.trade.plan import FILE as PLAN
-from horizonval.studies.trade.plan import StudyPlan
+from horizonval.studies.trade.plan import FILE, StudyPlan
 from horizonval.studies.trade.query import cheapest, verdict_of
 from horizonval.studies.trade.sample import Sample, cluster_draws, sample_of
 
@@ -104,7 +103,7 @@ def conclude(data: Data, root: Path) -> tuple[JsonObject, JsonObject]:
     plan, requirement = data.plan, data.plan.requirement
     designs = [_design(number, design, data) for number, design in enumerate(plan.designs, start=1)]
     costs = _costs(data, root)
-    price = cost.read_price(plan.head.cheapest_by, plan.designs[0].costs, f"{root / PLAN}: study.cheapest_by")
+    price = cost.read_price(plan.head.cheapest_by, plan.designs[0].costs, f"{root / FILE}: study.cheapest_by")
     timed = cost.is_timed(price)
     prices = prices_of(designs, price, costs["designs"])
     p95 = {design["name"]: design["p95_deg"]["value"] for design in designs}
@@ -138,6 +137,11 @@ def conclude(data: Data, root: Path) -> tuple[JsonObject, JsonObject]:
     write_json(root / cost.FILE, costs)
     _write_table(root / TABLE, designs, result["axes"], result["prices"])
     return result, costs
+
+
+def files_of_study(root: Path) -> list[Path]:
+    """Return the files that the results of a study are."""
+    return [root / name for name in (FILE, RESULT, cost.FILE, TABLE)]
 
 
 def query(
