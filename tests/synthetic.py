@@ -281,6 +281,7 @@ def write_run(run_dir: Path, cases: list[Case] | None = None) -> Path:
         "title": "Made-up frames for the report's own tests",
         "version": "0.1.0",
         "estimators": ["altitude-free", "ideal"],
+        "command": ["horizonval", "run", "made-up.toml", "--out", "."],
         "given_pose": ["ideal"],
         "cases": [case.truth.scene["scene"]["name"] for case in cases],
     }

@@ -28,10 +28,13 @@ def archive_ls(folder: Archive, kind: Kind = None, options: EntryOptions = ALL, 
     """List the frames and images of an archive, from its index, which catches up with the files first."""
     from dataclasses import asdict
 
+    from horizonval.store.manifest import amend_manifest
+
     store = _store(folder)
     entry_filter = options.filter(kind)
     with watched("reading headers") as progress:
         entries = store.index.select(entry_filter, progress)
+    amend_manifest(store.root.parent, [store.index.path])
     if as_json:
         print_json([asdict(entry) for entry in entries])
         return
@@ -71,15 +74,25 @@ def archive_show(
 
 @archive_app.command("verify")
 def archive_verify(folder: Archive, as_json: Json = False) -> int:
-    """Read everything and compare with checksums, index and the run's results; exit status 1 if anything is wrong."""
+    """Read everything and compare with checksums, index and results, those of the run's folder included.
+
+    The folder of a night or of results that were scored again is looked at as well. Exit status 1 if anything is wrong.
+    """
+    from horizonval.store.folder import RunFolder
+    from horizonval.store.manifest import is_results_folder, verify_folder
     from horizonval.store.named import named_addresses, run_folder_of
 
-    store = _store(folder)
-    run_folder = run_folder_of(store.root)
+    whole = is_results_folder(folder)
+    store = _archive_of_results(folder) if whole else _store(folder)
+    own = RunFolder(folder)
+    run_folder = own if store is None or store.root == own.archive else run_folder_of(store.root)
     named = named_addresses(run_folder) if run_folder else {}
     with watched("verifying") as progress:
-        findings = store.verify(named, progress)
-    count = store.count()
+        findings = verify_folder(folder, progress) if whole else []
+    if store is not None:
+        with watched("verifying") as progress:
+            findings += store.verify(named, progress)
+    count = 0 if store is None else store.count()
     if as_json:
         problems = [
             {"path": str(f.path), "problem": f.problem, "address": f.address, "message": f.message} for f in findings
@@ -89,7 +102,7 @@ def archive_verify(folder: Archive, as_json: Json = False) -> int:
         for finding in findings:
             print(f"{finding.problem}: {finding.message}")
         print(f"{count} entries, {len(findings)} problem{'' if len(findings) == 1 else 's'}")
-        if not store.index.path.exists() and not named:
+        if store is not None and not store.index.path.exists() and not named:
             print("without an index nobody knows of files that are gone; `horizonval archive reindex` makes one")
     return 1 if findings else 0
 
@@ -97,9 +110,12 @@ def archive_verify(folder: Archive, as_json: Json = False) -> int:
 @archive_app.command("reindex")
 def archive_reindex(folder: Archive) -> None:
     """Make the index anew, from the headers alone. What is missing by then is not missed any more."""
+    from horizonval.store.manifest import amend_manifest
+
     store = _store(folder, follow=False)
     with watched("reading headers") as progress:
         count = store.index.rebuild(progress)
+    amend_manifest(store.root.parent, [store.index.path])
     print(f"{store.index.path}: {count} entries")
 
 
@@ -150,6 +166,7 @@ def archive_gc(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be removed, and leave it.")] = False,
 ) -> int:
     """Remove what no result of the run names, such as frames that other code rendered; never during a run."""
+    from horizonval.store.manifest import amend_manifest
     from horizonval.store.named import garbage, remove, run_folder_of
 
     store = _store(folder, follow=False)
@@ -175,6 +192,7 @@ def archive_gc(
             print("nothing was removed")
             return 0
         remove(rubbish, run_folder)
+        amend_manifest(run_folder.root, [store.index.path])
         print(f"{what} removed, {rubbish.kept} entries are in use")
     return 0
 
@@ -223,6 +241,29 @@ def archive_rescore(
     for name, why in done.failed.items():
         print(printable(f"horizonval: {name}: {why}"), file=sys.stderr)
     return 1 if done.failed else 0
+
+
+def _archive_of_results(folder: Path) -> Any:
+    """Return the archive of a folder of results, whatever its files say; None where it has none."""
+    from horizonval.store.folder import RunFolder
+    from horizonval.store.named import named_addresses
+    from horizonval.store.store import Store
+
+    inside = RunFolder(folder).archive
+    if inside.is_dir() or (named_addresses(RunFolder(folder)) and not _elsewhere(folder)):
+        return Store(inside)
+    return _store(folder) if _elsewhere(folder) else None
+
+
+def _elsewhere(folder: Path) -> str | None:
+    """Return where results that were scored again have their images; None if that cannot be read, too."""
+    from horizonval.store.folder import RunFolder, read_json
+
+    try:
+        place = (read_json(RunFolder(folder).suite) or {}).get("archive")
+    except UserError:
+        return None
+    return place if isinstance(place, str) else None
 
 
 def _store(folder: Path, *, follow: bool = True) -> Any:

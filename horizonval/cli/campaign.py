@@ -90,8 +90,11 @@ def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folde
     print(f"report: {build_report(run_folder)}")
     if (run_folder / "study.json").is_file():
         from horizonval.report.pages.study_page import write_page
+        from horizonval.store.manifest import amend_manifest
 
-        print(f"designs: {write_page(run_folder)}")
+        page = write_page(run_folder)
+        amend_manifest(run_folder, [page])
+        print(f"designs: {page}")
 
 
 def _print_study(digest: dict[str, Any]) -> None:

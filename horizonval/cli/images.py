@@ -80,6 +80,10 @@ def estimate(
     ],
     estimator: Annotated[str, typer.Option(help="Its name; see `horizonval list estimators`.")],
     camera: Annotated[str | None, typer.Option(help="Camera file or shipped name; our own files carry theirs.")] = None,
+    suite: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="Suite or study whose [[estimator]] table the estimator is: a program."),
+    ] = None,
     as_json: Json = False,
 ) -> int:
     """One estimator on any image, also a real photograph; of our own files also how far off the answer is.
@@ -88,19 +92,19 @@ def estimate(
     other than `valid`) is a result like any other: exit status 0. Of several images one that cannot be read is said,
     the others are done, and the exit status is 1.
     """
-    from horizonval.commands.estimate import estimate_file, estimate_heads, takes_heads
+    from horizonval.commands.estimate import estimate_file, estimate_heads, estimator_of
     from horizonval.spec.load import load_camera
 
-    heads = takes_heads(estimator)
+    method = estimator_of(estimator, suite)
     spec = load_camera(camera) if camera is not None else None
-    if len(image) > 1 and not heads:
-        return _each(image, lambda path: estimate_file(path, estimator, spec, camera or ""), as_json)
+    if len(image) > 1 and method.needs != "heads":
+        return _each(image, lambda path: estimate_file(path, method, spec, camera or ""), as_json)
     if len(image) == 1:
-        report = estimate_file(image[0], estimator, spec, camera or "")
+        report = estimate_file(image[0], method, spec, camera or "")
     elif spec is not None:
         raise UserError("used with several images", where="--camera", expected="our own EXR, which carry theirs")
     else:
-        report = estimate_heads(image, estimator)
+        report = estimate_heads(image, method)
     if as_json:
         print_json(report)
         return 0

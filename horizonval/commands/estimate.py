@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from horizonval.commands.picture import GreyImage, read_picture, refuse_other_size
+from horizonval.commands.program import program_of
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
 from horizonval.estimation import installed, registry
@@ -25,12 +26,13 @@ ERRORS = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec", "alti
 """What is said of an answer whose image carries the truth, named as the columns of the results."""
 
 
-def takes_heads(estimator_name: str) -> bool:
-    """Return whether an estimator takes the images of all heads of a housing; ``UserError`` if there is none."""
-    return installed.get(estimator_name).needs == "heads"
+def estimator_of(name: str, suite: str | Path | None = None) -> Estimator:
+    """Return an installed estimator, or with ``suite`` a program of that file; ``UserError`` if there is none."""
+    program = None if suite is None else program_of(suite, name)
+    return installed.get(name) if program is None else program
 
 
-def estimate_file(path: Path, estimator_name: str, camera: CameraSpec | None, camera_file: str = "") -> dict[str, Any]:
+def estimate_file(path: Path, estimator: Estimator, camera: CameraSpec | None, camera_file: str = "") -> dict[str, Any]:
     """Return the estimate as plain data, with the keys of the command contract; ``None`` where a key does not apply.
 
     Parameters
@@ -38,7 +40,7 @@ def estimate_file(path: Path, estimator_name: str, camera: CameraSpec | None, ca
     path : Path
         Any picture :func:`horizonval.commands.picture.read_picture` reads. One that carries its truth has the errors
         against it as well (:data:`ERRORS`); the estimator is not given the truth.
-    estimator_name : str
+    estimator : Estimator
     camera : CameraSpec or None
         May be left out for our own EXR files, which carry theirs.
     camera_file : str
@@ -47,9 +49,8 @@ def estimate_file(path: Path, estimator_name: str, camera: CameraSpec | None, ca
     Raises
     ------
     UserError
-        Unknown estimator, unreadable picture, no camera, or a camera of another size.
+        Unreadable picture, no camera, or a camera of another size.
     """
-    estimator = installed.get(estimator_name)
     picture = read_picture(path, camera, camera_file)
     observation = observation_from(picture, estimator, str(path), camera, camera_file)
     start = time.perf_counter()
@@ -58,22 +59,21 @@ def estimate_file(path: Path, estimator_name: str, camera: CameraSpec | None, ca
     return _report(estimator, result, seconds, None if picture.source is None else picture.source.truth)
 
 
-def estimate_heads(paths: Sequence[Path], estimator_name: str) -> dict[str, Any]:
+def estimate_heads(paths: Sequence[Path], estimator: Estimator) -> dict[str, Any]:
     """Return the estimate from the images of all heads of one housing, with the keys of :func:`estimate_file`.
 
     Parameters
     ----------
     paths : sequence of Path
         Our own EXR files, which say which head took them, one for every head.
-    estimator_name : str
+    estimator : Estimator
 
     Raises
     ------
     UserError
-        Unknown estimator, or one that takes a single image; a picture that is none of ours, two of one head, or images
+        An estimator that takes a single image; a picture that is none of ours, two of one head, or images
         of different housings or instants.
     """
-    estimator = installed.get(estimator_name)
     sources = _sources_of_heads([(str(path), read_picture(path)) for path in paths], estimator)
     observation = observation_of_heads(sources, estimator)
     start = time.perf_counter()

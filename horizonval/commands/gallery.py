@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
 from horizonval.core.suggest import nearest
@@ -17,7 +17,7 @@ from horizonval.report.figures.infrared import infrared_picture
 from horizonval.report.figures.tone import tone_mapped
 from horizonval.report.gallery import Exhibit, write_gallery
 from horizonval.spec.files import shipped_names, shipped_path
-from horizonval.spec.load import load_frames
+from horizonval.spec.load import MAX_FILE_BYTES, load_frames
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band, CameraSpec
 
@@ -104,7 +104,7 @@ def in_colour(camera: CameraSpec) -> CameraSpec:
 def caption(path: Path) -> str:
     """Return the comment at the head of a scene file as one paragraph."""
     lines = []
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in files.read_text(path, largest=MAX_FILE_BYTES, expected="a scene").splitlines():
         if not line.startswith("#"):
             break
         if line.startswith("#:"):

@@ -1,4 +1,4 @@
-"""Time spent on what is made once for many frames, as a table of scattered light: no measure of the next frame."""
+"""Time spent on what is made once for many frames, tables and compiled kernels: no measure of the next frame."""
 
 from __future__ import annotations
 
@@ -6,22 +6,27 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_seconds = 0.0
+COMPILING = "compiling"
+_seconds: dict[str, float] = {}
 
 
 @contextmanager
-def made_once() -> Iterator[None]:
-    """Count the time inside."""
-    global _seconds
+def made_once(what: str) -> Iterator[None]:
+    """Count the time inside under ``what``."""
     start = time.perf_counter()
     try:
         yield
     finally:
-        _seconds += time.perf_counter() - start
+        count(what, time.perf_counter() - start)
 
 
-def taken_s() -> float:
+def count(what: str, seconds: float) -> None:
+    """Add seconds under ``what``."""
+    _seconds[what] = _seconds.get(what, 0.0) + seconds
+
+
+def taken_s() -> dict[str, float]:
     """Return the seconds that were counted in this process since the last call."""
-    global _seconds
-    seconds, _seconds = _seconds, 0.0
+    seconds = dict(_seconds)
+    _seconds.clear()
     return seconds

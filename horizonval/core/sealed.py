@@ -1,8 +1,9 @@
 """Seal a file by a digest inside it, so that no altered byte goes unnoticed where it is read.
 
 A sealed file holds, somewhere, the word ``horizonval:seal`` and soon after it 64 hexadecimal digits: the sha256 of all
-its bytes with those digits blanked. JSON has it as a key, Parquet in the metadata of its footer, and a file that may
-have anything after its end (``.npz``) there. Whoever writes leaves the digits blank and has them filled in.
+its bytes with those digits blanked, and of its name where it must not lie under another one. JSON has it as a key,
+Parquet in the metadata of its footer, and a file that may have anything after its end (``.npz``) there. Whoever writes
+leaves the digits blank and has them filled in.
 
 Archived images have a seal of their own kind, whose header can be trusted without the pixels
 (:mod:`horizonval.store.seal`).
@@ -30,8 +31,8 @@ class UnsealedFileError(DamagedFileError):
     """A file that ought to be sealed has no seal: an earlier version wrote it, or it was altered just there."""
 
 
-def fill_in(data: bytes) -> bytes:
-    """Return a file's bytes with the digest in place of the blank digits.
+def fill_in(data: bytes, name: str = "") -> bytes:
+    """Return a file's bytes with the digest in place of the blank digits; ``name`` binds them to a file's name.
 
     Raises
     ------
@@ -41,11 +42,11 @@ def fill_in(data: bytes) -> bytes:
     start = _place(data)
     if start is None:
         raise ValueError("no place for a seal")
-    return data[:start] + _digest(data, start).encode() + data[start + len(BLANK) :]
+    return data[:start] + _digest(data, start, name).encode() + data[start + len(BLANK) :]
 
 
-def check(data: bytes, path: Path) -> None:
-    """Raise unless a file's bytes are those that were sealed; ``path`` is for the message.
+def check(data: bytes, path: Path, name: str = "") -> None:
+    """Raise unless a file's bytes are those that were sealed under a name; ``path`` is for the message.
 
     Raises
     ------
@@ -57,7 +58,7 @@ def check(data: bytes, path: Path) -> None:
     start = _place(data)
     if start is None:
         raise UnsealedFileError("has no seal: an earlier version wrote it, or it was altered", where=str(path))
-    if data[start : start + len(BLANK)] != _digest(data, start).encode():
+    if data[start : start + len(BLANK)] != _digest(data, start, name).encode():
         raise DamagedFileError("altered since it was written: it does not match its seal", where=str(path))
 
 
@@ -71,8 +72,8 @@ def without_seal(data: bytes) -> bytes:
     return data[: -len(_trailer())]
 
 
-def json_bytes(data: Mapping[str, Any], *, indent: int | None = 1, sort_keys: bool = True) -> bytes:
-    """Return a JSON object as the bytes of a sealed file; equal data give equal bytes.
+def json_bytes(data: Mapping[str, Any], *, indent: int | None = 1, sort_keys: bool = True, name: str = "") -> bytes:
+    """Return a JSON object as the bytes of a sealed file; equal data of one name give equal bytes.
 
     Raises
     ------
@@ -80,12 +81,12 @@ def json_bytes(data: Mapping[str, Any], *, indent: int | None = 1, sort_keys: bo
         A number that is not finite.
     """
     text = json.dumps({**data, KEY: BLANK}, indent=indent, sort_keys=sort_keys, allow_nan=False) + "\n"
-    return fill_in(text.encode())
+    return fill_in(text.encode(), name)
 
 
-def json_object(data: bytes, path: Path) -> dict[str, Any]:
+def json_object(data: bytes, path: Path, name: str = "") -> dict[str, Any]:
     """Return the JSON object of a sealed file's bytes, without the seal; raise as :func:`check`."""
-    check(data, path)
+    check(data, path, name)
     return plain_json_object(data, path)
 
 
@@ -115,8 +116,9 @@ def _place(data: bytes) -> int | None:
     return None
 
 
-def _digest(data: bytes, start: int) -> str:
-    digest = hashlib.sha256(memoryview(data)[:start])
+def _digest(data: bytes, start: int, name: str) -> str:
+    digest = hashlib.sha256(f"{name}\n".encode() if name else b"")
+    digest.update(memoryview(data)[:start])
     digest.update(BLANK.encode())
     digest.update(memoryview(data)[start + len(BLANK) :])
     return digest.hexdigest()

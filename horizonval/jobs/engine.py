@@ -235,16 +235,16 @@ class _Clock(Generic[I, R]):
         return self._remaining.seconds(time.monotonic() - self._begin)
 
 
-_items_begun = 0
-
-
 def _safely(work: Work[I, R], item: I) -> Done[R]:
-    global _items_begun
-    _items_begun += 1
-    first, start = _items_begun == 1, time.perf_counter()
+    from horizonval.renderer.plugin.compiling import compiling_counted
+
+    start = time.perf_counter()
     once.taken_s()
-    done = _made(work, item)
-    return replace(done, spent=SpentTime(time.perf_counter() - start, once.taken_s(), first))
+    with compiling_counted() if work.renders else contextlib.nullcontext():
+        done = _made(work, item)
+    counted = once.taken_s()
+    compiling_s = counted.pop(once.COMPILING, 0.0)
+    return replace(done, spent=SpentTime(time.perf_counter() - start, sum(counted.values()), compiling_s))
 
 
 def _made(work: Work[I, R], item: I) -> Done[R]:

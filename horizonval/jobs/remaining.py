@@ -10,9 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-COMPILING_S = 4.0
-"""Of the first item of a process: 1 to 7 s were measured."""
-PRIOR_ITEMS = 0.5
+PRIOR_ITEMS = 0.1
 """How many items the expected cost counts for, before there are measured ones."""
 FEWEST_UNKNOWN = 3
 """Items that must be finished before there is a figure, where none was expected."""
@@ -40,11 +38,11 @@ class ExpectedTime:
 
 @dataclass(frozen=True)
 class SpentTime:
-    """What an item took: all of it, what of it was spent on what is made once, whether its process began with it."""
+    """What an item took: all of it, and what of it was spent on what is made once and on compiling."""
 
     seconds: float
     once_s: float = 0.0
-    first: bool = False
+    compiling_s: float = 0.0
 
 
 class Remaining:
@@ -79,8 +77,7 @@ class Remaining:
             return
         self._finished += 1
         self._spent += spent.seconds
-        own = max(spent.seconds - spent.once_s, 0.0)
-        self._net += max(own - COMPILING_S, own / 2) if spent.first else own
+        self._net += max(spent.seconds - spent.once_s - spent.compiling_s, 0.0)
         self._pace += item.seconds
         self._once_spent += spent.once_s
         self._once_expected += sum(seconds for key, seconds in item.once.items() if key not in self._made)

@@ -28,6 +28,7 @@ from horizonval.report.verdict import VERDICTS, verdict_of
 from horizonval.scoring import limits
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
+from horizonval.store.manifest import amend_manifest
 
 STRIP_RATIO = 20
 """Wider images than this are drawn as a strip of their own proportions."""
@@ -53,6 +54,14 @@ def build_report(run_dir: Path) -> Path:
     UserError
         There is no run in the folder, or its files cannot be read or written.
     """
+    before = {path for path in (run_dir / "report").rglob("*") if path.is_file()}
+    pages = write_report(run_dir)
+    amend_manifest(run_dir, [*pages, *(path for path in before if not path.exists())])
+    return pages[0]
+
+
+def write_report(run_dir: Path) -> list[Path]:
+    """Write the pages of a report and return them, the first one first; otherwise as :func:`build_report`."""
     run = load_run(run_dir, MOST_CASES_SHOWN)
     environment, parts = template.environment(), template.shared_parts()
     result = stability.load_result(run_dir)
@@ -69,6 +78,8 @@ def build_report(run_dir: Path) -> Path:
         texts[campaign_page.PAGE] = environment.get_template("campaign.html").render(run=run, **page, **parts)
         texts |= {figure["file"]: figure["svg"] for section in page["sections"] for figure in section["figures"]}
     pages = run_dir / "report"
+    if (pages / campaign_page.FIGURES).is_symlink():
+        (pages / campaign_page.FIGURES).unlink()
     shutil.rmtree(pages / campaign_page.FIGURES, ignore_errors=True)
     for place in {(pages / name).parent for name in texts}:
         place.mkdir(parents=True, exist_ok=True)
@@ -76,7 +87,7 @@ def build_report(run_dir: Path) -> Path:
         (pages / name).unlink(missing_ok=True)
     for name, text in texts.items():
         template.write(pages / name, text)
-    return pages / "index.html"
+    return [pages / name for name in texts]
 
 
 def page_of(run: ReportRun) -> dict[str, Any]:
@@ -87,7 +98,7 @@ def page_of(run: ReportRun) -> dict[str, Any]:
     pixels = sum(view.image.dn.size for view in run.views if view.image is not None)
     reduced = pixels > picture.LOSSLESS_BUDGET_PX
     shown_views = [view for view in run.views if view.shown]
-    tiles = [_tile(view, run.estimators, index, reduced, unit) for index, view in enumerate(shown_views)]
+    tiles = [_tile(view, run, index, reduced, unit) for index, view in enumerate(shown_views)]
     shown = {tile_row["verdict"] for tile in tiles for tile_row in tile["rows"]}
     cameras = sorted({tile["camera"] for tile in tiles})
     return {
@@ -187,10 +198,10 @@ def _figures(run: ReportRun, unit: AngleUnit) -> list[dict[str, str]]:
     ]
 
 
-def _tile(view: CaseView, estimators: Sequence[str], index: int, reduced: bool, unit: AngleUnit) -> dict[str, Any]:
+def _tile(view: CaseView, run: ReportRun, index: int, reduced: bool, unit: AngleUnit) -> dict[str, Any]:
     image = view.image
     # A frame without any row says so once.
-    rows = [_tile_row(view, name, unit) for name in estimators if name in view.rows]
+    rows = [_tile_row(view, name, unit) for name in run.estimators if name in view.rows]
     some = next(iter(view.rows.values()), None)
     expected = expected_outcome(image.truth, view.band) if image is not None else None
     camera = some.camera if some else (image.truth.camera_spec.camera.name or "" if image else "")
@@ -225,8 +236,8 @@ def _tile(view: CaseView, estimators: Sequence[str], index: int, reduced: bool, 
             "full_scale": image.full_scale,
             "horizon": overlay.horizon_path(image.truth),
             "infrared": overlay.infrared_path(image.truth, view.band),
-            "layers": _layers(view, image.truth, estimators),
-            "rerun": _rerun(view, image.truth, estimators),
+            "layers": _layers(view, image.truth, run.estimators),
+            "rerun": _rerun(view, image.truth, run),
         }
     return tile
 
@@ -322,15 +333,15 @@ def _facts(expected: Expected, truth: FrameTruth) -> list[tuple[str, str]]:
     ]
 
 
-def rerun_of_view(view: CaseView, truth: FrameTruth, estimators: Sequence[str]) -> rerun.Rerun:
+def rerun_of_view(view: CaseView, truth: FrameTruth, run: ReportRun) -> rerun.Rerun:
     """Return how to make a view's image, or those of all heads, and the results again."""
-    ran = [name for name in estimators if name in view.rows] or list(estimators)
+    ran = [name for name in run.estimators if name in view.rows] or list(run.estimators)
     paths = view.head_paths or ({"": view.image_path} if view.image_path else {})
-    return rerun.rerun_of(truth, view.case, view.band, paths, ran)
+    return rerun.rerun_of(truth, view.case, view.band, paths, ran, run.suite_of_programs)
 
 
-def _rerun(view: CaseView, truth: FrameTruth, estimators: Sequence[str]) -> dict[str, Any]:
-    made = rerun_of_view(view, truth, estimators)
+def _rerun(view: CaseView, truth: FrameTruth, run: ReportRun) -> dict[str, Any]:
+    made = rerun_of_view(view, truth, run)
     files = [
         {"name": name, "text": text, "uri": f"data:application/toml;charset=utf-8,{quote(text)}"}
         for name, text in made.files

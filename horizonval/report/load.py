@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -41,8 +42,9 @@ class CaseView:
 class ReportRun:
     """A run as the report needs it: views in the suite's order, the cases without result, the figures asked for.
 
-    ``figures`` are what :func:`horizonval.suites.axes.figure_plans` says; ``study``: of a trade study; ``given_pose``:
-    estimators that are told the true pose; ``orbit``: cases that are samples of an orbit.
+    ``figures`` are what :func:`horizonval.suites.axes.figure_plans` says; ``study``: of a trade study; ``command``: the
+    words that make the run again, given in its folder; ``programs``: estimators that are programs of the suite's file;
+    ``given_pose``: estimators that are told the true pose; ``orbit``: cases that are samples of an orbit.
     """
 
     suite: str
@@ -54,6 +56,8 @@ class ReportRun:
     views: tuple[CaseView, ...]
     figures: tuple[dict[str, Any], ...] = ()
     study: bool = False
+    command: tuple[str, ...] = ()
+    programs: tuple[str, ...] = ()
     given_pose: tuple[str, ...] = ()
     orbit: frozenset[str] = frozenset()
 
@@ -61,6 +65,16 @@ class ReportRun:
     def rows(self) -> list[Row]:
         """Every row, in the order of the views."""
         return [row for view in self.views for row in view.rows.values()]
+
+    @property
+    def again(self) -> str:
+        """The command that makes the run again, quoted for a shell."""
+        return shlex.join(self.command)
+
+    @property
+    def suite_of_programs(self) -> dict[str, str]:
+        """The suite's file, from the run's folder on, by the name of each estimator that is a program of it."""
+        return dict.fromkeys(self.programs, self.command[2]) if len(self.command) > 2 else {}
 
     @property
     def judged_rows(self) -> list[Row]:
@@ -127,6 +141,8 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
         views=tuple(views),
         figures=tuple(head.get("figures") or ()),
         study=bool(head.get("study")),
+        command=tuple(head.get("command") or ()),
+        programs=tuple(head.get("programs") or ()),
         given_pose=tuple(head.get("given_pose") or ()),
         orbit=frozenset(head.get("orbit") or ()),
     )

@@ -11,6 +11,7 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from horizonval.frame import FrameTruth
@@ -34,8 +35,12 @@ def rerun_of(
     band: str,
     image_paths: Mapping[str, str],
     estimators: Sequence[str],
+    suites: Mapping[str, str],
 ) -> Rerun:
     """Return how to render, observe and estimate one image again, and how to estimate the archived one.
+
+    The files belong into an empty folder inside the run's folder, where the commands are given: two frames may have
+    cameras of one name.
 
     Parameters
     ----------
@@ -43,17 +48,22 @@ def rerun_of(
     case, band : str
     image_paths : mapping of str to str
         Of the archived images by head: all heads of the scene where they were estimated together, else the one image
-        under any name; empty where nothing was kept, with an empty path where one head was not.
+        under any name; empty where nothing was kept, with an empty path where one head was not. From the run's folder
+        on, as those of ``suites``.
     estimators : sequence of str
         Those that were run on it.
+    suites : mapping of str to str
+        The suite's file, by the name of an estimator that is a program of it.
     """
+    # A word that begins with a hyphen would be taken for an option.
+    stem = f"./{case}" if case.startswith("-") else case
     files = [(f"{case}.toml", toml(truth.scene))]
     camera_file = truth.camera_file
     if not _is_shipped(camera_file, truth):
         # Under the name that the scene has for it, which is part of the seed; a file beside a scene wins over a shipped
         # one of that name.
         files.append((camera_file, toml(truth.camera)))
-    quoted, word = shlex.quote(case), shlex.quote(band)
+    quoted, word = shlex.quote(stem), shlex.quote(band)
     heads = list(image_paths) if len(image_paths) > 1 else []
     all_heads = " --head all" if heads else ""
     commands = [f"horizonval render {quoted}.toml -o {quoted}.frame.exr{all_heads}"]
@@ -63,11 +73,22 @@ def rerun_of(
         f"horizonval observe {quoted}.frame{end}.exr -o {quoted}{end}.image.exr --band {word}" for end in endings
     ]
     made = " ".join(f"{quoted}{end}.image.exr" for end in endings)
-    commands += [f"horizonval estimate {made} --estimator {shlex.quote(name)}" for name in estimators]
+    commands += [f"horizonval estimate {made} {_estimator(name, suites)}" for name in estimators]
     if image_paths and all(image_paths.values()):
-        stored_images = " ".join(f"RUN/{path}" for path in image_paths.values())
-        commands += [f"horizonval estimate {stored_images} --estimator {shlex.quote(name)}" for name in estimators[:1]]
+        stored_images = shlex.join(_from_inside(path) for path in image_paths.values())
+        commands += [f"horizonval estimate {stored_images} {_estimator(name, suites)}" for name in estimators[:1]]
     return Rerun(tuple(files), tuple(commands))
+
+
+def _estimator(name: str, suites: Mapping[str, str]) -> str:
+    words = ["--estimator", name]
+    return shlex.join([*words, "--suite", _from_inside(suites[name])] if name in suites else words)
+
+
+def _from_inside(path: str) -> str:
+    """Return a path from the run's folder on as one from a folder inside; a shipped name stays as it is."""
+    is_name = path in shipped_names("suite") or path in shipped_names("study")
+    return path if is_name or Path(path).is_absolute() else f"../{path.removeprefix('./')}"
 
 
 def _is_shipped(name: str, truth: FrameTruth) -> bool:

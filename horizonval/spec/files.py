@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from horizonval.core.errors import UserError
+from horizonval.core.files import kind_at
 from horizonval.core.suggest import nearest
 
 Kind = Literal["scene", "camera", "suite", "study", "atmosphere"]
@@ -69,8 +70,8 @@ def find(kind: Kind, path_or_name: str | Path, *, beside: Path | None = None, wh
     name = str(path_or_name).removesuffix(_SUFFIX[kind])
     if name in shipped_names(kind):
         return shipped_path(kind, name)
-    if candidate.is_dir():
-        raise UserError(f"{candidate} is a folder", where=where, expected=f"a {kind} file")
+    if (lies_there := kind_at(candidate, links=True)) not in ("a file", ""):
+        raise UserError(f"{candidate} is {lies_there}", where=where, expected=f"a {kind} file")
     known = nearest(name.rsplit("/", 1)[-1], shipped_names(kind))
     raise UserError(
         f"no {kind} named {str(path_or_name)!r}" + (f", nor a file {candidate}" if beside is not None else ""),

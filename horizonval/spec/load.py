@@ -92,6 +92,7 @@ class Suite:
 
     ``programs``, ``keep``, ``draws``, ``seed`` and the limits are those of :class:`horizonval.spec.suite.SuiteHead` and
     ``[[estimator]]``. ``study``: the frames of a trade study, whose list of designs may change in the folder of a run.
+    ``options``: words of the command line that stood in place of what the file says.
     """
 
     name: str
@@ -110,6 +111,7 @@ class Suite:
     study: bool = False
     draws: int = 1
     seed: int = 0
+    options: tuple[str, ...] = ()
 
     @property
     def estimators_key(self) -> str:
@@ -216,7 +218,9 @@ def load_suite(
         spec = spec.model_copy(update={"suite": with_option(spec.suite, "frames", frames, "--frames")})
     if seed is not None:
         spec = spec.model_copy(update={"suite": with_option(spec.suite, "seed", seed, "--seed")})
-    return suite_of(spec, path, fly)
+    given = {"--frames": frames, "--seed": seed}
+    words = tuple(word for option, value in given.items() if value is not None for word in (option, str(value)))
+    return replace(suite_of(spec, path, fly), options=words)
 
 
 def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None, *, places: Sequence[str] = ()) -> Suite:

@@ -9,6 +9,7 @@
     stability/, stability.csv   the study of the infrared horizon, where the suite asks for one
     results.parquet, summary.json, report/     made of the cases at the end
     timings*.json      seconds; with the archive's index the only files that two equal runs do not share
+    manifest.json      digest of every file, written last
 
 Every JSON file and the table hold a seal (:mod:`horizonval.core.sealed`), which is checked where they are read.
 """
@@ -164,19 +165,26 @@ def _lock_file(path: Path) -> IO[bytes]:
     return os.fdopen(os.open(path, flags, 0o666), "r+b")
 
 
-def write_json(path: Path, data: Mapping[str, Any], *, indent: int | None = 1, sort_keys: bool = True) -> None:
-    """Write a JSON object with its seal, whole or not at all; equal data give equal bytes."""
-    atomic.write_bytes(path, sealed.json_bytes(data, indent=indent, sort_keys=sort_keys))
+def write_json(
+    path: Path, data: Mapping[str, Any], *, indent: int | None = 1, sort_keys: bool = True, bound: bool = True
+) -> None:
+    """Write a JSON object with its seal, whole or not at all; equal data of one name give equal bytes.
+
+    Not ``bound``, the file may be given another name; otherwise it is then none of ours.
+    """
+    name = path.name if bound else ""
+    atomic.write_bytes(path, sealed.json_bytes(data, indent=indent, sort_keys=sort_keys, name=name))
 
 
-def read_json(path: Path, *, unsealed: bool = False, fix: str = "run it again, and it is made anew") -> Any:
+def read_json(path: Path, *, bound: bool = True, fix: str = "run it again, and it is made anew") -> Any:
     """Return the object in a JSON file of ours, without its seal; None if there is no such file.
 
     Parameters
     ----------
     path : Path
-    unsealed : bool
-        Take a file that has no seal at all, as earlier versions wrote it; for files that are not made by a run.
+    bound : bool
+        Whether it was written so. One that was not, a document that is kept, may be a link, and may have no seal at
+        all, as earlier versions wrote it.
     fix : str
         What the error advises.
 
@@ -188,13 +196,13 @@ def read_json(path: Path, *, unsealed: bool = False, fix: str = "run it again, a
         It is no regular file, or cannot be read.
     """
     try:
-        data = files.read_bytes(path, largest=LARGEST_RECORD, expected="a JSON file", links=unsealed)
+        data = files.read_bytes(path, largest=LARGEST_RECORD, expected="a JSON file", links=not bound)
     except files.MissingFileError:
         return None
     try:
-        return sealed.json_object(data, path)
+        return sealed.json_object(data, path, path.name if bound else "")
     except sealed.UnsealedFileError as error:
-        if unsealed:
+        if not bound:
             return sealed.plain_json_object(data, path)
         raise sealed.UnsealedFileError(error.what, where=error.where, fix=fix) from None
     except DamagedFileError as error:

@@ -27,7 +27,9 @@ from horizonval.store import exr
 from horizonval.store.entry import INDEX_PREFIX, StoreEntry, describe, is_address, place
 from horizonval.store.index import NAME, Index
 
-Problem = Literal["damaged", "misplaced", "missing", "duplicate", "foreign", "leftover", "unreadable", "index"]
+Problem = Literal[
+    "damaged", "misplaced", "missing", "duplicate", "foreign", "leftover", "unreadable", "index", "unfinished", "older"
+]
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ def conclude(
     rows: Sequence[Row],
     failed: Mapping[str, str],
     more: Mapping[str, Any] | None = None,
-) -> tuple[dict[str, Any], Path]:
-    """Write table, summary and report; return the summary and the report's first page.
+) -> tuple[dict[str, Any], list[Path]]:
+    """Write table, summary and report; return the summary and the report's pages, the first one first.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def conclude(
     more : mapping, optional
         What else the summary holds.
     """
-    from horizonval.report import build_report
+    from horizonval.report.build import write_report
     from horizonval.scoring.summary import summarise
     from horizonval.scoring.table import write_results
 
@@ -40,4 +40,4 @@ def conclude(
     summary = {"suite": suite, "version": code_version(), "failed": dict(failed), **statistics, **(more or {})}
     write_results(rows, folder.results)
     write_json(folder.summary, summary)
-    return summary, build_report(folder.root)
+    return summary, write_report(folder.root)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 from horizonval.core.progress import Progress
@@ -27,11 +28,14 @@ class PartOutcome:
         Items without a result, by name, and why.
     seconds : dict
         Of the items that were made, by name and stage.
+    files : tuple of Path
+        What it made in the run's folder.
     """
 
     digest: dict[str, Any] | None
     failed: dict[str, str]
     seconds: dict[str, Mapping[str, float]]
+    files: tuple[Path, ...] = ()
 
 
 class Part(Protocol):

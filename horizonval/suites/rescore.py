@@ -23,8 +23,10 @@ from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder, intact_json, read_json, write_json
 from horizonval.store.index import Filter
+from horizonval.store.manifest import files_of_run, withdraw_manifest, write_manifest
 from horizonval.store.named import run_folder_of
 from horizonval.store.store import Store
+from horizonval.suites.again import command_of_rescoring
 from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import rescored_identity
 from horizonval.suites.plan import CasePlan
@@ -114,7 +116,8 @@ def rescore(
     if not items:
         raise UserError("no detector image to score", where=str(store.root), fix="see `horizonval archive ls`")
     folder = RunFolder(out)
-    _claim(folder, store, head, chosen, items)
+    command = command_of_rescoring(store.root, out, estimators, wanted, limits.time_s)
+    _claim(folder, store, head, chosen, items, command)
     plan = CasePlan(tuple(estimator.name for estimator in chosen), limits)
     with folder.locked():
         folder.remove_temporary_files()
@@ -122,12 +125,19 @@ def rescore(
         rows = [Row.from_dict(row) for one in done.values() if one.result is not None for row in one.result["rows"]]
         rows.sort(key=lambda row: row.sort_key)
         failed = {name: one.error for name, one in done.items() if one.error is not None}
-        summary, report = conclude(folder, head.get("suite"), rows, failed)
-    return Rescored(summary, failed, report)
+        summary, pages = conclude(folder, head.get("suite"), rows, failed)
+        records = [folder.case(item.name) for item in items]
+        write_manifest(folder.root, [*files_of_run(folder), *records, *pages])
+    return Rescored(summary, failed, pages[0])
 
 
 def _claim(
-    folder: RunFolder, store: Store, head: dict[str, Any], chosen: Sequence[Estimator], items: Sequence[Item]
+    folder: RunFolder,
+    store: Store,
+    head: dict[str, Any],
+    chosen: Sequence[Estimator],
+    items: Sequence[Item],
+    command: Sequence[str],
 ) -> None:
     before = intact_json(folder.suite)
     if (before is not None and "rescored" not in before) or folder.archive.exists():
@@ -139,6 +149,7 @@ def _claim(
         except OSError as e:
             raise UserError(e.strerror or "cannot be created", where=str(path)) from e
     names = [item.name for item in items]
+    withdraw_manifest(folder.root)
     for path in folder.cases.glob("*.json"):
         if path.stem not in names:
             path.unlink()
@@ -150,6 +161,7 @@ def _claim(
             "suite": head.get("suite") or store.root.name,
             "title": " ".join(filter(None, [str(head.get("title") or ""), "(scored again)"])),
             "version": code_version(),
+            "command": list(command),
             "estimators": [estimator.name for estimator in chosen],
             "given_pose": [estimator.name for estimator in chosen if estimator.needs == "pose"],
             "cases": names,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,8 @@ from horizonval.jobs.execution import Execution
 from horizonval.spec.load import Suite
 from horizonval.store.folder import RunFolder, intact_json, write_json
 from horizonval.store.index import Index
+from horizonval.store.manifest import files_of_run, withdraw_manifest, write_manifest
+from horizonval.suites.again import command_of_suite
 from horizonval.suites.axes import figure_plans
 from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import suite_identity
@@ -65,6 +67,7 @@ def run_suite(
     execution: Execution | None = None,
     parts: Sequence[Part] = (),
     on_start: OnStart | None = None,
+    also: Callable[[], Iterable[Path]] | None = None,
 ) -> RunResult:
     """Run a suite into a folder, or finish what an earlier run left there.
 
@@ -82,6 +85,8 @@ def run_suite(
     on_start : callable, optional
         Called once before the first frame, when nothing is refused any more; never if all frames are finished. It may
         return what the frames are expected to take, by the cases' names.
+    also : callable, optional
+        Called in the end, to make more of the results; returns the files of the folder that it made.
 
     Raises
     ------
@@ -121,7 +126,7 @@ def run_suite(
             return RunResult({}, failed, None, missing)
         outcomes = {part.name: part.run(suite, folder, execution, progress) for part in chosen}
         folder.remove_temporary_files()
-        return _conclude(suite, units, folder, briefs, seconds, outcomes)
+        return _conclude(suite, units, folder, briefs, seconds, outcomes, also)
 
 
 def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit]) -> None:
@@ -145,6 +150,7 @@ def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit
             expected=f"a new folder, or a run of {suite.name!r} as it is now",
             fix="choose another --out, or delete this folder",
         )
+    withdraw_manifest(folder.root)
     write_json(
         folder.suite,
         {
@@ -153,7 +159,9 @@ def _claim(folder: RunFolder, suite: Suite, plan: CasePlan, units: Sequence[Unit
             "title": suite.title,
             "suite_sha256": identity,
             "version": code_version(),
+            "command": command_of_suite(suite, folder.root),
             "estimators": list(suite.estimators),
+            "programs": [program.name for program in suite.programs],
             "given_pose": [name for name in suite.estimators if plan.estimator(name).needs == "pose"],
             "cases": [name for unit in units for name in unit.names],
             "orbit": [name for unit in units if unit.cases[0].sample for name in unit.names],
@@ -209,6 +217,7 @@ def _conclude(
     briefs: Mapping[str, Brief],
     seconds: Mapping[str, Mapping[str, float]],
     parts: Mapping[str, PartOutcome],
+    also: Callable[[], Iterable[Path]] | None,
 ) -> RunResult:
     start = time.perf_counter()
     ordered = {name: briefs[name] for unit in units for name in unit.names}
@@ -217,12 +226,15 @@ def _conclude(
     with contextlib.suppress(UserError):  # An index that cannot be written is made by whoever asks for it.
         Index(folder.archive).update()
     digests = {name: part.digest for name, part in parts.items()}
-    summary, report = conclude(folder, suite.name, rows, failed, digests)
+    summary, pages = conclude(folder, suite.name, rows, failed, digests)
     for name, part in parts.items():
         failed |= {f"{name}/{item}": why for item, why in part.failed.items()}
         seconds = {**seconds, **{f"{name}/{item}": spent for item, spent in part.seconds.items()}}
     _add_timings(folder, seconds, conclude=round(time.perf_counter() - start, 4))
-    return RunResult(summary, failed, report)
+    records = [place(name) for name in ordered for place in (folder.case, folder.frame_pointer)]
+    made = [path for part in parts.values() for path in part.files] + list(also() if also else ())
+    write_manifest(folder.root, [*files_of_run(folder), *records, *made, *pages])
+    return RunResult(summary, failed, pages[0])
 
 
 def _add_timings(

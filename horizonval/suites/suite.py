@@ -44,12 +44,13 @@ def with_options(suite: Suite, time_limit_s: float | None, keep: str | None) -> 
     if time_limit_s is not None:
         if not 0.0 < time_limit_s < math.inf:
             raise UserError(f"found {time_limit_s:g}", where="--time-limit", expected="a number of seconds above 0")
-        suite = replace(suite, time_limit_s=time_limit_s)
+        words = ("--time-limit", f"{time_limit_s:g}")
+        suite = replace(suite, time_limit_s=time_limit_s, options=(*suite.options, *words))
     if keep is None:
         return suite
     for word in get_args(Keep):
         if keep == word:
-            return replace(suite, keep=word)
+            return replace(suite, keep=word, options=(*suite.options, "--keep", keep))
     raise UserError(f"found {keep!r}", where="--keep", expected=" or ".join(get_args(Keep)))
 
 

@@ -56,14 +56,14 @@ def write_reproduction(result: Reproduction, folder: Path, seed: int) -> dict[st
     for figure in result.figures:
         atomic.write_bytes(folder / markdown.picture_name(letter, figure), _picture(figure))
     atomic.write_text(folder / f"{letter}.md", markdown.page(result, seed))
-    write_json(folder / f"{letter}.json", content)
+    write_json(folder / f"{letter}.json", content, bound=False)
     return content
 
 
 def write_first_page(folder: Path) -> Path:
     """Write ``README.md`` of all systems whose JSON file lies in the folder; return its path."""
     contents = [
-        content for path in sorted(folder.glob("[A-E].json")) if (content := read_json(path, unsealed=True)) is not None
+        content for path in sorted(folder.glob("[A-E].json")) if (content := read_json(path, bound=False)) is not None
     ]
     path = folder / "README.md"
     atomic.write_text(path, markdown.first_page(contents))

@@ -83,14 +83,16 @@ def test_the_commands_of_a_scene_of_all_heads_give_its_result_again(run, horizon
     name = "tilt_roll_deg_5_pitch_deg_0"
     view = next(view for view in load_run(run).views if view.case == name)
     assert set(view.head_paths) == set(HEADS)
-    again = build.rerun_of_view(view, view.image.truth, load_run(run).estimators)
+    again = build.rerun_of_view(view, view.image.truth, load_run(run))
+    (tmp_path / "archive").symlink_to(run / "archive")
+    folder = tmp_path / "again"
+    folder.mkdir()
     for file, text in again.files:
-        (tmp_path / file).write_text(text)
-    (tmp_path / "RUN").symlink_to(run)
+        (folder / file).write_text(text)
     reports = []
     for command in again.commands:
         words = shlex.split(command)[1:]
-        done = horizonval(*words, *(["--json"] if words[0] == "estimate" else []))
+        done = horizonval(*words, *(["--json"] if words[0] == "estimate" else []), cwd=folder)
         assert done.returncode == 0, done.stderr
         if words[0] == "estimate":
             reports.append(json.loads(done.stdout))

@@ -57,7 +57,7 @@ def multiple_scattering(
         path = cache_folder() / "scattering" / f"{key}.npz"
         solution = _read(path, key, float(altitude_m[-1]), planet_m, degree_of(node, quality))
         if solution is None:
-            with made_once():
+            with made_once("tables"):
                 solution = solve(node, altitude_m, planet_m, sun_table(), quality, progress)
             _write(path, key, solution)
         _memory[key] = solution

@@ -66,7 +66,7 @@ def page_of(run: ReportRun) -> JsonObject:
         "rates": [_rates(group["estimator"], group["camera"], group, group["n"]) for group in groups],
         "errors": [_errors(group) for group in groups],
         "tails": inline_svg(draw.error_distribution(rows, names, link), 6.2, 4.8, "tails"),
-        "bias": inline_svg(draw.bias_and_noise(spread), 7.4, 1.1 + 0.42 * len(spread), "bias"),
+        "bias": inline_svg(draw.bias_and_noise(spread), 7.4, 1.1 + 0.42 * len(spread), "bias") if spread else "",
         "worst": _worst(rows, link),
         "drawn": has_draws(run),
         "limit_deg": f"{math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}",

@@ -32,6 +32,7 @@ from horizonval.jobs.kept import Record
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.regression import Lane, RegressionSpec
 from horizonval.store.folder import RunFolder, write_json
+from horizonval.store.manifest import withdraw_manifest, write_manifest
 from horizonval.studies.regression.baseline import history
 from horizonval.studies.regression.baseline.baseline import Baseline, frames_of, read_baseline, release_path
 from horizonval.studies.regression.bench import NightWork, Task, sweep
@@ -107,6 +108,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None) -> JsonObject:
     (wanted.out / WORK).mkdir(parents=True, exist_ok=True)
     folder = RunFolder(wanted.out / WORK)
     with folder.locked():
+        withdraw_manifest(wanted.out)
         for path in atomic.leftovers(wanted.out / WORK, below=False):
             path.unlink(missing_ok=True)
         gathered = _Gathered(suite, spec, plan, wanted, accepted, progress or Silent())
@@ -119,6 +121,9 @@ def run_night(wanted: Wanted, progress: Progress | None = None) -> JsonObject:
         write_json(wanted.out / "verdict.json", verdict)
         write_junit(wanted.out / "junit.xml", verdict)
         write_page(wanted.out / "index.html", verdict, history.read(wanted.out / history.FILE))
+        pages = [wanted.out / name for name in ("night.json", "verdict.json", "junit.xml", "index.html", history.FILE)]
+        units = [wanted.out / WORK / f"{name}{end}" for name in gathered.identities for end in (".json", ".npz")]
+        write_manifest(wanted.out, [*pages, *units])
     return verdict
 
 

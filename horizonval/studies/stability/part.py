@@ -81,14 +81,15 @@ class StabilityPart:
         if failed:
             for path in (result_path, folder.stability_table):
                 path.unlink(missing_ok=True)
-            return PartOutcome(None, failed, seconds)
+            return PartOutcome(None, failed, seconds, tuple(folder.stability_case(name) for name in done))
         profiles = {
             case.key: from_plain(record["profiles"]) for case in cases if (record := done[case.name].result) is not None
         }
         conclusion = study.conclude(suite.stability, profiles)
         write_json(result_path, conclusion, indent=None)
         _write_table(folder.stability_table, *study.rows(conclusion))
-        return PartOutcome(study.digest(conclusion), {}, seconds)
+        made = (*(folder.stability_case(case.name) for case in cases), result_path, folder.stability_table)
+        return PartOutcome(study.digest(conclusion), {}, seconds, made)
 
 
 class StabilityWork(Recorded[StabilityCase]):

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from horizonval.core.cache import log_damage
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
 from horizonval.jobs.execution import Execution
 from horizonval.jobs.remaining import ExpectedTime
 from horizonval.report.pages import study_page
 from horizonval.spec.study import Requirement
-from horizonval.store.folder import RunFolder, read_json
-from horizonval.studies.trade.conclude import Data, conclude, query, read_data
+from horizonval.store.folder import RunFolder, intact_json
+from horizonval.store.manifest import amend_manifest
+from horizonval.studies.trade.conclude import Data, conclude, files_of_study, query, read_data
 from horizonval.studies.trade.design import Study, expand, read_study
-from horizonval.studies.trade.plan import FILE, plan_of_study, read_plan, write_plan
+from horizonval.studies.trade.plan import FILE, StudyPlan, plan_of_study, read_plan, write_plan
 from horizonval.suites.run import run_suite
 
 
@@ -72,21 +74,38 @@ def run_study(
         A mistake in the study, told before anything is rendered; or as :func:`horizonval.suites.run.run_suite`.
     """
     spec, path = read_study(path_or_name, frames)
-    before = read_plan(out_dir)
+    before = _plan_before(out_dir)
     study = expand(spec, path, before.batches if before is not None and before.head.name == spec.study.name else None)
+    if frames is not None:
+        study = replace(study, suite=replace(study.suite, options=("--frames", str(frames))))
+    plan = plan_of_study(study)
+    made: list[tuple[dict[str, Any], dict[str, Any], Path]] = []
+
+    def concluded() -> list[Path]:
+        write_plan(plan, out_dir)
+        made.append((*conclude(read_data(plan, out_dir), out_dir), study_page.write_page(out_dir)))
+        return [*files_of_study(out_dir), made[0][-1]]
+
     try:
         start = None if on_start is None else partial(on_start, study)
-        run = run_suite(study.suite, out_dir, progress=progress, execution=execution, on_start=start)
+        run = run_suite(study.suite, out_dir, progress=progress, execution=execution, on_start=start, also=concluded)
     finally:
         # Whatever was begun belongs to these batches of estimators: a later run must go on with them.
-        claimed = read_json(RunFolder(out_dir).suite) or {}
+        claimed = {} if made else intact_json(RunFolder(out_dir).suite) or {}
         if claimed.get("study") and claimed.get("suite") == spec.study.name:
-            write_plan(plan_of_study(study), out_dir)
-    if run.report is None:
+            write_plan(plan, out_dir)
+    if not made:
         return StudyResult({}, {}, run.failed, None, run.missing)
-    plan = plan_of_study(study)
-    result, costs = conclude(read_data(plan, out_dir), out_dir)
-    return StudyResult(result, costs, run.failed, study_page.write_page(out_dir))
+    return StudyResult(made[0][0], made[0][1], run.failed, made[0][2])
+
+
+def _plan_before(folder: Path) -> StudyPlan | None:
+    """Return the plan that a folder has; None for one that is damaged, which is made anew, and that is said."""
+    try:
+        return read_plan(folder)
+    except UserError as error:
+        log_damage(error)
+        return None
 
 
 def open_study(folder: Path) -> Data:
@@ -107,10 +126,12 @@ def conclude_again(folder: Path) -> StudyResult:
     """Work out the results of a folder again, and its page."""
     data = open_study(folder)
     result, costs = conclude(data, folder)
-    return StudyResult(result, costs, dict.fromkeys(data.failed, "see summary.json"), study_page.write_page(folder))
+    page = study_page.write_page(folder)
+    amend_manifest(folder, [*files_of_study(folder), page])
+    return StudyResult(result, costs, dict.fromkeys(data.failed, "see summary.json"), page)
 
 
-def ask(data: Data, result: StudyResult, requirement: Requirement) -> dict[str, Any]:
-    """Return the cheapest design for a requirement, by what the study counts as cheap."""
-    seconds = {name: cost["value"] for name, cost in result.costs["designs"].items()}
-    return query(data, result.result["designs"], requirement, data.plan.head.cheapest_by, seconds)
+def ask(data: Data, result: StudyResult, requirement: Requirement, by: str | None = None) -> dict[str, Any]:
+    """Return the cheapest design for a requirement, by an expression or by what the study counts as cheap."""
+    price, where = (data.plan.head.cheapest_by, "study.cheapest_by") if by is None else (by, "--cheapest-by")
+    return query(data, result.result["designs"], requirement, price, result.costs["designs"], where)

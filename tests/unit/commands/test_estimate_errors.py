@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from synthetic import toy_image, truth_at
 
-from horizonval.commands.estimate import estimate_file
+from horizonval.commands.estimate import estimate_file, estimator_of
 from horizonval.estimation import registry
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.store import exr
@@ -46,7 +46,7 @@ def test_the_error_is_that_of_the_answer_and_the_truth_is_not_given(monkeypatch,
 
     method = Estimator(name="told", title="told", run=run, estimates=estimates)
     monkeypatch.setattr(registry, "get", lambda name: method)
-    report = estimate_file(tmp_path / "a.exr", "told", None)
+    report = estimate_file(tmp_path / "a.exr", estimator_of("told"), None)
     assert report["nadir_error_arcsec"] == pytest.approx(math.degrees(OFF_RAD) * 3600, rel=1e-9)
     assert report["false_valid"] is False
     assert given[0].oracle is None

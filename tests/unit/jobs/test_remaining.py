@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import heapq
+import time
 
 import numpy as np
 import pytest
 
 from horizonval.core import once
 from horizonval.jobs.progress import about
-from horizonval.jobs.remaining import COMPILING_S, ExpectedTime, Remaining, SpentTime
+from horizonval.jobs.remaining import ExpectedTime, Remaining, SpentTime
+from horizonval.renderer.plugin.compiling import compiling_counted
 
 PROCESSES = 2
 
@@ -26,7 +28,7 @@ def simulated(
         made |= set(item.once)
         compiling = rng.uniform(1, 7) if process in fresh else 0.0
         seconds = pace * (item.seconds * rng.uniform(0.8, 1.3) + once_s) + compiling
-        ends.append((begin + seconds, str(number), SpentTime(seconds, pace * once_s, process in fresh)))
+        ends.append((begin + seconds, str(number), SpentTime(seconds, pace * once_s, compiling)))
         fresh.discard(process)
         heapq.heappush(free, (begin + seconds, process))
     return sorted(ends)
@@ -86,7 +88,7 @@ def test_without_a_basis_there_is_no_figure():
 
 def test_compiling_is_no_measure_of_the_rest():
     remaining = Remaining({"a": ExpectedTime(2.0), "b": ExpectedTime(2.0)}, 1)
-    remaining.done("a", SpentTime(2.0 + COMPILING_S, first=True))
+    remaining.done("a", SpentTime(6.0, compiling_s=4.0))
     assert remaining.seconds(6.0) == pytest.approx(2.0)
 
 
@@ -94,11 +96,23 @@ def test_what_is_made_once_is_counted(monkeypatch):
     times = iter([0.0, 5.0, 10.0, 12.0])
     monkeypatch.setattr(once.time, "perf_counter", lambda: next(times))
     once.taken_s()
-    with once.made_once():
-        pass
-    with once.made_once():
-        pass
-    assert (once.taken_s(), once.taken_s()) == (7.0, 0.0)
+    for _ in range(2):
+        with once.made_once("tables"):
+            pass
+    assert (once.taken_s(), once.taken_s()) == ({"tables": 7.0}, {})
+
+
+def test_compiling_of_a_kernel_is_counted():
+    import drjit
+    import mitsuba
+
+    mitsuba.set_variant("llvm_ad_mono")
+    once.taken_s()
+    with compiling_counted():
+        # Numbers that no kernel on the disk knows.
+        drjit.eval(mitsuba.Float64([1.0, 2.0]) * time.time())
+    assert once.taken_s()[once.COMPILING] > 0.0
+    assert not drjit.flag(drjit.JitFlag.KernelHistory)
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ def test_the_headline_says_the_worst_first(text):
     # Those of `ideal`, which is told the pose, are none of them.
     assert "1 false claim among 4, all by altitude-free" in words
     assert "8 frames, 3 cameras, 2 estimators" in words
-    assert "horizonval run made-up --out RUN" in words
+    assert "horizonval run made-up.toml --out ." in words
 
 
 def test_refusals_and_their_reasons_are_in_words(text):

@@ -262,14 +262,16 @@ def test_the_written_scene_gives_the_same_frame(tmp_path):
         "attitude.roll_deg = 66.1\nsun = { zenith_deg = 33.3 }\n"
     )
     truth = truth_of(*load_scene(tmp_path / "scene.toml"))
-    again = rerun.rerun_of(truth, "x", "red", {"": "archive/ab/abc.exr"}, ["one", "two"])
+    again = rerun.rerun_of(truth, "x", "red", {"": "archive/ab/abc.exr"}, ["one", "two"], {"one": "../my suite.toml"})
     folder = tmp_path / "again"
     folder.mkdir()
     for name, text in again.files:
         (folder / name).write_text(text)
     assert [name for name, _ in again.files] == ["x.toml", "cam.toml"]
     assert truth_of(*load_scene(folder / "x.toml")) == truth
-    assert again.commands[-1] == "horizonval estimate RUN/archive/ab/abc.exr --estimator one"
+    assert again.commands[-1] == (
+        "horizonval estimate ../archive/ab/abc.exr --estimator one --suite '../../my suite.toml'"
+    )
 
 
 @pytest.mark.parametrize(
@@ -282,7 +284,7 @@ def test_a_shipped_camera_is_written_where_its_keys_were_changed(tmp_path, chang
         f'scene.name = "x"\nplatform.altitude_km = 500.0\ncamera = {{ file = "vis-cmos-512-60deg"{changes} }}\n'
     )
     truth = truth_of(*load_scene(tmp_path / "scene.toml"))
-    again = rerun.rerun_of(truth, "x", "vis", {}, ["one"])
+    again = rerun.rerun_of(truth, "x", "vis", {}, ["one"], {})
     assert [name for name, _ in again.files] == files
     folder = tmp_path / "again"
     folder.mkdir()

@@ -14,9 +14,21 @@ from horizonval.store.folder import RunFolder, intact_json, read_json, write_jso
 
 def test_equal_data_give_equal_bytes(tmp_path):
     write_json(tmp_path / "a.json", {"b": 1 / 3, "a": [1, None]})
-    write_json(tmp_path / "b.json", {"a": [1, None], "b": 1 / 3})
-    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+    first = (tmp_path / "a.json").read_bytes()
+    write_json(tmp_path / "a.json", {"a": [1, None], "b": 1 / 3})
+    assert (tmp_path / "a.json").read_bytes() == first
     assert read_json(tmp_path / "a.json") == {"b": 1 / 3, "a": [1, None]}
+
+
+def test_a_file_is_bound_to_its_name_unless_it_is_a_document(tmp_path):
+    """Two files of a folder that were swapped are both good JSON with a seal."""
+    write_json(tmp_path / "a.json", {"x": 1})
+    (tmp_path / "a.json").rename(tmp_path / "b.json")
+    with pytest.raises(DamagedFileError, match="does not match its seal"):
+        read_json(tmp_path / "b.json")
+    write_json(tmp_path / "a.json", {"x": 1}, bound=False)
+    (tmp_path / "a.json").rename(tmp_path / "b.json")
+    assert read_json(tmp_path / "b.json", bound=False) == {"x": 1}
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path):
@@ -33,7 +45,7 @@ def test_unreadable_json_is_told(tmp_path, content):
     with pytest.raises(DamagedFileError):
         read_json(tmp_path / "a.json")
     with pytest.raises(DamagedFileError):
-        read_json(tmp_path / "a.json", unsealed=True)
+        read_json(tmp_path / "a.json", bound=False)
     assert intact_json(tmp_path / "a.json") is None
     assert read_json(tmp_path / "none.json") is None
 
@@ -54,7 +66,7 @@ def test_a_file_of_an_earlier_version_is_told_or_taken(tmp_path):
     (tmp_path / "a.json").write_text('{"x": 1}')
     with pytest.raises(DamagedFileError, match="an earlier version wrote it"):
         read_json(tmp_path / "a.json")
-    assert read_json(tmp_path / "a.json", unsealed=True) == {"x": 1}
+    assert read_json(tmp_path / "a.json", bound=False) == {"x": 1}
 
 
 @pytest.mark.parametrize("kind", ["folder", "FIFO", "link"])
