@@ -186,13 +186,13 @@ def parse_json(text: str, path: str | os.PathLike[str]) -> Any:
     raise UserError(what, where=str(path))
 
 
-def sha256_of(path: str | os.PathLike[str], *, links: bool = True) -> str:
+def sha256_of(path: str | os.PathLike[str], *, expected: str = "a file", links: bool = True) -> str:
     """Return the hex digest of a regular file's bytes; otherwise as :func:`open_file`."""
-    with open_file(path, links=links) as file:
+    with open_file(path, expected=expected, links=links) as file:
         try:
             return hashlib.file_digest(file, "sha256").hexdigest()
         except OSError as error:
-            raise _error_of(error, path, "a file") from None
+            raise _error_of(error, path, expected) from None
 
 
 def _kind(mode: int) -> str:

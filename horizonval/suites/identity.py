@@ -13,8 +13,8 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from horizonval.core.code import code_digest
-from horizonval.core.errors import UserError
+from horizonval.core import files
+from horizonval.core.code import code_digest, is_there
 from horizonval.estimation import registry
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
@@ -29,7 +29,9 @@ RESCORED_CODE = ("horizonval.suites.units.archived", "horizonval.estimation.proc
 
 def code_of(estimators: Iterable[str]) -> tuple[str, ...]:
     """Return the modules of estimators: of ours and of users' packages; programs are files, see :class:`CasePlan`."""
-    return tuple(sorted({module for name in estimators if (module := registry.module_of(name)) is not None}))
+    modules = {module for name in estimators if (module := registry.module_of(name)) is not None}
+    # One that is not there makes a crash of its estimator, not of the run.
+    return tuple(sorted(module for module in modules if is_there(module)))
 
 
 def frame_identity(case: Case) -> str:
@@ -63,10 +65,7 @@ def rescored_identity(addresses: Iterable[str], estimators: Iterable[str]) -> st
 def _scene_content(case: Case) -> str:
     content = {"scene": case.scene.model_dump(mode="json"), "camera": case.camera.model_dump(mode="json")}
     for key, path in _atmosphere_files(case).items():
-        try:
-            content[f"atmosphere {key}"] = {"sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-        except OSError as e:
-            raise UserError(e.strerror or "cannot be read", where=str(path), expected="an atmosphere file") from e
+        content[f"atmosphere {key}"] = {"sha256": files.sha256_of(path, expected="an atmosphere file")}
         # The content counts, not where it lies: a folder can be moved.
         content["scene"]["atmosphere"][key] = path.name
     return json.dumps(content, sort_keys=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
 import shlex
@@ -10,6 +9,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from horizonval.core import files
+from horizonval.core.errors import UserError
 from horizonval.estimation import installed
 from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process.external import external
@@ -92,8 +93,8 @@ def _digests(command: str, folder: Path) -> list[str]:
     """Digest of every file that a command names: a program that was changed gives other results."""
     try:
         paths = [folder / word for word in shlex.split(command)]
-        return [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()]
-    except (OSError, ValueError):
+        return [files.sha256_of(path) for path in paths if files.kind_at(path, links=True) == "a file"]
+    except (UserError, ValueError):
         return []
 
 

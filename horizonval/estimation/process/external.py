@@ -3,8 +3,8 @@
 The program gets a 16 bit PNG of the digital numbers and the calibrated camera as TOML, nothing else: not the truth that
 our own files carry. It prints what ``horizonval estimate --json`` prints; ``status`` is required, for a fit also
 ``nadir_cam``. Angles that are missing follow from the nadir. ``sigma_nadir_arcsec`` is the rms error claimed, taken as
-equal in all directions; without it the fit claims to be exact. A crash, a wrong answer, too long an answer or none in
-time is an outcome.
+equal in all directions; without it the fit claims no uncertainty, and is judged by a default. A crash, a wrong answer,
+too long an answer or none in time is an outcome.
 """
 
 from __future__ import annotations
@@ -82,7 +82,10 @@ def _run(observation: Observation, *, command: str, folder: Path, limit_s: float
         except (ValueError, IndexError) as e:
             return crash(f"the command {command!r} cannot be read: {e}")
         answer = _answer(words, folder, limit_s)
-    return answer if isinstance(answer, Refusal) else result_of(answer, observation)
+    if isinstance(answer, Refusal):
+        return answer
+    result = result_of(answer, observation)
+    return crash(result.reason, answer) if isinstance(result, Refusal) and result.status == "crashed" else result
 
 
 def camera_file(observation: Observation) -> str:
@@ -113,7 +116,7 @@ def _answer(words: list[str], folder: Path, limit_s: float) -> bytes | Refusal:
             cwd=folder,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            # Standard error is this process's own, whose last lines are kept.
             start_new_session=True,
         )
     except OSError as e:
@@ -132,7 +135,7 @@ def _answer(words: list[str], folder: Path, limit_s: float) -> bytes | Refusal:
             os.killpg(process.pid, signal.SIGKILL)
         process.stdout.close()
         process.wait()
-    return printed if status == 0 else crash(f"the program ended with status {status}")
+    return printed if status == 0 else crash(f"the program ended with status {status}", printed)
 
 
 def _read(pipe: IO[bytes], deadline: float) -> bytes | Refusal:
@@ -142,7 +145,7 @@ def _read(pipe: IO[bytes], deadline: float) -> bytes | Refusal:
     while True:
         ready, _, _ = select.select([pipe], [], [], max(0.0, deadline - time.monotonic()))
         if not ready:
-            return crash("the program exceeded its time limit")
+            return crash("the program exceeded its time limit", bytes(found))
         chunk = os.read(pipe.fileno(), 65536)
         if not chunk:
             return bytes(found)
@@ -178,8 +181,8 @@ def _fit(data: Mapping[str, Any], points: NDArray[np.float64], observation: Obse
     nadir = nadir / np.linalg.norm(nadir)
     angles = roll_pitch_of_nadir(rotate(inverse(observation.q_cam_from_body), nadir))
     sigma = float(data.get("sigma_nadir_arcsec") or 0.0) * _ARCSEC
-    if not sigma >= 0.0:
-        raise ValueError(f"sigma_nadir_arcsec is {data['sigma_nadir_arcsec']}; a standard deviation is 0 or more")
+    if not 0.0 <= sigma < math.inf:
+        raise ValueError(f"sigma_nadir_arcsec is {data['sigma_nadir_arcsec']}, no standard deviation")
 
     def radians(key: str) -> float | None:
         return None if data.get(key) is None else math.radians(float(data[key]))

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.cache import read_arrays
-from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError, excerpt
 from horizonval.core.json_types import JsonObject
 from horizonval.store.folder import read_json
 from horizonval.studies.regression.baseline.baseline import (
@@ -212,7 +212,10 @@ def _pack(run: Path, night: Mapping[str, Any]) -> Pack:
     """Return the frozen images and frames of a night, from the files of its units."""
     images, frames, truths = [], [], {}
     for scene, record in sorted(night["scenes"].items()):
-        path = run / WORK / night["arrays"][scene]
+        name = night["arrays"][scene]
+        if not files.is_name(name):
+            raise DamagedFileError(f"names {excerpt(str(name))!r}", where=str(run), expected="a file of the night")
+        path = run / WORK / name
         if not path.is_file():
             raise UserError("no such file", where=str(path), fix="run the night again; its working files are gone")
         arrays = read_arrays(path)

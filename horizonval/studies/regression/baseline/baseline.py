@@ -10,12 +10,12 @@ A baseline is never changed but by ``horizonval baseline accept``, with a reason
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from horizonval.core import files
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.store.folder import read_json, write_json
 from horizonval.studies.regression.baseline.pack import FrozenFrame, Pack, read_pack, write_pack
@@ -76,7 +76,7 @@ def read_baseline(path: Path, suite: str) -> Baseline:
     pack = pack_path(path)
     if not pack.is_file():
         raise UserError("no such file", where=str(pack), expected=f"the frozen images that belong to {path.name}")
-    if hashlib.sha256(pack.read_bytes()).hexdigest() != data["pack_sha256"]:
+    if files.sha256_of(pack) != data["pack_sha256"]:
         raise DamagedFileError("its bytes are not those that were accepted", where=str(pack))
     try:
         results = GateInputs(
@@ -102,7 +102,7 @@ def write_baseline(
         "rows": to_columns(results.rows),
         "fresh": to_columns(results.fresh),
         "fresh_night": results.fresh_night,
-        "pack_sha256": hashlib.sha256(images.read_bytes()).hexdigest(),
+        "pack_sha256": files.sha256_of(images),
     }
     write_json(path, content, indent=None, bound=False)
 
@@ -113,7 +113,7 @@ def copy_as_release(path: Path) -> Path:
     accepted = read_pack(pack_path(path))
     target = release_path(path)
     write_pack(pack_path(target), Pack((), accepted.frames, {}))
-    data["pack_sha256"] = hashlib.sha256(pack_path(target).read_bytes()).hexdigest()
+    data["pack_sha256"] = files.sha256_of(pack_path(target))
     write_json(target, data, indent=None, bound=False)
     return target
 

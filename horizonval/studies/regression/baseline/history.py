@@ -8,13 +8,15 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.json_types import JsonObject
 from horizonval.studies.regression.statistics.steps import pieces
 
 FILE = "history.jsonl"
 NIGHTS = 60
 """Shown and searched for steps: a release cycle."""
+MAX_FILE_BYTES = 1024**3
+"""Of a history; a night is a line of some 50 kB."""
 
 
 def append(path: Path, verdict: Mapping[str, Any]) -> None:
@@ -39,13 +41,15 @@ def append(path: Path, verdict: Mapping[str, Any]) -> None:
 
 def read(path: Path, most: int | None = NIGHTS) -> list[JsonObject]:
     """Return the last nights in the order of their labels; a line that is none (a torn write) is left out."""
-    if not path.is_file():
+    try:
+        data = files.read_bytes(path, largest=MAX_FILE_BYTES, expected="a history of nights")
+    except files.MissingFileError:
         return []
     found = []
-    for text in path.read_text(encoding="utf-8", errors="replace").splitlines():
+    for text in data.decode("utf-8", "replace").splitlines():
         try:
             line = json.loads(text)
-        except ValueError:
+        except (ValueError, RecursionError):
             continue
         if isinstance(line, dict) and isinstance(line.get("night"), str) and "levels" in line:
             found.append(line)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from horizonval.core import atomic
+from horizonval.core import atomic, files
 from horizonval.core.errors import DamagedFileError, UserError
 
 PACK_SCHEMA = 1
@@ -132,7 +132,7 @@ def read_pack(path: Path) -> Pack:
     if not path.is_file():
         raise UserError("no such file", where=str(path), expected="the frozen images of a baseline")
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with files.open_file(path) as stream, np.load(stream, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         head = json.loads(arrays["head"].tobytes())
         if head["schema"] != PACK_SCHEMA:
