@@ -9,10 +9,10 @@ from typing import Annotated, Any
 
 import typer
 
-from horizonval.cli.completion import estimators
 from horizonval.cli.options import Json
+from horizonval.cli.options.completion import estimators
+from horizonval.cli.options.selection import ALL, EntryOptions, selects
 from horizonval.cli.printing import print_json, print_summary
-from horizonval.cli.selection import ALL, EntryOptions, selects
 from horizonval.cli.work import resumable, watched
 from horizonval.core.errors import UserError, printable
 from horizonval.jobs.execution import MOST_WORKERS

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from horizonval.cli.check import warnings_printed
-from horizonval.cli.completion import shipped
 from horizonval.cli.options import Dask, DryRun, Json, Shard, Workers
+from horizonval.cli.options.completion import shipped
 from horizonval.cli.printing import print_dry_run, print_json, print_shard, print_summary
 from horizonval.cli.work import execution_of, interruptible
 from horizonval.core.errors import UserError

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from horizonval.cli.completion import shipped
 from horizonval.cli.options import Json
+from horizonval.cli.options.completion import shipped
 from horizonval.cli.printing import print_json
 
 if TYPE_CHECKING:

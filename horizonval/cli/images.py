@@ -10,8 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from horizonval.cli.checks import check_target
-from horizonval.cli.completion import estimators, shipped
 from horizonval.cli.options import Json
+from horizonval.cli.options.completion import estimators, shipped
 from horizonval.cli.printing import print_json
 from horizonval.core import atomic
 from horizonval.core.errors import UserError

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from horizonval.cli.completion import kinds_of_files, lists
 from horizonval.cli.options import Json
+from horizonval.cli.options.completion import kinds_of_files, lists
 from horizonval.cli.printing import print_json
 from horizonval.core.errors import UserError
 

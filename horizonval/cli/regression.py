@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from horizonval.cli.completion import shipped
 from horizonval.cli.options import DryRun, Json, Workers
+from horizonval.cli.options.completion import shipped
 from horizonval.cli.printing import print_dry_run, print_json
 from horizonval.cli.work import resumable
 from horizonval.core.errors import UserError

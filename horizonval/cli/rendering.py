@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from horizonval.cli.checks import check_folder, check_target
-from horizonval.cli.completion import shipped
+from horizonval.cli.options.completion import shipped
 from horizonval.core.errors import UserError
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from horizonval.cli.completion import systems
 from horizonval.cli.options import DryRun, Json, Workers
+from horizonval.cli.options.completion import systems
 from horizonval.cli.printing import print_dry_run, print_json
 from horizonval.cli.work import resumable
 

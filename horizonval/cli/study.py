@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from horizonval.cli.check import print_warnings
-from horizonval.cli.completion import shipped
 from horizonval.cli.options import Dask, DryRun, Json, Shard, Workers
+from horizonval.cli.options.completion import shipped
 from horizonval.cli.printing import print_dry_run, print_json, print_shard
 from horizonval.cli.work import execution_of, resumable
 from horizonval.core.errors import UserError

@@ -60,7 +60,7 @@ def test_names_are_offered(tmp_path, words, expected):
 
 
 def test_every_name_that_a_command_takes_is_offered(monkeypatch, tmp_path):
-    from horizonval.cli import completion
+    from horizonval.cli.options import completion
 
     monkeypatch.chdir(tmp_path)
     for kind in ("scene", "camera", "suite", "study"):
