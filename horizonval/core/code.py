@@ -61,9 +61,30 @@ def code_digest(*modules: str) -> str:
     digest = digest_below(roots, *(name for name in modules if name not in compiled))
     if not compiled:
         return digest
-    files = [importlib.util.find_spec(name) for name in compiled]
-    digests = [hashlib.sha256(Path(str(one.origin)).read_bytes()).hexdigest() for one in files if one is not None]
+    digests = [hashlib.sha256(path.read_bytes()).hexdigest() for name in compiled for path in _compiled(name, roots)]
     return hashlib.sha256(json.dumps([digest, compiled, digests]).encode()).hexdigest()
+
+
+def is_there(module: str) -> bool:
+    """Whether there is a file of a module; nothing of its package is imported to find out."""
+    first = module.partition(".")[0]
+    try:
+        roots = {first: _root_of(first)}
+    except (ModuleNotFoundError, ValueError):
+        return False
+    return _file_of(module, roots) is not None or bool(_compiled(module, roots))
+
+
+def _compiled(name: str, roots: dict[str, Path]) -> list[Path]:
+    """Return the compiled files of a module: to ask the import system for them would import its package."""
+    first, *rest = name.split(".")
+    root = roots[first]
+    if not rest:
+        return [root] if root.is_file() else []
+    place = root.joinpath(*rest)
+    return sorted(
+        path for path in place.parent.glob("*") if path.is_file() and path.name.partition(".")[0] == place.name
+    )
 
 
 def digest_below(roots: dict[str, Path], *modules: str) -> str:
@@ -159,10 +180,14 @@ def _looked_at(path: Path, known: dict[str, Any]) -> tuple[str, Imports]:
     source = path.read_bytes()
     key = hashlib.sha256(source).hexdigest()
     if key not in known:
-        tree = ast.parse(source)
-        words: list[str] = []
-        _spell(tree, words)
-        known[key] = (hashlib.sha256("\0".join(words).encode()).hexdigest(), list(_imports(tree)))
+        try:
+            tree = ast.parse(source)
+            words: list[str] = []
+            _spell(tree, words)
+            known[key] = (hashlib.sha256("\0".join(words).encode()).hexdigest(), list(_imports(tree)))
+        except (SyntaxError, ValueError, RecursionError, MemoryError):
+            # A module that cannot be imported, of whatever package, is its bytes.
+            return key, []
     digest, imports = known[key]
     return digest, imports
 

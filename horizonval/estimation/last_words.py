@@ -23,6 +23,7 @@ LONGEST_REASON = 500
 LONGEST_OUTPUT = 4096
 """Characters, of what was printed and the traceback together."""
 _FRAMES = 20
+_TEMPORARY = re.compile(r"[^\s'\"]*/horizonval-[a-z0-9_]{8}\b")
 _ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{4,}")
 _UNSAFE = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
 """Unicode categories that steer a terminal or a page, or cannot be written."""
@@ -62,7 +63,7 @@ def _safe(text: str) -> str:
     text = text.replace("\t", "    ")
     if not text.isascii() or not text.isprintable():
         text = "".join("\N{REPLACEMENT CHARACTER}" if unicodedata.category(c) in _UNSAFE else c for c in text)
-    return _ADDRESS.sub("0x...", text)
+    return _TEMPORARY.sub("...", _ADDRESS.sub("0x...", text))
 
 
 def raised(error: BaseException) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from horizonval.core import files
-from horizonval.core.code import code_digest
+from horizonval.core.code import code_digest, is_there
 from horizonval.estimation import registry
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
@@ -29,7 +29,9 @@ RESCORED_CODE = ("horizonval.suites.units.archived", "horizonval.estimation.proc
 
 def code_of(estimators: Iterable[str]) -> tuple[str, ...]:
     """Return the modules of estimators: of ours and of users' packages; programs are files, see :class:`CasePlan`."""
-    return tuple(sorted({module for name in estimators if (module := registry.module_of(name)) is not None}))
+    modules = {module for name in estimators if (module := registry.module_of(name)) is not None}
+    # One that is not there makes a crash of its estimator, not of the run.
+    return tuple(sorted(module for module in modules if is_there(module)))
 
 
 def frame_identity(case: Case) -> str:

@@ -59,6 +59,11 @@ class Cell:
         self._said: Description | Refusal | None = None
         self._question = _file_without_name()
 
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a process."""
+        return self._process is not None
+
     def describe(self) -> Description | Refusal:
         """Return what the estimator says of itself, asked for once; a crash if it cannot be imported."""
         if self._said is None:
@@ -249,7 +254,9 @@ def _pipes(process: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes], IO[b
 
 def crash_with(refusal: Refusal, printed: bytes) -> Refusal:
     """Return a crash with what was printed before its traceback."""
-    return crash(refusal.reason, printed + b"\n" + refusal.output.encode() if printed else refusal.output)
+    return crash(
+        refusal.reason, printed.rstrip() + b"\n" + refusal.output.encode() if printed.strip() else refusal.output
+    )
 
 
 def _description(said: object) -> Description:

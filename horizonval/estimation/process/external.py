@@ -82,7 +82,10 @@ def _run(observation: Observation, *, command: str, folder: Path, limit_s: float
         except (ValueError, IndexError) as e:
             return crash(f"the command {command!r} cannot be read: {e}")
         answer = _answer(words, folder, limit_s)
-    return answer if isinstance(answer, Refusal) else result_of(answer, observation)
+    if isinstance(answer, Refusal):
+        return answer
+    result = result_of(answer, observation)
+    return crash(result.reason, answer) if isinstance(result, Refusal) and result.status == "crashed" else result
 
 
 def camera_file(observation: Observation) -> str:
@@ -113,7 +116,7 @@ def _answer(words: list[str], folder: Path, limit_s: float) -> bytes | Refusal:
             cwd=folder,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            # Standard error is this process's own, whose last lines are kept.
             start_new_session=True,
         )
     except OSError as e:
@@ -132,7 +135,7 @@ def _answer(words: list[str], folder: Path, limit_s: float) -> bytes | Refusal:
             os.killpg(process.pid, signal.SIGKILL)
         process.stdout.close()
         process.wait()
-    return printed if status == 0 else crash(f"the program ended with status {status}")
+    return printed if status == 0 else crash(f"the program ended with status {status}", printed)
 
 
 def _read(pipe: IO[bytes], deadline: float) -> bytes | Refusal:
@@ -142,7 +145,7 @@ def _read(pipe: IO[bytes], deadline: float) -> bytes | Refusal:
     while True:
         ready, _, _ = select.select([pipe], [], [], max(0.0, deadline - time.monotonic()))
         if not ready:
-            return crash("the program exceeded its time limit")
+            return crash("the program exceeded its time limit", bytes(found))
         chunk = os.read(pipe.fileno(), 65536)
         if not chunk:
             return bytes(found)

@@ -21,6 +21,9 @@ __all__ = ["Description", "Limits", "Sandbox", "sandbox_of"]
 _PROGRAM_GRACE_S = 5.0
 """A program's own limit comes first and says more."""
 
+_MOST_KEEPERS = 8
+"""Of keepers at the same time, each of some 100 MB; the one that was asked longest ago goes first."""
+
 
 class Sandbox:
     """The processes of one set of limits, started when they are needed."""
@@ -51,9 +54,12 @@ class Sandbox:
     def _cell(self, name: str) -> Cell:
         foreign = name in self._programs or registry.is_foreign(name)
         key = name if foreign else None
-        if key not in self._cells:
-            self._cells[key] = Cell(self._limits, key)
-        return self._cells[key]
+        cell = self._cells.pop(key, None) or Cell(self._limits, key)
+        self._cells[key] = cell
+        keepers = [other for name, other in self._cells.items() if name is not None and other.is_open]
+        for other in keepers[:-_MOST_KEEPERS]:
+            other.close()
+        return cell
 
 
 _open: dict[Limits, Sandbox] = {}

@@ -131,7 +131,7 @@ def conclude_again(folder: Path) -> StudyResult:
     return StudyResult(result, costs, dict.fromkeys(data.failed, "see summary.json"), page)
 
 
-def ask(data: Data, result: StudyResult, requirement: Requirement) -> dict[str, Any]:
-    """Return the cheapest design for a requirement, by what the study counts as cheap."""
-    seconds = {name: cost["value"] for name, cost in result.costs["designs"].items()}
-    return query(data, result.result["designs"], requirement, data.plan.head.cheapest_by, seconds)
+def ask(data: Data, result: StudyResult, requirement: Requirement, by: str | None = None) -> dict[str, Any]:
+    """Return the cheapest design for a requirement, by an expression or by what the study counts as cheap."""
+    price, where = (data.plan.head.cheapest_by, "study.cheapest_by") if by is None else (by, "--cheapest-by")
+    return query(data, result.result["designs"], requirement, price, result.costs["designs"], where)

@@ -163,6 +163,31 @@ def test_a_module_that_is_not_there_is_an_error(package: dict[str, Path]) -> Non
         code.modules_of(package, "small.gone")
 
 
+@pytest.mark.parametrize("text", ["this is no python", "x = '\\ud800'\0", "(" * 500 + ")" * 500])
+def test_a_module_that_cannot_be_read_is_its_bytes(package: dict[str, Path], text: str) -> None:
+    digests = set()
+    for number in range(2):
+        (package["small"] / "plain.py").write_text(text + "#" * number)
+        digests.add(code.digest_below(package, "small.first"))
+    assert len(digests) == 2
+
+
+def test_nothing_is_imported_to_find_a_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not for its digest, and not to see whether it is there, compiled or not."""
+    root = tmp_path / "imported_by_mistake"
+    root.mkdir()
+    (root / "__init__.py").write_text("raise SystemExit(0)")
+    (root / "fast.cpython-311-x86_64-linux-gnu.so").write_bytes(b"machine")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert code.is_there("imported_by_mistake.fast")
+    assert not code.is_there("imported_by_mistake.slow")
+    assert not code.is_there("no_such_package.at_all")
+    first = code.code_digest("imported_by_mistake.fast")
+    (root / "fast.cpython-311-x86_64-linux-gnu.so").write_bytes(b"other")
+    code.code_digest.cache_clear()
+    assert code.code_digest("imported_by_mistake.fast") != first
+
+
 def test_the_digest_is_quick_and_the_same_in_every_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = "from horizonval.core.code import code_digest as d; print(d('horizonval.suites.units.case'))"
     made = [subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True) for _ in range(2)]

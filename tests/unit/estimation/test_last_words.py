@@ -29,6 +29,7 @@ def _caught(depth: int = 0) -> ValueError:
         ("red \x1b[31m", "red \N{REPLACEMENT CHARACTER}[31m"),
         ("half \ud800 of a pair", "half \N{REPLACEMENT CHARACTER} of a pair"),
         ("<f at 0x7f00dead>", "<f at 0x...>"),
+        ("cannot read '/tmp/horizonval-ab_12xyz/image.png'", "cannot read '.../image.png'"),
         ("Erdhorizont, 5\N{DEGREE SIGN} über", "Erdhorizont, 5\N{DEGREE SIGN} über"),
         ("right \N{RIGHT-TO-LEFT OVERRIDE}to left", "right \N{REPLACEMENT CHARACTER}to left"),
     ],

@@ -94,7 +94,7 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory):
         "garbage": "import sys; sys.stdout.write('no json ' * 10)",
         "endless": "import sys\nwhile True: sys.stdout.write('x' * 65536)",
         "sleeper": "import time; time.sleep(60)",
-        "failing": "raise SystemExit(4)",
+        "failing": "import sys; print('half'); sys.exit('no ' + sys.argv[1])",
         "honest": "import json,sys\n"
         "assert open(sys.argv[1],'rb').read(4)[1:] == b'PNG'\nassert b'fx = 55.0' in open(sys.argv[2],'rb').read()\n"
         "print(json.dumps({'status':'valid','nadir_cam':[0,0.6,0.8],'sigma_nadir_arcsec':360}))",
@@ -126,7 +126,7 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory):
         ("garbage", Outcome.CRASHED, "printed no JSON object but b'no json"),
         ("endless", Outcome.CRASHED, "more than a megabyte"),
         ("sleeper", Outcome.CRASHED, "the program exceeded its time limit"),
-        ("failing", Outcome.CRASHED, "ended with status 4"),
+        ("failing", Outcome.CRASHED, "ended with status 1"),
         ("unheard-of", Outcome.CRASHED, "unknown estimator"),
     ],
 )
@@ -154,6 +154,13 @@ def test_nothing_that_an_estimator_started_survives_it(sandbox, name, tmp_path, 
                 return
             time.sleep(0.02)
     pytest.fail("the helper still runs")
+
+
+def test_what_was_printed_last_is_kept(sandbox):
+    """Of a program both its outputs, without the name of the folder that its files lay in for a moment."""
+    assert sandbox.run("failing", OBSERVATION).output == "no .../image.png\nhalf"
+    assert "MemoryError" in sandbox.run("eat", OBSERVATION).output
+    assert sandbox.run("chatter", OBSERVATION).output == ""
 
 
 def test_a_program_is_an_estimator(sandbox):
