@@ -56,7 +56,8 @@ def cheapest(
         ``meets``, ``open``, ``fails``: names, cheapest first; ``cheapest``: the first that meets, or None, and
         ``tied``: all that meet at a cost that is not told apart from its; ``candidate``: the cheapest open one whose
         measured share reaches the availability, or None, and ``tied_candidates``; ``closest``: the one with the largest
-        share, the first of ``tied_closest``; ``needed``: frames without a miss that would show it; ``misses``: by name; ``text``: the answer in words.
+        share, the first of ``tied_closest``; ``needed``: frames without a miss that would show it; ``misses``: by name;
+        ``text``: the answer in words.
     """
 
     def place(design: Mapping[str, Any]) -> tuple[float, float, str]:
