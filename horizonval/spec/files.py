@@ -73,7 +73,9 @@ def find(kind: Kind, path_or_name: str | Path, *, beside: Path | None = None, wh
     if name in shipped_names(kind):
         return shipped_path(kind, name)
     if (lies_there := kind_at(candidate, links=True)) not in ("a file", ""):
-        raise UserError(f"{candidate} is {lies_there}", where=where, expected=f"a {kind} file")
+        raise UserError(
+            f"{candidate} is {lies_there}", where=where, expected=f"{'an' if kind == 'atmosphere' else 'a'} {kind} file"
+        )
     known = nearest(name.rsplit("/", 1)[-1], shipped_names(kind))
     raise UserError(
         f"no {kind} named {str(path_or_name)!r}" + (f", nor a file {candidate}" if beside is not None else ""),
