@@ -39,13 +39,24 @@ def resumable(what: str, unit: str = "frames", *, kept: str | None = None) -> It
 
 @contextmanager
 def interruptible(kept: str | None = None) -> Iterator[None]:
-    """Let an interruption say that the same command goes on, and end with 130; ``kept`` as for :func:`resumable`."""
+    """Let an interruption say that the same command goes on, and end with 130; ``kept`` as for :func:`resumable`.
+
+    Nothing else that ends the work early is a success: not a plug-in's ``sys.exit(0)``, nor a reader who is gone.
+    """
     try:
         yield
     except KeyboardInterrupt:
         finished = f"finished {kept} are kept, " if kept else ""
         print(f"horizonval: interrupted; {finished}the same command goes on from here", file=sys.stderr)
         raise SystemExit(130) from None
+    except SystemExit as end:
+        # Work that comes to its end leaves the block: whoever ends the process inside it has not finished it.
+        if end.code not in (None, 0):
+            raise
+        print("horizonval: error: foreign code ended the process before the work was done", file=sys.stderr)
+        raise SystemExit(1) from None
+    except BrokenPipeError:
+        raise SystemExit(1) from None
 
 
 def watched(what: str, unit: str = "files") -> Terminal:

@@ -70,7 +70,8 @@ class Recording:
                 self.failed.add(failure[1])
 
     def tests(self, file: str, line: int, longest_s: float) -> list[str]:
-        """Return the tests of a line, the shortest first, as many as take ``longest_s`` together.
+        """Return the tests of a line, as many as take ``longest_s`` together: those written for its module first, of
+        which three times as many are taken, and of each kind the shortest first.
 
         A line that is executed while its module is imported has the tests of what it is about: of the function whose
         argument's default it is, of the functions that use the names it defines, else of the whole module.
@@ -85,12 +86,22 @@ class Recording:
             tests = tests or self._of_lines(file, set(self._contexts(file)))
             tests |= {test for test in self.seconds if test.startswith(OF_DEFINITIONS)}
         chosen, total = [], 0.0
-        for test in sorted(tests - self.failed, key=lambda test: (self.seconds.get(test, 0.0), test)):
-            total += self.seconds.get(test, 0.0)
-            if total > longest_s and chosen:
+        for test in sorted(tests - self.failed, key=lambda test: (not self._is_near(test, file), self._s(test), test)):
+            total += self._s(test)
+            if total > longest_s and not (self._is_near(test, file) and total < 3 * longest_s):
                 break
             chosen.append(test)
         return chosen
+
+    def _s(self, test: str) -> float:
+        return self.seconds.get(test, 0.0)
+
+    @cache  # noqa: B019
+    def _is_near(self, test: str, file: str) -> bool:
+        """Whether a test's file names the module: it was written for it."""
+        path = self._tree / test.partition("::")[0]
+        module = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+        return path.is_file() and re.search(rf"\b{re.escape(module)}\b", path.read_text(encoding="utf-8")) is not None
 
     @cache  # noqa: B019  (one object for a run)
     def _contexts(self, file: str) -> dict[int, list[str]]:

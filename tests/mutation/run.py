@@ -36,7 +36,7 @@ from recording import Recording, record
 ROOT = Path(__file__).parents[2]
 TESTS = [f"tests/unit/{room}" for room in ("scoring", "estimation", "store", "jobs", "suites", "studies/regression")]
 TESTS.append("tests/unit/test_values.py")
-LONGEST_S = 6.0
+LONGEST_S = 5.0
 """Recorded time of the tests that a mutant gets; what only others would find counts as survived."""
 CONFIRMED_FROM_S = 1.0
 """A test that takes so long may fail because the machine is busy: it must fail twice to count."""

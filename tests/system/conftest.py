@@ -116,8 +116,9 @@ def mini_run(mini_suite: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 def outcome_of(out: Path) -> dict[str, str]:
-    """Digest of every file that equal runs share: archive, cases, summary and table."""
-    files = [p for room in ("archive", "cases") for p in (out / room).rglob("*") if p.suffix in (".exr", ".json")]
+    """Digest of every file that equal runs share: archive, records, summary, table and report."""
+    rooms = ("archive", "cases", "state", "report")
+    files = [p for room in rooms for p in (out / room).rglob("*") if p.suffix in (".exr", ".json", ".html")]
     files += [out / "summary.json", out / "results.parquet", out / "run.json"]
     return {p.relative_to(out).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(files)}
 

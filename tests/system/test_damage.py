@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import random
@@ -15,6 +16,7 @@ from conftest import MINI_CAMERA
 
 from horizonval import cli
 from horizonval.commands.run import run
+from horizonval.core import atomic
 from horizonval.jobs import engine
 from horizonval.jobs.execution import Execution
 from horizonval.jobs.pool import get_ready
@@ -230,7 +232,7 @@ def test_what_was_altered_is_told_where_it_is_read_and_said_where_it_is_mended(
     shutil.copytree(finished, out)
     path = out / name
     data = path.read_bytes()
-    place = data.index(b"0.") if b"0." in data else len(data) // 2
+    place = data.index(b"0.") if b"0." in data else 4
     path.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
     (problem,) = problems_of(out, capsys)
     assert (problem["problem"], problem["message"]) == ("damaged", f"{name}: altered since the folder was finished")
@@ -281,3 +283,32 @@ def test_what_archive_and_report_commands_change_is_no_damage(finished, suite, t
     (again / "cases" / "a.json").unlink()
     (again / "mine.txt").write_text("")
     assert [problem["problem"] for problem in problems_of(again, capsys)] == ["missing", "foreign"]
+
+
+class _Full:
+    """A disk that takes so many bytes."""
+
+    def __init__(self, room: int) -> None:
+        self.room = room
+
+    def flush(self, path: Path) -> None:
+        self.room -= path.stat().st_size
+        if self.room < 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.4, 0.8, 0.999])
+def test_a_disk_that_fills_up_costs_nothing_but_the_rest(finished, suite, tmp_path, capsys, monkeypatch, share):
+    out = tmp_path / "out"
+    written = [path for path in files_of(finished) if path.name != "index.sqlite"]  # SQLite writes by itself.
+    room = int(share * sum(path.stat().st_size for path in written))
+    with monkeypatch.context() as patch:
+        patch.setattr(atomic, "flush", _Full(room).flush)
+        status = cli.run_command_line(["run", str(suite), "--out", str(out), "--workers", "1"])
+    errors = capsys.readouterr().err
+    assert status in (1, 2), "a run that ends without its summary is never well"
+    assert "No space left on device" in errors
+    assert "Traceback" not in errors
+    finish(suite, out)
+    assert content_of(out) == content_of(finished)
+    assert problems_of(out, capsys) == []

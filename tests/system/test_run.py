@@ -97,6 +97,8 @@ def _check_kills(suite: Path, reference: Path, out: Path, moments: list[float]) 
     assert done.returncode == 0, done.stderr.decode()
     assert outcome_of(out) == outcome_of(reference)
     assert not [p for p in out.rglob(".*") if p.name != ".lock"], "no leftovers"
+    done = subprocess.run([str(PROGRAM), "archive", "verify", str(out)], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "12 entries, 0 problems\n")
 
 
 def test_two_kills_change_nothing(mini_suite, mini_run, tmp_path):
@@ -104,15 +106,15 @@ def test_two_kills_change_nothing(mini_suite, mini_run, tmp_path):
 
 
 @pytest.mark.slow
-def test_ten_kills_at_random_moments_change_nothing(mini_suite, mini_run, tmp_path):
+def test_100_kills_at_random_moments_change_nothing(mini_suite, mini_run, tmp_path):
     moments = random.Random(20260320)
     start = time.monotonic()
     subprocess.run([str(PROGRAM), "run", str(mini_suite), "--out", str(tmp_path / "dry")], check=True)
     whole = time.monotonic() - start
-    for i in range(10):
-        # Three kills in a row on the same folder, then a fresh one.
-        _killed_run(mini_suite, tmp_path / f"out-{i // 3}", moments.uniform(0, whole))
-    for i in range(4):
+    for i in range(100):
+        # Five kills in a row on the same folder, then a fresh one.
+        _killed_run(mini_suite, tmp_path / f"out-{i // 5}", moments.uniform(0, whole))
+    for i in range(20):
         _check_kills(mini_suite, mini_run, tmp_path / f"out-{i}", [])
 
 

@@ -11,7 +11,8 @@ from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
 from horizonval.precheck import Level, check, check_scene, check_suite
 from horizonval.precheck.frames import sample_sizes
-from horizonval.precheck.rules import CODES
+from horizonval.precheck.limb import limb_views
+from horizonval.precheck.rules import CODES, RULES
 from horizonval.scoring.expected import expected_outcome
 from horizonval.spec.load import load_scene
 from horizonval.spec.sensor.camera import CameraSpec
@@ -81,6 +82,17 @@ def test_a_thermal_limb_beyond_the_converters_end():
     kelvin = float(re.search(r"scene_max_k above (\d+) K", finding.fix).group(1))
     mended = check_scene(*changed("limb-night-ir", detector={"scene_max_k": kelvin + 20.0}))
     assert "saturated" not in codes(mended)
+
+
+@pytest.mark.parametrize("zenith_deg", [120.0, 132.7, 145.5, 160.1, 171.3, 180.0])
+def test_everywhere_deep_behind_the_earth_is_eclipse(zenith_deg):
+    scene, camera = changed(sun={"zenith_deg": zenith_deg, "azimuth_deg": 40.0})
+    for latitude_deg in (-71.3, -20.0, 5.5, 33.3):
+        platform = scene.platform.model_copy(update={"latitude_deg": latitude_deg, "altitude_km": 550.0})
+        view = limb_views("frame", truth_of(scene.model_copy(update={"platform": platform}), camera), camera)[0]
+        assert view.sun_outside_deg is None
+        assert not view.sun_in_frame
+        assert [rule.code for rule in RULES if rule.find(view) is not None][:1] == ["eclipse"]
 
 
 def test_eclipse_no_limb_and_short_arc():

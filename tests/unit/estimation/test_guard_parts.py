@@ -1,0 +1,270 @@
+"""The guard's parts on rows and images made by hand."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.guard import guard_limits as limits
+from horizonval.estimation.guard.clean_image import BAND_PX, BLEND_PX, FADE_PX, RAMP_PX, _closed, _distance, cleaned
+from horizonval.estimation.guard.guard_rows import RowLimb, is_row, misfit, row_limb
+from horizonval.estimation.guard.limb_model import _seen_relief
+from horizonval.estimation.limb.model.steepest import REACH_PX, STEP_PX, profile_places, steepest_sample, to_steepest
+from horizonval.estimation.observation import Observation
+from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
+from horizonval.geometry.cone import Cone, fit_cone
+from horizonval.geometry.directions import off_axis_angle, tangent_basis
+
+LINE = CameraModel(160, 1, 570.0, 570.0, 79.5, 0.0)
+PIXELS = np.arange(160.0)
+
+
+def row(column: float = 80.3, **changes: Any) -> np.ndarray:
+    """A hard limb with the Earth to the left."""
+    return 100.0 + 900.0 * np.clip(column - PIXELS + 0.5, 0.0, 1.0)
+
+
+def head(values: np.ndarray, **changes: Any) -> Observation:
+    return Observation(values[None, :], LINE, **({"full_scale": 4095.0} | changes))
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_row_with_one_edge_has_its_line_of_sight(mirrored: bool) -> None:
+    values = row()[::-1] if mirrored else row()
+    limb = row_limb(head(values))
+    assert isinstance(limb, RowLimb)
+    column = 159.0 - 80.3 if mirrored else 80.3
+    x = (column - 79.5) / 570.0
+    assert limb.los_cam == pytest.approx(np.array([x, 0.0, 1.0]) / math.hypot(x, 1.0), abs=2e-8)
+    # Noise free but for the rounding of its levels and the stated 0.005 px, in angle.
+    px = math.atan((column + 0.5 - 79.5) / 570.0) - math.atan((column - 0.5 - 79.5) / 570.0)
+    assert limb.sigma_rad == pytest.approx(5e-3 * px, rel=0.05)
+    towards = 1.0 if mirrored else -1.0
+    assert limb.to_bright_cam[0] * towards > 0.0
+    assert np.linalg.norm(limb.to_bright_cam) == pytest.approx(px, rel=1e-3)
+    assert limb.bright_side_down(np.array([towards, 0.0, 0.2]))
+    assert not limb.bright_side_down(np.array([-towards, 0.0, 0.2]))
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize(
+    ("start", "stop", "level", "outcome", "word"),
+    [
+        (120, 135, 4095.0, Outcome.SUN_GLARE, "Sun"),
+        (30, 40, 4095.0, Outcome.SUN_GLARE, "Sun"),
+        (0, 70, 4095.0, Outcome.SATURATED, "Earth"),
+        (115, 140, 800.0, Outcome.AMBIGUOUS, "beyond"),
+        (20, 45, 100.0, Outcome.AMBIGUOUS, "the row"),
+        (20, 45, 2900.0, Outcome.AMBIGUOUS, ""),
+        (115, 140, 130.0, None, ""),
+        (20, 45, 950.0, None, ""),
+    ],
+)
+def test_what_else_is_in_a_row_is_told(
+    mirrored: bool, start: int, stop: int, level: float, outcome: Outcome | None, word: str
+) -> None:
+    values = row()
+    values[start:stop] = level
+    found = row_limb(head(values[::-1] if mirrored else values))
+    if outcome is None:
+        assert isinstance(found, RowLimb)
+        return
+    assert isinstance(found, Refusal)
+    # Of two edges alike the first is taken for the limb: a Sun on the Earth's side may then pass for a bright Earth.
+    assert found.status is outcome or (outcome is Outcome.SUN_GLARE and found.status is Outcome.SATURATED)
+    if found.status is outcome:
+        assert word in found.reason
+
+
+def test_without_a_full_scale_nothing_is_saturated() -> None:
+    assert isinstance(row_limb(head(row() * 4.0, full_scale=None)), RowLimb)
+    refusal = row_limb(head(row() * 4.095))
+    assert isinstance(refusal, Refusal)
+
+
+def test_a_row_is_an_image_of_few_lines() -> None:
+    for shape, expected in (((1, 160), True), ((limits.ROW_PX, 160), True), ((limits.ROW_PX + 1, 160), False)):
+        assert is_row(Observation(np.zeros(shape), LINE)) is expected
+        assert is_row(Observation(np.zeros(shape[::-1]), LINE)) is expected
+    assert not is_row(Observation(np.zeros((2, 3, 160)), LINE))
+
+
+def crossings(rho: float = 1.1) -> tuple[np.ndarray, np.ndarray]:
+    """Four directions of a cone and the directions outwards from them."""
+    turn = np.radians([45.0, 130.0, 225.0, 320.0])
+    around = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(4)])
+    down = np.array([0.0, 0.0, 1.0])
+    return math.cos(rho) * down + math.sin(rho) * around, math.cos(rho) * around - math.sin(rho) * down
+
+
+def test_crossings_that_miss_one_cone_by_their_noise_are_likely_and_by_more_not() -> None:
+    """On a sphere of an even limb the misfit is one of chi-squared with one degree of freedom."""
+    los, outwards = crossings()
+    sigma = np.array([2e-3, 4e-3, 3e-3, 2e-3])
+    seen = head(row(), flattening=0.0)
+    rng = np.random.default_rng(1)
+    chances = []
+    for _ in range(400):
+        noisy = los + (sigma * rng.normal(size=4))[:, None] * outwards
+        noisy /= np.linalg.norm(noisy, axis=1)[:, None]
+        cone = fit_cone(noisy)
+        rho = float(off_axis_angle(noisy, cone.axis_cam).mean())
+        chances.append(misfit(noisy, cone.axis_cam, rho, sigma, seen))
+    assert stats.kstest(chances, "uniform").pvalue > 1e-3
+    assert misfit(los[:3], np.array([0.0, 0.0, 1.0]), 1.1, sigma[:3], seen) == 1.0
+    off = los + np.array([1, -1, 1, -1])[:, None] * 0.02 * outwards
+    cone = fit_cone(off / np.linalg.norm(off, axis=1)[:, None])
+    assert misfit(off, cone.axis_cam, cone.rho_rad, sigma, seen) < 1e-6
+    assert misfit(off, cone.axis_cam, cone.rho_rad, 20 * sigma, seen) > 0.3
+
+
+CAMERA = CameraModel(200, 160, 150.0, 150.0, 99.5, 79.5)
+AXIS = np.array([0.0, math.sin(0.95), math.cos(0.95)])
+RHO = 0.98
+CONE = Cone(AXIS, math.cos(RHO))
+
+
+def limb(n: int = 500, low: float = -0.75, high: float = 0.75) -> np.ndarray:
+    turn = np.linspace(low, high, n)[:, None]
+    up = np.array([0.0, -math.cos(0.95), math.sin(0.95)])
+    return math.cos(RHO) * AXIS + math.sin(RHO) * (np.cos(turn) * up + np.sin(turn) * np.array([1.0, 0.0, 0.0]))
+
+
+def depth() -> np.ndarray:
+    """Pixels by which each pixel lies inside the limb."""
+    return (RHO - off_axis_angle(unproject(CAMERA, pixel_grid(CAMERA)), AXIS)) * 150.0
+
+
+def visible(los: np.ndarray) -> np.ndarray:
+    uv, _ = project(CAMERA, los)
+    return los[((uv > 0) & (uv < (199, 159))).all(axis=1)]
+
+
+def test_a_clean_image_is_the_limb_and_two_levels() -> None:
+    """A cloud deep inside and a star far outside are gone, the band about the limb is as it was."""
+    d = depth()
+    image = np.where(d > 0, 500.0, 50.0)
+    dirty = image.copy()
+    dirty[(d > 25)] += np.random.default_rng(0).uniform(-200, 200, int((d > 25).sum()))
+    dirty[d < -20] = 900.0
+    clean = cleaned(dirty, CAMERA, CONE, visible(limb()))
+    band = np.abs(d) < BAND_PX - BLEND_PX - 1.0
+    assert clean[band] == pytest.approx(image[band], abs=1e-6)
+    assert clean[d < -BAND_PX - 1.0] == pytest.approx(np.full(int((d < -BAND_PX - 1).sum()), 50.0), abs=1e-6)
+    assert clean[d > BAND_PX + 1.0] == pytest.approx(np.full(int((d > BAND_PX + 1).sum()), 500.0), abs=1e-6)
+
+
+def test_each_direction_keeps_its_level_near_the_limb_and_all_have_one_deep_inside() -> None:
+    d = depth()
+    u = pixel_grid(CAMERA)[..., 0]
+    image = np.where(d > 0, 400.0 + 1.5 * (u - 99.5), 50.0)
+    clean = cleaned(image, CAMERA, CONE, visible(limb()))
+    ring = (d > BAND_PX) & (d < BAND_PX + 3)
+    assert np.corrcoef(clean[ring], image[ring])[0, 1] > 0.99
+    assert np.abs(clean[ring] - image[ring]).mean() < 15.0
+    column = clean[:, 30]
+    inside = d[:, 30]
+    far, near = np.argmin(np.abs(inside - BAND_PX - FADE_PX)), np.argmin(np.abs(inside - BAND_PX - 1))
+    # One e-folding further in, a third of the difference is left.
+    share = (column[far] - 400.0) / (column[near] - 400.0)
+    assert share == pytest.approx(math.exp(-1.0), abs=0.15)
+
+
+def test_a_piece_that_is_not_trusted_is_painted_over_slowly() -> None:
+    d = depth()
+    image = np.where(d > 0, 500.0, 50.0)
+    trusted = visible(np.vstack([limb(300, -0.75, -0.1), limb(300, 0.6, 0.75)]))
+    clean = cleaned(image, CAMERA, CONE, trusted)
+    uv, _ = project(CAMERA, limb(1500))
+    inside = ((uv > 12) & (uv < (187, 147))).all(axis=1)
+    turn = np.linspace(-0.75, 0.75, 1500)[inside]
+    inwards, _ = project(CAMERA, (limb(1500) + 5.0 / 150.0 * AXIS)[inside])
+    at = np.rint(inwards).astype(int)
+    level = clean[at[:, 1], at[:, 0]]
+    far = turn < -0.1 - 1.15 * RAMP_PX / (150.0 * math.sin(RHO))
+    assert level[far] == pytest.approx(np.full(int(far.sum()), 500.0), abs=15.0)
+    assert far.sum() > 100
+    middle = level[(turn > 0.22) & (turn < 0.28)]
+    assert middle.max() < 150.0
+    steps = np.abs(np.diff(level[(turn > -0.1) & (turn < 0.2)]))
+    assert steps.max() < 40.0, "no edge of its own"
+
+
+def test_gaps_are_closed_and_distances_go_round() -> None:
+    where = np.zeros(720, dtype=bool)
+    where[[0, 5, 300]] = True
+    assert np.flatnonzero(_closed(where, 3)).tolist() == [0, 1, 2, 3, 4, 5, 300]
+    assert np.flatnonzero(_closed(where, 2)).tolist() == [0, 1, 2, 3, 4, 5, 300]
+    assert np.flatnonzero(_closed(where, 1)).tolist() == [0, 5, 300]
+    distance = _distance(where)
+    every = np.arange(720)
+    brute = np.min([np.minimum(np.abs(every - p), 720 - np.abs(every - p)) for p in (0, 5, 300)], axis=0)
+    assert (distance == brute).all()
+    assert (_distance(np.zeros(720, dtype=bool)) == 720).all()
+
+
+@pytest.mark.parametrize("bright_inside", [True, False])
+@pytest.mark.parametrize("off_px", [-4.0, 0.3, 3.5])
+def test_points_move_to_where_a_soft_limb_is_steepest(bright_inside: bool, off_px: float) -> None:
+    d = depth()
+    image = 50.0 + 400.0 / (1.0 + np.exp(-d / 1.5))
+    image = image if bright_inside else 500.0 - image
+    start = visible(limb(400, -0.5, 0.5))
+    inwards = AXIS - (start @ AXIS)[:, None] * start
+    inwards /= np.linalg.norm(inwards, axis=1)[:, None]
+    moved = math.cos(off_px / 150.0) * start + math.sin(off_px / 150.0) * inwards
+    los, kept = to_steepest(image, CAMERA, moved, AXIS, bright_inside)
+    assert len(los) > 0.8 * len(start)
+    assert (off_axis_angle(los, AXIS) - RHO) * 150.0 == pytest.approx(np.zeros(len(los)), abs=0.06)
+    assert np.abs(np.sum(los * start[kept], axis=1) - 1.0).max() < 2e-3
+    wrong, _ = to_steepest(image, CAMERA, moved, AXIS, not bright_inside)
+    assert len(wrong) < 0.2 * len(start), "an edge of the other sense is none"
+    level, _ = to_steepest(np.full_like(image, 77.0), CAMERA, moved, AXIS, bright_inside)
+    assert len(level) == 0
+
+
+def test_profiles_run_towards_the_axis_in_equal_steps() -> None:
+    los = visible(limb(50, -0.3, 0.3))
+    offset, uv, in_view = profile_places(CAMERA, los, AXIS)
+    assert offset[0] == -REACH_PX
+    assert offset[-1] == pytest.approx(REACH_PX)
+    assert np.diff(offset) == pytest.approx(np.full(len(offset) - 1, STEP_PX))
+    places = uv.reshape(len(los), len(offset), 2)
+    angle = off_axis_angle(unproject(CAMERA, places[in_view]), AXIS)
+    expected = (RHO - offset / 150.0)[None, :].repeat(len(los), axis=0)[in_view]
+    assert angle == pytest.approx(expected, abs=1e-9)
+    assert (places >= 0).all()
+    assert (places <= (199, 159)).all()
+    corner = unproject(CAMERA, np.array([[0.0, 0.0], [199.0, 159.0]]))
+    for k, point in enumerate(corner):
+        _, _, seen = profile_places(CAMERA, point[None, :], AXIS)
+        middle = len(offset) // 2
+        assert seen[0, middle - 1 : middle + 2].sum() in (1, 2), f"the corner {k} itself is in view, one side is not"
+    slope = np.array([[0.0, 1.0, 3.0, 2.0], [9.0, 1.0, 0.0, 0.0], [0.0, 1.0, 2.0, 5.0]])
+    assert steepest_sample(slope).tolist() == [2, 1, 2]
+
+
+def test_the_relief_that_points_show_is_their_waves_without_their_noise() -> None:
+    """Waves of the limb of 2 km under noise of 3 km: a mean over neighbours keeps one and hardly the other."""
+    rng = np.random.default_rng(5)
+    n, radius = 800, 6371e3
+    turn = np.linspace(-1.5, 1.5, n)
+    scale = math.tan(RHO) / radius
+    up, side = np.array([0.0, -math.cos(0.95), math.sin(0.95)]), np.array([1.0, 0.0, 0.0])
+    wave = 2000.0 * math.sqrt(2.0) * np.sin(2 * np.pi * turn / 0.35)
+
+    def seen(height: np.ndarray) -> float:
+        angle = (RHO + height * scale)[:, None]
+        los = np.cos(angle) * AXIS + np.sin(angle) * (np.cos(turn)[:, None] * up + np.sin(turn)[:, None] * side)
+        return _seen_relief(los, AXIS, RHO, radius).sigma_m
+
+    assert seen(wave) == pytest.approx(2000.0, rel=0.12)
+    assert seen(wave + 3000.0 * rng.normal(size=n)) == pytest.approx(2000.0, rel=0.25)
+    assert seen(3000.0 * rng.normal(size=n)) < 700.0
+    assert tangent_basis(AXIS).shape == (3, 2)
