@@ -14,7 +14,7 @@ from horizonval.cli.options.completion import estimators
 from horizonval.cli.options.selection import ALL, EntryOptions, selects
 from horizonval.cli.printing import print_json, print_summary
 from horizonval.cli.work import resumable, watched
-from horizonval.core.errors import UserError, printable
+from horizonval.core.errors import UserError, command_line, printable
 from horizonval.core.files import kind_at
 from horizonval.jobs.execution import MOST_WORKERS
 
@@ -105,7 +105,11 @@ def archive_verify(folder: Archive, as_json: Json = False) -> int:
             print(f"{finding.problem}: {finding.message}")
         print(f"{count} entries, {len(findings)} problem{'' if len(findings) == 1 else 's'}")
         if store is not None and not store.index.path.exists() and not named:
-            print("without an index nobody knows of files that are gone; `horizonval archive reindex` makes one")
+            print(
+                "without an index nobody knows of files that are gone; "
+                + command_line("archive", "reindex", store.root)
+                + " makes one"
+            )
     return 1 if findings else 0
 
 
@@ -150,7 +154,7 @@ def archive_export(
         entries = [e for e in store.index.select(entry_filter) if not addresses or e.address in addresses]
         paths = [store.path(e.address) for e in entries if e.kind != "missing"]
     if not paths:
-        raise UserError("nothing to export", where=str(source), fix="see `horizonval archive ls`")
+        raise UserError("nothing to export", where=str(source), fix=f"see {command_line('archive', 'ls', source)}")
     out.mkdir(parents=True, exist_ok=True)
     count = 0
     with watched("exporting") as progress:
@@ -299,7 +303,9 @@ def _file(folder: Path, address: str | None) -> Path:
             raise UserError("is a file, which needs no address", where=str(folder))
         return folder
     if address is None:
-        raise UserError("which entry?", where=str(folder), expected="an address, see `horizonval archive ls`")
+        raise UserError(
+            "which entry?", where=str(folder), expected=f"an address, see {command_line('archive', 'ls', folder)}"
+        )
     store = _store(folder)
     path: Path = store.path(store.find(address))
     return path

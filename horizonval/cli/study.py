@@ -13,7 +13,7 @@ from horizonval.cli.options import Dask, DryRun, Json, Shard, Workers
 from horizonval.cli.options.completion import shipped
 from horizonval.cli.printing import print_dry_run, print_json, print_shard
 from horizonval.cli.work import execution_of, resumable
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, command_line
 
 
 def study(
@@ -75,9 +75,9 @@ def study(
     asked = {"--compare": compare, "--error-deg": error_deg, "--availability": availability}
     for name, value in {**asked, "--cheapest-by": cheapest_by}.items():
         if value is not None:
-            raise UserError(
-                f"used with --out {out}", where=name, fix=f"run the study, then `horizonval study {out} {name}`"
-            )
+            words = value if isinstance(value, tuple) else (value,)
+            then = command_line("study", out, name, *words)
+            raise UserError(f"used with --out {out}", where=name, fix=f"run the study, then {then}")
     from horizonval.studies.trade.run import run_study
 
     execution = execution_of(workers, shard, dask, merge)

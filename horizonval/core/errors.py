@@ -7,6 +7,7 @@ status 2. Anything else that escapes is a defect of this package.
 from __future__ import annotations
 
 import contextlib
+import shlex
 import traceback
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -33,6 +34,17 @@ def printable(text: str) -> str:
 def excerpt(text: str, most: int = 40) -> str:
     """Return the beginning of a word of a user's file, for a message; a whole line is nobody's to show."""
     return text if len(text) <= most else f"{text[:most]}..."
+
+
+def command_line(*words: object) -> str:
+    """Return a command line to be printed, as it can be typed: words that a shell would take apart are quoted.
+
+    Examples
+    --------
+    >>> command_line("archive", "ls", "my folder")
+    "`horizonval archive ls 'my folder'`"
+    """
+    return f"`horizonval {shlex.join(str(word) for word in words)}`"
 
 
 class UserError(Exception):

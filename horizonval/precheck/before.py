@@ -39,7 +39,9 @@ def check_before_run(target: Suite | Study) -> Report | None:
         report = check_groups(kind, suite.name, suite, groups, most=FEW_FRAMES, infrared=False, mistakes=False)
     except UserError:
         return None
-    return None if any(finding.code == "cannot-run" for finding in report.findings) else report
+    if any(finding.code == "cannot-run" for finding in report.findings):
+        return None
+    return replace(report, source=target.suite.source if isinstance(target, Study) else target.source)
 
 
 def expected_of(target: Suite | Study) -> dict[str, ExpectedTime]:

@@ -6,6 +6,7 @@ import json
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from horizonval.core.errors import command_line
 from horizonval.jobs.pool import available_cpus
 from horizonval.precheck.cost import Cost
 from horizonval.precheck.findings import Finding, Kind, Level
@@ -31,6 +32,8 @@ class Report:
         How many of how many frames were looked at.
     cost : Cost or None
         None where an error leaves nothing to be rendered.
+    source : str
+        The file, for commands that name it; empty where there is none.
     """
 
     kind: Kind
@@ -40,6 +43,7 @@ class Report:
     examined: int
     frames: int
     cost: Cost | None = None
+    source: str = ""
 
     @property
     def ok(self) -> bool:
@@ -71,11 +75,12 @@ class Report:
     def summary_lines(self) -> list[str]:
         """Return errors and warnings in few lines, for what goes on after them."""
         lines = merged_lines(self.warnings, self.kind)
+        check = command_line("check", self.source or self.name)
         if len(lines) > SUMMARY_LINES:
             left = len(lines) - SUMMARY_LINES + 1
-            lines = [*lines[: SUMMARY_LINES - 1], f"and {left} more warnings: see `horizonval check`"]
+            lines = [*lines[: SUMMARY_LINES - 1], f"and {left} more warnings: see {check}"]
         if lines and self.examined < self.frames:
-            lines.append(f"looked at {self.examined} of {self.frames} frames; `horizonval check` looks at more")
+            lines.append(f"looked at {self.examined} of {self.frames} frames; {check} looks at more")
         return lines
 
     def to_dict(self) -> dict[str, Any]:

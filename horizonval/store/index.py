@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core import atomic, files
-from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError, command_line
 from horizonval.core.progress import Progress, Silent
 from horizonval.store.entry import INDEX_PREFIX, StoreEntry, describe, places
 
@@ -272,7 +272,9 @@ class Index:
             if getattr(error, "sqlite_errorcode", 0) & 0xFF in _NO_DAMAGE:
                 raise UserError(f"the index cannot be used: {error}", where=str(self.path)) from None
             raise DamagedFileError(
-                f"the index is damaged ({error})", where=str(self.path), fix="run `horizonval archive reindex`"
+                f"the index is damaged ({error})",
+                where=str(self.path),
+                fix=f"run {command_line('archive', 'reindex', self.path.parent)}",
             ) from None
 
     def _is_broken(self) -> bool:

@@ -84,7 +84,9 @@ def verify_folder(root: Path, progress: Progress | None = None) -> list[StoreFin
         entries = _entries(root)
         if entries is None:
             if _is_older(root):
-                what = "of an earlier version, which sealed nothing; `horizonval run` into this folder makes it anew"
+                what = (
+                    "of an earlier version, which sealed nothing; its suite, run into this folder again, makes it anew"
+                )
                 return [StoreFinding(root, "older", f"{printable(root.name)}: {what}")]
             findings.append(_finding(root / NAME, root, "unfinished", "not there; the run is to be finished"))
     except UserError as error:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from horizonval.core import atomic, files
-from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError, command_line
 from horizonval.core.progress import Progress
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.store import exr
@@ -109,7 +109,9 @@ class Store:
         try:
             digest = self._digest(address)
         except files.MissingFileError:
-            raise UserError(f"no entry {address}", where=str(self.root), fix="see `horizonval archive ls`") from None
+            raise UserError(
+                f"no entry {address}", where=str(self.root), fix=f"see {command_line('archive', 'ls', self.root)}"
+            ) from None
         path = self.path(address)
         if digest != address:
             raise DamagedFileError("its bytes are not those of its address", where=str(path))
@@ -131,7 +133,7 @@ class Store:
             what = (
                 f"{len(found)} entries begin with {start!r}" if start and found else f"no entry begins with {start!r}"
             )
-            raise UserError(what, where=str(self.root), fix="see `horizonval archive ls`")
+            raise UserError(what, where=str(self.root), fix=f"see {command_line('archive', 'ls', self.root)}")
         return found[0]
 
     def count(self) -> int:

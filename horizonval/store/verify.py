@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Literal
 
 from horizonval.core import atomic, files
-from horizonval.core.errors import UserError, printable
+from horizonval.core.errors import UserError, command_line, printable
 from horizonval.core.progress import Progress, Silent
 from horizonval.store import exr
 from horizonval.store.entry import INDEX_PREFIX, StoreEntry, describe, is_address, place
@@ -217,6 +217,6 @@ def _stale_rows(root: Path, intact: Mapping[str, StoreEntry], known: Mapping[str
         return []
     message = (
         f"{NAME}: {len(stale)} rows are not what the headers say, such as that of {stale[0]}; "
-        "run `horizonval archive reindex`"
+        f"run {command_line('archive', 'reindex', root)}"
     )
     return [StoreFinding(root / NAME, "index", message)]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.code import code_version
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, command_line
 from horizonval.core.progress import Progress, Silent
 from horizonval.estimation import installed
 from horizonval.estimation.observation import Estimator
@@ -114,7 +114,9 @@ def rescore(
     place = {name: number for number, name in enumerate(head.get("cases", ()))}
     items.sort(key=lambda item: place.get(item.name, len(place)))
     if not items:
-        raise UserError("no detector image to score", where=str(store.root), fix="see `horizonval archive ls`")
+        raise UserError(
+            "no detector image to score", where=str(store.root), fix=f"see {command_line('archive', 'ls', store.root)}"
+        )
     folder = RunFolder(out)
     command = command_of_rescoring(store.root, out, estimators, wanted, limits.time_s)
     _claim(folder, store, head, chosen, items, command)

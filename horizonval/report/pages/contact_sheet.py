@@ -20,7 +20,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from horizonval.core.errors import UserError
+from horizonval.core.errors import UserError, command_line
 from horizonval.frame import DetectorImage
 from horizonval.report.figures.picture import tone_mapped
 from horizonval.report.load import load_run
@@ -64,7 +64,7 @@ def tiles_of(sources: Sequence[Path]) -> list[Tile]:
                 f"a run of {len(run.cases)} frames",
                 where=str(source),
                 expected=f"at most {MOST_CASES} on one sheet",
-                fix="name the images, see `horizonval archive ls`",
+                fix=f"name the images, see {command_line('archive', 'ls', source)}",
             )
         # All heads of a scene together show the first one's image, which has a tile of its own.
         views = [view for view in run.views if view.image is not None and not view.head_paths]
