@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from horizonval.cli.check import print_warnings
-from horizonval.cli.options import Dask, Json, Shard, Workers
-from horizonval.cli.printing import print_json, print_shard
+from horizonval.cli.options import Dask, DryRun, Json, Shard, Workers
+from horizonval.cli.options.completion import shipped
+from horizonval.cli.printing import print_dry_run, print_json, print_shard
 from horizonval.cli.work import execution_of, resumable
 from horizonval.core.errors import UserError
 
 
 def study(
-    study: Annotated[str, typer.Argument(help="A study file, the name of a shipped study, or a study's folder.")],
+    study: Annotated[
+        str,
+        typer.Argument(
+            help="A study file, the name of a shipped study, or a study's folder.", autocompletion=shipped("study")
+        ),
+    ],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the study; made if need be.")] = None,
     workers: Workers = None,
     shard: Shard = None,
@@ -37,23 +43,37 @@ def study(
     availability: Annotated[
         float | None, typer.Option(min=1e-6, max=0.999999, help="The same for the availability, such as 0.95.")
     ] = None,
+    cheapest_by: Annotated[
+        str | None,
+        typer.Option(metavar="EXPR", help="Another cost than the study's, such as pixels or mass_g + 20 * power_w."),
+    ] = None,
+    dry_run: DryRun = False,
     as_json: Json = False,
 ) -> int:
     """Trade study: designs compared on the same frames; accuracy, availability, cost, and the cheapest that will do.
 
     With a file and --out it runs, or goes on, or adds what is new in the file: finished frames are kept. With the
-    folder of a finished study it tells the cheapest design for an --error-deg and --availability, or compares two.
+    folder of a finished study it tells the cheapest design for an --error-deg, --availability and --cheapest-by, or
+    compares two.
     Exit status 1 if a frame failed.
     """
     if out is None:
-        running = {"--workers": workers, "--shard": shard, "--merge": merge, "--dask": dask, "--frames": frames}
+        running = {
+            "--dry-run": dry_run,
+            "--workers": workers,
+            "--shard": shard,
+            "--merge": merge,
+            "--dask": dask,
+            "--frames": frames,
+        }
         used = [name for name, value in running.items() if value]
         if used or not Path(study).is_dir():
             raise UserError(
                 "missing", where="--out", expected="the folder of the study, or a folder in place of the file"
             )
-        return _ask_study(Path(study), compare, error_deg, availability, as_json)
-    for name, value in {"--compare": compare, "--error-deg": error_deg, "--availability": availability}.items():
+        return _ask_study(Path(study), compare, error_deg, availability, cheapest_by, as_json)
+    asked = {"--compare": compare, "--error-deg": error_deg, "--availability": availability}
+    for name, value in {**asked, "--cheapest-by": cheapest_by}.items():
         if value is not None:
             raise UserError(
                 f"used with --out {out}", where=name, fix=f"run the study, then `horizonval study {out} {name}`"
@@ -61,6 +81,14 @@ def study(
     from horizonval.studies.trade.run import run_study
 
     execution = execution_of(workers, shard, dask, merge)
+    if dry_run:
+        from horizonval.commands.dry_run import of_suite
+        from horizonval.precheck import check_study
+        from horizonval.studies.trade.run import study_in
+
+        planned = study_in(study, out, frames)
+        print_dry_run(of_suite(planned.suite, out, execution, check_study(planned, infrared=False)), as_json)
+        return 0
     with resumable("study", kept="frames") as progress:
         done = run_study(study, out, execution=execution, progress=progress, frames=frames, on_start=print_warnings)
     if as_json:
@@ -71,8 +99,7 @@ def study(
         from horizonval.studies.trade.formatting import design_lines
 
         print("\n".join(design_lines(done.result, done.costs)))
-        by = done.result["study"]["cheapest_by"]
-        print((done.result if by == "pixel_rate" else done.costs)["query"]["text"])
+        _print_answer((done.costs if done.result["prices"] is None else done.result)["query"])
         print(f"report: {done.page}")
     if done.failed:
         print(f"horizonval: {len(done.failed)} frames failed: {', '.join(done.failed)}", file=sys.stderr)
@@ -84,6 +111,7 @@ def _ask_study(
     compare: tuple[str, str] | None,
     error_deg: float | None,
     availability: float | None,
+    cheapest_by: str | None,
     as_json: bool,
 ) -> int:
     from horizonval.spec.option import with_option
@@ -103,9 +131,18 @@ def _ask_study(
         else:
             print("\n".join(comparison_lines(comparison)))
         return 0
-    answer = ask(data, conclude_again(folder), requirement)
+    answer = ask(data, conclude_again(folder), requirement, cheapest_by)
     if as_json:
         print_json(answer)
     else:
-        print(answer["text"])
+        _print_answer(answer)
     return 0
+
+
+def _print_answer(answer: dict[str, Any]) -> None:
+    """Print the answer in words, and where no design meets what is asked for, why frames were missed."""
+    from horizonval.studies.trade.formatting import miss_lines
+
+    print(answer["text"])
+    if answer["cheapest"] is None:
+        print("\n".join(miss_lines(answer["misses"])))

@@ -81,13 +81,21 @@ class UserError(Exception):
         return self.at(f"{where}: {self.where}" if self.where and self.where not in where else where)
 
     def line(self) -> str:
-        """Return the message as one line."""
-        text = f"{self.where}: {self.what}" if self.where else self.what
-        if self.expected:
-            text += f"; expected {self.expected}"
-        if self.fix:
-            text += f"; {self.fix}"
-        return printable(" ".join(text.split()))
+        """Return the message as one line, no part of it longer than anyone reads."""
+        where, what, expected, fix = (excerpt(part, most) for part, most in zip(self._parts(), _LONGEST, strict=True))
+        text = f"{where}: {what}" if where else what
+        if expected:
+            text += f"; expected {expected}"
+        if fix:
+            text += f"; {fix}"
+        return printable(text)
+
+    def _parts(self) -> list[str]:
+        return [" ".join(part.split()) for part in (self.where, self.what, self.expected, self.fix)]
+
+
+_LONGEST = (1000, 500, 1000, 500)
+"""Characters of where, what, expected and fix that a line shows."""
 
 
 MOST_MISTAKES = 20

@@ -33,7 +33,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from horizonval.core import atomic, files
 from horizonval.core.arrays import FloatArray
-from horizonval.core.errors import MOST_MISTAKES, UserError, several
+from horizonval.core.errors import MOST_MISTAKES, UserError, excerpt, several
 from horizonval.earth.atmosphere import ozone, rayleigh
 from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.column import OpticalModel, SpectralNode
@@ -149,7 +149,7 @@ def _path(loc: tuple[int | str, ...]) -> str:
         if isinstance(part, int):
             text += f"[{part}]"
         elif part not in ("HenyeyGreenstein", "literal['rayleigh','isotropic']"):
-            text += f".{part}" if text else part
+            text += f".{excerpt(part)}" if text else excerpt(part)
     return text
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+import math
+import re
+from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
@@ -11,7 +13,6 @@ from horizonval.spec.numbers import Name, Positive, Whole
 from horizonval.spec.suite import Keep, ProgramSpec, Scenes, SobolSpec
 from horizonval.spec.units import unit
 
-Price = Literal["pixel_rate", "processor"]
 LIST_AXIS = "design"
 """The axis of ``design.list``; its values are the entries' names."""
 
@@ -43,8 +44,11 @@ class StudyHead(Model):
     """
     frame_rate_hz: Positive = 1.0
     """Estimates per second; turns the pixels of an estimate into a pixel rate."""
-    cheapest_by: Price = "pixel_rate"
-    """What the cheapest design costs least of: `pixel_rate`, or `processor` (seconds of an estimate)."""
+    cheapest_by: Annotated[str, Field(min_length=1, max_length=500)] = "pixel_rate"
+    """What the cheapest design has least of: an expression over columns, as `mass_g + 20 * power_w`. Columns are those
+    of `designs.csv` (`pixel_rate`, `pixels`, `p95_deg`, `within`), `processor_s` (seconds of an estimate) and the
+    numbers that `cost` tables give; with them go `+ - * / **`, parentheses, `min`, `max`, `abs` and `sqrt`.
+    """
     requirement: Requirement = Requirement()
     """What a design must reach."""
     keep: Keep = "none"
@@ -59,9 +63,13 @@ class DesignSpec(Model):
     """What is varied between designs: every entry of `list` and of each of `choices` with every point of `grid`."""
 
     list: Annotated[Scenes, Field(min_length=1)] | None = None
-    """Partial scenes with a `name`; `estimators` in one stands in place of the study's."""
+    """Partial scenes with a `name`; `estimators` in one stands in place of the study's, `cost` is what it costs."""
     choices: dict[Name, Annotated[Scenes, Field(min_length=1)]] = {}
     """Several such lists by name, each an axis: keys that belong together change together."""
+    cost: dict[str, float] = {}
+    """Numbers of every design that `study.cheapest_by` may use, by names of your own, as `mass_g`. A table `cost` in an
+    entry of `list` or `choices` adds to them: what a design costs is what all its options cost together.
+    """
     grid: Annotated[dict[str, Any], Field(min_length=1)] | None = None
     """An axis for each dotted key, as in a suite's `[[cases]]`: of the scene, of the camera file
     (`camera.<table>.<key>`), of the frames' orbit (`orbit.<key>`; the season is `orbit.epoch_utc` or
@@ -85,7 +93,28 @@ class DesignSpec(Model):
                     raise ValueError(f'{where}[{i}] has no name = "..."')
                 if names.count(name) > 1:
                     raise ValueError(f"two entries of {where} are named {name!r}")
+            _check_costs([item.get("cost", {}) for item in items], where)
+        _check_costs([self.cost], "cost")
         return self
+
+
+_COST_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+def _check_costs(tables: list[Any], where: str) -> None:
+    """Costs are finite numbers by name. What one entry has all have: a name spelt wrong would count nothing."""
+    for i, table in enumerate(tables, start=1):
+        if not isinstance(table, dict):
+            raise ValueError(f"{where}[{i}].cost is no table of numbers")
+        for name, value in table.items():
+            if not _COST_NAME.fullmatch(name):
+                raise ValueError(f"{where}[{i}].cost has the name {name!r}: letters, digits and _ are expected")
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise ValueError(f"{where}[{i}].cost.{name} is {value!r}: a number is expected")
+    names = {name for table in tables for name in table}
+    for i, table in enumerate(tables, start=1):
+        if missing := sorted(names - set(table)):
+            raise ValueError(f"{where}[{i}].cost has no {missing[0]}, which other entries have")
 
 
 class FramesSpec(Model):

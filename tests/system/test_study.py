@@ -95,9 +95,13 @@ def test_it_tells_every_design_and_the_cheapest(run):
     _, before, _, (first, _) = run
     assert len(before) == 6
     lines = first.stdout.splitlines()
-    assert len(lines) == 1 + 4 + 2
+    # The designs, the answer, why frames were missed, and the report.
+    assert len(lines) == 1 + 4 + 1 + 1 + 4 + 1
     assert "psf_sigma_px_0.5_ideal" in lines[2]
-    assert "too small to say" in lines[-2]
+    assert "too small to say" in lines[5]
+    assert "2 designs at the same cost, 2304" in lines[5]
+    assert lines[6].startswith("missed by")
+    assert lines[7].startswith("psf_sigma_px_0.5_altitude-free")
     assert lines[-1].endswith("study.html")
 
 
@@ -145,7 +149,13 @@ def test_two_designs_frame_by_frame_and_another_question(run, horizonval):
     assert found["mean_difference_deg"]["value"] < 0
     done = horizonval("study", out, "--error-deg", 60, "--availability", 0.3)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("cheapest by pixel rate that meets 60 deg in 30 % of all conditions")
+    assert done.stdout.startswith("cheapest by pixel rate that meet 60 deg in 30 % of all conditions")
+    assert "missed by" not in done.stdout
+    done = horizonval("study", out, "--error-deg", 60, "--availability", 0.3, "--cheapest-by", "rms_deg * pixels")
+    assert done.stdout.startswith("cheapest by rms_deg * pixels that meet 60 deg")
+    done = horizonval("study", out, "--cheapest-by", "rms_deg + mass_g")
+    assert_one_line(done, "--cheapest-by")
+    assert "'mass_g' is no column" in done.stderr
 
 
 def test_mistakes_are_one_line(run, tmp_path, horizonval):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,9 @@ GLYPHS = {"meets": "●", "open": "○", "fails": "✕"}
 VERDICTS = {"meets": "meets", "open": "too few frames to say", "fails": "fails"}
 MOST_LEVELS = 7
 """As many as there are markers."""
+NAMED_COSTS = ("pixel_rate", "processor_s")
+"""Costs that the page has columns and figures of in any case."""
+MOST_LABEL = 40
 DASH = "\N{EN DASH}"
 ERROR_COLUMNS = ("bias_deg", "noise_deg", "rms_deg", "p95_deg", "three_sigma_deg")
 UNITS = {"_deg": "deg", "_px": "px", "_um": "µm", "_mm": "mm", "_s": "s", "_km": "km", "_h": "h", "_k": "K"}
@@ -33,7 +37,10 @@ def write_page(run_dir: Path) -> Path:
     DamagedFileError
         A file of the study is not what it writes.
     """
-    result, costs = _read(run_dir / RESULT, {"designs", "query"}), _read(run_dir / COSTS, {"designs", "query"})
+    result, costs = (
+        _read(run_dir / RESULT, {"designs", "query", "prices"}),
+        _read(run_dir / COSTS, {"designs", "query"}),
+    )
     run = read_json(run_dir / "run.json") or {}
     text = (
         template.environment()
@@ -58,6 +65,7 @@ def page_of(result: JsonObject, costs: JsonObject) -> dict[str, Any]:
     head, designs = result["study"], result["designs"]
     words = axis_words(result["axes"])
     required = head["requirement"]
+    prices = result["prices"] or costs["prices"]
     clustered = result["clusters"] < result["conditions"]
     return {
         "head": head,
@@ -70,9 +78,12 @@ def page_of(result: JsonObject, costs: JsonObject) -> dict[str, Any]:
             dict.fromkeys(text[0].upper() + text[1:] for text in (result["query"]["text"], costs["query"]["text"]))
         ),
         "needed": result["query"]["needed"],
+        "misses": _misses(designs, words),
+        "by": None if head["cheapest_by"] in NAMED_COSTS else head["cheapest_by"],
+        "given": list(designs[0]["costs"]),
         "figures": _figures(result, costs, words),
         "effects": _effects(result["effects"], words),
-        "lines": [_line(d, costs["designs"][d["name"]], words) for d in designs],
+        "lines": [_line(d, costs["designs"][d["name"]], prices[d["name"]], words) for d in designs],
         "compare": shlex.join(["horizonval", "study", ".", "--compare", *(str(d["number"]) for d in designs[:2])]),
         "pairs": [_pair(pair, designs) for pair in result["pairs"]],
         "failed": result["failed"],
@@ -124,6 +135,11 @@ def _figures(result: JsonObject, costs: JsonObject, words: Mapping[str, str]) ->
         label = "processor time of an estimate [s]"
         drawn = draw.pareto(designs, costs["designs"], costs["front"], label, limit, groups)
         fronts.append(("Accuracy and processor time", drawn))
+    by, prices = head["cheapest_by"], result["prices"] or costs["prices"]
+    if by not in NAMED_COSTS and any(price["value"] is not None for price in prices.values()):
+        chosen = result["fronts"].get("price") or costs.get("price_front") or []
+        label = f"cost: {by}" if len(by) <= MOST_LABEL else "cost"
+        fronts.append(("Accuracy and cost", draw.pareto(designs, prices, chosen, label, limit, groups, log_x=False)))
     made = [
         {
             "uri": plots.figure_uri(drawn, 5.6, 4.4 + 0.2 * rows),
@@ -205,14 +221,38 @@ def _effects(effects: JsonObject | None, words: Mapping[str, str]) -> dict[str, 
     }
 
 
-def _line(d: JsonObject, cost: JsonObject, words: Mapping[str, str]) -> dict[str, Any]:
-    settings = ", ".join(
+def _misses(designs: Sequence[JsonObject], words: Mapping[str, str]) -> JsonObject:
+    """Return the table of why frames were missed: ``causes``, and by design the cells under them."""
+    total: Counter[str] = Counter()
+    for d in designs:
+        total.update({cause: found["n"] for cause, found in d["misses"].items()})
+    causes = sorted(total, key=lambda cause: (-total[cause], cause))
+    return {
+        "causes": causes,
+        "lines": [
+            {
+                "number": d["number"],
+                "name": _settings(d, words) or d["name"],
+                "n": d["n"],
+                "missed": sum(found["n"] for found in d["misses"].values()),
+                "cells": [d["misses"].get(cause) for cause in causes],
+            }
+            for d in designs
+        ],
+    }
+
+
+def _settings(d: JsonObject, words: Mapping[str, str]) -> str:
+    return ", ".join(
         f"{word} = {draw.level_words(d['settings'][key])}" for key, word in words.items() if key in d["settings"]
     )
+
+
+def _line(d: JsonObject, cost: JsonObject, price: JsonObject, words: Mapping[str, str]) -> dict[str, Any]:
     return {
         "number": d["number"],
         "name": d["name"],
-        "settings": settings,
+        "settings": _settings(d, words),
         "camera": d["camera"],
         "n": d["n"],
         "claims": d["claims"],
@@ -222,6 +262,11 @@ def _line(d: JsonObject, cost: JsonObject, words: Mapping[str, str]) -> dict[str
         "pixels": f"{d['pixels']:,}".replace(",", "\N{NARROW NO-BREAK SPACE}"),
         "pixel_rate": number(d["pixel_rate"], 4),
         "cost": _measure(cost),
+        "price": {
+            "value": number(price["value"], 4),
+            "interval": interval(price["interval"]),
+            "given": ", ".join(f"{name} {number(value, 4)}" for name, value in d["costs"].items()),
+        },
         "verdict": f"{GLYPHS[d['verdict']]} {VERDICTS[d['verdict']]}",
     }
 

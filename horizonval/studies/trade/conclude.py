@@ -20,13 +20,16 @@ from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.scoring.row import Row
 from horizonval.scoring.table import read_results
-from horizonval.spec.study import Price, Requirement
+from horizonval.spec.study import Requirement
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.studies.trade import cost
 from horizonval.studies.trade.compare import compare
+from horizonval.studies.trade.cost import MEASURES, SHARES
 from horizonval.studies.trade.design import Design
 from horizonval.studies.trade.effects import effects_of
+from horizonval.studies.trade.expression import Expression
 from horizonval.studies.trade.measures import measures_of
+from horizonval.studies.trade.misses import misses_of, words_of
 from horizonval.studies.trade.pareto import front
 from horizonval.studies.trade.plan import FILE, StudyPlan
 from horizonval.studies.trade.query import cheapest, verdict_of
@@ -35,9 +38,6 @@ from horizonval.studies.trade.sample import Sample, cluster_draws, sample_of
 RESULT = "study.json"
 TABLE = "designs.csv"
 RESULT_SCHEMA = 1
-MEASURES = ("bias_deg", "noise_deg", "rms_deg", "p95_deg", "three_sigma_deg", "exclusion_deg")
-SHARES = ("availability", "answered_due", "false_valid", "within")
-FRONT_AGAINST = ("pixel_rate", "unavailability", "processor")
 
 
 @dataclass(frozen=True)
@@ -103,6 +103,9 @@ def conclude(data: Data, root: Path) -> tuple[JsonObject, JsonObject]:
     plan, requirement = data.plan, data.plan.requirement
     designs = [_design(number, design, data) for number, design in enumerate(plan.designs, start=1)]
     costs = _costs(data, root)
+    price = cost.read_price(plan.head.cheapest_by, plan.designs[0].costs, f"{root / FILE}: study.cheapest_by")
+    timed = cost.is_timed(price)
+    prices = prices_of(designs, price, costs["designs"])
     p95 = {design["name"]: design["p95_deg"]["value"] for design in designs}
     chosen = _front(designs, p95, {design["name"]: design["pixel_rate"] for design in designs})
     result: JsonObject = {
@@ -116,20 +119,23 @@ def conclude(data: Data, root: Path) -> tuple[JsonObject, JsonObject]:
         "designs": designs,
         "fronts": {
             "pixel_rate": chosen,
+            **({} if timed else {"price": _front(designs, p95, _values(prices))}),
             "unavailability": _front(designs, p95, {d["name"]: -(d["availability"]["rate"] or 0.0) for d in designs}),
         },
         "effects": effects_of([(d.name, d.settings, data.samples[d.name]) for d in plan.designs], data.draws),
         "pairs": [data.compare(a, b, requirement.error_deg) for a, b in _neighbours(designs, chosen)],
-        "query": query(data, designs, requirement, "pixel_rate", {}),
+        "prices": None if timed else prices,
+        "query": query(data, designs, requirement, "pixel_rate" if timed else price.text, costs["designs"]),
     }
-    prices = {name: seconds["value"] for name, seconds in costs["designs"].items()}
     costs |= {
-        "front": _front(designs, p95, prices),
-        "query": query(data, designs, requirement, "processor", prices),
+        "front": _front(designs, p95, _values(costs["designs"])),
+        "prices": prices if timed else None,
+        "price_front": _front(designs, p95, _values(prices)) if timed else None,
+        "query": query(data, designs, requirement, price.text if timed else cost.SECONDS, costs["designs"]),
     }
     write_json(root / RESULT, result)
     write_json(root / cost.FILE, costs)
-    _write_table(root / TABLE, designs, result["axes"])
+    _write_table(root / TABLE, designs, result["axes"], result["prices"])
     return result, costs
 
 
@@ -139,9 +145,17 @@ def files_of_study(root: Path) -> list[Path]:
 
 
 def query(
-    data: Data, designs: Sequence[JsonObject], requirement: Requirement, by: Price, seconds: Mapping[str, float | None]
+    data: Data,
+    designs: Sequence[JsonObject],
+    requirement: Requirement,
+    by: str,
+    seconds: Mapping[str, JsonObject],
+    where: str = "study.cheapest_by",
 ) -> JsonObject:
-    """Return the cheapest design for a requirement, which need not be the study's own."""
+    """Return the cheapest design for a requirement and a price, which need not be the study's own.
+
+    ``seconds`` are the processor times of the designs. ``UserError``, naming ``where``, if ``by`` is no expression.
+    """
     from horizonval.studies.trade.proportion import proportion
 
     shares = [
@@ -150,11 +164,23 @@ def query(
             "within": proportion(
                 data.samples[design["name"]].within(requirement.error_deg), data.samples[design["name"]].cluster
             ),
+            "misses": misses_of(data.samples[design["name"]], requirement.error_deg),
         }
         for design in designs
     ]
-    prices = {d["name"]: d["pixel_rate"] for d in designs} if by == "pixel_rate" else seconds
-    return cheapest(shares, requirement, by, prices)
+    price = cost.read_price(by, data.plan.designs[0].costs, where)
+    return cheapest(shares, requirement, price.text, prices_of(designs, price, seconds))
+
+
+def prices_of(
+    designs: Sequence[JsonObject], price: Expression, seconds: Mapping[str, JsonObject]
+) -> dict[str, JsonObject]:
+    """Return what each design costs, by name."""
+    return {d["name"]: cost.price_of(price, cost.columns_of(d, seconds[d["name"]])) for d in designs}
+
+
+def _values(prices: Mapping[str, JsonObject]) -> dict[str, float | None]:
+    return {name: price["value"] for name, price in prices.items()}
 
 
 def _design(number: int, design: Design, data: Data) -> JsonObject:
@@ -166,6 +192,7 @@ def _design(number: int, design: Design, data: Data) -> JsonObject:
         "pixels": pixels,
         "pixel_rate": pixels * data.plan.head.frame_rate_hz,
         **measures,
+        "misses": misses_of(data.samples[design.name], data.plan.requirement.error_deg),
         "verdict": verdict_of(measures["within"], data.plan.requirement.availability),
     }
 
@@ -197,12 +224,15 @@ def _neighbours(designs: Sequence[JsonObject], chosen: Sequence[str]) -> list[tu
     return [(a["name"], b["name"]) for a, b in pairwise(on)]
 
 
-def _write_table(path: Path, designs: Sequence[JsonObject], axes: Sequence[str]) -> None:
+def _write_table(
+    path: Path, designs: Sequence[JsonObject], axes: Sequence[str], prices: Mapping[str, JsonObject] | None
+) -> None:
+    costs = list(designs[0]["costs"])
     header = ["number", "design", *axes, "camera", "estimator_name", "n", "clusters", "claims", "pixels"]
     header += ["pixels_per_s"]
     header += [f"{name}{end}" for name in MEASURES for end in ("", "_low", "_high", "_n")]
     header += [f"{name}{end}" for name in SHARES for end in ("", "_low", "_high", "_n", "_of")]
-    header += ["verdict"]
+    header += [*costs, *([] if prices is None else ["cost"]), "missed_by", "verdict"]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
@@ -215,5 +245,7 @@ def _write_table(path: Path, designs: Sequence[JsonObject], axes: Sequence[str])
         for name in SHARES:
             low, high = d[name]["interval"] or (None, None)
             line += [d[name]["rate"], low, high, d[name]["n"], d[name]["of"]]
-        writer.writerow(["" if value is None else value for value in [*line, d["verdict"]]])
+        line += [*(d["costs"][key] for key in costs), *([] if prices is None else [prices[d["name"]]["value"]])]
+        line += [words_of(d["misses"]), d["verdict"]]
+        writer.writerow(["" if value is None else value for value in line])
     atomic.write_text(path, text.getvalue())

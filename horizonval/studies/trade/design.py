@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ from horizonval.spec.merge import deep_merge
 from horizonval.spec.option import with_option
 from horizonval.spec.study import StudySpec
 from horizonval.spec.suite import CasesSpec, SuiteHead, SuiteSpec
+from horizonval.studies.trade import cost
 from horizonval.suites.axes import value_at
 from horizonval.suites.suite import fly_scene
 
@@ -41,13 +43,14 @@ _TABLE = "frames"
 
 @dataclass(frozen=True)
 class DesignEntry:
-    """An entry of ``[design]``: its name, its values on the axes, what it changes, and its estimators."""
+    """An entry of ``[design]``: its name, its values on the axes, what it changes, its estimators and costs."""
 
     name: str
     settings: dict[str, Any]
     scene: JsonObject
     orbit: JsonObject
     estimators: tuple[str, ...]
+    costs: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,8 @@ class Design:
     camera : str
     width, height, heads : int
         Pixels of an image, and the images that an estimate takes.
+    costs : dict
+        Numbers that the file gives, those of all its options together.
     """
 
     name: str
@@ -75,6 +80,7 @@ class Design:
     width: int
     height: int
     heads: int
+    costs: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -143,6 +149,7 @@ def expand(spec: StudySpec, path: Path, known: dict[str, list[list[str]]] | None
     """
     entries = list(_entries(spec, path))
     _check_keys(spec, entries, path)
+    cost.read_price(spec.study.cheapest_by, entries[0].costs, f"{path}: study.cheapest_by")
     designs: list[Design] = []
     cases: list[Case] = []
     frames: dict[str, tuple[str, str]] = {}
@@ -219,7 +226,7 @@ def _entries(spec: StudySpec, path: Path) -> Iterator[DesignEntry]:
         raise UserError(f"{len(entry_variants)} entries", where=where, expected=f"at most {MOST_DESIGNS}")
     per_item = len(entry_variants) // len(listed)
     for i, variant in enumerate(entry_variants):
-        _, names, estimators = listed[i // per_item]
+        _, names, estimators, costs = listed[i // per_item]
         scene = dict(variant.scene)
         scene.pop("scene", None)
         orbit = scene.pop("orbit", {})
@@ -228,20 +235,31 @@ def _entries(spec: StudySpec, path: Path) -> Iterator[DesignEntry]:
         settings = dict(zip(spec.design.lists, names, strict=True))
         settings |= {key: _plain(_value(variant.scene, key)) for key in keys}
         name = shortened("_".join(filter(None, [variant.item, *variant.parts])), LONGEST_GENERATED_NAME)
-        yield DesignEntry(name or "all", settings, scene, dict(orbit), _estimators(estimators, where))
+        yield DesignEntry(name or "all", settings, scene, dict(orbit), _estimators(estimators, where), costs)
 
 
-def _together(spec: StudySpec, items: Sequence[JsonObject]) -> tuple[JsonObject, list[str], Any]:
-    """Return entries of the lists laid over each other as a scene, their names, and the estimators they ask for."""
+def _together(spec: StudySpec, items: Sequence[JsonObject]) -> tuple[JsonObject, list[str], Any, dict[str, float]]:
+    """Return entries of the lists laid over each other as a scene, their names, estimators and costs."""
+    costs: Counter[str] = Counter()
+    for table in (spec.design.cost, *(item.get("cost", {}) for item in items)):
+        for key, value in table.items():
+            costs[key] += value
     scene: JsonObject = {}
     estimators: Any = spec.study.estimators
     names = [str(item["name"]) for item in items]
     for item in items:
-        scene = deep_merge(scene, {key: value for key, value in item.items() if key not in ("name", "estimators")})
+        scene = deep_merge(
+            scene, {key: value for key, value in item.items() if key not in ("name", "estimators", "cost")}
+        )
         estimators = item.get("estimators", estimators)
     # One name of all of them, of the characters that names are made of.
     word = re.sub(r"[^A-Za-z0-9._-]+", "-", "_".join(names)) if names else ""
-    return (deep_merge(scene, {"scene": {"name": word}}) if word else scene), names, estimators
+    return (
+        (deep_merge(scene, {"scene": {"name": word}}) if word else scene),
+        names,
+        estimators,
+        {key: float(value) for key, value in costs.items()},
+    )
 
 
 def _estimators(chosen: Any, where: str) -> tuple[str, ...]:
@@ -325,6 +343,7 @@ def _design(entry: DesignEntry, estimator: str, case: Case, spec: StudySpec) -> 
         camera.camera.width,
         camera.camera.height,
         len(camera.head) if together else 1,
+        entry.costs,
     )
 
 

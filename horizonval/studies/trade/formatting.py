@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from horizonval.core.json_types import JsonObject
+from horizonval.studies.trade.misses import causes_of
+from horizonval.studies.trade.query import BY_WORDS
+
+MOST_BY = 24
+"""Characters of an expression that heads a column."""
 
 
 def design_lines(result: JsonObject, costs: JsonObject) -> list[str]:
     """Return a table of the designs, a line each."""
     error_deg = result["study"]["requirement"]["error_deg"]
-    rows = [
+    rows: list[tuple[str, ...]] = [
         ("", "design", "frames", "answered", f"within {error_deg:g} deg", "bias", "noise", "p95", "pixels/s", "CPU s")
     ]
+    by = result["study"]["cheapest_by"]
+    prices = result["prices"] or costs["prices"]
+    if by not in BY_WORDS:
+        rows = [(*rows[0], by if len(by) <= MOST_BY else "cost")]
     for d in result["designs"]:
         rows.append(
             (
@@ -22,10 +33,27 @@ def design_lines(result: JsonObject, costs: JsonObject) -> list[str]:
                 *(_degrees(d[key]["value"]) for key in ("bias_deg", "noise_deg", "p95_deg")),
                 f"{d['pixel_rate']:.4g}",
                 _number(costs["designs"][d["name"]]["value"]),
+                *([_number(prices[d["name"]]["value"])] if by not in BY_WORDS else []),
             )
         )
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def miss_lines(misses: Mapping[str, JsonObject]) -> list[str]:
+    """Return a table of why frames were missed, a line for each design; ``misses`` of an answer, by design."""
+    causes = causes_of(misses.values())
+    rows: list[tuple[str, ...]] = [("missed by", *causes)]
+    for name, causes_of_design in misses.items():
+        rows.append((name, *(_missed(causes_of_design.get(cause)) for cause in causes)))
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def _missed(found: JsonObject | None) -> str:
+    if found is None:
+        return "-"
+    return f"{found['n']} ({found['due']} due)" if found["due"] else str(found["n"])
 
 
 def comparison_lines(comparison: JsonObject) -> list[str]:

@@ -24,6 +24,7 @@ BoolArray = NDArray[np.bool_]
 DRAWS = 1000
 CONFIDENCE = 0.95
 ARCSEC_PER_DEG = 3600.0
+NOT_MADE = "not_made"
 SUN_DECIDES = (Outcome.VALID, Outcome.SUN_GLARE, Outcome.SATURATED)
 """Expected outcomes of frames in which the Sun's place decides: not those without a limb or in the dark."""
 
@@ -46,6 +47,8 @@ class Sample:
         The Sun's angle from the boresight where it is in sight and decides, NaN elsewhere.
     right : ndarray of bool
         A claim that is not false.
+    outcome : tuple of str
+        What was reported; ``not_made`` for a frame that could not be made.
     """
 
     keys: tuple[str, ...]
@@ -58,6 +61,7 @@ class Sample:
     pitch_deg: FloatArray
     sun_deg: FloatArray
     right: BoolArray
+    outcome: tuple[str, ...]
 
     @property
     def n(self) -> int:
@@ -104,6 +108,7 @@ def sample_of(rows: Mapping[str, Row], cluster_of: Mapping[str, int]) -> Sample:
         degrees([row.pitch_error_arcsec for row in ordered]),
         np.array(sun, dtype=np.float64),
         flags([row.is_right for row in ordered]),
+        tuple(row.status if row.epoch_utc is not None else NOT_MADE for row in ordered),
     )
 
 

@@ -41,6 +41,8 @@ def design(number: int, name: str, width: int, *, silent: bool = False) -> dict:
         "answered_due": NONE,
         "false_valid": NONE if silent else share(1, 9),
         "within": share(0 if silent else 5, 10),
+        "costs": {"mass_g": 10.0 * number},
+        "misses": {"dark": {"n": 5, "due": 0}} | ({"too inaccurate": {"n": 5, "due": 3}} if silent else {}),
         "verdict": "fails" if silent else "open",
     }
 
@@ -53,6 +55,7 @@ RESULT = {
         "name": "s",
         "title": "T",
         "frame_rate_hz": 2.0,
+        "cheapest_by": "mass_g + pixels",
         "requirement": {"error_deg": 0.05, "availability": 0.99},
     },
     "conditions": 10,
@@ -60,7 +63,11 @@ RESULT = {
     "failed": [],
     "axes": ["camera.camera.width", "estimator"],
     "designs": DESIGNS,
-    "fronts": {"pixel_rate": ["a", "b"], "unavailability": ["a"]},
+    "fronts": {"pixel_rate": ["a", "b"], "unavailability": ["a"], "price": ["b"]},
+    "prices": {
+        name: {"value": value, "interval": None, "known": True}
+        for name, value in (("a", 1010.0), ("b", 520.0), ("c", None))
+    },
     "effects": {
         "basis": "common",
         "n": 9,
@@ -97,6 +104,7 @@ COSTS = {
     "frames_s": 12.0,
     "frames": 30,
     "front": ["a"],
+    "prices": None,
     "query": QUERY | {"text": "cheapest by processor time: a"},
     "designs": {"a": measure(0.1), "b": measure(None, n=0), "c": measure(0.2)},
 }
@@ -123,6 +131,10 @@ def test_what_is_said(page):
     assert "cam &lt;1&gt;" in text
     assert "on the number of frames that the flights are worth" in words
     assert "○ too few frames to say" in words
+    assert "Missed dark too inaccurate" in words
+    assert "10 of 10 5 5 3 due" in words
+    assert "mass_g + pixels" in words
+    assert "520.0 mass_g 20.00" in words
 
 
 def test_the_same_data_give_the_same_page(page):

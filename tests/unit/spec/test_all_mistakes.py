@@ -161,3 +161,9 @@ def test_a_collector_without_mistakes_says_nothing():
     collector.tell()
     with pytest.raises(ZeroDivisionError), collector.caught():
         raise ZeroDivisionError
+
+
+def test_no_line_is_longer_than_anyone_reads():
+    error = UserError("w" * 10**6, where="p" * 10**6, expected="e" * 10**6, fix="f" * 10**6)
+    assert len(error.line()) < 3100
+    assert UserError("a  b\nc", where=" k ").line() == "k: a b c"

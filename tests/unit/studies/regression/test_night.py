@@ -8,6 +8,7 @@ from dataclasses import replace
 from xml.etree import ElementTree
 
 import pytest
+from page_commands import cards_of, commands_of
 
 from horizonval import cli
 from horizonval.core.errors import DamagedFileError, UserError
@@ -136,6 +137,9 @@ def test_a_changed_estimator_is_a_regression_with_names(accepted, second, here, 
     (gate,) = [g for g in verdict["gates"] if g["verdict"] == "FAIL"]
     assert set(gate["scenes"]) == {row.scene for row in claims}
     page = (accepted.out / "index.html").read_text()
+    # It prints no command that would have to run.
+    assert commands_of(accepted.out / "index.html") == []
+    assert cards_of(accepted.out / "index.html") == []
     assert "Regression: accuracy (against the accepted baseline)" in page
     assert gate["scenes"][0] in page
     case = ElementTree.parse(accepted.out / "junit.xml").find(".//testcase[@name='accuracy']/failure")

@@ -29,6 +29,7 @@ def make_sample() -> Callable[..., Sample]:
             0.8 * error,
             np.linspace(10.0, 90.0, n),
             claimed & ~(np.nan_to_num(error, nan=1.0) > 0.5),
+            tuple("valid" if claim else "dark" for claim in claimed),
         )
 
     return build
