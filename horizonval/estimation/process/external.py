@@ -3,8 +3,8 @@
 The program gets a 16 bit PNG of the digital numbers and the calibrated camera as TOML, nothing else: not the truth that
 our own files carry. It prints what ``horizonval estimate --json`` prints; ``status`` is required, for a fit also
 ``nadir_cam``. Angles that are missing follow from the nadir. ``sigma_nadir_arcsec`` is the rms error claimed, taken as
-equal in all directions; without it the fit claims to be exact. A crash, a wrong answer, too long an answer or none in
-time is an outcome.
+equal in all directions; without it the fit claims no uncertainty, and is judged by a default. A crash, a wrong answer,
+too long an answer or none in time is an outcome.
 """
 
 from __future__ import annotations
@@ -181,8 +181,8 @@ def _fit(data: Mapping[str, Any], points: NDArray[np.float64], observation: Obse
     nadir = nadir / np.linalg.norm(nadir)
     angles = roll_pitch_of_nadir(rotate(inverse(observation.q_cam_from_body), nadir))
     sigma = float(data.get("sigma_nadir_arcsec") or 0.0) * _ARCSEC
-    if not sigma >= 0.0:
-        raise ValueError(f"sigma_nadir_arcsec is {data['sigma_nadir_arcsec']}; a standard deviation is 0 or more")
+    if not 0.0 <= sigma < math.inf:
+        raise ValueError(f"sigma_nadir_arcsec is {data['sigma_nadir_arcsec']}, no standard deviation")
 
     def radians(key: str) -> float | None:
         return None if data.get(key) is None else math.radians(float(data[key]))

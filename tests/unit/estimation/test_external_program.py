@@ -20,6 +20,7 @@ from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.external import LONGEST_ANSWER, camera_file, command_line, external, result_of
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.frames import roll_pitch_of_nadir
+from horizonval.scoring.errors import has_sigma
 from horizonval.spec.suite import ProgramSpec
 
 CAMERA = CameraModel(64, 48, 55.0, 56.0, 31.5, 23.25, distortion=(0.1, 0.02, 1e-3, 2e-3, 0.3))
@@ -174,9 +175,19 @@ def test_what_cannot_be_started_is_said(tmp_path: Path, command: str) -> None:
         {"points": "many"},
         {"roll_deg": "much"},
         {"sigma_nadir_arcsec": [1, 2]},
+        {"sigma_nadir_arcsec": -360.0},
+        {"sigma_nadir_arcsec": float("nan")},
+        {"sigma_nadir_arcsec": float("inf")},
     ],
 )
 def test_an_answer_that_cannot_be_used_is_no_fit(change: dict[str, Any]) -> None:
     answer = {"status": "valid", "nadir_cam": [0, 0, 1], "sigma_nadir_arcsec": 1.0}
     assert isinstance(result_of(json.dumps(answer).encode(), seen()), Fit)
     assert isinstance(result_of(json.dumps(answer | change).encode(), seen()), Refusal)
+
+
+@pytest.mark.parametrize("claim", [{}, {"sigma_nadir_arcsec": None}, {"sigma_nadir_arcsec": 0}])
+def test_leaving_out_the_uncertainty_makes_a_claim_without_one(claim: dict[str, Any]) -> None:
+    fit = result_of(json.dumps({"status": "valid", "nadir_cam": [0, 0, 1]} | claim).encode(), seen())
+    assert isinstance(fit, Fit)
+    assert not has_sigma(fit.nadir_cam, fit.total_covariance_nadir_cam)

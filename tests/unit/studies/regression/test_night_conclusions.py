@@ -1,0 +1,324 @@
+"""What a night concludes from its units' records, with the records made by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from horizonval.core.errors import UserError
+from horizonval.core.progress import Silent
+from horizonval.jobs.engine import Done
+from horizonval.studies.regression import night as module
+from horizonval.studies.regression.baseline.baseline import Baseline, read_baseline, write_baseline
+from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage, Pack
+from horizonval.studies.regression.bench import Task
+from horizonval.studies.regression.night import Wanted, _check_folder, _checked, _content, _Gathered, seed_of_night
+from horizonval.studies.regression.row import ReplicateRow
+from horizonval.studies.regression.statistics.gates import GateInputs
+from horizonval.suites.suite import load_suite
+
+SUITE = """
+[suite]
+name = "tiny"
+seed = 3
+estimators = ["altitude-free"]
+[defaults]
+camera = { file = "vis-cmos-512-60deg", mount_roll_deg = 55.0 }
+platform = { epoch_utc = 2026-03-20T12:00:00Z, altitude_km = 500.0 }
+[[cases]]
+name = "day"
+sobol.n = 8
+sobol.ranges = { "sun.zenith_deg" = [10.0, 40.0] }
+[[cases]]
+name = "fixed"
+grid = { attitude.roll_deg = [1.0] }
+[regression]
+replicates = 2
+most_batches = 3
+[[regression.gate]]
+name = "accuracy"
+lane = "replay"
+metric = "nadir_error"
+margin = 40.0
+unit = "arcsec"
+reason = "five percent of what images allow"
+[[regression.gate]]
+name = "chain"
+lane = "rerender"
+metric = "nadir_error"
+margin = 40.0
+unit = "arcsec"
+reason = "five percent of what images allow"
+[[regression.gate]]
+name = "fresh"
+lane = "fresh"
+metric = "nadir_error"
+margin = 40.0
+unit = "arcsec"
+reason = "five percent of what images allow"
+"""
+ANCHOR = {"name": "a", "verdict": "PASS", "found": 0.0, "limit": 1.0, "unit": "m", "n": 1, "what": "w"}
+Make = Callable[[Task], Any]
+
+
+def row(scene: str, replicate: int, error: float | None, image: str, **columns: Any) -> ReplicateRow:
+    defaults: dict[str, Any] = {"band": "vis", "estimator": "altitude-free", "reason": None, "false_valid": False}
+    defaults |= {"status": "dark" if error is None else "valid", "roll_error_arcsec": None, "pitch_error_arcsec": None}
+    return ReplicateRow(scene=scene, replicate=replicate, image=image, nadir_error_arcsec=error, **(defaults | columns))
+
+
+def rendered(task: Task, rows: list[ReplicateRow], images: list[str], radiance: str = "same") -> dict[str, Any]:
+    assert task.case is not None
+    about = {"radiance_sha256": radiance, "expected": "valid", "borderline": False, "full_scale": 1023}
+    band = about | {"images": images, "noise_dn": 1.0}
+    return {
+        "scene": task.case.name,
+        "table": task.case.table,
+        "camera": "c",
+        "truth": {},
+        "bands": {"vis": band},
+        "rows": [r.to_dict() for r in rows],
+    }
+
+
+class Bench:
+    """A night whose units are answered by hand: by default nothing has changed since the baseline."""
+
+    def __init__(self, folder: Path, patch: pytest.MonkeyPatch) -> None:
+        self.file = folder / "tiny.toml"
+        self.file.write_text(SUITE)
+        self.suite = load_suite(self.file)
+        self.spec, self.plan = _checked(self.suite)
+        self.scenes = [case.name for case in self.suite.cases]
+        self.wanted = Wanted(str(self.file), folder / "out", folder / "base.json", "2026-11-01")
+        self.asked: list[list[str]] = []
+        self.shift = dict.fromkeys(("replay", "render", "fresh"), 0.0)
+        self.noise = 2.0
+        self.broken: set[str] = set()
+        self.anchor = dict(ANCHOR)
+        self.changed_images: set[str] = set()
+        patch.setattr(module, "do", self.do)
+        patch.setattr(module, "environment", lambda: {"version": "1", "commit": "c"})
+
+    def error(self, scene: str, replicate: int) -> float:
+        return 50.0 + 3.0 * self.scenes.index(scene) + replicate
+
+    def image(self, scene: str, replicate: int) -> str:
+        return self.pixels(scene, replicate).sha256
+
+    def pixels(self, scene: str, replicate: int) -> FrozenImage:
+        dn = np.full((8, 8), 10 * self.scenes.index(scene) + replicate, dtype=np.uint16)
+        return FrozenImage(scene, "vis", replicate, 1023, dn)
+
+    def accepted(self) -> Baseline:
+        rows = [
+            row(s, k, self.error(s, k), self.image(s, k), table="day", due=True) for s in self.scenes for k in (0, 1)
+        ]
+        fresh = [row(f"0/f{k}", 0, 50.0 + k, "x") for k in range(8)]
+        head = {"suite": "tiny", "night": "n0", "version": "0", "reason": "r", "environment": {}}
+        scenes = {
+            s: {
+                "bands": {
+                    "vis": {"radiance_sha256": "same", "noise_dn": 1.0, "images": [self.image(s, k) for k in (0, 1)]}
+                }
+            }
+            for s in self.scenes
+        }
+        images = tuple(self.pixels(s, k) for s in self.scenes for k in (0, 1))
+        frames = tuple(FrozenFrame(s, "vis", "same", np.ones((8, 8)), np.zeros((8, 8), np.uint8)) for s in self.scenes)
+        write_baseline(
+            self.wanted.baseline,
+            head,
+            GateInputs(rows, fresh=fresh, fresh_night="n0"),
+            scenes,
+            Pack(images, frames, {}),
+        )
+        return read_baseline(self.wanted.baseline, "tiny")
+
+    def do(self, work: Any, tasks: list[Task], *_: Any) -> Mapping[str, Done[Any]]:
+        self.asked.append([task.name for task in tasks])
+        return {t.name: Done(None, "broke") if t.name in self.broken else Done(self.made(t)) for t in tasks}
+
+    def made(self, task: Task) -> dict[str, Any]:
+        if task.kind == "anchors":
+            return {"anchors": [self.anchor]}
+        if task.kind == "replay":
+            s = task.scene
+            found = [row(s, k, self.error(s, k) + self.shift["replay"], self.image(s, k)) for k in (0, 1)]
+            return {"rows": [r.to_dict() for r in found]}
+        assert task.case is not None
+        name = task.case.name
+        if task.batch is not None:
+            side = 1.0 if self.scenes.index(name) % 2 else -1.0
+            return rendered(task, [row(name, 0, 53.5 + self.shift["fresh"] + side * self.noise, "y")], ["y"])
+        images = [self.image(name, k) for k in (0, 1)]
+        rows = []
+        if name in self.changed_images:
+            images[1] = "new"
+            rows = [row(name, 1, self.error(name, 1) + self.shift["render"], "new", table="day", due=True)]
+        return rendered(task, rows, images)
+
+    def night(self, accepted: Baseline | None = None, **changes: Any) -> _Gathered:
+        wanted = replace(self.wanted, **changes)
+        return _Gathered(self.suite, self.spec, self.plan, wanted, accepted, Silent())
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
+    return Bench(tmp_path, monkeypatch)
+
+
+def verdicts(found: dict[str, Any]) -> dict[str, str]:
+    return {gate["name"]: gate["verdict"] for gate in found["gates"]}
+
+
+def test_a_night_without_changes_passes_on_the_rows_of_its_replay(bench: Bench) -> None:
+    gathered = bench.night(bench.accepted())
+    rows = gathered.all_rows()
+    assert [(r.scene, r.replicate) for r in rows] == sorted((s, k) for s in bench.scenes for k in (0, 1))
+    assert all(r.nadir_error_arcsec == bench.error(r.scene, r.replicate) and r.due for r in rows)
+    found = gathered.verdict(None, None)
+    assert (found["verdict"], found["exit_status"], found["complete"], found["problems"]) == ("PASS", 0, True, [])
+    (about,) = found["comparisons"]
+    assert (about["replayed"], about["n_changed"], about["rendered"], about["n_images_changed"]) == (18, 0, 9, 0)
+    assert about["missing_scenes"] == []
+    assert found["levels"]["fixed altitude-free: availability"]["value"] == 100.0
+    names = {name for asked in bench.asked for name in asked}
+    assert {"anchors", *(f"replay/{s}" for s in bench.scenes), *(f"rerender/{s}" for s in bench.scenes)} <= names
+    fresh = {name for name in names if name.startswith("fresh/0/")}
+    assert len(fresh) == 8, "what the seed does not change is not drawn anew"
+
+
+def test_each_lane_fails_for_its_own_reason(bench: Bench) -> None:
+    accepted = bench.accepted()
+    bench.shift["replay"] = 400.0
+    found = bench.night(accepted).verdict(None, None)
+    assert verdicts(found)["accuracy"] == "FAIL"
+    assert (found["verdict"], found["exit_status"]) == ("FAIL", 1)
+    assert found["comparisons"][0]["n_changed"] == 18
+    bench.shift["replay"] = 0.0
+    bench.changed_images, bench.shift["render"] = set(bench.scenes), 900.0
+    found = bench.night(accepted).verdict(None, None)
+    assert (verdicts(found)["accuracy"], verdicts(found)["chain"]) == ("PASS", "FAIL")
+    assert found["comparisons"][0]["n_images_changed"] == 9
+    assert found["comparisons"][0]["images_changed"][0]["same_images"] == 1
+    bench.changed_images, bench.shift["fresh"] = set(), 500.0
+    assert verdicts(bench.night(accepted).verdict(None, None))["fresh"] == "FAIL"
+
+
+def test_undecided_fresh_gates_get_more_scenes_and_no_end_of_them(bench: Bench) -> None:
+    accepted = bench.accepted()
+    bench.noise = 150.0
+    gathered = bench.night(accepted)
+    assert gathered.batches == 1
+    found = gathered.verdict(None, None)
+    assert 1 < found["fresh"]["batches"] <= 3
+    assert found["fresh"]["scenes"] == 8 * found["fresh"]["batches"]
+    assert gathered.batches == found["fresh"]["batches"]
+    assert verdicts(found)["fresh"] == "INCONCLUSIVE"
+    with_reference = bench.night(accepted)
+    reference = GateInputs(fresh=with_reference.fresh, fresh_night="2026-11-01")
+    again = with_reference.verdict(None, reference)
+    assert again["fresh"]["batches"] == 1, "pairs of another version's night are of its first batch"
+    assert verdicts(again)["fresh"] == "PASS"
+    assert next(g for g in again["gates"] if g["name"] == "fresh")["paired"]
+
+
+def test_what_was_not_looked_at_has_not_passed(bench: Bench) -> None:
+    found = bench.night().verdict(None, None)
+    assert (found["verdict"], found["complete"]) == ("FAIL", False)
+    assert "no accepted baseline" in found["problems"][0]
+    accepted = bench.accepted()
+    bench.broken = {f"rerender/{bench.scenes[0]}"}
+    found = bench.night(accepted).verdict(None, None)
+    assert (found["verdict"], found["exit_status"]) == ("INCONCLUSIVE", 2)
+    assert found["problems"][0] == f"rerender/{bench.scenes[0]}: broke"
+    assert found["problems"][1].startswith("1 scenes of the baseline (accepted)")
+    assert found["comparisons"][0]["missing_scenes"] == [bench.scenes[0]]
+    bench.anchor["verdict"] = "FAIL"
+    failed = bench.night(accepted).verdict(None, None)
+    assert (failed["verdict"], failed["exit_status"]) == ("FAIL", 1), "a proven failure outweighs what is missing"
+
+
+def test_lanes_that_are_left_out_are_not_asked_for(bench: Bench) -> None:
+    accepted = bench.accepted()
+    found = bench.night(accepted, lanes=("replay",)).verdict(None, None)
+    assert set(verdicts(found)) == {"accuracy"}
+    assert {name.partition("/")[0] for asked in bench.asked for name in asked} == {"anchors", "replay"}
+    assert found["comparisons"][0]["missing_scenes"] == []
+    bench.asked.clear()
+    assert set(verdicts(bench.night(accepted, lanes=("rerender",)).verdict(None, None))) == {"chain"}
+    assert {name.partition("/")[0] for asked in bench.asked for name in asked} == {"anchors", "rerender"}
+
+
+def test_a_release_is_compared_by_the_whole_chain_and_not_twice(bench: Bench) -> None:
+    accepted = bench.accepted()
+    same = bench.night(accepted).verdict(accepted, None)
+    assert [about["name"] for about in same["comparisons"]] == ["accepted", "release"]
+    assert same["comparisons"][1]["same_as_accepted"] is True
+    older = replace(accepted, head={**accepted.head, "night": "n-1"})
+    bench.changed_images, bench.shift["render"] = set(bench.scenes), 900.0
+    found = bench.night(accepted).verdict(older, None)
+    of_release = {g["name"]: g["verdict"] for g in found["gates"] if g["against"] == "release"}
+    of_accepted = {g["name"]: g["verdict"] for g in found["gates"] if g["against"] == "accepted"}
+    assert (of_accepted["accuracy"], of_release["accuracy"]) == ("PASS", "FAIL")
+    assert found["comparisons"][1]["replayed"] == 0
+
+
+def test_what_a_baseline_is_made_of(bench: Bench) -> None:
+    gathered = bench.night(bench.accepted())
+    content = gathered.content()
+    assert (len(content["rows"]), len(content["fresh"]), content["replicates"]) == (18, 8, 2)
+    assert set(content["scenes"]) == set(content["arrays"]) == set(bench.scenes)
+    assert all("/" not in name for name in content["arrays"].values())
+    assert all(r["scene"].startswith("0/") for r in content["fresh"])
+    assert [gate["name"] for gate in content["gates"]] == ["accuracy", "chain", "fresh"]
+
+
+def test_seeds_differ_by_night_suite_and_batch_and_fit_a_file() -> None:
+    seeds = {seed_of_night(s, n, b) for s in ("a", "b") for n in ("1", "2") for b in range(3)}
+    assert len(seeds) == 12
+    assert all(0 <= seed < 2**56 for seed in seeds)
+    assert max(seeds) > 2**50
+
+
+def test_frames_are_the_same_whatever_their_seed(bench: Bench) -> None:
+    other = load_suite(bench.file, seed=99)
+    mine, theirs = ({case.name: _content(case) for case in suite.cases} for suite in (bench.suite, other))
+    fixed = next(name for name in mine if name.startswith("fixed"))
+    assert mine[fixed] == theirs[fixed]
+    assert sum(mine[name] != theirs.get(name) for name in mine) == 8
+
+
+@pytest.mark.parametrize(
+    ("there", "refused"),
+    [
+        (None, False),
+        ([], False),
+        (["night.json"], False),
+        ([".work"], False),
+        (["history.jsonl"], False),
+        (["mine"], True),
+    ],
+)
+def test_a_night_goes_into_a_new_folder_or_its_own(tmp_path: Path, there: list[str] | None, refused: bool) -> None:
+    out = tmp_path / "out"
+    if there is not None:
+        out.mkdir()
+        for name in there:
+            (out / name).touch()
+    if refused:
+        with pytest.raises(UserError, match="something else"):
+            _check_folder(out)
+    else:
+        _check_folder(out)
+    (tmp_path / "file").touch()
+    with pytest.raises(UserError, match="is a file"):
+        _check_folder(tmp_path / "file")
+    with pytest.raises(UserError, match="no such folder"):
+        _check_folder(tmp_path / "none" / "out")
