@@ -21,6 +21,7 @@ from horizonval.core import atomic, files, sealed
 from horizonval.core.errors import UserError, printable
 from horizonval.core.progress import Progress, Silent
 from horizonval.store.folder import RunFolder, read_json, write_json
+from horizonval.store.index import Index
 from horizonval.store.verify import StoreFinding
 
 NAME = "manifest.json"
@@ -65,6 +66,13 @@ def amend_manifest(root: Path, paths: Iterable[Path]) -> None:
             entries[_name(path, root)] = _digest(path)
     if entries != before:
         _write(root, entries)
+
+
+def amend_index(index: Index) -> None:
+    """Write down that the index of a finished run's archive was made again, or has caught up, if it has."""
+    if index.written:
+        amend_manifest(index.root.parent, [index.path])
+        index.written = False
 
 
 def withdraw_manifest(root: Path) -> None:
