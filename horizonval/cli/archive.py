@@ -10,10 +10,12 @@ from typing import Annotated, Any
 import typer
 
 from horizonval.cli.options import Json
+from horizonval.cli.options.completion import estimators
+from horizonval.cli.options.selection import ALL, EntryOptions, selects
 from horizonval.cli.printing import print_json, print_summary
-from horizonval.cli.selection import ALL, EntryOptions, selects
 from horizonval.cli.work import resumable, watched
 from horizonval.core.errors import UserError, printable
+from horizonval.core.files import kind_at
 from horizonval.jobs.execution import MOST_WORKERS
 
 archive_app = typer.Typer(help="The archive of a run: list, verify, export, clean, score again.", rich_markup_mode=None)
@@ -204,7 +206,9 @@ def archive_rescore(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the results; made if need be.")],
     estimator: Annotated[
         list[str] | None,
-        typer.Option(help="Repeatable; by default those of the run (`horizonval list estimators`)."),
+        typer.Option(
+            help="Repeatable; by default those of the run (`horizonval list estimators`).", autocompletion=estimators
+        ),
     ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, max=MOST_WORKERS, help="Estimates at a time; by default the processors.")
@@ -280,7 +284,8 @@ def _store(folder: Path, *, follow: bool = True) -> Any:
     root = inside if inside.is_dir() else folder
     expected = "an archive, or the folder of a run"
     if not root.is_dir():
-        raise UserError("is a file" if root.exists() else "no such folder", where=str(folder), expected=expected)
+        kind = kind_at(root, links=True)
+        raise UserError(f"is {kind}" if kind else "no such folder", where=str(folder), expected=expected)
     store = Store(root, read_only=inside.parent != folder)
     if root.resolve().name != "archive" and not store.is_one():
         raise UserError("holds no archive", where=str(folder), expected=expected)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import UserError
+from horizonval.core.files import kind_at
 from horizonval.core.suggest import nearest
 from horizonval.precheck.report import Report
 from horizonval.precheck.scene import check_scene
@@ -71,7 +72,9 @@ def kind_of(target: str | Path) -> tuple[Kind, Path]:
         There is none, or it has none of the tables that tell.
     """
     given = Path(target).expanduser()
-    if not given.is_file():
+    if (lies_there := kind_at(given, links=True)) not in ("a file", "a folder", ""):
+        raise UserError(f"is {lies_there}", where=str(given), expected="a scene, suite or study file")
+    if lies_there != "a file":
         name = str(target).removesuffix(".toml")
         for kind in KINDS:
             if name in shipped_names(kind):

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Literal
 
 from horizonval.core.errors import UserError
-from horizonval.core.files import kind_at
+from horizonval.core.files import kind_at, read_text
 from horizonval.core.suggest import nearest
+
+_LARGEST_BYTES = 1024**2
 
 Kind = Literal["scene", "camera", "suite", "study", "atmosphere"]
 
@@ -71,10 +73,25 @@ def find(kind: Kind, path_or_name: str | Path, *, beside: Path | None = None, wh
     if name in shipped_names(kind):
         return shipped_path(kind, name)
     if (lies_there := kind_at(candidate, links=True)) not in ("a file", ""):
-        raise UserError(f"{candidate} is {lies_there}", where=where, expected=f"a {kind} file")
+        raise UserError(
+            f"{candidate} is {lies_there}", where=where, expected=f"{'an' if kind == 'atmosphere' else 'a'} {kind} file"
+        )
     known = nearest(name.rsplit("/", 1)[-1], shipped_names(kind))
     raise UserError(
         f"no {kind} named {str(path_or_name)!r}" + (f", nor a file {candidate}" if beside is not None else ""),
         where=where,
         expected=f"a path or one of {', '.join(known)}" if known else "the path of a file",
     )
+
+
+def head_comment(path: Path) -> str:
+    """Return the comment at the head of a file as one paragraph."""
+    lines = []
+    for line in read_text(path, largest=_LARGEST_BYTES, expected="a TOML file").splitlines():
+        if not line.startswith("#"):
+            break
+        if line.startswith("#:"):
+            # A word to editors: where the schema is.
+            continue
+        lines.append(line.lstrip("# ").rstrip())
+    return " ".join(lines)

@@ -56,7 +56,8 @@ def cheapest(
         ``meets``, ``open``, ``fails``: names, cheapest first; ``cheapest``: the first that meets, or None, and
         ``tied``: all that meet at a cost that is not told apart from its; ``candidate``: the cheapest open one whose
         measured share reaches the availability, or None, and ``tied_candidates``; ``closest``: the one with the largest
-        share; ``needed``: frames without a miss that would show it; ``misses``: by name; ``text``: the answer in words.
+        share, the first of ``tied_closest``; ``needed``: frames without a miss that would show it; ``misses``: by name;
+        ``text``: the answer in words.
     """
 
     def place(design: Mapping[str, Any]) -> tuple[float, float, str]:
@@ -74,7 +75,8 @@ def cheapest(
     candidates = [
         name for name in by_verdict["open"] if (by_name[name]["within"]["rate"] or 0.0) >= requirement.availability
     ]
-    closest = max(ordered, key=lambda d: d["within"]["rate"] or 0.0)["name"] if ordered else None
+    best = max((design["within"]["rate"] or 0.0 for design in designs), default=0.0)
+    closest = [design["name"] for design in designs if (design["within"]["rate"] or 0.0) == best]
     answer: JsonObject = {
         **by_verdict,
         "error_deg": requirement.error_deg,
@@ -84,7 +86,8 @@ def cheapest(
         "tied": tied_with_first(by_verdict["meets"]),
         "candidate": candidates[0] if candidates else None,
         "tied_candidates": tied_with_first(candidates),
-        "closest": closest,
+        "closest": closest[0] if closest else None,
+        "tied_closest": closest,
         "needed": frames_needed(requirement.availability),
         "misses": {design["name"]: design["misses"] for design in designs},
     }
@@ -131,7 +134,10 @@ def _text(answer: JsonObject, by_name: Mapping[str, Mapping[str, Any]], prices: 
             f"worth {worth:.0f} independent frames, {answer['needed']} without a miss would show it"
         )
     closest = answer["closest"]
-    missed = f"Closest: {closest} ({share(closest)}), missed by {words_of(by_name[closest]['misses'])}"
+    others = answer["tied_closest"][1:]
+    alike = f"; as close: {', '.join(others[:MOST_NAMED])}" if others else ""
+    more = f" and {len(others) - MOST_NAMED} more" if len(others) > MOST_NAMED else ""
+    missed = f"Closest: {closest} ({share(closest)}), missed by {words_of(by_name[closest]['misses'])}{alike}{more}"
     if answer["open"]:
         return (
             f"none is shown to meet {requirement}, and none reached it here; not excluded: {len(answer['open'])} of "

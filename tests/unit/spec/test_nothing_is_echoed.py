@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +14,8 @@ from horizonval.commands.rays import read_rays
 from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere.profile_file import read_profile
 from horizonval.earth.atmosphere_file import read_atmosphere
+from horizonval.precheck.target import kind_of
+from horizonval.spec.files import find
 from horizonval.spec.load import load_camera, load_scene, read_toml
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.store import exr
@@ -92,3 +96,12 @@ def test_what_a_parser_cannot_hold_is_one_line(tmp_path, text):
     (tmp_path / "a.json").write_text(text.removeprefix("x = "))
     with pytest.raises(UserError, match="not JSON"):
         read_atmosphere(tmp_path / "a.json")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="FIFOs of POSIX")
+def test_what_is_no_file_is_said_where_it_is_named(tmp_path):
+    fifo = tmp_path / "fifo"
+    os.mkfifo(fifo)
+    for call in (lambda: find("atmosphere", fifo, where="a.toml: atmosphere.file"), lambda: kind_of(fifo)):
+        with pytest.raises(UserError, match="is a FIFO; expected a"):
+            call()

@@ -82,6 +82,9 @@ def test_none_meets():
     assert found["text"].startswith("none meets 0.05 deg in 90 % of all conditions. Closest: b (40 of 100")
     assert found["text"].endswith(", missed by 60 dark")
     assert found["misses"]["a"] == {"dark": {"n": 90, "due": 0}}
+    alike = ask({"a": (40, 100), "b": (40, 100), "c": (1, 100)}, {"a": 2.0, "b": 1.0, "c": 0.0})
+    assert (alike["closest"], alike["tied_closest"]) == ("a", ["a", "b"])
+    assert alike["text"].endswith("missed by 60 dark; as close: b")
     almost = ask({"a": (86, 100), "b": (10, 100)})
     assert almost["text"].startswith("none is shown to meet")
     assert "not excluded: 1 of 2 designs" in almost["text"]
