@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from horizonval.commands.listing import LISTS
+from horizonval.estimation import registry
+from horizonval.spec.files import shipped_names
 
 
 def list_cameras() -> list[str]:
@@ -18,7 +19,7 @@ def list_cameras() -> list[str]:
     >>> "vis-cmos-512-60deg" in hv.list_cameras()
     True
     """
-    return LISTS["cameras"]()
+    return shipped_names("camera")
 
 
 def list_scenes() -> list[str]:
@@ -34,7 +35,7 @@ def list_scenes() -> list[str]:
     >>> "limb-noon-vis" in hv.list_scenes()
     True
     """
-    return LISTS["scenes"]()
+    return shipped_names("scene")
 
 
 def list_suites() -> list[str]:
@@ -50,7 +51,7 @@ def list_suites() -> list[str]:
     >>> "quick" in hv.list_suites()
     True
     """
-    return LISTS["suites"]()
+    return shipped_names("suite")
 
 
 def list_estimators() -> list[str]:
@@ -66,4 +67,4 @@ def list_estimators() -> list[str]:
     >>> "guarded-altitude-free" in hv.list_estimators()
     True
     """
-    return LISTS["estimators"]()
+    return registry.names()

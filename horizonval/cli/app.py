@@ -6,6 +6,7 @@ import io
 import os
 import sys
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Annotated
 
 import typer
@@ -23,10 +24,12 @@ from horizonval.core.errors import UserError, printable
 from horizonval.core.machine.caches import settle_libraries
 from horizonval.jobs.life import hush, sign_of_life
 
+COMPLETION = "_HORIZONVAL_COMPLETE"
+"""Environment variable by which shells ask."""
+
 app = typer.Typer(
     name="horizonval",
     help="Physically based rendering validation of Earth horizon sensors.",
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -74,7 +77,9 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     arguments = sys.argv[1:]
-    with sign_of_life(f"horizonval: {_command_name(arguments)} is getting ready"):
+    # Where the shell asks what may come next, nothing else may be said.
+    life = sign_of_life(f"horizonval: {_command_name(arguments)} is getting ready")
+    with nullcontext() if COMPLETION in os.environ else life:
         status = run_command_line(arguments)
     sys.exit(status)
 

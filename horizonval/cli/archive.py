@@ -10,8 +10,9 @@ from typing import Annotated, Any
 import typer
 
 from horizonval.cli.options import Json
+from horizonval.cli.options.completion import estimators
+from horizonval.cli.options.selection import ALL, EntryOptions, selects
 from horizonval.cli.printing import print_json, print_summary
-from horizonval.cli.selection import ALL, EntryOptions, selects
 from horizonval.cli.work import resumable, watched
 from horizonval.core.errors import UserError, printable
 from horizonval.core.files import kind_at
@@ -207,7 +208,9 @@ def archive_rescore(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the results; made if need be.")],
     estimator: Annotated[
         list[str] | None,
-        typer.Option(help="Repeatable; by default those of the run (`horizonval list estimators`)."),
+        typer.Option(
+            help="Repeatable; by default those of the run (`horizonval list estimators`).", autocompletion=estimators
+        ),
     ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, max=MOST_WORKERS, help="Estimates at a time; by default the processors.")

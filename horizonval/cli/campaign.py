@@ -9,14 +9,17 @@ from typing import Annotated, Any
 import typer
 
 from horizonval.cli.check import warnings_printed
-from horizonval.cli.options import Dask, Json, Shard, Workers
-from horizonval.cli.printing import print_json, print_shard, print_summary
-from horizonval.cli.work import interruptible
+from horizonval.cli.options import Dask, DryRun, Json, Shard, Workers
+from horizonval.cli.options.completion import shipped
+from horizonval.cli.printing import print_dry_run, print_json, print_shard, print_summary
+from horizonval.cli.work import execution_of, interruptible
 from horizonval.core.errors import UserError
 
 
 def run(
-    suite: Annotated[str, typer.Argument(help="A suite file, or the name of a shipped suite.")] = "quick",
+    suite: Annotated[
+        str, typer.Argument(help="A suite file, or the name of a shipped suite.", autocompletion=shipped("suite"))
+    ] = "quick",
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the run; made if need be.")] = ...,  # type: ignore[assignment]
     workers: Workers = None,
     shard: Shard = None,
@@ -38,6 +41,7 @@ def run(
     seed: Annotated[
         int | None, typer.Option(min=0, help="In place of suite.seed: other Sobol points, other draws of the noise.")
     ] = None,
+    dry_run: DryRun = False,
     as_json: Json = False,
 ) -> int:
     """Main job: render, observe, estimate, score, report; and the study of the infrared horizon a suite asks for.
@@ -48,6 +52,15 @@ def run(
     """
     import horizonval as hv
 
+    if dry_run:
+        from horizonval.commands.dry_run import of_suite
+        from horizonval.precheck import check_suite
+        from horizonval.suites.suite import load_suite, with_options
+
+        loaded = with_options(load_suite(suite, frames, seed), time_limit, keep)
+        execution = execution_of(workers, shard, dask, merge)
+        print_dry_run(of_suite(loaded, out, execution, check_suite(loaded, infrared=False)), as_json)
+        return 0
     with interruptible(kept="frames"), warnings_printed():
         result = hv.run(
             suite,
@@ -78,7 +91,8 @@ def run(
         total = len(loaded.cases) + (len(study.band) * len(study.months) if study else 0)
         what = "frames and months" if study else "frames"
         print(f"horizonval: {len(result.failed)} of {total} {what} failed: {names}", file=sys.stderr)
-    return 1 if result.failed else 0
+    # A run that ends without its summary has not done what was asked, whatever stopped it.
+    return 1 if result.failed or (shard is None and not result.summary) else 0
 
 
 def report(run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")]) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from horizonval.cli.options import Json
+from horizonval.cli.options.completion import shipped
 from horizonval.cli.printing import print_json
 
 if TYPE_CHECKING:
@@ -20,7 +21,12 @@ if TYPE_CHECKING:
 
 def check(
     target: Annotated[
-        str, typer.Argument(metavar="SCENE|SUITE|STUDY", help="A file, or the name of a shipped scene, suite or study.")
+        str,
+        typer.Argument(
+            metavar="SCENE|SUITE|STUDY",
+            help="A file, or the name of a shipped scene, suite or study.",
+            autocompletion=shipped("scene", "suite", "study"),
+        ),
     ],
     frames: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Frames of a suite or study, in place of the file's number.")

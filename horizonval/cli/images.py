@@ -11,6 +11,7 @@ import typer
 
 from horizonval.cli.checks import check_target
 from horizonval.cli.options import Json
+from horizonval.cli.options.completion import estimators, shipped
 from horizonval.cli.printing import print_json
 from horizonval.core import atomic
 from horizonval.core.errors import UserError
@@ -31,7 +32,10 @@ def observe(
     ] = None,
     band: Annotated[list[str] | None, typer.Option(help="Spectral bands; the camera's first by default.")] = None,
     camera: Annotated[
-        str | None, typer.Option(help="Another camera file or name of the same image geometry and bands.")
+        str | None,
+        typer.Option(
+            help="Another camera file or name of the same image geometry and bands.", autocompletion=shipped("camera")
+        ),
     ] = None,
 ) -> None:
     """Detector images of a stored frame, without rendering again: one for every seed, exposure and band."""
@@ -78,8 +82,13 @@ def estimate(
             help="EXR, PNG, TIFF, JPEG, FITS; of several a line each, or for a method of several heads one for each."
         ),
     ],
-    estimator: Annotated[str, typer.Option(help="Its name; see `horizonval list estimators`.")],
-    camera: Annotated[str | None, typer.Option(help="Camera file or shipped name; our own files carry theirs.")] = None,
+    estimator: Annotated[
+        str, typer.Option(help="Its name; see `horizonval list estimators`.", autocompletion=estimators)
+    ],
+    camera: Annotated[
+        str | None,
+        typer.Option(help="Camera file or shipped name; our own files carry theirs.", autocompletion=shipped("camera")),
+    ] = None,
     suite: Annotated[
         str | None,
         typer.Option(metavar="FILE", help="Suite or study whose [[estimator]] table the estimator is: a program."),

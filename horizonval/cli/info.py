@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from horizonval.cli.options import Json
+from horizonval.cli.options.completion import kinds_of_files, lists
 from horizonval.cli.printing import print_json
 from horizonval.core.errors import UserError
 
@@ -28,10 +29,18 @@ def doctor(as_json: Json = False) -> int:
 
 
 def list_names(
-    what: Annotated[str, typer.Argument(help="cameras, suites, studies, scenes, estimators or atmospheres.")],
+    what: Annotated[
+        str,
+        typer.Argument(
+            help="cameras, suites, studies, scenes, estimators, atmospheres or detectors.", autocompletion=lists
+        ),
+    ],
     as_json: Json = False,
 ) -> None:
-    """List the names that other commands take."""
+    """List the names that other commands take, and what each stands for.
+
+    The first word of a line is the name; with --json an object of names and descriptions.
+    """
     from horizonval.commands.listing import LISTS
     from horizonval.core.suggest import nearest
 
@@ -43,11 +52,14 @@ def list_names(
     if as_json:
         print_json(names)
     else:
-        for name in names:
-            print(name)
+        width = max(map(len, names), default=0)
+        for name, line in names.items():
+            print(f"{name:{width}}  {line}".rstrip())
 
 
-def schema(kind: Annotated[str, typer.Argument(help="scene, camera, suite or study.")]) -> None:
+def schema(
+    kind: Annotated[str, typer.Argument(help="scene, camera, suite or study.", autocompletion=kinds_of_files)],
+) -> None:
     """Print the JSON Schema (draft 2020-12) of a kind of file, for editors and other programs."""
     from horizonval.core.suggest import nearest
     from horizonval.spec.reference.keys import MODELS

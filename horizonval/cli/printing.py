@@ -12,6 +12,14 @@ def print_json(data: object) -> None:
     print(json.dumps(data, indent=1, allow_nan=False))
 
 
+def print_dry_run(dry_run: Any, as_json: bool) -> None:
+    """Print what a command would make."""
+    if as_json:
+        print_json(dry_run.to_dict())
+    else:
+        print(dry_run)
+
+
 def print_summary(summary: dict[str, Any]) -> None:
     """Print the table of a run, one line for every estimator and camera, and what that says in words.
 

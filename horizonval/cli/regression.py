@@ -7,8 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from horizonval.cli.options import Json, Workers
-from horizonval.cli.printing import print_json
+from horizonval.cli.options import DryRun, Json, Workers
+from horizonval.cli.options.completion import shipped
+from horizonval.cli.printing import print_dry_run, print_json
 from horizonval.cli.work import resumable
 from horizonval.core.errors import UserError
 
@@ -22,7 +23,10 @@ BaselineFile = Annotated[
 
 def regress(
     suite: Annotated[
-        str, typer.Argument(help="A suite with a [regression] table: a file or a shipped name.")
+        str,
+        typer.Argument(
+            help="A suite with a [regression] table: a file or a shipped name.", autocompletion=shipped("suite")
+        ),
     ] = "nightly",
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the nights; made if need be.")] = Path("regress"),
     baseline: BaselineFile = None,
@@ -34,6 +38,7 @@ def regress(
         Path | None, typer.Option(metavar="DIR", help="Another version's folder of this night: pairs for fresh scenes.")
     ] = None,
     workers: Workers = None,
+    dry_run: DryRun = False,
     as_json: Json = False,
 ) -> int:
     """Nightly verdict: is anything worse than the accepted baseline or the last release?
@@ -51,8 +56,14 @@ def regress(
             raise UserError(f"found {name!r}", where="--lane", expected=" or ".join(LANES))
     label = night or datetime.now(UTC).date().isoformat()
     file = baseline or BASELINES / f"{Path(suite).stem}.json"
+    wanted = Wanted(suite, out, file, label, lanes, workers, reference)
+    if dry_run:
+        from horizonval.commands.dry_run import of_night
+
+        print_dry_run(of_night(wanted), as_json)
+        return 0
     with resumable(f"night {label}", "units", kept="units") as progress:
-        verdict = run_night(Wanted(suite, out, file, label, lanes, workers, reference), progress)
+        verdict = run_night(wanted, progress)
     if as_json:
         print_json(verdict)
     else:

@@ -10,12 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from horizonval.cli.checks import check_folder, check_target
+from horizonval.cli.options.completion import shipped
 from horizonval.core.errors import UserError
 
 if TYPE_CHECKING:
     from horizonval import Frame
 
-Scene = Annotated[str, typer.Argument(help="A scene file, or the name of a shipped scene.")]
+Scene = Annotated[
+    str, typer.Argument(help="A scene file, or the name of a shipped scene.", autocompletion=shipped("scene"))
+]
 
 
 def render(
@@ -143,7 +146,8 @@ def radiance(
 
 def gallery(
     scenes: Annotated[
-        list[str] | None, typer.Argument(metavar="[SCENE]...", help="Shipped scenes; all by default.")
+        list[str] | None,
+        typer.Argument(metavar="[SCENE]...", help="Shipped scenes; all by default.", autocompletion=shipped("scene")),
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the page; made if need be.")] = Path("gallery"),
 ) -> None:

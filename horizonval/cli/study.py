@@ -9,14 +9,20 @@ from typing import Annotated, Any
 import typer
 
 from horizonval.cli.check import print_warnings
-from horizonval.cli.options import Dask, Json, Shard, Workers
-from horizonval.cli.printing import print_json, print_shard
+from horizonval.cli.options import Dask, DryRun, Json, Shard, Workers
+from horizonval.cli.options.completion import shipped
+from horizonval.cli.printing import print_dry_run, print_json, print_shard
 from horizonval.cli.work import execution_of, resumable
 from horizonval.core.errors import UserError
 
 
 def study(
-    study: Annotated[str, typer.Argument(help="A study file, the name of a shipped study, or a study's folder.")],
+    study: Annotated[
+        str,
+        typer.Argument(
+            help="A study file, the name of a shipped study, or a study's folder.", autocompletion=shipped("study")
+        ),
+    ],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the study; made if need be.")] = None,
     workers: Workers = None,
     shard: Shard = None,
@@ -41,6 +47,7 @@ def study(
         str | None,
         typer.Option(metavar="EXPR", help="Another cost than the study's, such as pixels or mass_g + 20 * power_w."),
     ] = None,
+    dry_run: DryRun = False,
     as_json: Json = False,
 ) -> int:
     """Trade study: designs compared on the same frames; accuracy, availability, cost, and the cheapest that will do.
@@ -51,7 +58,14 @@ def study(
     Exit status 1 if a frame failed.
     """
     if out is None:
-        running = {"--workers": workers, "--shard": shard, "--merge": merge, "--dask": dask, "--frames": frames}
+        running = {
+            "--dry-run": dry_run,
+            "--workers": workers,
+            "--shard": shard,
+            "--merge": merge,
+            "--dask": dask,
+            "--frames": frames,
+        }
         used = [name for name, value in running.items() if value]
         if used or not Path(study).is_dir():
             raise UserError(
@@ -67,6 +81,14 @@ def study(
     from horizonval.studies.trade.run import run_study
 
     execution = execution_of(workers, shard, dask, merge)
+    if dry_run:
+        from horizonval.commands.dry_run import of_suite
+        from horizonval.precheck import check_study
+        from horizonval.studies.trade.run import study_in
+
+        planned = study_in(study, out, frames)
+        print_dry_run(of_suite(planned.suite, out, execution, check_study(planned, infrared=False)), as_json)
+        return 0
     with resumable("study", kept="frames") as progress:
         done = run_study(study, out, execution=execution, progress=progress, frames=frames, on_start=print_warnings)
     if as_json:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from horizonval.core import atomic, files
+from horizonval.core import atomic
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
 from horizonval.core.suggest import nearest
@@ -16,8 +16,8 @@ from horizonval.report.figures.frame_picture import reflectance, thermal_panel
 from horizonval.report.figures.infrared import infrared_picture
 from horizonval.report.figures.tone import tone_mapped
 from horizonval.report.gallery import Exhibit, write_gallery
-from horizonval.spec.files import shipped_names, shipped_path
-from horizonval.spec.load import MAX_FILE_BYTES, load_frames
+from horizonval.spec.files import head_comment, shipped_names, shipped_path
+from horizonval.spec.load import load_frames
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band, CameraSpec
 
@@ -65,7 +65,7 @@ def make_gallery(folder: Path, names: Sequence[str], progress: Progress) -> Path
 def _exhibits(name: str) -> Iterator[tuple[str, Exhibit]]:
     first = load_frames(name)[0]
     scene, camera = first.scene, first.camera
-    text = caption(shipped_path("scene", name))
+    text = head_comment(shipped_path("scene", name))
     if any(band.kind == "solar" for band in camera.band):
         yield "visible", _visible(name, text, scene, camera)
     if any(band.kind == "thermal" for band in camera.band):
@@ -99,16 +99,3 @@ def in_colour(camera: CameraSpec) -> CameraSpec:
     """Return the camera with the three bands of the gallery in place of its own."""
     bands = [Band(name=name, kind="solar", lo_um=lo, hi_um=hi, nodes=NODES) for name, (lo, hi) in LIMITS_UM.items()]
     return camera.model_copy(update={"band": bands})
-
-
-def caption(path: Path) -> str:
-    """Return the comment at the head of a scene file as one paragraph."""
-    lines = []
-    for line in files.read_text(path, largest=MAX_FILE_BYTES, expected="a scene").splitlines():
-        if not line.startswith("#"):
-            break
-        if line.startswith("#:"):
-            # A word to editors: where the schema is.
-            continue
-        lines.append(line.lstrip("# ").rstrip())
-    return " ".join(lines)

@@ -1,46 +1,85 @@
-"""Names a user can give: cameras, suites, estimators, atmospheres."""
+"""Names a user can give, each with a line that says what it is: cameras, suites, estimators, atmospheres."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import get_args
 
-from horizonval.spec.files import shipped_names
+from horizonval.spec.files import Kind, head_comment, shipped_names, shipped_path
+
+ATMOSPHERES = {
+    "tropical": "15 deg north, annual mean (AFGL 1986).",
+    "midlatitude_summer": "45 deg north in July (AFGL 1986).",
+    "midlatitude_winter": "45 deg north in January (AFGL 1986).",
+    "subarctic_summer": "60 deg north in July (AFGL 1986).",
+    "subarctic_winter": "60 deg north in January (AFGL 1986).",
+    "us_standard": "US standard climate (AFGL 1986); the default.",
+    "us76": "US Standard Atmosphere 1976 with the gases of AFGL 1986.",
+    "by_latitude_month": "Zonal mean climate: every latitude's own air, in the month of the epoch.",
+    "none": "No air.",
+}
 
 
-def _cameras() -> list[str]:
-    return shipped_names("camera")
+def _shipped(kind: Kind) -> dict[str, str]:
+    return {name: first_sentence(head_comment(shipped_path(kind, name))) for name in shipped_names(kind)}
 
 
-def _suites() -> list[str]:
-    return shipped_names("suite")
+def _cameras() -> dict[str, str]:
+    return _shipped("camera")
 
 
-def _studies() -> list[str]:
-    return shipped_names("study")
+def _suites() -> dict[str, str]:
+    return _shipped("suite")
 
 
-def _estimators() -> list[str]:
+def _studies() -> dict[str, str]:
+    return _shipped("study")
+
+
+def _scenes() -> dict[str, str]:
+    return _shipped("scene")
+
+
+def _estimators() -> dict[str, str]:
     from horizonval.estimation import registry
 
-    return registry.names()
+    # Of other packages nothing is imported here.
+    return {
+        name: f"Of another package, in {registry.module_of(name)}."
+        if registry.is_foreign(name)
+        else f"{registry.get(name).title.removesuffix('.')}."
+        for name in registry.names()
+    }
 
 
-def _atmospheres() -> list[str]:
+def _atmospheres() -> dict[str, str]:
     from horizonval.earth.atmosphere import climate, profiles
 
-    return [*profiles.names(), climate.BY_LATITUDE_MONTH, "none"]
+    return {name: ATMOSPHERES[name] for name in (*profiles.names(), climate.BY_LATITUDE_MONTH, "none")}
 
 
-def _scenes() -> list[str]:
-    return shipped_names("scene")
+def _detectors() -> dict[str, str]:
+    from horizonval.spec.sensor.detector import Cmos, LinearArray, Microbolometer, Thermopile
+
+    return {
+        get_args(model.model_fields["kind"].annotation)[0]: first_sentence(" ".join((model.__doc__ or "").split()))
+        for model in (Cmos, Microbolometer, Thermopile, LinearArray)
+    }
 
 
-LISTS: dict[str, Callable[[], list[str]]] = {
+def first_sentence(text: str) -> str:
+    """Return what a text begins with, as one sentence."""
+    sentence = text.split(". ")[0].rstrip(" .:;")
+    return f"{sentence}." if sentence else ""
+
+
+LISTS: dict[str, Callable[[], dict[str, str]]] = {
     "cameras": _cameras,
     "suites": _suites,
     "studies": _studies,
     "estimators": _estimators,
     "atmospheres": _atmospheres,
     "scenes": _scenes,
+    "detectors": _detectors,
 }
-"""What ``horizonval list`` knows, each as a function that returns the names."""
+"""What ``horizonval list`` knows, each as a function that returns names and what they stand for."""

@@ -51,7 +51,7 @@ def checked(result: object) -> Fit | Refusal:
     if isinstance(result, Refusal):
         return _refusal(result.status, result.reason, result.points, result.output)
     if not isinstance(result, Fit):
-        raise ValueError(f"a {type(result).__name__}, neither Fit nor Refusal")
+        raise ValueError(f"it is of type {type(result).__name__}, neither Fit nor Refusal")
     nadir = _array("nadir_cam", result.nadir_cam, (3,))
     length = float(np.linalg.norm(nadir))
     if not (math.isfinite(length) and length > 0.0):
@@ -75,23 +75,23 @@ def checked(result: object) -> Fit | Refusal:
 
 def _refusal(status: object, reason: object, points: object, output: object) -> Refusal:
     if not isinstance(status, str) or status not in tuple(Outcome):
-        raise ValueError(f"the status {_shown(status)}, which is no outcome")
+        raise ValueError(f"its status {_shown(status)} is no outcome")
     if Outcome(status) is Outcome.VALID:
-        raise ValueError("a refusal with status valid")
+        raise ValueError("it is a refusal with status valid")
     if not isinstance(reason, str):
-        raise ValueError(f"a reason that is a {type(reason).__name__}, no text")
+        raise ValueError(f"its reason is of type {type(reason).__name__}, no text")
     words = tail(output) if isinstance(output, str) and status == Outcome.CRASHED else ""
     return Refusal(Outcome(status), one_line(reason), _array("points", points, (None, 2)), words)
 
 
 def _shown(value: object) -> str:
-    return repr(value[:40]) if isinstance(value, str) else f"of type {type(value).__name__}"
+    return repr(value[:40]) if isinstance(value, str) else f"(of type {type(value).__name__})"
 
 
 def _array(name: str, value: Any, shape: tuple[int | None, ...], *, finite: bool = True) -> FloatArray:
     array = np.asarray(value)
     if array.dtype.kind not in "fiu":
-        raise ValueError(f"{name} is an array of {array.dtype.name}, not of numbers")
+        raise ValueError(f"{name} is of {array.dtype.name}, not of numbers")
     if array.size > 2 * MOST_POINTS:
         raise ValueError(f"{name} has {array.size} numbers; at most {2 * MOST_POINTS} are read")
     if array.size == 0 and name in _EMPTY:
@@ -101,7 +101,7 @@ def _array(name: str, value: Any, shape: tuple[int | None, ...], *, finite: bool
         raise ValueError(f"{name} has the shape {array.shape}, where ({wanted}) was expected")
     plain = np.ascontiguousarray(array, dtype=np.float64).view(np.ndarray)
     if finite and not np.isfinite(plain).all():
-        raise ValueError(f"numbers that are none in {name}")
+        raise ValueError(f"{name} is not finite")
     if name in LARGEST and plain.size and float(np.abs(plain).max()) > LARGEST[name]:
         raise ValueError(f"{name} is beyond {LARGEST[name]:g}")
     return plain
@@ -109,10 +109,10 @@ def _array(name: str, value: Any, shape: tuple[int | None, ...], *, finite: bool
 
 def _number(name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise ValueError(f"{name} is a {type(value).__name__}, no number")
+        raise ValueError(f"{name} is of type {type(value).__name__}, no number")
     number = float(value)
     if not math.isfinite(number):
-        raise ValueError(f"numbers that are none in {name}")
+        raise ValueError(f"{name} is not finite")
     if abs(number) > LARGEST[name]:
         raise ValueError(f"{name} is beyond {LARGEST[name]:g}")
     return number

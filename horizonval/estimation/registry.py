@@ -109,5 +109,6 @@ def run_safely(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     try:
         answer = checked(result)
     except Exception as e:
-        return crash(f"the estimator returned {e}" if isinstance(e, ValueError) else f"an answer raised {raised(e)}")
+        why = str(e) if isinstance(e, ValueError) else raised(e)
+        return crash(f"the estimator's answer cannot be used: {why}")
     return answer if isinstance(answer, Refusal) else rounded(replace(answer, estimates=estimator.estimates))

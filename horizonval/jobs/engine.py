@@ -219,10 +219,10 @@ class _Clock(Generic[I, R]):
 
     def start(self) -> None:
         """Ask what is expected, and begin."""
-        told = (self._on_start() if self._on_start is not None else None) or {}
+        stated = (self._on_start() if self._on_start is not None else None) or {}
         expected: dict[str, ExpectedTime | None] = {}
         for item in self._missing:
-            parts = [told.get(name) for name in self._work.parts(item, None)]
+            parts = [stated.get(name) for name in self._work.parts(item, None)]
             known = [part for part in parts if part is not None]
             whole = sum(known[1:], known[0]) if known and len(known) == len(parts) else None
             expected[self._work.name(item)] = whole

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Literal
 
 from horizonval.core.errors import UserError
-from horizonval.core.files import kind_at
+from horizonval.core.files import kind_at, read_text
 from horizonval.core.suggest import nearest
+
+_LARGEST_BYTES = 1024**2
 
 Kind = Literal["scene", "camera", "suite", "study", "atmosphere"]
 
@@ -80,3 +82,16 @@ def find(kind: Kind, path_or_name: str | Path, *, beside: Path | None = None, wh
         where=where,
         expected=f"a path or one of {', '.join(known)}" if known else "the path of a file",
     )
+
+
+def head_comment(path: Path) -> str:
+    """Return the comment at the head of a file as one paragraph."""
+    lines = []
+    for line in read_text(path, largest=_LARGEST_BYTES, expected="a TOML file").splitlines():
+        if not line.startswith("#"):
+            break
+        if line.startswith("#:"):
+            # A word to editors: where the schema is.
+            continue
+        lines.append(line.lstrip("# ").rstrip())
+    return " ".join(lines)

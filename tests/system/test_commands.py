@@ -13,6 +13,7 @@ import OpenEXR
 import pytest
 from conftest import MINI_CAMERA, assert_one_line
 
+from horizonval.commands.listing import LISTS
 from horizonval.scoring.table import read_results
 from horizonval.spec.files import shipped_names
 from horizonval.store import exr
@@ -106,10 +107,16 @@ def test_light_commands_do_not_load_the_renderer(program, command):
 
 def test_list(horizonval):
     for kind in ("camera", "suite", "scene"):
-        assert horizonval("list", kind + "s").stdout.split() == shipped_names(kind)
+        lines = horizonval("list", kind + "s").stdout.splitlines()
+        assert [line.split()[0] for line in lines] == shipped_names(kind)
     listed = json.loads(horizonval("list", "estimators", "--json").stdout)
     assert {"altitude-free", "altitude-free-published", "ideal", "linear-heads", "video-vertical"} <= set(listed)
     assert "us_standard" in horizonval("list", "atmospheres").stdout.split()
+    for kind in LISTS:
+        lines = horizonval("list", kind).stdout.splitlines()
+        described = json.loads(horizonval("list", kind, "--json").stdout)
+        assert [tuple(line.split(maxsplit=1)) for line in lines] == list(described.items())
+        assert all(text.endswith(".") and len(text) > 5 for text in described.values()), described
     assert_one_line(horizonval("list", "camera"), "'camera'", "one of cameras")
 
 

@@ -95,7 +95,7 @@ class Cell:
         try:
             result, spent = unpack_answer(message)
         except ValueError as e:
-            return self._crash(f"the estimator returned {e}"), None
+            return self._crash(f"the estimator's answer cannot be used: {e}"), None
         if isinstance(result, Refusal) and result.output:
             result = crash_with(result, self._printed)
         return result, spent

@@ -21,8 +21,8 @@ __all__ = ["Description", "Limits", "Sandbox", "sandbox_of"]
 _PROGRAM_GRACE_S = 5.0
 """A program's own limit comes first and says more."""
 
-_MOST_KEEPERS = 8
-"""Of keepers at the same time, each of some 100 MB; the one that was asked longest ago goes first."""
+_MOST_KEEPERS = 16
+"""Of keepers at the same time, each of some 50 MB; the one that was asked longest ago goes first."""
 
 
 class Sandbox:

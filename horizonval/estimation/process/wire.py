@@ -135,22 +135,22 @@ def unpack_answer(message: bytes) -> tuple[Fit | Refusal, float]:
     about, rest = _head(message)
     shapes = about.get("shapes")
     if not isinstance(shapes, dict) or not set(shapes) <= set(_FIT_ARRAYS):
-        raise ValueError("arrays that no answer has")
+        raise ValueError("it has arrays that no answer has")
     arrays: dict[str, Any] = {}
     place = 0
     for name, shape in shapes.items():
         if not isinstance(shape, list) or len(shape) > 2 or not all(type(n) is int and 0 <= n <= 2**21 for n in shape):
-            raise ValueError(f"a shape of {name} that is none")
+            raise ValueError(f"the shape of {name} is none")
         end = place + 8 * math.prod(shape)
         if end > len(rest):
-            raise ValueError(f"an answer that ends within {name}")
+            raise ValueError(f"it ends within {name}")
         arrays[name] = np.frombuffer(rest[place:end], dtype="<f8").reshape(shape).copy()
         place = end
     if place != len(rest):
-        raise ValueError("an answer with more behind it")
+        raise ValueError("there is more behind it")
     spent = about.get("spent_s")
     if isinstance(spent, bool) or not isinstance(spent, int | float) or not 0.0 <= spent < 1e9:
-        raise ValueError("a processor time that is none")
+        raise ValueError("its processor time is none")
     points = arrays.get("points", np.empty((0, 2)))
     if "status" in about:
         # The type says text, the check that follows holds it to that.
@@ -160,19 +160,19 @@ def unpack_answer(message: bytes) -> tuple[Fit | Refusal, float]:
     try:
         return checked(Fit(**(numbers | arrays))), float(spent)
     except (TypeError, OverflowError) as e:
-        raise ValueError(f"an answer that is neither Fit nor Refusal: {e}") from e
+        raise ValueError(f"it is neither Fit nor Refusal: {e}") from e
 
 
 def _head(message: bytes) -> tuple[dict[str, Any], bytes]:
     if len(message) < LENGTH.size:
-        raise ValueError("too short an answer")
+        raise ValueError("it is too short")
     (length,) = LENGTH.unpack(message[: LENGTH.size])
     if length > min(LONGEST_HEAD, len(message) - LENGTH.size):
-        raise ValueError("a head of the wrong length")
+        raise ValueError("its head is of the wrong length")
     try:
         about = json.loads(message[LENGTH.size : LENGTH.size + length])
     except (ValueError, RecursionError) as e:
-        raise ValueError(f"a head that is no JSON ({type(e).__name__})") from e
+        raise ValueError(f"its head is no JSON ({type(e).__name__})") from e
     if not isinstance(about, dict):
-        raise ValueError("a head that is no JSON object")
+        raise ValueError("its head is no JSON object")
     return about, message[LENGTH.size + length :]

@@ -112,6 +112,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None) -> JsonObject:
         for path in atomic.leftovers(wanted.out / WORK, below=False):
             path.unlink(missing_ok=True)
         gathered = _Gathered(suite, spec, plan, wanted, accepted, progress or Silent())
+        gathered.work_first()
         verdict = gathered.verdict(release, reference)
         write_json(wanted.out / "night.json", gathered.content(), indent=None)
         # A folder that serves every night must not grow with them.
@@ -127,6 +128,15 @@ def run_night(wanted: Wanted, progress: Progress | None = None) -> JsonObject:
     return verdict
 
 
+def planned(wanted: Wanted) -> tuple[Suite, NightWork, list[Task]]:
+    """Return what a night would begin with, and how it is made; nothing is made. Errors as :func:`run_night`."""
+    suite = load_suite(wanted.suite)
+    spec, plan = _checked(suite)
+    accepted = read_baseline(wanted.baseline, suite.name) if wanted.baseline.is_file() else None
+    gathered = _Gathered(suite, spec, plan, wanted, accepted, Silent())
+    return suite, NightWork(plan, wanted.out / WORK), list(gathered.first_tasks().values())
+
+
 def seed_of_night(suite: str, night: str, batch: int) -> int:
     """Return the seed of a night's fresh scenes."""
     digest = hashlib.sha256(json.dumps(["fresh", suite, night, batch]).encode()).digest()
@@ -134,7 +144,7 @@ def seed_of_night(suite: str, night: str, batch: int) -> int:
 
 
 class _Gathered:
-    """What the lanes of one night brought together; making one does the work."""
+    """What the lanes of one night brought together."""
 
     def __init__(
         self,
@@ -156,9 +166,13 @@ class _Gathered:
         self.fresh: list[ReplicateRow] = []
         self.batches = 0
         self.anchors: list[JsonObject] = []
-        self._work(self._first_tasks())
 
-    def _first_tasks(self) -> dict[str, Task]:
+    def work_first(self) -> None:
+        """Do what every night does."""
+        self._work(self.first_tasks())
+
+    def first_tasks(self) -> dict[str, Task]:
+        """Return what every night does, by name."""
         tasks = {"anchors": Task("anchors", "anchors")}
         known: frozenset[str] = frozenset()
         if self.accepted is not None and "replay" in self.wanted.lanes:

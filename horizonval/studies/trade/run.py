@@ -45,6 +45,22 @@ class StudyResult:
     missing: int = 0
 
 
+def study_in(path_or_name: str | Path, out_dir: Path, frames: int | None = None) -> Study:
+    """Return a study as it is run into a folder: what was begun there goes on with its batches of estimators.
+
+    Raises
+    ------
+    UserError
+        A mistake in the study.
+    """
+    spec, path = read_study(path_or_name, frames)
+    before = _plan_before(out_dir)
+    study = expand(spec, path, before.batches if before is not None and before.head.name == spec.study.name else None)
+    if frames is not None:
+        study = replace(study, suite=replace(study.suite, options=("--frames", str(frames))))
+    return study
+
+
 def run_study(
     path_or_name: str | Path,
     out_dir: Path,
@@ -73,11 +89,8 @@ def run_study(
     UserError
         A mistake in the study, told before anything is rendered; or as :func:`horizonval.suites.run.run_suite`.
     """
-    spec, path = read_study(path_or_name, frames)
-    before = _plan_before(out_dir)
-    study = expand(spec, path, before.batches if before is not None and before.head.name == spec.study.name else None)
-    if frames is not None:
-        study = replace(study, suite=replace(study.suite, options=("--frames", str(frames))))
+    study = study_in(path_or_name, out_dir, frames)
+    spec = study.spec
     plan = plan_of_study(study)
     made: list[tuple[dict[str, Any], dict[str, Any], Path]] = []
 

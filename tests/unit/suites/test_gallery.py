@@ -11,7 +11,7 @@ from horizonval.commands import gallery
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Silent
 from horizonval.frame import RadianceFrame
-from horizonval.spec.files import shipped_path
+from horizonval.spec.files import head_comment, shipped_path
 from horizonval.spec.load import load_scene
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
@@ -22,7 +22,7 @@ def test_every_shipped_scene_has_a_caption() -> None:
     assert {"day-limb", "terminator", "twilight-18", "night", "glint", "volcanic-limb", "broken-clouds"} <= set(names)
     assert {"limb-night-ir", "ir-limb-tropical", "ir-cold-cloud", "ir-day-side", "ir-night-side"} <= set(names)
     for name in names:
-        caption = gallery.caption(shipped_path("scene", name))
+        caption = head_comment(shipped_path("scene", name))
         assert caption.endswith("."), name
         assert "#" not in caption
 

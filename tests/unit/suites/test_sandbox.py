@@ -122,7 +122,7 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory):
         ("die", Outcome.CRASHED, "ended with status 3"),
         ("leave", Outcome.CRASHED, "SystemExit"),
         ("chatter", Outcome.DARK, "said enough"),
-        ("wrong", Outcome.CRASHED, "returned a dict"),
+        ("wrong", Outcome.CRASHED, "it is of type dict"),
         ("garbage", Outcome.CRASHED, "printed no JSON object but b'no json"),
         ("endless", Outcome.CRASHED, "more than a megabyte"),
         ("sleeper", Outcome.CRASHED, "the program exceeded its time limit"),

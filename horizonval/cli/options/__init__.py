@@ -15,6 +15,9 @@ Workers = Annotated[
 Shard = Annotated[
     str | None, typer.Option(metavar="I/N", help="Only every N-th frame from the I-th on; then run without it.")
 ]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="Say what would be made and what it takes; render and write nothing.")
+]
 Dask = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler in place of own processes, or local:N.")
 ]

@@ -1,0 +1,161 @@
+"""What is no answer is told from one, in the estimator's process and again on the other side of the pipe."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.answer import MOST_POINTS, checked
+from horizonval.estimation.observation import Fit, Observation, OraclePose
+from horizonval.estimation.process.wire import (
+    LENGTH,
+    LONGEST_ANSWER,
+    pack_answer,
+    pack_observation,
+    unpack_answer,
+    unpack_observation,
+)
+from horizonval.geometry.camera import CameraModel
+
+RNG = np.random.default_rng(1)
+FIT = Fit(
+    nadir_cam=np.array([0.1, 0.2, np.sqrt(0.95)]),
+    covariance_nadir_cam=RNG.normal(size=(3, 3)),
+    roll_rad=0.1 + 0.2,
+    pitch_rad=-1e-17,
+    angular_radius_rad=1.1,
+    altitude_m=5e5 / 3,
+    points=RNG.normal(size=(7, 2)),
+    residuals_rad=np.array([np.nan, 1.0]),
+    steps=RNG.normal(size=(2, 4)),
+    systematic_nadir_cam=RNG.normal(size=(3, 3)),
+    estimates="geodetic",
+)
+REFUSAL = Refusal(Outcome.DARK, "night over 5\N{DEGREE SIGN}", RNG.normal(size=(3, 2)))
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+    return type(a) is type(b) and a == b
+
+
+@pytest.mark.parametrize("result", [FIT, replace(FIT, systematic_nadir_cam=None, altitude_m=None), REFUSAL])
+def test_an_answer_comes_through_to_the_bit(result: Fit | Refusal) -> None:
+    back, spent = unpack_answer(pack_answer(checked(result), 0.25))
+    assert spent == 0.25
+    assert type(back) is type(result)
+    assert all(_same(value, vars(back)[name]) for name, value in vars(result).items())
+
+
+def test_an_observation_comes_through_to_the_bit() -> None:
+    camera = CameraModel(6, 5, 55.5, 54.5, 2.5, 2.0, (0.1, 0.2, 0.3, 0.4, 0.5), "fisheye", np.float64(1.1))
+    oracle = OraclePose(np.arange(3.0), np.arange(4.0), 6.4e6)
+    head = Observation(RNG.normal(size=(5, 6)).T.copy().T, camera, full_scale=1023.0, oracle=oracle, altitude_m=5e5)
+    whole = replace(head, heads={"a": head, "b": replace(head, image=np.arange(30, dtype=np.uint16).reshape(5, 6))})
+    message = b"".join(bytes(part) for part in pack_observation(whole))
+    back = unpack_observation(np.frombuffer(message, dtype=np.uint8))
+    assert list(back.heads) == ["a", "b"]
+    for one, other in ((whole, back), (whole.heads["b"], back.heads["b"])):
+        assert one.camera == other.camera
+        assert one.oracle is not None
+        assert other.oracle is not None
+        assert _same(one.oracle.r_itrs, other.oracle.r_itrs)
+        assert np.array_equal(one.image, other.image)
+        assert one.image.dtype == other.image.dtype
+        assert (one.full_scale, one.altitude_m, one.sun_cam) == (other.full_scale, other.altitude_m, other.sun_cam)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"nadir_cam": np.zeros(3)}, "no direction"),
+        ({"nadir_cam": np.array([0.0, np.nan, 1.0])}, "not finite"),
+        ({"nadir_cam": np.zeros((3, 1))}, r"shape \(3, 1\)"),
+        ({"covariance_nadir_cam": np.eye(2)}, r"shape \(2, 2\)"),
+        ({"covariance_nadir_cam": 1j * np.eye(3)}, "not of numbers"),
+        ({"points": np.zeros((4, 3))}, r"shape \(4, 3\)"),
+        ({"points": np.zeros((2 * MOST_POINTS, 2))}, "at most"),
+        ({"points": np.full((1, 2), 1e300)}, "beyond"),
+        ({"roll_rad": "left"}, "of type str"),
+        ({"roll_rad": True}, "of type bool"),
+        ({"altitude_m": 1e300}, "beyond"),
+        ({"sigma_altitude_m": float("nan")}, "not finite"),
+    ],
+)
+def test_a_fit_outside_its_form_is_none(changes: dict[str, Any], reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        checked(replace(FIT, **changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"reason": 5}, "of type int"),
+        ({"status": "fine"}, "'fine' is no outcome"),
+        ({"status": Outcome.VALID}, "status valid"),
+        ({"status": None}, "NoneType"),
+        ({"points": np.zeros(3)}, "shape"),
+    ],
+)
+def test_a_refusal_outside_its_form_is_none(changes: dict[str, Any], reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        checked(replace(REFUSAL, **changes))
+
+
+def _message(about: object, behind: bytes = b"") -> bytes:
+    head = json.dumps(about).encode()
+    return LENGTH.pack(len(head)) + head + behind
+
+
+ABOUT = {"spent_s": 0.0, "status": "dark", "reason": "night", "shapes": {"points": [1, 2]}}
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        b"",
+        b"\xff" * 8,
+        LENGTH.pack(2**63) + b"{}",
+        _message([]),
+        _message({}),
+        _message(ABOUT),
+        _message(ABOUT, bytes(17)),
+        _message(ABOUT | {"shapes": {"points": [2**40, 2**40]}}, bytes(16)),
+        _message(ABOUT | {"shapes": {"points": [-1, -2]}}, bytes(16)),
+        _message(ABOUT | {"shapes": {"points": [True, 2]}}, bytes(16)),
+        _message(ABOUT | {"shapes": {"secrets": [1, 2]}}, bytes(16)),
+        _message(ABOUT | {"shapes": [1, 2]}, bytes(16)),
+        _message(ABOUT | {"spent_s": float("nan")}, bytes(16)),
+        _message(ABOUT | {"spent_s": "long"}, bytes(16)),
+        _message(ABOUT | {"status": ["dark"]}, bytes(16)),
+        _message(ABOUT | {"reason": {}}, bytes(16)),
+        _message({"spent_s": 0.0, "shapes": {"nadir_cam": [3]}, "roll_rad": 0.0}, bytes(24)),
+        LENGTH.pack(60_000) + b"[" * 60_000,
+        LENGTH.pack(30_000) + b"{" + b'"a":' + b"9" * 29_994 + b"}",
+        b"\x80\x04\x95" + b"cos\n_exit\n(I0\ntR." * 10,
+    ],
+)
+def test_bytes_that_are_no_answer_are_told(message: bytes) -> None:
+    with pytest.raises(ValueError):  # noqa: PT011
+        unpack_answer(message)
+
+
+def test_flipped_bits_give_an_answer_in_its_form_or_none() -> None:
+    """Whatever comes over the pipe, what goes on is a fit or a refusal of plain numbers."""
+    whole = pack_answer(checked(FIT), 0.1)
+    for _ in range(2000):
+        message = bytearray(whole)
+        message[RNG.integers(len(message))] ^= 1 << RNG.integers(8)
+        try:
+            result, _ = unpack_answer(bytes(message))
+        except ValueError:
+            continue
+        checked(result)
+    assert len(whole) < LONGEST_ANSWER
