@@ -14,6 +14,7 @@ from horizonval import cli
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.jobs import engine
 from horizonval.store.folder import read_json, write_json
+from horizonval.store.manifest import verify_folder
 from horizonval.studies.regression import bench
 from horizonval.studies.regression import night as nights
 from horizonval.studies.regression.accept import accept
@@ -104,6 +105,7 @@ def test_an_unchanged_night_passes_and_says_so_everywhere(accepted, second):
     assert compared["release"]["same_as_accepted"]
     about = compared["accepted"]
     assert (about["replayed"], about["n_changed"], about["rendered"], about["n_images_changed"]) == (8, 0, 8, 0)
+    assert verify_folder(accepted.out) == []
     stored = read_json(accepted.out / "verdict.json")
     assert stored == json.loads(json.dumps(second))
     suite = ElementTree.parse(accepted.out / "junit.xml").getroot()[0]
