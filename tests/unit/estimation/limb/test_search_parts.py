@@ -261,6 +261,9 @@ def test_the_arc_of_a_disc_is_its_circle_in_order() -> None:
     assert arc.circle.centre == pytest.approx([70.0, 190.0], abs=1.0)
     assert arc.circle.radius_px == pytest.approx(120.0, abs=1.0)
     assert np.hypot(*np.diff(arc.uv, axis=0).T).max() < 3.0, "neighbours follow each other"
+    tall = find_arc(np.vstack([np.full((90, 160), 20.0), image]))
+    assert isinstance(tall, Arc)
+    assert tall.circle.centre == pytest.approx(arc.circle.centre + np.array([0.0, 90.0]), abs=0.2)
     spotted = image.copy()
     spotted[20:26, 20:26] = 200.0
     again = find_arc(spotted)

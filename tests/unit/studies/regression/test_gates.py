@@ -215,7 +215,8 @@ def test_all_gates_of_a_night_are_judged_with_their_scenes() -> None:
     assert (two["against"], two["n_scenes"], two["scenes"]) == ("release", 0, [])
     assert (one["two_sided"], one["paired"], one["unit"]) == (False, True, "arcsec")
     assert scenes(one).endswith(" and 8 more")
-    assert "8 more" not in scenes(one | {"n_scenes": 12})
+    assert scenes(one | {"n_scenes": 13}).endswith(" and 1 more")
+    assert "more" not in scenes(one | {"n_scenes": 12})
     text = gate_sentence(one)
     assert "nadir_error +5.19 arcsec" in text
     assert "paired" in text
