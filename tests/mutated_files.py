@@ -306,6 +306,36 @@ WORDS = (
     "2147483648", "-2147483649", "18446744073709551616",
 )  # fmt: skip
 
+# Those that a file of the kind may hold: the mutant is still TOML, JSON or CSV.
+_VALUES = (
+    "1e308", "-1e308", "0", "-0.0", "-1", "1", "2", "1e-320", "1e-9", "3.7", "90", "-90", "179.999", "360", "1e4",
+    "1e6", "1000000", "1000000000000", "16384", "2147483648", "-2147483649", "18446744073709551616", "9" * 400,
+)  # fmt: skip
+_TEXTS = (
+    '""', '"text"', '".."', '"/dev/zero"', '"/etc/shadow"', '"a/b"', '"all"', '"none"', '"earth"', '"\\u0000"',
+    '"\\u00e9"', '"by_latitude_month"', '"' + "x" * 300 + '"', "true", "false", "[]", "[1, 2]", "[1.0, 2.0, 3.0]",
+    '["a"]', "[[]]", "{}", "[{}]",
+)  # fmt: skip
+VALUES = {
+    ".toml": (
+        *_VALUES,
+        *_VALUES,
+        *_TEXTS,
+        "nan",
+        "inf",
+        "-inf",
+        "2026-03-20",
+        "0001-01-01T00:00:00Z",
+        "12:00:00",
+        "0xff",
+    ),
+    ".json": (*_VALUES, *_VALUES, *_TEXTS, "NaN", "Infinity", "-Infinity", "null", "1e309", '{"henyey_greenstein": 1}'),
+    ".csv": (*_VALUES, "nan", "inf", "", " ", "x", '"1"', "1e309", "0x10", "1_0"),
+    ".txt": ("0", "9", ".", "-", " ", "99999.99999999"),
+}
+
+_VALUE = re.compile(rb'(?<=[=:,\[\s])-?[0-9][0-9.eE+-]*(?=[\s,\]}])|(?<=[=:,\[\s])"[^"\n]*"(?=[\s,\]}])')
+
 _TOKEN = re.compile(rb'-?[0-9][0-9.eE+-]*|"[^"\n]*"|[A-Za-z_][A-Za-z0-9_]*')
 
 
@@ -360,6 +390,14 @@ def _change_word(data: bytearray, rng: random.Random, _: list[bytes]) -> bytes:
         return bytes(data)
     place = rng.choice(places)
     return bytes(data[: place.start()] + rng.choice(WORDS).encode() + data[place.end() :])
+
+
+def _change_value(data: bytearray, rng: random.Random, suffix: str) -> bytes:
+    places = list(_VALUE.finditer(data))
+    if not places:
+        return bytes(data)
+    place = rng.choice(places)
+    return bytes(data[: place.start()] + rng.choice(VALUES[suffix]).encode() + data[place.end() :])
 
 
 def _swap_words(data: bytearray, rng: random.Random, _: list[bytes]) -> bytes:
@@ -428,6 +466,10 @@ def mutant(name: str, number: int, sound: dict[str, bytes]) -> bytes:
     text = name.endswith(TEXTS)
     others = [content for other, content in sorted(sound.items()) if other != name]
     data = sound[name]
+    if text and rng.random() < 0.6:
+        for _ in range(rng.choice((1, 1, 2, 4))):
+            data = _change_value(bytearray(data), rng, Path(name).suffix)
+        return data
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         # Half of the damage to pictures is in the first kilobyte, where the headers are.
         head = len(data) if text or rng.random() < 0.5 else 1024
@@ -542,7 +584,7 @@ def _answer(arguments: list[str], said: object) -> dict[str, object]:
     before, start = _memory_mb("VmRSS"), time.process_time()
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
-    signal.alarm(120)
+    signal.alarm(60)
     try:
         status = cli.run_command_line(arguments)
     except BaseException:

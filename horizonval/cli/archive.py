@@ -30,13 +30,13 @@ def archive_ls(folder: Archive, kind: Kind = None, options: EntryOptions = ALL, 
     """List the frames and images of an archive, from its index, which catches up with the files first."""
     from dataclasses import asdict
 
-    from horizonval.store.manifest import amend_manifest
+    from horizonval.store.manifest import amend_index
 
     store = _store(folder)
     entry_filter = options.filter(kind)
     with watched("reading headers") as progress:
         entries = store.index.select(entry_filter, progress)
-    amend_manifest(store.root.parent, [store.index.path])
+    amend_index(store.index)
     if as_json:
         print_json([asdict(entry) for entry in entries])
         return
@@ -141,6 +141,7 @@ def archive_export(
 ) -> None:
     """Frames and images as files of other programs."""
     from horizonval.store.export import export_file
+    from horizonval.store.manifest import amend_index
 
     if not (fits or png or zipped):
         raise UserError("which format?", where="archive export", expected="--fits, --png, --exr or several")
@@ -152,6 +153,7 @@ def archive_export(
         store = _store(source)
         addresses = {store.find(start) for start in address or ()}
         entries = [e for e in store.index.select(entry_filter) if not addresses or e.address in addresses]
+        amend_index(store.index)
         paths = [store.path(e.address) for e in entries if e.kind != "missing"]
     if not paths:
         raise UserError("nothing to export", where=str(source), fix=f"see {command_line('archive', 'ls', source)}")

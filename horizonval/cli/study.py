@@ -144,5 +144,5 @@ def _print_answer(answer: dict[str, Any]) -> None:
     from horizonval.studies.trade.formatting import miss_lines
 
     print(answer["text"])
-    if answer["cheapest"] is None:
+    if answer["cheapest"] is None and any(answer["misses"].values()):
         print("\n".join(miss_lines(answer["misses"])))

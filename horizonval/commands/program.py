@@ -6,8 +6,9 @@ from pathlib import Path
 
 from horizonval.core.errors import UserError
 from horizonval.core.suggest import nearest
+from horizonval.estimation import installed
 from horizonval.estimation.observation import Estimator
-from horizonval.estimation.process.external import external
+from horizonval.estimation.process.limits import Limits
 from horizonval.spec.files import find
 from horizonval.spec.load import read_toml, validate
 from horizonval.spec.study import StudyHead, StudySpec
@@ -40,7 +41,9 @@ def program_of(suite: str | Path, name: str) -> Estimator | None:
         head, programs = spec.suite, spec.estimator
     for program in programs:
         if program.name == name:
-            return external(program, path.resolve().parent, head.time_limit_s)
+            return installed.get(
+                name, Limits(head.time_limit_s, head.memory_limit_mb, (program,), path.resolve().parent)
+            )
     if name in head.estimators:
         return None
     known = nearest(name, [*(program.name for program in programs), *head.estimators])

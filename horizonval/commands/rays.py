@@ -20,6 +20,9 @@ OBSERVER = ("obs_x_km", "obs_y_km", "obs_z_km")
 DIRECTION = ("dir_x", "dir_y", "dir_z")
 SUN = ("sun_x", "sun_y", "sun_z")
 
+LARGEST_NUMBER = 1e12
+"""Kilometres, or any unit of a direction, whose length does not matter."""
+
 MAX_FILE_BYTES = 1024**3
 MEMORY_PER_BYTE = 48.0
 """Of a table in memory and of the march along its rays, for each byte of its file. Measured 19 for the fields of a
@@ -140,11 +143,11 @@ def _vectors(path: Path, header: list[str], lines: list[tuple[int, list[str]]], 
                 value = float(row[column])
             except ValueError:
                 value = math.nan
-            if not math.isfinite(value):
+            if not abs(value) <= LARGEST_NUMBER:
                 raise UserError(
                     f'found "{excerpt(row[column])}"',
                     where=f"{path}: line {number}, column {name}",
-                    expected="a finite number",
+                    expected=f"a number from -{LARGEST_NUMBER:g} to {LARGEST_NUMBER:g}",
                 )
             out[i, j] = value
     return out

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from horizonval.core import atomic, files, sealed
-from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.errors import DamagedFileError, UserError, printable
 from horizonval.core.machine.caches import warn_once
 
 LARGEST = 1 << 34
@@ -27,7 +27,7 @@ _LOG = logging.getLogger("horizonval")
 def log_damage(error: UserError) -> None:
     """Log that a file is not what was written, and is made anew."""
     where = f"{error.where}: " if error.where else ""
-    _LOG.warning("horizonval: %s%s; it is made anew", where, error.what)
+    _LOG.warning("horizonval: %s; it is made anew", printable(f"{where}{error.what}"))
 
 
 def keep_json(path: Path, content: Mapping[str, Any]) -> None:

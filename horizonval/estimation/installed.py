@@ -23,18 +23,21 @@ def get(name: str, limits: Limits | None = None) -> Estimator:
     ----------
     name : str
     limits : Limits, optional
-        Of an estimator of another package.
+        Of an estimator of another package, and programs that are estimators by name.
 
     Raises
     ------
     UserError
         If there is none of that name.
     """
+    limits = limits or Limits()
+    run = partial(_run, name, limits)
+    for program in limits.programs:
+        if program.name == name:
+            return Estimator(name, program.command, run, estimates=program.estimates)
     if not registry.is_foreign(name):
         return registry.get(name)
-    limits = limits or Limits()
     said = sandbox_of(limits).describe(name)
-    run = partial(_run, name, limits)
     if isinstance(said, Refusal):
         return Estimator(name, name, run)
     return Estimator(name, said.title, run, estimates=said.estimates, needs=said.needs)

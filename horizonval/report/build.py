@@ -172,7 +172,7 @@ def _figures(run: ReportRun, unit: AngleUnit) -> list[dict[str, str]]:
     # What is told the pose stands at zero, and would only stretch the axes.
     names, rows = run.judged_estimators, run.judged_rows
     width = 11.0 if len(run.views) <= 45 else 13.0
-    floor = unit.text(plots.FLOOR_ARCSEC)
+    floor = f"{unit.of(plots.FLOOR_ARCSEC):g}{unit.sign}"
     height = 3.4 + 0.17 * len(names) + (1.0 if len(run.views) <= 45 else 0.0)
     return [
         {

@@ -29,7 +29,7 @@ from horizonval.frame import FrameTruth
 from horizonval.geometry import frames
 from horizonval.geometry.directions import angle_between, tangent_basis
 from horizonval.scoring import limits
-from horizonval.scoring.row import Score
+from horizonval.scoring.row import Score, to_digits
 
 ARCSEC = math.radians(1 / 3600)
 METHOD_RADIUS_M = 6371008.8
@@ -52,7 +52,8 @@ def score(
     Returns
     -------
     Score
-        Finite numbers or ``None`` only. A fit that is not finite counts as a false claim without errors.
+        Finite numbers or ``None`` only, rounded to the digits that are results. A fit that is not finite counts as a
+        false claim without errors.
     """
     if isinstance(result, Refusal):
         return Score(status=str(result.status), reason=result.reason or None, n_points=len(result.points))
@@ -80,21 +81,23 @@ def score(
     radius_error = None
     if result.angular_radius_rad is not None:
         radius_error = (result.angular_radius_rad - truth.angular_radius_rad) / ARCSEC
-    return Score(
-        status=str(Outcome.VALID),
-        nadir_error_arcsec=error / ARCSEC,
-        roll_error_arcsec=roll_error,
-        pitch_error_arcsec=pitch_error,
-        altitude_error_km=_finite(altitude_error),
-        altitude_error_geodetic_km=_finite(altitude_error_geodetic),
-        angular_radius_error_arcsec=_finite(radius_error),
-        sigma_nadir_arcsec=_finite(sigma / ARCSEC),
-        nees_nadir=nees,
-        n_points=len(result.points),
-        false_valid=is_false(error, nees_total),
-        nees_nadir_total=nees_total,
-        without_sigma=nees_total is None,
-        sigma_systematic_arcsec=systematic,
+    return to_digits(
+        Score(
+            status=str(Outcome.VALID),
+            nadir_error_arcsec=error / ARCSEC,
+            roll_error_arcsec=roll_error,
+            pitch_error_arcsec=pitch_error,
+            altitude_error_km=_finite(altitude_error),
+            altitude_error_geodetic_km=_finite(altitude_error_geodetic),
+            angular_radius_error_arcsec=_finite(radius_error),
+            sigma_nadir_arcsec=_finite(sigma / ARCSEC),
+            nees_nadir=nees,
+            n_points=len(result.points),
+            false_valid=is_false(error, nees_total),
+            nees_nadir_total=nees_total,
+            without_sigma=nees_total is None,
+            sigma_systematic_arcsec=systematic,
+        )
     )
 
 

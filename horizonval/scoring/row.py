@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from types import NoneType
 from typing import Annotated, Any, get_args, get_type_hints
 
@@ -342,6 +342,11 @@ def make_row(
         image_address=image_address,
         **{name: _rounded(name, value) for name, value in values.items()},
     )
+
+
+def to_digits(score: Score) -> Score:
+    """Return a score whose numbers are rounded as a row's are (:func:`make_row`)."""
+    return replace(score, **{name: _rounded(name, value) for name, value in vars(score).items()})
 
 
 def _rounded(name: str, value: Any) -> Any:

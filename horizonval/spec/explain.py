@@ -106,7 +106,8 @@ def describe(root: Schema, node: Schema) -> str:
             return "a list" + _item(root, node) + _length(node)
         case "object":
             keys = list(node.get("properties", {}))
-            return "a table" + (f" with the keys {', '.join(keys)}" if keys else "")
+            least = f" with at least {node['minProperties']} key" if "minProperties" in node else ""
+            return "a table" + (f" with the keys {', '.join(keys)}" if keys else least)
         case _:
             return ""
 

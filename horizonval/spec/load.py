@@ -42,8 +42,11 @@ Fly = Callable[[OrbitSpec, JsonObject, int, str, str], list[JsonObject]]
 CAMERA_TABLES = ("camera", "platform", "optics", "band", "detector")
 """Tables of the camera file that a scene may change, as ``camera.detector.exposure_s``; a band by its name."""
 
-MAX_FILE_BYTES = 64 * 1024 * 1024
-"""No specification is larger; refuses a disk image given by mistake before it is read into memory."""
+MAX_FILE_BYTES = 8 * 1024 * 1024
+"""No specification is larger, and reading takes a second per megabyte."""
+
+_TOO_DEEP = re.compile(r"(?<![\w.\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){64}")
+"""A key of that many parts: the parser's time goes with the square of their number."""
 
 
 @dataclass(frozen=True)
@@ -416,6 +419,8 @@ def changed_camera(camera: JsonObject, changes: JsonObject, prefix: str) -> Json
 def read_toml(path: Path) -> dict[str, Any]:
     """Return a TOML file's tables; a syntax error names file, line and column."""
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected="a TOML file")
+    if _TOO_DEEP.search(text):
+        raise UserError("a key of 64 parts or more", where=str(path), expected="keys of a few parts, as camera.file")
     try:
         return tomllib.loads(text)
     except RecursionError as e:

@@ -51,6 +51,7 @@ from numpy.typing import NDArray
 
 from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError, excerpt
+from horizonval.core.machine import memory
 from horizonval.earth.spectral.bands import reference_wavelength_um
 from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.spec.sensor.camera import Band, CameraSpec
@@ -264,7 +265,7 @@ def read_foreign_grey(path: str | os.PathLike[str]) -> NDArray[np.float64]:
         As stored; NaN and infinities are left to the estimators, which must refuse them by themselves.
     """
     path = Path(path)
-    seal.read_header(path)
+    _refuse_too_large(seal.read_header(path), path)
     window, channels = _decode_pixels(path)
     if window is not None:
         raise UserError(f"its pixels are a crop ({window})", where=str(path), expected="the whole image")
@@ -424,6 +425,7 @@ def _read(path: Path, wanted: Literal["frame", "image"]) -> tuple[dict[str, Any]
         raise UserError(f"holds {names[kind]}", where=str(path), expected=names[wanted])
     content = _decode(data, header, kind, path)
     seal.check_body(data, header, path)
+    _refuse_too_large(header, path)
     _, channels = _decode_pixels(path)
     own = {
         name.removeprefix(_PREFIX): attribute.integer() if attribute.type == "int" else attribute.text()
@@ -442,6 +444,19 @@ def _truth(header: dict[str, Any], path: Path) -> FrameTruth:
         raise DamagedFileError(f"the truth has no {error.args[0]!r}", where=str(path)) from None
     except (TypeError, AttributeError, ValueError) as error:
         raise DamagedFileError(f"the truth cannot be read: {error}", where=str(path)) from None
+
+
+def _refuse_too_large(header: seal.Header, path: Path) -> None:
+    """Raise ``UserError`` where memory does not hold the pixels that a header speaks of: a few bytes can be many."""
+    window, channels = (header.attributes.get(name) for name in ("dataWindow", "channels"))
+    if window is None or channels is None or len(window.raw) != 16:
+        raise DamagedFileError("the header has no data window or no channels", where=str(path))
+    x_min, y_min, x_max, y_max = (int(edge) for edge in np.frombuffer(window.raw, dtype="<i4"))
+    width, height = max(0, x_max - x_min + 1), max(0, y_max - y_min + 1)
+    # Each channel has 16 bytes after its name, which takes two at least; a pixel has four at most, and is copied once.
+    count = len(channels.raw) // 18 + 1
+    what = f"an image of {width} x {height} pixels in {count} channels or fewer"
+    memory.refuse_beyond(8.0 * width * height * count, what, where=str(path))
 
 
 def _decode_pixels(path: Path) -> tuple[str | None, Channels]:

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core import atomic, files
-from horizonval.core.errors import DamagedFileError, UserError, command_line
+from horizonval.core.errors import DamagedFileError, UserError, command_line, printable
 from horizonval.core.progress import Progress, Silent
 from horizonval.store.entry import INDEX_PREFIX, StoreEntry, describe, places
 
@@ -101,10 +101,13 @@ class Filter:
 
 
 class Index:
-    """The index of the archive at ``root``; made when it is needed, or else (``read_only``) only used."""
+    """The index of the archive at ``root``; made when it is needed, or else (``read_only``) only used.
+
+    ``written`` tells whether this object has changed the file.
+    """
 
     def __init__(self, root: Path, *, read_only: bool = False) -> None:
-        self.root, self.read_only = root, read_only
+        self.root, self.read_only, self.written = root, read_only, False
         self.path = root / NAME
 
     def record(self, entry: StoreEntry) -> None:
@@ -114,8 +117,11 @@ class Index:
 
     def forget(self, addresses: Iterable[str]) -> None:
         """Drop rows whose files were removed on purpose."""
-        with self._reported(), self._open() as connection:
-            _drop(connection, list(addresses))
+        try:
+            with self._reported(), self._open() as connection:
+                _drop(connection, list(addresses))
+        except DamagedFileError as error:
+            self._make_again(error, None)
 
     def known(self) -> dict[str, StoreEntry] | None:
         """Return every row by address, as they stand; None where there is no index.
@@ -143,14 +149,17 @@ class Index:
         try:
             self._catch_up(progress)
         except DamagedFileError as error:
-            count = self.rebuild(progress)
-            _LOG.warning(
-                "horizonval: %s: %s; it was made again from the headers of %d entries, and what was gone before is "
-                "not missed any more",
-                error.where,
-                error.what,
-                count,
-            )
+            self._make_again(error, progress)
+
+    def _make_again(self, error: DamagedFileError, progress: Progress | None) -> None:
+        count = self.rebuild(progress)
+        _LOG.warning(
+            "horizonval: %s: %s; it was made again from the headers of %d entries, and what was gone before is not "
+            "missed any more",
+            printable(error.where),
+            error.what,
+            count,
+        )
 
     def _catch_up(self, progress: Progress | None) -> None:
         known = self.known()
@@ -188,6 +197,7 @@ class Index:
                     # What was half done to the old file must not be done to the new one.
                     self._beside(ending).unlink(missing_ok=True)
                 atomic.move(temporary, self.path)
+                self.written = True
         except OSError as error:
             raise UserError(f"the index cannot be written: {error.strerror}", where=str(self.path)) from None
 
@@ -262,6 +272,7 @@ class Index:
                 connection.execute("ROLLBACK")
                 raise
             connection.execute("COMMIT")
+            self.written = True
 
     @contextlib.contextmanager
     def _reported(self) -> Iterator[None]:

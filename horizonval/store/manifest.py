@@ -18,9 +18,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from horizonval.core import atomic, files, sealed
-from horizonval.core.errors import UserError, printable
+from horizonval.core.errors import DamagedFileError, UserError, printable
 from horizonval.core.progress import Progress, Silent
 from horizonval.store.folder import RunFolder, read_json, write_json
+from horizonval.store.index import Index
 from horizonval.store.verify import StoreFinding
 
 NAME = "manifest.json"
@@ -65,6 +66,13 @@ def amend_manifest(root: Path, paths: Iterable[Path]) -> None:
             entries[_name(path, root)] = _digest(path)
     if entries != before:
         _write(root, entries)
+
+
+def amend_index(index: Index) -> None:
+    """Write down that the index of a finished run's archive was made again, or has caught up, if it has."""
+    if index.written:
+        amend_manifest(index.root.parent, [index.path])
+        index.written = False
 
 
 def withdraw_manifest(root: Path) -> None:
@@ -177,7 +185,15 @@ def _is_older(root: Path) -> bool:
 
 def _entries(root: Path) -> dict[str, str] | None:
     content = read_json(root / NAME)
-    return None if content is None else dict(content["files"])
+    if content is None:
+        return None
+    entries = content.get("files")
+    if not isinstance(entries, dict) or not all(
+        isinstance(digest, str) and not Path(name).is_absolute() and ".." not in Path(name).parts
+        for name, digest in entries.items()
+    ):
+        raise DamagedFileError("names what is no file of the folder", where=str(root / NAME))
+    return dict(entries)
 
 
 def _write(root: Path, entries: Mapping[str, str]) -> None:

@@ -13,7 +13,6 @@ from horizonval.core import files
 from horizonval.core.errors import UserError
 from horizonval.estimation import installed
 from horizonval.estimation.observation import Estimator
-from horizonval.estimation.process.external import external
 from horizonval.estimation.process.sandbox import Limits
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.suite import Keep
@@ -50,9 +49,6 @@ class CasePlan:
         UserError
             If there is none of that name.
         """
-        for spec in self.limits.programs:
-            if spec.name == name:
-                return external(spec, self.limits.folder, self.limits.time_s)
         return installed.get(name, self.limits)
 
     def of(self, case: Case) -> tuple[str, ...]:

@@ -98,7 +98,9 @@ class Recording:
 
     @cache  # noqa: B019
     def _is_near(self, test: str, file: str) -> bool:
-        """Whether a test's file names the module: it was written for it."""
+        """Whether a test's file names the module: it was written for it, or for what all modules define."""
+        if test.startswith(OF_DEFINITIONS):
+            return True
         path = self._tree / test.partition("::")[0]
         module = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
         return path.is_file() and re.search(rf"\b{re.escape(module)}\b", path.read_text(encoding="utf-8")) is not None

@@ -413,7 +413,11 @@ def test_radiance_wrong_use(horizonval, tmp_path):
     assert_one_line(horizonval("radiance", "low.csv", *us76), "low.csv", "ray 2", "below the ground")
     assert_one_line(horizonval("radiance", "rays.csv", *us76, "--refraction"), "us76.json: refractivity", "missing")
     (tmp_path / "bad.json").write_text('{"planet_radius_km": -1}')
-    assert_one_line(horizonval("radiance", "rays.csv", "--atmosphere", "bad.json", "-o", "out.csv"), "bad.json")
+    done = horizonval("radiance", "rays.csv", "--atmosphere", "bad.json", "-o", "out.csv")
+    assert done.returncode == 2
+    assert all(line.startswith("horizonval: error: bad.json: ") for line in done.stderr.splitlines())
+    assert "planet_radius_km: is -1; expected greater than 0" in done.stderr
+    assert "bands: missing" in done.stderr
     assert not (tmp_path / "out.csv").exists()
 
 

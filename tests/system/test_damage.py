@@ -312,3 +312,54 @@ def test_a_disk_that_fills_up_costs_nothing_but_the_rest(finished, suite, tmp_pa
     finish(suite, out)
     assert content_of(out) == content_of(finished)
     assert problems_of(out, capsys) == []
+
+
+class _KilledError(BaseException):
+    """Stands for kill -9: nothing below catches it."""
+
+
+class _Dying:
+    """A process that dies as it is about to give its n-th file a name, and leaves what it was writing."""
+
+    def __init__(self, n: int) -> None:
+        self.left = n
+
+    def move(self, temporary: Path, path: Path) -> None:
+        self.left -= 1
+        if self.left < 0:
+            if self.left == -1:
+                shutil.copyfile(temporary, temporary.with_name(f"{temporary.name[:-4]}-left.tmp"))
+            raise _KilledError
+        MOVE(temporary, path)
+
+
+MOVE = atomic.move
+
+
+def check_deaths(finished: Path, suite: Path, out: Path, moments: list[int], capsys, monkeypatch) -> bool:
+    """Let runs into one folder die one after the other, then finish it; True if the last one came to its end."""
+    ended = False
+    for moment in moments:
+        with monkeypatch.context() as patch, contextlib.suppress(_KilledError):
+            patch.setattr(atomic, "move", _Dying(moment).move)
+            finish(suite, out)
+            ended = True
+        kinds = {problem["problem"] for problem in problems_of(out, capsys)}
+        assert kinds <= {"unfinished", "leftover"}, "nothing is damaged by that"
+    finish(suite, out)
+    assert content_of(out) == content_of(finished)
+    assert problems_of(out, capsys) == []
+    return ended
+
+
+@pytest.mark.parametrize("moments", [[0, 4, 3], [9], [13]])
+def test_death_between_any_two_files_changes_nothing(finished, suite, tmp_path, capsys, monkeypatch, moments):
+    assert not check_deaths(finished, suite, tmp_path / "out", moments, capsys, monkeypatch)
+
+
+@pytest.mark.slow
+def test_death_at_every_file_changes_nothing(finished, suite, tmp_path, capsys, monkeypatch):
+    moment = 0
+    while not check_deaths(finished, suite, tmp_path / f"out-{moment}", [moment], capsys, monkeypatch):
+        moment += 1
+    assert moment > 12

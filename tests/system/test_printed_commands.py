@@ -53,9 +53,9 @@ def printed() -> Iterator[tuple[str, str]]:
         keys = path.is_relative_to(PACKAGE / "spec") or path.name == "cost.py"
         for node in ast.walk(tree):
             where = f"{path.relative_to(PACKAGE)}:{getattr(node, 'lineno', 0)}"
-            if ours and isinstance(node, ast.Call) and getattr(node.func, "id", "") == "command_line":
-                if not any(isinstance(a, ast.Starred) for a in node.args):
-                    yield where, command_line(*(_literal(a) or FILLED for a in node.args)).strip("`")
+            called = ours and isinstance(node, ast.Call) and getattr(node.func, "id", "") == "command_line"
+            if called and not any(isinstance(a, ast.Starred) for a in node.args):
+                yield where, command_line(*(_literal(a) or FILLED for a in node.args)).strip("`")
             if id(node) in inside or keys:
                 continue
             for line in QUOTED.findall(_literal(node)):

@@ -12,6 +12,7 @@ from conftest import MINI_CAMERA, assert_one_line, outcome_of
 from horizonval.core.progress import Silent
 from horizonval.jobs.execution import Execution
 from horizonval.scoring.table import read_results
+from horizonval.store.manifest import verify_folder
 from horizonval.store.store import Store
 from horizonval.suites.run import run_suite
 from horizonval.suites.suite import load_suite
@@ -72,6 +73,8 @@ def test_shards_make_the_whole(suite_file, whole, tmp_path):
     done = run_suite(suite, tmp_path / "a", execution=Execution(workers=1, merge=(tmp_path / "b",)))
     assert done.missing == 0
     assert outcome_of(tmp_path / "a") == whole
+    assert verify_folder(tmp_path / "a") == []
+    assert {finding.problem for finding in verify_folder(tmp_path / "b")} == {"unfinished"}
     # The other folder's index is not taken over, its entries are.
     archive = Store(tmp_path / "a" / "archive")
     assert list((archive.index.known() or {}).values()) == list(archive.entries())

@@ -13,6 +13,7 @@ import pytest
 from conftest import assert_one_line
 
 from horizonval import cli
+from horizonval.store.manifest import verify_folder
 
 CAMERA = """
 [camera]
@@ -109,6 +110,7 @@ def test_an_axis_value_and_an_estimator_make_only_what_is_new(run):
     assert "6 of 15 frames are finished already" in second.stderr
     after = cases(folder / "out")
     assert {name: after[name] for name in before} == before
+    assert verify_folder(folder / "out") == []
     assert len(after) == 15
 
 

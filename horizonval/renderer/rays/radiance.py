@@ -98,7 +98,8 @@ def check_observers(observer_m: FloatArray, radius_m: float, polar_radius_m: flo
 
 def unit_directions(v: FloatArray, name: str) -> FloatArray:
     """Return rows (n, 3) with length 1; refuse what has none."""
-    norm = np.linalg.norm(v, axis=1)
+    with np.errstate(over="ignore"):
+        norm = np.linalg.norm(v, axis=1)
     bad = ~np.isfinite(norm) | (norm == 0.0)
     if np.any(bad):
         raise UserError(f"{name}_x, {name}_y, {name}_z of ray {int(np.argmax(bad)) + 1} is no direction")

@@ -198,7 +198,7 @@ def _mark(index: int) -> dict[str, Any]:
 
 def _limit_line(axes: Axes, unit: AngleUnit) -> None:
     limit_arcsec = 3600 * math.degrees(limits.NADIR_ERROR_LIMIT_RAD)
-    label = f"false claim beyond {unit.text(limit_arcsec)}"
+    label = f"false claim beyond {unit.of(limit_arcsec):g}{unit.sign}"
     axes.axhline(unit.of(limit_arcsec), color="#b34700", lw=1.2, ls="--", label=label)
 
 

@@ -12,6 +12,9 @@ from horizonval.spec.numbers import Finite, Positive
 from horizonval.spec.sensor import fisheye
 from horizonval.spec.units import unit
 
+Coefficient = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""Of a distortion; those of real lenses are some thousand at most, where a long lens has the image's edge near 0.01."""
+
 
 class CameraGeometry(Model):
     """Image size, projection and scale.
@@ -42,7 +45,7 @@ class CameraGeometry(Model):
     """Column of the principal point, 0 at the centre of the first column; without the key `(width - 1) / 2`."""
     cy: Annotated[Finite, unit("px")] | None = None
     """Row of the principal point, 0 at the centre of the first row; without the key `(height - 1) / 2`."""
-    distortion: Annotated[list[Finite], Field(max_length=5), unit("1")] = []
+    distortion: Annotated[list[Coefficient], Field(max_length=5), unit("1")] = []
     """Coefficients: `k1 k2 p1 p2 k3` of a pinhole (OpenCV's Brown-Conrady), `k1 k2 k3 k4` of a fisheye (OpenCV's; none
     of them is an f-theta lens).
     """

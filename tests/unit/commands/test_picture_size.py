@@ -16,6 +16,7 @@ from horizonval.commands.picture_size import LARGEST_SIDE_PX, size_of
 from horizonval.core.errors import UserError
 from horizonval.core.machine import memory
 from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.store import exr
 
 SMALL = CameraSpec.model_validate({"camera": {"width": 64, "height": 64, "fov_deg": 60.0}})
 
@@ -110,6 +111,14 @@ def test_a_header_without_a_size_is_refused(tmp_path, content):
     path.write_bytes(content)
     with pytest.raises(UserError, match=r"not an image that can be read|the file is empty"):
         read_picture(path)
+
+
+@pytest.mark.parametrize("reader", ["read_frame", "read_foreign_grey", "read_image"])
+def test_an_exr_file_larger_than_memory_is_not_decoded(tmp_path, undecoded, monkeypatch, reader):
+    path = tmp_path / "a.exr"
+    path.write_bytes(empty_exr(2**31 - 1, 2**31 - 1))
+    with pytest.raises(UserError, match=r"2147483647 x 2147483647 pixels|not written by horizonval"):
+        getattr(exr, reader)(path)
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no /dev/zero here")

@@ -82,6 +82,18 @@ def test_what_else_is_in_a_row_is_told(
         assert word in found.reason
 
 
+def test_a_second_edge_shows_above_the_noise_that_smoothing_leaves() -> None:
+    """Noise of 20 levels, of which smoothing leaves 11: five times that and a tenth of the step are 140."""
+    rng = np.random.default_rng(9)
+    refused = {height: 0 for height in (0.0, 270.0)}
+    for height in refused:
+        for _ in range(20):
+            values = row() + rng.normal(0.0, 20.0, 160)
+            values[115:140] += height
+            refused[height] += isinstance(row_limb(head(values)), Refusal)
+    assert refused == {0.0: 0, 270.0: 20}
+
+
 def test_without_a_full_scale_nothing_is_saturated() -> None:
     assert isinstance(row_limb(head(row() * 4.0, full_scale=None)), RowLimb)
     refusal = row_limb(head(row() * 4.095))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import json
 import re
 
 import numpy as np
@@ -15,6 +14,7 @@ from horizonval.report import build_report
 from horizonval.report.figures import stability_plots as draw
 from horizonval.report.pages import stability as page
 from horizonval.spec.stability import EdgeSensor, FieldSensor, StabilityBand, StabilitySpec
+from horizonval.store.folder import write_json
 from horizonval.studies.stability import study
 from horizonval.studies.stability.profiles import LATITUDE_DEG, Profiles, heights_m
 
@@ -49,7 +49,7 @@ def result():
 def run_dir(tmp_path, result):
     folder = write_run(tmp_path / "run")
     (folder / "stability").mkdir()
-    (folder / page.RESULT).write_text(json.dumps(result))
+    write_json(folder / page.RESULT, result)
     return folder
 
 

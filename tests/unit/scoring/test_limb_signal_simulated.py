@@ -157,6 +157,16 @@ def test_the_table_says_how_bright_the_middle_is_and_wings_how_it_falls() -> Non
     assert np.corrcoef(both[at], alone.veil_filling[at])[0, 1] > 0.99
 
 
+def test_a_sun_inside_the_image_is_the_wings_alone() -> None:
+    """No part of it is outside, where the baffle's table speaks."""
+    pose = {"sun_zenith_deg": 100.0}
+    wings = {"scatter": {"tis": 0.02, "l_rad": 0.01, "s": -2.0}}
+    truth, _, view, both = seen(camera(PLAIN, stray=BAFFLE, **wings), **pose)
+    assert (np.abs(np.array(truth.sun_cam[:2]) / truth.sun_cam[2]) < math.tan(math.radians(28))).all()
+    alone = seen(camera(PLAIN, **wings), **pose)[3]
+    assert both.veil_filling[view.in_view] == pytest.approx(alone.veil_filling[view.in_view])
+
+
 @pytest.mark.parametrize(
     ("least", "most", "target"), [(1e-7, 1.0, 0.5), (1e-7, 1.0, 0.8), (1e-3, 1.0, 0.5), (1e-9, 1e-6, 0.5)]
 )

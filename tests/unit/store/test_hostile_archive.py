@@ -26,6 +26,7 @@ from horizonval.store import exr
 from horizonval.store.export import export_file
 from horizonval.store.folder import RunFolder, write_json
 from horizonval.store.index import NAME
+from horizonval.store.manifest import verify_folder
 from horizonval.store.named import Garbage, archive_of, garbage, remove
 from horizonval.store.store import Store
 
@@ -326,3 +327,9 @@ def test_headers_that_no_writer_of_ours_writes_are_read_without_a_defect(tmp_pat
     for path in sorted(store.root.rglob("*.exr")):
         with contextlib.suppress(UserError):
             export_file(path, tmp_path, png=True)
+
+
+@pytest.mark.parametrize("entries", [None, [], {"a": 5}, {"../secret.json": "0" * 64}, {"/etc/passwd": "0" * 64}])
+def test_a_manifest_that_names_what_is_elsewhere_is_damaged(tmp_path, entries):
+    write_json(tmp_path / "manifest.json", {"schema": 1, "files": entries})
+    assert [(f.problem, f.path.name) for f in verify_folder(tmp_path)] == [("damaged", "manifest.json")]

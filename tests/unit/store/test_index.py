@@ -12,7 +12,9 @@ import pytest
 
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.store.entry import StoreEntry
+from horizonval.store.folder import RunFolder
 from horizonval.store.index import NAME, Filter, Index
+from horizonval.store.manifest import amend_index, verify_folder, write_manifest
 from horizonval.store.store import Store
 
 
@@ -219,3 +221,32 @@ def test_a_folder_without_entries_is_left_as_it_is(tmp_path):
     assert Index(tmp_path).select() == []
     assert Index(tmp_path / "none").select() == []
     assert list(tmp_path.iterdir()) == []
+
+
+def test_rows_of_removed_files_go_from_a_damaged_index_too(store, caplog):
+    victim = rows(store)[0].address
+    store.path(victim).unlink()
+    store.index.path.write_bytes(b"\0" * 10_000)
+    store.index.forget([victim])
+    assert len(caplog.messages) == 1
+    assert victim not in {entry.address for entry in store.index.select()}
+    assert len(rows(store)) == 4
+
+
+def test_the_manifest_of_a_finished_run_follows_its_index_and_nothing_else(tmp_path, make_frame):
+    folder = RunFolder(tmp_path)
+    folder.create()
+    store = Store(folder.archive)
+    store.add_frame(make_frame())
+    write_manifest(tmp_path, [store.index.path])
+    whole = store.index.path.read_bytes()
+    # A bit that no row has: SQLite does not miss it, and listing must not bless it.
+    store.index.path.write_bytes(whole[:96] + bytes([whole[96] ^ 1]) + whole[97:])
+    other = Index(folder.archive)
+    assert len(other.select()) == 1
+    amend_index(other)
+    assert [f.problem for f in verify_folder(tmp_path) if f.path == store.index.path] == ["damaged"]
+    store.index.path.unlink()
+    assert len(other.select()) == 1
+    amend_index(other)
+    assert [f for f in verify_folder(tmp_path) if f.path == store.index.path] == []

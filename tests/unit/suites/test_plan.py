@@ -58,3 +58,16 @@ def test_a_method_without_a_frame_is_one_line(load, text, parts):
     with pytest.raises(UserError) as e:
         refuse_mistakes(suite, plan_of(suite))
     assert all(part in e.value.line() for part in parts), e.value.line()
+
+
+def test_a_camera_without_a_detector_is_refused_once_for_all_its_frames(tmp_path):
+    camera = '[camera]\nname = "bare"\nwidth = 64\nheight = 64\nfov_deg = 60.0\n'
+    camera += '[[band]]\nname = "vis"\nkind = "solar"\nlo_um = 0.5\nhi_um = 0.6\n'
+    (tmp_path / "bare.toml").write_text(camera)
+    table = '[[cases]]\nname = "a"\ngrid = { attitude.yaw_deg = [5.0, 6.0] }\n'
+    head = '[suite]\nname = "s"\nestimators = ["altitude-free"]\n[defaults]\nplatform.altitude_km = 500.0\n'
+    (tmp_path / "s.toml").write_text(head + 'camera = { file = "bare.toml" }\n' + table)
+    suite = load_suite(tmp_path / "s.toml")
+    with pytest.raises(UserError) as e:
+        refuse_mistakes(suite, plan_of(suite))
+    assert "has no detector" in str(e.value)

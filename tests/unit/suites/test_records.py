@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,9 +19,12 @@ from horizonval.estimation import registry
 from horizonval.estimation.observation import Observation
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.ellipsoid import sphere
-from horizonval.jobs.execution import parse_shard
+from horizonval.jobs.execution import local_workers, parse_shard
 from horizonval.jobs.kept import keep, kept, take_over
+from horizonval.store.folder import RunFolder, write_json
 from horizonval.suites.axes import figure_plans, value_at
+from horizonval.suites.conclude import conclude
+from horizonval.suites.identity import suite_identity
 from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads, oracle_pose
 from horizonval.suites.plan import plan_of
 from horizonval.suites.record import MAX_POINTS, camera_name, details_of, failed_record, record_of
@@ -154,6 +158,60 @@ def test_what_is_no_shard_is_refused(text: str) -> None:
     assert parse_shard("1/1") == (1, 1)
     assert parse_shard("2/2") == (2, 2)
     assert parse_shard("12/340") == (12, 340)
+
+
+@pytest.mark.parametrize("address", ["local:0", "local:", "local:x", "local:-1", "local:1.5", "local:999999"])
+def test_what_is_no_number_of_local_workers_is_refused(address: str) -> None:
+    with pytest.raises(UserError, match="--dask"):
+        local_workers(address)
+    assert local_workers("local:1") == 1
+    assert local_workers("local:16") == 16
+    assert local_workers("tcp://host:8786") is None
+
+
+def test_a_suite_is_what_it_keeps_draws_and_runs(suite) -> None:  # type: ignore[no-untyped-def]
+    """Each of it makes another suite; the time that an estimate may take does not."""
+    changes = [{}, {"keep": "failures"}, {"keep": "none"}, {"draws": 3}, {"estimators": ("ideal",)}, {"name": "t"}]
+    some = tuple(dataclasses.replace(case, estimators=("ideal",)) for case in suite.cases)
+    changes += [{"cases": suite.cases[:3]}, {"cases": some}]
+    digests = [suite_identity(dataclasses.replace(suite, **change)) for change in changes]
+    assert len(set(digests)) == len(changes)
+    assert suite_identity(dataclasses.replace(suite, time_limit_s=1.5, memory_limit_mb=99)) == digests[0]
+
+
+def test_a_file_of_two_lines_lies_beside_its_suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = [
+        "1 25544U 98067A   26079.50000000  .00010000  00000-0  18000-3 0  999",
+        "2 25544  51.6400 100.0000 0005000  60.0000 300.0000 15.50000000  100",
+    ]
+    digits = [sum(int(c) if c.isdigit() else c == "-" for c in line[:68].ljust(68)) % 10 for line in lines]
+    text = "\n".join(f"{line.ljust(68)}{digit}" for line, digit in zip(lines, digits, strict=True))
+    place = tmp_path / "plain"
+    place.mkdir()
+    (place / "sat.txt").write_text(text)
+    orbit = '[[cases]]\nname = "o"\norbit = { tle = "sat.txt", n = 3 }\n'
+    head = SUITE[: SUITE.index("[[cases]]")].replace("platform.altitude_km = 500.0", "")
+    (place / "s.toml").write_text(head + orbit)
+    monkeypatch.chdir(tmp_path)
+    assert len(load_suite(tmp_path / "plain" / "s.toml").cases) == 3
+
+
+def test_the_summary_knows_the_orbit_and_who_is_told_the_pose(tmp_path: Path) -> None:
+    rows = [result_row(case=name, estimator=e) for name in ("a", "b") for e in ("est", "ideal")]
+    about = {"suite": "s", "title": "S", "estimators": ["est", "ideal"], "cases": ["a", "b"], "version": "1"}
+    found = {}
+    for key, more in (("plain", {}), ("told", {"given_pose": ["ideal"], "orbit": ["a", "b"]})):
+        calls: list[Any] = []
+        folder = RunFolder(tmp_path / key)
+        folder.create()
+        write_json(folder.suite, about | more)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("horizonval.report.build.write_report", lambda *a, **k: [])
+            patch.setattr("horizonval.scoring.table.write_results", lambda *a, **k: None)
+            patch.setattr("horizonval.scoring.summary.summarise", lambda *a, told=calls: told.append(a) or {})
+            conclude(folder, "s", rows, {})
+        found[key] = [set(x) for x in calls[0][1:]]
+    assert found == {"plain": [set(), set()], "told": [{"ideal"}, {"a", "b"}]}
 
 
 def test_a_kept_record_has_its_keys_in_order_or_as_they_were(tmp_path: Path) -> None:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import os
+import signal
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -154,6 +157,17 @@ def test_nothing_that_an_estimator_started_survives_it(sandbox, name, tmp_path, 
                 return
             time.sleep(0.02)
     pytest.fail("the helper still runs")
+
+
+def test_our_process_is_asked_again_when_something_else_ended_it(sandbox):
+    """Stopped, so that it ends during the estimate for certain."""
+    first = sandbox.run("altitude-free", OBSERVATION)
+    process = sandbox._cell("altitude-free")._process
+    os.kill(process.pid, signal.SIGSTOP)
+    threading.Timer(0.3, process.kill).start()
+    again = sandbox.run("altitude-free", OBSERVATION)
+    assert (again.status, repr(again)) == (first.status, repr(first))
+    assert again.status is not Outcome.CRASHED
 
 
 def test_what_was_printed_last_is_kept(sandbox):

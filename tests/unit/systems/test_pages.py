@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +10,7 @@ import pytest
 from matplotlib.figure import Figure as MplFigure
 
 from horizonval.core.errors import UserError
+from horizonval.store.folder import read_json
 from horizonval.systems import run as run_module
 from horizonval.systems.pages import printed_rows, write_first_page, write_reproduction
 from horizonval.systems.result import ComparisonRow, Figure, Reproduction, Table
@@ -49,7 +49,7 @@ def test_a_bar_counts_departure_from_zero_from_a_figure_or_from_below():
 
 def test_json_and_page_say_the_same(tmp_path):
     content = write_reproduction(_result(), tmp_path, seed=3)
-    assert json.loads((tmp_path / "B.json").read_text()) == content
+    assert read_json(tmp_path / "B.json", bound=False) == content
     row = content["rows"][1]
     assert (row["published"], row["measured"], row["unit"], row["why"]) == (1.0, 1.05, "deg", "quantised")
     page = (tmp_path / "B.md").read_text()

@@ -13,9 +13,11 @@ from horizonval.estimation.limb.arc import FEWEST_PIXELS, Arc, find_arc, longest
 from horizonval.estimation.limb.checks import SMALLEST_SIDE_PX, check_image, saturated_pixels
 from horizonval.estimation.limb.consensus import GAP_PX, unbroken_px
 from horizonval.estimation.limb.edges import find_edges, noise_sigma, scale_to_8_bit
+from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.grey import to_grey
 from horizonval.estimation.limb.subpixel import half_window, refine
 from horizonval.estimation.limb.sun import find_sun
+from horizonval.geometry.camera import CameraModel
 
 
 def half_plane(size: int, angle_deg: float, offset: float, dark: float = 10.0, bright: float = 110.0) -> np.ndarray:
@@ -259,6 +261,9 @@ def test_the_arc_of_a_disc_is_its_circle_in_order() -> None:
     assert arc.circle.centre == pytest.approx([70.0, 190.0], abs=1.0)
     assert arc.circle.radius_px == pytest.approx(120.0, abs=1.0)
     assert np.hypot(*np.diff(arc.uv, axis=0).T).max() < 3.0, "neighbours follow each other"
+    tall = find_arc(np.vstack([np.full((90, 160), 20.0), image]))
+    assert isinstance(tall, Arc)
+    assert tall.circle.centre == pytest.approx(arc.circle.centre + np.array([0.0, 90.0]), abs=0.2)
     spotted = image.copy()
     spotted[20:26, 20:26] = 200.0
     again = find_arc(spotted)
@@ -281,3 +286,12 @@ def test_what_is_no_arc() -> None:
     blank = find_arc(np.zeros((40, 40)))
     assert isinstance(blank, Refusal)
     assert blank.status is Outcome.DARK
+
+
+@pytest.mark.parametrize("level", [40.0, 400.0])
+def test_a_bright_line_is_no_limb(level: float) -> None:
+    """Both of its sides are the same: there is no inside."""
+    x, y = np.meshgrid(np.arange(120.0), np.arange(120.0))
+    away = np.hypot(x - 60.0, y - 190.0) - 130.0
+    image = level + 500.0 * np.exp(-0.5 * (away / 1.2) ** 2)
+    assert isinstance(find_limb(image, CameraModel(120, 120, 140.0, 140.0, 59.5, 59.5)), Refusal)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -31,6 +33,7 @@ from horizonval.studies.regression.statistics.holm import holm
 from horizonval.studies.regression.statistics.judge import MOST_NAMED, judge
 from horizonval.studies.regression.statistics.means import paired_difference
 from horizonval.studies.regression.statistics.proportions import independent_loss, paired_loss
+from horizonval.studies.regression.statistics.steps import pieces
 
 
 def gate(metric: str, lane: str = "replay", **keys: Any) -> GateSpec:
@@ -212,7 +215,8 @@ def test_all_gates_of_a_night_are_judged_with_their_scenes() -> None:
     assert (two["against"], two["n_scenes"], two["scenes"]) == ("release", 0, [])
     assert (one["two_sided"], one["paired"], one["unit"]) == (False, True, "arcsec")
     assert scenes(one).endswith(" and 8 more")
-    assert "8 more" not in scenes(one | {"n_scenes": 12})
+    assert scenes(one | {"n_scenes": 13}).endswith(" and 1 more")
+    assert "more" not in scenes(one | {"n_scenes": 12})
     text = gate_sentence(one)
     assert "nadir_error +5.19 arcsec" in text
     assert "paired" in text
@@ -306,3 +310,31 @@ def test_a_new_baseline_says_what_changes() -> None:
     assert "Earlier baselines" not in text
     past = [{"accepted_utc": "then", "night": "k", "version": "0", "reason": "why"}]
     assert "- then, night k, 0: why" in difference_table(None, GateInputs(new), {}, head(past=past))
+
+
+def cheapest_partition(y: np.ndarray, fewest: int) -> list[int]:
+    """Starts of the pieces with the least Bayesian criterion, by trying every partition."""
+    n = len(y)
+    best: dict[int, tuple[float, list[int]]] = {}
+    for count in range(1, n // fewest + 1):
+        for cuts in itertools.combinations(range(1, n), count - 1):
+            ends = [0, *cuts, n]
+            if min(np.diff(ends)) < fewest:
+                continue
+            cost = sum(np.abs(y[a:b] - np.median(y[a:b])).sum() for a, b in itertools.pairwise(ends))
+            if count not in best or cost < best[count][0]:
+                best[count] = cost, ends[:-1]
+    criterion = {k: 2 * n * math.log(cost / n) + 3 * k * math.log(n) for k, (cost, _) in best.items()}
+    return best[min(criterion, key=lambda k: criterion[k])][1]
+
+
+@pytest.mark.parametrize("levels", [(0.0,), (0.0, 9.0), (0.0, 9.0, 0.0), (0.0, 1.0, 9.0), (3.0, 0.5, 3.0)])
+@pytest.mark.parametrize("fewest", [3, 4])
+def test_steps_are_those_of_the_best_partition_up_to_as_many_as_fit(levels: tuple[float, ...], fewest: int) -> None:
+    rng = np.random.default_rng(len(levels))
+    y = np.concatenate([level + rng.normal(0.0, 0.2, fewest) for level in levels for _ in range(3 // len(levels) or 1)])
+    found = pieces(y, fewest)
+    assert [p.start for p in found] == cheapest_partition(y, fewest)
+    assert [p.stop for p in found] == [*[p.start for p in found[1:]], len(y)]
+    assert [p.level for p in found] == [pytest.approx(np.median(y[p.start : p.stop])) for p in found]
+    assert len(pieces(y[: fewest - 1], fewest)) == 1

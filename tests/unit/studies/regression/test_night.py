@@ -8,11 +8,13 @@ from dataclasses import replace
 from xml.etree import ElementTree
 
 import pytest
+from page_commands import cards_of, commands_of
 
 from horizonval import cli
 from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.jobs import engine
 from horizonval.store.folder import read_json, write_json
+from horizonval.store.manifest import verify_folder
 from horizonval.studies.regression import bench
 from horizonval.studies.regression import night as nights
 from horizonval.studies.regression.accept import accept
@@ -103,6 +105,7 @@ def test_an_unchanged_night_passes_and_says_so_everywhere(accepted, second):
     assert compared["release"]["same_as_accepted"]
     about = compared["accepted"]
     assert (about["replayed"], about["n_changed"], about["rendered"], about["n_images_changed"]) == (8, 0, 8, 0)
+    assert verify_folder(accepted.out) == []
     stored = read_json(accepted.out / "verdict.json")
     assert stored == json.loads(json.dumps(second))
     suite = ElementTree.parse(accepted.out / "junit.xml").getroot()[0]
@@ -134,6 +137,9 @@ def test_a_changed_estimator_is_a_regression_with_names(accepted, second, here, 
     (gate,) = [g for g in verdict["gates"] if g["verdict"] == "FAIL"]
     assert set(gate["scenes"]) == {row.scene for row in claims}
     page = (accepted.out / "index.html").read_text()
+    # It prints no command that would have to run.
+    assert commands_of(accepted.out / "index.html") == []
+    assert cards_of(accepted.out / "index.html") == []
     assert "Regression: accuracy (against the accepted baseline)" in page
     assert gate["scenes"][0] in page
     case = ElementTree.parse(accepted.out / "junit.xml").find(".//testcase[@name='accuracy']/failure")
