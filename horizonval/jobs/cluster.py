@@ -58,16 +58,11 @@ def run_on_cluster(
     Raises
     ------
     UserError
-        Dask is not installed, no scheduler answers, or its workers do not see the folder, have other code or more than
+        No scheduler answers, or its workers do not see the folder, have other code or more than
         one thread.
     """
     workers = local_workers(address)
-    try:
-        import distributed
-    except ImportError as e:
-        raise UserError(
-            "Dask is not installed", where="--dask", fix="pip install 'horizonval[cluster]', or leave --dask out"
-        ) from e
+    import distributed
     from distributed import as_completed
 
     with _client(address, workers) as client:

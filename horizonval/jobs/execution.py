@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import os
 import re
 from collections.abc import Sequence
@@ -36,7 +37,7 @@ class Execution:
     Raises
     ------
     UserError
-        No number of processes, or too many.
+        No number of processes, or too many; no address of a scheduler, or Dask is not installed.
     """
 
     workers: int | None = None
@@ -51,6 +52,12 @@ class Execution:
             )
         if self.dask is not None:
             local_workers(self.dask)
+            if importlib.util.find_spec("distributed") is None:
+                raise UserError(
+                    "Dask is not installed",
+                    where="--dask",
+                    fix="pip install 'horizonval[cluster]', or leave --dask out",
+                )
 
     @property
     def processes(self) -> int:
