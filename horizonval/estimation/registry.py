@@ -25,7 +25,7 @@ PACKAGE = "horizonval"
 @cache
 def _points() -> dict[str, EntryPoint]:
     """Return entry points by name: ours keep their names, of others' the first package's in the alphabet counts."""
-    points = [point for point in entry_points(group=GROUP) if point.name.isprintable() and _module(point) is not None]
+    points = [point for point in entry_points(group=GROUP) if point.name.isprintable() and _module(point)]
     points.sort(key=lambda point: (_is_ours(point), _package(point)), reverse=True)
     ours = {point.name: point for point in points if _is_ours(point)}
     return {point.name: point for point in points} | ours
@@ -38,8 +38,9 @@ def _package(point: EntryPoint) -> str:
 def _module(point: EntryPoint) -> str | None:
     try:
         return point.module
-    except AttributeError:
-        # What is declared is no place in a module.
+    except (AttributeError, ValueError):
+        # What is declared is no place in a module: Python's own reader and its backport, which other packages put in
+        # its place, say so differently.
         return None
 
 

@@ -13,10 +13,11 @@ from hostile import STEADY, install
 
 import horizonval
 from horizonval.estimation import registry
+from horizonval.spec.files import shipped_root
 from horizonval.systems.c import frames
 
 PACKAGE = Path(horizonval.__file__).parent
-FILES = sorted((PACKAGE.parent / "scenes").glob("s*/*.toml"))
+FILES = sorted(shipped_root().glob("s*/*.toml"))
 
 
 def _listed(tree: Any) -> Iterator[str]:

@@ -165,7 +165,9 @@ class Bench:
 
     def night(self, accepted: Baseline | None = None, **changes: Any) -> _Gathered:
         wanted = replace(self.wanted, **changes)
-        return _Gathered(self.suite, self.spec, self.plan, wanted, accepted, Silent())
+        gathered = _Gathered(self.suite, self.spec, self.plan, wanted, accepted, Silent())
+        gathered.work_first()
+        return gathered
 
 
 @pytest.fixture
