@@ -128,6 +128,18 @@ def make_plugin() -> type:
             origin = constant_vector(v[0] for v in air.apparent_position(view.origin))
             return replace(view, planet=air.planet, origin=origin, bending=self.prepared.bending)
 
+        def radiance(self, sensor: Any) -> tuple[dict[str, mi.Float64], dict[str, mi.Float64]]:
+            """Return radiance per band and energy radiance per solar band, pixels in row order."""
+            prepared = self.prepared
+            return render_bands(
+                self.apparent_view(sensor),
+                prepared.batches,
+                self.bands,
+                self.settings.nodes,
+                prepared.thermal,
+                prepared.model.emission,
+            )
+
         def render(
             self,
             scene: Any,
@@ -141,15 +153,7 @@ def make_plugin() -> type:
                 sensor = scene.sensors()[sensor]
             if not hasattr(sensor, "rays"):
                 raise TypeError("horizon_limb needs a horizon_camera sensor")
-            prepared = self.prepared
-            radiance, energy = render_bands(
-                self.apparent_view(sensor),
-                prepared.batches,
-                self.bands,
-                self.settings.nodes,
-                prepared.thermal,
-                prepared.model.emission,
-            )
+            radiance, energy = self.radiance(sensor)
             channels = [radiance[band] for band in self.bands] + [energy[band] for band in self.solar_bands]
             stack = np.stack([np.array(channel, dtype=np.float32) for channel in channels], axis=-1)
             return mi.TensorXf(stack.reshape(sensor.camera.height, sensor.camera.width, len(channels)))
