@@ -126,6 +126,10 @@ class SplineTable:
 
         Light is never negative, but the cubic through it dips below where the air ends.
         """
+        return [dr.maximum(value, 0.0) for value in self.look_signed(row, azimuth)]
+
+    def look_signed(self, row: mi.Float64, azimuth: mi.Float64) -> list[mi.Float64]:
+        """Return all quantities at places ``row`` [steps] and azimuths [rad] that may be negative."""
         i, w = row_of(row, self.rows)
         j, v = self.azimuths.place(azimuth)
         down, across = cubic_weights(w), cubic_weights(v)
@@ -137,7 +141,7 @@ class SplineTable:
                 weight = weight_a * weight_b
                 for q, value in enumerate(self._gather(start + b)):
                     total[q] = dr.fma(weight, value, total[q])
-        return [dr.maximum(value, 0.0) for value in total[: self.quantities]]
+        return total[: self.quantities]
 
     def _gather(self, node: mi.UInt32) -> Values:
         if self.width <= 2:
