@@ -11,7 +11,7 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.renderer.derivatives.transport import added, scaled
-from horizonval.renderer.types import Values, Vec
+from horizonval.renderer.types import Values, Vec, constant_vector
 
 Radiance = Callable[[Vec, Vec], Values]
 """Radiance per band of rays from origins along directions."""
@@ -26,19 +26,35 @@ def slopes(radiance: Radiance, o: Vec, d: Vec, changes: Sequence[tuple[Vec | Non
     changes : sequence of (Vec or None, Vec)
         By which origin (None: not at all) and direction change per unit.
     """
-    count = dr.width(d[0])
+    count, copies = dr.width(d[0]), len(changes)
+    step = dr.zeros(mi.Float64, count * copies)
+    dr.enable_grad(step)
+    origin = o
+    if any(change_o is not None for change_o, _ in changes):
+        still = constant_vector((0.0, 0.0, 0.0))
+        origin = added(o, scaled(_in_turn([still if c is None else c for c, _ in changes], count), step))
+    direction = added(_in_turn([d] * copies, count), scaled(_in_turn([c for _, c in changes], count), step))
+    # one copy of the rays for every change: tables and kernels are made once
+    bands = radiance(origin, direction)
+    dr.set_grad(step, 1.0)
+    dr.forward_to(*bands)
     value: Values = []
-    out: list[Values] = []
-    for change_o, change_d in changes:
-        step = dr.zeros(mi.Float64, count)
-        dr.enable_grad(step)
-        origin = o if change_o is None else added(o, scaled(change_o, step))
-        bands = radiance(origin, added(d, scaled(change_d, step)))
-        dr.set_grad(step, 1.0)
-        dr.forward_to(*bands)
-        value = [dr.detach(v) + dr.zeros(mi.Float64, count) for v in bands]
+    out: list[Values] = [[] for _ in changes]
+    for band in bands:
+        slope = dr.grad(band) + dr.zeros(mi.Float64, count * copies)
         # where a ray leaves the air a root's slope is infinite and its factor zero
-        slope = [dr.select(dr.isfinite(dr.grad(v)), dr.grad(v), 0.0) + dr.zeros(mi.Float64, count) for v in bands]
-        dr.eval(value, slope)
-        out.append(slope)
+        slope = dr.select(dr.isfinite(slope), slope, 0.0)
+        radiant = dr.detach(band) + dr.zeros(mi.Float64, count * copies)
+        dr.eval(slope, radiant)
+        index = dr.arange(mi.UInt32, count)
+        value.append(dr.gather(mi.Float64, radiant, index))
+        for copy in range(copies):
+            out[copy].append(dr.gather(mi.Float64, slope, index + copy * count))
+    dr.eval(value, out)
     return value, out
+
+
+def _in_turn(vectors: Sequence[Vec], count: int) -> Vec:
+    """Return vectors of ``count`` rays, or of one for all of them, one after the other."""
+    x, y, z = (dr.concat([v[k] + dr.zeros(mi.Float64, count) for v in vectors]) for k in range(3))
+    return x, y, z

@@ -150,8 +150,17 @@ def group_cells(view: FrameGeometry) -> Cells:
     return Cells(count, share, _joined(ground), _joined(limb), space, sun, moon)
 
 
-def _edge_cells(view: FrameGeometry, edge: mi.UInt32) -> tuple[mi.Float64, Rays, Rays]:
-    """Return the covered share of cells on the limb, rays through the covered parts and through the free parts."""
+@dataclass(frozen=True)
+class EdgeGeometry:
+    """Cells on the limb: covered share, and directions through the middles of the covered and of the free part."""
+
+    share: mi.Float64
+    inner: Vec
+    outer: Vec
+
+
+def edge_geometry(view: FrameGeometry, edge: mi.UInt32) -> EdgeGeometry:
+    """Return what cells on the limb see."""
     size = 1.0 / view.subsamples
 
     def limb(x: mi.Float64, y: mi.Float64) -> mi.Float64:
@@ -165,18 +174,29 @@ def _edge_cells(view: FrameGeometry, edge: mi.UInt32) -> tuple[mi.Float64, Rays,
     offset = limb(u, v) / dr.maximum(slope, 1e-300)
     dr.eval(share, du, dv, offset)
 
-    def through(index: mi.UInt32, depth: mi.Float64, whole: mi.Bool) -> Rays:
-        """Rays of some of the cells, unless they are ``whole`` through points ``depth`` pixels inside the outline."""
-        if not dr.width(index):
-            return _no_rays(index)
+    def through(depth: mi.Float64, whole: mi.Bool) -> Vec:
+        """Directions, unless cells are ``whole`` through points ``depth`` pixels inside the outline."""
         shift: mi.Float64 = dr.clip(depth - offset, -2.0 * size, 2.0 * size)
         shift = dr.select(whole, 0.0, shift)
-        x, y = (dr.gather(mi.Float64, w, index) for w in (u + shift * du, v + shift * dv))
-        return Rays(dr.gather(mi.UInt32, edge, index), view.rays.direction(x, y), dr.width(index))
+        return view.rays.direction(u + shift * du, v + shift * dv)
 
-    inner = through(indices_where(share > 0.0), 0.5 * size * share, share > 1.0 - WHOLE)
-    outer = through(indices_where(share < 1.0), -0.5 * size * (1.0 - share), share < WHOLE)
-    return share, inner, outer
+    inner = through(0.5 * size * share, share > 1.0 - WHOLE)
+    return EdgeGeometry(share, inner, through(-0.5 * size * (1.0 - share), share < WHOLE))
+
+
+def _edge_cells(view: FrameGeometry, edge: mi.UInt32) -> tuple[mi.Float64, Rays, Rays]:
+    """Return the covered share of cells on the limb, rays through the covered parts and through the free parts."""
+    cells = edge_geometry(view, edge)
+    dr.eval(cells.inner, cells.outer)
+
+    def of(index: mi.UInt32, direction: Vec) -> Rays:
+        if not dr.width(index):
+            return _no_rays(index)
+        x, y, z = (dr.gather(mi.Float64, c, index) for c in direction)
+        return Rays(dr.gather(mi.UInt32, edge, index), (x, y, z), dr.width(index))
+
+    inner = of(indices_where(cells.share > 0.0), cells.inner)
+    return cells.share, inner, of(indices_where(cells.share < 1.0), cells.outer)
 
 
 def _limb_function(view: FrameGeometry, d: Vec) -> mi.Float64:

@@ -67,13 +67,11 @@ def render_bands(
         out[band] = out[band] + dr.block_sum(total, k2) / k2
         dr.eval(out[band])
 
-    hits: list[_SurfaceHits] = []
+    hits: list[SurfaceLook] = []
     for group, batch in batches:
         if not hits:
-            hits = [_look(view, cells, view.sun)]
-            if view.moon is not None and view.moon.lights_earth:
-                hits.append(_look(view, cells, view.moon.light))
-        parts = list(_parts(view, cells, hits, group, batch, nodes))
+            hits = surface_looks(view, cells)
+        parts = list(node_parts(view, cells, hits, group, batch, nodes))
         for band in dict.fromkeys(node.band for node in group):
             own = [n.band == band for n in group]
             weight = [n.weight if mine else 0.0 for n, mine in zip(group, own, strict=True)]
@@ -96,7 +94,7 @@ def _band_parts(parts: Iterable[NodePart], weight: Sequence[float]) -> Iterator[
 
 
 @dataclass(frozen=True)
-class _SurfaceHits:
+class SurfaceLook:
     """Where the rays of every group of cells end; None for a Lambert ground without clouds."""
 
     ground: SurfaceHit | None = None
@@ -105,10 +103,18 @@ class _SurfaceHits:
     moon: SurfaceHit | None = None
 
 
-def _look(view: FrameGeometry, cells: Cells, light: Vec) -> _SurfaceHits:
+def surface_looks(view: FrameGeometry, cells: Cells) -> list[SurfaceLook]:
+    """Look where rays end, under the Sun, and under the Moon where it lights the Earth."""
+    lights = [view.sun]
+    if view.moon is not None and view.moon.lights_earth:
+        lights.append(view.moon.light)
+    return [_look(view, cells, light) for light in lights]
+
+
+def _look(view: FrameGeometry, cells: Cells, light: Vec) -> SurfaceLook:
     """Look where rays end under a light, once for all spectral nodes. Rays past the Earth end on clouds only."""
     if view.ground is None:
-        return _SurfaceHits()
+        return SurfaceLook()
 
     def ends(rays: Rays | DiscCells | None, to_ground: bool) -> SurfaceHit | None:
         assert view.ground is not None
@@ -116,15 +122,15 @@ def _look(view: FrameGeometry, cells: Cells, light: Vec) -> _SurfaceHits:
             return None
         return surface_hits(view.ground, view.planet, view.origin, rays.direction, light, to_ground)
 
-    return _SurfaceHits(
+    return SurfaceLook(
         ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False)
     )
 
 
-def _parts(
+def node_parts(
     view: FrameGeometry,
     cells: Cells,
-    hits: list[_SurfaceHits],
+    hits: list[SurfaceLook],
     group: list[SpectralNode],
     batch: SolarNodes | ThermalNodes,
     nodes: int,

@@ -36,7 +36,7 @@ _KEPT_MODELS = 4
 
 
 @dataclass(frozen=True)
-class _Prepared:
+class Prepared:
     """A model as the march takes it; with refraction over apparent heights, and its apparent planet."""
 
     model: OpticalModel
@@ -47,11 +47,11 @@ class _Prepared:
     bending: BendingField | None
 
 
-_prepared: OrderedDict[tuple[str, str | None], _Prepared] = OrderedDict()
+_prepared: OrderedDict[tuple[str, str | None], Prepared] = OrderedDict()
 """By digest of the settings and variant."""
 
 
-def prepare(settings: LimbSettings, progress: Progress | None = None) -> _Prepared:
+def prepare(settings: LimbSettings, progress: Progress | None = None) -> Prepared:
     """Return a model and its kernel tables; those of the last few models stay, suites repeat them.
 
     Parameters
@@ -69,7 +69,7 @@ def prepare(settings: LimbSettings, progress: Progress | None = None) -> _Prepar
     return _prepared[key]
 
 
-def _make_tables(settings: LimbSettings, progress: Progress | None) -> _Prepared:
+def _make_tables(settings: LimbSettings, progress: Progress | None) -> Prepared:
     model, planet, air, bending = settings.model, settings.planet, None, None
     if model.refractivity is not None:
         air = to_apparent_radius(model, planet)
@@ -77,7 +77,7 @@ def _make_tables(settings: LimbSettings, progress: Progress | None) -> _Prepared
     scattering = STANDARD if settings.orders == "all" else None
     batches = list(make_batches(model, planet, IMAGE_TABLE, scattering, progress, air))
     thermal = [ThermalAir.of(b, model.emission, AirColumns.of(b, air)) for b in model.thermal if model.emission]
-    return _Prepared(model, planet, batches, thermal, air, bending)
+    return Prepared(model, planet, batches, thermal, air, bending)
 
 
 def _moon(moon: MoonSettings | None) -> MoonInFrame | None:

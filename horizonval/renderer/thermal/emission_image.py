@@ -104,7 +104,7 @@ class ThermalFrame:
             horizon = math.acos(min(self.view.planet.a_m / self.coordinates.distance_m, 1.0))
             steps = 2.0 * math.pi * math.sin(horizon) / LIMB_STEP_RAD
             whole = 8 * math.ceil(min(max(steps, FEWEST_AZIMUTHS), MOST_AZIMUTHS) / 8)
-        _, azimuth = self.coordinates.place(self.view.origin, _outline(self.view), to_ground=False)
+        _, azimuth = self.coordinates.place(self.view.origin, outline(self.view), to_ground=False)
         return azimuths_in_view(np.array(azimuth), whole)
 
     def _ground(self, tables: BandTables) -> mi.Float64:
@@ -157,7 +157,7 @@ class ThermalFrame:
         return radiance
 
 
-def _outline(view: FrameGeometry) -> Vec:
+def outline(view: FrameGeometry) -> Vec:
     """Return directions along the frame's edge, once around."""
     s = (np.arange(OUTLINE_POINTS) + 0.0) / OUTLINE_POINTS
     zero, unity = np.zeros(OUTLINE_POINTS), np.ones(OUTLINE_POINTS)

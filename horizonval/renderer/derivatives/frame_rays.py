@@ -1,0 +1,105 @@
+"""The radiance of any rays in the light of a frame, as the frame's own cells get it, and marched.
+
+A frame groups its rays and adds cells up; here are single rays, so that they can be turned and moved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.renderer.kernel.cells import Cells, FrameGeometry, Rays
+from horizonval.renderer.plugin.image import node_parts, surface_looks
+from horizonval.renderer.plugin.integrator import Prepared
+from horizonval.renderer.thermal.emission_ground import mirrored, shares, temperatures_k
+from horizonval.renderer.thermal.emission_image import ThermalFrame
+from horizonval.renderer.thermal.emission_march import march_emission
+from horizonval.renderer.types import Values, Vec
+
+
+@dataclass(frozen=True)
+class FrameRays:
+    """Rays of one frame; ``nodes``: evaluations along each."""
+
+    prepared: Prepared
+    view: FrameGeometry
+    nodes: int
+
+    @property
+    def bands(self) -> tuple[str, ...]:
+        """Names of the bands, in the order of every list of values here."""
+        return self.prepared.model.bands
+
+    def looked(self, o: Vec, d: Vec, to_ground: bool) -> Values:
+        """Return radiance per band as the frame's cells get it."""
+        cells = _cells_of(d, to_ground)
+        view = replace(self.view, origin=o)
+        out = self._solar(view, cells)
+        thermal = self.prepared.thermal
+        if thermal:
+            assert self.prepared.model.emission is not None
+            frame = ThermalFrame.of(self.view, cells, self.prepared.model.emission, thermal[0].top_m, self.nodes)
+            for air in thermal:
+                out[air.band.name] = next(iter(frame.parts(air)))[2]
+        return [out[band] for band in self.bands]
+
+    def marched(self, o: Vec, d: Vec, to_ground: bool) -> Values:
+        """Return radiance per band by the march; for thermal bands over ground that shines as at the rays' ends."""
+        cells = _cells_of(d, to_ground)
+        view = replace(self.view, origin=o)
+        out = self._solar(view, cells)
+        for air in self.prepared.thermal:
+            total = mi.Float64(0.0)
+            first = 0
+            for batch in air.batches:
+                more, through, _ = march_emission(
+                    view.planet, air.top_m, batch, o, d, mi.Bool(to_ground), max(self.nodes // 2, 32)
+                )
+                total = sum(more, start=total)
+                if to_ground:
+                    behind = self._ground_emission(air, slice(first, first + batch.used), o, d)
+                    total = sum((t * mi.Float64(b) for t, b in zip(through, behind, strict=True)), start=total)
+                first += batch.used
+            out[air.band.name] = total
+        return [out[band] for band in self.bands]
+
+    def _solar(self, view: FrameGeometry, cells: Cells) -> dict[str, mi.Float64]:
+        out: dict[str, mi.Float64] = {}
+        looks = None
+        for group, batch in self.prepared.batches:
+            looks = looks or surface_looks(view, cells)
+            ((_, _, radiance),) = node_parts(view, cells, looks, group, batch, self.nodes)
+            for node, value in zip(group, radiance, strict=False):
+                out[node.band] = out.get(node.band, mi.Float64(0.0)) + dr.opaque(mi.Float64, node.weight, 1) * value
+        return out
+
+    def _ground_emission(self, air: object, part: slice, o: Vec, d: Vec) -> FloatArray:
+        """Return what the ground at the rays' ends sends to them, shape (g, rays); without mirrored air."""
+        source = air.source  # type: ignore[attr-defined]
+        o, d = (tuple(dr.detach(c) for c in v) for v in (o, d))
+        _, normal, _ = mirrored(self.view.planet, o, d)
+        up = np.stack([np.array(c) for c in normal], axis=-1)
+        cosine = -np.sum(up * np.stack([np.array(c) for c in d], axis=-1), axis=-1)
+        emission = source.emission
+        share = shares(emission, self.view.ground.model if self.view.ground else None, up)
+        warm = temperatures_k(emission, up, np.array([float(c[0]) for c in self.view.sun]))
+        sky = source.sky_at(up[:, 2], part)
+        total = np.zeros_like(sky)
+        for kind, weight in share.items():
+            e = source.emissivities(kind, cosine, part)
+            total += weight * (e * source.black(warm[kind], part) + (1.0 - e) * sky)
+        return total
+
+
+def _cells_of(d: Vec, to_ground: bool) -> Cells:
+    """Return rays as cells that they fill."""
+    count = dr.width(d[0])
+    nothing = mi.Float64()
+    rays, none = Rays(dr.arange(mi.UInt32, count), d, count), Rays(mi.UInt32(), (nothing, nothing, nothing), 0)
+    share = dr.full(mi.Float64, 1.0 if to_ground else 0.0, count)
+    ground, limb = (rays, none) if to_ground else (none, rays)
+    return Cells(count, share, ground, limb, mi.UInt32(), None, None)

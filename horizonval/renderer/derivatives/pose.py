@@ -1,0 +1,207 @@
+"""Derivatives of a frame by the camera's attitude and position: the chain rule, ray by ray.
+
+The gradient of a ray's radiance by its direction comes from forward differentiation of what the frame's cells read
+(two directions across the ray), everything else of pose from geometry::
+
+    attitude:  dd/dtheta_k = e_k x d            position:  dL/do_k = S_k - grad_d L . delta_k   (see transport)
+
+S is marched, differentiated, on a coarse grid of rays and read by cubic interpolation. A cell on the hard edge is
+``c L_ground + (1 - c) L_limb``: its share and its rays move with the edge.
+
+Left out: jumps, of which a frame has where a cell begins or ceases to be cut by the hard edge, where land meets water
+and where clouds end; the discs of Sun and Moon.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.geometry.ellipsoid import Ellipsoid
+from horizonval.renderer.derivatives.edge_motion import CELL_SHARE, EdgeMotion, edge_motion
+from horizonval.renderer.derivatives.frame_rays import FrameRays
+from horizonval.renderer.derivatives.parameters import POSE, ROTATIONS, SHIFTS, displaced, level_axes
+from horizonval.renderer.derivatives.ray_slopes import slopes
+from horizonval.renderer.derivatives.transport import added, cross, scaled, transport
+from horizonval.renderer.derivatives.whole_frames import Images
+from horizonval.renderer.kernel.cells import Cells, FrameGeometry, Rays, cell_centre, group_cells
+from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
+from horizonval.renderer.kernel.rays import RayCamera
+from horizonval.renderer.planet import distance_squared, dot
+from horizonval.renderer.plugin.settings import CameraSettings
+from horizonval.renderer.spline_table import SplineTable, azimuths_in_view
+from horizonval.renderer.tables import vectors
+from horizonval.renderer.thermal.emission_image import outline
+from horizonval.renderer.types import Values, Vec, constant_vector, indices_where
+
+SLOW_ROWS, SLOW_AZIMUTHS, SLOW_LEAST = 48, 32, 24
+"""Grid of S: rows of an axis, steps of a full circle, fewest steps of a frame."""
+LEAST_ELEVATION_RAD = 1e-4
+"""A ray that just touches the ground ends there with an infinite slope."""
+
+
+@dataclass(frozen=True)
+class PoseFrame:
+    """A frame to be differentiated by pose. ``view`` is that of light that goes straight."""
+
+    integrator: Any
+    camera: CameraSettings
+    ellipsoid: Ellipsoid
+    view: FrameGeometry
+    rays: FrameRays
+
+    @classmethod
+    def of(cls, integrator: Any, camera: CameraSettings, ellipsoid: Ellipsoid) -> PoseFrame:
+        """Build from the integrator of a frame and its camera."""
+        view = integrator.apparent_view(_sensor(camera))
+        return cls(integrator, camera, ellipsoid, view, FrameRays(integrator.prepared, view, integrator.settings.nodes))
+
+    def view_at(self, parameter: str, step: float) -> FrameGeometry:
+        """Return the geometry from a displaced pose."""
+        return self.integrator.apparent_view(_sensor(displaced(self.camera, self.ellipsoid, parameter, step)))
+
+    def derivatives(self) -> dict[str, Images]:
+        """Return the derivatives of every band by the parameters of :data:`POSE`, float64 images of shape (H, W)."""
+        view = self.view
+        cells = group_cells(view)
+        edge = indices_where((cells.share > 0.0) & (cells.share < 1.0))
+        motions = self._motions(edge)
+        totals = {p: [dr.zeros(mi.Float64, cells.count) for _ in self.rays.bands] for p in POSE}
+        for rays, to_ground in ((cells.ground, True), (cells.limb, False)):
+            if rays.count:
+                self._add_group(totals, cells, edge, motions, rays, to_ground)
+        k2 = view.subsamples**2
+        shape = view.height, view.width
+
+        def image(total: mi.Float64) -> FloatArray:
+            return np.array(dr.block_sum(total, k2) / k2, dtype=np.float64).reshape(shape)
+
+        return {p: dict(zip(self.rays.bands, map(image, bands), strict=True)) for p, bands in totals.items()}
+
+    def _motions(self, edge: mi.UInt32) -> dict[str, EdgeMotion]:
+        if not dr.width(edge):
+            return {}
+        view, half = self.view, 0.5 / self.view.subsamples
+        u, v = cell_centre(view, edge)
+        across = [distance_squared(view.rays.direction(u + s, v), view.rays.direction(u - s, v)) for s in (half,)]
+        angle = math.sqrt(float(dr.mean(across[0])[0])) * CELL_SHARE
+        o1 = view.planet.stretch(view.origin)
+        distance = math.sqrt(max(float(dot(o1, o1)[0]) - view.planet.a_m**2, 1e6))
+        steps = dict.fromkeys(ROTATIONS, angle) | dict.fromkeys(SHIFTS, angle * distance)
+        return {p: edge_motion(lambda s, p=p: self.view_at(p, s), edge, steps[p]) for p in POSE}
+
+    def _add_group(
+        self,
+        totals: dict[str, Values],
+        cells: Cells,
+        edge: mi.UInt32,
+        motions: dict[str, EdgeMotion],
+        rays: Rays,
+        to_ground: bool,
+    ) -> None:
+        view, d = self.view, rays.direction
+        inside = self._inside(to_ground)
+        basis = _across(d)
+        value, gradient = slopes(
+            lambda o, d: self.rays.looked(o, d, to_ground), view.origin, d, [(None, t) for t in basis]
+        )
+        covered = dr.gather(mi.Float64, cells.share, rays.cell)
+        share = covered if to_ground else 1.0 - covered
+        cut = (covered > 0.0) & (covered < 1.0)
+        rank = dr.zeros(mi.UInt32, cells.count)
+        dr.scatter(rank, dr.arange(mi.UInt32, dr.width(edge)), edge)
+        place = dr.gather(mi.UInt32, rank, rays.cell)
+        table, coordinates = self._slow(to_ground)
+        slow = table.look_signed(*coordinates.place(view.origin, d, to_ground))
+        axes = level_axes(self.camera.r_itrs, self.ellipsoid)
+        for k, parameter in enumerate(POSE):
+            turn = parameter in ROTATIONS
+            if turn:
+                axis = constant_vector(self.camera.itrs_from_cam[:, k])
+                change = cross(axis, d)
+            else:
+                change = scaled(transport(view.planet, view.origin, d, axes[k - 3], inside), -1.0)
+            wider: mi.Float64 | float = 0.0
+            if motions:
+                motion = motions[parameter]
+                moved = motion.inner if to_ground else motion.outer
+                own = _gathered(moved, place, cut)
+                change = _selected(cut, own, change) if turn else added(change, own)
+                wider = dr.gather(mi.Float64, motion.share, place, cut)
+                wider = wider if to_ground else -wider
+            along = [dot(change, t) for t in basis]
+            for b in range(len(self.rays.bands)):
+                slope = gradient[0][b] * along[0] + gradient[1][b] * along[1]
+                if not turn:
+                    slope = slope + slow[(k - 3) * len(self.rays.bands) + b]
+                total = totals[parameter][b]
+                dr.scatter_add(total, share * slope + wider * value[b], rays.cell, mode=dr.ReduceMode.NoConflicts)
+            # ground and limb share edge cells: two launches
+            dr.eval(totals[parameter])
+
+    def _inside(self, to_ground: bool) -> bool:
+        return not to_ground and self._coordinates().inside
+
+    def _coordinates(self) -> RayCoordinates:
+        origin = np.array([float(c[0]) for c in self.view.origin])
+        coordinates = RayCoordinates.of(self.view.planet, origin, self.view.highest_m)
+        return replace(
+            coordinates,
+            ground=replace(coordinates.ground, count=SLOW_ROWS),
+            limb=replace(coordinates.limb, count=SLOW_ROWS),
+        )
+
+    def _slow(self, to_ground: bool) -> tuple[SplineTable, RayCoordinates]:
+        """Return the table of S: by direction of motion, then by band."""
+        coordinates, view = self._coordinates(), self.view
+        _, azimuth = coordinates.place(view.origin, outline(view), to_ground=False)
+        azimuths = azimuths_in_view(np.array(azimuth), SLOW_AZIMUTHS, SLOW_LEAST)
+        angle = azimuths.node_azimuths()
+        v = (coordinates.ground if to_ground else coordinates.limb).nodes()
+        if to_ground:
+            v = np.maximum(v, LEAST_ELEVATION_RAD)
+        d = vectors(coordinates.directions(v, angle, to_ground).reshape(-1, 3))
+        steps = level_axes(self.camera.r_itrs, self.ellipsoid)
+        changes = [
+            (constant_vector(step), transport(view.planet, view.origin, d, step, self._inside(to_ground)))
+            for step in steps
+        ]
+        _, slow = slopes(lambda o, d: self.rays.marched(o, d, to_ground), view.origin, d, changes)
+        values = np.stack([np.array(band) for bands in slow for band in bands], axis=-1)
+        return SplineTable.of(values.reshape(len(v), len(angle), -1), azimuths), coordinates
+
+
+def _sensor(camera: CameraSettings) -> Any:
+    """Return what the integrator asks of a sensor."""
+    rays = RayCamera.of(camera.camera, camera.itrs_from_cam)
+    return SimpleNamespace(rays=rays, camera=camera.camera, r_itrs=camera.r_itrs)
+
+
+def _across(d: Vec) -> Sequence[Vec]:
+    """Return two unit vectors across directions and each other."""
+    flat = dr.abs(d[2]) < 0.9
+    zero = dr.zeros(mi.Float64, dr.width(d[0]))
+    helper = (dr.select(flat, zero, 1.0), zero, dr.select(flat, mi.Float64(1.0), 0.0))
+    first = cross(helper, d)
+    first = scaled(first, dr.rsqrt(dot(first, first)))
+    second = cross(d, first)
+    dr.eval(first, second)
+    return first, second
+
+
+def _gathered(v: Vec, place: mi.UInt32, where: mi.Bool) -> Vec:
+    x, y, z = (dr.gather(mi.Float64, c, place, where) for c in v)
+    return x, y, z
+
+
+def _selected(where: mi.Bool, v: Vec, other: Vec) -> Vec:
+    x, y, z = (dr.select(where, a, b) for a, b in zip(v, other, strict=True))
+    return x, y, z
