@@ -18,6 +18,7 @@ from horizonval.renderer.plugin.integrator import Prepared
 from horizonval.renderer.thermal.emission_ground import mirrored, shares, temperatures_k
 from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_march import march_emission
+from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import Values, Vec
 
 
@@ -77,10 +78,10 @@ class FrameRays:
                 out[node.band] = out.get(node.band, mi.Float64(0.0)) + dr.opaque(mi.Float64, node.weight, 1) * value
         return out
 
-    def _ground_emission(self, air: object, part: slice, o: Vec, d: Vec) -> FloatArray:
+    def _ground_emission(self, air: ThermalAir, part: slice, o: Vec, d: Vec) -> FloatArray:
         """Return what the ground at the rays' ends sends to them, shape (g, rays); without mirrored air."""
-        source = air.source  # type: ignore[attr-defined]
-        o, d = (tuple(dr.detach(c) for c in v) for v in (o, d))
+        source = air.source
+        o, d = _still(o), _still(d)
         _, normal, _ = mirrored(self.view.planet, o, d)
         up = np.stack([np.array(c) for c in normal], axis=-1)
         cosine = -np.sum(up * np.stack([np.array(c) for c in d], axis=-1), axis=-1)
@@ -93,6 +94,12 @@ class FrameRays:
             e = source.emissivities(kind, cosine, part)
             total += weight * (e * source.black(warm[kind], part) + (1.0 - e) * sky)
         return total
+
+
+def _still(v: Vec) -> Vec:
+    """Return a vector that is not differentiated."""
+    x, y, z = (dr.detach(c) for c in v)
+    return x, y, z
 
 
 def _cells_of(d: Vec, to_ground: bool) -> Cells:

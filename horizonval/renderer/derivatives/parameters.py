@@ -34,7 +34,7 @@ ROTATIONS = ("rotation_x", "rotation_y", "rotation_z")
 SHIFTS = ("east", "north", "up")
 POSE = (*ROTATIONS, *SHIFTS)
 GAIN = "gain"
-AIR_STEPS = {"limb_height": 100.0, "temperature": 1.0, "density": 0.01, "aerosol": 0.01}
+AIR_STEPS = {"limb_height": 10.0, "temperature": 0.5, "density": 0.003, "aerosol": 0.01}
 """Steps of central differences: m, K, relative, relative."""
 PARAMETERS = (*POSE, "limb_height", GAIN, "temperature", "density", "aerosol")
 UNITS = (

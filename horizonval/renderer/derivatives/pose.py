@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -68,8 +69,11 @@ class PoseFrame:
         """Return the geometry from a displaced pose."""
         return self.integrator.apparent_view(_sensor(displaced(self.camera, self.ellipsoid, parameter, step)))
 
-    def derivatives(self) -> dict[str, Images]:
-        """Return the derivatives of every band by the parameters of :data:`POSE`, float64 images of shape (H, W)."""
+    def derivatives(self) -> tuple[dict[str, Images], tuple[str, ...]]:
+        """Return the derivatives of every band by the parameters of :data:`POSE`, and what of the frame is left out.
+
+        Float64 images of shape (H, W).
+        """
         view = self.view
         cells = group_cells(view)
         edge = indices_where((cells.share > 0.0) & (cells.share < 1.0))
@@ -84,7 +88,18 @@ class PoseFrame:
         def image(total: mi.Float64) -> FloatArray:
             return np.array(dr.block_sum(total, k2) / k2, dtype=np.float64).reshape(shape)
 
-        return {p: dict(zip(self.rays.bands, map(image, bands), strict=True)) for p, bands in totals.items()}
+        images = {p: dict(zip(self.rays.bands, map(image, bands), strict=True)) for p, bands in totals.items()}
+        return images, self._left_out(cells)
+
+    def _left_out(self, cells: Cells) -> tuple[str, ...]:
+        ground = self.view.ground
+        present = {
+            "coasts": ground is not None and ground.land is not None,
+            "edges of clouds": ground is not None and ground.clouds is not None,
+            "the Sun's disc": cells.sun is not None,
+            "the Moon's disc": cells.moon is not None and bool(self.rays.prepared.batches),
+        }
+        return tuple(what for what, there in present.items() if there)
 
     def _motions(self, edge: mi.UInt32) -> dict[str, EdgeMotion]:
         if not dr.width(edge):
@@ -110,9 +125,8 @@ class PoseFrame:
         view, d = self.view, rays.direction
         inside = self._inside(to_ground)
         basis = _across(d)
-        value, gradient = slopes(
-            lambda o, d: self.rays.looked(o, d, to_ground), view.origin, d, [(None, t) for t in basis]
-        )
+        changes = [(None, t) for t in basis]
+        value, gradient = slopes(partial(self.rays.looked, to_ground=to_ground), view.origin, d, changes)
         covered = dr.gather(mi.Float64, cells.share, rays.cell)
         share = covered if to_ground else 1.0 - covered
         cut = (covered > 0.0) & (covered < 1.0)
@@ -174,7 +188,7 @@ class PoseFrame:
             (constant_vector(step), transport(view.planet, view.origin, d, step, self._inside(to_ground)))
             for step in steps
         ]
-        _, slow = slopes(lambda o, d: self.rays.marched(o, d, to_ground), view.origin, d, changes)
+        _, slow = slopes(partial(self.rays.marched, to_ground=to_ground), view.origin, d, changes)
         values = np.stack([np.array(band) for bands in slow for band in bands], axis=-1)
         return SplineTable.of(values.reshape(len(v), len(angle), -1), azimuths), coordinates
 

@@ -17,7 +17,9 @@ Radiance = Callable[[Vec, Vec], Values]
 """Radiance per band of rays from origins along directions."""
 
 
-def slopes(radiance: Radiance, o: Vec, d: Vec, changes: Sequence[tuple[Vec | None, Vec]]) -> tuple[Values, list[Values]]:
+def slopes(
+    radiance: Radiance, o: Vec, d: Vec, changes: Sequence[tuple[Vec | None, Vec]]
+) -> tuple[Values, list[Values]]:
     """Return radiance per band, and for every change its derivative per band.
 
     Parameters

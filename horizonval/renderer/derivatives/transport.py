@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 
 import drjit as dr
+import mitsuba as mi
 
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.planet import Planet, dot
@@ -27,7 +28,7 @@ def cross(p: Vec, q: Vec) -> Vec:
     return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
 
 
-def scaled(p: Vec, factor: object) -> Vec:
+def scaled(p: Vec, factor: mi.Float64 | float) -> Vec:
     """Return the product of a vector and a number."""
     return p[0] * factor, p[1] * factor, p[2] * factor
 
