@@ -302,7 +302,7 @@ def _improved(sight: EdgePoints, cones: Iterable[tuple[FloatArray, float, bool]]
     """
     passed: set[tuple[int, bool, bytes]] = set()
     for axis, cosine, bright_inside in cones:
-        before: NDArray[np.bool_] | None = None
+        before = np.empty(0, dtype=bool)
         for step, slack in enumerate((*SLACKS, 1.0)):
             supports = support(sight, axis, cosine, bright_inside, slack)
             rows = np.flatnonzero(supports)

@@ -74,7 +74,7 @@ def find_limb_in(picture: Picture, camera: CameraModel) -> LimbPoints | Refusal:
     grey, saturated, full_scale = picture.grey, picture.saturated, picture.full_scale
     rim = half_window(grey.shape) + 1
     edges = _inside_image_circle(find_edges(picture.eight_bit, rim), camera, rim)
-    seed = int.from_bytes(hashlib.sha256(np.ascontiguousarray(grey)).digest(), "big")
+    seed = int.from_bytes(hashlib.sha256(np.ascontiguousarray(grey).data).digest(), "big")
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     sun = find_sun(saturated)
     dazzled = sun is not None

@@ -91,15 +91,15 @@ class Picture:
 
     def _usable_range(self) -> tuple[float, float]:
         """Return the percentiles of the unsaturated pixels; the darkest level twice where there are none."""
-        image = self.grey if self.levels is None else self.levels
-        usable = image[~self.saturated] if self.saturated.any() else image
-        if not usable.size:
+        usable = ~self.saturated
+        if not usable.any():
             return self.darkest, self.darkest
-        if usable.dtype == np.uint16:
-            counts = level_counts(usable, int(self.brightest))
+        if self.levels is not None:
+            counts = level_counts(self.levels[usable], int(self.brightest))
             low, high = (percentile_of_counts(counts, q) for q in STRETCH_PERCENTILES)
         else:
-            low, high = (percentile(usable, q) for q in STRETCH_PERCENTILES)
+            values = self.grey[usable]
+            low, high = (percentile(values, q) for q in STRETCH_PERCENTILES)
         return low, high
 
 
