@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.renderer.kernel.cells import FrameGeometry, edge_geometry
+from horizonval.renderer.kernel.cells import edge_geometry
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.types import Vec
 
 CELL_SHARE = 3e-5
@@ -27,9 +28,12 @@ class EdgeMotion:
     outer: Vec
 
 
-def edge_motion(view_at: Callable[[float], FrameGeometry], edge: mi.UInt32, step: float) -> EdgeMotion:
-    """Return the derivatives for ``edge`` cells; ``view_at`` gives the frame at a value of the parameter."""
-    high, low = (edge_geometry(view_at(s), edge) for s in (step, -step))
+def edge_motion(view_at: Callable[[float], FrameGeometry], u: mi.Float64, v: mi.Float64, step: float) -> EdgeMotion:
+    """Return the derivatives for edge cells with centres at pixel coordinates.
+
+    ``view_at`` gives the frame at a value of the parameter.
+    """
+    high, low = (edge_geometry(view_at(s), u, v) for s in (step, -step))
     half = 0.5 / step
 
     def slope(a: Vec, b: Vec) -> Vec:

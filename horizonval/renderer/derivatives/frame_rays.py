@@ -1,6 +1,7 @@
 """The radiance of any rays in the light of a frame, as the frame's own cells get it, and marched.
 
-A frame groups its rays and adds cells up; here are single rays, so that they can be turned and moved.
+A frame groups its rays and adds cells up; here are single rays, so that they can be turned and moved. Where there are
+clouds, what lies at the rays' ends counts as fixed.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.kernel.cells import Cells, FrameGeometry, Rays
+from horizonval.renderer.kernel.cells import Cells, Rays
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.plugin.image import node_parts, surface_looks
 from horizonval.renderer.plugin.integrator import Prepared
 from horizonval.renderer.thermal.emission_ground import mirrored, shares, temperatures_k
@@ -28,6 +30,7 @@ class FrameRays:
 
     prepared: Prepared
     view: FrameGeometry
+    cells: Cells
     nodes: int
 
     @property
@@ -37,20 +40,21 @@ class FrameRays:
 
     def looked(self, o: Vec, d: Vec, to_ground: bool) -> Values:
         """Return radiance per band as the frame's cells get it."""
-        cells = _cells_of(d, to_ground)
+        cells = self._cells_of(d, to_ground)
         view = replace(self.view, origin=o)
         out = self._solar(view, cells)
         thermal = self.prepared.thermal
         if thermal:
             assert self.prepared.model.emission is not None
-            frame = ThermalFrame.of(self.view, cells, self.prepared.model.emission, thermal[0].top_m, self.nodes)
+            ends = self._ends_of(cells)
+            frame = ThermalFrame.of(self.view, ends, self.prepared.model.emission, thermal[0].top_m, self.nodes)
             for air in thermal:
-                out[air.band.name] = next(iter(frame.parts(air)))[2]
+                out[air.band.name] = next(iter(replace(frame, cells=cells).parts(air)))[2]
         return [out[band] for band in self.bands]
 
     def marched(self, o: Vec, d: Vec, to_ground: bool) -> Values:
         """Return radiance per band by the march; for thermal bands over ground that shines as at the rays' ends."""
-        cells = _cells_of(d, to_ground)
+        cells = self._cells_of(d, to_ground)
         view = replace(self.view, origin=o)
         out = self._solar(view, cells)
         for air in self.prepared.thermal:
@@ -68,11 +72,36 @@ class FrameRays:
             out[air.band.name] = total
         return [out[band] for band in self.bands]
 
+    def _cells_of(self, d: Vec, to_ground: bool) -> Cells:
+        """Return rays as cells that they fill."""
+        count = dr.width(d[0])
+        nothing, whole = mi.Float64(), dr.ones(mi.Float64, count)
+        rays = Rays(dr.arange(mi.UInt32, count), d, whole, count)
+        none = Rays(mi.UInt32(), (nothing, nothing, nothing), nothing, 0)
+        ground, limb = (rays, none) if to_ground else (none, rays)
+        return replace(self.cells, ground=ground, limb=limb, space=mi.UInt32(), sun=None, moon=None)
+
+    def _cloudy(self) -> bool:
+        return self.view.ground is not None and self.view.ground.clouds is not None
+
+    def _ends_of(self, cells: Cells) -> Cells:
+        """Return the rays by which ends are found: with clouds, where rays end and what is there counts as fixed."""
+        if not self._cloudy():
+            return cells
+        still = [
+            replace(rays, direction=_still(rays.direction)) if rays.count else rays
+            for rays in (cells.ground, cells.limb)
+        ]
+        return replace(cells, ground=still[0], limb=still[1])
+
+    def _origin_of(self, o: Vec) -> Vec:
+        return _still(o) if self._cloudy() else o
+
     def _solar(self, view: FrameGeometry, cells: Cells) -> dict[str, mi.Float64]:
         out: dict[str, mi.Float64] = {}
         looks = None
         for group, batch in self.prepared.batches:
-            looks = looks or surface_looks(view, cells)
+            looks = looks or surface_looks(replace(view, origin=self._origin_of(view.origin)), self._ends_of(cells))
             ((_, _, radiance),) = node_parts(view, cells, looks, group, batch, self.nodes)
             for node, value in zip(group, radiance, strict=False):
                 out[node.band] = out.get(node.band, mi.Float64(0.0)) + dr.opaque(mi.Float64, node.weight, 1) * value
@@ -100,13 +129,3 @@ def _still(v: Vec) -> Vec:
     """Return a vector that is not differentiated."""
     x, y, z = (dr.detach(c) for c in v)
     return x, y, z
-
-
-def _cells_of(d: Vec, to_ground: bool) -> Cells:
-    """Return rays as cells that they fill."""
-    count = dr.width(d[0])
-    nothing = mi.Float64()
-    rays, none = Rays(dr.arange(mi.UInt32, count), d, count), Rays(mi.UInt32(), (nothing, nothing, nothing), 0)
-    share = dr.full(mi.Float64, 1.0 if to_ground else 0.0, count)
-    ground, limb = (rays, none) if to_ground else (none, rays)
-    return Cells(count, share, ground, limb, mi.UInt32(), None, None)

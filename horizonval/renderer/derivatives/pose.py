@@ -31,9 +31,10 @@ from horizonval.renderer.derivatives.edge_motion import CELL_SHARE, EdgeMotion, 
 from horizonval.renderer.derivatives.frame_rays import FrameRays
 from horizonval.renderer.derivatives.parameters import POSE, ROTATIONS, SHIFTS, displaced, level_axes
 from horizonval.renderer.derivatives.ray_slopes import slopes
-from horizonval.renderer.derivatives.transport import added, cross, scaled, transport
+from horizonval.renderer.derivatives.transport import cross, scaled, transport
 from horizonval.renderer.derivatives.whole_frames import Images
-from horizonval.renderer.kernel.cells import Cells, FrameGeometry, Rays, cell_centre, group_cells
+from horizonval.renderer.kernel.cells import Cells, CutPixels, Rays, group_cells
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.kernel.rays import RayCamera
 from horizonval.renderer.planet import distance_squared, dot
@@ -57,13 +58,16 @@ class PoseFrame:
     camera: CameraSettings
     ellipsoid: Ellipsoid
     view: FrameGeometry
+    cells: Cells
     rays: FrameRays
 
     @classmethod
     def of(cls, integrator: Any, camera: CameraSettings, ellipsoid: Ellipsoid) -> PoseFrame:
         """Build from the integrator of a frame and its camera."""
         view = integrator.apparent_view(_sensor(camera))
-        return cls(integrator, camera, ellipsoid, view, FrameRays(integrator.prepared, view, integrator.settings.nodes))
+        cells = group_cells(view)
+        rays = FrameRays(integrator.prepared, view, cells, integrator.settings.nodes)
+        return cls(integrator, camera, ellipsoid, view, cells, rays)
 
     def view_at(self, parameter: str, step: float) -> FrameGeometry:
         """Return the geometry from a displaced pose."""
@@ -74,25 +78,22 @@ class PoseFrame:
 
         Float64 images of shape (H, W).
         """
-        view = self.view
-        cells = group_cells(view)
-        edge = indices_where((cells.share > 0.0) & (cells.share < 1.0))
-        motions = self._motions(edge)
+        cells = self.cells
         totals = {p: [dr.zeros(mi.Float64, cells.count) for _ in self.rays.bands] for p in POSE}
         for rays, to_ground in ((cells.ground, True), (cells.limb, False)):
             if rays.count:
-                self._add_group(totals, cells, edge, motions, rays, to_ground)
-        k2 = view.subsamples**2
-        shape = view.height, view.width
+                self._add_group(totals, rays, to_ground)
+        shape = self.view.height, self.view.width
 
         def image(total: mi.Float64) -> FloatArray:
-            return np.array(dr.block_sum(total, k2) / k2, dtype=np.float64).reshape(shape)
+            return np.array(cells.image(total), dtype=np.float64).reshape(shape)
 
         images = {p: dict(zip(self.rays.bands, map(image, bands), strict=True)) for p, bands in totals.items()}
-        return images, self._left_out(cells)
+        return images, self.left_out()
 
-    def _left_out(self, cells: Cells) -> tuple[str, ...]:
-        ground = self.view.ground
+    def left_out(self) -> tuple[str, ...]:
+        """Return what this frame has that jumps, and whose derivative is left out."""
+        ground, cells = self.view.ground, self.cells
         present = {
             "coasts": ground is not None and ground.land is not None,
             "edges of clouds": ground is not None and ground.clouds is not None,
@@ -101,63 +102,46 @@ class PoseFrame:
         }
         return tuple(what for what, there in present.items() if there)
 
-    def _motions(self, edge: mi.UInt32) -> dict[str, EdgeMotion]:
-        if not dr.width(edge):
-            return {}
+    def _motions(self, slot: mi.UInt32) -> dict[str, EdgeMotion]:
+        """Return the motion of cells on the hard edge, by parameter."""
         view, half = self.view, 0.5 / self.view.subsamples
-        u, v = cell_centre(view, edge)
-        across = [distance_squared(view.rays.direction(u + s, v), view.rays.direction(u - s, v)) for s in (half,)]
-        angle = math.sqrt(float(dr.mean(across[0])[0])) * CELL_SHARE
+        u, v = CutPixels(view, self.cells.kinds).centre(slot)
+        across = distance_squared(view.rays.direction(u + half, v), view.rays.direction(u - half, v))
+        angle = math.sqrt(float(dr.mean(across)[0])) * CELL_SHARE
         o1 = view.planet.stretch(view.origin)
         distance = math.sqrt(max(float(dot(o1, o1)[0]) - view.planet.a_m**2, 1e6))
         steps = dict.fromkeys(ROTATIONS, angle) | dict.fromkeys(SHIFTS, angle * distance)
-        return {p: edge_motion(lambda s, p=p: self.view_at(p, s), edge, steps[p]) for p in POSE}
+        return {p: edge_motion(partial(self.view_at, p), u, v, steps[p]) for p in POSE}
 
-    def _add_group(
-        self,
-        totals: dict[str, Values],
-        cells: Cells,
-        edge: mi.UInt32,
-        motions: dict[str, EdgeMotion],
-        rays: Rays,
-        to_ground: bool,
-    ) -> None:
+    def _add_group(self, totals: dict[str, Values], rays: Rays, to_ground: bool) -> None:
         view, d = self.view, rays.direction
         inside = self._inside(to_ground)
         basis = _across(d)
-        changes = [(None, t) for t in basis]
-        value, gradient = slopes(partial(self.rays.looked, to_ground=to_ground), view.origin, d, changes)
-        covered = dr.gather(mi.Float64, cells.share, rays.cell)
-        share = covered if to_ground else 1.0 - covered
-        cut = (covered > 0.0) & (covered < 1.0)
-        rank = dr.zeros(mi.UInt32, cells.count)
-        dr.scatter(rank, dr.arange(mi.UInt32, dr.width(edge)), edge)
-        place = dr.gather(mi.UInt32, rank, rays.cell)
+        gradient_by = [(None, t) for t in basis]
+        value, gradient = slopes(partial(self.rays.looked, to_ground=to_ground), view.origin, d, gradient_by)
+        cut = indices_where((rays.share > 0.0) & (rays.share < 1.0))
+        motions = self._motions(dr.gather(mi.UInt32, rays.slot, cut)) if dr.width(cut) else {}
         table, coordinates = self._slow(to_ground)
         slow = table.look_signed(*coordinates.place(view.origin, d, to_ground))
         axes = level_axes(self.camera.r_itrs, self.ellipsoid)
         for k, parameter in enumerate(POSE):
             turn = parameter in ROTATIONS
             if turn:
-                axis = constant_vector(self.camera.itrs_from_cam[:, k])
-                change = cross(axis, d)
+                change = cross(constant_vector(self.camera.itrs_from_cam[:, k]), d)
             else:
                 change = scaled(transport(view.planet, view.origin, d, axes[k - 3], inside), -1.0)
-            wider: mi.Float64 | float = 0.0
+            wider = dr.zeros(mi.Float64, rays.count)
             if motions:
                 motion = motions[parameter]
-                moved = motion.inner if to_ground else motion.outer
-                own = _gathered(moved, place, cut)
-                change = _selected(cut, own, change) if turn else added(change, own)
-                wider = dr.gather(mi.Float64, motion.share, place, cut)
-                wider = wider if to_ground else -wider
+                dr.scatter(wider, motion.share if to_ground else -motion.share, cut)
+                change = _with_edges(change, motion.inner if to_ground else motion.outer, cut, instead=turn)
             along = [dot(change, t) for t in basis]
             for b in range(len(self.rays.bands)):
                 slope = gradient[0][b] * along[0] + gradient[1][b] * along[1]
                 if not turn:
                     slope = slope + slow[(k - 3) * len(self.rays.bands) + b]
-                total = totals[parameter][b]
-                dr.scatter_add(total, share * slope + wider * value[b], rays.cell, mode=dr.ReduceMode.NoConflicts)
+                total = rays.share * slope + wider * value[b]
+                dr.scatter_add(totals[parameter][b], total, rays.slot, mode=dr.ReduceMode.NoConflicts)
             # ground and limb share edge cells: two launches
             dr.eval(totals[parameter])
 
@@ -211,11 +195,12 @@ def _across(d: Vec) -> Sequence[Vec]:
     return first, second
 
 
-def _gathered(v: Vec, place: mi.UInt32, where: mi.Bool) -> Vec:
-    x, y, z = (dr.gather(mi.Float64, c, place, where) for c in v)
-    return x, y, z
-
-
-def _selected(where: mi.Bool, v: Vec, other: Vec) -> Vec:
-    x, y, z = (dr.select(where, a, b) for a, b in zip(v, other, strict=True))
-    return x, y, z
+def _with_edges(change: Vec, moved: Vec, cut: mi.UInt32, instead: bool) -> Vec:
+    """Return changes of directions with those of edge cells added, or in their place."""
+    out = []
+    for component, motion in zip(change, moved, strict=True):
+        full = component + 0.0
+        dr.eval(full)
+        dr.scatter(full, motion if instead else dr.gather(mi.Float64, full, cut) + motion, cut)
+        out.append(full)
+    return out[0], out[1], out[2]
