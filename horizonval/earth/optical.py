@@ -143,6 +143,7 @@ def _solar_node(
     scattering: FloatArray,
 ) -> SpectralNode:
     """Return a node of a rule with plain Rayleigh scattering and no particles."""
+    irradiance = rule.mean_irradiance / sun_distance_au**2
     return SpectralNode(
         name=f"{band.name}:{index}",
         band=band.name,
@@ -153,10 +154,10 @@ def _solar_node(
         molecular_cos2=rayleigh.COS2,
         particle_per_m=np.zeros_like(extinction),
         asymmetry=np.zeros_like(extinction),
-        solar_irradiance=rule.mean_irradiance,
+        solar_irradiance=irradiance,
         source=np.zeros_like(extinction),
         surface_source=0.0,
-        sun_radiance=rule.mean_irradiance / sunlight.disc_projected_solid_angle(sun_distance_au),
+        sun_radiance=irradiance / sunlight.disc_projected_solid_angle(sun_distance_au),
         energy_ratio=float(rule.energy_ratio[index]),
     )
 
@@ -177,7 +178,7 @@ def _solar_nodes(band: Band, air: Air, scene: SceneSpec, sun_distance_au: float,
             expected=f"a response within {aerosol.MIN_UM:g} to {aerosol.MAX_UM:g} um, where aerosol is known",
             fix='or set atmosphere.aerosol = "none"',
         )
-    measure = solar_measure(band, sun_distance_au, where)
+    measure = solar_measure(band, where)
     if band.nodes is None:
         rule = choose_rule(measure, air, scene.surface.albedo, scene.render.band_error, where)
     else:
@@ -212,7 +213,7 @@ def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> Optic
         where = f"{scene.camera.file}: band[{i}]"
         if band.kind == "solar":
             count = 1 if scene.surface.kind == "uniform" else band.nodes or BARE_EARTH_NODES
-            rule = gauss(solar_measure(band, sun_distance_au, where), count)
+            rule = gauss(solar_measure(band, where), count)
             nodes += [_solar_node(band, k, rule, sun_distance_au, zero, zero) for k in range(count)]
         else:
             pieces = 1 if scene.surface.kind == "uniform" else BARE_EARTH_NODES
@@ -252,7 +253,7 @@ def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, bas
             continue
         scatterers = atmosphere_file.scatterers(file, entry, z)
         scattering = scatterers["molecular_per_m"] + scatterers["particle_per_m"]
-        rule = gauss(solar_measure(band, sun_distance_au, where), 1)
+        rule = gauss(solar_measure(band, where), 1)
         node = _solar_node(band, 0, rule, sun_distance_au, scattering + absorption, scattering)
         node = replace(node, wavelength_um=entry.wavelength_nm * 1e-3)
         nodes.append(replace(node, **scatterers))

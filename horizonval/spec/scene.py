@@ -286,6 +286,13 @@ class RenderSettings(Model):
     to 8 deg below the horizon.
     """
 
+    later_keys: ClassVar[frozenset[str]] = frozenset({"method"})
+
+    method: Literal["table", "march"] = "table"
+    """How sunlight is found in solar bands. `table` tabulates it over direction, once for all frames from one place
+    under one Sun, and interpolates. `march` goes along the ray of every cell: the reference for the tables, at many
+    times their cost. Thermal bands come from tables either way.
+    """
     subsamples: Annotated[int, Field(ge=1, le=16), unit("1")] = 2
     """Rays per pixel along each axis; a pixel has the square of it."""
     nodes: Annotated[int, Field(ge=8, le=4096), unit("1")] = 128

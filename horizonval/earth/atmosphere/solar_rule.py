@@ -22,7 +22,7 @@ class Measure:
     ----------
     wavelength_um : ndarray, shape (m,)
     energy : ndarray, shape (m,)
-        W m-2; the sum is the band's irradiance.
+        W m-2 at 1 au; the sum is the band's irradiance.
     width_um : float
         Effective width: integral of the response.
     reference_um : float
@@ -51,7 +51,7 @@ class SolarRule:
     wavelength_um, weight_um : ndarray, shape (n,)
         Nodes, and their weights, which add up to the band's effective width.
     mean_irradiance : float
-        W m-2 um-1; what every node carries.
+        W m-2 um-1 at 1 au; what every node carries, times the inverse square of the Sun's distance.
     energy_ratio : ndarray, shape (n,)
         What stands for ``lambda_ref / lambda`` at the nodes: times the weights, it makes them those of the plain
         integral over wavelength, exact for reflectances that are polynomials of degree n - 1 in wavelength.
@@ -107,8 +107,10 @@ def check_sunlight(band: Band, where: str) -> None:
         )
 
 
-def solar_measure(band: Band, sun_distance_au: float, where: str) -> Measure:
-    """Return a band's measure.
+def solar_measure(band: Band, where: str) -> Measure:
+    """Return a band's measure, with the Sun at 1 au.
+
+    The Sun's distance changes no node, and must not by rounding either: tables of the air are found again by content.
 
     Raises
     ------
@@ -119,7 +121,7 @@ def solar_measure(band: Band, sun_distance_au: float, where: str) -> Measure:
     wavelength, weight = bands.sampled(band, sunlight.table_um(), order=4)
     reference = bands.reference_wavelength_um(band)
     weight = weight * wavelength / reference
-    energy = weight * sunlight.irradiance(wavelength, sun_distance_au)
+    energy = weight * sunlight.irradiance(wavelength)
     return Measure(wavelength, energy, float(weight.sum()), reference)
 
 

@@ -162,7 +162,8 @@ def make_plugin() -> type:
 
         def to_string(self) -> str:
             return (
-                f"HorizonLimb[bands={self.bands}, nodes={self.settings.nodes}, subsamples={self.settings.subsamples}]"
+                f"HorizonLimb[bands={self.bands}, method={self.settings.method}, nodes={self.settings.nodes}, "
+                f"subsamples={self.settings.subsamples}]"
             )
 
     return HorizonLimb

@@ -38,6 +38,7 @@ def limb_properties(limb: LimbSettings) -> PluginDict:
         "subsamples": limb.subsamples,
         "nodes": limb.nodes,
         "orders": limb.orders,
+        "method": limb.method,
     }
 
 
@@ -56,6 +57,7 @@ def limb_settings(properties: Any) -> LimbSettings:
         _load_ground(properties.get("ground")) if "ground" in properties else None,
         None if moon is None else MoonSettings(**_with_tuples(moon)),
         bool(properties.get("sunless", False)),
+        str(properties.get("method", "table")),
     )
 
 

@@ -62,6 +62,8 @@ class LimbSettings:
     moon : MoonSettings or None
     sunless : bool
         Whether all air and ground in view lie in the Earth's shadow.
+    method : "table" or "march"
+        Whether sunlight is interpolated between tabulated directions, or marched cell by cell.
     """
 
     model: OpticalModel
@@ -74,9 +76,13 @@ class LimbSettings:
     ground: GroundModel | None = None
     moon: MoonSettings | None = None
     sunless: bool = False
+    method: str = "table"
 
     def tables_digest(self) -> str:
-        """Return the digest of everything that the kernel's tables depend on: air, planet and orders of scattering."""
+        """Return the digest of everything that the kernel's tables depend on: air, planet and orders of scattering.
+
+        They do not depend on ``method``: what the march looks up serves the view tables, too.
+        """
         return content_digest(self.model, self.planet, self.orders)
 
 

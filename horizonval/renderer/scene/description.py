@@ -79,6 +79,7 @@ def describe(scene: SceneSpec, camera: CameraSpec) -> Described:
         ground,
         moon,
         _lights_nothing(truth, truth.sun_itrs, model.glow_top_m),
+        scene.render.method,
     )
     sensor = CameraSettings(intrinsics, np.array(truth.r_itrs), itrs_from_cam)
     return Described(truth, intrinsics, model, itrs_from_cam, limb, sensor, variant)

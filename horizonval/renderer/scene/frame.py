@@ -52,6 +52,7 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None
     settings: dict[str, Any] = {
         "version": __version__,
         "variant": described.variant,
+        "method": scene.render.method,
         "subsamples": scene.render.subsamples,
         "nodes": scene.render.nodes,
         "orders": scene.render.orders,

@@ -39,7 +39,7 @@ def integrals(band: Band, power: float) -> tuple[float, float]:
 @pytest.mark.parametrize("nodes", [1, 2, 3, 4, 6])
 def test_energy_is_the_integral_over_wavelength(band: Band, spectrum: str, nodes: int) -> None:
     """White light whatever the nodes; light as blue as air's scattering as well as nodes can tell it."""
-    rule = gauss(solar_measure(band, 1.0, "test"), nodes)
+    rule = gauss(solar_measure(band, "test"), nodes)
     energy = float(
         np.sum(rule.weight_um * rule.energy_ratio * rule.mean_irradiance * rule.wavelength_um ** SPECTRA[spectrum])
     )
@@ -55,7 +55,7 @@ def test_energy_is_the_integral_over_wavelength(band: Band, spectrum: str, nodes
 def test_what_counts_photons_is_no_energy(band: Band, spectrum: str, percent: float) -> None:
     """The differences that the documentation names; they are of physics, not of the rule."""
     energy, photons = integrals(band, SPECTRA[spectrum])
-    rule = gauss(solar_measure(band, 1.0, "test"), 6)
+    rule = gauss(solar_measure(band, "test"), 6)
     light = rule.weight_um * rule.mean_irradiance * rule.wavelength_um ** SPECTRA[spectrum]
     assert float(light.sum()) == pytest.approx(photons, rel=2e-5)
     assert 100.0 * (photons / energy - 1.0) == pytest.approx(percent, abs=0.05)

@@ -82,7 +82,7 @@ def test_rays_that_the_choice_did_not_see(lo_um: float, hi_um: float, atmosphere
 
 
 def test_fewest_nodes() -> None:
-    measure = solar_rule.solar_measure(Band.model_validate(solar(0.45, 0.75)), 1.0, "")
+    measure = solar_rule.solar_measure(Band.model_validate(solar(0.45, 0.75)), "")
     counts = [
         len(node_count.choose_rule(measure, air.air_of(scene()), 0.3, error, "").wavelength_um)
         for error in (0.1, 0.03, 0.01, 0.003, 0.001)
@@ -111,7 +111,7 @@ def test_shipped_cameras_have_four(name: str) -> None:
 
 def test_the_same_every_time_and_quick() -> None:
     band = Band.model_validate(solar(0.35, 1.05))
-    measure, column = solar_rule.solar_measure(band, 1.0, ""), air.air_of(scene())
+    measure, column = solar_rule.solar_measure(band, ""), air.air_of(scene())
     start = time.process_time()
     first = node_count.choose_rule(measure, column, 0.3, 0.003, "")
     assert time.process_time() - start < 1.0, "a fifth of a second on a quiet processor"

@@ -55,6 +55,14 @@ def test_text_and_objects_are_the_same_settings_and_the_same_image(described: De
     assert np.array_equal(_image(mi, scene), direct)
 
 
+@pytest.mark.parametrize("method", ["table", "march"])
+def test_the_method_goes_through_text(described: Described, method: str) -> None:
+    import mitsuba as mi
+
+    limb = replace(described.limb, method=method)
+    assert mi.load_dict(scene_text.limb_properties(limb)).settings.method == method
+
+
 def test_nothing_is_written_as_text_in_process(described: Described, monkeypatch: pytest.MonkeyPatch) -> None:
     import mitsuba as mi
 
