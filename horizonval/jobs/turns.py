@@ -1,4 +1,4 @@
-"""Whose turn it is: which item each of several workers takes next, so that items that share something meet it in memory.
+"""Whose turn it is: which item each of several workers takes next, so that what items share is found in memory.
 
 Items of a group go to one worker, one after another, groups in the order of their first items. A worker that would be
 idle takes over the later half of the longest group that another one is at; a last item stays where it is, for what it
