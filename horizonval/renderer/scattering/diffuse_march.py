@@ -108,7 +108,7 @@ class DiffuseMarch:
         dr.eval([slab.level for slab in self.slabs])
 
     def _factors(self, column: ShellColumn, rays: ShellRays) -> FloatArray:
-        """Return by which factors the moments of a column enter at every node, (n_height, n_direction, n_node, slots)."""
+        """Return by which factors moments enter at every node, shape (n_height, n_direction, n_node, slots)."""
         node, degree = column.node, column.degree
         molecular = column.at(node.molecular_per_m, rays.node_radius_m)
         particle = column.at(node.particle_per_m, rays.node_radius_m)
@@ -122,7 +122,7 @@ class DiffuseMarch:
         return factors
 
     def apply(self, moments: Sequence[FloatArray]) -> list[FloatArray]:
-        """Return the radiance (n_height, n_direction, n_azimuth, n_sun) that every column's field makes by scattering."""
+        """Return the radiance (n_height, n_direction, n_azimuth, n_sun) that each column's field makes by scattering."""
         n_height, n_sun = moments[0].shape[:2]
         packed = np.zeros((n_height, n_sun, self.n_columns, self.slots), dtype=np.float32)
         for c, field in enumerate(moments):

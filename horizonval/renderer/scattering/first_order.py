@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
@@ -71,6 +72,8 @@ def single_scattering(
     nu = _along_sun(mu_s, mu, (mi.Float64(azimuth) + 0.5) * (math.pi / n_azimuth))
     cos2 = [constant(c.node.molecular_cos2) for c in columns]
     molecules = [(1.0 - c / 3.0 + c * nu * nu) * (0.25 / math.pi) for c in cos2]
+    sun_table = replace(sun_table, values=mi.Float32(sun_table.values))
+    dr.eval(sun_table.values)
     ground2 = constant(first.planet_m**2)
 
     def body(n: mi.UInt32, radiance: Values) -> tuple[mi.UInt32, Values]:
