@@ -32,9 +32,9 @@ _ALIGNMENT = 128
 
 def gather_row(table: Real, index: mi.UInt32, width: int) -> list[Real]:
     """Return the ``width`` neighbouring entries of a flat table at row ``index``."""
-    if width == 4:
-        packet = dr.gather(packet_type(type(table)), table, index)
-        return [packet[k] for k in range(4)]
+    if width % 4 == 0:
+        packets = [dr.gather(packet_type(type(table)), table, index * (width // 4) + k) for k in range(width // 4)]
+        return [packet[k] for packet in packets for k in range(4)]
     return [dr.gather(type(table), table, index * width + k) for k in range(width)]
 
 

@@ -122,7 +122,7 @@ class DiffuseMarch:
         return factors
 
     def apply(self, moments: Sequence[FloatArray]) -> list[FloatArray]:
-        """Return the radiance (n_height, n_direction, n_azimuth, n_sun) that each column's field makes by scattering."""
+        """Return the radiance (n_height, n_direction, n_azimuth, n_sun) that every column's field makes."""
         n_height, n_sun = moments[0].shape[:2]
         packed = np.zeros((n_height, n_sun, self.n_columns, self.slots), dtype=np.float32)
         for c, field in enumerate(moments):
