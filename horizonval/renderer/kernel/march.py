@@ -164,9 +164,8 @@ def gain(
     j_a: mi.Float64,
     j_b: mi.Float64,
     step: mi.Float64,
-    thick_step: float = THICK_STEP,
 ) -> mi.Float64:
-    """Return what one step adds, seen from its beginning; ``thick_step``: optical depth of the least thick one."""
+    """Return what one step adds, seen from its beginning."""
     slope = (k_b - k_a) / (1.0 - 2.0 * GAUSS_LOW)  # of k over the step, per unit of h
     k_0 = k_a - slope * GAUSS_LOW
     tau_a = dr.maximum(h * GAUSS_LOW * (k_0 + 0.5 * GAUSS_LOW * slope), 0.0)
@@ -178,4 +177,4 @@ def gain(
     e0 = 1.0 - escaped
     e1 = e0 - step * escaped
     thick = s_a * e0 + (s_b - s_a) * (e1 - tau_a * e0) / dr.maximum(tau_b - tau_a, 1e-30)
-    return dr.select(step < thick_step, thin, dr.maximum(thick, 0.0))
+    return dr.select(step < THICK_STEP, thin, dr.maximum(thick, 0.0))

@@ -20,8 +20,8 @@ from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.tables import AltitudeGrid, gather_row, table_of
 from horizonval.renderer.types import Values
 
-WIDTH = 4
-"""g points per kernel launch; they share all geometry."""
+WIDTH = 8
+"""g points per kernel launch; they share all geometry. More of them find no room in a processor's registers."""
 
 
 @dataclass(frozen=True)
