@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import json
 
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
-
-_OF_THE_FRAME = {"scene": True, "camera": True, "attitude": True, "clouds": True, "platform": {"heading_deg"}}
-"""What of a scene no table hangs on: where the camera looks, and clouds, which only end rays."""
 
 
 def shared_view(scene: SceneSpec, camera: CameraSpec) -> str:
@@ -16,11 +14,15 @@ def shared_view(scene: SceneSpec, camera: CameraSpec) -> str:
 
     It may differ for some that do all the same: it says what is best made one after another, and no result hangs on it.
 
+    No table hangs on where the camera looks, nor on clouds, which only end rays.
+
     Parameters
     ----------
     scene, camera
         Resolved specifications.
     """
-    place = scene.model_dump_json(exclude=_OF_THE_FRAME)
+    tables = scene.model_dump(mode="json", exclude={"scene", "camera", "attitude", "clouds"})
+    del tables["platform"]["heading_deg"]
+    place = json.dumps(tables, sort_keys=True)
     bands = "".join(band.model_dump_json() for band in camera.band)
     return hashlib.sha256(f"{place}\n{bands}".encode()).hexdigest()
