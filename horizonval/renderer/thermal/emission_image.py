@@ -15,9 +15,10 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.earth.surface.ground_emission import LAG_RAD, GroundEmission
-from horizonval.renderer.kernel.cells import Cells, FrameGeometry, Rays
+from horizonval.renderer.kernel.cells import Cells, Rays
 from horizonval.renderer.kernel.clouds import first_cloud
 from horizonval.renderer.kernel.discs import DiscCells
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.kernel.surface import is_land, snow_share
 from horizonval.renderer.planet import along
@@ -110,19 +111,17 @@ class ThermalFrame:
         )
 
     def parts(self, air: ThermalAir) -> Iterator[tuple[mi.UInt32, mi.Float64, mi.Float64]]:
-        """Yield ``(cells, share of the cell, radiance)`` of all that shines in a band; each cell once in each."""
+        """Yield ``(slots of cells, share of each, radiance)`` of all that shines in a band; each cell once in each."""
         cells = self.cells
         columns = columns_for(self.coordinates, len(air.band.sin_latitude))
         band = ThermalView(air, self.coordinates, columns, self.nodes, self.layer_m)
         tables = self._covered(band)
         if self.ground is not None:
-            share = dr.gather(mi.Float64, cells.share, cells.ground.cell)
             clear = mixed(tables.ground.look(self.ground.row, self.ground.azimuth), air.kinds, self.ground.ends)
-            yield cells.ground.cell, share, self._behind_clouds(band, self.ground, clear)
+            yield cells.ground.slot, cells.ground.share, self._behind_clouds(band, self.ground, clear)
         if self.limb is not None:
-            free = 1.0 - dr.gather(mi.Float64, cells.share, cells.limb.cell)
             clear = tables.limb.look(self.limb.row, self.limb.azimuth)[0]
-            yield cells.limb.cell, free, self._behind_clouds(band, self.limb, clear)
+            yield cells.limb.slot, cells.limb.share, self._behind_clouds(band, self.limb, clear)
         if self.sun is not None:
             assert cells.sun is not None
             yield cells.sun.cell, mi.Float64(1.0), self._disc(tables, cells.sun, self.sun)
