@@ -18,8 +18,8 @@ import numpy as np
 from horizonval.core.progress import Progress
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.renderer.kernel.batching import IMAGE_TABLE, make_batches
-from horizonval.renderer.kernel.cells import FrameGeometry, MoonInFrame
 from horizonval.renderer.kernel.discs import Disc
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry, MoonInFrame
 from horizonval.renderer.kernel.node_batches import SolarNodes, ThermalNodes
 from horizonval.renderer.kernel.surface import make_ground
 from horizonval.renderer.planet import Planet
@@ -28,7 +28,6 @@ from horizonval.renderer.plugin.settings import LimbSettings, MoonSettings
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir, to_apparent_radius
 from horizonval.renderer.refraction.bending import BendingField
 from horizonval.renderer.scattering.quality import STANDARD
-from horizonval.renderer.thermal.emission_columns import AirColumns
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import constant, constant_vector
 
@@ -76,7 +75,7 @@ def _make_tables(settings: LimbSettings, progress: Progress | None) -> _Prepared
         model, planet, bending = air.model, air.planet, BendingField.of(air)
     scattering = STANDARD if settings.orders == "all" else None
     batches = list(make_batches(model, planet, IMAGE_TABLE, scattering, progress, air))
-    thermal = [ThermalAir.of(b, model.emission, AirColumns.of(b, air)) for b in model.thermal if model.emission]
+    thermal = [ThermalAir.of(b, model.emission, air) for b in model.thermal if model.emission]
     return _Prepared(model, planet, batches, thermal, air, bending)
 
 
@@ -118,6 +117,7 @@ def make_plugin() -> type:
                 _moon(settings.moon),
                 settings.sunless,
                 model.glow_top_m,
+                every_cell=settings.method == "march",
             )
 
         def apparent_view(self, sensor: Any) -> FrameGeometry:
