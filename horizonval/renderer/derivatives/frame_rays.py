@@ -46,10 +46,13 @@ class FrameRays:
         thermal = self.prepared.thermal
         if thermal:
             assert self.prepared.model.emission is not None
-            ends = self._ends_of(cells)
-            frame = ThermalFrame.of(self.view, ends, self.prepared.model.emission, thermal[0].top_m, self.nodes)
+            clear = ThermalFrame.of(
+                self._without_clouds(), cells, self.prepared.model.emission, thermal[0].top_m, self.nodes
+            )
             for air in thermal:
-                out[air.band.name] = next(iter(replace(frame, cells=cells).parts(air)))[2]
+                out[air.band.name] = next(iter(clear.parts(air)))[2]
+            if self._cloudy():
+                self._put_clouds(out, cells, to_ground)
         return [out[band] for band in self.bands]
 
     def marched(self, o: Vec, d: Vec, to_ground: bool) -> Values:
@@ -83,6 +86,24 @@ class FrameRays:
 
     def _cloudy(self) -> bool:
         return self.view.ground is not None and self.view.ground.clouds is not None
+
+    def _without_clouds(self) -> FrameGeometry:
+        ground = self.view.ground
+        if ground is None or ground.clouds is None:
+            return self.view
+        return replace(self.view, ground=replace(ground, clouds=None, model=replace(ground.model, clouds=None)))
+
+    def _put_clouds(self, out: dict[str, mi.Float64], cells: Cells, to_ground: bool) -> None:
+        """Give rays that end on clouds their radiance, which counts as fixed in thermal bands."""
+        thermal, emission = self.prepared.thermal, self.prepared.model.emission
+        assert emission is not None
+        frame = ThermalFrame.of(self.view, self._ends_of(cells), emission, thermal[0].top_m, self.nodes)
+        placed = frame.ground if to_ground else frame.limb
+        if placed is None or placed.ends.cloud is None:
+            return
+        for air in thermal:
+            name = air.band.name
+            out[name] = dr.select(placed.ends.cloud, next(iter(frame.parts(air)))[2], out[name])
 
     def _ends_of(self, cells: Cells) -> Cells:
         """Return the rays by which ends are found: with clouds, where rays end and what is there counts as fixed."""

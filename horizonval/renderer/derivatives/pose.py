@@ -24,6 +24,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.ellipsoid import Ellipsoid
@@ -31,6 +32,7 @@ from horizonval.renderer.derivatives.edge_motion import CELL_SHARE, EdgeMotion, 
 from horizonval.renderer.derivatives.frame_rays import FrameRays
 from horizonval.renderer.derivatives.parameters import POSE, ROTATIONS, SHIFTS, displaced, level_axes
 from horizonval.renderer.derivatives.ray_slopes import slopes
+from horizonval.renderer.derivatives.slow_table import SlowTable
 from horizonval.renderer.derivatives.transport import cross, scaled, transport
 from horizonval.renderer.derivatives.whole_frames import Images
 from horizonval.renderer.kernel.cells import Cells, CutPixels, Rays, group_cells
@@ -39,13 +41,11 @@ from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.kernel.rays import RayCamera
 from horizonval.renderer.planet import distance_squared, dot
 from horizonval.renderer.plugin.settings import CameraSettings
-from horizonval.renderer.spline_table import SplineTable, azimuths_in_view
 from horizonval.renderer.tables import vectors
-from horizonval.renderer.thermal.emission_image import outline
 from horizonval.renderer.types import Values, Vec, constant_vector, indices_where
 
-SLOW_ROWS, SLOW_AZIMUTHS, SLOW_LEAST = 48, 32, 24
-"""Grid of S: rows of an axis, steps of a full circle, fewest steps of a frame."""
+SLOW_ROWS, SLOW_AZIMUTHS = 48, 64
+"""Grid of S: rows of an axis, steps of a full circle."""
 LEAST_ELEVATION_RAD = 1e-4
 """A ray that just touches the ground ends there with an infinite slope."""
 
@@ -121,8 +121,7 @@ class PoseFrame:
         value, gradient = slopes(partial(self.rays.looked, to_ground=to_ground), view.origin, d, gradient_by)
         cut = indices_where((rays.share > 0.0) & (rays.share < 1.0))
         motions = self._motions(dr.gather(mi.UInt32, rays.slot, cut)) if dr.width(cut) else {}
-        table, coordinates = self._slow(to_ground)
-        slow = table.look_signed(*coordinates.place(view.origin, d, to_ground))
+        slow = self._slow(d, to_ground)
         axes = level_axes(self.camera.r_itrs, self.ellipsoid)
         for k, parameter in enumerate(POSE):
             turn = parameter in ROTATIONS
@@ -157,24 +156,26 @@ class PoseFrame:
             limb=replace(coordinates.limb, count=SLOW_ROWS),
         )
 
-    def _slow(self, to_ground: bool) -> tuple[SplineTable, RayCoordinates]:
-        """Return the table of S: by direction of motion, then by band."""
+    def _slow(self, d: Vec, to_ground: bool) -> Values:
+        """Return S of rays: by direction of motion, then by band."""
         coordinates, view = self._coordinates(), self.view
-        _, azimuth = coordinates.place(view.origin, outline(view), to_ground=False)
-        azimuths = azimuths_in_view(np.array(azimuth), SLOW_AZIMUTHS, SLOW_LEAST)
-        angle = azimuths.node_azimuths()
+        row, azimuth = coordinates.place(view.origin, d, to_ground)
+        dr.eval(row, azimuth)
         v = (coordinates.ground if to_ground else coordinates.limb).nodes()
         if to_ground:
             v = np.maximum(v, LEAST_ELEVATION_RAD)
-        d = vectors(coordinates.directions(v, angle, to_ground).reshape(-1, 3))
         steps = level_axes(self.camera.r_itrs, self.ellipsoid)
-        changes = [
-            (constant_vector(step), transport(view.planet, view.origin, d, step, self._inside(to_ground)))
-            for step in steps
-        ]
-        _, slow = slopes(partial(self.rays.marched, to_ground=to_ground), view.origin, d, changes)
-        values = np.stack([np.array(band) for bands in slow for band in bands], axis=-1)
-        return SplineTable.of(values.reshape(len(v), len(angle), -1), azimuths), coordinates
+
+        def values(rows: NDArray[np.int64], azimuth: FloatArray) -> FloatArray:
+            node = vectors(coordinates.directions(v[rows], azimuth, to_ground))
+            changes = [
+                (constant_vector(step), transport(view.planet, view.origin, node, step, self._inside(to_ground)))
+                for step in steps
+            ]
+            _, slow = slopes(partial(self.rays.marched, to_ground=to_ground), view.origin, node, changes)
+            return np.stack([np.array(band) for bands in slow for band in bands], axis=-1)
+
+        return SlowTable(SLOW_ROWS, SLOW_AZIMUTHS, row, azimuth, values).look(row, azimuth)
 
 
 def _sensor(camera: CameraSettings) -> Any:
