@@ -82,9 +82,7 @@ def render_bands(
     hits: list[_SurfaceHits] = []
     for group, batch in batches:
         if not hits:
-            hits = [_look(view, cells, view.sun)]
-            if view.moon is not None and view.moon.lights_earth:
-                hits.append(_look(view, cells, view.moon.light))
+            hits = _look(view, cells)
         parts = list(_parts(view, cells, hits, group, batch, nodes))
         own = list(dict.fromkeys(node.band for node in group))
         radiance.add(own, _band_parts(parts, [[n.weight * (n.band == band) for n in group] for band in own]))
@@ -119,20 +117,19 @@ class _SurfaceHits:
     moon: SurfaceHit | None = None
 
 
-def _look(view: FrameGeometry, cells: Cells, light: Vec) -> _SurfaceHits:
-    """Look where rays end under a light, once for all spectral nodes. Rays past the Earth end on clouds only."""
-    if view.ground is None:
-        return _SurfaceHits()
+def _look(view: FrameGeometry, cells: Cells) -> list[_SurfaceHits]:
+    """Look where rays end under the Sun and the Moon, once for all nodes. Rays past the Earth end on clouds only."""
+    lights = [view.sun]
+    if view.moon is not None and view.moon.lights_earth:
+        lights.append(view.moon.light)
 
-    def ends(rays: Rays | DiscCells | None, to_ground: bool) -> SurfaceHit | None:
-        assert view.ground is not None
-        if rays is None or not rays.count or not (to_ground or view.ground.clouds):
-            return None
-        return surface_hits(view.ground, view.planet, view.origin, rays.direction, light, to_ground)
+    def ends(rays: Rays | DiscCells | None, to_ground: bool) -> Sequence[SurfaceHit | None]:
+        if view.ground is None or rays is None or not rays.count or not (to_ground or view.ground.clouds):
+            return [None] * len(lights)
+        return surface_hits(view.ground, view.planet, view.origin, rays.direction, lights, to_ground)
 
-    return _SurfaceHits(
-        ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False)
-    )
+    groups = (ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False))
+    return [_SurfaceHits(*under) for under in zip(*groups, strict=True)]
 
 
 def _parts(

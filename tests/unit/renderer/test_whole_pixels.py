@@ -20,6 +20,13 @@ THERMAL = {"name": "lwir", "kind": "thermal", "lo_um": 10.0, "hi_um": 11.0}
 DISC = {"width": 480, "height": 480, "fov_deg": 18.0, "projection": "equal_angle"}
 LENS = {"width": 320, "height": 320, "fov_deg": 60.0, "distortion": [-0.12, 0.03, 4e-4, -3e-4, -0.004]}
 
+COASTS = {
+    "surface": {"kind": "earth"},
+    "platform": {"altitude_km": 500.0, "latitude_deg": 40.0, "longitude_deg": 15.0},
+    "camera": {"mount_roll_deg": 55.0},
+    "geometry": {"width": 320, "height": 320, "fov_deg": 40.0},
+}
+
 
 def specs(changes: Mapping[str, Any], method: str, band: dict[str, Any] = SOLAR) -> tuple[SceneSpec, CameraSpec]:
     """A limb across a square frame of 60 deg, 320 pixels wide, seen from 500 km at noon, with changes."""
@@ -69,7 +76,9 @@ FRAMES: dict[str, tuple[Mapping[str, Any], dict[str, Any], float]] = {
         SOLAR,
         0.9,
     ),
+    "coasts and glint": (COASTS, SOLAR, 0.6),
     "thermal": ({}, THERMAL, 0.6),
+    "warm and cold ground": (COASTS, THERMAL, 0.6),
 }
 """Changes, band, and the share of the cells' rays that is left at most."""
 
