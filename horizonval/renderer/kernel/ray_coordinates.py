@@ -42,6 +42,10 @@ class RayAxis:
         """Return v at the nodes."""
         return self.dense * np.sinh(np.linspace(0.0, 1.0, self.count) * math.asinh(self.most / self.dense))
 
+    def value(self, x: FloatArray) -> FloatArray:
+        """Return v at x."""
+        return np.asarray(self.dense * np.sinh(x * math.asinh(self.most / self.dense)))
+
     def place(self, v: mi.Float64) -> mi.Float64:
         """Return the place of kernel values in steps from the first node, within the axis."""
         u = dr.clip(v, 0.0, constant(self.most)) * constant(1.0 / self.dense)
@@ -95,6 +99,10 @@ class RayCoordinates:
 
     def directions(self, v: FloatArray, azimuth: FloatArray, to_ground: bool) -> FloatArray:
         """Return unit directions at coordinates ``v`` of an axis under azimuths, shape (len(v), len(azimuth), 3)."""
+        return self.direction(v[:, None], azimuth[None, :], to_ground)
+
+    def direction(self, v: FloatArray, azimuth: FloatArray, to_ground: bool) -> FloatArray:
+        """Return unit directions at coordinates ``v`` of an axis under azimuths: broadcast, and an axis of 3 more."""
         a, r = self.planet.a_m, self.distance_m
         if to_ground:
             sine = a / r * np.cos(v)
@@ -106,7 +114,7 @@ class RayCoordinates:
             sine = np.minimum((a + v) / r, 1.0)
             cosine = np.sqrt((1.0 - sine) * (1.0 + sine))
         horizontal = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=-1)
-        local = sine[:, None, None] * horizontal - cosine[:, None, None] * np.array([0.0, 0.0, 1.0])
+        local = sine[..., None] * horizontal - cosine[..., None] * np.array([0.0, 0.0, 1.0])
         d = (local @ self.axes) * np.array([1.0, 1.0, self.planet.b_m / a])
         return np.asarray(d / np.linalg.norm(d, axis=-1, keepdims=True))
 

@@ -148,6 +148,7 @@ class SunlitRays:
         sun: Vec,
         count: int,
         concentration: float,
+        steady: bool = False,
     ) -> SunlitRays:
         """Share ``count`` steps out among the pieces between the umbra's edges, so that no step straddles one."""
         bent = None
@@ -157,7 +158,7 @@ class SunlitRays:
             edges = refracted_umbra(planet, path, o, d, bent, batch.grid, count // 2, concentration)
         else:
             edges = umbra(planet, path, o, d, sun, concentration)
-        steps = lit_steps(path, *edges, count)
+        steps = lit_steps(path, *edges, count, steady)
         molecular = batch.molecular_light(dot(d, sun)) if bent is None else []
         return cls(batch, planet, o, d, sun, steps, bent, molecular)
 
