@@ -39,6 +39,8 @@ LONG_PX = 4.0
 """A path from which on instants stand evenly, a pixel apart at most: bilinear tents at that step add up to an even
 line. Shorter ones take Gauss's points, two to a pixel."""
 MOST_POINTS = 512
+_GLANCE_PX = 16
+"""Between the pixels that tell at a glance whether anything moves; speeds vary slowly over an image."""
 
 
 def rate_cam_rad_s(truth: FrameTruth) -> FloatArray:
@@ -107,12 +109,21 @@ class _Path:
         speed = float(np.linalg.norm(rate_cam_rad_s))
         if longest_s * speed == 0.0:
             return None
-        place = pixel_grid(camera)
         end = min(longest_s, FARTHEST_RAD / speed)
-        ahead, behind = (_seen_at(camera, place, rate_cam_rad_s * t) for t in (end, -end))
-        slope, bend = (ahead - behind) / (2 * end), (ahead + behind - 2 * place) / (2 * end**2)
-        path = cls(*(np.ascontiguousarray(part[..., ::-1].transpose(2, 0, 1)) for part in (place, slope, bend)))
+        place = pixel_grid(camera)
+        rows, columns = (np.unique(np.append(np.arange(0, n, _GLANCE_PX), n - 1)) for n in place.shape[:2])
+        glance = cls._through(camera, place[np.ix_(rows, columns)], rate_cam_rad_s, end)
+        if glance.speed_px_per_s * longest_s < 0.5 * STILL_PX:
+            return None
+        path = cls._through(camera, place, rate_cam_rad_s, end)
         return path if path.speed_px_per_s * longest_s >= STILL_PX else None
+
+    @classmethod
+    def _through(cls, camera: CameraModel, place: FloatArray, rate_cam_rad_s: FloatArray, end_s: float) -> _Path:
+        """Return the ways of the pixels at ``place``, shape (H, W, 2), exact at ``end_s`` before and after."""
+        ahead, behind = (_seen_at(camera, place, rate_cam_rad_s * t) for t in (end_s, -end_s))
+        slope, bend = (ahead - behind) / (2 * end_s), (ahead + behind - 2 * place) / (2 * end_s**2)
+        return cls(*(np.ascontiguousarray(part[..., ::-1].transpose(2, 0, 1)) for part in (place, slope, bend)))
 
     @cached_property
     def speed_px_per_s(self) -> float:

@@ -10,6 +10,7 @@ Welsch, Math. Comp. 23, 221 (1969); Gautschi, *Orthogonal Polynomials*, Oxford 2
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
@@ -24,10 +25,18 @@ def composite_gauss(edges: FloatArray, order: int) -> tuple[FloatArray, FloatArr
     -------
     points, weights : ndarray, shape (len(edges) - 1, order)
     """
-    x, w = np.polynomial.legendre.leggauss(order)
+    x, w = _legendre(order)
     half = np.diff(edges)[:, None] / 2
     middle = (edges[:-1] + edges[1:])[:, None] / 2
     return middle + half * x, half * w
+
+
+@cache
+def _legendre(order: int) -> tuple[FloatArray, FloatArray]:
+    x, w = np.polynomial.legendre.leggauss(order)
+    for values in (x, w):
+        values.flags.writeable = False
+    return x, w
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ core the border pixel goes on, for the wings the mean of what they see inside. A
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import numpy as np
@@ -136,7 +137,8 @@ def _product(image: FloatArray, kernel: FloatArray, shape: tuple[int, ...]) -> F
 
 def _without_rounding_below_zero(out: FloatArray, image: FloatArray, kernel: FloatArray) -> None:
     least = float(out.min())
-    bound = _ROUNDING * float(np.linalg.norm(image)) * float(np.linalg.norm(kernel))
+    # Sums of squares and not norms, which would wake every thread of the linear algebra for a small image.
+    bound = _ROUNDING * math.sqrt(float(np.square(image).sum()) * float(np.square(kernel).sum()))
     if least < -bound:
         raise ArithmeticError(f"convolution left {least:.3g}, rounding explains {bound:.3g}")
     np.maximum(out, 0.0, out=out)

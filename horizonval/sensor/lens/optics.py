@@ -21,6 +21,7 @@ Neglected: the colour of the transmission, which belongs into the band's respons
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -52,15 +53,37 @@ def pixel_power_w(radiance: FloatArray, etendue_m2_sr: FloatArray, transmission:
 
 def pupil_share(camera: CameraModel, lens: Optics, off_axis_rad: FloatArray) -> FloatArray:
     """Return what the pupil shows of its area towards a direction, vignetting included: ``cos(theta) V(theta)``."""
-    pupil = lens.pupil or ("constant" if camera.projection == "fisheye" else "flat")
+    return _pupil_share(off_axis_rad, *_pupil(camera, lens))
+
+
+def _pupil(camera: CameraModel, lens: Optics) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
+    """Return what a pupil's share depends on: its kind, and the table of the vignetting."""
+    kind = lens.pupil or ("constant" if camera.projection == "fisheye" else "flat")
+    return kind, tuple(lens.vignetting_deg), tuple(lens.vignetting)
+
+
+def _pupil_share(
+    off_axis_rad: FloatArray, kind: str, vignetting_deg: tuple[float, ...], vignetting: tuple[float, ...]
+) -> FloatArray:
     # Beyond 90 deg off axis a flat pupil is not seen at all.
-    share = np.maximum(np.cos(off_axis_rad), 0.0) if pupil == "flat" else np.ones_like(off_axis_rad)
-    if not lens.vignetting:
+    share = np.maximum(np.cos(off_axis_rad), 0.0) if kind == "flat" else np.ones_like(off_axis_rad)
+    if not vignetting:
         return share
-    return share * np.interp(np.degrees(off_axis_rad), lens.vignetting_deg, lens.vignetting)
+    return share * np.interp(np.degrees(off_axis_rad), vignetting_deg, vignetting)
 
 
 def _foreshortened_solid_angle(camera: CameraModel, lens: Optics) -> FloatArray:
-    foreshortened = pupil_share(camera, lens, field_angles(camera)) * pixel_solid_angle(camera)
+    return _solid_angle_through(camera, *_pupil(camera, lens))
+
+
+@lru_cache(maxsize=4)
+def _solid_angle_through(
+    camera: CameraModel, kind: str, vignetting_deg: tuple[float, ...], vignetting: tuple[float, ...]
+) -> FloatArray:
+    """Return every pixel's solid angle through a pupil, read-only: a camera keeps it for life."""
+    share = _pupil_share(field_angles(camera), kind, vignetting_deg, vignetting)
+    foreshortened = share * pixel_solid_angle(camera)
     # Pixels outside the image circle have no direction.
-    return np.where(np.isnan(foreshortened), 0.0, foreshortened)
+    foreshortened = np.where(np.isnan(foreshortened), 0.0, foreshortened)
+    foreshortened.flags.writeable = False
+    return foreshortened
