@@ -75,7 +75,8 @@ def march(
     radiance, transmittance : lists of Float64
         Transmittance from the observer to the end of the path.
     """
-    air = march_air(planet, top_m, batch, o, d, sun, to_ground, nodes, concentration, hit)
+    cloud = None if hit is None else (hit.cloud, hit.t)
+    air = march_air(planet, top_m, batch, o, d, sun, to_ground, nodes, concentration, cloud)
     ground = air.source.ground_radiance(air.path, hit, air.state)
     ends = to_ground if hit is None else hit.ends
     pairs = zip(air.radiance, ground, air.transmittance, strict=True)
@@ -103,17 +104,17 @@ def march_air(
     to_ground: mi.Bool,
     nodes: int,
     concentration: float,
-    hit: SurfaceHit | None = None,
+    cloud: tuple[mi.Bool, mi.Float64] | None = None,
     steady: bool = False,
 ) -> AirMarch:
     """Return what the air does along rays, without what is at their ends.
 
-    Parameters as of :func:`march`; ``steady`` as of :func:`horizonval.renderer.ray_path.lit_steps`.
+    Parameters as of :func:`march`; ``cloud`` as of :func:`horizonval.renderer.ray_path.find_path`, ``steady`` as of :func:`horizonval.renderer.ray_path.lit_steps`.
     """
     with_particles = isinstance(batch, SolarNodes) and batch.diffuse is not None and batch.particles is not None
     stride = PARTICLE_STRIDE if with_particles else 1
     count = _step_count(nodes, stride)
-    path = find_path(planet, top_m, o, d, to_ground, None if hit is None else (hit.cloud, hit.t))
+    path = find_path(planet, top_m, o, d, to_ground, cloud)
     source: RaySource
     if isinstance(batch, SolarNodes):
         source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration, steady)

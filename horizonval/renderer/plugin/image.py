@@ -31,6 +31,8 @@ from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
 from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import Values, Vec
+from horizonval.renderer.view_table.frame_tables import FrameTables, LitRays
+from horizonval.renderer.view_table.sunlit_air import Light
 
 BandPart: TypeAlias = "tuple[mi.UInt32, mi.Float64, mi.Float64]"
 """Cells, the share of each cell, and its radiance."""
@@ -46,11 +48,13 @@ def render_bands(
     nodes: int,
     thermal: Sequence[ThermalAir] = (),
     emission: GroundEmission | None = None,
+    digest: str | None = None,
 ) -> tuple[dict[str, mi.Float64], dict[str, mi.Float64]]:
     """Return radiance per band, and energy radiance per solar band: Float64 arrays, one value per pixel in row order.
 
     The same spectral nodes serve both, with other weights (``SpectralNode.energy_ratio``). ``thermal``: the thermal
-    bands among ``bands``; they need to know what the ground emits.
+    bands among ``bands``; they need to know what the ground emits. ``digest``: of air, planet and orders of scattering, by
+    which view tables of sunlight are found again; None to march every cell.
     """
     cells = group_cells(view)
     emitted = {air.band.name for air in thermal}
@@ -67,13 +71,17 @@ def render_bands(
         out[band] = out[band] + dr.block_sum(total, k2) / k2
         dr.eval(out[band])
 
+    batches = list(batches)
     hits: list[_SurfaceHits] = []
-    for group, batch in batches:
+    tables: _TableRays | None = None
+    for number, (group, batch) in enumerate(batches):
         if not hits:
             hits = [_look(view, cells, view.sun)]
             if view.moon is not None and view.moon.lights_earth:
                 hits.append(_look(view, cells, view.moon.light))
-        parts = list(_parts(view, cells, hits, group, batch, nodes))
+            if digest is not None:
+                tables = _TableRays.of(view, cells, hits[0], [b for _, b in batches], nodes, digest)
+        parts = list(_parts(view, cells, hits, group, batch, nodes, tables, number))
         for band in dict.fromkeys(node.band for node in group):
             own = [n.band == band for n in group]
             weight = [n.weight if mine else 0.0 for n, mine in zip(group, own, strict=True)]
@@ -105,6 +113,53 @@ class _SurfaceHits:
     moon: SurfaceHit | None = None
 
 
+@dataclass(frozen=True)
+class _TableRays:
+    """The groups of rays that look their air up in view tables."""
+
+    tables: FrameTables
+    ground: LitRays | None
+    limb: LitRays | None
+
+    @classmethod
+    def of(
+        cls,
+        view: FrameGeometry,
+        cells: Cells,
+        hits: _SurfaceHits,
+        batches: Sequence[SolarNodes | ThermalNodes],
+        nodes: int,
+        digest: str,
+    ) -> _TableRays | None:
+        """Find the rays' places; None where no light needs a table."""
+        lights = _lights(view, batches, nodes)
+        if not lights:
+            return None
+        tables = FrameTables(view, lights, digest)
+
+        def placed(rays: Rays, to_ground: bool, hit: SurfaceHit | None) -> LitRays | None:
+            clouds = hit.cloud if hit is not None and view.ground is not None and view.ground.clouds else None
+            return tables.lit(rays.direction, to_ground, clouds) if rays.count else None
+
+        return cls(tables, placed(cells.ground, True, hits.ground), placed(cells.limb, False, hits.limb))
+
+
+def _lights(view: FrameGeometry, batches: Sequence[SolarNodes | ThermalNodes], nodes: int) -> list[Light]:
+    """Return what shines in the air: Sun, Moon, and the air itself."""
+    solar = [b if isinstance(b, SolarNodes) else None for b in batches]
+    glow = [None if b is None else b.glow for b in solar]
+    moonlit = view.moon is not None and view.moon.lights_earth
+    moon = [b.in_moonlight() if b is not None and b.moonlight is not None and moonlit else None for b in solar]
+    if view.sunless:
+        others = zip(solar, glow, moon, strict=True)
+        solar = [b if g is None and m is None else None for b, g, m in others]
+    lights = [Light("sun", solar, view.sun, view.top_m, nodes)]
+    if view.moon is not None:
+        lights.append(Light("moon", moon, view.moon.light, view.top_m, nodes))
+    lights.append(Light("glow", glow, view.sun, view.highest_m, max(nodes // 2, 8)))
+    return [light for light in lights if any(b is not None for b in light.batches)]
+
+
 def _look(view: FrameGeometry, cells: Cells, light: Vec) -> _SurfaceHits:
     """Look where rays end under a light, once for all spectral nodes. Rays past the Earth end on clouds only."""
     if view.ground is None:
@@ -128,38 +183,61 @@ def _parts(
     group: list[SpectralNode],
     batch: SolarNodes | ThermalNodes,
     nodes: int,
+    tables: _TableRays | None,
+    number: int,
 ) -> Iterator[NodePart]:
     """Yield ``(cells, share of the cell, radiance per node)`` of all that shines; each cell once in each.
 
-    ``hits``: under the Sun, and under the Moon where it lights the Earth.
+    ``hits``: under the Sun, and under the Moon where it lights the Earth. ``tables``: None to march; ``number`` of the
+    batch among all.
     """
+
+    def of_batch(hit: SurfaceHit | None) -> SurfaceHit | None:
+        if hit is None or view.ground is None:
+            return hit
+        return hit.at(view.ground.model, [node.wavelength_um for node in group], batch.width)
 
     def march_light(
         direction: Vec, to_ground: bool, lit: ShiningNodes, light: Vec, hit: SurfaceHit | None
     ) -> tuple[Values, Values]:
         # airglow is known to a factor of two: 0.6 % of error in it, with half the nodes, is plenty
         top_m, n = (view.highest_m, max(nodes // 2, 8)) if isinstance(lit, GlowNodes) else (view.top_m, nodes)
-        if hit is not None and view.ground is not None:
-            hit = hit.at(view.ground.model, [node.wavelength_um for node in group], batch.width)
         result = march(
-            view.planet, top_m, lit, view.origin, direction, light, mi.Bool(to_ground), n, SOLAR_CONCENTRATION, hit
+            view.planet,
+            top_m,
+            lit,
+            view.origin,
+            direction,
+            light,
+            mi.Bool(to_ground),
+            n,
+            SOLAR_CONCENTRATION,
+            of_batch(hit),
         )
         dr.eval(result)
         return result
 
-    def through(rays: Rays, to_ground: bool, hits_under: list[SurfaceHit | None]) -> tuple[Values, Values]:
-        """March once for every light: the Sun, the Moon, the air itself. The march is linear in them."""
-        lights: list[tuple[ShiningNodes, Vec, SurfaceHit | None]] = [(batch, view.sun, hits_under[0])]
+    def through(
+        rays: Rays, to_ground: bool, hits_under: list[SurfaceHit | None], seen: LitRays | None
+    ) -> tuple[Values, Values]:
+        """Add up the lights: the Sun, the Moon, the air itself. The march is linear in them."""
+        lights: list[tuple[str, ShiningNodes, Vec, SurfaceHit | None]] = [("sun", batch, view.sun, hits_under[0])]
         if isinstance(batch, SolarNodes):
             if view.moon is not None and view.moon.lights_earth and batch.moonlight is not None:
-                lights.append((batch.in_moonlight(), view.moon.light, hits_under[1]))
+                lights.append(("moon", batch.in_moonlight(), view.moon.light, hits_under[1]))
             if batch.glow is not None:
-                lights.append((batch.glow, view.sun, hits_under[0]))
+                lights.append(("glow", batch.glow, view.sun, hits_under[0]))
         if view.sunless and len(lights) > 1:
             del lights[0]
-        radiance, transmittance = march_light(rays.direction, to_ground, *lights[0])
+
+        def shine(name: str, lit: ShiningNodes, light: Vec, hit: SurfaceHit | None) -> tuple[Values, Values]:
+            if tables is None or seen is None or isinstance(lit, ThermalNodes):
+                return march_light(rays.direction, to_ground, lit, light, hit)
+            return tables.tables.shine(seen, name, number, of_batch(hit))
+
+        radiance, transmittance = shine(*lights[0])
         for light in lights[1:]:
-            more, _ = march_light(rays.direction, to_ground, *light)
+            more, _ = shine(*light)
             radiance = [a + b for a, b in zip(radiance, more, strict=True)]
         dr.eval(radiance)
         return radiance, transmittance
@@ -175,9 +253,15 @@ def _parts(
 
     if cells.ground.count:
         hits_under = [under.ground for under in hits]
-        yield cells.ground.cell, coverage(cells.ground), through(cells.ground, True, hits_under)[0]
+        yield (
+            cells.ground.cell,
+            coverage(cells.ground),
+            through(cells.ground, True, hits_under, None if tables is None else tables.ground)[0],
+        )
     if cells.limb.count:
-        radiance, transmittance = through(cells.limb, False, [under.limb for under in hits])
+        radiance, transmittance = through(
+            cells.limb, False, [under.limb for under in hits], None if tables is None else tables.limb
+        )
         clouds = hits[0].limb
         for k, behind in enumerate(sky):
             seen = behind * transmittance[k]

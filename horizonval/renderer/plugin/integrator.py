@@ -149,6 +149,7 @@ def make_plugin() -> type:
                 self.settings.nodes,
                 prepared.thermal,
                 prepared.model.emission,
+                self.settings.tables_digest() if self.settings.method == "table" else None,
             )
             channels = [radiance[band] for band in self.bands] + [energy[band] for band in self.solar_bands]
             stack = np.stack([np.array(channel, dtype=np.float32) for channel in channels], axis=-1)

@@ -5,13 +5,14 @@ tiles. A tile is made, as a whole, when a frame first sees a part of it: what it
 before. It is one patch of splines (:mod:`horizonval.renderer.view_table.spline_patch`), or four patches of half the
 size, and so on down to :data:`FINEST`. A patch is fine enough if the spline through every second node foretells the
 others within the tolerance: where the function is smooth the spline through all nodes is then better by a factor of 16,
-where it has a kink by a factor of 2.
+where it has a kink by a factor of 2. Patches that are still too coarse at the end, on lines where the function jumps,
+are marked as rough: rays in them are to be marched.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.tables import gather_row, table_of
-from horizonval.renderer.types import Values, constant, indices_where
+from horizonval.renderer.types import Values
 from horizonval.renderer.view_table.spline_patch import (
     COEFFICIENTS,
     INTERVALS,
@@ -32,10 +33,12 @@ from horizonval.renderer.view_table.spline_patch import (
 )
 
 ROW_TILES, AZIMUTH_TILES = 8, 8
-FINEST = 6
+FINEST = 5
 """Halvings of a tile, at most."""
 PACKET = 4
 _LEVEL_BITS = 3
+_ROUGH = 1 << (2 * _LEVEL_BITS)
+_NUMBER_SHIFT = 2 * _LEVEL_BITS + 1
 _NOT_MADE = np.uint32(0xFFFFFFFF)
 
 
@@ -67,6 +70,7 @@ class PatchTable:
         self._made = np.zeros(ROW_TILES * AZIMUTH_TILES, dtype=bool)
         self._coefficients: list[NDArray[np.float32]] = []
         self._leaves = np.full((ROW_TILES << FINEST, AZIMUTH_TILES << FINEST), _NOT_MADE, dtype=np.uint32)
+        self._any_rough = False
         self._pool: mi.Float32 | None = None
         self._index: mi.UInt32 | None = None
 
@@ -101,16 +105,17 @@ class PatchTable:
             patches = waiting.pop(size)
             values = self._values_of(patches, size)
             allowed = self.tabulated.allowed(values)
-            coarse = [
-                ((np.abs(foretold(values, axis) - values) / allowed).max(axis=(1, 2, 3)) > 1.0) & (size[axis] < FINEST)
-                for axis in (0, 1)
-            ]
-            self._keep(patches[~(coarse[0] | coarse[1])], size, values[~(coarse[0] | coarse[1])])
+            error = [(np.abs(foretold(values, axis) - values) / allowed).max(axis=(1, 2, 3)) for axis in (0, 1)]
+            coarse = [(e > 1.0) & (halvings < FINEST) for e, halvings in zip(error, size, strict=True)]
+            last = ~(coarse[0] | coarse[1])
+            self._keep(patches[last], size, values[last], np.maximum(*error)[last] > 1.0)
             for halved in ((1, 0), (0, 1), (1, 1)):
                 chosen = patches[(coarse[0] == halved[0]) & (coarse[1] == halved[1])]
                 if not len(chosen):
                     continue
-                parts = np.stack(np.meshgrid(*(np.arange(1 + h) for h in halved), indexing="ij"), axis=-1).reshape(-1, 2)
+                parts = np.stack(np.meshgrid(*(np.arange(1 + h) for h in halved), indexing="ij"), axis=-1).reshape(
+                    -1, 2
+                )
                 children = (chosen[:, None] * (1 + np.array(halved)) + parts).reshape(-1, 2)
                 finer = (size[0] + halved[0], size[1] + halved[1])
                 waiting[finer] = np.concatenate([waiting.get(finer, children[:0]), children])
@@ -126,34 +131,43 @@ class PatchTable:
         self.rays += every_x.size
         return self.tabulated.values(every_x, every_azimuth).reshape(*shape, -1)
 
-    def _keep(self, patches: NDArray[np.int64], size: tuple[int, int], values: FloatArray) -> None:
+    def _keep(
+        self, patches: NDArray[np.int64], size: tuple[int, int], values: FloatArray, rough: NDArray[np.bool_]
+    ) -> None:
         if not len(patches):
             return
         first, rows, columns = self.patches, 1 << (FINEST - size[0]), 1 << (FINEST - size[1])
         for k, (i, j) in enumerate(patches):
-            leaf = np.uint32(((first + k) << _LEVEL_BITS | size[0]) << _LEVEL_BITS | size[1])
+            leaf = np.uint32((first + k) << _NUMBER_SHIFT | _ROUGH * int(rough[k]) | size[0] << _LEVEL_BITS | size[1])
             self._leaves[i * rows : (i + 1) * rows, j * columns : (j + 1) * columns] = leaf
+        self._any_rough |= bool(rough.any())
         self._coefficients.append(coefficients_of(values).astype(np.float32))
 
-    def look(self, x: mi.Float64, azimuth: mi.Float64, packets: slice = slice(None)) -> Values:
-        """Return quantities at places in tiles that are covered: those of some packets of four."""
+    def _leaf(self, x: mi.Float64, azimuth: mi.Float64) -> mi.UInt32:
         assert self._index is not None
         row, column = _tile_of(x, azimuth, FINEST)
-        leaf = dr.gather(mi.UInt32, self._index, row * (AZIMUTH_TILES << FINEST) + column)
+        return dr.gather(mi.UInt32, self._index, row * (AZIMUTH_TILES << FINEST) + column)
+
+    def rough(self, x: mi.Float64, azimuth: mi.Float64) -> mi.Bool | None:
+        """Return whether places, in tiles that are covered, lie in patches that miss the tolerance; None: nowhere."""
+        return (self._leaf(x, azimuth) & _ROUGH) != 0 if self._any_rough else None
+
+    def look(self, x: mi.Float64, azimuth: mi.Float64, packets: Sequence[int]) -> Values:
+        """Return the quantities of some packets at places in tiles that are covered."""
+        leaf = self._leaf(x, azimuth)
         halvings = (1 << _LEVEL_BITS) - 1
         rows, columns = ROW_TILES << ((leaf >> _LEVEL_BITS) & halvings), AZIMUTH_TILES << (leaf & halvings)
         i, w = _interval(_below_one(x) * mi.Float64(rows))
         j, v = _interval(_turns(azimuth) * mi.Float64(columns))
         width = self.tabulated.quantities // PACKET
-        used = range(width)[packets]
-        start = (leaf >> (2 * _LEVEL_BITS)) * (COEFFICIENTS * COEFFICIENTS) + i * COEFFICIENTS + j
+        start = (leaf >> _NUMBER_SHIFT) * (COEFFICIENTS * COEFFICIENTS) + i * COEFFICIENTS + j
         down, across = spline_weights(w), spline_weights(v)
-        total = [mi.Float64(0.0)] * (PACKET * len(used))
+        total = [mi.Float64(0.0)] * (PACKET * len(packets))
         for a, weight_a in enumerate(down):
             for b, weight_b in enumerate(across):
                 weight = weight_a * weight_b
                 node = (start + (a * COEFFICIENTS + b)) * width
-                for p, packet in enumerate(used):
+                for p, packet in enumerate(packets):
                     for q, value in enumerate(gather_row(self._pool, node + packet, PACKET)):
                         k = p * PACKET + q
                         total[k] = dr.fma(weight, mi.Float64(value), total[k])
