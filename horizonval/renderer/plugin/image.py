@@ -53,8 +53,8 @@ def render_bands(
     """Return radiance per band, and energy radiance per solar band: Float64 arrays, one value per pixel in row order.
 
     The same spectral nodes serve both, with other weights (``SpectralNode.energy_ratio``). ``thermal``: the thermal
-    bands among ``bands``; they need to know what the ground emits. ``digest``: of air, planet and orders of scattering, by
-    which view tables of sunlight are found again; None to march every cell.
+    bands among ``bands``; they need to know what the ground emits. ``digest``: of air, planet and orders of scattering,
+    by which view tables of sunlight are found again; None to march every cell.
     """
     cells = group_cells(view)
     emitted = {air.band.name for air in thermal}

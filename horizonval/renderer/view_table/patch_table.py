@@ -189,7 +189,7 @@ def _tile_of(x: mi.Float64, azimuth: mi.Float64, level: int) -> tuple[mi.UInt32,
 
 
 def _interval(place: mi.Float64) -> tuple[mi.UInt32, mi.Float64]:
-    """Return the interval within its patch, and the place in it from 0 to 1, of places in patches from the axis' begin."""
+    """Return the interval within its patch, and how far into it, of places counted in patches from the axis' begin."""
     u = (place - dr.floor(place)) * INTERVALS
     i = dr.minimum(mi.UInt32(u), INTERVALS - 1)
     return i, u - mi.Float64(i)

@@ -58,7 +58,7 @@ def foretelling() -> FloatArray:
 
 
 def coefficients_of(values: FloatArray) -> FloatArray:
-    """Return the coefficients of patches, shape (..., COEFFICIENTS, COEFFICIENTS, q), of values (..., NODES, NODES, q)."""
+    """Return coefficients (..., COEFFICIENTS, COEFFICIENTS, q) of patches with values (..., NODES, NODES, q)."""
     m = to_coefficients()
     return np.asarray(np.einsum("ai,bj,...ijq->...abq", m, m, values, optimize=True))
 
