@@ -109,7 +109,8 @@ def march_air(
 ) -> AirMarch:
     """Return what the air does along rays, without what is at their ends.
 
-    Parameters as of :func:`march`; ``cloud`` as of :func:`horizonval.renderer.ray_path.find_path`, ``steady`` as of :func:`horizonval.renderer.ray_path.lit_steps`.
+    Parameters as of :func:`march`, and ``cloud`` as of :func:`horizonval.renderer.ray_path.find_path`, ``steady`` as of
+    :func:`horizonval.renderer.ray_path.lit_steps`.
     """
     with_particles = isinstance(batch, SolarNodes) and batch.diffuse is not None and batch.particles is not None
     stride = PARTICLE_STRIDE if with_particles else 1

@@ -18,8 +18,8 @@ import numpy as np
 from horizonval.core.progress import Progress
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.renderer.kernel.batching import IMAGE_TABLE, make_batches
-from horizonval.renderer.kernel.cells import FrameGeometry, MoonInFrame
 from horizonval.renderer.kernel.discs import Disc
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry, MoonInFrame
 from horizonval.renderer.kernel.node_batches import SolarNodes, ThermalNodes
 from horizonval.renderer.kernel.surface import make_ground
 from horizonval.renderer.planet import Planet
@@ -118,6 +118,7 @@ def make_plugin() -> type:
                 _moon(settings.moon),
                 settings.sunless,
                 model.glow_top_m,
+                every_cell=settings.method == "march",
             )
 
         def apparent_view(self, sensor: Any) -> FrameGeometry:

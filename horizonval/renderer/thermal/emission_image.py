@@ -14,9 +14,10 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.earth.surface.ground_emission import LAG_RAD, GroundEmission
-from horizonval.renderer.kernel.cells import Cells, FrameGeometry, Rays
+from horizonval.renderer.kernel.cells import Cells, Rays
 from horizonval.renderer.kernel.clouds import first_cloud
 from horizonval.renderer.kernel.discs import DiscCells
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.kernel.surface import is_land, snow_share
 from horizonval.renderer.planet import along
@@ -91,10 +92,9 @@ class ThermalFrame:
             (cells.ground.count > 0, cells.limb.count > 0 or sun is not None),
         )
         if cells.ground.count:
-            yield cells.ground.cell, dr.gather(mi.Float64, cells.share, cells.ground.cell), self._ground(tables)
+            yield cells.ground.slot, cells.ground.share, self._ground(tables)
         if cells.limb.count:
-            free = 1.0 - dr.gather(mi.Float64, cells.share, cells.limb.cell)
-            yield cells.limb.cell, free, self._limb(tables)
+            yield cells.limb.slot, cells.limb.share, self._limb(tables)
         if sun is not None:
             yield sun.cell, mi.Float64(1.0), self._disc(tables, sun)
 

@@ -154,6 +154,7 @@ class PatchTable:
 
     def look(self, x: mi.Float64, azimuth: mi.Float64, packets: Sequence[int]) -> Values:
         """Return the quantities of some packets at places in tiles that are covered."""
+        assert self._pool is not None
         leaf = self._leaf(x, azimuth)
         halvings = (1 << _LEVEL_BITS) - 1
         rows, columns = ROW_TILES << ((leaf >> _LEVEL_BITS) & halvings), AZIMUTH_TILES << (leaf & halvings)

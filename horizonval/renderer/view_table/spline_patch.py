@@ -17,7 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.types import Values
+from horizonval.renderer.types import Number, Values
 
 INTERVALS = 8
 NODES = INTERVALS + 1
@@ -52,8 +52,7 @@ def foretelling() -> FloatArray:
     out = np.zeros((NODES, len(half)))
     for i in range(NODES):
         place = min(i // 2, INTERVALS // 2 - 1)
-        w = 0.5 * i - place
-        out[i, place : place + 4] = spline_weights(w)
+        out[i, place : place + 4] = spline_weights(0.5 * i - place)
     return out @ half
 
 
@@ -70,7 +69,7 @@ def foretold(values: FloatArray, axis: int) -> FloatArray:
     return np.asarray(np.einsum("bj,...ijq->...ibq", foretelling(), values[..., ::2, :], optimize=True))
 
 
-def spline_weights(w: float | mi.Float64) -> list[mi.Float64]:
+def spline_weights(w: Number) -> list[Number]:
     """Return the weights of four neighbouring coefficients at ``w`` from 0 to 1 in an interval."""
     w2 = w * w
     w3 = w2 * w

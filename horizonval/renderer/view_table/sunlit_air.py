@@ -103,10 +103,10 @@ def sunlit_air(light: Light, coordinates: RayCoordinates, to_ground: bool, bends
             dr.eval(air.radiance, air.transmittance, bending)
             first = PACKET * radiance_packet(k)
             for n, (radiance, transmittance) in enumerate(zip(air.radiance, air.transmittance, strict=True)):
-                out[:, first + n] = radiance
-                out[:, first + PACKET + n] = transmittance
+                out[:, first + n] = np.array(radiance)
+                out[:, first + PACKET + n] = np.array(transmittance)
             if bends and bending is not None:
-                out[:, PACKET * bending_packet(len(light.batches))] = bending
+                out[:, PACKET * bending_packet(len(light.batches))] = np.array(bending)
         return out
 
     x, azimuth = np.meshgrid(
