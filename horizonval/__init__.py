@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from horizonval.api.names import list_cameras, list_estimators, list_scenes, list_suites
     from horizonval.api.run import Run, SuiteWarning, open_run, run
     from horizonval.api.scene import Scene
+    from horizonval.api.session import Session
     from horizonval.core.errors import UserError
     from horizonval.core.outcome import Outcome
     from horizonval.core.refusal import Refusal
@@ -51,6 +52,7 @@ __all__ = [
     "Run",
     "Scene",
     "Score",
+    "Session",
     "SuiteWarning",
     "UserError",
     "__version__",
@@ -79,6 +81,7 @@ _HOMES = {
     "api.names": ("list_cameras", "list_estimators", "list_scenes", "list_suites"),
     "api.run": ("Run", "SuiteWarning", "open_run", "run"),
     "api.scene": ("Scene",),
+    "api.session": ("Session",),
     "core.errors": ("UserError",),
     "core.outcome": ("Outcome",),
     "core.refusal": ("Refusal",),

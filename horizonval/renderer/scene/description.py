@@ -21,7 +21,7 @@ from horizonval.geometry.ephemeris import AU_M, phase_angle, sun_itrs
 from horizonval.renderer.plugin.backend import activate
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.truth.frame_truth import moon_place, truth_of
+from horizonval.truth.frame_truth import moon_place, truth_of, truth_turned
 
 if TYPE_CHECKING:
     from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings, MoonSettings
@@ -66,7 +66,7 @@ def describe(scene: SceneSpec, camera: CameraSpec) -> Described:
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings
 
-    itrs_from_cam = Rotation.from_quat(truth.q_cam_from_itrs).inv().as_matrix()
+    itrs_from_cam = _itrs_from_cam(truth)
     intrinsics = camera_from_spec(camera.camera)
     limb = LimbSettings(
         model,
@@ -83,6 +83,18 @@ def describe(scene: SceneSpec, camera: CameraSpec) -> Described:
     )
     sensor = CameraSettings(intrinsics, np.array(truth.r_itrs), itrs_from_cam)
     return Described(truth, intrinsics, model, itrs_from_cam, limb, sensor, variant)
+
+
+def turned(described: Described, scene: SceneSpec, camera: CameraSpec) -> Described:
+    """Return the description of a scene that differs in the attitude and the mounting alone."""
+    truth = truth_turned(described.truth, scene, camera)
+    itrs_from_cam = _itrs_from_cam(truth)
+    sensor = replace(described.sensor, itrs_from_cam=itrs_from_cam)
+    return replace(described, truth=truth, itrs_from_cam=itrs_from_cam, sensor=sensor)
+
+
+def _itrs_from_cam(truth: FrameTruth) -> NDArray[np.float64]:
+    return Rotation.from_quat(truth.q_cam_from_itrs).inv().as_matrix()
 
 
 def _with_sky(

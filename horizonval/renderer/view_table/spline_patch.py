@@ -56,17 +56,24 @@ def foretelling() -> FloatArray:
     return out @ half
 
 
+def _along(matrix: FloatArray, values: FloatArray, axis: int) -> FloatArray:
+    """Return a matrix times values along an axis of (..., NODES, NODES, q).
+
+    Term by term: a product of matrices would round by how many patches there are.
+    """
+    nodes = np.moveaxis(values, axis - 3, 0)
+    terms = (np.multiply.outer(matrix[:, i], nodes[i]) for i in range(len(nodes)))
+    return np.asarray(np.moveaxis(sum(terms, start=np.zeros(())), 0, axis - 3))
+
+
 def coefficients_of(values: FloatArray) -> FloatArray:
     """Return coefficients (..., COEFFICIENTS, COEFFICIENTS, q) of patches with values (..., NODES, NODES, q)."""
-    m = to_coefficients()
-    return np.asarray(np.einsum("ai,bj,...ijq->...abq", m, m, values, optimize=True))
+    return _along(to_coefficients(), _along(to_coefficients(), values, 0), 1)
 
 
 def foretold(values: FloatArray, axis: int) -> FloatArray:
     """Return values (..., NODES, NODES, q) as the splines through every second node along an axis (0, 1) have them."""
-    if axis == 0:
-        return np.asarray(np.einsum("ai,...ijq->...ajq", foretelling(), values[..., ::2, :, :], optimize=True))
-    return np.asarray(np.einsum("bj,...ijq->...ibq", foretelling(), values[..., ::2, :], optimize=True))
+    return _along(foretelling(), values.take(range(0, NODES, 2), axis=axis - 3), axis)
 
 
 def spline_weights(w: Number) -> list[Number]:

@@ -93,7 +93,7 @@ def sunlit_air(light: Light, coordinates: RayCoordinates, to_ground: bool, bends
     quantities = PACKET * (bending_packet(len(light.batches)) + bends)
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
-        d = vectors(coordinates.direction(axis.value(x), azimuth, to_ground))
+        d = vectors(coordinates.directions(axis.value(x), azimuth, to_ground))
         out = np.zeros((len(x), quantities))
         for k, batch in enumerate(light.batches):
             if batch is None:
