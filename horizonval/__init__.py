@@ -25,6 +25,7 @@ from horizonval.core.llvm import name_library
 if TYPE_CHECKING:
     from horizonval.api.camera import Camera
     from horizonval.api.check import check
+    from horizonval.api.derivatives import FrameDerivatives
     from horizonval.api.estimate import estimate, score
     from horizonval.api.frame import Frame, open_frame, render, render_reference
     from horizonval.api.image import Image, observe, open_image
@@ -45,6 +46,7 @@ __all__ = [
     "Estimator",
     "Fit",
     "Frame",
+    "FrameDerivatives",
     "Image",
     "Observation",
     "Outcome",
@@ -75,6 +77,7 @@ __all__ = [
 _HOMES = {
     "api.camera": ("Camera",),
     "api.check": ("check",),
+    "api.derivatives": ("FrameDerivatives",),
     "api.estimate": ("estimate", "score"),
     "api.frame": ("Frame", "open_frame", "render", "render_reference"),
     "api.image": ("Image", "observe", "open_image"),

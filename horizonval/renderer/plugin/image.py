@@ -33,7 +33,6 @@ from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import Values, Vec
 from horizonval.renderer.view_table.frame_tables import FrameTables, LitRays
-from horizonval.renderer.view_table.sunlit_air import Light
 
 NodePart: TypeAlias = "tuple[mi.UInt32, mi.Float64, Values]"
 """Slots of cells, the share of each, and the radiance of every spectral node of a batch."""
@@ -84,16 +83,16 @@ def render_bands(
     emitted = {air.band.name for air in thermal}
     radiance, energy = _Channels(cells), _Channels(cells)
     batches = list(batches)
-    hits: list[_SurfaceHits] = []
-    tables: _TableRays | None = None
+    hits: list[SurfaceLook] = []
+    tables: FrameTables | None = None
     for number, (group, batch) in enumerate(batches):
         if not hits:
-            hits = [_look(view, cells, view.sun)]
-            if view.moon is not None and view.moon.lights_earth:
-                hits.append(_look(view, cells, view.moon.light))
+            hits = surface_looks(view, cells)
             if digest is not None:
-                tables = _TableRays.of(view, cells, hits[0], [b for _, b in batches], nodes, digest)
-        parts = list(_parts(view, cells, hits, group, batch, nodes, tables, number))
+                tables = FrameTables.of(
+                    view, cells, (hits[0].ground, hits[0].limb), [b for _, b in batches], nodes, digest
+                )
+        parts = list(node_parts(view, cells, hits, group, batch, nodes, tables, number))
         own = list(dict.fromkeys(node.band for node in group))
         radiance.add(own, _band_parts(parts, [[n.weight * (n.band == band) for n in group] for band in own]))
         weights = [[n.weight * n.energy_ratio * (n.band == band) for n in group] for band in own]
@@ -118,7 +117,7 @@ def _weighted(weights: Values, radiance: Values) -> mi.Float64:
 
 
 @dataclass(frozen=True)
-class _SurfaceHits:
+class SurfaceLook:
     """Where the rays of every group of cells end; None for a Lambert ground without clouds."""
 
     ground: SurfaceHit | None = None
@@ -127,57 +126,18 @@ class _SurfaceHits:
     moon: SurfaceHit | None = None
 
 
-@dataclass(frozen=True)
-class _TableRays:
-    """The groups of rays that look their air up in view tables."""
-
-    tables: FrameTables
-    ground: LitRays | None
-    limb: LitRays | None
-
-    @classmethod
-    def of(
-        cls,
-        view: FrameGeometry,
-        cells: Cells,
-        hits: _SurfaceHits,
-        batches: Sequence[SolarNodes | ThermalNodes],
-        nodes: int,
-        digest: str,
-    ) -> _TableRays | None:
-        """Find the rays' places; None where no light needs a table."""
-        lights = _lights(view, batches, nodes)
-        if not lights:
-            return None
-        tables = FrameTables(view, lights, digest)
-
-        def placed(rays: Rays, to_ground: bool, hit: SurfaceHit | None) -> LitRays | None:
-            clouds = hit.cloud if hit is not None and view.ground is not None and view.ground.clouds else None
-            return tables.lit(rays.direction, to_ground, clouds) if rays.count else None
-
-        return cls(tables, placed(cells.ground, True, hits.ground), placed(cells.limb, False, hits.limb))
+def surface_looks(view: FrameGeometry, cells: Cells) -> list[SurfaceLook]:
+    """Look where rays end, under the Sun, and under the Moon where it lights the Earth."""
+    lights = [view.sun]
+    if view.moon is not None and view.moon.lights_earth:
+        lights.append(view.moon.light)
+    return [_look(view, cells, light) for light in lights]
 
 
-def _lights(view: FrameGeometry, batches: Sequence[SolarNodes | ThermalNodes], nodes: int) -> list[Light]:
-    """Return what shines in the air: Sun, Moon, and the air itself."""
-    solar = [b if isinstance(b, SolarNodes) else None for b in batches]
-    glow = [None if b is None else b.glow for b in solar]
-    moonlit = view.moon is not None and view.moon.lights_earth
-    moon = [b.in_moonlight() if b is not None and b.moonlight is not None and moonlit else None for b in solar]
-    if view.sunless:
-        others = zip(solar, glow, moon, strict=True)
-        solar = [b if g is None and m is None else None for b, g, m in others]
-    lights = [Light("sun", solar, view.sun, view.top_m, nodes)]
-    if view.moon is not None:
-        lights.append(Light("moon", moon, view.moon.light, view.top_m, nodes))
-    lights.append(Light("glow", glow, view.sun, view.highest_m, max(nodes // 2, 8)))
-    return [light for light in lights if any(b is not None for b in light.batches)]
-
-
-def _look(view: FrameGeometry, cells: Cells, light: Vec) -> _SurfaceHits:
+def _look(view: FrameGeometry, cells: Cells, light: Vec) -> SurfaceLook:
     """Look where rays end under a light, once for all spectral nodes. Rays past the Earth end on clouds only."""
     if view.ground is None:
-        return _SurfaceHits()
+        return SurfaceLook()
 
     def ends(rays: Rays | DiscCells | None, to_ground: bool) -> SurfaceHit | None:
         assert view.ground is not None
@@ -185,20 +145,20 @@ def _look(view: FrameGeometry, cells: Cells, light: Vec) -> _SurfaceHits:
             return None
         return surface_hits(view.ground, view.planet, view.origin, rays.direction, light, to_ground)
 
-    return _SurfaceHits(
+    return SurfaceLook(
         ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False)
     )
 
 
-def _parts(
+def node_parts(
     view: FrameGeometry,
     cells: Cells,
-    hits: list[_SurfaceHits],
+    hits: list[SurfaceLook],
     group: list[SpectralNode],
     batch: SolarNodes | ThermalNodes,
     nodes: int,
-    tables: _TableRays | None,
-    number: int,
+    tables: FrameTables | None = None,
+    number: int = 0,
 ) -> Iterator[NodePart]:
     """Yield ``(cells, share of the cell, radiance per node)`` of all that shines; each cell once in each.
 
@@ -247,7 +207,7 @@ def _parts(
         def shine(name: str, lit: ShiningNodes, light: Vec, hit: SurfaceHit | None) -> tuple[Values, Values]:
             if tables is None or seen is None or isinstance(lit, ThermalNodes):
                 return march_light(rays.direction, to_ground, lit, light, hit)
-            return tables.tables.shine(seen, name, number, of_batch(hit))
+            return tables.shine(seen, name, number, of_batch(hit))
 
         radiance, transmittance = shine(*lights[0])
         for light in lights[1:]:

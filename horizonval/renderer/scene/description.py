@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.light import moonlight, sky
 from horizonval.earth.optical import NO_ATMOSPHERE, OpticalModel, optical_model
 from horizonval.earth.surface.surface import ground_model, mean_albedo
@@ -46,8 +47,10 @@ class Described:
     variant: str
 
 
-def describe(scene: SceneSpec, camera: CameraSpec) -> Described:
+def describe(scene: SceneSpec, camera: CameraSpec, change: AirChange = AS_IT_IS) -> Described:
     """Return everything about a frame but its pixels and its infrared horizon, and select the back-end.
+
+    ``change``: how its air differs from the scene's.
 
     Raises
     ------
@@ -56,7 +59,7 @@ def describe(scene: SceneSpec, camera: CameraSpec) -> Described:
     """
     truth = truth_of(scene, camera, infrared=False)
     _, sun_distance_m = sun_itrs(scene.platform.epoch_utc)
-    clear = optical_model(scene, camera, sun_distance_au=sun_distance_m / AU_M)
+    clear = optical_model(scene, camera, sun_distance_au=sun_distance_m / AU_M, change=change)
     # The back-end is chosen before anything below imports Dr.Jit.
     variant = activate()
     model, moon = _with_sky(clear, scene, camera, truth, sun_distance_m)

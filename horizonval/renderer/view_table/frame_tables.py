@@ -16,8 +16,8 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.digests import content_digest
-from horizonval.renderer.kernel.cells import FrameGeometry
-from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
+from horizonval.renderer.kernel.cells import Cells, FrameGeometry
+from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes, ThermalNodes
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.kernel.ray_sources import bent_ray, sunlit_ends
 from horizonval.renderer.kernel.surface import SurfaceHit
@@ -53,25 +53,59 @@ class LitRays:
 class FrameTables:
     """The view tables of a frame: taken from memory, and grown where the frame sees more than frames before.
 
-    Parameters
+    Attributes
     ----------
-    view : FrameGeometry
-    lights : sequence of Light
-    digest : str
-        Of air, planet and orders of scattering.
+    ground, limb : LitRays or None
+        The frame's groups of rays; None for a group without rays.
     """
 
     def __init__(self, view: FrameGeometry, lights: Sequence[Light], digest: str) -> None:
         self.view, self.digest = view, digest
+        self.ground: LitRays | None = None
+        self.limb: LitRays | None = None
         self._origin = np.array([float(c[0]) for c in view.origin])
-        self._lights = {light.name: light for light in lights}
-        self._coordinates = {light.name: RayCoordinates.of(view.planet, self._origin, light.top_m) for light in lights}
+        self._lights = list(lights)
+
+    @classmethod
+    def of(
+        cls,
+        view: FrameGeometry,
+        cells: Cells,
+        hits: tuple[SurfaceHit | None, SurfaceHit | None],
+        batches: Sequence[SolarNodes | ThermalNodes],
+        nodes: int,
+        digest: str,
+    ) -> FrameTables | None:
+        """Find the places of a frame's rays, and make what is missing there; None where nothing shines by table.
+
+        Parameters
+        ----------
+        view, cells : FrameGeometry, Cells
+        hits : tuple of SurfaceHit or None
+            Where rays to the ground end, and rays past it.
+        batches : sequence of SolarNodes or ThermalNodes
+            The latter are left out.
+        nodes : int
+            Evaluations along a ray of the direct march.
+        digest : str
+            Of air, planet and orders of scattering.
+        """
+        lights = _lights(view, batches, nodes)
+        if not lights:
+            return None
+        tables = cls(view, lights, digest)
+        clouds = [None if hit is None or view.ground is None or not view.ground.clouds else hit.cloud for hit in hits]
+        if cells.ground.count:
+            tables.ground = tables.lit(cells.ground.direction, True, clouds[0])
+        if cells.limb.count:
+            tables.limb = tables.lit(cells.limb.direction, False, clouds[1])
+        return tables
 
     def lit(self, direction: Vec, to_ground: bool, clouds: mi.Bool | None) -> LitRays:
         """Find the places of rays in all tables, and make what is missing there. ``clouds``: rays that end on one."""
         looked = {}
-        for name, light in self._lights.items():
-            coordinates = self._coordinates[name]
+        for light in self._lights:
+            coordinates = RayCoordinates.of(self.view.planet, self._origin, light.top_m)
             place, azimuth = coordinates.place(self.view.origin, direction, to_ground)
             axis = coordinates.ground if to_ground else coordinates.limb
             x = place * (1.0 / (axis.count - 1))
@@ -80,7 +114,7 @@ class FrameTables:
             table.cover(x, azimuth)
             beside = [mask for mask in (table.rough(x, azimuth), clouds) if mask is not None]
             marched = indices_where(reduce(or_, beside)) if beside else mi.UInt32()
-            looked[name] = _Looked(light, coordinates, table, x, azimuth, marched)
+            looked[light.name] = _Looked(light, coordinates, table, x, azimuth, marched)
         return LitRays(direction, to_ground, looked)
 
     def shine(self, rays: LitRays, name: str, batch: int, hit: SurfaceHit | None) -> tuple[Values, Values]:
@@ -169,3 +203,18 @@ class FrameTables:
         return TABLES.get_or_make(
             key, lambda: sunlit_air(light, coordinates, to_ground, bends and to_ground), lambda table: table.size_bytes
         )
+
+
+def _lights(view: FrameGeometry, batches: Sequence[SolarNodes | ThermalNodes], nodes: int) -> list[Light]:
+    """Return what shines in the air: Sun, Moon, and the air itself."""
+    solar = [b if isinstance(b, SolarNodes) else None for b in batches]
+    glow = [None if b is None else b.glow for b in solar]
+    moonlit = view.moon is not None and view.moon.lights_earth
+    moon = [b.in_moonlight() if b is not None and b.moonlight is not None and moonlit else None for b in solar]
+    if view.sunless:
+        solar = [b if g is None and m is None else None for b, g, m in zip(solar, glow, moon, strict=True)]
+    lights = [Light("sun", solar, view.sun, view.top_m, nodes)]
+    if view.moon is not None:
+        lights.append(Light("moon", moon, view.moon.light, view.top_m, nodes))
+    lights.append(Light("glow", glow, view.sun, view.highest_m, max(nodes // 2, 8)))
+    return [light for light in lights if any(b is not None for b in light.batches)]
