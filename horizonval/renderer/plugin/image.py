@@ -79,13 +79,11 @@ def render_bands(
     cells = group_cells(view)
     emitted = {air.band.name for air in thermal}
     radiance, energy = _Channels(cells), _Channels(cells)
-    hits: list[_SurfaceHits] = []
+    hits: list[SurfaceLook] = []
     for group, batch in batches:
         if not hits:
-            hits = [_look(view, cells, view.sun)]
-            if view.moon is not None and view.moon.lights_earth:
-                hits.append(_look(view, cells, view.moon.light))
-        parts = list(_parts(view, cells, hits, group, batch, nodes))
+            hits = surface_looks(view, cells)
+        parts = list(node_parts(view, cells, hits, group, batch, nodes))
         own = list(dict.fromkeys(node.band for node in group))
         radiance.add(own, _band_parts(parts, [[n.weight * (n.band == band) for n in group] for band in own]))
         weights = [[n.weight * n.energy_ratio * (n.band == band) for n in group] for band in own]
@@ -110,7 +108,7 @@ def _weighted(weights: Values, radiance: Values) -> mi.Float64:
 
 
 @dataclass(frozen=True)
-class _SurfaceHits:
+class SurfaceLook:
     """Where the rays of every group of cells end; None for a Lambert ground without clouds."""
 
     ground: SurfaceHit | None = None
@@ -119,10 +117,18 @@ class _SurfaceHits:
     moon: SurfaceHit | None = None
 
 
-def _look(view: FrameGeometry, cells: Cells, light: Vec) -> _SurfaceHits:
+def surface_looks(view: FrameGeometry, cells: Cells) -> list[SurfaceLook]:
+    """Look where rays end, under the Sun, and under the Moon where it lights the Earth."""
+    lights = [view.sun]
+    if view.moon is not None and view.moon.lights_earth:
+        lights.append(view.moon.light)
+    return [_look(view, cells, light) for light in lights]
+
+
+def _look(view: FrameGeometry, cells: Cells, light: Vec) -> SurfaceLook:
     """Look where rays end under a light, once for all spectral nodes. Rays past the Earth end on clouds only."""
     if view.ground is None:
-        return _SurfaceHits()
+        return SurfaceLook()
 
     def ends(rays: Rays | DiscCells | None, to_ground: bool) -> SurfaceHit | None:
         assert view.ground is not None
@@ -130,15 +136,15 @@ def _look(view: FrameGeometry, cells: Cells, light: Vec) -> _SurfaceHits:
             return None
         return surface_hits(view.ground, view.planet, view.origin, rays.direction, light, to_ground)
 
-    return _SurfaceHits(
+    return SurfaceLook(
         ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False)
     )
 
 
-def _parts(
+def node_parts(
     view: FrameGeometry,
     cells: Cells,
-    hits: list[_SurfaceHits],
+    hits: list[SurfaceLook],
     group: list[SpectralNode],
     batch: SolarNodes | ThermalNodes,
     nodes: int,
