@@ -83,7 +83,7 @@ def _cell_count(view: FrameGeometry, kinds: PixelKinds) -> int:
 
 
 @dataclass(frozen=True)
-class _CutPixels:
+class CutPixels:
     """The pixels that are cut, and where their cells lie."""
 
     view: FrameGeometry
@@ -119,7 +119,7 @@ _NOTHING, _SPACE, _LIMB, _GROUND, _EDGE = range(5)
 def group_cells(view: FrameGeometry) -> Cells:
     """Find out what every pixel sees, and every cell of those that are cut."""
     kinds = sort_pixels(view)
-    count, cut = _cell_count(view, kinds), _CutPixels(view, kinds)
+    count, cut = _cell_count(view, kinds), CutPixels(view, kinds)
     whole = _whole_rays(view, kinds.ground, count)
     whole_space = numbers_from(count + dr.width(kinds.ground), dr.width(kinds.space))
     if not count:
@@ -164,14 +164,22 @@ def _whole_rays(view: FrameGeometry, pixel: mi.UInt32, first_slot: int) -> Rays:
     return Rays(numbers_from(first_slot, n), direction, dr.ones(mi.Float64, n), n)
 
 
-def _edge_cells(view: FrameGeometry, cut: _CutPixels, edge: mi.UInt32) -> tuple[Rays, Rays]:
-    """Return rays of cells on the limb, through the covered parts and through the free parts."""
+@dataclass(frozen=True)
+class EdgeGeometry:
+    """Cells on the limb: covered share, and directions through the middles of the covered and of the free part."""
+
+    share: mi.Float64
+    inner: Vec
+    outer: Vec
+
+
+def edge_geometry(view: FrameGeometry, u: mi.Float64, v: mi.Float64) -> EdgeGeometry:
+    """Return what cells on the limb see; ``u``, ``v``: pixel coordinates of their centres."""
     size = 1.0 / view.subsamples
 
     def limb(x: mi.Float64, y: mi.Float64) -> mi.Float64:
         return limb_function(view, view.rays.direction(x, y))
 
-    u, v = cut.centre(edge)
     share, du, dv = cell_coverage(limb, u, v, size)
     # signed distance of the cell's centre from the outline along the gradient, in pixels
     step = 0.25 * size
@@ -179,18 +187,29 @@ def _edge_cells(view: FrameGeometry, cut: _CutPixels, edge: mi.UInt32) -> tuple[
     offset = limb(u, v) / dr.maximum(slope, 1e-300)
     dr.eval(share, du, dv, offset)
 
-    def through(part: mi.Float64, depth: mi.Float64, whole: mi.Bool) -> Rays:
-        """Rays of a part of the cells, unless it is the ``whole`` cell ``depth`` pixels inside the outline."""
+    def through(depth: mi.Float64, whole: mi.Bool) -> Vec:
+        """Directions, unless cells are ``whole`` through points ``depth`` pixels inside the outline."""
+        shift: mi.Float64 = dr.clip(depth - offset, -2.0 * size, 2.0 * size)
+        shift = dr.select(whole, 0.0, shift)
+        return view.rays.direction(u + shift * du, v + shift * dv)
+
+    inner, outer = through(0.5 * size * share, share > 1.0 - WHOLE), through(-0.5 * size * (1.0 - share), share < WHOLE)
+    dr.eval(inner, outer)
+    return EdgeGeometry(share, inner, outer)
+
+
+def _edge_cells(view: FrameGeometry, cut: CutPixels, edge: mi.UInt32) -> tuple[Rays, Rays]:
+    """Return rays of cells on the limb, through the covered parts and through the free parts."""
+    cells = edge_geometry(view, *cut.centre(edge))
+
+    def of(part: mi.Float64, direction: Vec) -> Rays:
         index = indices_where(part > 0.0)
         if not dr.width(index):
             return _no_rays(index)
-        shift: mi.Float64 = dr.clip(depth - offset, -2.0 * size, 2.0 * size)
-        shift = dr.select(whole, 0.0, shift)
-        x, y, filled = (dr.gather(mi.Float64, w, index) for w in (u + shift * du, v + shift * dv, part))
-        return Rays(dr.gather(mi.UInt32, edge, index), view.rays.direction(x, y), filled, dr.width(index))
+        x, y, z, filled = (dr.gather(mi.Float64, c, index) for c in (*direction, part))
+        return Rays(dr.gather(mi.UInt32, edge, index), (x, y, z), filled, dr.width(index))
 
-    free = 1.0 - share
-    return through(share, 0.5 * size * share, share > 1.0 - WHOLE), through(free, -0.5 * size * free, share < WHOLE)
+    return of(cells.share, cells.inner), of(1.0 - cells.share, cells.outer)
 
 
 def _no_rays(index: mi.UInt32) -> Rays:
@@ -211,7 +230,7 @@ def _joined(groups: list[Rays]) -> Rays:
     return rays
 
 
-def _disc_cells(view: FrameGeometry, cut: _CutPixels, disc: Disc, near: mi.UInt32) -> DiscCells | None:
+def _disc_cells(view: FrameGeometry, cut: CutPixels, disc: Disc, near: mi.UInt32) -> DiscCells | None:
     """Return the cells near a disc, split as it needs; None where it is outside the frame.
 
     With refraction the disc stands where the rays point that have left the air behind.
