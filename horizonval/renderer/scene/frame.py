@@ -7,12 +7,17 @@ from typing import TYPE_CHECKING
 from horizonval.frame import RadianceFrame
 from horizonval.renderer.scene.description import describe
 from horizonval.renderer.scene.frame_memory import refuse_too_large
+from horizonval.renderer.scene.shared_view import viewpoint_key
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
 if TYPE_CHECKING:
     from horizonval.core.progress import Progress
     from horizonval.renderer.scene.viewpoint import Viewpoint
+
+
+_last: dict[str, Viewpoint] = {}
+"""The place of the frame before, by its key: campaigns turn the camera at one place."""
 
 
 def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None = None) -> RadianceFrame:
@@ -33,7 +38,13 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None
         For anything in the scene or camera that cannot be rendered (bands outside the tables, a camera below the
         ground), a frame that memory does not hold, or when no back-end works here.
     """
-    return viewpoint_of(scene, camera, progress).frame(scene)
+    refuse_too_large(scene, camera)
+    key = viewpoint_key(scene, camera)
+    if key not in _last:
+        # The one before goes first: memory need not hold both.
+        _last.clear()
+        _last[key] = viewpoint_of(scene, camera, progress)
+    return _last[key].frame(scene)
 
 
 def viewpoint_of(scene: SceneSpec, camera: CameraSpec, progress: Progress | None = None) -> Viewpoint:
