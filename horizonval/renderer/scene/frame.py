@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 _last: dict[str, Viewpoint] = {}
-"""The place of the frame before, by its key: campaigns turn the camera at one place."""
+"""The place of a campaign's frame before, by its key."""
 
 
 def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None = None) -> RadianceFrame:
@@ -38,12 +38,20 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None
         For anything in the scene or camera that cannot be rendered (bands outside the tables, a camera below the
         ground), a frame that memory does not hold, or when no back-end works here.
     """
+    return viewpoint_of(scene, camera, progress).frame(scene)
+
+
+def render_in_turn(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
+    """Return the frame a scene's camera sees, and keep its place for the next one, which may be taken there too.
+
+    The same bytes as :func:`render_frame`; for campaigns, whose files do not change under them. Errors as there.
+    """
     refuse_too_large(scene, camera)
     key = viewpoint_key(scene, camera)
     if key not in _last:
         # The one before goes first: memory need not hold both.
         _last.clear()
-        _last[key] = viewpoint_of(scene, camera, progress)
+        _last[key] = viewpoint_of(scene, camera)
     return _last[key].frame(scene)
 
 
