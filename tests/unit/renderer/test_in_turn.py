@@ -1,4 +1,4 @@
-"""A campaign's frames of one place are taken from one viewpoint, and have the bytes of frames that are rendered alone."""
+"""Frames of one place that a campaign takes from one viewpoint have the bytes of frames that are rendered alone."""
 
 from __future__ import annotations
 
