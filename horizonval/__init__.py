@@ -25,12 +25,14 @@ from horizonval.core.llvm import name_library
 if TYPE_CHECKING:
     from horizonval.api.camera import Camera
     from horizonval.api.check import check
+    from horizonval.api.derivatives import FrameDerivatives
     from horizonval.api.estimate import estimate, score
     from horizonval.api.frame import Frame, open_frame, render, render_reference
     from horizonval.api.image import Image, observe, open_image
     from horizonval.api.names import list_cameras, list_estimators, list_scenes, list_suites
     from horizonval.api.run import Run, SuiteWarning, open_run, run
     from horizonval.api.scene import Scene
+    from horizonval.api.session import Session
     from horizonval.core.errors import UserError
     from horizonval.core.outcome import Outcome
     from horizonval.core.refusal import Refusal
@@ -44,6 +46,7 @@ __all__ = [
     "Estimator",
     "Fit",
     "Frame",
+    "FrameDerivatives",
     "Image",
     "Observation",
     "Outcome",
@@ -51,6 +54,7 @@ __all__ = [
     "Run",
     "Scene",
     "Score",
+    "Session",
     "SuiteWarning",
     "UserError",
     "__version__",
@@ -73,12 +77,14 @@ __all__ = [
 _HOMES = {
     "api.camera": ("Camera",),
     "api.check": ("check",),
+    "api.derivatives": ("FrameDerivatives",),
     "api.estimate": ("estimate", "score"),
     "api.frame": ("Frame", "open_frame", "render", "render_reference"),
     "api.image": ("Image", "observe", "open_image"),
     "api.names": ("list_cameras", "list_estimators", "list_scenes", "list_suites"),
     "api.run": ("Run", "SuiteWarning", "open_run", "run"),
     "api.scene": ("Scene",),
+    "api.session": ("Session",),
     "core.errors": ("UserError",),
     "core.outcome": ("Outcome",),
     "core.refusal": ("Refusal",),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.api.camera import Camera
+from horizonval.api.derivatives import FrameDerivatives, derivatives_of
 from horizonval.api.image import Image, observe
 from horizonval.api.progress import shown
 from horizonval.api.scene import Scene, scene_of
@@ -75,6 +77,35 @@ class Frame(RadianceFrame):
     ) -> Image:
         """Return the image that a detector makes of the frame; see :func:`horizonval.observe`."""
         return observe(self, seed=seed, band=band, camera=camera, noise=noise)
+
+    def derivatives(
+        self, *, parameters: Sequence[str] | None = None, progress: bool | Progress = True
+    ) -> FrameDerivatives:
+        """Return how the radiance of every pixel changes with attitude, position, gain and the air.
+
+        Parameters
+        ----------
+        parameters : sequence of str, optional
+            Some of ``rotation_x``, ``rotation_y``, ``rotation_z``, ``east``, ``north``, ``up``, ``limb_height``,
+            ``gain``, ``temperature``, ``density``, ``aerosol``; all of them without.
+        progress : bool or Progress
+            As for :func:`horizonval.render`.
+
+        Returns
+        -------
+        FrameDerivatives
+
+        Raises
+        ------
+        UserError
+            An unknown parameter; as :func:`horizonval.render`.
+
+        Notes
+        -----
+        The six of pose come together, at about the cost of two frames from a table; each of the air's takes two frames
+        of other air. The scene is that of the frame's truth: :func:`horizonval.open_frame` serves as well.
+        """
+        return derivatives_of(self.scene, parameters, progress)
 
     def save(self, path: str | Path) -> Path:
         """Write the frame as an OpenEXR file with its truth in the header; :func:`horizonval.open_frame` reads it.

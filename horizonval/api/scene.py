@@ -223,7 +223,7 @@ class Scene:
         >>> hv.Scene.from_dict({"camera": {"file": "vis-cmos-512-60deg"}, "platform": {"altitude_km": 700.0}})
         <Scene scene: vis-cmos-512-60deg at 700 km, 0.00 deg N 0.00 deg E, 2026-03-20 12:00:00 UTC>
         """
-        return cls._of(*_resolved(_plain(data), None if camera is None else camera_of(camera)))
+        return cls._of(*_resolved(plain(data), None if camera is None else camera_of(camera)))
 
     def changed(self, **keywords: Any) -> Scene:
         """Return the scene with other values; what is not named stays.
@@ -293,7 +293,7 @@ def _tables(keywords: Mapping[str, Any]) -> JsonObject:
             )
         if value is None:
             continue
-        table = {key: _plain(value)} if key in TABLES else {FLAT[key][0]: {FLAT[key][1]: _plain(value)}}
+        table = {key: plain(value)} if key in TABLES else {FLAT[key][0]: {FLAT[key][1]: plain(value)}}
         data = deep_merge(data, table)
     return data
 
@@ -305,14 +305,14 @@ def _resolved(data: JsonObject, camera: Camera | None) -> tuple[SceneSpec, Camer
     return spec, camera if camera is not None else Camera(camera_spec, spec.camera.file)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Return a value as a file would hold it: numpy's numbers and arrays as Python's."""
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     if isinstance(value, Path):
         return str(value)
-    return [_plain(item) for item in value] if isinstance(value, Sequence) and not isinstance(value, str) else value
+    return [plain(item) for item in value] if isinstance(value, Sequence) and not isinstance(value, str) else value

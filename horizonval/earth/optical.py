@@ -30,6 +30,7 @@ from horizonval.core.suggest import nearest
 from horizonval.earth import atmosphere_file
 from horizonval.earth.atmosphere import aerosol, ozone, rayleigh
 from horizonval.earth.atmosphere.air import NO_ATMOSPHERE, TOP_M, Air, air_of
+from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.emitting_air import emitting_air, grey_band, no_air_band
 from horizonval.earth.atmosphere.node_count import choose_rule
@@ -56,7 +57,12 @@ def node_counts(model: OpticalModel) -> dict[str, int]:
 
 
 def optical_model(
-    scene: SceneSpec, camera: CameraSpec, sun_distance_au: float = 1.0, *, base_dir: Path | None = None
+    scene: SceneSpec,
+    camera: CameraSpec,
+    sun_distance_au: float = 1.0,
+    *,
+    base_dir: Path | None = None,
+    change: AirChange = AS_IT_IS,
 ) -> OpticalModel:
     """Return the optical properties of a scene for every band of a camera.
 
@@ -77,6 +83,8 @@ def optical_model(
         Distance of the Sun.
     base_dir : Path, optional
         Folder against which ``atmosphere.file`` and ``profile_file`` are resolved; default the current one.
+    change : AirChange
+        How the air differs from the scene's; spectral nodes and ground are those of the scene.
 
     Raises
     ------
@@ -91,24 +99,25 @@ def optical_model(
             expected="at least one [[band]] to render",
         )
     if scene.atmosphere.file is not None:
-        return _from_file(scene, camera, sun_distance_au, base_dir)
+        return _from_file(scene, camera, sun_distance_au, base_dir, change)
     if scene.atmosphere.profile_file is None and scene.atmosphere.profile == NO_ATMOSPHERE:
         return _bare(scene, camera, sun_distance_au)
     air = air_of(scene, base_dir)
-    emitting = emitting_air(air, scene)
+    changed = air_of(scene, base_dir, change)
+    emitting = emitting_air(air, scene, change)
     ground_k = float(emitting.temperature_k[0, 0])
     nodes: list[SpectralNode] = []
     thermal: list[EmittingBand] = []
     for i, band in enumerate(camera.band):
         where = f"{scene.camera.file}: band[{i}]"
         if band.kind == "solar":
-            nodes += _solar_nodes(band, air, scene, sun_distance_au, where)
+            nodes += _solar_nodes(band, air, changed, scene, sun_distance_au, where)
         else:
             thermal.append(emitting.band(band, sun_distance_au, where))
     refractivity = None
     if scene.atmosphere.refraction:
         wavelengths = [n.wavelength_um for n in nodes] + [float(w) for band in thermal for w in band.wavelength_um]
-        refractivity = rayleigh.refractivity(air.state.number_density_air, wavelengths)
+        refractivity = rayleigh.refractivity(changed.state.number_density_air, wavelengths)
     return _model(scene, camera, air.altitude_m, nodes, thermal, ground_k, refractivity)
 
 
@@ -162,7 +171,10 @@ def _solar_node(
     )
 
 
-def _solar_nodes(band: Band, air: Air, scene: SceneSpec, sun_distance_au: float, where: str) -> list[SpectralNode]:
+def _solar_nodes(
+    band: Band, air: Air, changed: Air, scene: SceneSpec, sun_distance_au: float, where: str
+) -> list[SpectralNode]:
+    """Return the nodes that the air of the scene asks for, of ``changed`` air."""
     lo, hi = bands.limits_um(band)
     if air.with_ozone and lo < ozone.MIN_UM:
         raise UserError(
@@ -185,11 +197,11 @@ def _solar_nodes(band: Band, air: Air, scene: SceneSpec, sun_distance_au: float,
         rule = gauss(measure, band.nodes, with_ozone=air.with_ozone)
     nodes = []
     for i, wavelength in enumerate(rule.wavelength_um):
-        molecular = air.state.number_density_air * rayleigh.cross_section_m2(wavelength)
-        absorption = air.state.number_density_o3 * ozone.at_temperature_m2(
-            rule.ozone_cold_m2[i], rule.ozone_warm_m2[i], air.state.temperature_k
+        molecular = changed.state.number_density_air * rayleigh.cross_section_m2(wavelength)
+        absorption = changed.state.number_density_o3 * ozone.at_temperature_m2(
+            rule.ozone_cold_m2[i], rule.ozone_warm_m2[i], changed.state.temperature_k
         )
-        particles, scattered, asymmetry = air.aerosol.at(float(wavelength))
+        particles, scattered, asymmetry = changed.aerosol.at(float(wavelength))
         node = _solar_node(band, i, rule, sun_distance_au, molecular + absorption + particles, molecular)
         nodes.append(
             replace(
@@ -221,7 +233,9 @@ def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> Optic
     return _model(scene, camera, z, nodes, thermal, ground_k)
 
 
-def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, base_dir: Path | None) -> OpticalModel:
+def _from_file(
+    scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, base_dir: Path | None, change: AirChange
+) -> OpticalModel:
     """Return a scene whose atmosphere comes from a file: one node per camera band, grey inside the band.
 
     Coefficients, temperatures and phase function come from the file; albedo, emissivity and (where given) the ground's
@@ -233,7 +247,9 @@ def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, bas
     file = atmosphere_file.read_atmosphere(path)
     known = {band.name: band for band in file.bands}
     z = atmosphere_file.altitudes_m(file, thermal=any(band.kind == "thermal" for band in camera.band))
-    temperature = atmosphere_file.column(file, file.temperature_K, z)
+    lower = np.maximum(z - change.raised_m, 0.0)
+    temperature = atmosphere_file.column(file, file.temperature_K, lower)
+    denser = np.exp(change.ln_density(z, temperature))
     ground_k = file.surface.temperature_K
     nodes: list[SpectralNode] = []
     thermal: list[EmittingBand] = []
@@ -247,15 +263,19 @@ def _from_file(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float, bas
                 + ", ".join(nearest(band.name, known)),
             )
         entry = known[band.name]
-        absorption = atmosphere_file.column(file, entry.absorption_per_m, z)
+        absorption = denser * atmosphere_file.column(file, entry.absorption_per_m, lower)
         if band.kind == "thermal":
-            thermal.append(grey_band(band, z, temperature, absorption, sun_distance_au, where))
+            thermal.append(grey_band(band, z, temperature + change.warmer_k, absorption, sun_distance_au, where))
             continue
-        scatterers = atmosphere_file.scatterers(file, entry, z)
+        scatterers = atmosphere_file.scatterers(file, entry, lower)
+        scatterers["molecular_per_m"] = denser * scatterers["molecular_per_m"]
+        scatterers["particle_per_m"] = (1.0 + change.dustier) * scatterers["particle_per_m"]
         scattering = scatterers["molecular_per_m"] + scatterers["particle_per_m"]
         rule = gauss(solar_measure(band, where), 1)
         node = _solar_node(band, 0, rule, sun_distance_au, scattering + absorption, scattering)
         node = replace(node, wavelength_um=entry.wavelength_nm * 1e-3)
         nodes.append(replace(node, **scatterers))
-    refractivity = atmosphere_file.refractivity(file, z, str(path)) if scene.atmosphere.refraction else None
+    refractivity = None
+    if scene.atmosphere.refraction:
+        refractivity = denser * atmosphere_file.refractivity(file, lower, str(path))
     return _model(scene, camera, z, nodes, thermal, ground_k, refractivity)

@@ -6,7 +6,7 @@ in the process that the estimator runs in (:mod:`horizonval.estimation.process`)
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
@@ -22,17 +22,29 @@ GROUP = "horizonval.estimators"
 PACKAGE = "horizonval"
 
 
+@dataclass(frozen=True)
+class _Declared:
+    """An entry point with the package that declares it, whose name takes a millisecond to read."""
+
+    point: EntryPoint
+    package: str
+
+    @property
+    def is_ours(self) -> bool:
+        return self.package == PACKAGE and self.point.value.startswith(f"{PACKAGE}.")
+
+
 @cache
-def _points() -> dict[str, EntryPoint]:
+def _points() -> dict[str, _Declared]:
     """Return entry points by name: ours keep their names, of others' the first package's in the alphabet counts."""
-    points = [point for point in entry_points(group=GROUP) if point.name.isprintable() and _module(point)]
-    points.sort(key=lambda point: (_is_ours(point), _package(point)), reverse=True)
-    ours = {point.name: point for point in points if _is_ours(point)}
-    return {point.name: point for point in points} | ours
-
-
-def _package(point: EntryPoint) -> str:
-    return "" if point.dist is None else str(point.dist.name).lower()
+    points = [
+        _Declared(point, "" if point.dist is None else str(point.dist.name).lower())
+        for point in entry_points(group=GROUP)
+        if point.name.isprintable() and _module(point)
+    ]
+    points.sort(key=lambda one: (one.is_ours, one.package), reverse=True)
+    ours = {one.point.name: one for one in points if one.is_ours}
+    return {one.point.name: one for one in points} | ours
 
 
 def _module(point: EntryPoint) -> str | None:
@@ -44,10 +56,6 @@ def _module(point: EntryPoint) -> str | None:
         return None
 
 
-def _is_ours(point: EntryPoint) -> bool:
-    return _package(point) == PACKAGE and point.value.startswith(f"{PACKAGE}.")
-
-
 def names() -> list[str]:
     """Return the names of all estimators that are installed, sorted."""
     return sorted(_points())
@@ -55,14 +63,14 @@ def names() -> list[str]:
 
 def is_foreign(name: str) -> bool:
     """Whether an estimator is installed that is another package's."""
-    point = _points().get(name)
-    return point is not None and not _is_ours(point)
+    declared = _points().get(name)
+    return declared is not None and not declared.is_ours
 
 
 def module_of(name: str) -> str | None:
     """Return the module that an installed estimator is in, by its dotted name."""
-    point = _points().get(name)
-    return None if point is None else _module(point)
+    declared = _points().get(name)
+    return None if declared is None else _module(declared.point)
 
 
 def get(name: str) -> Estimator:
@@ -90,7 +98,7 @@ def load(name: str) -> Estimator:
     TypeError
         What is declared is no estimator.
     """
-    point = _points()[name]
+    point = _points()[name].point
     estimator = point.load()
     if not isinstance(estimator, Estimator):
         raise TypeError(f"{point.value} is a {type(estimator).__name__}, no horizonval.Estimator")

@@ -13,7 +13,7 @@ import faulthandler
 import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -75,6 +75,10 @@ class Work(ABC, Generic[I, R]):
     @abstractmethod
     def make(self, item: I, watch: Stopwatch) -> R:
         """Make an item, keep its result, and return what the caller needs of it; in another process."""
+
+    def group(self, item: I) -> Hashable:
+        """Return what an item shares with others that is made once for them: best one after another, by one process."""
+        return self.name(item)
 
     def limit_s(self, item: I) -> float | None:
         """Return the time after which the process of an item is ended, or None."""
@@ -205,7 +209,7 @@ def _run(
         if probe().chosen is None:
             raise UserError("no back-end can render on this machine", fix="see `horizonval doctor`")
     on_start()
-    return run_in_processes(function, items, execution.processes, renderer=work.renders)
+    return run_in_processes(function, items, execution.processes, renderer=work.renders, group=work.group)
 
 
 class _Clock(Generic[I, R]):

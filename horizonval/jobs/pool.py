@@ -1,8 +1,8 @@
 """Worker processes that may be killed, may crash, and never outlive the run.
 
-Items go to spawned processes a few at a time. A worker that dies (out of memory, a crash inside a library) takes the
-whole pool of :mod:`concurrent.futures` with it; the items under way are then tried once more, each alone, and only
-one that kills its worker again is given up.
+Items go to spawned processes one at a time. When a worker dies (out of memory, a crash inside a library) the others
+finish what they are at; the items whose workers died are then tried once more, each alone, and only one that kills its
+worker again is given up.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import os
 import signal
 import sys
 import threading
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from types import ModuleType
 from typing import TypeAlias, TypeVar
 
 from horizonval.jobs.execution import available_cpus
+from horizonval.jobs.turns import Turns
 
 I = TypeVar("I")  # noqa: E741
 T = TypeVar("T")
@@ -32,7 +32,12 @@ _ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS",
 
 
 def run_in_processes(
-    work: Callable[[I], T], items: Iterable[I], workers: int, *, renderer: bool = True
+    work: Callable[[I], T],
+    items: Iterable[I],
+    workers: int,
+    *,
+    renderer: bool = True,
+    group: Callable[[I], Hashable] | None = None,
 ) -> Results[I, T | None, None]:
     """Yield every item with its result, as they come; ``None`` for one that killed its worker.
 
@@ -46,58 +51,78 @@ def run_in_processes(
         Processes; the processors are shared among them.
     renderer : bool
         Whether they get a renderer.
+    group : callable, optional
+        Returns what an item shares with others: those of a group go to one worker (:mod:`horizonval.jobs.turns`).
 
     Notes
     -----
     Closing the generator (or Ctrl-C) ends the workers at once; what they were doing is lost, nothing else.
     """
-    waiting = deque(items)
-    while waiting:
+    waiting = Turns(items, group)
+    while len(waiting):
         suspects = yield from _drain(work, waiting, workers, renderer)
         for item in suspects:
-            if (yield from _drain(work, deque([item]), 1, renderer)):
+            if (yield from _drain(work, Turns([item]), 1, renderer)):
                 yield item, None
 
 
-def _drain(work: Callable[[I], T], waiting: deque[I], workers: int, renderer: bool) -> Results[I, T, list[I]]:
-    """Take items from the left until none is left or the pool breaks; return those that were under way then."""
+def _drain(work: Callable[[I], T], waiting: Turns[I], workers: int, renderer: bool) -> Results[I, T, list[I]]:
+    """Have items made until none waits or a worker dies; return those whose workers died."""
     workers = max(1, min(workers, len(waiting)))
     threads = max(1, available_cpus() // workers)
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(
-        workers,
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_start_worker,
-        initargs=(threads, renderer),
-    )
-    under_way: dict[Future[T], I] = {}
+    # A pool for every worker: one of them all would give an item to any.
+    pools = [
+        ProcessPoolExecutor(
+            1,
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=_start_worker,
+            initargs=(threads, renderer),
+        )
+        for _ in range(workers)
+    ]
+    idle = set(range(workers))
+    under_way: dict[Future[T], tuple[int, I]] = {}
     suspects: list[I] = []
+    broken = False
     try:
-        while (waiting or under_way) and not suspects:
+        while True:
             with _inherited_by_children():
-                while waiting and len(under_way) < workers:
-                    under_way[pool.submit(work, waiting[0])] = waiting[0]
-                    waiting.popleft()
+                for worker in sorted(idle) if not broken else ():
+                    item = waiting.take(worker)
+                    if item is None:
+                        continue
+                    try:
+                        under_way[pools[worker].submit(work, item)] = worker, item
+                    except BrokenProcessPool:
+                        waiting.put_back(worker, item)
+                        broken = True
+                        break
+                    idle.remove(worker)
+            if not under_way:
+                break
             ready, _ = wait(under_way, return_when=FIRST_COMPLETED)
             for future in ready:
-                item = under_way.pop(future)
+                worker, item = under_way.pop(future)
+                idle.add(worker)
                 try:
                     result = future.result()
                 except BrokenProcessPool:
+                    broken = True
                     suspects.append(item)
                 else:
                     yield item, result
-    except BrokenProcessPool:
-        pass
     finally:
         children = set(multiprocessing.active_children()) - others
-        pool.shutdown(wait=False, cancel_futures=True)
+        for pool in pools:
+            pool.shutdown(wait=False, cancel_futures=True)
         if under_way:
             for child in children:
                 child.terminate()
         for child in children:
             child.join()
-    return [*suspects, *under_way.values()]
+    waiting.release()
+    return suspects
 
 
 @contextlib.contextmanager

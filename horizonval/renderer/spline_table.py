@@ -1,13 +1,20 @@
-"""Tables over rays that a kernel reads by cubic interpolation (Catmull and Rom): smooth, and exact for parabolas.
+r"""Tables over the rays of one camera position that a kernel reads by cubic interpolation (Catmull and Rom).
 
-Node values f are joined by cubics with the slopes ``(f[i + 1] - f[i - 1]) / 2``. Beyond the ends of an axis one more
-node is made from the parabola through the last three.
+Rows are places on an axis of rays (:mod:`horizonval.renderer.kernel.ray_coordinates`), columns azimuths from 0 to
+:math:`\pi`. What is tabulated is the same on both sides of the camera's meridian: it depends on height and latitude
+alone. A node is made when a frame first looks near it, and what it holds depends on nothing that was looked at before.
+
+Node values f are joined by cubics with the slopes ``(f[i + 1] - f[i - 1]) / 2``: smooth, and exact for parabolas.
+Beyond the ends of rows one more node lies on the parabola through the last three; beyond those of columns they are
+mirrored.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -16,7 +23,50 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.tables import gather_row, table_of
-from horizonval.renderer.types import Values
+from horizonval.renderer.types import Values, constant
+
+NodeValues: TypeAlias = Callable[[NDArray[np.int64], NDArray[np.int64]], FloatArray]
+"""From rows and columns of nodes, both of shape (n,), to values (n, ...)."""
+
+_BLOCK = 64
+"""Nodes are made by multiples of this, so that NumPy's loops have no remainders, which may round otherwise."""
+_ABSENT = np.uint32(0xFFFFFFFF)
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """The four nodes around places on an axis, and their weights."""
+
+    index: tuple[mi.UInt32, mi.UInt32, mi.UInt32, mi.UInt32]
+    weight: Values
+
+    @classmethod
+    def on_parabola(cls, place: mi.Float64, count: int) -> Neighbours:
+        """Return those of places in steps from the first of ``count`` nodes, next to each other."""
+        i, (a, b, c, d) = _interval(place, count)
+        first, last = i == 0, i == count - 2
+        # the node before the first is 3 f0 - 3 f1 + f2, and so at the other end
+        start = mi.UInt32(dr.select(first, 0, dr.select(last, count - 4, i - 1)))
+        low, zero = [b + 3.0 * a, c - 3.0 * a, d + a], mi.Float64(0.0)
+        high = [a + d, b - 3.0 * d, c + 3.0 * d]
+        weight = [
+            dr.select(first, at_first, dr.select(last, at_last, inside))
+            for at_first, at_last, inside in zip([*low, zero], [zero, *high], [a, b, c, d], strict=True)
+        ]
+        return cls((start, start + 1, start + 2, start + 3), weight)
+
+    @classmethod
+    def mirrored(cls, place: mi.Float64, count: mi.UInt32) -> Neighbours:
+        """Return those of places on an axis where what lies beyond an end mirrors what lies before it."""
+        i, weight = _interval(place, count)
+        return cls((dr.select(i == 0, 1, i - 1), i, i + 1, dr.select(i == count - 2, i, i + 2)), weight)
+
+
+def _interval(place: mi.Float64, count: mi.UInt32 | int) -> tuple[mi.UInt32, Values]:
+    """Return the node before places, and the weights of four neighbours."""
+    place = dr.clip(place, 0.0, mi.Float64(count) - 1.0)
+    i = dr.minimum(mi.UInt32(place), count - 2)
+    return i, cubic_weights(place - mi.Float64(i))
 
 
 def cubic_weights(w: mi.Float64) -> Values:
@@ -31,162 +81,133 @@ def cubic_weights(w: mi.Float64) -> Values:
     ]
 
 
-def with_ghosts(values: FloatArray, axis: int = 0) -> FloatArray:
-    """Return the values with one more node at either end of an axis."""
-    v = np.moveaxis(values, axis, 0)
-    low, high = 3.0 * v[0] - 3.0 * v[1] + v[2], 3.0 * v[-1] - 3.0 * v[-2] + v[-3]
-    return np.moveaxis(np.concatenate([low[None], v, high[None]]), 0, axis)
-
-
 @dataclass(frozen=True)
-class Azimuths:
-    """Nodes in azimuth on a fixed division of the circle: ``count`` steps of ``whole`` from the node ``first`` on.
+class NodeGrid:
+    """``rows`` nodes along an axis of rays, ``columns`` in azimuth from 0 to pi; both at least four."""
 
-    ``count == whole`` is the full circle.
-    """
-
-    whole: int
-    first: int
-    count: int
+    rows: int
+    columns: int
 
     def node_azimuths(self) -> FloatArray:
-        """Return the azimuths [rad] at which values are needed."""
-        extra = 0 if self.count == self.whole else 3
-        start = self.first - (1 if extra else 0)
-        return np.asarray((start + np.arange(self.count + extra)) * (2.0 * math.pi / self.whole), dtype=np.float64)
+        """Return the azimuths of columns [rad]."""
+        return np.linspace(0.0, math.pi, self.columns)
 
-    def padded(self, values: FloatArray) -> FloatArray:
-        """Return values over :meth:`node_azimuths` (second axis) with a neighbour before and two after."""
-        if self.count != self.whole:
-            return values
-        return np.concatenate([values[:, -1:], values, values[:, :2]], axis=1)
+    def opaque_columns(self) -> mi.UInt32:
+        """Return ``columns`` as data, for kernels that serve all of them."""
+        return dr.opaque(mi.UInt32, self.columns, 1)
+
+    def column(self, azimuth: mi.Float64) -> mi.Float64:
+        """Return the place of azimuths from -pi to pi, in steps from the first column."""
+        return dr.abs(azimuth) * constant((self.columns - 1) / math.pi)
+
+    def near(self, row: mi.Float64, azimuth: mi.Float64) -> NDArray[np.bool_]:
+        """Return which nodes are read for rays, shape (rows, columns)."""
+        i, _ = _interval(row, self.rows)
+        columns = self.opaque_columns()
+        j, _ = _interval(self.column(azimuth), columns)
+        mask = dr.zeros(mi.UInt32, (self.rows - 1) * (self.columns - 1))
+        dr.scatter(mask, mi.UInt32(1), i * (columns - 1) + j)
+        intervals = np.array(mask).reshape(self.rows - 1, self.columns - 1) > 0
+        padded = np.pad(intervals, 2)
+        # node k serves the intervals k - 2 to k + 1, the ends those that are mirrored there
+        along = padded[:-3] | padded[1:-2] | padded[2:-1] | padded[3:]
+        # at the ends of rows four nodes are read, one of them with weight 0
+        along[3] |= padded[2]
+        along[-4] |= padded[-3]
+        return np.asarray(along[:, :-3] | along[:, 1:-2] | along[:, 2:-1] | along[:, 3:])
+
+
+class NodeTable:
+    """Values at those nodes of a grid that were looked at; each node is ``width`` numbers in the kernel's memory."""
+
+    def __init__(self, grid: NodeGrid, width: int) -> None:
+        self.grid, self.width = grid, width
+        self._slot = np.full((grid.rows, grid.columns), _ABSENT, dtype=np.uint32)
+        self._made = 0
+        self._values = mi.Float64()
+        self._index = mi.UInt32()
 
     @property
-    def columns(self) -> int:
-        """Length of the padded axis."""
-        return self.count + 3
+    def nbytes(self) -> int:
+        """Memory that the table takes."""
+        return self._slot.nbytes * 2 + self._made * self.width * 8
 
-    def place(self, azimuth: mi.Float64) -> tuple[mi.UInt32, mi.Float64]:
-        """Return the lowest of the four neighbours (padded index) and the weight between the middle two."""
-        whole = float(self.whole)
-        u = azimuth * (whole / (2.0 * math.pi)) - dr.opaque(mi.Float64, float(self.first), 1)
-        u = u - whole * dr.floor(u * (1.0 / whole))
-        count = dr.opaque(mi.Float64, float(self.count), 1)
-        u = dr.clip(u, 0.0, count)
-        j = dr.minimum(mi.UInt32(u), mi.UInt32(count) - 1)
-        return j, u - mi.Float64(j)
+    def cover(self, row: mi.Float64, azimuth: mi.Float64, values: NodeValues) -> None:
+        """Make the nodes that rays at places ``row`` [steps] and azimuths [rad] need and that are not here yet."""
+        seen = self.grid.near(row, azimuth)
+        rows, columns = np.nonzero(seen & (self._slot == _ABSENT))
+        count = len(rows)
+        if not count:
+            return
+        filling = -count % _BLOCK
+        made = values(*(np.pad(k, (0, filling), mode="edge") for k in (rows, columns)))
+        self._slot[rows, columns] = self._made + np.arange(count, dtype=np.uint32)
+        self._made += count
+        more = table_of(mi.Float64, self._packed(made[:count]))
+        self._values = dr.concat([self._values, more]) if self._made > count else more
+        self._index = mi.UInt32(self._slot.ravel())
+        dr.eval(self._values)
+
+    def _packed(self, values: FloatArray) -> FloatArray:
+        """Return values of nodes as they lie in memory, shape (n, width)."""
+        raise NotImplementedError
+
+    def _nodes(self, row: mi.Float64, azimuth: mi.Float64) -> list[tuple[mi.UInt32, mi.Float64]]:
+        """Return where the sixteen nodes around rays lie, and their weights."""
+        down = Neighbours.on_parabola(row, self.grid.rows)
+        columns = self.grid.opaque_columns()
+        across = Neighbours.mirrored(self.grid.column(azimuth), columns)
+        return [
+            (dr.gather(mi.UInt32, self._index, i * columns + j), a * b)
+            for i, a in zip(down.index, down.weight, strict=True)
+            for j, b in zip(across.index, across.weight, strict=True)
+        ]
 
 
-def azimuths_in_view(azimuth: FloatArray, coarsest: int, least: int = 48) -> Azimuths:
-    """Return nodes for a frame along whose outline, followed once around, rays have these azimuths.
+class SplineTable(NodeTable):
+    """Several quantities at every node. More than two are filled up to a multiple of four."""
 
-    The circle is divided by ``coarsest`` or its doubles, so that a narrow frame has at least ``least`` steps. An
-    outline that winds around nadir or zenith has all azimuths in it.
-    """
-    turns = np.diff(np.concatenate([azimuth, azimuth[:1]]))
-    turns -= 2.0 * math.pi * np.round(turns / (2.0 * math.pi))
-    along = azimuth[0] + np.concatenate([[0.0], np.cumsum(turns[:-1])])
-    width = float(along.max() - along.min())
-    if abs(float(turns.sum())) > 1.0 or np.abs(turns).max() > 1.0 or width > math.radians(300.0):
-        return Azimuths(coarsest, 0, coarsest)
-    doublings = max(0, math.ceil(math.log2(least / max(width / (2.0 * math.pi) * coarsest, 1e-3))))
-    whole = coarsest << min(doublings, 8)
-    per_node = whole / (2.0 * math.pi)
-    first = math.floor(float(along.min()) * per_node) - 2
-    count = math.ceil(float(along.max()) * per_node) + 2 - first
-    return Azimuths(coarsest, 0, coarsest) if count >= whole else Azimuths(whole, first, count)
+    def __init__(self, grid: NodeGrid, quantities: int) -> None:
+        super().__init__(grid, quantities if quantities <= 2 else -(-quantities // 4) * 4)
+        self.quantities = quantities
 
+    def _packed(self, values: FloatArray) -> FloatArray:
+        return np.pad(values, ((0, 0), (0, self.width - self.quantities)))
 
-@dataclass(frozen=True)
-class SplineTable:
-    """Values on rows (places on an axis of rays), columns (azimuths) and several quantities.
-
-    ``values``: Float64 of shape (rows + 2, columns, width), flat; ``width`` is the number of quantities, filled up to a
-    multiple of four if there are more than two.
-    """
-
-    values: mi.Float64
-    rows: int
-    azimuths: Azimuths
-    quantities: int
-    width: int
-
-    @classmethod
-    def of(cls, values: FloatArray, azimuths: Azimuths) -> SplineTable:
-        """Build from values of shape (rows, node azimuths, quantities)."""
-        rows, _, quantities = values.shape
-        width = quantities if quantities <= 2 else -(-quantities // 4) * 4
-        padded = azimuths.padded(with_ghosts(values))
-        full = np.zeros((*padded.shape[:2], width))
-        full[..., :quantities] = padded
-        return cls(table_of(mi.Float64, full), rows, azimuths, quantities, width)
-
-    def look(self, row: mi.Float64, azimuth: mi.Float64) -> list[mi.Float64]:
+    def look(self, row: mi.Float64, azimuth: mi.Float64) -> Values:
         """Return all quantities at places ``row`` [steps] and azimuths [rad]; what is below 0 counts as 0.
 
         Light is never negative, but the cubic through it dips below where the air ends.
         """
-        i, w = row_of(row, self.rows)
-        j, v = self.azimuths.place(azimuth)
-        down, across = cubic_weights(w), cubic_weights(v)
-        columns = dr.opaque(mi.UInt32, self.azimuths.columns, 1)
         total = [mi.Float64(0.0)] * self.width
-        for a, weight_a in enumerate(down):
-            start = (i + a) * columns + j
-            for b, weight_b in enumerate(across):
-                weight = weight_a * weight_b
-                for q, value in enumerate(self._gather(start + b)):
-                    total[q] = dr.fma(weight, value, total[q])
+        for node, weight in self._nodes(row, azimuth):
+            for q, value in enumerate(gather_row(self._values, node, self.width)):
+                total[q] = dr.fma(weight, value, total[q])
         return [dr.maximum(value, 0.0) for value in total[: self.quantities]]
 
-    def _gather(self, node: mi.UInt32) -> Values:
-        if self.width <= 2:
-            return gather_row(self.values, node, self.width)
-        packets = self.width // 4
-        return [v for k in range(packets) for v in gather_row(self.values, node * packets + k, 4)]
 
+class StationTable(NodeTable):
+    """Two quantities at stations along rays.
 
-def row_of(place: mi.Float64, rows: int) -> tuple[mi.UInt32, mi.Float64]:
-    """Return the lowest of the four neighbouring rows (ghost included) and the weight between the middle two."""
-    i = dr.minimum(mi.UInt32(dr.maximum(place, 0.0)), rows - 2)
-    return i, place - mi.Float64(i)
-
-
-@dataclass(frozen=True)
-class StationTable:
-    """Two quantities at stations along rays, over rows and azimuths.
-
-    ``values``: Float64 of shape (rows + 2, columns, stations + 2, 4), flat: both quantities of a station and of the
-    next, so that two gathers fetch four stations.
+    Of a node lie in memory both quantities of a station and of the next, for one station after the other, so that two
+    gathers fetch four stations.
     """
 
-    values: mi.Float64
-    rows: int
-    azimuths: Azimuths
-    stations: int
+    def __init__(self, grid: NodeGrid, stations: int) -> None:
+        super().__init__(grid, 4 * stations)
+        self.stations = stations
 
-    @classmethod
-    def of(cls, values: NDArray[np.float64], azimuths: Azimuths) -> StationTable:
-        """Build from values of shape (rows, node azimuths, stations, 2)."""
-        padded = with_ghosts(azimuths.padded(with_ghosts(values)), axis=2)
-        following = np.concatenate([padded[:, :, 1:], padded[:, :, -1:]], axis=2)
-        packed = np.concatenate([padded, following], axis=-1)
-        return cls(table_of(mi.Float64, packed), len(values), azimuths, values.shape[2])
+    def _packed(self, values: FloatArray) -> FloatArray:
+        following = np.concatenate([values[:, 1:], values[:, -1:]], axis=1)
+        return np.concatenate([values, following], axis=-1).reshape(len(values), self.width)
 
     def look(self, row: mi.Float64, azimuth: mi.Float64, along: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
         """Return both quantities; ``along`` from 0 at the first station to 1 at the last."""
-        i, w = row_of(row, self.rows)
-        j, v = self.azimuths.place(azimuth)
-        k, u = row_of(dr.clip(along, 0.0, 1.0) * (self.stations - 1.0), self.stations)
-        down, across, far = cubic_weights(w), cubic_weights(v), cubic_weights(u)
-        columns = dr.opaque(mi.UInt32, self.azimuths.columns, 1)
+        far = Neighbours.on_parabola(along * (self.stations - 1.0), self.stations)
         p, q = mi.Float64(0.0), mi.Float64(0.0)
-        for a, weight_a in enumerate(down):
-            for b, weight_b in enumerate(across):
-                start = ((i + a) * columns + j + b) * (self.stations + 2) + k
-                near, next_ = (gather_row(self.values, start + s, 4) for s in (0, 2))
-                weight = weight_a * weight_b
-                for f, g, h in zip(far, (near, near, next_, next_), (0, 2, 0, 2), strict=True):
-                    p = dr.fma(weight * f, g[h], p)
-                    q = dr.fma(weight * f, g[h + 1], q)
+        for node, weight in self._nodes(row, azimuth):
+            near, last = (gather_row(self._values, node * self.stations + far.index[k], 4) for k in (0, 2))
+            for f, pair, h in zip(far.weight, (near, near, last, last), (0, 2, 0, 2), strict=True):
+                p = dr.fma(weight * f, pair[h], p)
+                q = dr.fma(weight * f, pair[h + 1], q)
         return p, q

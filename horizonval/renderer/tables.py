@@ -107,9 +107,12 @@ def interpolate(table: Real, i: mi.UInt32, w: Real, width: int, stride: int = 1)
 
 @dataclass(frozen=True)
 class SunTable:
-    """``ln(tau + tau_0)`` of a node batch, shape (n_height, n_mu, width) flattened."""
+    """``ln(tau + tau_0)`` of a node batch, shape (n_height, n_mu, width) flattened.
 
-    values: mi.Float64
+    Values in Float32 are interpolated in it, which costs half as much and 1e-6 of the optical depth.
+    """
+
+    values: mi.Float64 | mi.Float32
     n_height: int
     n_mu: int
     radius_m: float
@@ -131,8 +134,10 @@ class SunTable:
         y = dr.sqrt(dr.clip((mu - mu_h) / (1.0 - mu_h), 0.0, 1.0)) * (self.n_mu - 1)
         i = dr.minimum(mi.UInt32(x), self.n_height - 2)
         j = dr.minimum(mi.UInt32(y), self.n_mu - 2)
-        wx, wy = x - mi.Float64(i), y - mi.Float64(j)
+        values: Any = self.values
+        real = type(values)
+        wx, wy = real(x - mi.Float64(i)), real(y - mi.Float64(j))
         row = i * self.n_mu + j
-        near = interpolate(self.values, row, wy, width)
-        far = interpolate(self.values, row + self.n_mu, wy, width)
-        return [dr.exp(TAU_FLOOR - dr.exp(dr.fma(b - a, wx, a))) for a, b in zip(near, far, strict=True)]
+        near = interpolate(values, row, wy, width)
+        far = interpolate(values, row + self.n_mu, wy, width)
+        return [mi.Float64(dr.exp(TAU_FLOOR - dr.exp(dr.fma(b - a, wx, a)))) for a, b in zip(near, far, strict=True)]

@@ -6,7 +6,7 @@ So signatures say ``mi.Float64``, ``mi.UInt32`` or ``mi.Bool``, and here are the
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import drjit as dr
@@ -41,6 +41,30 @@ PluginDict: TypeAlias = dict[str, Any]
 def indices_where(condition: mi.Bool) -> mi.UInt32:
     """Return where a condition holds, rising."""
     return mi.UInt32(dr.compress(condition))
+
+
+Array = TypeVar("Array", "mi.UInt32", "mi.Float64")
+
+
+def joined(arrays: Sequence[Array]) -> Array:
+    """Return arrays one behind the other; evaluated.
+
+    Dr.Jit's own way compiles a kernel anew for every length.
+    """
+    filled = [a for a in arrays if dr.width(a)]
+    if len(filled) < 2:
+        return filled[0] if filled else arrays[0]
+    result = dr.empty(type(filled[0]), sum(dr.width(a) for a in filled))
+    first = 0
+    for a in filled:
+        dr.scatter(result, a, numbers_from(first, dr.width(a)), mode=dr.ReduceMode.Permute)
+        first += dr.width(a)
+    return result
+
+
+def numbers_from(first: int, count: int) -> mi.UInt32:
+    """Return whole numbers from ``first`` on, which is data, as in :func:`constant`."""
+    return dr.opaque(mi.UInt32, first, 1) + dr.arange(mi.UInt32, count) if count else mi.UInt32()
 
 
 def constant_vector(values: Iterable[float]) -> Vec:

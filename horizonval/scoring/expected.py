@@ -37,7 +37,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -195,7 +195,7 @@ def examine(
     rho = truth.angular_radius_rad
     arc_px, sagitta_px = extent(camera, view.uv, view.in_view, rho)
     lit_px, lit_sagitta_px = extent(camera, view.uv, lit, rho)
-    determined = _determined_rad(scene, usable, limits.NOMINAL)
+    determined = _determined_rad(scene, usable)
     seen = view.in_view
     up_cam = -np.array(truth.nadir_geodetic_cam)
     ellipsoid = truth.ellipsoid
@@ -248,6 +248,8 @@ class _Scene:
     signal: LimbSignal
     sun: bool
     one_of_several: bool
+    determined_rad: dict[bytes, float] = field(default_factory=dict)
+    """What is known already: under most thresholds the same samples are members."""
 
     @property
     def crossing_only(self) -> bool:
@@ -320,11 +322,18 @@ def _enough(scene: _Scene, member: BoolArray, thresholds: Thresholds) -> bool:
         return True
     if sagitta_px < limits.MIN_ARC_SAGITTA_PX:
         return False
-    return _determined_rad(scene, member, thresholds) <= thresholds.determined_rad
+    return _determined_rad(scene, member) <= thresholds.determined_rad
 
 
-def _determined_rad(scene: _Scene, member: BoolArray, thresholds: Thresholds) -> float:
+def _determined_rad(scene: _Scene, member: BoolArray) -> float:
     """Return the standard deviation of the nadir, worst direction, that samples determine; infinite if they do not."""
+    key = member.tobytes()
+    if key not in scene.determined_rad:
+        scene.determined_rad[key] = _work_out_determined_rad(scene, member)
+    return scene.determined_rad[key]
+
+
+def _work_out_determined_rad(scene: _Scene, member: BoolArray) -> float:
     los = scene.view.los_cam[member]
     if len(los) < 8:
         return math.inf

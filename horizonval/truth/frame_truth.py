@@ -5,6 +5,7 @@ This room stands above ``infrared_horizon``, which adds what thermal bands see o
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 import math
@@ -13,6 +14,7 @@ from datetime import datetime
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from horizonval.earth.optical import OpticalModel, optical_model
 from horizonval.earth.spectral.thermal_accuracy import thermal_accuracy
@@ -30,7 +32,7 @@ from horizonval.geometry.ephemeris import (
 )
 from horizonval.geometry.frames import rotate
 from horizonval.geometry.horizon import angular_radius
-from horizonval.geometry.pose import direction_from_horizontal, place_from_spec, pose_from_spec
+from horizonval.geometry.pose import Pose, direction_from_horizontal, place_from_spec, pose_from_spec
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.truth.infrared_horizon.around import infrared_horizon
@@ -94,60 +96,86 @@ def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> 
             math.radians(scene.sun.zenith_deg), math.radians(scene.sun.azimuth_deg), pose.r_itrs, pose.ellipsoid
         )
     radius = float(sun_angular_radius(distance_m))
+    moon: dict[str, Any] = {}
+    to_moon = None
+    place = _moon_place(scene, pose.ellipsoid, pose.r_itrs)
+    if place is not None:
+        line = place - pose.r_itrs
+        distance = float(np.linalg.norm(line))
+        to_moon = line / distance
+        moon_radius = math.asin(MOON_RADIUS_M / distance)
+        moon = {
+            "moon_itrs": _components(to_moon),
+            "moon_angular_radius_rad": moon_radius,
+            "moon_visible_fraction": float(sun_visible_fraction(pose.r_itrs, to_moon, moon_radius, pose.ellipsoid)),
+            "moon_phase_angle_rad": phase_angle(direction * distance_m - place, -line),
+        }
+    truth = FrameTruth(
+        epoch_utc=scene.platform.epoch_utc.isoformat(),
+        ellipsoid_a_m=pose.ellipsoid.a_m,
+        ellipsoid_b_m=pose.ellipsoid.b_m,
+        r_itrs=_components(pose.r_itrs),
+        altitude_m=pose.altitude_m,
+        sun_itrs=_components(direction),
+        sun_angular_radius_rad=radius,
+        sun_visible_fraction=float(sun_visible_fraction(pose.r_itrs, direction, radius, pose.ellipsoid)),
+        angular_radius_rad=angular_radius(pose.r_itrs, pose.ellipsoid),
+        **moon,
+        **_attitude_fields(scene, camera, pose, direction, to_moon),
+    )
+    thermal = [band for band in camera.band if band.kind == "thermal"]
+    if not (infrared and thermal):
+        return truth
+    return with_infrared_horizon(truth, optical_model(scene, camera.model_copy(update={"band": thermal})))
+
+
+def truth_turned(truth: FrameTruth, scene: SceneSpec, camera: CameraSpec) -> FrameTruth:
+    """Return the truth of a scene that differs from a truth's own in the attitude and the mounting alone.
+
+    All that belongs to place, instant and air is taken over, the infrared horizon too: the same as
+    :func:`truth_of`, bit by bit, without working it out again.
+
+    Parameters
+    ----------
+    truth : FrameTruth
+    scene, camera
+        Resolved specifications; the camera is the truth's own.
+    """
+    fields = _attitude_fields(scene, camera, pose_from_spec(scene, camera), truth.sun_itrs, truth.moon_itrs)
+    return replace(truth, **fields, infrared_horizon=copy.deepcopy(truth.infrared_horizon))
+
+
+def _attitude_fields(
+    scene: SceneSpec, camera: CameraSpec, pose: Pose, to_sun: ArrayLike, to_moon: ArrayLike | None
+) -> dict[str, Any]:
+    """Return the fields of a truth that change with the attitude; directions in Earth-fixed axes."""
     scene_data, camera_data = scene.model_dump(mode="json"), camera.model_dump(mode="json")
     if scene.earth.shape == "wgs84":
         # A radius beside WGS84 is refused when a scene is read, and this scene must be readable again.
         del scene_data["earth"]["radius_km"]
     if scene.surface.kind == "earth":
         del scene_data["surface"]["albedo"], scene_data["surface"]["emissivity"]
+    q = pose.q_cam_from_itrs
+    return {
+        "scene": scene_data,
+        "camera": camera_data,
+        "scene_id": scene_id(scene_data, camera_data),
+        "q_cam_from_itrs": _components(q),
+        "q_cam_from_body": _components(pose.q_cam_from_body),
+        "q_body_from_lvlh": _components(pose.q_body_from_lvlh),
+        "yaw_rad": pose.yaw_rad,
+        "pitch_rad": pose.pitch_rad,
+        "roll_rad": pose.roll_rad,
+        "sun_cam": _components(rotate(q, to_sun)),
+        "moon_cam": None if to_moon is None else _components(rotate(q, to_moon)),
+        "nadir_geocentric_cam": _components(rotate(q, geocentric_nadir(pose.r_itrs))),
+        "nadir_geodetic_cam": _components(rotate(q, geodetic_nadir(pose.r_itrs, pose.ellipsoid))),
+    }
 
-    def vector(v: Any) -> Any:
-        # + 0.0 turns -0.0 into 0.0: equal truths then have equal text.
-        return tuple(float(x) + 0.0 for x in v)
 
-    moon: dict[str, Any] = {}
-    place = _moon_place(scene, pose.ellipsoid, pose.r_itrs)
-    if place is not None:
-        line = place - pose.r_itrs
-        distance = float(np.linalg.norm(line))
-        moon_radius = math.asin(MOON_RADIUS_M / distance)
-        moon = {
-            "moon_itrs": vector(line / distance),
-            "moon_cam": vector(rotate(pose.q_cam_from_itrs, line / distance)),
-            "moon_angular_radius_rad": moon_radius,
-            "moon_visible_fraction": float(
-                sun_visible_fraction(pose.r_itrs, line / distance, moon_radius, pose.ellipsoid)
-            ),
-            "moon_phase_angle_rad": phase_angle(direction * distance_m - place, -line),
-        }
-    truth = FrameTruth(
-        scene=scene_data,
-        camera=camera_data,
-        scene_id=scene_id(scene_data, camera_data),
-        epoch_utc=scene.platform.epoch_utc.isoformat(),
-        ellipsoid_a_m=pose.ellipsoid.a_m,
-        ellipsoid_b_m=pose.ellipsoid.b_m,
-        r_itrs=vector(pose.r_itrs),
-        altitude_m=pose.altitude_m,
-        q_cam_from_itrs=vector(pose.q_cam_from_itrs),
-        q_cam_from_body=vector(pose.q_cam_from_body),
-        q_body_from_lvlh=vector(pose.q_body_from_lvlh),
-        yaw_rad=pose.yaw_rad,
-        pitch_rad=pose.pitch_rad,
-        roll_rad=pose.roll_rad,
-        sun_itrs=vector(direction),
-        sun_cam=vector(rotate(pose.q_cam_from_itrs, direction)),
-        sun_angular_radius_rad=radius,
-        sun_visible_fraction=float(sun_visible_fraction(pose.r_itrs, direction, radius, pose.ellipsoid)),
-        nadir_geocentric_cam=vector(rotate(pose.q_cam_from_itrs, geocentric_nadir(pose.r_itrs))),
-        nadir_geodetic_cam=vector(rotate(pose.q_cam_from_itrs, geodetic_nadir(pose.r_itrs, pose.ellipsoid))),
-        angular_radius_rad=angular_radius(pose.r_itrs, pose.ellipsoid),
-        **moon,
-    )
-    thermal = [band for band in camera.band if band.kind == "thermal"]
-    if not (infrared and thermal):
-        return truth
-    return with_infrared_horizon(truth, optical_model(scene, camera.model_copy(update={"band": thermal})))
+def _components(v: ArrayLike) -> Any:
+    # + 0.0 turns -0.0 into 0.0: equal truths then have equal text.
+    return tuple(float(x) + 0.0 for x in np.asarray(v))
 
 
 def with_infrared_horizon(truth: FrameTruth, model: OpticalModel) -> FrameTruth:

@@ -9,7 +9,6 @@ from functools import cache
 from pathlib import Path
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 import pytest
 
@@ -26,6 +25,7 @@ from horizonval.renderer.scattering import multiple_scattering  # noqa: E402
 from horizonval.renderer.scattering.diffuse_field import DiffuseField  # noqa: E402
 from horizonval.renderer.scattering.multiple_scattering import solve  # noqa: E402
 from horizonval.renderer.scattering.quality import FINE, STANDARD, Quality  # noqa: E402
+from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER  # noqa: E402
 from horizonval.renderer.tables import AltitudeGrid, SunTable  # noqa: E402
 
 DATA = Path(__file__).parents[1] / "data"
@@ -71,7 +71,8 @@ class Table:
 def sun_table(model: OpticalModel, extinction: np.ndarray) -> SunTable:
     planet = Planet(RADIUS_M, RADIUS_M)
     grid = AltitudeGrid.of(model.altitude_m)
-    return batching._fill_sun_table(planet, model.top_m, grid, mi.Float64(extinction), 1, batching.IMAGE_TABLE)
+    table = batching._interleave([extinction], SOLVED_TOGETHER)
+    return batching._fill_sun_table(planet, model.top_m, grid, table, SOLVED_TOGETHER, batching.IMAGE_TABLE)
 
 
 def test_by_day_equals_successive_orders_of_another_code() -> None:
@@ -210,16 +211,16 @@ def test_any_albedo_from_two_fields() -> None:
     model = rayleigh()
     node = model.nodes[0]
     table = sun_table(model, node.extinction_per_m)
-    solution = solve(node, model.altitude_m, RADIUS_M, table, STANDARD)
-    solver = multiple_scattering._Solver(node, model.altitude_m, RADIUS_M, table, STANDARD)
+    (solution,) = solve([node], model.altitude_m, RADIUS_M, table, STANDARD)
+    solver = multiple_scattering._Solver([node], model.altitude_m, RADIUS_M, table, STANDARD)
     albedo = 0.8
     mu = solver.sun_cosines
-    sunlight = np.maximum(mu, 0.0) * multiple_scattering._transmittance(table, np.zeros_like(mu), mu)
+    sunlight = np.maximum(mu, 0.0) * multiple_scattering._transmittance(table, np.zeros_like(mu), mu)[0]
     irradiance = solution.air.irradiance
     moments, total = solution.air.moments.copy(), irradiance.copy()
     lit = (sunlight + irradiance) / math.pi
     for _ in range(9):
-        bounce: DiffuseField = solver.sum_of_orders(solver.from_ground(albedo * lit))
+        bounce: DiffuseField = solver.sum_of_orders(solver.from_ground([albedo * lit] * SOLVED_TOGETHER))[0]
         moments += bounce.moments
         total += bounce.irradiance
         lit = bounce.irradiance / math.pi
@@ -238,7 +239,7 @@ def test_the_number_of_threads_changes_no_bit_of_a_table() -> None:
     try:
         for threads in (1, 2, 4):
             dr.set_thread_count(threads)
-            solution = solve(node, model.altitude_m, RADIUS_M, sun_table(model, node.extinction_per_m), STANDARD)
+            (solution,) = solve([node], model.altitude_m, RADIUS_M, sun_table(model, node.extinction_per_m), STANDARD)
             seen.add(solution.air.moments.tobytes() + solution.bounce.irradiance.tobytes())
     finally:
         dr.set_thread_count(before)

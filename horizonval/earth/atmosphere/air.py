@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.suggest import nearest
 from horizonval.earth.atmosphere import climate, climate_rows, profile_file
 from horizonval.earth.atmosphere.aerosol import Aerosol, aerosol
+from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile, names, profile
 from horizonval.earth.spectral import thermal_absorption
 from horizonval.spec.scene import SceneSpec
@@ -55,7 +56,7 @@ class Air:
         return bool(self.climates) and self.state.name in (*thermal_absorption.climates(), climate.BY_LATITUDE_MONTH)
 
 
-def air_of(scene: SceneSpec, base_dir: Path | None = None) -> Air:
+def air_of(scene: SceneSpec, base_dir: Path | None = None, change: AirChange = AS_IT_IS) -> Air:
     """Return the gases and particles of a scene with an atmosphere of its own (neither ``none`` nor ``file``).
 
     Parameters
@@ -64,6 +65,8 @@ def air_of(scene: SceneSpec, base_dir: Path | None = None) -> Air:
         Its atmosphere; for ``by_latitude_month`` also latitude and epoch of the platform.
     base_dir : Path, optional
         Folder against which ``atmosphere.profile_file`` is resolved; default the current one.
+    change : AirChange
+        How the air differs from the scene's.
 
     Raises
     ------
@@ -90,5 +93,7 @@ def air_of(scene: SceneSpec, base_dir: Path | None = None) -> Air:
             )
         state = profile(atmosphere.profile)
         climates = {state.name if state.name in thermal_absorption.climates() else _STANDARD: 1.0}
-    particles = aerosol(atmosphere.aerosol, z, where=f"{scene.scene.name}: atmosphere.aerosol")
-    return Air(state.at(z), climates, particles, atmosphere.ozone)
+    lower = np.clip(z - change.raised_m, state.altitude_m[0], state.altitude_m[-1])
+    particles = aerosol(atmosphere.aerosol, np.minimum(lower, TOP_M), where=f"{scene.scene.name}: atmosphere.aerosol")
+    gases = replace(state.at(lower), altitude_m=z)
+    return Air(change.state(gases), climates, change.particles(particles), atmosphere.ozone)

@@ -26,6 +26,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere import absorption_interpolation, aerosol, climate_rows
 from horizonval.earth.atmosphere.air import TOP_M, Air
+from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile
 from horizonval.earth.atmosphere.solar_rule import check_sunlight
@@ -66,19 +67,21 @@ class EmittingAir:
     interpolated_state: AtmosphereProfile | None
     particles: aerosol.Aerosol
     co2_ppm: float
+    change: AirChange = AS_IT_IS
 
     def band(self, band: Band, sun_distance_au: float, where: str) -> EmittingBand:
         """Return a thermal band; errors as :func:`horizonval.earth.spectral.thermal_absorption.g_points`."""
         points = thermal_absorption.g_points(band, where=where)
         gas = np.stack([self._ln_gas(points, climates) for climates in self.climates], axis=1)
+        gas = gas + self.change.ln_density(self.level_m, self.temperature_k)
         return EmittingBand(
             name=band.name,
             wavelength_um=points.wavelength_um,
             altitude_m=self.altitude_m,
             sin_latitude=self.sin_latitude,
-            level_m=self.level_m,
+            level_m=self.level_m + self.change.raised_m,
             ln_extinction=self._with_particles(gas, points.wavelength_um),
-            temperature_k=self.temperature_k,
+            temperature_k=self.temperature_k + self.change.warmer_k,
             source_wavenumber_per_cm=points.wavenumber_per_cm,
             source_weight_per_cm=points.weight_per_cm,
             sun_radiance=points.sun_radiance(sun_distance_au),
@@ -100,7 +103,7 @@ class EmittingAir:
         return np.log(np.exp(ln_gas) + np.stack([absorbed[w] for w in wavelength_um])[:, None, :])
 
 
-def emitting_air(air: Air, scene: SceneSpec) -> EmittingAir:
+def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> EmittingAir:
     """Return the air of a scene that has gases of its own (neither ``none`` nor an atmosphere file).
 
     For ``by_latitude_month`` without a latitude of its own there is a row of air for every latitude in sight; else one
@@ -109,8 +112,10 @@ def emitting_air(air: Air, scene: SceneSpec) -> EmittingAir:
     Parameters
     ----------
     air : Air
-        Of the scene: what its solar bands see, the column below the satellite.
+        Of the scene, as it is: what its solar bands see, the column below the satellite.
     scene : SceneSpec
+    change : AirChange
+        How the bands' air differs from it.
     """
     grid = air.altitude_m
     rows = np.zeros(1)
@@ -130,8 +135,9 @@ def emitting_air(air: Air, scene: SceneSpec) -> EmittingAir:
         temperature_k=temperature,
         climates=climates,
         interpolated_state=None if air.climates else air.state,
-        particles=aerosol.aerosol(scene.atmosphere.aerosol, level_m),
+        particles=change.particles(aerosol.aerosol(scene.atmosphere.aerosol, level_m)),
         co2_ppm=scene.atmosphere.co2_ppm,
+        change=change,
     )
 
 

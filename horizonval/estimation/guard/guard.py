@@ -42,12 +42,12 @@ from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.clean_image import cleaned
 from horizonval.estimation.guard.guard_heads import run_heads
 from horizonval.estimation.guard.limb_model import blur_of, model_covariance
-from horizonval.estimation.limb.edges import noise_sigma
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
 from horizonval.estimation.limb.model.sunlit import SunlitLimb, sun_angles, sunlit_limb
 from horizonval.estimation.limb.model.trusted import alone, faded, faint, read_sides, restless, saturated
+from horizonval.estimation.limb.picture import noise_sigma
 from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty, limb_directions
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project

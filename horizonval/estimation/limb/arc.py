@@ -15,8 +15,9 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.limb.checks import check_image, saturated_pixels
-from horizonval.estimation.limb.edges import find_edges, scale_to_8_bit
+from horizonval.estimation.limb.checks import check_image
+from horizonval.estimation.limb.edges import find_edges
+from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.shape.circle import Circle, fit_circle
 
 RIM_PX = 2
@@ -49,7 +50,7 @@ def find_arc(image: FloatArray, full_scale: float | None = None) -> Arc | Refusa
     if (refusal := check_image(image, full_scale)) is not None:
         return refusal
     grey = np.asarray(image, dtype=np.float64)
-    edges = find_edges(scale_to_8_bit(grey, saturated_pixels(grey, full_scale)), RIM_PX)
+    edges = find_edges(Picture(grey, full_scale).eight_bit, RIM_PX)
     uv = longest_chain(edges.uv, (grey.shape[0], grey.shape[1]))
     if len(uv) < FEWEST_PIXELS:
         if full_scale is not None and float(np.percentile(grey, 99.9)) < DARK_SHARE * full_scale:

@@ -48,7 +48,7 @@ def check_image(image: FloatArray, full_scale: float | None = None) -> Refusal |
     if high == low:
         return _flat(high, full_scale)
     if full_scale is not None:
-        share = float(np.mean(image >= full_scale))
+        share = np.count_nonzero(image >= full_scale) / image.size
         if share > SATURATED_SHARE:
             return Refusal(Outcome.SATURATED, f"{share:.0%} of the pixels are saturated")
     return None
@@ -62,7 +62,7 @@ def saturated_pixels(image: FloatArray, full_scale: float | None = None) -> NDAr
     """
     top = float(image.max()) if full_scale is None else full_scale
     at_top = image >= top
-    if full_scale is None and int(at_top.sum()) < 9:
+    if full_scale is None and np.count_nonzero(at_top) < 9:
         return np.zeros(image.shape, dtype=bool)
     return np.asarray(at_top)
 

@@ -15,11 +15,17 @@ ellipse or a hyperbola.
 Triples are drawn preferably from points with one calm side, since space is featureless; and a triple must agree with
 its own three gradients before it is tried, which throws away all but a few in a thousand of the chance ones.
 The generator's seed is the image's hash: the same image always gives the same points.
+
+**Cost.** Whatever is asked of many points or cones is asked of arrays with the points along them, in pieces that stay
+in the processor's cache; the cheapest question comes first, and the next one only for what is left. Cones that gather
+the same supporters on their way are one from there on.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +49,11 @@ TRIED = 1_200
 SUBSET = 900
 POOL = 6_000
 KEPT = 12
+SLACKS = (2.0, 1.5, 1.0, 1.0, 1.0)
+"""Of the tolerance, each time that a cone is fitted to its supporters again."""
+TRIPLES_AT_ONCE = 6_000
+PLACES_AT_ONCE = 32_000
+"""Points times cones that are looked at in one piece."""
 GAP_PX = 3.5
 """Supporters closer than this along the limb are one unbroken piece of it."""
 
@@ -75,6 +86,20 @@ class EdgePoints:
             self.uv[rows], self.gradient[rows], self.los_cam[rows], self.jacobian[rows], self.quiet[rows], self.shape
         )
 
+    @cached_property
+    def pixel_rad(self) -> FloatArray:
+        """Root sum of squares of the angles of a pixel's width and height at each point, shape (n,)."""
+        return np.asarray(np.linalg.norm(self.jacobian, axis=(1, 2)))
+
+    @cached_property
+    def planes(self) -> FloatArray:
+        """What is asked of points again and again, shape (11, n).
+
+        Line of sight (3), its derivative by the column (3) and by the row (3), gradient (2).
+        """
+        across, down = self.jacobian[:, :, 0], self.jacobian[:, :, 1]
+        return np.concatenate([self.los_cam.T, across.T, down.T, self.gradient.T])
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -100,13 +125,25 @@ class Candidate:
 
 def to_sight(edges: Edges, camera: CameraModel, shape: tuple[int, int]) -> EdgePoints:
     """Turn edge points into lines of sight; points where the camera has no direction are left out."""
-    los = unproject(camera, edges.uv)
+    (sight,) = to_sights(edges, camera, shape, np.arange(len(edges.uv)))
+    return sight
+
+
+def to_sights(
+    edges: Edges, camera: CameraModel, shape: tuple[int, int], *selections: IndexArray
+) -> tuple[EdgePoints, ...]:
+    """Turn selections of edge points, each in the edges' order, into lines of sight: every point but once."""
+    members = np.zeros((len(selections), len(edges.uv)), dtype=bool)
+    for member, rows in zip(members, selections, strict=True):
+        member[rows] = True
+    used = np.flatnonzero(members.any(axis=0))
+    uv = edges.uv[used]
+    los = unproject(camera, uv)
     step = np.array([[0.5, 0.0], [0.0, 0.5]])
-    jacobian = np.stack(
-        [unproject(camera, edges.uv + step[i]) - unproject(camera, edges.uv - step[i]) for i in (0, 1)], axis=-1
-    )
+    jacobian = np.stack([unproject(camera, uv + step[i]) - unproject(camera, uv - step[i]) for i in (0, 1)], axis=-1)
     good = np.isfinite(los).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
-    return EdgePoints(edges.uv[good], edges.gradient[good], los[good], jacobian[good], edges.quiet[good], shape)
+    both = EdgePoints(uv, edges.gradient[used], los, jacobian, edges.quiet[used], shape)
+    return tuple(both.take(good & member[used]) for member in members)
 
 
 def find_candidates(sight: EdgePoints, rng: np.random.Generator) -> list[Candidate]:
@@ -123,100 +160,168 @@ def find_candidates(sight: EdgePoints, rng: np.random.Generator) -> list[Candida
     pool = np.argsort(sight.quiet, kind="stable")[: max(POOL, n // 4)]
     if len(pool) > POOL:
         pool = rng.permutation(pool)[:POOL]
-    found: list[Candidate] = []
-    for axis, cosine, bright_inside in _draw(sight, pool, rng):
-        candidate = _improve(sight, axis, cosine, bright_inside)
-        if candidate is not None and not any(_same(candidate, other) for other in found):
-            found.append(candidate)
-    return sorted(found, key=lambda c: -c.arc_px)
+    distinct: list[Candidate] = []
+    for candidate in _improved(sight, _draw(sight, pool, rng)):
+        if not any(_same(candidate, other) for other in distinct):
+            distinct.append(candidate)
+    return sorted(distinct, key=lambda c: -c.arc_px)
 
 
 def support(
     sight: EdgePoints, axis: FloatArray, cosine: float, bright_inside: bool, slack: float = 1.0
 ) -> NDArray[np.bool_]:
     """Return which points support a cone (see the module text); ``slack`` widens or narrows the tolerance."""
-    off_px, turn = _residuals(sight, axis[:, None], np.array([cosine]))
-    sign = 1.0 if bright_inside else -1.0
-    tolerance = slack * _tolerance_px(sight, np.array([cosine]), axis[:, None])
-    return np.asarray((np.abs(off_px) <= tolerance) & (sign * turn >= COS_GRADIENT))[:, 0]
+    supports = np.zeros(len(sight.uv), dtype=bool)
+    # The limb crosses no more of a pixel than its diagonal: most edges of an image are too far off by that alone.
+    reach = slack * _largest_tolerance_px(sight.shape) * (1.0 + 1e-9)
+    near = np.flatnonzero(np.abs(axis @ sight.planes[:3] - cosine) <= reach * sight.pixel_rad)
+    supports[near] = _hits(
+        sight.planes[:, near], sight.pixel_rad[near], sight.shape, axis[None], np.array([cosine]), bright_inside, slack
+    )[0]
+    return supports
 
 
 def off_limb_px(sight: EdgePoints, axis: FloatArray, cosine: float) -> FloatArray:
     """Return how far each point lies inside (positive) a cone's limb [px], to first order."""
-    return _residuals(sight, axis[:, None], np.array([cosine]))[0][:, 0]
-
-
-def _residuals(sight: EdgePoints, axes: FloatArray, cosines: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return distances from the limb [px] and cosines between gradient and inward normal, (n, k) for axes (3, k)."""
-    ex = sight.jacobian[:, :, 0] @ axes
-    ey = sight.jacobian[:, :, 1] @ axes
-    size = np.hypot(ex, ey)
+    off, _, size = _residuals(sight.planes, axis[None], np.array([cosine]))
     size[size == 0] = np.inf
-    off = (sight.los_cam @ axes - cosines) / size
-    turn = (sight.gradient[:, :1] * ex + sight.gradient[:, 1:] * ey) / size
-    return off, turn
+    return np.asarray((off / size)[0])
 
 
-def _tolerance_px(sight: EdgePoints, cosines: FloatArray, axes: FloatArray) -> FloatArray:
+def _residuals(planes: FloatArray, axes: FloatArray, cosines: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what tells points (11, n) from the limbs of cones (k, 3): shape (k, n) each.
+
+    Over the third, the first is the distance inside the limb [px] and the second the cosine between gradient and inward
+    normal.
+    """
+    ex, ey = axes @ planes[3:6], axes @ planes[6:9]
+    turn = planes[9] * ex
+    turn += planes[10] * ey
+    ex *= ex
+    ey *= ey
+    ex += ey
+    off = axes @ planes[:3]
+    off -= cosines[:, None]
+    return off, turn, np.sqrt(ex, out=ex)
+
+
+def _hits(
+    planes: FloatArray,
+    pixel_rad: FloatArray,
+    shape: tuple[int, int],
+    axes: FloatArray,
+    cosines: FloatArray,
+    bright_inside: bool,
+    slack: float,
+) -> NDArray[np.bool_]:
+    """Return which points support which cones, shape (k, n)."""
+    off, turn, size = _residuals(planes, axes, cosines)
     sine = np.sqrt(np.clip(1.0 - cosines**2, 0.0, None))
     tangent = sine / np.clip(cosines, 0.17, None)
-    px_per_rad = 1.0 / np.linalg.norm(sight.jacobian, axis=(1, 2)) * np.sqrt(2.0)
-    relief = LIMB_RELIEF * tangent[None, :] * px_per_rad[:, None]
-    largest = max(TOLERANCE_PX, LARGEST_TOLERANCE_SHARE * min(sight.shape))
-    return np.minimum(TOLERANCE_PX + relief, largest)
+    tolerance = (LIMB_RELIEF * tangent)[:, None] * (1.0 / pixel_rad * np.sqrt(2.0))
+    tolerance += TOLERANCE_PX
+    np.minimum(tolerance, _largest_tolerance_px(shape), out=tolerance)
+    tolerance *= slack
+    tolerance *= size
+    size *= COS_GRADIENT if bright_inside else -COS_GRADIENT
+    # Without a slope of the cone at a point there is no turn, and no support.
+    along = turn > size if bright_inside else turn < size
+    return np.asarray((np.abs(off, out=off) <= tolerance) & along)
+
+
+def _largest_tolerance_px(shape: tuple[int, int]) -> float:
+    return max(TOLERANCE_PX, LARGEST_TOLERANCE_SHARE * min(shape))
 
 
 def _draw(sight: EdgePoints, pool: IndexArray, rng: np.random.Generator) -> list[tuple[FloatArray, float, bool]]:
     """Return the ``KEPT`` cones with most support among random triples, of each polarity."""
     triples = pool[rng.integers(0, len(pool), size=(TRIPLES, 3))]
-    a, b, c = (sight.uv[triples[:, i]] for i in range(3))
-    apart = 0.04 * min(sight.shape)
-    far = np.minimum(np.minimum(np.hypot(*(a - b).T), np.hypot(*(b - c).T)), np.hypot(*(a - c).T)) > apart
-    triples = triples[far]
-    axes, cosines = cones_through(*(sight.los_cam[triples[:, i]] for i in range(3)))
-    # All three gradients must point along the limb's normal, to the same side of it.
-    turns = []
-    for i in range(3):
-        jacobian = sight.jacobian[triples[:, i]]
-        normal = np.einsum("nij,ni->nj", jacobian, axes)
-        size = np.hypot(normal[:, 0], normal[:, 1])
-        turns.append((sight.gradient[triples[:, i]] * normal).sum(axis=1) / np.where(size > 0, size, np.inf))
-    turn = np.stack(turns)
-    chosen: list[tuple[FloatArray, float, bool]] = []
     subset = sight.take(pool if len(pool) <= SUBSET else rng.permutation(pool)[:SUBSET])
-    for bright_inside in (True, False):
-        sign = 1.0 if bright_inside else -1.0
-        good = np.flatnonzero((sign * turn >= COS_GRADIENT).all(axis=0))[:TRIED]
-        if not good.size:
-            continue
-        off, subset_turn = _residuals(subset, axes[good].T, cosines[good])
-        # Triples of whole-pixel points predict the far end of an arc poorly: twice the tolerance here.
-        hit = (np.abs(off) <= 2 * _tolerance_px(subset, cosines[good], axes[good].T)) & (
-            sign * subset_turn >= COS_GRADIENT
-        )
-        votes = hit.sum(axis=0)
+    chosen: list[tuple[FloatArray, float, bool]] = []
+    for bright_inside, good in zip((True, False), _agreeing(sight, triples), strict=True):
+        axes, cosines = cones_through(*(sight.los_cam[good[:, i]] for i in range(3)))
+        votes = _votes(subset, axes, cosines, bright_inside)
         for k in np.argsort(-votes, kind="stable")[:KEPT]:
-            chosen.append((axes[good[k]], float(cosines[good[k]]), bright_inside))
+            chosen.append((axes[k], float(cosines[k]), bright_inside))
     return chosen
 
 
-def _improve(sight: EdgePoints, axis: FloatArray, cosine: float, bright_inside: bool) -> Candidate | None:
-    """Refit a cone to its supporters until they no longer change, narrowing the tolerance from 2 to 1."""
-    rows = np.empty(0, dtype=np.int64)
-    for slack in (2.0, 1.5, 1.0, 1.0, 1.0):
-        rows = np.flatnonzero(support(sight, axis, cosine, bright_inside, slack))
-        if len(rows) < 5:
-            return None
-        cone = fit_cone(sight.los_cam[rows])
-        # A nearly straight arc may flip its convex side while it is refitted: polarity flips with it.
-        if cone.axis_cam @ axis < 0 and abs(cone.cos_rho) + abs(cosine) < 0.5:
-            bright_inside = not bright_inside
-        axis, cosine = cone.axis_cam, cone.cos_rho
-    rows = np.flatnonzero(support(sight, axis, cosine, bright_inside))
-    if len(rows) < 5:
-        return None
-    rows = rows[arc_order(sight.los_cam[rows], axis)]
-    return Candidate(axis, cosine, bright_inside, rows, unbroken_px(sight.uv[rows]))
+def _agreeing(sight: EdgePoints, triples: IndexArray) -> tuple[IndexArray, IndexArray]:
+    """Return the first ``TRIED`` triples, shape (k, 3), whose gradients agree, bright inside and bright outside.
+
+    All three must point along the limb's normal, to the same side of it. No more triples are looked at than it takes.
+    """
+    planes, (u, v) = sight.planes, sight.uv.T.copy()
+    apart2 = (0.04 * min(sight.shape)) ** 2
+    pieces: tuple[list[IndexArray], list[IndexArray]] = ([], [])
+    missing = [TRIED, TRIED]
+    for start in range(0, len(triples), TRIPLES_AT_ONCE):
+        points = triples[start : start + TRIPLES_AT_ONCE].T
+        (ua, ub, uc), (va, vb, vc) = u[points], v[points]
+        far = ((ua - ub) ** 2 + (va - vb) ** 2 > apart2) & ((ub - uc) ** 2 + (vb - vc) ** 2 > apart2)
+        points = points[:, far & ((ua - uc) ** 2 + (va - vc) ** 2 > apart2)]
+        axis = _normal(*(planes[:3, row] for row in points))
+        side = np.zeros(points.shape[1])
+        for i in range(3):
+            jx, jy, (gx, gy) = np.split(planes[3:, points[i]], (3, 6))
+            ex, ey = (jx * axis).sum(axis=0), (jy * axis).sum(axis=0)
+            turn = gx * ex + gy * ey
+            agrees = (turn * turn > COS_GRADIENT**2 * (ex * ex + ey * ey)) & (side * turn >= 0.0)
+            points, axis, side = points[:, agrees], axis[:, agrees], turn[agrees]
+        for i, good in enumerate((side > 0.0, side < 0.0)):
+            pieces[i].append(points[:, good].T[: missing[i]])
+            missing[i] -= len(pieces[i][-1])
+        if not any(missing):
+            break
+    return np.concatenate(pieces[0]), np.concatenate(pieces[1])
+
+
+def _normal(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    """Return the axes of cones through vectors (3, n), of any length: the side on which the cone is."""
+    b, c = b - a, c - a
+    normal = np.stack([b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]])
+    return np.asarray(normal * np.where((normal * a).sum(axis=0) < 0.0, -1.0, 1.0))
+
+
+def _votes(subset: EdgePoints, axes: FloatArray, cosines: FloatArray, bright_inside: bool) -> IndexArray:
+    """Return how many points of a subset support each of the cones (k, 3), shape (k,)."""
+    votes = np.zeros(len(axes), dtype=np.int64)
+    at_once = max(1, PLACES_AT_ONCE // len(subset.uv))
+    for start in range(0, len(axes), at_once):
+        some = slice(start, start + at_once)
+        # Triples of whole-pixel points predict the far end of an arc poorly: twice the tolerance here.
+        hits = _hits(subset.planes, subset.pixel_rad, subset.shape, axes[some], cosines[some], bright_inside, 2.0)
+        votes[some] = np.count_nonzero(hits, axis=1)
+    return votes
+
+
+def _improved(sight: EdgePoints, cones: Iterable[tuple[FloatArray, float, bool]]) -> Iterable[Candidate]:
+    """Refit cones to their supporters until they no longer change, narrowing the tolerance from 2 to 1.
+
+    A cone that comes to where another one was is left out: both would end as the same.
+    """
+    passed: set[tuple[int, bool, bytes]] = set()
+    for axis, cosine, bright_inside in cones:
+        before = np.empty(0, dtype=bool)
+        for step, slack in enumerate((*SLACKS, 1.0)):
+            supports = support(sight, axis, cosine, bright_inside, slack)
+            rows = np.flatnonzero(supports)
+            if len(rows) < 5:
+                break
+            # The same supporters give the same cone, and this the same supporters.
+            if step == len(SLACKS) or (slack == SLACKS[step - 1] and np.array_equal(supports, before)):
+                rows = rows[arc_order(sight.los_cam[rows], axis)]
+                yield Candidate(axis, cosine, bright_inside, rows, unbroken_px(sight.uv[rows]))
+                break
+            cone = fit_cone(sight.los_cam[rows])
+            # A nearly straight arc may flip its convex side while it is refitted: polarity flips with it.
+            if cone.axis_cam @ axis < 0 and abs(cone.cos_rho) + abs(cosine) < 0.5:
+                bright_inside = not bright_inside
+            axis, cosine, before = cone.axis_cam, cone.cos_rho, supports
+            place = (step, bright_inside, np.packbits(supports).tobytes())
+            if place in passed:
+                break
+            passed.add(place)
 
 
 def unbroken_px(uv: FloatArray) -> float:

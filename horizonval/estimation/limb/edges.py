@@ -1,12 +1,8 @@
-"""Whole-pixel edge points: robust scaling to eight bits, then Canny.
+"""Whole-pixel edge points: Canny on the image stretched to eight bits.
 
-Canny (1986) wants eight bits. The stretch runs from the darkest pixels to the brightest *unsaturated* ones, so that
-the Sun's saturated blob does not press the Earth into the lowest grey levels. The upper threshold is the largest of
-three: a multiple of the measured noise, a share of the image's own strong gradients, and a floor that keeps out slow
+Canny (1986) wants eight bits (:class:`horizonval.estimation.limb.picture.Picture`). The upper threshold is the largest
+of three: a multiple of the measured noise, a share of the image's own strong gradients, and a floor that keeps out slow
 ramps such as the terminator (a limb rises within a few pixels, a terminator within hundreds).
-
-The noise is measured with Immerkaer's operator (Computer Vision and Image Understanding 64, 300, 1996), with the
-median in place of the mean so that edges do not count.
 """
 
 from __future__ import annotations
@@ -18,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.picture import noise_sigma
+from horizonval.estimation.limb.ranks import percentile
 
 BLUR_SIGMA_PX = 1.0
 SOBEL_NOISE_GAIN = 1.14
@@ -49,35 +47,6 @@ class Edges:
     quiet: FloatArray
 
 
-def scale_to_8_bit(image: FloatArray, saturated: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Stretch an image to 0..255 between its darkest and its brightest unsaturated pixels.
-
-    Parameters
-    ----------
-    image : ndarray, shape (H, W)
-        Finite, not constant.
-    saturated : ndarray of bool, shape (H, W)
-    """
-    usable = image[~saturated]
-    low = high = float(image.min())
-    if usable.size:
-        low, high = (float(v) for v in np.percentile(usable, (0.5, 99.9)))
-    top = float(image.max())
-    # A small bright Earth lies above the percentile: then noise alone would fill the stretch.
-    if high - low < 0.02 * (top - low) or high - low < 12.0 * noise_sigma(image):
-        high = top
-    if high <= low:
-        low = float(image.min())
-    return np.clip((image - low) * (255.0 / (high - low)) + 0.5, 0, 255).astype(np.uint8)
-
-
-def noise_sigma(image: FloatArray) -> float:
-    """Return the standard deviation of the pixel noise, blind to edges and smooth shading (Immerkaer's operator)."""
-    kernel = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
-    response = cv2.filter2D(np.asarray(image, dtype=np.float32), cv2.CV_32F, kernel)[1:-1, 1:-1]
-    return float(np.median(np.abs(response))) / (6.0 * 0.6745)
-
-
 def find_edges(image8: NDArray[np.uint8], rim_px: int, strong_share: float = STRONG_SHARE) -> Edges:
     """Return the Canny points of an eight-bit image, those within ``rim_px`` of its outer rim left out.
 
@@ -93,12 +62,13 @@ def find_edges(image8: NDArray[np.uint8], rim_px: int, strong_share: float = STR
     smooth = cv2.GaussianBlur(image8, (0, 0), BLUR_SIGMA_PX)
     dx = cv2.Sobel(smooth, cv2.CV_16S, 1, 0)
     dy = cv2.Sobel(smooth, cv2.CV_16S, 0, 1)
-    strength = np.hypot(dx.astype(np.float32), dy.astype(np.float32))
-    noise = noise_sigma(image8.astype(np.float64)) * SOBEL_NOISE_GAIN
-    strong = float(np.percentile(strength, 99.9))
+    strength = _length(dx.astype(np.float32), dy.astype(np.float32))
+    noise = noise_sigma(image8) * SOBEL_NOISE_GAIN
+    strong = percentile(strength, 99.9)
     high = max(NOISE_FACTOR * noise, strong_share * strong, RAMP_FLOOR)
     mask = cv2.Canny(dx, dy, LOW_TO_HIGH * high, high, L2gradient=True)
-    rows, columns = np.nonzero(mask)
+    places = cv2.findNonZero(mask)
+    columns, rows = np.empty((2, 0), dtype=np.int32) if places is None else places.reshape(-1, 2).T
     height, width = image8.shape
     inside = (columns >= rim_px) & (columns < width - rim_px) & (rows >= rim_px) & (rows < height - rim_px)
     rows, columns = rows[inside], columns[inside]
@@ -112,6 +82,13 @@ def find_edges(image8: NDArray[np.uint8], rim_px: int, strong_share: float = STR
     gradient = np.column_stack([gx[good], gy[good]]) / length[good, None]
     uv = np.column_stack([columns, rows]).astype(np.float64)
     return Edges(uv=uv, gradient=gradient, quiet=_quiet_side(strength, uv, gradient))
+
+
+def _length(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the lengths of vectors of whole numbers; their squares are whole too, so that only the root rounds."""
+    square = x * x
+    square += y * y
+    return np.sqrt(square, out=square)
 
 
 def _quiet_side(strength: NDArray[np.float32], uv: FloatArray, gradient: FloatArray) -> FloatArray:

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.limb.checks import check_image, saturated_pixels
-from horizonval.estimation.limb.consensus import Candidate, EdgePoints, find_candidates, to_sight
-from horizonval.estimation.limb.edges import Edges, find_edges, scale_to_8_bit
+from horizonval.estimation.limb.checks import check_image
+from horizonval.estimation.limb.consensus import Candidate, EdgePoints, find_candidates, to_sights
+from horizonval.estimation.limb.edges import Edges, find_edges
+from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.subpixel import half_window, refine
 from horizonval.estimation.limb.sun import find_sun
@@ -65,11 +66,15 @@ def find_limb(image: FloatArray, camera: CameraModel, full_scale: float | None =
     """
     if (refusal := _refuse(image, camera, full_scale)) is not None:
         return refusal
-    grey = np.asarray(image, dtype=np.float64)
-    saturated = saturated_pixels(grey, full_scale)
+    return find_limb_in(Picture(image, full_scale), camera)
+
+
+def find_limb_in(picture: Picture, camera: CameraModel) -> LimbPoints | Refusal:
+    """Return the limb of a picture whose image has been checked and is of the camera's size; as :func:`find_limb`."""
+    grey, saturated, full_scale = picture.grey, picture.saturated, picture.full_scale
     rim = half_window(grey.shape) + 1
-    edges = _inside_image_circle(find_edges(scale_to_8_bit(grey, saturated), rim), camera, rim)
-    seed = int.from_bytes(hashlib.sha256(np.ascontiguousarray(grey).tobytes()).digest(), "big")
+    edges = _inside_image_circle(find_edges(picture.eight_bit, rim), camera, rim)
+    seed = int.from_bytes(hashlib.sha256(np.ascontiguousarray(grey).data).digest(), "big")
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     sun = find_sun(saturated)
     dazzled = sun is not None
@@ -78,14 +83,13 @@ def find_limb(image: FloatArray, camera: CameraModel, full_scale: float | None =
     if len(edges.uv) < FEWEST_POINTS:
         return _no_edges(grey, saturated, dazzled, full_scale)
     sample = rng.permutation(len(edges.uv))[:MOST_OTHERS]
-    others = to_sight(_take(edges, np.sort(sample)), camera, grey.shape)
-    calm = np.sort(np.argsort(edges.quiet, kind="stable")[:MOST_POINTS])
-    sight = to_sight(_take(edges, calm), camera, grey.shape)
+    calm = np.argsort(edges.quiet, kind="stable")[:MOST_POINTS]
+    sight, others = to_sights(edges, camera, grey.shape, calm, sample)
     candidates = find_candidates(sight, rng)
     if not candidates:
         return _no_edges(grey, saturated, dazzled, full_scale)
     weight = len(edges.uv) / max(len(sample), 1)
-    return _decide(grey, camera, sight, candidates[:JUDGED], others, weight, rim, dazzled)
+    return _decide(picture, camera, sight, candidates[:JUDGED], others, weight, rim, dazzled)
 
 
 def find_edges_only(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
@@ -97,7 +101,7 @@ def find_edges_only(image: FloatArray, camera: CameraModel, full_scale: float | 
         return refusal
     grey = np.asarray(image, dtype=np.float64)
     rim = half_window(grey.shape) + 1
-    edges = find_edges(scale_to_8_bit(grey, saturated_pixels(grey, full_scale)), rim)
+    edges = find_edges(Picture(grey, full_scale).eight_bit, rim)
     edges = _inside_image_circle(edges, camera, rim)
     uv, _, _ = refine(grey, edges.uv, edges.gradient)
     los = unproject(camera, uv)
@@ -116,8 +120,7 @@ def find_canny_pixels(image: FloatArray, camera: CameraModel, full_scale: float 
     """
     if (refusal := _refuse(image, camera, full_scale)) is not None:
         return refusal
-    grey = np.asarray(image, dtype=np.float64)
-    edges = find_edges(scale_to_8_bit(grey, saturated_pixels(grey, full_scale)), 1, LIMB_SHARE)
+    edges = find_edges(Picture(image, full_scale).eight_bit, 1, LIMB_SHARE)
     edges = _inside_image_circle(edges, camera, 1)
     los = unproject(camera, edges.uv)
     good = np.isfinite(los).all(axis=1)
@@ -165,7 +168,7 @@ def _no_edges(image: FloatArray, saturated: NDArray[np.bool_], dazzled: bool, fu
 
 
 def _decide(
-    image: FloatArray,
+    picture: Picture,
     camera: CameraModel,
     sight: EdgePoints,
     candidates: list[Candidate],
@@ -175,7 +178,7 @@ def _decide(
     dazzled: bool,
 ) -> LimbPoints | Refusal:
     """Judge the candidates; the longest accepted one wins unless another one contradicts it."""
-    verdicts = [judge(image, camera, sight, c, others, weight, rim) for c in candidates]
+    verdicts = [judge(picture, camera, sight, c, others, weight, rim) for c in candidates]
     accepted = sorted((v for v in verdicts if isinstance(v, Limb)), key=lambda v: -v.arc_px)
     if not accepted:
         first = verdicts[0]

@@ -36,6 +36,8 @@ def find_sun(saturated: NDArray[np.bool_]) -> SunBlob | None:
         See :func:`horizonval.estimation.limb.checks.saturated_pixels`.
     """
     height, width = saturated.shape
+    if np.count_nonzero(saturated) < SMALLEST_PIXELS:
+        return None
     count, _, stats, _ = cv2.connectedComponentsWithStats(saturated.astype(np.uint8), connectivity=8)
     best: SunBlob | None = None
     best_area = SMALLEST_PIXELS - 1

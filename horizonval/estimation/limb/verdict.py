@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +24,7 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.consensus import Candidate, EdgePoints, off_limb_px, unbroken_px
 from horizonval.estimation.limb.model.shading import SHARP, unshade
+from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import ConeUncertainty, arc_order, cone_uncertainty
 from horizonval.estimation.limb.subpixel import refine
@@ -65,7 +65,7 @@ class Limb:
 
 
 def judge(
-    image: FloatArray,
+    picture: Picture,
     camera: CameraModel,
     sight: EdgePoints,
     candidate: Candidate,
@@ -77,8 +77,8 @@ def judge(
 
     Parameters
     ----------
-    image : ndarray, shape (H, W)
-        Grey levels; a refused candidate's reason names what failed first.
+    picture : Picture
+        A refused candidate's reason names what failed first.
     camera : CameraModel
     sight : EdgePoints
         The points that ``candidate.rows`` index.
@@ -90,6 +90,7 @@ def judge(
     rim_px : int
         Width of the image's rim where no points are looked for.
     """
+    image = picture.grey
     shortest = max(SHORTEST_ARC_PX, SHORTEST_SHARE_OF_WIDTH * image.shape[1])
     uv, kept, sharpness = refine(image, sight.uv[candidate.rows], sight.gradient[candidate.rows])
     if len(uv) < FEWEST_POINTS:
@@ -115,7 +116,7 @@ def judge(
         return Refusal(
             Outcome.NO_LIMB, f"{outside:.0f} edge points lie outside the best curve of {len(uv)}: no space there"
         )
-    if (refusal := _sides(image, cone, camera, uv, gradient)) is not None:
+    if (refusal := _sides(picture, cone, camera, uv, gradient)) is not None:
         return refusal
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
     try:
@@ -176,26 +177,27 @@ def _trim(points: _LimbPoints, camera: CameraModel) -> _LimbPoints:
     return points
 
 
-def _sides(image: FloatArray, cone: Cone, camera: CameraModel, uv: FloatArray, gradient: FloatArray) -> Refusal | None:
+def _sides(picture: Picture, cone: Cone, camera: CameraModel, uv: FloatArray, gradient: FloatArray) -> Refusal | None:
     """Refuse if the outer side is not one level, or the inner side is not on the same side of it everywhere."""
-    height, width = image.shape
+    height, width = picture.grey.shape
     reach = float(np.clip(min(height, width) / 12.0, 2.5, 8.0))
     step = 1.0
     inner_los = unproject(camera, uv + step * gradient) @ cone.axis_cam
     outer_los = unproject(camera, uv - step * gradient) @ cone.axis_cam
     inward = np.where(inner_los > outer_los, 1.0, -1.0)[:, None] * gradient
-    smooth = cv2.blur(image.astype(np.float32), (3, 3))
     levels = []
     for distance in (reach, -reach, 3.0 * reach, -3.0 * reach):
         at = np.rint(uv + distance * inward).astype(int)
-        levels.append(smooth[np.clip(at[:, 1], 0, height - 1), np.clip(at[:, 0], 0, width - 1)].astype(np.float64))
+        levels.append(
+            picture.mean[np.clip(at[:, 1], 0, height - 1), np.clip(at[:, 0], 0, width - 1)].astype(np.float64)
+        )
     inner, outer = levels[:2]
     difference = inner - outer
     typical = float(np.median(difference))
     agree = float(np.mean(np.sign(difference) == np.sign(typical)))
     spread = 1.4826 * float(np.median(np.abs(outer - np.median(outer))))
     deep, further = levels[2:]
-    saturated_inside = float(np.mean(deep >= image.max() * (1 - 1e-6))) > 0.9 and typical > 0
+    saturated_inside = float(np.mean(deep >= picture.brightest * (1 - 1e-6))) > 0.9 and typical > 0
     still_falling = float(np.median(outer - further)) > HALO_SLOPE * float(np.median(inner - further))
     if saturated_inside and still_falling:
         return Refusal(Outcome.SUN_GLARE, "the best curve is the rim of a saturated blob with a halo")

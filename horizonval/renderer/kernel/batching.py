@@ -29,6 +29,7 @@ from horizonval.renderer.refraction.bending import BendingField, refracted_sun_t
 from horizonval.renderer.refraction.bent_ray import RefractedSunTable, RefractionTables
 from horizonval.renderer.scattering.diffuse_field import DiffuseField
 from horizonval.renderer.scattering.quality import Quality
+from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER
 from horizonval.renderer.scattering.source_store import multiple_scattering
 from horizonval.renderer.scattering.source_table import SourceTable
 from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunTable, table_of
@@ -97,10 +98,8 @@ def make_batches(
     for group in _groups(solar):
         batch = _solar_nodes(group, model, planet, grid, size, refraction)
         if scattering is not None and any(n.scattering_per_m.any() for n in group):
-            fields = [
-                _diffuse_field(true_node[n.name], true_model, true_planet, true_grid, scattering, progress)
-                for n in group
-            ]
+            true_nodes = [true_node[n.name] for n in group]
+            fields = _diffuse_fields(true_nodes, true_model, true_planet, true_grid, scattering, progress)
             batch = replace(batch, diffuse=SourceTable.of(fields, batch.width, batch.particles is not None))
         yield group, batch
     for group in _groups(thermal):
@@ -115,24 +114,22 @@ def _width(nodes: Sequence[SpectralNode]) -> int:
     return 1 if len(nodes) == 1 else BATCH_WIDTH
 
 
-def _diffuse_field(
-    node: SpectralNode,
+def _diffuse_fields(
+    nodes: Sequence[SpectralNode],
     model: OpticalModel,
     planet: Planet,
     grid: AltitudeGrid,
     quality: Quality,
     progress: Progress | None,
-) -> DiffuseField:
-    radius = planet.mean_radius_m
+) -> list[DiffuseField]:
+    def sun_table(missing: Sequence[SpectralNode]) -> SunTable:
+        extinction = _interleave([n.extinction_per_m for n in missing], SOLVED_TOGETHER)
+        return _fill_sun_table(planet, model.top_m, grid, extinction, SOLVED_TOGETHER, IMAGE_TABLE)
 
-    def sun_table() -> SunTable:
-        return _fill_sun_table(planet, model.top_m, grid, mi.Float64(node.extinction_per_m), 1, IMAGE_TABLE)
-
-    solution = multiple_scattering(node, model.altitude_m, radius, quality, sun_table, progress)
-    around = (
-        model.albedo_around[[n.name for n in model.nodes].index(node.name)] if model.albedo_around else model.albedo
-    )
-    return solution.over_ground(around)
+    solutions = multiple_scattering(nodes, model.altitude_m, planet.mean_radius_m, quality, sun_table, progress)
+    names = [n.name for n in model.nodes]
+    around = [model.albedo_around[names.index(n.name)] if model.albedo_around else model.albedo for n in nodes]
+    return [solution.over_ground(albedo) for solution, albedo in zip(solutions, around, strict=True)]
 
 
 def _padded(values: Sequence[float], width: int) -> Values:

@@ -1,9 +1,13 @@
 """Which cells of a frame see ground, limb or Sun, and the rays through them.
 
-A pixel is cut into k x k cells. A cell whose outline test is clear is one ray through its centre. A cell on the hard
-edge is two: one through the middle of its covered part, ending at the ground, one through the middle of the rest,
-passing it (see ``coverage``). Rays above the atmosphere are not marched at all. Cells are grouped by what they see
-before the march, so no lane idles and every cell's sum has a fixed order: the same bytes for any number of threads.
+Pixels with an edge in them are cut into k x k cells (``whole_pixels`` tells which). A cell whose outline test is clear
+is one ray through its centre. A cell on the hard edge is two: one through the middle of its covered part, ending at the
+ground, one through the middle of the rest, passing it (see ``coverage``). A whole pixel is one ray. Rays above the
+atmosphere are not marched at all.
+
+Cells and whole pixels are grouped by what they see before any light is looked up, so no lane idles and every sum has a
+fixed order: the same bytes for any number of threads. Both have slots in one array: first the cells, those of a pixel
+side by side, then the whole pixels.
 """
 
 from __future__ import annotations
@@ -15,149 +19,163 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.renderer.kernel.coverage import cell_coverage
-from horizonval.renderer.kernel.discs import SPLIT_HEIGHT_M, Direction, Disc, DiscCells, disc_cells
-from horizonval.renderer.kernel.rays import RayCamera
-from horizonval.renderer.kernel.surface import Ground
-from horizonval.renderer.planet import Planet, distance_squared, dot
-from horizonval.renderer.refraction.bending import BendingField, true_direction
-from horizonval.renderer.types import Vec, indices_where
+from horizonval.renderer.kernel.discs import SPLIT_HEIGHT_M, Disc, DiscCells, disc_cells
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry, limb_function
+from horizonval.renderer.kernel.whole_pixels import PixelKinds, centre_and_reach, near_disc, sort_pixels, sun_disc
+from horizonval.renderer.planet import dot
+from horizonval.renderer.refraction.bending import true_direction
+from horizonval.renderer.types import Vec, indices_where, joined, numbers_from
 
 WHOLE = 1e-9
 """Rounding of a cell's covered share: within it of 0 or 1 the outline does not cut the cell."""
 
 
 @dataclass(frozen=True)
-class MoonInFrame:
-    """The Moon of a frame.
-
-    Attributes
-    ----------
-    disc : Disc
-        As the camera sees it.
-    nearness : float
-        Irradiance at the camera over that at the Earth's centre.
-    light : Vec
-        Unit vector from the Earth's centre to the Moon: where moonlight comes from.
-    lights_earth : bool
-        Whether ground and air are to be seen in its light.
-    """
-
-    disc: Disc
-    nearness: float
-    light: Vec
-    lights_earth: bool
-
-
-@dataclass(frozen=True)
-class FrameGeometry:
-    """Everything geometric about one frame. ``origin`` and ``sun`` hold size-1 arrays.
-
-    ``ground`` is None for a Lambert ground without clouds.
-    ``sunless``: all air and ground in view lie in the Earth's shadow. ``glow_top_m``: nothing shines above; at least
-    ``top_m``.
-    With refraction ``planet``, ``top_m`` and ``origin`` are apparent ones, among which light goes straight, and
-    ``bending`` tells by how much it bends.
-    """
-
-    rays: RayCamera
-    width: int
-    height: int
-    origin: Vec
-    sun: Vec
-    sun_radius: mi.Float64
-    planet: Planet
-    top_m: float
-    subsamples: int
-    ground: Ground | None = None
-    moon: MoonInFrame | None = None
-    sunless: bool = False
-    glow_top_m: float = 0.0
-    bending: BendingField | None = None
-
-    @property
-    def highest_m(self) -> float:
-        """Rays that stay above see space alone."""
-        return max(self.top_m, self.glow_top_m)
-
-
-@dataclass(frozen=True)
 class Rays:
-    """Directions of a group of cells, and which cell each belongs to."""
+    """Directions of a group of rays, the slot that each belongs to, and the share of it that each fills."""
 
-    cell: mi.UInt32
+    slot: mi.UInt32
     direction: Vec
+    share: mi.Float64
     count: int
 
 
 @dataclass(frozen=True)
 class Cells:
-    """All cells of a frame, grouped. ``share``: covered by the Earth; ``space``: cells that see neither it nor air."""
+    """All slots of a frame, grouped. ``space``: slots that see neither Earth nor air."""
 
-    count: int
-    share: mi.Float64
+    view: FrameGeometry
+    kinds: PixelKinds
     ground: Rays
     limb: Rays
     space: mi.UInt32
     sun: DiscCells | None
     moon: DiscCells | None
 
+    @property
+    def count(self) -> int:
+        """Slots."""
+        kinds = self.kinds
+        return _cell_count(self.view, kinds) + int(dr.width(kinds.ground) + dr.width(kinds.space))
 
-def cell_centre(view: FrameGeometry, cell: mi.UInt32) -> tuple[mi.Float64, mi.Float64]:
-    """Return pixel coordinates (column, row) of cell centres; the cells of a pixel are neighbours in memory."""
-    k = view.subsamples
-    pixel, sub = cell // (k * k), cell % (k * k)
-    u = mi.Float64(pixel % view.width) + (mi.Float64(sub % k) + 0.5) / k - 0.5
-    v = mi.Float64(pixel // view.width) + (mi.Float64(sub // k) + 0.5) / k - 0.5
-    return u, v
+    def image(self, values: mi.Float64) -> mi.Float64:
+        """Return pixels in row order from the values of all slots; a pixel that was cut is the mean of its cells."""
+        k2, kinds = self.view.subsamples**2, self.kinds
+        if kinds.all_cut:
+            return dr.block_sum(values, k2) / k2
+        image = dr.zeros(mi.Float64, self.view.width * self.view.height)
+        first = _cell_count(self.view, kinds)
+        if first:
+            cells = dr.gather(mi.Float64, values, dr.arange(mi.UInt32, first))
+            dr.scatter(image, dr.block_sum(cells, k2) / k2, kinds.cut)
+        for pixel in (kinds.ground, kinds.space):
+            if dr.width(pixel):
+                dr.scatter(image, dr.gather(mi.Float64, values, numbers_from(first, dr.width(pixel))), pixel)
+                first += dr.width(pixel)
+        return image
+
+
+def _cell_count(view: FrameGeometry, kinds: PixelKinds) -> int:
+    return int(dr.width(kinds.cut)) * view.subsamples**2
+
+
+@dataclass(frozen=True)
+class CutPixels:
+    """The pixels that are cut, and where their cells lie."""
+
+    view: FrameGeometry
+    kinds: PixelKinds
+
+    def pixel(self, cell: mi.UInt32) -> tuple[mi.Float64, mi.Float64]:
+        """Return (column, row) of the pixels of cells."""
+        pixel = cell // self.view.subsamples**2
+        if not self.kinds.all_cut:
+            pixel = dr.gather(mi.UInt32, self.kinds.cut, pixel)
+        return mi.Float64(pixel % self.view.width), mi.Float64(pixel // self.view.width)
+
+    def centre(self, cell: mi.UInt32) -> tuple[mi.Float64, mi.Float64]:
+        """Return pixel coordinates (column, row) of cells' centres."""
+        k = self.view.subsamples
+        sub, (column, row) = cell % (k * k), self.pixel(cell)
+        u = column + (mi.Float64(sub % k) + 0.5) / k - 0.5
+        v = row + (mi.Float64(sub // k) + 0.5) / k - 0.5
+        return u, v
+
+    def rays(self, cell: mi.UInt32) -> Rays:
+        """Return rays through the centres of cells."""
+        if not dr.width(cell):
+            return _no_rays(cell)
+        return Rays(
+            cell, self.view.rays.direction(*self.centre(cell)), dr.ones(mi.Float64, dr.width(cell)), dr.width(cell)
+        )
+
+
+_NOTHING, _SPACE, _LIMB, _GROUND, _EDGE = range(5)
 
 
 def group_cells(view: FrameGeometry) -> Cells:
-    """Find out what every cell sees."""
-    count = view.width * view.height * view.subsamples**2
-    half = 0.5 / view.subsamples
+    """Find out what every pixel sees, and every cell of those that are cut."""
+    kinds = sort_pixels(view)
+    count, cut = _cell_count(view, kinds), CutPixels(view, kinds)
+    whole = _whole_rays(view, kinds.ground, count)
+    whole_space = numbers_from(count + dr.width(kinds.ground), dr.width(kinds.space))
+    if not count:
+        return Cells(view, kinds, _joined([whole]), _no_rays(mi.UInt32()), whole_space, None, None)
     cell = dr.arange(mi.UInt32, count)
-    u, v = cell_centre(view, cell)
-    centre = view.rays.direction(u, v)
-    diagonals = [view.rays.direction(u + half, v + half), view.rays.direction(u + half, v - half)]
-    reach = 2.0 * dr.sqrt(dr.maximum(*(distance_squared(centre, d) for d in diagonals)))
-    depth = _limb_function(view, centre)
-    share = dr.select(depth > 0.0, mi.Float64(1.0), 0.0)
-    clear = dr.abs(depth) >= reach
-    edge = ~clear
-    lit: mi.Bool | None = None
-    if view.rays.circle is not None:
-        # a pixel beyond the lens's image circle sees nothing, by its centre, as geometry.camera has it
-        pixel = cell // view.subsamples**2
-        lit = view.rays.sees(mi.Float64(pixel % view.width), mi.Float64(pixel // view.width))
-        share = dr.select(lit, share, 0.0)
-        clear, edge = clear & lit, edge & lit
+    centre, reach = centre_and_reach(view, *cut.centre(cell), 0.5 / view.subsamples)
+    depth = limb_function(view, centre)
     meets_air = view.planet.miss_distance(view.origin, centre, view.highest_m) < 1.0
     ahead = dot(view.origin, centre) < 0.0
     inside_air = dot(view.origin, view.origin) < (view.planet.a_m + view.highest_m) ** 2
-    ground = [_through_centres(view, indices_where(clear & (depth > 0.0)))]
-    in_air = (meets_air & ahead) | inside_air
-    limb = [_through_centres(view, indices_where(clear & (depth <= 0.0) & in_air))]
-    space = indices_where(clear & (depth <= 0.0) & ~in_air)
-    edge_cells = indices_where(edge)
+    sees = dr.select((meets_air & ahead) | inside_air, mi.UInt32(_LIMB), _SPACE)
+    sees = dr.select(depth > 0.0, _GROUND, sees)
+    sees = dr.select(dr.abs(depth) >= reach, sees, _EDGE)
+    lit: mi.Bool | None = None
+    if view.rays.circle is not None:
+        # a pixel beyond the lens's image circle sees nothing, by its centre, as geometry.camera has it
+        lit = view.rays.sees(*cut.pixel(cell))
+        sees = dr.select(lit, sees, _NOTHING)
+    discs = [sun_disc(view)] if view.moon is None else [sun_disc(view), view.moon.disc]
+    near = [near_disc(view, disc, centre, reach) for disc in discs]
+    dr.eval(sees, near)
+    ground = [cut.rays(indices_where(sees == _GROUND)), whole]
+    limb = [cut.rays(indices_where(sees == _LIMB))]
+    space = joined([indices_where(sees == _SPACE), whole_space])
+    edge_cells = indices_where(sees == _EDGE)
     if dr.width(edge_cells):
-        edge_share, inner, outer = _edge_cells(view, edge_cells)
-        dr.scatter(share, edge_share, edge_cells)
+        inner, outer = _edge_cells(view, cut, edge_cells)
         ground.append(inner)
         limb.append(outer)
-    dr.eval(share)
-    sun = _disc_cells(view, Disc(view.sun, view.sun_radius), centre, reach, lit)
-    moon = None if view.moon is None else _disc_cells(view, view.moon.disc, centre, reach, lit)
-    return Cells(count, share, _joined(ground), _joined(limb), space, sun, moon)
+    seen = [indices_where(touching & (sees != _NOTHING)) for touching in near]
+    split = [_disc_cells(view, cut, disc, cells) for disc, cells in zip(discs, seen, strict=True)]
+    return Cells(view, kinds, _joined(ground), _joined(limb), space, split[0], None if view.moon is None else split[1])
 
 
-def _edge_cells(view: FrameGeometry, edge: mi.UInt32) -> tuple[mi.Float64, Rays, Rays]:
-    """Return the covered share of cells on the limb, rays through the covered parts and through the free parts."""
+def _whole_rays(view: FrameGeometry, pixel: mi.UInt32, first_slot: int) -> Rays:
+    """Return rays through the centres of whole pixels."""
+    n = dr.width(pixel)
+    if not n:
+        return _no_rays(pixel)
+    direction = view.rays.direction(mi.Float64(pixel % view.width), mi.Float64(pixel // view.width))
+    return Rays(numbers_from(first_slot, n), direction, dr.ones(mi.Float64, n), n)
+
+
+@dataclass(frozen=True)
+class EdgeGeometry:
+    """Cells on the limb: covered share, and directions through the middles of the covered and of the free part."""
+
+    share: mi.Float64
+    inner: Vec
+    outer: Vec
+
+
+def edge_geometry(view: FrameGeometry, u: mi.Float64, v: mi.Float64) -> EdgeGeometry:
+    """Return what cells on the limb see; ``u``, ``v``: pixel coordinates of their centres."""
     size = 1.0 / view.subsamples
 
     def limb(x: mi.Float64, y: mi.Float64) -> mi.Float64:
-        return _limb_function(view, view.rays.direction(x, y))
+        return limb_function(view, view.rays.direction(x, y))
 
-    u, v = cell_centre(view, edge)
     share, du, dv = cell_coverage(limb, u, v, size)
     # signed distance of the cell's centre from the outline along the gradient, in pixels
     step = 0.25 * size
@@ -165,55 +183,51 @@ def _edge_cells(view: FrameGeometry, edge: mi.UInt32) -> tuple[mi.Float64, Rays,
     offset = limb(u, v) / dr.maximum(slope, 1e-300)
     dr.eval(share, du, dv, offset)
 
-    def through(index: mi.UInt32, depth: mi.Float64, whole: mi.Bool) -> Rays:
-        """Rays of some of the cells, unless they are ``whole`` through points ``depth`` pixels inside the outline."""
-        if not dr.width(index):
-            return _no_rays(index)
+    def through(depth: mi.Float64, whole: mi.Bool) -> Vec:
+        """Directions, unless cells are ``whole`` through points ``depth`` pixels inside the outline."""
         shift: mi.Float64 = dr.clip(depth - offset, -2.0 * size, 2.0 * size)
         shift = dr.select(whole, 0.0, shift)
-        x, y = (dr.gather(mi.Float64, w, index) for w in (u + shift * du, v + shift * dv))
-        return Rays(dr.gather(mi.UInt32, edge, index), view.rays.direction(x, y), dr.width(index))
+        return view.rays.direction(u + shift * du, v + shift * dv)
 
-    inner = through(indices_where(share > 0.0), 0.5 * size * share, share > 1.0 - WHOLE)
-    outer = through(indices_where(share < 1.0), -0.5 * size * (1.0 - share), share < WHOLE)
-    return share, inner, outer
+    inner, outer = through(0.5 * size * share, share > 1.0 - WHOLE), through(-0.5 * size * (1.0 - share), share < WHOLE)
+    dr.eval(inner, outer)
+    return EdgeGeometry(share, inner, outer)
 
 
-def _limb_function(view: FrameGeometry, d: Vec) -> mi.Float64:
-    """Return a smooth function of directions, positive inside the Earth, close to the angle from the limb [rad]."""
-    planet = view.planet
-    o1 = planet.stretch(view.origin)
-    distance2 = dr.maximum(dot(o1, o1), planet.a_m**2 * (1.0 + 1e-12))
-    per_radian = dr.sqrt(distance2 - planet.a_m**2) / planet.a_m
-    f = (1.0 - planet.miss_distance(view.origin, d)) / per_radian
-    # the line's other half: behind the camera there is no Earth
-    return dr.select(dot(o1, planet.stretch(d)) < 0.0, f, -1.0)
+def _edge_cells(view: FrameGeometry, cut: CutPixels, edge: mi.UInt32) -> tuple[Rays, Rays]:
+    """Return rays of cells on the limb, through the covered parts and through the free parts."""
+    cells = edge_geometry(view, *cut.centre(edge))
+
+    def of(part: mi.Float64, direction: Vec) -> Rays:
+        index = indices_where(part > 0.0)
+        if not dr.width(index):
+            return _no_rays(index)
+        x, y, z, filled = (dr.gather(mi.Float64, c, index) for c in (*direction, part))
+        return Rays(dr.gather(mi.UInt32, edge, index), (x, y, z), filled, dr.width(index))
+
+    return of(cells.share, cells.inner), of(1.0 - cells.share, cells.outer)
 
 
 def _no_rays(index: mi.UInt32) -> Rays:
     """Return rays of no cells."""
     none = mi.Float64()
-    return Rays(index, (none, none, none), 0)
-
-
-def _through_centres(view: FrameGeometry, index: mi.UInt32) -> Rays:
-    if not dr.width(index):
-        return _no_rays(index)
-    return Rays(index, view.rays.direction(*cell_centre(view, index)), dr.width(index))
+    return Rays(index, (none, none, none), none, 0)
 
 
 def _joined(groups: list[Rays]) -> Rays:
+    """Return several groups as one, its directions found once for all that looks along them."""
     filled = [g for g in groups if g.count]
-    if len(filled) < 2:
-        return filled[0] if filled else groups[0]
-    x, y, z = (dr.concat([g.direction[k] for g in filled]) for k in range(3))
-    return Rays(dr.concat([g.cell for g in filled]), (x, y, z), sum(g.count for g in filled))
+    rays = filled[0] if filled else groups[0]
+    if len(filled) > 1:
+        x, y, z = (joined([g.direction[k] for g in filled]) for k in range(3))
+        slot, share = joined([g.slot for g in filled]), joined([g.share for g in filled])
+        rays = Rays(slot, (x, y, z), share, sum(g.count for g in filled))
+    dr.eval(rays.slot, rays.direction, rays.share)
+    return rays
 
 
-def _disc_cells(
-    view: FrameGeometry, disc: Disc, centre: Vec, reach: mi.Float64, lit: mi.Bool | None
-) -> DiscCells | None:
-    """Return the cells near a disc, split as it needs; None where it is outside the frame. ``lit``: cells to look at.
+def _disc_cells(view: FrameGeometry, cut: CutPixels, disc: Disc, near: mi.UInt32) -> DiscCells | None:
+    """Return the cells near a disc, split as it needs; None where it is outside the frame.
 
     With refraction the disc stands where the rays point that have left the air behind.
     """
@@ -222,32 +236,21 @@ def _disc_cells(
         assert view.bending is not None
         return true_direction(view.bending, view.origin, view.rays.direction(x, y))
 
-    lift = 0.0
-    through: Direction | None = None
-    if view.bending is not None:
-        lift = view.bending.largest_angle()
-        through = refracted
+    def limb(x: mi.Float64, y: mi.Float64) -> mi.Float64:
+        return limb_function(view, view.rays.direction(x, y))
 
-    touching = dr.sqrt(distance_squared(centre, disc.direction)) < disc.radius + reach + lift
-    near = indices_where(touching if lit is None else touching & lit)
     if not dr.width(near):
         return None
-    k = view.subsamples
-    pixel = near // (k * k)
-
-    def limb(x: mi.Float64, y: mi.Float64) -> mi.Float64:
-        return _limb_function(view, view.rays.direction(x, y))
-
     return disc_cells(
         disc,
         near,
-        cell_centre(view, near),
-        (mi.Float64(pixel % view.width), mi.Float64(pixel // view.width)),
-        k,
+        cut.centre(near),
+        cut.pixel(near),
+        view.subsamples,
         view.rays.direction,
         limb,
         _height_at_limb_rad(view, disc),
-        through,
+        None if view.bending is None else refracted,
     )
 
 

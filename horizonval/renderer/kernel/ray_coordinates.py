@@ -1,8 +1,9 @@
 r"""All rays from one camera as two numbers each: where a table of what they meet is smooth.
 
 In the stretched space (see :mod:`horizonval.renderer.planet`) the ellipsoid is a sphere of radius a. A ray has an
-azimuth :math:`\alpha` about the direction to the sphere's centre, and a nadir angle :math:`\theta`. Seen from o' its
-miss distance is ``|o'| sin(theta)``: a on the hard limb, exactly. The second number depends on what the ray meets:
+azimuth :math:`\alpha` about the direction to the sphere's centre, 0 towards the north, and a nadir angle
+:math:`\theta`. Seen from o' its miss distance is ``|o'| sin(theta)``: a on the hard limb, exactly. The second number
+depends on what the ray meets:
 
 - ground: the elevation e at which it arrives there, ``|o'| sin(theta) = a cos(e)``. What lies between is smooth in e
   up to grazing rays, where the distance from the limb has a square root;
@@ -27,7 +28,7 @@ from horizonval.renderer.planet import Planet, cross_squared, dot
 from horizonval.renderer.types import Vec, constant, constant_vector
 
 GROUND_DENSE_RAD, LIMB_DENSE_M, SKY_DENSE_RAD = 0.1, 25e3, 0.02
-GROUND_NODES, LIMB_NODES, SKY_NODES = 96, 256, 400
+GROUND_NODES, LIMB_NODES, SKY_NODES = 96, 512, 400
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class RayCoordinates:
     distance_m : float
         From the centre, in the stretched space.
     axes : ndarray, shape (3, 3)
-        Rows: two directions across, and up, in the stretched space.
+        Rows: north, west, and up, in the stretched space.
     ground, limb : RayAxis
     inside : bool
         Whether the camera is inside the air: what ``limb`` measures.
@@ -81,8 +82,10 @@ class RayCoordinates:
         stretched = origin * np.array([1.0, 1.0, planet.a_m / planet.b_m])
         r = max(float(np.linalg.norm(stretched)), planet.a_m * (1.0 + 1e-12))
         up = stretched / np.linalg.norm(stretched)
-        across = perpendicular(up)
-        axes = np.stack([across, np.cross(up, across), up])
+        north = np.array([0.0, 0.0, 1.0]) - up[2] * up
+        length = float(np.linalg.norm(north))
+        north = north / length if length > 1e-9 else perpendicular(up)
+        axes = np.stack([north, np.cross(up, north), up])
         ground = RayAxis(GROUND_DENSE_RAD, 0.5 * math.pi, GROUND_NODES)
         # heights grow by the stretching: a ray that misses even so meets nothing
         most_m = top_m * planet.a_m / planet.b_m * 1.01
@@ -94,7 +97,7 @@ class RayCoordinates:
         return cls(planet, origin, r, axes, ground, limb, inside)
 
     def directions(self, v: FloatArray, azimuth: FloatArray, to_ground: bool) -> FloatArray:
-        """Return unit directions at coordinates ``v`` of an axis under azimuths, shape (len(v), len(azimuth), 3)."""
+        """Return unit directions at coordinates ``v`` of an axis under azimuths; they broadcast, shape (..., 3)."""
         a, r = self.planet.a_m, self.distance_m
         if to_ground:
             sine = a / r * np.cos(v)
@@ -105,9 +108,10 @@ class RayCoordinates:
         else:
             sine = np.minimum((a + v) / r, 1.0)
             cosine = np.sqrt((1.0 - sine) * (1.0 + sine))
-        horizontal = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=-1)
-        local = sine[:, None, None] * horizontal - cosine[:, None, None] * np.array([0.0, 0.0, 1.0])
-        d = (local @ self.axes) * np.array([1.0, 1.0, self.planet.b_m / a])
+        along = [sine * np.cos(azimuth), sine * np.sin(azimuth), -cosine]
+        # no product of matrices: it rounds by how many rays there are
+        d = sum(c[..., None] * axis for c, axis in zip(np.broadcast_arrays(*along), self.axes, strict=True))
+        d = d * np.array([1.0, 1.0, self.planet.b_m / a])
         return np.asarray(d / np.linalg.norm(d, axis=-1, keepdims=True))
 
     def place(self, o: Vec, d: Vec, to_ground: bool) -> tuple[mi.Float64, mi.Float64]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import drjit as dr
@@ -22,8 +22,9 @@ import mitsuba as mi
 
 from horizonval.earth.column import SpectralNode
 from horizonval.earth.surface.ground_emission import GroundEmission
-from horizonval.renderer.kernel.cells import Cells, FrameGeometry, Rays, group_cells
+from horizonval.renderer.kernel.cells import Cells, Rays, group_cells
 from horizonval.renderer.kernel.discs import DiscCells
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.kernel.march import march
 from horizonval.renderer.kernel.node_batches import GlowNodes, ShiningNodes, SolarNodes, ThermalNodes
 from horizonval.renderer.kernel.surface import SurfaceHit, surface_hits
@@ -32,11 +33,34 @@ from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import Values, Vec
 
-BandPart: TypeAlias = "tuple[mi.UInt32, mi.Float64, mi.Float64]"
-"""Cells, the share of each cell, and its radiance."""
-
 NodePart: TypeAlias = "tuple[mi.UInt32, mi.Float64, Values]"
-"""The same with the radiance of every spectral node of a batch."""
+"""Slots of cells, the share of each, and the radiance of every spectral node of a batch."""
+
+
+@dataclass
+class _Channels:
+    """Images of a frame while they grow, by band: Float64, one value per pixel in row order."""
+
+    cells: Cells
+    images: dict[str, mi.Float64] = field(default_factory=dict)
+
+    def add(self, names: Sequence[str], parts: Iterable[NodePart]) -> None:
+        """Add parts with one value for every name."""
+        totals = [dr.zeros(mi.Float64, self.cells.count) for _ in names]
+        for slot, share, values in parts:
+            for total, value in zip(totals, values, strict=True):
+                dr.scatter_add(total, share * value, slot, mode=dr.ReduceMode.NoConflicts)
+            # ground and limb share edge cells: left to one launch, their kernels would race for them
+            dr.eval(totals)
+        for name, total in zip(names, totals, strict=True):
+            image = self.cells.image(total)
+            self.images[name] = self.images[name] + image if name in self.images else image
+        dr.eval(self.images)
+
+    def of(self, names: Iterable[str]) -> dict[str, mi.Float64]:
+        """Return the images of some bands, black where nothing was added."""
+        pixels = self.cells.view.width * self.cells.view.height
+        return {name: self.images[name] if name in self.images else dr.zeros(mi.Float64, pixels) for name in names}
 
 
 def render_bands(
@@ -54,49 +78,37 @@ def render_bands(
     """
     cells = group_cells(view)
     emitted = {air.band.name for air in thermal}
-    out = {band: dr.zeros(mi.Float64, view.width * view.height) for band in bands}
-    energy = {band: dr.zeros(mi.Float64, view.width * view.height) for band in bands if band not in emitted}
-
-    def add(out: dict[str, mi.Float64], band: str, parts: Iterable[BandPart]) -> None:
-        total = dr.zeros(mi.Float64, cells.count)
-        for cell, share, radiance in parts:
-            dr.scatter_add(total, share * radiance, cell, mode=dr.ReduceMode.NoConflicts)
-            # ground and limb share edge cells: left to one launch, their kernels would race for them
-            dr.eval(total)
-        k2 = view.subsamples**2
-        out[band] = out[band] + dr.block_sum(total, k2) / k2
-        dr.eval(out[band])
-
-    hits: list[_SurfaceHits] = []
+    radiance, energy = _Channels(cells), _Channels(cells)
+    hits: list[SurfaceLook] = []
     for group, batch in batches:
         if not hits:
-            hits = [_look(view, cells, view.sun)]
-            if view.moon is not None and view.moon.lights_earth:
-                hits.append(_look(view, cells, view.moon.light))
-        parts = list(_parts(view, cells, hits, group, batch, nodes))
-        for band in dict.fromkeys(node.band for node in group):
-            own = [n.band == band for n in group]
-            weight = [n.weight if mine else 0.0 for n, mine in zip(group, own, strict=True)]
-            add(out, band, _band_parts(parts, weight))
-            weight = [n.weight * n.energy_ratio if mine else 0.0 for n, mine in zip(group, own, strict=True)]
-            add(energy, band, _band_parts(parts, weight))
+            hits = surface_looks(view, cells)
+        parts = list(node_parts(view, cells, hits, group, batch, nodes))
+        own = list(dict.fromkeys(node.band for node in group))
+        radiance.add(own, _band_parts(parts, [[n.weight * (n.band == band) for n in group] for band in own]))
+        weights = [[n.weight * n.energy_ratio * (n.band == band) for n in group] for band in own]
+        energy.add(own, _band_parts(parts, weights))
     if thermal:
         assert emission is not None
         frame = ThermalFrame.of(view, cells, emission, thermal[0].top_m, nodes)
         for air in thermal:
-            add(out, air.band.name, frame.parts(air))
-    return out, energy
+            radiance.add([air.band.name], ((slot, share, [value]) for slot, share, value in frame.parts(air)))
+    return radiance.of(bands), energy.of(band for band in bands if band not in emitted)
 
 
-def _band_parts(parts: Iterable[NodePart], weight: Sequence[float]) -> Iterator[BandPart]:
-    opaque = [dr.opaque(mi.Float64, w, 1) for w in weight]
-    for cell, share, radiance in parts:
-        terms = (w * r for w, r in zip(opaque, radiance, strict=False))
-        yield cell, share, sum(terms, start=mi.Float64(0.0))
+def _band_parts(parts: Iterable[NodePart], weights: Sequence[Sequence[float]]) -> Iterator[NodePart]:
+    """Yield the parts with one sum over the nodes for each list of weights."""
+    opaque = [[dr.opaque(mi.Float64, w, 1) for w in one] for one in weights]
+    for slot, share, radiance in parts:
+        yield slot, share, [_weighted(one, radiance) for one in opaque]
+
+
+def _weighted(weights: Values, radiance: Values) -> mi.Float64:
+    return sum((w * r for w, r in zip(weights, radiance, strict=False)), start=mi.Float64(0.0))
 
 
 @dataclass(frozen=True)
-class _SurfaceHits:
+class SurfaceLook:
     """Where the rays of every group of cells end; None for a Lambert ground without clouds."""
 
     ground: SurfaceHit | None = None
@@ -105,10 +117,18 @@ class _SurfaceHits:
     moon: SurfaceHit | None = None
 
 
-def _look(view: FrameGeometry, cells: Cells, light: Vec) -> _SurfaceHits:
+def surface_looks(view: FrameGeometry, cells: Cells) -> list[SurfaceLook]:
+    """Look where rays end, under the Sun, and under the Moon where it lights the Earth."""
+    lights = [view.sun]
+    if view.moon is not None and view.moon.lights_earth:
+        lights.append(view.moon.light)
+    return [_look(view, cells, light) for light in lights]
+
+
+def _look(view: FrameGeometry, cells: Cells, light: Vec) -> SurfaceLook:
     """Look where rays end under a light, once for all spectral nodes. Rays past the Earth end on clouds only."""
     if view.ground is None:
-        return _SurfaceHits()
+        return SurfaceLook()
 
     def ends(rays: Rays | DiscCells | None, to_ground: bool) -> SurfaceHit | None:
         assert view.ground is not None
@@ -116,15 +136,15 @@ def _look(view: FrameGeometry, cells: Cells, light: Vec) -> _SurfaceHits:
             return None
         return surface_hits(view.ground, view.planet, view.origin, rays.direction, light, to_ground)
 
-    return _SurfaceHits(
+    return SurfaceLook(
         ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False)
     )
 
 
-def _parts(
+def node_parts(
     view: FrameGeometry,
     cells: Cells,
-    hits: list[_SurfaceHits],
+    hits: list[SurfaceLook],
     group: list[SpectralNode],
     batch: SolarNodes | ThermalNodes,
     nodes: int,
@@ -170,19 +190,16 @@ def _parts(
         _, transmittance = march_light(disc.direction, False, batch, view.sun, None)
         return transmittance if hit is None else [dr.select(hit.ends, 0.0, t) for t in transmittance]
 
-    def coverage(rays: Rays) -> mi.Float64:
-        return dr.gather(mi.Float64, cells.share, rays.cell)
-
     if cells.ground.count:
         hits_under = [under.ground for under in hits]
-        yield cells.ground.cell, coverage(cells.ground), through(cells.ground, True, hits_under)[0]
+        yield cells.ground.slot, cells.ground.share, through(cells.ground, True, hits_under)[0]
     if cells.limb.count:
         radiance, transmittance = through(cells.limb, False, [under.limb for under in hits])
         clouds = hits[0].limb
         for k, behind in enumerate(sky):
             seen = behind * transmittance[k]
             radiance[k] = radiance[k] + (seen if clouds is None else dr.select(clouds.ends, 0.0, seen))
-        yield cells.limb.cell, 1.0 - coverage(cells.limb), radiance
+        yield cells.limb.slot, cells.limb.share, radiance
     if sky and dr.width(cells.space):
         yield cells.space, mi.Float64(1.0), sky
     if cells.sun is not None and cells.sun.count:

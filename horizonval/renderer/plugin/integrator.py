@@ -18,8 +18,8 @@ import numpy as np
 from horizonval.core.progress import Progress
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.renderer.kernel.batching import IMAGE_TABLE, make_batches
-from horizonval.renderer.kernel.cells import FrameGeometry, MoonInFrame
 from horizonval.renderer.kernel.discs import Disc
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry, MoonInFrame
 from horizonval.renderer.kernel.node_batches import SolarNodes, ThermalNodes
 from horizonval.renderer.kernel.surface import make_ground
 from horizonval.renderer.planet import Planet
@@ -28,7 +28,6 @@ from horizonval.renderer.plugin.settings import LimbSettings, MoonSettings
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir, to_apparent_radius
 from horizonval.renderer.refraction.bending import BendingField
 from horizonval.renderer.scattering.quality import STANDARD
-from horizonval.renderer.thermal.emission_columns import AirColumns
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import constant, constant_vector
 
@@ -36,7 +35,7 @@ _KEPT_MODELS = 4
 
 
 @dataclass(frozen=True)
-class _Prepared:
+class Prepared:
     """A model as the march takes it; with refraction over apparent heights, and its apparent planet."""
 
     model: OpticalModel
@@ -47,11 +46,11 @@ class _Prepared:
     bending: BendingField | None
 
 
-_prepared: OrderedDict[tuple[str, str | None], _Prepared] = OrderedDict()
+_prepared: OrderedDict[tuple[str, str | None], Prepared] = OrderedDict()
 """By digest of the settings and variant."""
 
 
-def prepare(settings: LimbSettings, progress: Progress | None = None) -> _Prepared:
+def prepare(settings: LimbSettings, progress: Progress | None = None) -> Prepared:
     """Return a model and its kernel tables; those of the last few models stay, suites repeat them.
 
     Parameters
@@ -69,15 +68,15 @@ def prepare(settings: LimbSettings, progress: Progress | None = None) -> _Prepar
     return _prepared[key]
 
 
-def _make_tables(settings: LimbSettings, progress: Progress | None) -> _Prepared:
+def _make_tables(settings: LimbSettings, progress: Progress | None) -> Prepared:
     model, planet, air, bending = settings.model, settings.planet, None, None
     if model.refractivity is not None:
         air = to_apparent_radius(model, planet)
         model, planet, bending = air.model, air.planet, BendingField.of(air)
     scattering = STANDARD if settings.orders == "all" else None
     batches = list(make_batches(model, planet, IMAGE_TABLE, scattering, progress, air))
-    thermal = [ThermalAir.of(b, model.emission, AirColumns.of(b, air)) for b in model.thermal if model.emission]
-    return _Prepared(model, planet, batches, thermal, air, bending)
+    thermal = [ThermalAir.of(b, model.emission, air) for b in model.thermal if model.emission]
+    return Prepared(model, planet, batches, thermal, air, bending)
 
 
 def _moon(moon: MoonSettings | None) -> MoonInFrame | None:
@@ -118,6 +117,7 @@ def make_plugin() -> type:
                 _moon(settings.moon),
                 settings.sunless,
                 model.glow_top_m,
+                every_cell=settings.method == "march",
             )
 
         def apparent_view(self, sensor: Any) -> FrameGeometry:
@@ -127,6 +127,18 @@ def make_plugin() -> type:
                 return view
             origin = constant_vector(v[0] for v in air.apparent_position(view.origin))
             return replace(view, planet=air.planet, origin=origin, bending=self.prepared.bending)
+
+        def radiance(self, sensor: Any) -> tuple[dict[str, mi.Float64], dict[str, mi.Float64]]:
+            """Return radiance per band and energy radiance per solar band, pixels in row order."""
+            prepared = self.prepared
+            return render_bands(
+                self.apparent_view(sensor),
+                prepared.batches,
+                self.bands,
+                self.settings.nodes,
+                prepared.thermal,
+                prepared.model.emission,
+            )
 
         def render(
             self,
@@ -141,15 +153,7 @@ def make_plugin() -> type:
                 sensor = scene.sensors()[sensor]
             if not hasattr(sensor, "rays"):
                 raise TypeError("horizon_limb needs a horizon_camera sensor")
-            prepared = self.prepared
-            radiance, energy = render_bands(
-                self.apparent_view(sensor),
-                prepared.batches,
-                self.bands,
-                self.settings.nodes,
-                prepared.thermal,
-                prepared.model.emission,
-            )
+            radiance, energy = self.radiance(sensor)
             channels = [radiance[band] for band in self.bands] + [energy[band] for band in self.solar_bands]
             stack = np.stack([np.array(channel, dtype=np.float32) for channel in channels], axis=-1)
             return mi.TensorXf(stack.reshape(sensor.camera.height, sensor.camera.width, len(channels)))

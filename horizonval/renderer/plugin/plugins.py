@@ -29,13 +29,20 @@ def register_plugins() -> None:
 
 def mitsuba_scene(limb: LimbSettings, camera: CameraSettings) -> Any:
     """Return a Mitsuba scene of both plugins, made from the settings themselves: nothing is written as text."""
-    limb_class, camera_class = _classes[mi.variant()]
-    props = mi.Properties(SENSOR)
-    props["film"] = mi.load_dict(film_properties(camera.camera))
+    limb_class, _ = _classes[mi.variant()]
+    film = mi.load_dict(film_properties(camera.camera))
     return mi.load_dict(
         {
             "type": "scene",
             "integrator": limb_class(mi.Properties(INTEGRATOR), limb),
-            "sensor": camera_class(props, camera),
+            "sensor": mitsuba_sensor(camera, film),
         }
     )
+
+
+def mitsuba_sensor(camera: CameraSettings, film: Any) -> Any:
+    """Return the camera's plugin before a film; cameras of one size may share it."""
+    _, camera_class = _classes[mi.variant()]
+    props = mi.Properties(SENSOR)
+    props["film"] = film
+    return camera_class(props, camera)

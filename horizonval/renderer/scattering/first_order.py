@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.renderer import tables
 from horizonval.renderer.scattering.diffuse_field import SMALLEST
+from horizonval.renderer.scattering.quality import MOLECULAR_DEGREE
 from horizonval.renderer.scattering.shell_column import ShellColumn
 from horizonval.renderer.scattering.shell_rays import ShellRays
 from horizonval.renderer.scattering.sun_angles import sun_angle_position
+from horizonval.renderer.tables import SunTable, table_of
+from horizonval.renderer.types import Values, constant
 
 
 def lane_shape(column: ShellColumn, rays: ShellRays, n_azimuth: int) -> tuple[int, ...]:
@@ -32,44 +38,68 @@ def _along_sun(mu_s: mi.Float64, mu: mi.Float64, azimuth: mi.Float64) -> mi.Floa
     return mu_s * mu + sines * dr.cos(azimuth)
 
 
-def single_scattering(column: ShellColumn, rays: ShellRays, n_azimuth: int) -> FloatArray:
-    """Return radiance of light scattered once, Float64: the shadow's edge is found to the metre."""
-    node = column.node
-    shape = lane_shape(column, rays, n_azimuth)
-    ray, azimuth, k, lane = lane_indices(shape)
-    n_nodes = rays.node_radius_m.shape[-1]
-    r = rays.node_radius_m
-    height = mi.Float64((r - column.planet_m).ravel())
-    radius, distance = mi.Float64(r.ravel()), mi.Float64(rays.node_distance_m.ravel())
-    molecular = mi.Float64((rays.node_weight * column.at(node.molecular_per_m, r)).ravel())
-    particle = mi.Float64((rays.node_weight * column.at(node.particle_per_m, r)).ravel())
-    asymmetry = mi.Float64(column.at(node.asymmetry, r).ravel())
-    start = dr.gather(mi.Float64, mi.Float64(np.repeat(rays.radius_m, shape[1])), ray)
-    mu_s = dr.gather(mi.Float64, mi.Float64(column.sun_cosines), k)
-    mu = dr.gather(mi.Float64, mi.Float64(rays.cosine.ravel()), ray)
-    nu = _along_sun(mu_s, mu, (mi.Float64(azimuth) + 0.5) * (math.pi / n_azimuth))
-    cos2 = dr.opaque(mi.Float64, node.molecular_cos2, 1)
-    with_particles = bool(node.particle_per_m.any())
-    molecules = (1.0 - cos2 / 3.0 + cos2 * nu * nu) * (0.25 / math.pi)
+def single_scattering(
+    columns: Sequence[ShellColumn], rays: Sequence[ShellRays], n_azimuth: int, sun_table: SunTable
+) -> list[FloatArray]:
+    """Return radiance of light scattered once, per column, Float64: the shadow's edge is found to the metre.
 
-    def body(n: mi.UInt32, radiance: mi.Float64) -> tuple[mi.UInt32, mi.Float64]:
+    The columns differ in their nodes alone, ``SOLVED_TOGETHER`` of them; ``sun_table`` is as wide.
+    """
+    first, geometry = columns[0], rays[0]
+    shape = lane_shape(first, geometry, n_azimuth)
+    ray, azimuth, k, lane = lane_indices(shape)
+    r = geometry.node_radius_m
+    n_nodes = r.shape[-1]
+    packet = tables.packet_type(mi.Float64)
+    start = np.broadcast_to(geometry.radius_m[:, None, None], r.shape)
+    height = r - first.planet_m
+    # the cosine of the Sun's zenith angle at a node is a sum of two terms of these factors
+    places = table_of(mi.Float64, np.stack([height, r, start / r, geometry.node_distance_m / r], axis=-1))
+    with_particles = first.degree > MOLECULAR_DEGREE
+
+    def table(values: Sequence[FloatArray]) -> mi.Float64:
+        return table_of(mi.Float64, np.stack(values, axis=-1))
+
+    def weighted(name: str) -> mi.Float64:
+        return table([v.node_weight * c.at(getattr(c.node, name), r) for c, v in zip(columns, rays, strict=True)])
+
+    molecular = weighted("molecular_per_m")
+    if with_particles:
+        particle = weighted("particle_per_m")
+        asymmetry = table([c.at(c.node.asymmetry, r) for c in columns])
+    mu_s = dr.gather(mi.Float64, table_of(mi.Float64, first.sun_cosines), k)
+    mu = dr.gather(mi.Float64, table_of(mi.Float64, geometry.cosine), ray)
+    nu = _along_sun(mu_s, mu, (mi.Float64(azimuth) + 0.5) * (math.pi / n_azimuth))
+    cos2 = [constant(c.node.molecular_cos2) for c in columns]
+    molecules = [(1.0 - c / 3.0 + c * nu * nu) * (0.25 / math.pi) for c in cos2]
+    sun_table = replace(sun_table, values=mi.Float32(sun_table.values))
+    dr.eval(sun_table.values)
+    ground2 = constant(first.planet_m**2)
+
+    def body(n: mi.UInt32, radiance: Values) -> tuple[mi.UInt32, Values]:
         at = ray * n_nodes + n
-        r_n = dr.gather(mi.Float64, radius, at)
-        h_n = dr.gather(mi.Float64, height, at)
-        mu_n = (start * mu_s + dr.gather(mi.Float64, distance, at) * nu) / r_n
-        lit = (mu_n > 0.0) | (r_n * r_n * (1.0 - mu_n * mu_n) > column.planet_m**2)
-        emitted = dr.gather(mi.Float64, molecular, at) * molecules
+        place = dr.gather(packet, places, at)
+        h_n, r_n = place[0], place[1]
+        mu_n = dr.fma(place[2], mu_s, place[3] * nu)
+        lit = (mu_n > 0.0) | (r_n * r_n * (1.0 - mu_n * mu_n) > ground2)
+        scattering = dr.gather(packet, molecular, at)
+        emitted = [scattering[c] * molecules[c] for c in range(len(columns))]
         if with_particles:
-            g = dr.gather(mi.Float64, asymmetry, at)
-            base = 1.0 + g * g - 2.0 * g * nu
-            phase = (1.0 - g * g) / (base * dr.sqrt(base)) * (0.25 / math.pi)
-            emitted = emitted + dr.gather(mi.Float64, particle, at) * phase
-        emitted = emitted * column.sun_table.transmittance(h_n, mu_n, 1)[0]
-        return n + 1, radiance + dr.select(lit, emitted, 0.0)
+            scattering, asymmetries = dr.gather(packet, particle, at), dr.gather(packet, asymmetry, at)
+            for c in range(len(columns)):
+                g = asymmetries[c]
+                base = 1.0 + g * g - 2.0 * g * nu
+                phase = (1.0 - g * g) / (base * dr.sqrt(base)) * (0.25 / math.pi)
+                emitted[c] = emitted[c] + scattering[c] * phase
+        through = sun_table.transmittance(h_n, mu_n, len(columns))
+        gain = [dr.select(lit, e * t, 0.0) for e, t in zip(emitted, through, strict=True)]
+        return n + 1, [v + g for v, g in zip(radiance, gain, strict=True)]
 
     zero = dr.zeros(mi.Float64, dr.width(lane))
-    _, radiance = dr.while_loop((mi.UInt32(0), zero), lambda n, _: n < n_nodes, body, label="single scattering")
-    return np.array(radiance).reshape(shape)
+    nothing = [zero + 0.0 for _ in columns]
+    _, radiance = dr.while_loop((mi.UInt32(0), nothing), lambda n, _: n < n_nodes, body, label="single scattering")
+    dr.eval(radiance)
+    return [np.array(v).reshape(shape) for v in radiance]
 
 
 def ground_light(column: ShellColumn, rays: ShellRays, n_azimuth: int, lit: FloatArray) -> FloatArray:

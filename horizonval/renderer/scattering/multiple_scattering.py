@@ -34,8 +34,10 @@ Neglected: polarisation (1 % of radiance at 90 deg from the Sun), refraction, ho
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -47,50 +49,56 @@ from horizonval.renderer.scattering.diffuse_march import DiffuseMarch
 from horizonval.renderer.scattering.first_order import ground_light, single_scattering
 from horizonval.renderer.scattering.harmonics import cosines, polar_parts
 from horizonval.renderer.scattering.quality import Quality
-from horizonval.renderer.scattering.shell_column import ShellColumn
+from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER, ShellColumn
 from horizonval.renderer.scattering.shell_rays import ShellRays
-from horizonval.renderer.tables import SunTable
+from horizonval.renderer.tables import SunTable, table_of
 
-LAST_ORDER = 2e-3
-"""Orders are summed one by one until one adds less than this share anywhere; the geometric rest is then 1e-5."""
+LAST_ORDER = 1e-2
+"""Orders are summed one by one until one adds less than this share anywhere. The geometric rest is then right to 3e-6
+until the Sun is 8 deg below the horizon, and to 2e-4 of the light beyond."""
 MOST_ORDERS = 60
 
 
 def solve(
-    node: SpectralNode,
+    nodes: Sequence[SpectralNode],
     altitude_m: FloatArray,
     planet_m: float,
     sun_table: SunTable,
     quality: Quality,
     progress: Progress | None = None,
-) -> MultipleScattering:
-    """Return the light scattered more than once in one column of air.
+) -> list[MultipleScattering]:
+    """Return the light scattered more than once in columns of air that need moments of one degree.
+
+    A column's solution has the same bits with whatever others it is solved.
 
     Parameters
     ----------
-    node : SpectralNode
+    nodes : sequence of SpectralNode
+        1 to ``SOLVED_TOGETHER``.
     altitude_m : ndarray, shape (n,)
-        Of the node's columns.
+        Of the nodes' columns.
     planet_m : float
         Radius of the ground.
     sun_table : SunTable
-        Optical depth towards the Sun of this node (width 1).
+        Optical depths towards the Sun of the nodes, ``SOLVED_TOGETHER`` wide.
     quality : Quality
     progress : Progress, optional
     """
-    solver = _Solver(node, altitude_m, planet_m, sun_table, quality, progress)
+    solver = _Solver(nodes, altitude_m, planet_m, sun_table, quality, progress)
     air = solver.sum_of_orders(solver.scattered_once())
     mu = solver.sun_cosines
-    direct = np.maximum(mu, 0.0) * _transmittance(sun_table, np.zeros_like(mu), mu)
-    lit = (direct + air.irradiance) / math.pi
+    direct = [np.maximum(mu, 0.0) * through for through in _transmittance(sun_table, np.zeros_like(mu), mu)]
+    lit = [(d + a.irradiance) / math.pi for d, a in zip(direct, air, strict=True)]
     bounce = solver.sum_of_orders(solver.from_ground(lit))
     day = mu > 0.2
-    albedo = float(np.sum(bounce.irradiance[day]) / np.sum(math.pi * lit[day]))
-    return MultipleScattering(air, bounce, albedo)
+    albedo = [float(np.sum(b.irradiance[day]) / np.sum(math.pi * e[day])) for b, e in zip(bounce, lit, strict=True)]
+    return [MultipleScattering(*solution) for solution in zip(air, bounce, albedo, strict=True)][: len(nodes)]
 
 
-def _transmittance(table: SunTable, height_m: FloatArray, mu: FloatArray) -> FloatArray:
-    return np.array(table.transmittance(mi.Float64(height_m.ravel()), mi.Float64(mu.ravel()), 1)[0]).reshape(mu.shape)
+def _transmittance(table: SunTable, height_m: FloatArray, mu: FloatArray) -> list[FloatArray]:
+    through = table.transmittance(table_of(mi.Float64, height_m), table_of(mi.Float64, mu), SOLVED_TOGETHER)
+    dr.eval(through)
+    return [np.array(t).reshape(mu.shape) for t in through]
 
 
 @dataclass(frozen=True)
@@ -101,30 +109,60 @@ class _Field:
     irradiance: FloatArray
 
 
+class _Sum:
+    """The sum of a column's orders, until what is left adds little."""
+
+    def __init__(self, first: _Field) -> None:
+        self.moments, self.irradiance = first.moments.copy(), first.irradiance.copy()
+        self.last = first
+        self.share = 1.0
+
+    @property
+    def complete(self) -> bool:
+        return self.share < LAST_ORDER
+
+    def add(self, following: _Field) -> None:
+        self.moments += following.moments
+        self.irradiance += following.irradiance
+        self.share = float(np.max(following.moments[..., 0] / np.maximum(self.moments[..., 0], SMALLEST)))
+        self.ratio = following.moments[..., 0] / np.maximum(self.last.moments[..., 0], SMALLEST)
+        self.last = following
+
+    def field(self, column: ShellColumn) -> DiffuseField:
+        """Return the sum of all orders, the rest taken as a geometric series."""
+        rest = np.clip(self.ratio, 0.0, 0.9)
+        moments = self.moments + self.last.moments * (rest / (1.0 - rest))[..., None]
+        irradiance = self.irradiance + self.last.irradiance * rest[0] / (1.0 - rest[0])
+        return DiffuseField(column.top_m, column.planet_m, column.degree, moments, irradiance)
+
+
 class _Solver:
     def __init__(
         self,
-        node: SpectralNode,
+        nodes: Sequence[SpectralNode],
         altitude_m: FloatArray,
         planet_m: float,
         sun_table: SunTable,
         quality: Quality,
         progress: Progress | None = None,
     ) -> None:
-        self.column = ShellColumn(node, altitude_m, planet_m, sun_table, quality)
+        together = [*nodes, *[nodes[-1]] * (SOLVED_TOGETHER - len(nodes))]
+        self.columns = [ShellColumn(node, altitude_m, planet_m, quality) for node in together]
+        self.column, self.sun_table = self.columns[0], sun_table
         self.sun_cosines = self.column.sun_cosines
         self.progress = progress or Silent()
+        self.name = nodes[0].name if len(nodes) == 1 else f"{nodes[0].name} to {nodes[-1].name}"
         self.tell(1, 1.0)
         q, degree = quality, self.column.degree
-        self.rays = self.column.rays(q.n_up, q.n_down, q.n_nodes)
+        self.rays = [column.rays(q.n_up, q.n_down, q.n_nodes) for column in self.columns]
         # odd harmonics of the azimuth up to the degree must survive the sum over azimuths
         self.n_azimuth = max(q.n_azimuth, degree + 2)
-        self.basis = self.basis_of(self.rays, self.n_azimuth)
-        self.passes = DiffuseMarch(self.column, self.rays, self.n_azimuth)
+        self.basis = self.basis_of(self.rays[0], self.n_azimuth)
+        self.passes = DiffuseMarch(self.columns, self.rays, self.n_azimuth)
 
     def tell(self, order: int, share: float) -> None:
         """Tell that an order of scattering is done, and the share of the sum that it added."""
-        self.progress.step(f"multiple scattering at {self.column.node.name}", f"order {order}, adding {share:.1%}")
+        self.progress.step(f"multiple scattering at {self.name}", f"order {order}, adding {share:.1%}")
 
     def basis_of(self, rays: ShellRays, n_azimuth: int) -> FloatArray:
         """Return the weights that make moments of radiance, (n_height, n_harmonics, n_direction * n_azimuth)."""
@@ -136,40 +174,35 @@ class _Solver:
         basis *= (weight * (2 * math.pi / n_azimuth))[:, None, :, None]
         return basis.reshape(*basis.shape[:2], -1)
 
-    def moments_of(
-        self, radiance: FloatArray, rays: ShellRays, n_azimuth: int, basis: FloatArray | None = None
-    ) -> _Field:
+    def moments_of(self, radiance: FloatArray, rays: ShellRays, n_azimuth: int, basis: FloatArray) -> _Field:
         """Return moments of radiance (n_height, n_direction, n_azimuth, n_sun)."""
-        if basis is None:
-            basis = self.basis_of(rays, n_azimuth)
         n_h, _, _, n_k = radiance.shape
         moments = np.matmul(basis, radiance.reshape(n_h, -1, n_k)).transpose(0, 2, 1)
         down = (rays.solid_angle * np.maximum(rays.cosine, 0.0))[0] * (2 * math.pi / n_azimuth)
         return _Field(moments, down @ radiance[0].sum(axis=1))
 
-    def scattered_once(self) -> _Field:
+    def scattered_once(self) -> list[_Field]:
         q = self.column.quality
-        rays = self.column.rays(q.first_up, q.n_down, q.first_nodes)
+        rays = [column.rays(q.first_up, q.n_down, q.first_nodes) for column in self.columns]
         n_azimuth = max(q.first_azimuth, self.column.degree + 2)
-        return self.moments_of(single_scattering(self.column, rays, n_azimuth), rays, n_azimuth)
+        basis = self.basis_of(rays[0], n_azimuth)
+        light = single_scattering(self.columns, rays, n_azimuth, self.sun_table)
+        return [self.moments_of(radiance, rays[0], n_azimuth, basis) for radiance in light]
 
-    def from_ground(self, lit: FloatArray) -> _Field:
-        return self.moments_of(ground_light(self.column, self.rays, self.n_azimuth, lit), self.rays, self.n_azimuth)
+    def from_ground(self, lit: Sequence[FloatArray]) -> list[_Field]:
+        return [
+            self.moments_of(ground_light(self.column, rays, self.n_azimuth, e), rays, self.n_azimuth, self.basis)
+            for rays, e in zip(self.rays, lit, strict=True)
+        ]
 
-    def sum_of_orders(self, first: _Field) -> DiffuseField:
-        total, irradiance = first.moments.copy(), first.irradiance.copy()
-        last = first
+    def sum_of_orders(self, first: Sequence[_Field]) -> list[DiffuseField]:
+        sums = [_Sum(field) for field in first]
         for order in range(2, MOST_ORDERS):
-            following = self.moments_of(self.passes.apply(last.moments), self.rays, self.n_azimuth, self.basis)
-            total += following.moments
-            irradiance += following.irradiance
-            share = float(np.max(following.moments[..., 0] / np.maximum(total[..., 0], SMALLEST)))
-            self.tell(order, share)
-            ratio = following.moments[..., 0] / np.maximum(last.moments[..., 0], SMALLEST)
-            last = following
-            if share < LAST_ORDER:
+            light = self.passes.apply([column.last.moments for column in sums])
+            for column, radiance in zip(sums, light, strict=True):
+                if not column.complete:
+                    column.add(self.moments_of(radiance, self.rays[0], self.n_azimuth, self.basis))
+            self.tell(order, max(column.share for column in sums))
+            if all(column.complete for column in sums):
                 break
-        rest = np.clip(ratio, 0.0, 0.9)
-        total += last.moments * (rest / (1.0 - rest))[..., None]
-        irradiance += last.irradiance * rest[0] / (1.0 - rest[0])
-        return DiffuseField(self.column.top_m, self.column.planet_m, self.column.degree, total, irradiance)
+        return [s.field(column) for s, column in zip(sums, self.columns, strict=True)]

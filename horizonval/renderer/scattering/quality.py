@@ -36,6 +36,10 @@ FINE = Quality(32, 160, 24, 4, 8, 48, 32, 16, 96, 12)
 """For single rays: 0.02 %, 0.3 % and 0.4 % (850 nm: 1.1 %)."""
 
 
+MOLECULAR_DEGREE = 2
+"""Of the moments that molecules scatter by."""
+
+
 def degree_of(node: SpectralNode, quality: Quality) -> int:
     """Return the degree of the moments a node needs."""
-    return quality.particle_degree if node.particle_per_m.any() else 2
+    return quality.particle_degree if node.particle_per_m.any() else MOLECULAR_DEGREE

@@ -13,7 +13,9 @@ from horizonval.renderer.scattering.harmonics import pairs
 from horizonval.renderer.scattering.quality import Quality, degree_of
 from horizonval.renderer.scattering.shell_rays import ShellRays, shell_rays
 from horizonval.renderer.scattering.sun_angles import sun_angle_cosines
-from horizonval.renderer.tables import SunTable
+
+SOLVED_TOGETHER = 4
+"""Columns per launch: they share the geometry of all rays. Always as many, so that one compiled kernel serves all."""
 
 
 @dataclass(frozen=True)
@@ -27,15 +29,12 @@ class ShellColumn:
         Of the node's columns.
     planet_m : float
         Radius of the ground.
-    sun_table : SunTable
-        Optical depth towards the Sun of this node (width 1).
     quality : Quality
     """
 
     node: SpectralNode
     altitude_m: FloatArray
     planet_m: float
-    sun_table: SunTable
     quality: Quality
 
     @property

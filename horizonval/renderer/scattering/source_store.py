@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import astuple
 from pathlib import Path
 
@@ -25,9 +25,10 @@ from horizonval.earth.column import SpectralNode
 from horizonval.renderer.scattering.diffuse_field import DiffuseField, MultipleScattering
 from horizonval.renderer.scattering.multiple_scattering import solve
 from horizonval.renderer.scattering.quality import Quality, degree_of
+from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER
 from horizonval.renderer.tables import SunTable
 
-METHOD = 1
+METHOD = 2
 """To be raised with every change of the method that changes its numbers."""
 
 _KEPT = 64
@@ -44,27 +45,46 @@ def content_key(node: SpectralNode, altitude_m: FloatArray, planet_m: float, qua
 
 
 def multiple_scattering(
-    node: SpectralNode,
+    nodes: Sequence[SpectralNode],
     altitude_m: FloatArray,
     planet_m: float,
     quality: Quality,
-    sun_table: Callable[[], SunTable],
+    sun_table: Callable[[Sequence[SpectralNode]], SunTable],
     progress: Progress | None = None,
-) -> MultipleScattering:
-    """Return a solution from memory, from disk, or solved now (``sun_table`` is asked for only then)."""
-    key = content_key(node, altitude_m, planet_m, quality)
-    if key not in _memory:
-        path = cache_folder() / "scattering" / f"{key}.npz"
-        solution = _read(path, key, float(altitude_m[-1]), planet_m, degree_of(node, quality))
+) -> list[MultipleScattering]:
+    """Return solutions from memory, from disk, or solved now.
+
+    ``sun_table`` is asked only then, for tables ``SOLVED_TOGETHER`` wide.
+    """
+    keys = [content_key(node, altitude_m, planet_m, quality) for node in nodes]
+    solutions: dict[str, MultipleScattering] = {}
+    missing: dict[int, dict[str, SpectralNode]] = {}
+    for key, node in zip(keys, nodes, strict=True):
+        degree = degree_of(node, quality)
+        solution = _memory.get(key) or _read(_path(key), key, float(altitude_m[-1]), planet_m, degree)
         if solution is None:
+            missing.setdefault(degree, {})[key] = node
+        else:
+            solutions[key] = solution
+    for columns in missing.values():
+        for first in range(0, len(columns), SOLVED_TOGETHER):
+            together = dict(list(columns.items())[first : first + SOLVED_TOGETHER])
+            some = list(together.values())
             with made_once("tables"):
-                solution = solve(node, altitude_m, planet_m, sun_table(), quality, progress)
-            _write(path, key, solution)
+                solved = solve(some, altitude_m, planet_m, sun_table(some), quality, progress)
+            for key, solution in zip(together, solved, strict=True):
+                _write(_path(key), key, solution)
+                solutions[key] = solution
+    for key, solution in solutions.items():
         _memory[key] = solution
-        if len(_memory) > _KEPT:
-            _memory.popitem(last=False)
-    _memory.move_to_end(key)
-    return _memory[key]
+        _memory.move_to_end(key)
+    while len(_memory) > _KEPT:
+        _memory.popitem(last=False)
+    return [solutions[key] for key in keys]
+
+
+def _path(key: str) -> Path:
+    return cache_folder() / "scattering" / f"{key}.npz"
 
 
 def _write(path: Path, key: str, solution: MultipleScattering) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.light import moonlight, sky
 from horizonval.earth.optical import NO_ATMOSPHERE, OpticalModel, optical_model
 from horizonval.earth.surface.surface import ground_model, mean_albedo
@@ -21,7 +22,7 @@ from horizonval.geometry.ephemeris import AU_M, phase_angle, sun_itrs
 from horizonval.renderer.plugin.backend import activate
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.truth.frame_truth import moon_place, truth_of
+from horizonval.truth.frame_truth import moon_place, truth_of, truth_turned
 
 if TYPE_CHECKING:
     from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings, MoonSettings
@@ -46,8 +47,10 @@ class Described:
     variant: str
 
 
-def describe(scene: SceneSpec, camera: CameraSpec) -> Described:
+def describe(scene: SceneSpec, camera: CameraSpec, change: AirChange = AS_IT_IS) -> Described:
     """Return everything about a frame but its pixels and its infrared horizon, and select the back-end.
+
+    ``change``: how its air differs from the scene's.
 
     Raises
     ------
@@ -56,7 +59,7 @@ def describe(scene: SceneSpec, camera: CameraSpec) -> Described:
     """
     truth = truth_of(scene, camera, infrared=False)
     _, sun_distance_m = sun_itrs(scene.platform.epoch_utc)
-    clear = optical_model(scene, camera, sun_distance_au=sun_distance_m / AU_M)
+    clear = optical_model(scene, camera, sun_distance_au=sun_distance_m / AU_M, change=change)
     # The back-end is chosen before anything below imports Dr.Jit.
     variant = activate()
     model, moon = _with_sky(clear, scene, camera, truth, sun_distance_m)
@@ -66,7 +69,7 @@ def describe(scene: SceneSpec, camera: CameraSpec) -> Described:
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings
 
-    itrs_from_cam = Rotation.from_quat(truth.q_cam_from_itrs).inv().as_matrix()
+    itrs_from_cam = _itrs_from_cam(truth)
     intrinsics = camera_from_spec(camera.camera)
     limb = LimbSettings(
         model,
@@ -83,6 +86,18 @@ def describe(scene: SceneSpec, camera: CameraSpec) -> Described:
     )
     sensor = CameraSettings(intrinsics, np.array(truth.r_itrs), itrs_from_cam)
     return Described(truth, intrinsics, model, itrs_from_cam, limb, sensor, variant)
+
+
+def turned(described: Described, scene: SceneSpec, camera: CameraSpec) -> Described:
+    """Return the description of a scene that differs in the attitude and the mounting alone."""
+    truth = truth_turned(described.truth, scene, camera)
+    itrs_from_cam = _itrs_from_cam(truth)
+    sensor = replace(described.sensor, itrs_from_cam=itrs_from_cam)
+    return replace(described, truth=truth, itrs_from_cam=itrs_from_cam, sensor=sensor)
+
+
+def _itrs_from_cam(truth: FrameTruth) -> NDArray[np.float64]:
+    return Rotation.from_quat(truth.q_cam_from_itrs).inv().as_matrix()
 
 
 def _with_sky(

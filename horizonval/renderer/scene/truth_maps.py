@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.frame import Hit
-from horizonval.renderer.kernel.cells import FrameGeometry
 from horizonval.renderer.kernel.clouds import first_cloud
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.planet import along, dot
 from horizonval.renderer.types import Vec
 
@@ -59,4 +59,5 @@ def truth_maps(view: FrameGeometry) -> dict[str, NDArray[np.float32]]:
     if view.rays.circle is not None:
         lit, nothing = view.rays.sees(u, v), {"hit": float(Hit.SPACE), "solar_zenith": 180.0}
         maps = {name: dr.select(lit, value, nothing.get(name, math.inf)) for name, value in maps.items()}
+    dr.eval(maps)
     return {name: np.array(value, dtype=np.float32).reshape(shape) for name, value in maps.items()}

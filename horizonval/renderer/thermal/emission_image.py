@@ -1,6 +1,7 @@
 """Thermal bands of a frame: every cell looks up what the tables of its camera position say.
 
-Nothing here marches. Kinds of ground and their temperatures are found once for all bands, and so are clouds.
+Nothing here marches but the nodes of those tables that no frame looked at before. Kinds of ground and their
+temperatures are found once for all bands, and so are clouds.
 """
 
 from __future__ import annotations
@@ -14,28 +15,24 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.earth.surface.ground_emission import LAG_RAD, GroundEmission
-from horizonval.renderer.kernel.cells import Cells, FrameGeometry, Rays
+from horizonval.renderer.kernel.cells import Cells, Rays
 from horizonval.renderer.kernel.clouds import first_cloud
 from horizonval.renderer.kernel.discs import DiscCells
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.kernel.surface import is_land, snow_share
 from horizonval.renderer.planet import along
-from horizonval.renderer.spline_table import Azimuths, StationTable, azimuths_in_view
 from horizonval.renderer.thermal.emission_table import (
+    ABOVE_TOPS_M,
     BandTables,
     ThermalAir,
+    ThermalView,
     WarmKind,
+    columns_for,
     lagrange,
-    make_tables,
     way_through,
 )
 from horizonval.renderer.types import Vec, indices_where
-
-AZIMUTHS_ALIKE, FEWEST_AZIMUTHS, MOST_AZIMUTHS = 24, 96, 256
-"""Steps of a full circle: through air that is the same everywhere, and through air that is not."""
-LIMB_STEP_RAD = math.radians(1.5)
-"""Distance along the limb of rays through air that varies, at most, up to :data:`MOST_AZIMUTHS`."""
-OUTLINE_POINTS = 64
 
 
 @dataclass(frozen=True)
@@ -49,6 +46,28 @@ class RayEnds:
 
 
 @dataclass(frozen=True)
+class CloudyRays:
+    """Rays of a group that end on clouds: ``index`` in the group, place, azimuth, and how far through the layer."""
+
+    index: mi.UInt32
+    row: mi.Float64
+    azimuth: mi.Float64
+    along: mi.Float64
+
+
+@dataclass(frozen=True)
+class PlacedRays:
+    """Rays of cells where tables have them. ``cloudy``: None without clouds in any ray's way."""
+
+    rays: Rays | DiscCells
+    to_ground: bool
+    row: mi.Float64
+    azimuth: mi.Float64
+    ends: RayEnds
+    cloudy: CloudyRays | None
+
+
+@dataclass(frozen=True)
 class ThermalFrame:
     """What all thermal bands of a frame share."""
 
@@ -56,114 +75,109 @@ class ThermalFrame:
     cells: Cells
     emission: GroundEmission
     coordinates: RayCoordinates
-    ground: RayEnds
-    limb: RayEnds
-    sun: RayEnds
+    layer_m: float | None
+    ground: PlacedRays | None
+    limb: PlacedRays | None
+    sun: PlacedRays | None
     nodes: int
 
     @classmethod
     def of(cls, view: FrameGeometry, cells: Cells, emission: GroundEmission, top_m: float, nodes: int) -> ThermalFrame:
         """Look where all rays end."""
         origin = np.array([float(c[0]) for c in view.origin])
+        coordinates = RayCoordinates.of(view.planet, origin, top_m)
+        clouds = view.ground.model.clouds if view.ground is not None else None
+        layer_m = None if clouds is None else clouds.top_m + ABOVE_TOPS_M
+
+        def placed(rays: Rays | DiscCells | None, to_ground: bool) -> PlacedRays | None:
+            if rays is None or not rays.count:
+                return None
+            row, azimuth = coordinates.place(view.origin, rays.direction, to_ground)
+            ends = _ends(view, rays, emission, to_ground)
+            dr.eval(row, azimuth, ends.shares, ends.warmth, ends.cloud, ends.t)
+            cloudy = _cloudy(view, rays.direction, row, azimuth, ends, layer_m, to_ground)
+            return PlacedRays(rays, to_ground, row, azimuth, ends, cloudy)
+
         return cls(
             view,
             cells,
             emission,
-            RayCoordinates.of(view.planet, origin, top_m),
-            _ends(view, cells.ground, emission, to_ground=True),
-            _ends(view, cells.limb, emission, to_ground=False),
-            _ends(view, cells.sun, emission, to_ground=False),
+            coordinates,
+            layer_m,
+            placed(cells.ground, True),
+            placed(cells.limb, False),
+            placed(cells.sun, False),
             nodes,
         )
 
     def parts(self, air: ThermalAir) -> Iterator[tuple[mi.UInt32, mi.Float64, mi.Float64]]:
-        """Yield ``(cells, share of the cell, radiance)`` of all that shines in a band; each cell once in each."""
-        cells, view = self.cells, self.view
-        sun = cells.sun if cells.sun is not None and cells.sun.count else None
-        clouds = view.ground.model.clouds if view.ground is not None else None
-        tables = make_tables(
-            air,
-            self.emission,
-            self.coordinates,
-            self._azimuths(len(air.band.sin_latitude)),
-            self.nodes,
-            None if clouds is None else clouds.top_m,
-            (cells.ground.count > 0, cells.limb.count > 0 or sun is not None),
-        )
-        if cells.ground.count:
-            yield cells.ground.cell, dr.gather(mi.Float64, cells.share, cells.ground.cell), self._ground(tables)
-        if cells.limb.count:
-            free = 1.0 - dr.gather(mi.Float64, cells.share, cells.limb.cell)
-            yield cells.limb.cell, free, self._limb(tables)
-        if sun is not None:
-            yield sun.cell, mi.Float64(1.0), self._disc(tables, sun)
+        """Yield ``(slots of cells, share of each, radiance)`` of all that shines in a band; each cell once in each."""
+        cells = self.cells
+        columns = columns_for(self.coordinates, len(air.band.sin_latitude))
+        band = ThermalView(air, self.coordinates, columns, self.nodes, self.layer_m)
+        tables = self._covered(band)
+        if self.ground is not None:
+            clear = mixed(tables.ground.look(self.ground.row, self.ground.azimuth), air.kinds, self.ground.ends)
+            yield cells.ground.slot, cells.ground.share, self._behind_clouds(band, self.ground, clear)
+        if self.limb is not None:
+            clear = tables.limb.look(self.limb.row, self.limb.azimuth)[0]
+            yield cells.limb.slot, cells.limb.share, self._behind_clouds(band, self.limb, clear)
+        if self.sun is not None:
+            assert cells.sun is not None
+            yield cells.sun.cell, mi.Float64(1.0), self._disc(tables, cells.sun, self.sun)
 
-    def _azimuths(self, rows: int) -> Azimuths:
-        whole = AZIMUTHS_ALIKE
-        if rows > 1:
-            horizon = math.acos(min(self.view.planet.a_m / self.coordinates.distance_m, 1.0))
-            steps = 2.0 * math.pi * math.sin(horizon) / LIMB_STEP_RAD
-            whole = 8 * math.ceil(min(max(steps, FEWEST_AZIMUTHS), MOST_AZIMUTHS) / 8)
-        _, azimuth = self.coordinates.place(self.view.origin, _outline(self.view), to_ground=False)
-        return azimuths_in_view(np.array(azimuth), whole)
+    def _covered(self, band: ThermalView) -> BandTables:
+        """Return the tables of a band with all nodes that the frame needs."""
+        tables = band.band_tables()
+        for placed in (self.ground, self.limb, self.sun):
+            if placed is not None:
+                table = tables.ground if placed.to_ground else tables.limb
+                table.cover(placed.row, placed.azimuth, band.values(placed.to_ground))
+        return tables
 
-    def _ground(self, tables: BandTables) -> mi.Float64:
-        assert tables.ground is not None
-        d = self.cells.ground.direction
-        row, azimuth = tables.coordinates.place(self.view.origin, d, to_ground=True)
-        radiance = mixed(tables.ground.look(row, azimuth), tables.kinds, self.ground)
-        return self._behind_clouds(tables, tables.clouds_ground, self.ground, d, radiance, to_ground=True)
+    def _disc(self, tables: BandTables, disc: DiscCells, placed: PlacedRays) -> mi.Float64:
+        through = tables.limb.look(placed.row, placed.azimuth)[1]
+        if placed.ends.cloud is not None:
+            through = through * dr.select(placed.ends.cloud, 1.0 - self.emission.cloud_emissivity, 1.0)
+        return disc.radiance(math.pi * dr.sin(self.view.sun_radius) ** 2, (1.0,), through)
 
-    def _limb(self, tables: BandTables) -> mi.Float64:
-        assert tables.limb is not None
-        d = self.cells.limb.direction
-        row, azimuth = tables.coordinates.place(self.view.origin, d, to_ground=False)
-        radiance = tables.limb.look(row, azimuth)[0]
-        return self._behind_clouds(tables, tables.clouds_limb, self.limb, d, radiance, to_ground=False)
-
-    def _disc(self, tables: BandTables, sun: DiscCells) -> mi.Float64:
-        assert tables.limb is not None
-        row, azimuth = tables.coordinates.place(self.view.origin, sun.direction, to_ground=False)
-        through = tables.limb.look(row, azimuth)[1]
-        if self.sun.cloud is not None:
-            through = through * dr.select(self.sun.cloud, 1.0 - self.emission.cloud_emissivity, 1.0)
-        return sun.radiance(math.pi * dr.sin(self.view.sun_radius) ** 2, (1.0,), through)
-
-    def _behind_clouds(
-        self,
-        tables: BandTables,
-        table: StationTable | None,
-        ends: RayEnds,
-        d: Vec,
-        radiance: mi.Float64,
-        to_ground: bool,
-    ) -> mi.Float64:
+    def _behind_clouds(self, band: ThermalView, placed: PlacedRays, radiance: mi.Float64) -> mi.Float64:
         """Return the radiance of rays with the clouds before them."""
-        if table is None or ends.cloud is None:
+        cloudy = placed.cloudy
+        if cloudy is None:
             return radiance
         dr.eval(radiance)
-        index = indices_where(ends.cloud)
-        if not dr.width(index):
-            return radiance
-        x, y, z = (dr.gather(mi.Float64, c, index) for c in d)
-        o, near = self.view.origin, (x, y, z)
-        start, end = way_through(self.view.planet, o, near, tables.layer_m, to_ground)
-        share = (dr.gather(mi.Float64, ends.t, index) - start) / dr.maximum(end - start, 1e-3)
-        row, azimuth = tables.coordinates.place(o, near, to_ground)
-        before, black = table.look(row, azimuth, share)
+        tables = band.cloud_tables()
+        table = tables.ground if placed.to_ground else tables.limb
+        table.cover(cloudy.row, cloudy.azimuth, band.station_values(placed.to_ground))
+        before, black = table.look(cloudy.row, cloudy.azimuth, cloudy.along)
         e = dr.opaque(mi.Float64, self.emission.cloud_emissivity, 1)
-        behind = dr.gather(mi.Float64, radiance, index) - before
-        dr.scatter(radiance, before + e * black + (1.0 - e) * behind, index)
+        behind = dr.gather(mi.Float64, radiance, cloudy.index) - before
+        dr.scatter(radiance, before + e * black + (1.0 - e) * behind, cloudy.index)
         return radiance
 
 
-def _outline(view: FrameGeometry) -> Vec:
-    """Return directions along the frame's edge, once around."""
-    s = (np.arange(OUTLINE_POINTS) + 0.0) / OUTLINE_POINTS
-    zero, unity = np.zeros(OUTLINE_POINTS), np.ones(OUTLINE_POINTS)
-    x = np.concatenate([s, unity, 1.0 - s, zero]) * view.width - 0.5
-    y = np.concatenate([zero, s, unity, 1.0 - s]) * view.height - 0.5
-    return view.rays.direction(mi.Float64(x), mi.Float64(y))
+def _cloudy(
+    view: FrameGeometry,
+    d: Vec,
+    row: mi.Float64,
+    azimuth: mi.Float64,
+    ends: RayEnds,
+    layer_m: float | None,
+    to_ground: bool,
+) -> CloudyRays | None:
+    """Return the rays that end on clouds."""
+    if ends.cloud is None or layer_m is None:
+        return None
+    index = indices_where(ends.cloud)
+    if not dr.width(index):
+        return None
+    x, y, z = (dr.gather(mi.Float64, c, index) for c in d)
+    start, end = way_through(view.planet, view.origin, (x, y, z), layer_m, to_ground)
+    along = (dr.gather(mi.Float64, ends.t, index) - start) / dr.maximum(end - start, 1e-3)
+    cloudy = CloudyRays(index, dr.gather(mi.Float64, row, index), dr.gather(mi.Float64, azimuth, index), along)
+    dr.eval(cloudy.row, cloudy.azimuth, cloudy.along)
+    return cloudy
 
 
 def mixed(values: Sequence[mi.Float64], kinds: list[WarmKind], ends: RayEnds) -> mi.Float64:
@@ -183,14 +197,11 @@ def mixed(values: Sequence[mi.Float64], kinds: list[WarmKind], ends: RayEnds) ->
     return total
 
 
-def _ends(view: FrameGeometry, rays: Rays | DiscCells | None, emission: GroundEmission, to_ground: bool) -> RayEnds:
+def _ends(view: FrameGeometry, rays: Rays | DiscCells, emission: GroundEmission, to_ground: bool) -> RayEnds:
     """Look where rays end: on which kind of ground, how warm, and on which cloud before it."""
-    if rays is None or not rays.count:
-        return RayEnds(None, None, {}, {})
     cloud = t = None
     if view.ground is not None and view.ground.clouds is not None:
         cloud, t = first_cloud(view.ground.clouds, view.planet, view.origin, rays.direction, to_ground)
-        dr.eval(cloud, t)
     if not to_ground:
         return RayEnds(cloud, t, {}, {})
     mid, half, _ = view.planet.chord(view.origin, rays.direction)
@@ -202,9 +213,7 @@ def _ends(view: FrameGeometry, rays: Rays | DiscCells | None, emission: GroundEm
         dry = dr.select(is_land(view.ground.land, normal), mi.Float64(1.0), 0.0)
         snow = snow_share(normal, view.ground.model.snow_line_deg)
         shares = {"land": dry * (1.0 - snow), "snow": dry * snow, "water": 1.0 - dry}
-    warmth = warmth_k(emission, normal, view.sun)
-    dr.eval(shares, warmth)
-    return RayEnds(cloud, t, shares, warmth)
+    return RayEnds(cloud, t, shares, warmth_k(emission, normal, view.sun))
 
 
 def warmth_k(emission: GroundEmission, normal: Vec, sun: Vec) -> dict[str, mi.Float64]:

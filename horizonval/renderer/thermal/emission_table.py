@@ -1,4 +1,4 @@
-r"""Tables of a thermal band from one camera position: march a few ten thousand rays, look millions of cells up.
+r"""Tables of a thermal band from one camera position: march a few thousand rays, look millions of cells up.
 
 Tabulated over the two numbers of a ray (:mod:`horizonval.renderer.kernel.ray_coordinates`), clouds left out:
 
@@ -11,25 +11,37 @@ Tabulated over the two numbers of a ray (:mod:`horizonval.renderer.kernel.ray_co
   through the layer of the tops.
 
 A cloud of emissivity e in front of a ray of radiance L gives ``P + e Q + (1 - e) (L - P)``.
+
+Nothing of it depends on where the camera looks, on the Sun or on the time of day: tables serve all frames from a
+position. They grow where frames look (:mod:`horizonval.renderer.spline_table`).
+
+Even rows and not patches that are refined where they must be: what bends is the air's profile, at heights that are the
+same all around, and a table of squares would follow each of them around the circle (five times the rays for the same
+error).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.digests import content_digest
 from horizonval.earth.atmosphere.emission import EmittingBand, SourceSpline
 from horizonval.earth.surface.ground_emission import GroundEmission
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.planet import Planet, dot
-from horizonval.renderer.spline_table import Azimuths, SplineTable, StationTable
+from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
+from horizonval.renderer.spline_table import NodeGrid, NodeValues, SplineTable, StationTable
+from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.thermal.emission_columns import AirColumns, ColumnBatch
 from horizonval.renderer.thermal.emission_ground import GroundSource, kinds_of, mirrored, temperature_range_k
@@ -38,6 +50,10 @@ from horizonval.renderer.types import Number, Vec
 
 TEMPERATURE_ERROR = 2e-5
 STATIONS, STATION_STEPS = 80, 1
+COLUMNS_ALIKE, FEWEST_COLUMNS, MOST_COLUMNS = 13, 33, 81
+"""Azimuths over half a circle: through air that is the same everywhere, and through air that is not."""
+LIMB_STEP_RAD = math.radians(2.25)
+"""Distance along the limb of rays through air that varies, at most, up to :data:`MOST_COLUMNS`."""
 ABOVE_TOPS_M = 3000.0
 """The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
 root in its height."""
@@ -48,14 +64,27 @@ class ThermalAir:
     """A thermal band as the renderer keeps it: for all frames of a scene."""
 
     band: EmittingBand
+    emission: GroundEmission
     top_m: float
     batches: list[ColumnBatch]
     source: GroundSource
+    digest: str
 
     @classmethod
-    def of(cls, band: EmittingBand, emission: GroundEmission, columns: AirColumns) -> ThermalAir:
-        """Build; ``columns`` are over apparent heights with refraction."""
-        return cls(band, columns.top_m, list(columns.batches()), GroundSource(band, emission))
+    def of(cls, band: EmittingBand, emission: GroundEmission, air: ApparentRadiusAir | None = None) -> ThermalAir:
+        """Build; with refraction (``air``) over apparent heights."""
+        columns = AirColumns.of(band, air)
+        refraction = None if air is None else (air.height_m, air.dr_dx, columns.altitude_m)
+        # what clouds emit is not tabulated, and a name says nothing
+        digest = content_digest(
+            replace(band, name=""), replace(emission, cloud_emissivity=0.0), refraction, mi.variant()
+        )
+        return cls(band, emission, columns.top_m, list(columns.batches()), GroundSource(band, emission), digest)
+
+    @cached_property
+    def kinds(self) -> list[WarmKind]:
+        """Kinds of ground and their temperatures."""
+        return [WarmKind.of(kind, self.emission, self.source.spline) for kind in kinds_of(self.emission)]
 
 
 @dataclass(frozen=True)
@@ -93,77 +122,107 @@ def lagrange(t: Number, nodes: Sequence[Number] | FloatArray) -> list[Number]:
     return out
 
 
+def columns_for(coordinates: RayCoordinates, rows_of_air: int) -> int:
+    """Return how many azimuths a table has, through air in so many rows of latitude."""
+    if rows_of_air == 1:
+        return COLUMNS_ALIKE
+    horizon = math.acos(min(coordinates.planet.a_m / coordinates.distance_m, 1.0))
+    steps = math.ceil(math.pi * math.sin(horizon) / LIMB_STEP_RAD)
+    return min(max(steps + 1, FEWEST_COLUMNS), MOST_COLUMNS)
+
+
 @dataclass(frozen=True)
 class BandTables:
-    """Everything a cell of one band looks up. ``clouds_*``: None without clouds; ``layer_m`` their stations' begin."""
+    """What a band looks like from one position through clear air: the whole radiance, and that of the Sun's disc."""
 
-    coordinates: RayCoordinates
-    kinds: list[WarmKind]
-    ground: SplineTable | None
-    limb: SplineTable | None
-    clouds_ground: StationTable | None
-    clouds_limb: StationTable | None
-    layer_m: float
+    ground: SplineTable
+    limb: SplineTable
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of both."""
+        return self.ground.nbytes + self.limb.nbytes
 
 
-def make_tables(
-    air: ThermalAir,
-    emission: GroundEmission,
-    coordinates: RayCoordinates,
-    azimuths: Azimuths,
-    nodes: int,
-    cloud_top_m: float | None,
-    to_ground_and_limb: tuple[bool, bool],
-) -> BandTables:
-    """Return the tables of a band.
+@dataclass(frozen=True)
+class CloudTables:
+    """P and Q along rays that meet clouds."""
 
-    Parameters
-    ----------
-    azimuths : Azimuths
-        Those that the camera sees.
-    nodes : int
-        Evaluations along each ray.
-    cloud_top_m : float or None
-        Of the highest cloud; None without clouds.
-    to_ground_and_limb : tuple of bool
-        Whether there are rays to the ground, and rays past it.
+    ground: StationTable
+    limb: StationTable
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of both."""
+        return self.ground.nbytes + self.limb.nbytes
+
+
+@dataclass(frozen=True)
+class ThermalView:
+    """A band from one camera position: ``columns`` azimuths, ``nodes`` evaluations along each ray.
+
+    ``layer_m``: where the stations begin; None without clouds.
     """
-    layer_m = 0.0 if cloud_top_m is None else cloud_top_m + ABOVE_TOPS_M
-    angle = azimuths.node_azimuths()
-    o = vectors(coordinates.origin[None, :])
-    kinds = [WarmKind.of(kind, emission, air.source.spline) for kind in kinds_of(emission)]
-    ground = limb = clouds_ground = clouds_limb = None
-    if to_ground_and_limb[0]:
-        v = coordinates.ground.nodes()
-        d = coordinates.directions(v, angle, to_ground=True).reshape(-1, 3)
-        values = _ground_values(air, coordinates.planet, kinds, o, d, nodes)
-        ground = SplineTable.of(values.reshape(len(v), len(angle), -1), azimuths)
-        if layer_m:
-            stations = _station_values(air, coordinates.planet, o, d, True, nodes, layer_m)
-            clouds_ground = StationTable.of(stations.reshape(len(v), len(angle), STATIONS, 2), azimuths)
-    if to_ground_and_limb[1]:
-        v = coordinates.limb.nodes()
-        d = coordinates.directions(v, angle, to_ground=False).reshape(-1, 3)
-        values = _limb_values(air, coordinates.planet, o, d, nodes)
-        limb = SplineTable.of(values.reshape(len(v), len(angle), 2), azimuths)
-        if layer_m:
-            rows = _rows_below(coordinates, v, layer_m)
-            stations = _station_values(air, coordinates.planet, o, d[: rows * len(angle)], False, nodes, layer_m)
-            clouds_limb = StationTable.of(stations.reshape(rows, len(angle), STATIONS, 2), azimuths)
-    return BandTables(coordinates, kinds, ground, limb, clouds_ground, clouds_limb, layer_m)
 
+    air: ThermalAir
+    coordinates: RayCoordinates
+    columns: int
+    nodes: int
+    layer_m: float | None = None
 
-def _rows_below(coordinates: RayCoordinates, v: FloatArray, layer_m: float) -> int:
-    """Return how many rows of the limb's axis may meet a layer, and two more."""
-    highest = layer_m * 1.01
-    a, r = coordinates.planet.a_m, coordinates.distance_m
-    if not coordinates.inside:
-        limit = highest
-    elif r > a + highest:
-        limit = math.asin((a + highest) / r) - math.asin(a / r)
-    else:
-        return len(v)
-    return min(int(np.searchsorted(v, limit)) + 3, len(v))
+    def grid(self, to_ground: bool) -> NodeGrid:
+        """Return the grid of rays to the ground, or past it."""
+        axis = self.coordinates.ground if to_ground else self.coordinates.limb
+        return NodeGrid(axis.count, self.columns)
+
+    def band_tables(self) -> BandTables:
+        """Return the tables through clear air as far as they were made."""
+
+        def empty() -> BandTables:
+            quantities = sum(len(kind.temperature_k) for kind in self.air.kinds)
+            return BandTables(SplineTable(self.grid(True), quantities), SplineTable(self.grid(False), 2))
+
+        return TABLES.get_or_make(self._key("clear"), empty, lambda tables: tables.nbytes)
+
+    def cloud_tables(self) -> CloudTables:
+        """Return the tables of clouds as far as they were made."""
+
+        def empty() -> CloudTables:
+            return CloudTables(StationTable(self.grid(True), STATIONS), StationTable(self.grid(False), STATIONS))
+
+        return TABLES.get_or_make(self._key("clouds", self.layer_m), empty, lambda tables: tables.nbytes)
+
+    def _key(self, *kind: object) -> str:
+        c = self.coordinates
+        return content_digest("thermal", *kind, self.air.digest, c.origin, c.planet, self.columns, self.nodes)
+
+    def values(self, to_ground: bool) -> NodeValues:
+        """Return what makes nodes of :class:`BandTables`."""
+
+        def at(row: NDArray[np.int64], column: NDArray[np.int64]) -> FloatArray:
+            o, d = self._rays(row, column, to_ground)
+            if to_ground:
+                return _ground_values(self.air, self.coordinates.planet, o, d, self.nodes)
+            return _limb_values(self.air, self.coordinates.planet, o, d, self.nodes)
+
+        return at
+
+    def station_values(self, to_ground: bool) -> NodeValues:
+        """Return what makes nodes of :class:`CloudTables`."""
+
+        def at(row: NDArray[np.int64], column: NDArray[np.int64]) -> FloatArray:
+            assert self.layer_m is not None
+            o, d = self._rays(row, column, to_ground)
+            return _station_values(self.air, self.coordinates.planet, o, d, to_ground, self.nodes, self.layer_m)
+
+        return at
+
+    def _rays(self, row: NDArray[np.int64], column: NDArray[np.int64], to_ground: bool) -> tuple[Vec, FloatArray]:
+        """Return the camera and the directions of nodes."""
+        axis = self.coordinates.ground if to_ground else self.coordinates.limb
+        azimuth = self.grid(to_ground).node_azimuths()[column]
+        d = self.coordinates.directions(axis.nodes()[row], azimuth, to_ground)
+        return vectors(self.coordinates.origin[None, :]), d
 
 
 def _limb_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: int) -> FloatArray:
@@ -179,11 +238,9 @@ def _limb_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: 
     return out
 
 
-def _ground_values(
-    air: ThermalAir, planet: Planet, kinds: list[WarmKind], o: Vec, d: FloatArray, nodes: int
-) -> FloatArray:
+def _ground_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: int) -> FloatArray:
     """Return the radiance of rays that end on every kind of ground at every temperature, shape (rays, kinds x T)."""
-    ray, source = vectors(d), air.source
+    ray, source, kinds = vectors(d), air.source, air.kinds
     p, normal, up = mirrored(planet, o, ray)
     dr.eval(p, up)
     cosine, sin_latitude = -np.array(dot(normal, ray)), np.array(normal[2])
@@ -193,7 +250,7 @@ def _ground_values(
     for batch in air.batches:
         more, through, _ = march_emission(planet, air.top_m, batch, o, ray, mi.Bool(True), nodes)
         part = slice(first, first + batch.used)
-        transmittance = np.stack([np.array(t) for t in through])
+        transmittance = [np.array(t) for t in through]
         out += sum(np.array(m) for m in more)
         sky = mirror = source.sky_at(sin_latitude, part)
         if source.mirrors:
@@ -202,9 +259,12 @@ def _ground_values(
         column = 0
         for k in kinds:
             e = source.emissivities(k.name, cosine, part)
-            reflected = np.sum(transmittance * (1.0 - e) * (mirror if k.name == "water" else sky), axis=0)
+            behind = mirror if k.name == "water" else sky
             rows = slice(column, column + len(k.temperature_k))
-            out[rows] += black[k.name][:, part] @ (transmittance * e) + reflected
+            # term by term: products of matrices and sums of NumPy round by how many rays there are
+            for g, passed in enumerate(transmittance):
+                warm = black[k.name][:, first + g, None] * e[g]
+                out[rows] += passed * (warm + (1.0 - e[g]) * behind[g])
             column = rows.stop
         first += batch.used
     return out.T

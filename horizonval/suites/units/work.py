@@ -9,6 +9,7 @@ from pathlib import Path
 from horizonval.jobs.engine import Done, Work
 from horizonval.jobs.kept import keep, kept
 from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.renderer.scene.shared_view import shared_view
 from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder, intact_json
 from horizonval.store.store import Store
@@ -45,6 +46,10 @@ class UnitWork(Work[Unit, Briefs]):
     def name(self, item: Unit) -> str:
         """Return the name of the case, or of the scene of several heads."""
         return item.name
+
+    def group(self, item: Unit) -> str:
+        """Return what says whose tables of light a unit shares; its heads differ in where they look."""
+        return shared_view(item.cases[0].scene, item.cases[0].camera)
 
     def limit_s(self, item: Unit) -> float:
         """Return the time that all frames of a unit may take."""

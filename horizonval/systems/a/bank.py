@@ -17,8 +17,8 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.limb.edges import scale_to_8_bit
 from horizonval.estimation.limb.finder import find_canny_pixels, find_edges_only, find_limb
+from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import SLOW_PX, slow_error
 from horizonval.estimation.methods import altitude_free, altitude_free_closed_form, altitude_free_published
@@ -232,5 +232,5 @@ def _iterates(los_cam: FloatArray) -> JsonObject:
 
 
 def _png(image: FloatArray) -> str:
-    grey = scale_to_8_bit(image, np.zeros(image.shape, dtype=bool))
+    grey = Picture(image, saturated=np.zeros(image.shape, dtype=bool)).eight_bit
     return base64.b64encode(cv2.imencode(".png", grey)[1].tobytes()).decode("ascii")

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +23,9 @@ import mitsuba as mi  # noqa: E402
 from horizonval.renderer.scattering import source_store  # noqa: E402
 from horizonval.renderer.scattering.diffuse_field import DiffuseField, MultipleScattering  # noqa: E402
 from horizonval.renderer.scattering.harmonics import cosines, pairs, polar_parts  # noqa: E402
+from horizonval.renderer.scattering.multiple_scattering import solve  # noqa: E402
 from horizonval.renderer.scattering.quality import Quality  # noqa: E402
+from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER  # noqa: E402
 from horizonval.renderer.scattering.shell_rays import shell_rays  # noqa: E402
 from horizonval.renderer.scattering.source_store import content_key, multiple_scattering  # noqa: E402
 from horizonval.renderer.scattering.sun_angles import sun_angle_cosines, sun_angle_position  # noqa: E402
@@ -74,10 +79,16 @@ def _node(scale: float = 1.0) -> SpectralNode:
     return SpectralNode("n", "n", 1.0, 0.55, air, air, 0.75, zero, zero, 1.0, zero, 0.0, 0.0)
 
 
-def _sun_table() -> SunTable:
+def _sun_table(nodes: Sequence[SpectralNode]) -> SunTable:
     h, mu = SunTable.nodes(24, 24, PLANET_M, 1e5)
-    depth = 1.2e-5 * 8e3 * np.exp(-h / 8e3)[:, None] / np.maximum(mu, 0.05)
+    ground = np.zeros(SOLVED_TOGETHER)
+    ground[: len(nodes)] = [node.extinction_per_m[0] for node in nodes]
+    depth = ground * (8e3 * np.exp(-h / 8e3)[:, None] / np.maximum(mu, 0.05))[..., None]
     return SunTable(mi.Float64(np.log(depth + 1e-12).ravel()), 24, 24, PLANET_M, 1e5)
+
+
+def _solved(node: SpectralNode, planet_m: float = PLANET_M, progress: Silent | None = None) -> MultipleScattering:
+    return multiple_scattering([node], ALTITUDE_M, planet_m, COARSE, _sun_table, progress)[0]
 
 
 @pytest.fixture
@@ -97,7 +108,7 @@ def test_tables_are_kept_and_damage_is_noticed(store: Path) -> None:
 
     def solved(told: list[str]) -> np.ndarray:
         source_store._memory.clear()
-        return multiple_scattering(_node(), ALTITUDE_M, PLANET_M, COARSE, _sun_table, Listening(told)).air.moments
+        return _solved(_node(), progress=Listening(told)).air.moments
 
     told: list[str] = []
     first = solved(told)
@@ -120,11 +131,11 @@ def test_any_altered_bit_of_a_table_makes_it_anew(store: Path, monkeypatch: pyte
     fields = [DiffuseField(1e5, PLANET_M, 2, np.full((3, 4, 9), n), np.full(4, n)) for n in (1.0, 2.0)]
     solution = MultipleScattering(fields[0], fields[1], 0.25)
     calls: list[int] = []
-    monkeypatch.setattr(source_store, "solve", lambda *_: calls.append(1) or solution)
+    monkeypatch.setattr(source_store, "solve", lambda *_: calls.append(1) or [solution])
 
     def got() -> MultipleScattering:
         source_store._memory.clear()
-        return multiple_scattering(_node(), ALTITUDE_M, PLANET_M, COARSE, _sun_table)
+        return _solved(_node())
 
     got()
     (path,) = store.rglob("*.npz")
@@ -141,7 +152,7 @@ def test_any_altered_bit_of_a_table_makes_it_anew(store: Path, monkeypatch: pyte
         assert path.read_bytes() == whole
     other = content_key(_node(), ALTITUDE_M, PLANET_M + 1.0, COARSE)
     path.rename(path.with_name(f"{other}.npz"))
-    multiple_scattering(_node(), ALTITUDE_M, PLANET_M + 1.0, COARSE, _sun_table)
+    _solved(_node(), PLANET_M + 1.0)
     assert len(calls) == len(positions) + 2, "a table under another's name is none"
 
 
@@ -149,7 +160,7 @@ def test_a_store_that_cannot_be_written_costs_only_time(tmp_path: Path, monkeypa
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setattr(source_store, "_memory", type(source_store._memory)())
-    assert multiple_scattering(_node(), ALTITUDE_M, PLANET_M, COARSE, _sun_table).spherical_albedo > 0
+    assert _solved(_node()).spherical_albedo > 0
 
 
 def test_the_key_is_the_content() -> None:
@@ -157,3 +168,28 @@ def test_the_key_is_the_content() -> None:
     assert key == content_key(_node(), ALTITUDE_M.copy(), PLANET_M, COARSE)
     assert key != content_key(_node(1.0 + 1e-15), ALTITUDE_M, PLANET_M, COARSE)
     assert key != content_key(_node(), ALTITUDE_M, PLANET_M + 1.0, COARSE)
+
+
+def test_columns_are_solved_together_and_alike(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever is solved beside a column, in memory already or not: its solution has the same bits."""
+    hazy = replace(_node(), particle_per_m=0.3 * _node().molecular_per_m, asymmetry=np.full_like(ALTITUDE_M, 0.7))
+    nodes = [_node(0.5), _node(), hazy, _node(2.0), _node(1.3), _node(0.7), _node(0.5)]
+    calls: list[int] = []
+
+    def counted(some: Sequence[SpectralNode], *rest: Any) -> list[MultipleScattering]:
+        calls.append(len(some))
+        return solve(some, *rest)
+
+    monkeypatch.setattr(source_store, "solve", counted)
+    together = multiple_scattering(nodes, ALTITUDE_M, PLANET_M, COARSE, _sun_table)
+    assert sorted(calls) == [1, 1, 4], "molecules by fours, particles apart, and what occurs twice once"
+    for path in store.rglob("*.npz"):
+        path.unlink()
+    for node, beside in zip(nodes, together, strict=True):
+        source_store._memory.clear()
+        alone = _solved(node)
+        for name in ("air", "bounce"):
+            a, b = getattr(alone, name), getattr(beside, name)
+            np.testing.assert_array_equal(a.moments, b.moments)
+            np.testing.assert_array_equal(a.irradiance, b.irradiance)
+        assert alone.spherical_albedo == beside.spherical_albedo

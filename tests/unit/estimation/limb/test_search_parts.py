@@ -12,9 +12,10 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.arc import FEWEST_PIXELS, Arc, find_arc, longest_chain
 from horizonval.estimation.limb.checks import SMALLEST_SIDE_PX, check_image, saturated_pixels
 from horizonval.estimation.limb.consensus import GAP_PX, unbroken_px
-from horizonval.estimation.limb.edges import find_edges, noise_sigma, scale_to_8_bit
+from horizonval.estimation.limb.edges import find_edges
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.grey import to_grey
+from horizonval.estimation.limb.picture import Picture, noise_sigma
 from horizonval.estimation.limb.subpixel import half_window, refine
 from horizonval.estimation.limb.sun import find_sun
 from horizonval.geometry.camera import CameraModel
@@ -189,16 +190,16 @@ def test_the_stretch_goes_from_the_darkest_to_the_brightest_that_is_not_saturate
     rng = np.random.default_rng(3)
     x = np.arange(200.0)
     image = np.tile(100.0 + 3.0 * x, (200, 1)) + rng.normal(0.0, 0.1, (200, 200))
-    stretched = scale_to_8_bit(image, np.zeros(image.shape, dtype=bool)).astype(float)
+    stretched = Picture(image, saturated=np.zeros(image.shape, dtype=bool)).eight_bit.astype(float)
     # Percentiles of 0.5 and 99.9: the first and the last column or so are clipped.
     expected = np.clip(255.0 * (image - image[:, 1].mean()) / (image[:, -1].mean() - image[:, 1].mean()), 0.0, 255.0)
     assert np.abs(stretched - expected).max() < 2.0
     blob = image.copy()
     blob[50:70, 50:70] = 5000.0
-    assert np.abs(scale_to_8_bit(blob, blob > 4e3).astype(float) - stretched)[blob < 4e3].max() <= 2.0
+    assert np.abs(Picture(blob, saturated=blob > 4e3).eight_bit.astype(float) - stretched)[blob < 4e3].max() <= 2.0
     dot = rng.normal(100.0, 1.0, (200, 200))
     dot[100:104, 100:104] = 5000.0
-    faint = scale_to_8_bit(dot, np.zeros(dot.shape, dtype=bool))
+    faint = Picture(dot, saturated=np.zeros(dot.shape, dtype=bool)).eight_bit
     assert faint[0:90].max() < 5, "a small bright Earth leaves the noise dark"
     assert faint[100:104, 100:104].min() > 250
 

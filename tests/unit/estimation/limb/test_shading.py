@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.estimation.limb.edges import find_edges, scale_to_8_bit
+from horizonval.estimation.limb.edges import find_edges
 from horizonval.estimation.limb.model.shading import unshade
+from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.subpixel import refine
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.cone import fit_cone
@@ -39,7 +40,7 @@ def _sphere(sun: np.ndarray, flat: bool = False) -> np.ndarray:
 
 def _positions(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return how far inside the limb [px] the points of both refinements lie."""
-    edges = find_edges(scale_to_8_bit(image, np.zeros(image.shape, dtype=bool)), 9)
+    edges = find_edges(Picture(image, saturated=np.zeros(image.shape, dtype=bool)).eight_bit, 9)
     uv, kept, _ = refine(image, edges.uv, edges.gradient)
     better, _ = unshade(image, CAMERA, fit_cone(unproject(CAMERA, uv)).axis_cam, uv, edges.gradient[kept])
     plain, unshaded = ((RHO - off_axis_angle(unproject(CAMERA, points), NADIR)) * CAMERA.fx for points in (uv, better))

@@ -165,7 +165,7 @@ def test_an_interrupted_night_goes_on(accepted, here, monkeypatch, tmp_path):
     wanted = replace(accepted, out=tmp_path / "out", lanes=("replay",))
     seen = []
 
-    def some(work, items, workers, *, renderer):
+    def some(work, items, workers, **_):
         for item in items:
             if len(seen) == 3:
                 raise KeyboardInterrupt

@@ -1,0 +1,281 @@
+"""Frames in real time: one place and instant, and attitudes as they come."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.api.camera import Camera
+from horizonval.api.frame import Frame
+from horizonval.api.image import Image, observe
+from horizonval.api.progress import shown
+from horizonval.api.scene import Scene, plain, scene_of
+from horizonval.core.errors import UserError
+from horizonval.core.suggest import nearest
+from horizonval.geometry.frames import to_yaw_pitch_roll
+from horizonval.spec.load import validate
+from horizonval.spec.scene import Attitude as AttitudeSpec
+from horizonval.spec.scene import CameraUse, SceneSpec
+
+if TYPE_CHECKING:
+    from horizonval.core.progress import Progress
+    from horizonval.frame import RadianceFrame
+    from horizonval.renderer.scene.viewpoint import Viewpoint
+
+Attitude: TypeAlias = "Sequence[float] | NDArray[np.float64] | Mapping[str, Any]"
+"""Yaw, pitch and roll [deg]; a quaternion; or keys of a scene's attitude and mounting."""
+
+ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")
+ATTITUDE_KEYS = (*ANGLES, "rate_deg_s", "hold")
+MOUNT_KEYS = ("mount_yaw_deg", "mount_pitch_deg", "mount_roll_deg")
+UNIT_LENGTH = 1e-6
+"""How far a quaternion's length may be from one."""
+
+
+class Session:
+    """A camera at one place and instant that answers for any attitude: frames and detector images in real time.
+
+    What depends on place, instant and air alone is made once, by the first frame; what follows turns the camera.
+    After the first frame and image nothing is read from the disk or written to it, but for the kernel of something
+    that comes into view for the first time (the Sun's disc, say), which Dr.Jit compiles and keeps. Every frame has its
+    exact truth, and the same bytes as :func:`horizonval.render` gives of ``frame.scene``.
+
+    Parameters
+    ----------
+    camera : Camera, str, Path or mapping
+        As of :class:`horizonval.Scene`.
+    progress : bool or Progress
+        Whether long steps of the first frame are told on standard error, or who is told of them.
+    **keywords
+        Those of :class:`horizonval.Scene`; the attitude and mounting among them hold for frames that do not say theirs.
+
+    Attributes
+    ----------
+    scene : Scene
+        The place, with the attitude that holds where none is given.
+
+    Raises
+    ------
+    UserError
+        As :class:`horizonval.Scene`.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> camera = hv.Camera.from_file("vis-cmos-512-60deg").changed(camera={"width": 32, "height": 32})
+    >>> session = hv.Session(camera, altitude_km=550, mount_roll_deg=65, render={"orders": "single"})
+    >>> session.image((3.0, 0.0, -1.5), seed=1)
+    <Image scene: 32 x 32 px, band vis, seed 1, 0.9 % saturated>
+    >>> session.frame([0.0, 0.0, 0.0, 1.0]).truth.yaw_rad
+    0.0
+    """
+
+    def __init__(
+        self,
+        camera: Camera | str | Path | Mapping[str, Any] | None = None,
+        *,
+        progress: bool | Progress = False,
+        **keywords: Any,
+    ) -> None:
+        self._set(Scene(camera, **keywords), progress)
+
+    def _set(self, scene: Scene, progress: bool | Progress) -> None:
+        self.scene, self._progress = scene, progress
+        self._viewpoint: Viewpoint | None = None
+
+    @classmethod
+    def of(cls, scene: Scene | str | Path, *, progress: bool | Progress = False) -> Session:
+        """Return a session at the place of a scene.
+
+        Parameters
+        ----------
+        scene : Scene, str or Path
+            A scene, its file, or a shipped name.
+        progress : bool or Progress
+
+        Returns
+        -------
+        Session
+
+        Raises
+        ------
+        UserError
+            As :meth:`horizonval.Scene.from_file`.
+
+        Examples
+        --------
+        >>> import horizonval as hv
+        >>> hv.Session.of("limb-noon-vis").scene.spec.atmosphere.profile
+        'tropical'
+        """
+        session = cls.__new__(cls)
+        session._set(scene_of(scene), progress)
+        return session
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that looks."""
+        return self.scene.camera
+
+    def frame(self, attitude: Attitude | None = None) -> Frame:
+        """Return the frame of an attitude: radiance per band, truth maps, and the exact truth.
+
+        Parameters
+        ----------
+        attitude : sequence or mapping, optional
+            Of the body against lvlh: three angles ``yaw, pitch, roll`` [deg]; or a quaternion ``q_body_from_lvlh``,
+            scalar last, of length 1; or a mapping with any of the keys ``yaw_deg``, ``pitch_deg``, ``roll_deg``,
+            ``rate_deg_s``, ``hold``, ``mount_yaw_deg``, ``mount_pitch_deg`` and ``mount_roll_deg`` of a scene. What is
+            not said is as in ``scene``; left out, all of it.
+
+        Returns
+        -------
+        Frame
+
+        Raises
+        ------
+        UserError
+            No such attitude; the first frame also as :func:`horizonval.render`.
+
+        Examples
+        --------
+        >>> import horizonval as hv
+        >>> camera = hv.Camera.from_file("vis-cmos-512-60deg").changed(camera={"width": 32, "height": 32})
+        >>> session = hv.Session(camera, altitude_km=550, mount_roll_deg=65, render={"orders": "single"})
+        >>> frame = session.frame({"yaw_deg": 10.0})
+        >>> frame.scene.spec.attitude.yaw_deg
+        10.0
+        """
+        return Frame.of(self._rendered(attitude, maps=True))
+
+    def image(
+        self,
+        attitude: Attitude | None = None,
+        seed: int = 0,
+        *,
+        band: str | None = None,
+        exposure_s: float | None = None,
+        noise: bool = True,
+    ) -> Image:
+        """Return what the detector makes of a frame, as :func:`horizonval.observe` does; quicker, as it needs no maps.
+
+        Parameters
+        ----------
+        attitude : sequence or mapping, optional
+            As of :meth:`frame`.
+        seed : int
+            Another one is another, independent draw of all noise.
+        band : str, optional
+            The camera's first band by default.
+        exposure_s : float, optional
+            In place of that of the camera's detector.
+        noise : bool
+            False gives the expected signal, still saturated and quantised.
+
+        Returns
+        -------
+        Image
+
+        Raises
+        ------
+        UserError
+            As :meth:`frame`, and for a camera without a detector, a band that it lacks, or an exposure that it cannot
+            have.
+
+        Examples
+        --------
+        >>> import horizonval as hv
+        >>> session = hv.Session("ir-bolometer-160-57deg", altitude_km=550, mount_roll_deg=65)
+        >>> session.image({"roll_deg": 2.0}, seed=7).dn.shape
+        (120, 160)
+        """
+        camera = self.camera
+        if exposure_s is not None:
+            camera = camera.changed(detector={"exposure_s": exposure_s})
+        return observe(self._rendered(attitude, maps=False), seed=seed, band=band, camera=camera, noise=noise)
+
+    def move(self, **keywords: Any) -> None:
+        """Go to another place, instant or air; the next frame makes what depends on them.
+
+        Parameters
+        ----------
+        **keywords
+            Those of :class:`horizonval.Scene`; what is not named stays.
+
+        Raises
+        ------
+        UserError
+            As :class:`horizonval.Scene`; the session then stays where it was.
+
+        Examples
+        --------
+        >>> import horizonval as hv
+        >>> session = hv.Session("vis-cmos-512-60deg", altitude_km=550)
+        >>> session.move(latitude_deg=20, epoch="2026-03-20T12:01Z")
+        >>> session.scene.spec.platform.latitude_deg
+        20.0
+        """
+        self._set(self.scene.changed(**keywords), self._progress)
+
+    def __repr__(self) -> str:
+        return f"<Session {repr(self.scene).removeprefix('<Scene ')}"
+
+    def _rendered(self, attitude: Attitude | None, *, maps: bool) -> RadianceFrame:
+        spec = self.scene.spec if attitude is None else _with_attitude(self.scene.spec, attitude)
+        if self._viewpoint is None:
+            from horizonval.renderer.scene.frame import viewpoint_of
+
+            with shown(self._progress) as listener:
+                self._viewpoint = viewpoint_of(self.scene.spec, self.camera.spec, listener)
+        return self._viewpoint.frame(spec, maps=maps)
+
+
+def _with_attitude(spec: SceneSpec, attitude: Attitude) -> SceneSpec:
+    """Return a scene with another attitude; what is not named stays."""
+    where, expected = "Session: attitude", "3 angles [deg], a quaternion of 4 numbers, or keys of a scene"
+    if isinstance(attitude, Mapping):
+        values = {str(key): plain(value) for key, value in attitude.items()}
+    else:
+        values = dict(zip(ANGLES, _angles_deg(attitude, where, expected), strict=True))
+    for key in values:
+        if key not in ATTITUDE_KEYS and key not in MOUNT_KEYS:
+            raise UserError(
+                "unknown key",
+                where=f"{where}: {key}",
+                expected=f"one of {', '.join(nearest(key, [*ATTITUDE_KEYS, *MOUNT_KEYS]))}",
+            )
+    turn = {key: value for key, value in values.items() if key in ATTITUDE_KEYS}
+    mount = {key: value for key, value in values.items() if key in MOUNT_KEYS}
+    changed: dict[str, Any] = {}
+    if turn:
+        data = {**spec.attitude.model_dump(exclude_unset=True), **turn}
+        changed["attitude"] = validate(AttitudeSpec, data, where)
+    if mount:
+        data = {**spec.camera.model_dump(exclude_unset=True), **mount}
+        changed["camera"] = validate(CameraUse, data, where)
+    return spec.model_copy(update=changed)
+
+
+def _angles_deg(attitude: Sequence[float] | NDArray[np.float64], where: str, expected: str) -> list[float]:
+    try:
+        values = np.asarray(attitude, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise UserError(f"found {attitude!r}", where=where, expected=expected) from None
+    if values.shape not in {(3,), (4,)} or not np.isfinite(values).all():
+        raise UserError(f"found {attitude!r}", where=where, expected=expected)
+    if values.shape == (3,):
+        return [float(v) for v in values]
+    length = float(np.linalg.norm(values))
+    if abs(length - 1.0) > UNIT_LENGTH:
+        raise UserError(
+            f"the quaternion's length is {length:.7g}",
+            where=where,
+            expected="1",
+            fix="divide it by its length",
+        )
+    return [math.degrees(angle) for angle in to_yaw_pitch_roll(values)]

