@@ -22,6 +22,8 @@ Coefficients = tuple[float, float, float, float, float]
 
 
 def distort(coefficients: Coefficients, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    if not any(coefficients):
+        return x, y
     k1, k2, p1, p2, k3 = coefficients
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.pixel_directions import PIXEL_DIRECTIONS
 from horizonval.estimation.limb.shape.cone import limb_directions
-from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
+from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.cone import Cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
@@ -48,7 +49,7 @@ def cleaned(image: FloatArray, camera: CameraModel, cone: Cone, los_cam: FloatAr
         Trusted limb points.
     """
     grey = np.asarray(image, dtype=np.float64)
-    d_cam = unproject(camera, pixel_grid(camera))
+    d_cam = PIXEL_DIRECTIONS.of(camera)
     seen = np.asarray(np.isfinite(d_cam).all(axis=-1))
     d_cam = np.where(seen[..., None], d_cam, (0.0, 0.0, 1.0))
     focal = max(camera.fx, camera.fy)

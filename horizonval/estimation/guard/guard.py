@@ -42,12 +42,11 @@ from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.clean_image import cleaned
 from horizonval.estimation.guard.guard_heads import run_heads
 from horizonval.estimation.guard.limb_model import blur_of, model_covariance
-from horizonval.estimation.limb.finder import find_limb
+from horizonval.estimation.limb.finder import find_limb_in, picture_of
 from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
 from horizonval.estimation.limb.model.sunlit import SunlitLimb, sun_angles, sunlit_limb
 from horizonval.estimation.limb.model.trusted import alone, faded, faint, read_sides, restless, saturated
-from horizonval.estimation.limb.picture import noise_sigma
 from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty, limb_directions
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project
@@ -106,12 +105,15 @@ def guarded(estimator: Estimator) -> Estimator:
 
 def trusted_limb(observation: Observation, estimates: str = "geocentric") -> TrustedLimb | Refusal:
     """Return the limb points of an image that may be trusted, or why there are none."""
-    found = find_limb(observation.image, observation.camera, observation.full_scale)
+    picture = picture_of(observation.image, observation.camera, observation.full_scale)
+    if isinstance(picture, Refusal):
+        return picture
+    found = find_limb_in(picture, observation.camera)
     if isinstance(found, Refusal):
         return found
-    image, camera = np.asarray(observation.image, dtype=np.float64), observation.camera
+    image, camera = picture.grey, observation.camera
     cone = fit_cone(found.los_cam)
-    sides = read_sides(image, camera, found.los_cam, cone.axis_cam)
+    sides = read_sides(picture, camera, found.los_cam, cone.axis_cam)
     bright_inside = bool(np.median(sides.inner - sides.outer) > 0.0)
     los, _ = to_steepest(image, camera, found.los_cam, cone.axis_cam, bright_inside)
     if len(los) < limits.FEWEST_POINTS:
@@ -120,13 +122,13 @@ def trusted_limb(observation: Observation, estimates: str = "geocentric") -> Tru
     if sun is not None:
         los = _into_twilight(los, image, observation, sun)
     axis = fit_cone(los).axis_cam
-    sides = read_sides(image, camera, los, axis)
+    sides = read_sides(picture, camera, los, axis)
     tests = {Outcome.SUN_GLARE: restless(sides)}
     if sun is not None:
-        tests[Outcome.DARK] = faint(sides, noise_sigma(image)) | ~np.isfinite(_sunlit(los, observation, sun).height_m)
+        tests[Outcome.DARK] = faint(sides, picture.noise_sigma) | ~np.isfinite(_sunlit(los, observation, sun).height_m)
     elif observation.band_kind == "thermal":
         # The infrared limb shines all round; what fades is the lens towards the corners of a wide field.
-        tests[Outcome.DARK] = faint(sides, noise_sigma(image))
+        tests[Outcome.DARK] = faint(sides, picture.noise_sigma)
     else:
         tests[Outcome.DARK] = faded(sides)
     if observation.full_scale is not None:

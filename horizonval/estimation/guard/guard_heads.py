@@ -31,10 +31,11 @@ from horizonval.core.refusal import Refusal
 from horizonval.earth.limb_heights import systematic_covariance
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.guard_rows import RowLimb, is_row, misfit, row_limb
-from horizonval.estimation.limb.finder import find_limb
+from horizonval.estimation.limb.finder import find_limb_in, picture_of
 from horizonval.estimation.limb.model.steepest import to_steepest
 from horizonval.estimation.limb.model.sunlit import sun_angles
 from horizonval.estimation.limb.model.trusted import faded, read_sides, restless, saturated
+from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.shape.cone import arc_order, cone_uncertainty
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project, unproject
@@ -160,21 +161,23 @@ def _angular_radius(fit: Fit, observation: Observation) -> float:
 
 def _arc_in_head(head: Observation) -> FloatArray | Refusal:
     """Return lines of sight to a head's limb in its own axes, shape (n, 3), or why there is none to trust."""
-    found = find_limb(head.image, head.camera, head.full_scale)
+    picture = picture_of(head.image, head.camera, head.full_scale)
+    if isinstance(picture, Refusal):
+        return picture
+    found = find_limb_in(picture, head.camera)
     if isinstance(found, Refusal):
         return found
-    image = np.asarray(head.image, dtype=np.float64)
     axis = fit_cone(found.los_cam).axis_cam
-    sides = read_sides(image, head.camera, found.los_cam, axis)
+    sides = read_sides(picture, head.camera, found.los_cam, axis)
     bright_inside = bool(np.median(sides.inner - sides.outer) > 0.0)
     if head.band_kind is not None and not bright_inside:
         return Refusal(Outcome.NO_LIMB, "the limb has its bright side in space", found.uv)
-    los, kept = to_steepest(image, head.camera, found.los_cam, axis, bright_inside)
+    los, kept = to_steepest(picture.grey, head.camera, found.los_cam, axis, bright_inside)
     uv = found.uv[kept]
     if len(los) < limits.FEWEST_POINTS:
         return Refusal(Outcome.SHORT_ARC, f"{len(los)} limb points have their profile in view", uv)
     axis = fit_cone(los).axis_cam
-    sides = read_sides(image, head.camera, los, axis)
+    sides = read_sides(picture, head.camera, los, axis)
     tests = {Outcome.DARK: faded(sides), Outcome.SUN_GLARE: restless(sides)}
     if head.sun_cam is not None and head.band_kind == "solar":
         tests[Outcome.DARK] |= sun_angles(los, axis, head.sun_cam)[0] > limits.HEAD_LOWEST_SUN_RAD
@@ -209,7 +212,7 @@ def _limb_near(head: Observation, nadir_cam: FloatArray, rho_rad: float) -> Floa
     """Return the limb's lines of sight in a head's own axes, shape (n, 3), near a cone, or why there is none."""
     if not np.isfinite(rho_rad):
         return Refusal(Outcome.NOT_CONVERGED, "the answer has no angular radius")
-    image = np.asarray(head.image, dtype=np.float64)
+    picture = Picture(head.image, head.full_scale)
     turn = np.linspace(0.0, 2.0 * np.pi, AZIMUTHS, endpoint=False)
     basis = tangent_basis(nadir_cam)
     los = np.cos(rho_rad) * nadir_cam + np.sin(rho_rad) * (
@@ -222,14 +225,14 @@ def _limb_near(head: Observation, nadir_cam: FloatArray, rho_rad: float) -> Floa
     los = _one_per_pixel(los[inside], uv[inside])
     if len(los) < limits.FEWEST_POINTS:
         return Refusal(Outcome.SHORT_ARC, f"{len(los)} px of the answer's limb are in view")
-    sides = read_sides(image, head.camera, los, nadir_cam)
+    sides = read_sides(picture, head.camera, los, nadir_cam)
     bright_inside = bool(np.median(sides.inner - sides.outer) > 0.0)
     if head.band_kind is not None and not bright_inside:
         return Refusal(Outcome.NO_LIMB, "the answer's limb has its bright side in space")
-    moved, _ = to_steepest(image, head.camera, los, nadir_cam, bright_inside)
+    moved, _ = to_steepest(picture.grey, head.camera, los, nadir_cam, bright_inside)
     if len(moved) < limits.FEWEST_POINTS:
         return Refusal(Outcome.NO_LIMB, "there is no edge along the answer's limb")
-    sides = read_sides(image, head.camera, moved, nadir_cam)
+    sides = read_sides(picture, head.camera, moved, nadir_cam)
     bad = restless(sides)
     if head.full_scale is not None:
         bad = bad | saturated(sides, head.full_scale)

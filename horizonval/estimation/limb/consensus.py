@@ -26,6 +26,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,7 @@ from horizonval.estimation.limb.edges import Edges
 from horizonval.estimation.limb.shape.cone import arc_order
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.cone import cones_through, fit_cone
+from horizonval.geometry.directions import cross
 
 IndexArray = NDArray[np.int64]
 
@@ -54,6 +56,9 @@ SLACKS = (2.0, 1.5, 1.0, 1.0, 1.0)
 TRIPLES_AT_ONCE = 6_000
 PLACES_AT_ONCE = 32_000
 """Points times cones that are looked at in one piece."""
+SHARES = (1, 2, 4, 6, 9)
+"""Of the points that vote, in ninths: how many have been asked when cones are left out."""
+PRODUCTS = ((0, 1), (0, 2), (1, 2))
 GAP_PX = 3.5
 """Supporters closer than this along the limb are one unbroken piece of it."""
 
@@ -93,12 +98,17 @@ class EdgePoints:
 
     @cached_property
     def planes(self) -> FloatArray:
-        """What is asked of points again and again, shape (11, n).
+        """What is asked of points again and again, shape (14, n).
 
-        Line of sight (3), its derivative by the column (3) and by the row (3), gradient (2).
+        Line of sight (3), one, pixels per radian; by the axis of a cone: the turn of the gradient from the inward
+        normal times the slope of the cone (3), and that slope squared, of the axis' squares and products (6).
         """
-        across, down = self.jacobian[:, :, 0], self.jacobian[:, :, 1]
-        return np.concatenate([self.los_cam.T, across.T, down.T, self.gradient.T])
+        x, y = self.jacobian[:, :, 0].T, self.jacobian[:, :, 1].T
+        turn = self.gradient[:, 0] * x + self.gradient[:, 1] * y
+        squares = x * x + y * y
+        products = [2.0 * (x[i] * x[j] + y[i] * y[j]) for i, j in PRODUCTS]
+        px_per_rad = 1.0 / self.pixel_rad * np.sqrt(2.0)
+        return np.concatenate([self.los_cam.T, [np.ones(len(x.T)), px_per_rad], turn, squares, products])
 
 
 @dataclass(frozen=True)
@@ -175,58 +185,64 @@ def support(
     # The limb crosses no more of a pixel than its diagonal: most edges of an image are too far off by that alone.
     reach = slack * _largest_tolerance_px(sight.shape) * (1.0 + 1e-9)
     near = np.flatnonzero(np.abs(axis @ sight.planes[:3] - cosine) <= reach * sight.pixel_rad)
-    supports[near] = _hits(
-        sight.planes[:, near], sight.pixel_rad[near], sight.shape, axis[None], np.array([cosine]), bright_inside, slack
-    )[0]
+    cones = _Cones.of(axis[None], np.array([cosine]), sight.shape, slack)
+    supports[near] = cones.hits(np.take(sight.planes, near, axis=1), bright_inside)[0]
     return supports
 
 
 def off_limb_px(sight: EdgePoints, axis: FloatArray, cosine: float) -> FloatArray:
     """Return how far each point lies inside (positive) a cone's limb [px], to first order."""
-    off, _, size = _residuals(sight.planes, axis[None], np.array([cosine]))
-    size[size == 0] = np.inf
-    return np.asarray((off / size)[0])
+    slope = np.sqrt(np.maximum(_quadratic(axis[None]) @ sight.planes[8:], 0.0))[0]
+    return np.asarray((axis @ sight.planes[:3] - cosine) / np.where(slope > 0.0, slope, np.inf))
 
 
-def _residuals(planes: FloatArray, axes: FloatArray, cosines: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what tells points (11, n) from the limbs of cones (k, 3): shape (k, n) each.
+def _quadratic(axes: FloatArray) -> FloatArray:
+    """Return squares and products of the components of axes (k, 3), shape (k, 6)."""
+    return np.concatenate([axes * axes, np.stack([axes[:, i] * axes[:, j] for i, j in PRODUCTS], axis=1)], axis=1)
 
-    Over the third, the first is the distance inside the limb [px] and the second the cosine between gradient and inward
-    normal.
+
+@dataclass(frozen=True)
+class _Cones:
+    """Cones as factors of the points' ``planes``.
+
+    ``off``, shape (k, 4): how far inside the limb; ``tolerance``, (k, 2): how far it may be, over the slope, at most
+    ``largest``; ``axes``, (k, 3); ``slope2``, (k, 6).
     """
-    ex, ey = axes @ planes[3:6], axes @ planes[6:9]
-    turn = planes[9] * ex
-    turn += planes[10] * ey
-    ex *= ex
-    ey *= ey
-    ex += ey
-    off = axes @ planes[:3]
-    off -= cosines[:, None]
-    return off, turn, np.sqrt(ex, out=ex)
 
+    off: FloatArray
+    tolerance: FloatArray
+    axes: FloatArray
+    slope2: FloatArray
+    largest: float
 
-def _hits(
-    planes: FloatArray,
-    pixel_rad: FloatArray,
-    shape: tuple[int, int],
-    axes: FloatArray,
-    cosines: FloatArray,
-    bright_inside: bool,
-    slack: float,
-) -> NDArray[np.bool_]:
-    """Return which points support which cones, shape (k, n)."""
-    off, turn, size = _residuals(planes, axes, cosines)
-    sine = np.sqrt(np.clip(1.0 - cosines**2, 0.0, None))
-    tangent = sine / np.clip(cosines, 0.17, None)
-    tolerance = (LIMB_RELIEF * tangent)[:, None] * (1.0 / pixel_rad * np.sqrt(2.0))
-    tolerance += TOLERANCE_PX
-    np.minimum(tolerance, _largest_tolerance_px(shape), out=tolerance)
-    tolerance *= slack
-    tolerance *= size
-    size *= COS_GRADIENT if bright_inside else -COS_GRADIENT
-    # Without a slope of the cone at a point there is no turn, and no support.
-    along = turn > size if bright_inside else turn < size
-    return np.asarray((np.abs(off, out=off) <= tolerance) & along)
+    @classmethod
+    def of(cls, axes: FloatArray, cosines: FloatArray, shape: tuple[int, int], slack: float) -> _Cones:
+        """Return cones with the tolerance of a search, which ``slack`` widens."""
+        tangent = np.sqrt(np.clip(1.0 - cosines**2, 0.0, None)) / np.clip(cosines, 0.17, None)
+        tolerance = slack * np.column_stack([np.full(len(axes), TOLERANCE_PX), LIMB_RELIEF * tangent])
+        off = np.column_stack([axes, -cosines])
+        return cls(off, tolerance, axes, _quadratic(axes), slack * _largest_tolerance_px(shape))
+
+    def take(self, rows: IndexArray | slice) -> _Cones:
+        """Return a selection of the cones."""
+        return _Cones(self.off[rows], self.tolerance[rows], self.axes[rows], self.slope2[rows], self.largest)
+
+    def hits(self, planes: FloatArray, bright_inside: bool) -> NDArray[np.bool_]:
+        """Return which points (14, n) support which cones, shape (k, n)."""
+        slope2 = self.slope2 @ planes[8:]
+        off = self.off @ planes[:4]
+        off *= off
+        tolerance = self.tolerance @ planes[3:5]
+        np.minimum(tolerance, self.largest, out=tolerance)
+        tolerance *= tolerance
+        tolerance *= slope2
+        hits = np.asarray(off <= tolerance)
+        turn = np.matmul(self.axes, planes[5:8], out=off)
+        hits &= turn > 0.0 if bright_inside else turn < 0.0
+        turn *= turn
+        slope2 *= COS_GRADIENT**2
+        hits &= turn >= slope2
+        return hits
 
 
 def _largest_tolerance_px(shape: tuple[int, int]) -> float:
@@ -240,8 +256,7 @@ def _draw(sight: EdgePoints, pool: IndexArray, rng: np.random.Generator) -> list
     chosen: list[tuple[FloatArray, float, bool]] = []
     for bright_inside, good in zip((True, False), _agreeing(sight, triples), strict=True):
         axes, cosines = cones_through(*(sight.los_cam[good[:, i]] for i in range(3)))
-        votes = _votes(subset, axes, cosines, bright_inside)
-        for k in np.argsort(-votes, kind="stable")[:KEPT]:
+        for k in _best_supported(subset, axes, cosines, bright_inside):
             chosen.append((axes[k], float(cosines[k]), bright_inside))
     return chosen
 
@@ -259,18 +274,23 @@ def _agreeing(sight: EdgePoints, triples: IndexArray) -> tuple[IndexArray, Index
         points = triples[start : start + TRIPLES_AT_ONCE].T
         (ua, ub, uc), (va, vb, vc) = u[points], v[points]
         far = ((ua - ub) ** 2 + (va - vb) ** 2 > apart2) & ((ub - uc) ** 2 + (vb - vc) ** 2 > apart2)
-        points = points[:, far & ((ua - uc) ** 2 + (va - vc) ** 2 > apart2)]
-        axis = _normal(*(planes[:3, row] for row in points))
+        far &= (ua - uc) ** 2 + (va - vc) ** 2 > apart2
+        points = points[:, np.flatnonzero(far)]
+        axis = _normal(*(np.take(planes[:3], row, axis=1) for row in points))
         side = np.zeros(points.shape[1])
         for i in range(3):
-            jx, jy, (gx, gy) = np.split(planes[3:, points[i]], (3, 6))
-            ex, ey = (jx * axis).sum(axis=0), (jy * axis).sum(axis=0)
-            turn = gx * ex + gy * ey
-            agrees = (turn * turn > COS_GRADIENT**2 * (ex * ex + ey * ey)) & (side * turn >= 0.0)
-            points, axis, side = points[:, agrees], axis[:, agrees], turn[agrees]
-        for i, good in enumerate((side > 0.0, side < 0.0)):
-            pieces[i].append(points[:, good].T[: missing[i]])
-            missing[i] -= len(pieces[i][-1])
+            factors = np.take(planes[5:], points[i], axis=1)
+            turn = factors[0] * axis[0] + factors[1] * axis[1] + factors[2] * axis[2]
+            slope2 = (factors[3:] * _quadratic(axis.T).T).sum(axis=0)
+            agrees = (turn * turn >= COS_GRADIENT**2 * slope2) & (turn != 0.0) & (side * turn >= 0.0)
+            for polarity, wanted in enumerate(missing):
+                if not wanted:
+                    agrees &= turn < 0.0 if polarity == 0 else turn > 0.0
+            left = np.flatnonzero(agrees)
+            points, axis, side = points[:, left], axis[:, left], turn[left]
+        for polarity, good in enumerate((side > 0.0, side < 0.0)):
+            pieces[polarity].append(points[:, good].T[: missing[polarity]])
+            missing[polarity] -= len(pieces[polarity][-1])
         if not any(missing):
             break
     return np.concatenate(pieces[0]), np.concatenate(pieces[1])
@@ -278,21 +298,30 @@ def _agreeing(sight: EdgePoints, triples: IndexArray) -> tuple[IndexArray, Index
 
 def _normal(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
     """Return the axes of cones through vectors (3, n), of any length: the side on which the cone is."""
-    b, c = b - a, c - a
-    normal = np.stack([b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]])
+    normal = np.stack(cross(b - a, c - a))
     return np.asarray(normal * np.where((normal * a).sum(axis=0) < 0.0, -1.0, 1.0))
 
 
-def _votes(subset: EdgePoints, axes: FloatArray, cosines: FloatArray, bright_inside: bool) -> IndexArray:
-    """Return how many points of a subset support each of the cones (k, 3), shape (k,)."""
+def _best_supported(subset: EdgePoints, axes: FloatArray, cosines: FloatArray, bright_inside: bool) -> IndexArray:
+    """Return the ``KEPT`` of cones (k, 3) that most of a subset's points support, the most supported first.
+
+    The points are asked in several parts: a cone that could not win any more, if all the rest were for it, is left out.
+    """
+    # Triples of whole-pixel points predict the far end of an arc poorly: twice the tolerance here.
+    cones = _Cones.of(axes, cosines, subset.shape, 2.0)
+    ends = [len(subset.uv) * share // SHARES[-1] for share in SHARES]
     votes = np.zeros(len(axes), dtype=np.int64)
-    at_once = max(1, PLACES_AT_ONCE // len(subset.uv))
-    for start in range(0, len(axes), at_once):
-        some = slice(start, start + at_once)
-        # Triples of whole-pixel points predict the far end of an arc poorly: twice the tolerance here.
-        hits = _hits(subset.planes, subset.pixel_rad, subset.shape, axes[some], cosines[some], bright_inside, 2.0)
-        votes[some] = np.count_nonzero(hits, axis=1)
-    return votes
+    running = np.arange(len(axes))
+    for start, end in pairwise((0, *ends)):
+        at_once = max(1, PLACES_AT_ONCE // max(end - start, 1))
+        for first in range(0, len(running), at_once):
+            some = running[first : first + at_once]
+            votes[some] += np.count_nonzero(cones.take(some).hits(subset.planes[:, start:end], bright_inside), axis=1)
+        if len(running) > KEPT:
+            # Any of the leaders ends with what it has at least.
+            least = np.partition(votes[running], -KEPT)[-KEPT]
+            running = running[votes[running] + (ends[-1] - end) >= least]
+    return running[np.argsort(-votes[running], kind="stable")[:KEPT]]
 
 
 def _improved(sight: EdgePoints, cones: Iterable[tuple[FloatArray, float, bool]]) -> Iterable[Candidate]:

@@ -62,7 +62,9 @@ def find_edges(image8: NDArray[np.uint8], rim_px: int, strong_share: float = STR
     smooth = cv2.GaussianBlur(image8, (0, 0), BLUR_SIGMA_PX)
     dx = cv2.Sobel(smooth, cv2.CV_16S, 1, 0)
     dy = cv2.Sobel(smooth, cv2.CV_16S, 0, 1)
-    strength = _length(dx.astype(np.float32), dy.astype(np.float32))
+    # Squares of whole numbers are whole too: only the root rounds.
+    square = cv2.add(cv2.multiply(dx, dx, dtype=cv2.CV_32F), cv2.multiply(dy, dy, dtype=cv2.CV_32F))
+    strength = np.sqrt(np.asarray(square, dtype=np.float32))
     noise = noise_sigma(image8) * SOBEL_NOISE_GAIN
     strong = percentile(strength, 99.9)
     high = max(NOISE_FACTOR * noise, strong_share * strong, RAMP_FLOOR)
@@ -82,13 +84,6 @@ def find_edges(image8: NDArray[np.uint8], rim_px: int, strong_share: float = STR
     gradient = np.column_stack([gx[good], gy[good]]) / length[good, None]
     uv = np.column_stack([columns, rows]).astype(np.float64)
     return Edges(uv=uv, gradient=gradient, quiet=_quiet_side(strength, uv, gradient))
-
-
-def _length(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the lengths of vectors of whole numbers; their squares are whole too, so that only the root rounds."""
-    square = x * x
-    square += y * y
-    return np.sqrt(square, out=square)
 
 
 def _quiet_side(strength: NDArray[np.float32], uv: FloatArray, gradient: FloatArray) -> FloatArray:

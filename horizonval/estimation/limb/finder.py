@@ -64,13 +64,24 @@ def find_limb(image: FloatArray, camera: CameraModel, full_scale: float | None =
     LimbPoints or Refusal
         The points in order along the limb.
     """
-    if (refusal := _refuse(image, camera, full_scale)) is not None:
+    picture = picture_of(image, camera, full_scale)
+    return picture if isinstance(picture, Refusal) else find_limb_in(picture, camera)
+
+
+def picture_of(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> Picture | Refusal:
+    """Return an image that may hold a limb as a picture, or why it holds none; parameters as for :func:`find_limb`."""
+    if (refusal := check_image(image, full_scale)) is not None:
         return refusal
-    return find_limb_in(Picture(image, full_scale), camera)
+    if image.shape != (camera.height, camera.width):
+        return Refusal(
+            Outcome.BAD_INPUT,
+            f"the image is {image.shape[1]} x {image.shape[0]} pixels, the camera {camera.width} x {camera.height}",
+        )
+    return Picture(image, full_scale)
 
 
 def find_limb_in(picture: Picture, camera: CameraModel) -> LimbPoints | Refusal:
-    """Return the limb of a picture whose image has been checked and is of the camera's size; as :func:`find_limb`."""
+    """Return the limb of a picture of this camera; as :func:`find_limb`."""
     grey, saturated, full_scale = picture.grey, picture.saturated, picture.full_scale
     rim = half_window(grey.shape) + 1
     edges = _inside_image_circle(find_edges(picture.eight_bit, rim), camera, rim)
@@ -97,13 +108,12 @@ def find_edges_only(image: FloatArray, camera: CameraModel, full_scale: float | 
 
     Parameters and returns as for :func:`find_limb`.
     """
-    if (refusal := _refuse(image, camera, full_scale)) is not None:
-        return refusal
-    grey = np.asarray(image, dtype=np.float64)
-    rim = half_window(grey.shape) + 1
-    edges = find_edges(Picture(grey, full_scale).eight_bit, rim)
-    edges = _inside_image_circle(edges, camera, rim)
-    uv, _, _ = refine(grey, edges.uv, edges.gradient)
+    picture = picture_of(image, camera, full_scale)
+    if isinstance(picture, Refusal):
+        return picture
+    rim = half_window(picture.grey.shape) + 1
+    edges = _inside_image_circle(find_edges(picture.eight_bit, rim), camera, rim)
+    uv, _, _ = refine(picture.grey, edges.uv, edges.gradient)
     los = unproject(camera, uv)
     good = np.isfinite(los).all(axis=1)
     if good.sum() < FEWEST_POINTS:
@@ -118,26 +128,15 @@ def find_canny_pixels(image: FloatArray, camera: CameraModel, full_scale: float 
 
     Parameters and returns as for :func:`find_limb`.
     """
-    if (refusal := _refuse(image, camera, full_scale)) is not None:
-        return refusal
-    edges = find_edges(Picture(image, full_scale).eight_bit, 1, LIMB_SHARE)
-    edges = _inside_image_circle(edges, camera, 1)
+    picture = picture_of(image, camera, full_scale)
+    if isinstance(picture, Refusal):
+        return picture
+    edges = _inside_image_circle(find_edges(picture.eight_bit, 1, LIMB_SHARE), camera, 1)
     los = unproject(camera, edges.uv)
     good = np.isfinite(los).all(axis=1)
     if good.sum() < FEWEST_POINTS:
         return Refusal(Outcome.NO_LIMB, f"{int(good.sum())} edge points; {FEWEST_POINTS} are needed")
     return LimbPoints(edges.uv[good], los[good])
-
-
-def _refuse(image: FloatArray, camera: CameraModel, full_scale: float | None) -> Refusal | None:
-    if (refusal := check_image(image, full_scale)) is not None:
-        return refusal
-    if image.shape != (camera.height, camera.width):
-        return Refusal(
-            Outcome.BAD_INPUT,
-            f"the image is {image.shape[1]} x {image.shape[0]} pixels, the camera {camera.width} x {camera.height}",
-        )
-    return None
 
 
 def _take(edges: Edges, rows: NDArray[np.integer] | NDArray[np.bool_]) -> Edges:

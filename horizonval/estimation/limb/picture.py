@@ -17,6 +17,8 @@ from horizonval.estimation.limb.checks import saturated_pixels
 from horizonval.estimation.limb.ranks import level_counts, median, percentile, percentile_of_counts
 
 MOST_LEVELS = 1 << 16
+LARGEST_RESPONSE = 8 * 255
+"""Of the operator that measures noise, to eight bits."""
 STRETCH_PERCENTILES = (0.5, 99.9)
 SMALLEST_RANGE_SHARE, SMALLEST_RANGE_SIGMAS = 0.02, 12.0
 
@@ -110,8 +112,13 @@ def noise_sigma(image: NDArray[np.floating | np.uint8]) -> float:
     mean so that edges do not count.
     """
     kernel = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
-    response = cv2.filter2D(np.asarray(image, dtype=np.float32), cv2.CV_32F, kernel)[1:-1, 1:-1]
-    return median(np.abs(response)) / (6.0 * 0.6745)
+    if image.dtype == np.uint8:
+        whole = np.abs(cv2.filter2D(image, cv2.CV_16S, kernel)[1:-1, 1:-1]).view(np.uint16)
+        middle = percentile_of_counts(level_counts(whole, LARGEST_RESPONSE), 50.0)
+    else:
+        response = cv2.filter2D(np.asarray(image, dtype=np.float32), cv2.CV_32F, kernel)[1:-1, 1:-1]
+        middle = median(np.abs(response))
+    return middle / (6.0 * 0.6745)
 
 
 def _stretched(grey: FloatArray, low: float, high: float) -> NDArray[np.uint8]:

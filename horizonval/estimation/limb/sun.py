@@ -36,9 +36,16 @@ def find_sun(saturated: NDArray[np.bool_]) -> SunBlob | None:
         See :func:`horizonval.estimation.limb.checks.saturated_pixels`.
     """
     height, width = saturated.shape
-    if np.count_nonzero(saturated) < SMALLEST_PIXELS:
+    pixels = np.count_nonzero(saturated)
+    # Nothing, or more than the largest Sun could be most of.
+    largest = (LARGEST_SHARE_OF_SIDE * min(height, width)) ** 2
+    if pixels < SMALLEST_PIXELS or SMALLEST_SHARE_OF_SATURATED * pixels > largest:
         return None
-    count, _, stats, _ = cv2.connectedComponentsWithStats(saturated.astype(np.uint8), connectivity=8)
+    mask = saturated.view(np.uint8)
+    first_column, first_row, across, down = cv2.boundingRect(mask)
+    lit = np.ascontiguousarray(mask[first_row : first_row + down, first_column : first_column + across])
+    count, _, stats, _ = cv2.connectedComponentsWithStats(lit, connectivity=8)
+    stats[:, :2] += (first_column, first_row)
     best: SunBlob | None = None
     best_area = SMALLEST_PIXELS - 1
     for left, top, wide, high, area in stats[1:count]:
@@ -47,5 +54,5 @@ def find_sun(saturated: NDArray[np.bool_]) -> SunBlob | None:
         if compact and max(wide, high) < LARGEST_SHARE_OF_SIDE * min(height, width) and area > best_area:
             best_area = int(area)
             best = SunBlob(left + (wide - 1) / 2, top + (high - 1) / 2, max(wide, high) / 2)
-    enough = best_area >= SMALLEST_SHARE_OF_SATURATED * int(saturated.sum())
+    enough = best_area >= SMALLEST_SHARE_OF_SATURATED * pixels
     return best if enough else None

@@ -19,6 +19,9 @@ core the border pixel goes on, for the wings the mean of what they see inside. A
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -35,6 +38,8 @@ _FEW = 0.01
 _MOST_BRIGHT = 4096
 _ROUNDING = 1e-14
 _ALL_CORES = -1
+_KEPT_BYTES = 64_000_000
+"""Of the transforms of kernels that stay as they are: those of a camera of 1024 x 1024 pixels."""
 
 
 def spread_core(image: FloatArray, kernel: FloatArray, border: Border = "edge") -> FloatArray:
@@ -57,8 +62,9 @@ def spread_core(image: FloatArray, kernel: FloatArray, border: Border = "edge") 
     height, width = image.shape
     shape = tuple(fft.next_fast_len(n + 2 * reach, real=True) for n in image.shape)
     # The kernel's centre lies on [reach, reach]; with the padding of the image that makes 2 reach.
-    out = _product(padded, kernel, shape)[2 * reach : 2 * reach + height, 2 * reach : 2 * reach + width].copy()
-    _without_rounding_below_zero(out, padded, kernel)
+    transformed = _transformed(kernel, shape, lambda: kernel)
+    out = _product(padded, transformed, shape)[2 * reach : 2 * reach + height, 2 * reach : 2 * reach + width].copy()
+    _without_rounding_below_zero(out, padded, transformed)
     for row, column in zip(*bright, strict=True):
         top, left = max(row - reach, 0), max(column - reach, 0)
         part = kernel[top - row + reach : height - row + reach, left - column + reach : width - column + reach]
@@ -105,13 +111,20 @@ def share_inside(quadrant: FloatArray) -> FloatArray:
 def _dark_outside(image: FloatArray, quadrant: FloatArray) -> FloatArray:
     height, width = image.shape
     shape = tuple(fft.next_fast_len(2 * n - 1, real=True) for n in image.shape)
+    transformed = _transformed(quadrant, shape, lambda: _all_quadrants(quadrant, shape))
+    out = _product(image, transformed, shape)[:height, :width].copy()
+    _without_rounding_below_zero(out, image, transformed)
+    return out
+
+
+def _all_quadrants(quadrant: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """Return the cyclic kernel of a shape that is even in both offsets."""
+    height, width = quadrant.shape
     kernel = np.zeros(shape)
     kernel[:height, :width] = quadrant
     kernel[shape[0] - height + 1 :, :width] = quadrant[:0:-1]
     kernel[:, shape[1] - width + 1 :] = kernel[:, width - 1 : 0 : -1]
-    out = _product(image, kernel, shape)[:height, :width].copy()
-    _without_rounding_below_zero(out, image, kernel)
-    return out
+    return kernel
 
 
 def _bright_limit(image: FloatArray) -> float:
@@ -127,18 +140,47 @@ def _bright_pixels(image: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp
     return rows[brightest], columns[brightest]
 
 
-def _product(image: FloatArray, kernel: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+@dataclass(frozen=True)
+class _Transformed:
+    """A kernel's transform and the sum of its squares; ``source``: the values that it was made of."""
+
+    source: FloatArray
+    spectrum: NDArray[np.complex128]
+    squares: float
+
+
+_kept: OrderedDict[tuple[int, tuple[int, ...]], _Transformed] = OrderedDict()
+"""Those of read-only kernels, which cameras have for life; by identity, which holds as long as the source is kept."""
+
+
+def _transformed(source: FloatArray, shape: tuple[int, ...], lay_out: Callable[[], FloatArray]) -> _Transformed:
+    """Return the transform over ``shape`` of the kernel that ``lay_out`` makes of its source."""
+    key = (id(source), shape)
+    if key in _kept:
+        _kept.move_to_end(key)
+        return _kept[key]
+    kernel = lay_out()
+    spectrum = fft.rfft2(kernel, s=shape, workers=_ALL_CORES)
+    transformed = _Transformed(source, spectrum, float(np.square(kernel).sum()))
+    if not source.flags.writeable:
+        _kept[key] = transformed
+        while sum(one.spectrum.nbytes + one.source.nbytes for one in _kept.values()) > _KEPT_BYTES:
+            _kept.popitem(last=False)
+    return transformed
+
+
+def _product(image: FloatArray, kernel: _Transformed, shape: tuple[int, ...]) -> FloatArray:
     """Return the cyclic convolution over ``shape``."""
     spectrum = fft.rfft2(image, s=shape, workers=_ALL_CORES)
-    spectrum *= fft.rfft2(kernel, s=shape, workers=_ALL_CORES)
+    spectrum *= kernel.spectrum
     out: FloatArray = fft.irfft2(spectrum, s=shape, overwrite_x=True, workers=_ALL_CORES)
     return out
 
 
-def _without_rounding_below_zero(out: FloatArray, image: FloatArray, kernel: FloatArray) -> None:
+def _without_rounding_below_zero(out: FloatArray, image: FloatArray, kernel: _Transformed) -> None:
     least = float(out.min())
     # Sums of squares and not norms, which would wake every thread of the linear algebra for a small image.
-    bound = _ROUNDING * math.sqrt(float(np.square(image).sum()) * float(np.square(kernel).sum()))
+    bound = _ROUNDING * math.sqrt(float(np.square(image).sum()) * kernel.squares)
     if least < -bound:
         raise ArithmeticError(f"convolution left {least:.3g}, rounding explains {bound:.3g}")
     np.maximum(out, 0.0, out=out)

@@ -12,6 +12,8 @@ times the wings' share outside, half of TIS on the border. The Sun outside: :mod
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
@@ -20,7 +22,7 @@ from horizonval.geometry.camera import CameraModel, field_angles
 from horizonval.sensor.lens import convolution, core_spread, diffraction, field_spread, point_spread, scatter
 from horizonval.sensor.lens.convolution import Border
 from horizonval.spec.sensor.camera import Band
-from horizonval.spec.sensor.optics import Optics
+from horizonval.spec.sensor.optics import Optics, Scatter
 
 
 def spread(
@@ -82,16 +84,24 @@ def lost_share(
 def wing_quadrant(
     camera: CameraModel, lens: Optics, band: Band | None, pixel_pitch_m: float | None
 ) -> FloatArray | None:
-    """Return the wings at offsets (0..H - 1, 0..W - 1), shape (H, W); None for a lens without."""
-    wings = None
-    if lens.scatter is not None:
-        wings = scatter.quadrant(lens.scatter, camera.height, camera.width, camera.fx, camera.fy)
+    """Return the wings at offsets (0..H - 1, 0..W - 1), shape (H, W), read-only; None for a lens without."""
     if lens.diffraction:
         _, pitch, chosen, reach = _core(lens, band, pixel_pitch_m)
         assert chosen is not None
-        tail = _diffraction_tail(camera, core_spread.spread_px(chosen, lens.f_number, pitch), reach)
-        tail *= 1.0 if lens.scatter is None else 1 - lens.scatter.total
-        wings = tail if wings is None else wings + tail
+        return _wings_with_diffraction(camera, lens.scatter, core_spread.spread_px(chosen, lens.f_number, pitch), reach)
+    return None if lens.scatter is None else _scattered(camera, lens.scatter)
+
+
+def _scattered(camera: CameraModel, rough: Scatter) -> FloatArray:
+    return scatter.quadrant(rough, camera.height, camera.width, camera.fx, camera.fy)
+
+
+@lru_cache(maxsize=2)
+def _wings_with_diffraction(camera: CameraModel, rough: Scatter | None, spread_px: float, reach: int) -> FloatArray:
+    tail = _diffraction_tail(camera, spread_px, reach)
+    tail *= 1.0 if rough is None else 1 - rough.total
+    wings = tail if rough is None else _scattered(camera, rough) + tail
+    wings.flags.writeable = False
     return wings
 
 

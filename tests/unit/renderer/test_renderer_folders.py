@@ -8,7 +8,7 @@ from pathlib import Path
 import horizonval
 
 ROOM = Path(horizonval.__file__).parent / "renderer"
-LAYERS = ["reference", "rays", "scene", "plugin", "thermal", "kernel", "scattering", "refraction", ""]
+LAYERS = ["reference", "rays", "derivatives", "scene", "plugin", "thermal", "kernel", "scattering", "refraction", ""]
 """From top to bottom; the last are the modules of the room itself."""
 
 

@@ -61,13 +61,10 @@ def unknown_sun_covariance(
     """
     stride = max(1, len(los_cam) // MOST_POINTS)
     los_cam, blur_rad = los_cam[::stride], blur_rad[::stride]
-    heights = []
-    for sun in fibonacci_sphere(SUNS):
-        height, zenith = height_under(los_cam, axis_cam, rho_rad, sun, blur_rad)
-        if zenith.max() <= LIT_RAD and np.isfinite(height).all():
-            heights.append(height)
-    if not heights:
+    height, zenith = height_under(los_cam, axis_cam, rho_rad, fibonacci_sphere(SUNS), blur_rad)
+    lit = (zenith.max(axis=1) <= LIT_RAD) & np.isfinite(height).all(axis=1)
+    if not lit.any():
         return np.zeros((3, 3))
-    moved = cone_perturbation(los_cam, axis_cam, rho_rad, np.array(heights), earth_radius_m)
+    moved = cone_perturbation(los_cam, axis_cam, rho_rad, height[lit], earth_radius_m)
     moved[:, 2] -= moved[:, 2].mean()
     return np.asarray(moved.T @ moved / len(moved))

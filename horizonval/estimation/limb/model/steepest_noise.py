@@ -25,12 +25,14 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.ndimage import gaussian_filter1d
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.model.steepest import SIGMA_PX, STEP_PX, profile_places, steepest_sample
-from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
+from horizonval.estimation.limb.pixel_directions import PIXEL_DIRECTIONS
+from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 NEAREST_PX, FARTHEST_PX = 5.0, 30.0
@@ -67,15 +69,14 @@ def pixel_variance(
     response = np.asarray(cv2.filter2D(image32, cv2.CV_32F, IMMERKAER), dtype=np.float64)
     square = response**2 / float((IMMERKAER**2).sum()) / MEDIAN_OF_SQUARE
     level = np.asarray(cv2.blur(image32, (3, 3)), dtype=np.float64)
-    los = unproject(camera, pixel_grid(camera)).reshape(*image.shape, 3)
-    depth_px = (rho_rad - off_axis_angle(los, axis_cam)) * max(camera.fx, camera.fy)
     usable = np.zeros(image.shape, dtype=bool)
     usable[1:-1, 1:-1] = True
     if full_scale is not None:
         usable &= level < SATURATED_SHARE * full_scale
-    near = usable & (np.abs(depth_px) > NEAREST_PX) & (np.abs(depth_px) < FARTHEST_PX)
-    inside, space = near & (depth_px > 0.0), near & (depth_px < 0.0)
-    if inside.sum() < FEWEST_PIXELS or space.sum() < FEWEST_PIXELS:
+    rows, depth_px = _beside(camera, axis_cam, rho_rad)
+    seen = usable.ravel()[rows]
+    inside, space = (np.unravel_index(rows[seen & side], image.shape) for side in (depth_px > 0.0, depth_px < 0.0))
+    if len(inside[0]) < FEWEST_PIXELS or len(space[0]) < FEWEST_PIXELS:
         return np.full(image.shape, float(np.median(square[usable])))
     clipped = float(np.mean(image[space] == image[space].min())) > CLIPPED_SHARE
     if clipped:
@@ -85,6 +86,20 @@ def pixel_variance(
     bright = np.abs(step) > DIM_SHARE * np.median(np.abs(step))
     growth = float(np.median((square[inside][bright] - floor) / step[bright])) if bright.any() else 0.0
     return np.asarray(np.maximum(floor + growth * (level - dark), min(floor, float(np.median(square[inside])))))
+
+
+def _beside(camera: CameraModel, axis_cam: FloatArray, rho_rad: float) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return which pixels, of the image in one row, lie beside a limb, and how far inside of it [px]."""
+    px_per_rad = max(camera.fx, camera.fy)
+    directions = PIXEL_DIRECTIONS.of(camera).reshape(-1, 3)
+    # By the cosine first, a little further than it takes: one product in place of an arc tangent for every pixel.
+    reach = (FARTHEST_PX + 1.0) / px_per_rad
+    nearest, farthest = np.cos(np.clip([rho_rad - reach, rho_rad + reach], 0.0, np.pi))
+    cosine = directions @ axis_cam
+    rows = np.flatnonzero((cosine <= nearest + 1e-12) & (cosine >= farthest - 1e-12))
+    depth_px = (rho_rad - off_axis_angle(directions[rows], axis_cam)) * px_per_rad
+    near = (np.abs(depth_px) > NEAREST_PX) & (np.abs(depth_px) < FARTHEST_PX)
+    return rows[near], depth_px[near]
 
 
 def noise_covariance(
@@ -125,8 +140,10 @@ def noise_covariance(
     # A point that the image moves inwards is seen at a smaller angle from the axis.
     jacobian = np.column_stack([across, np.ones(len(across))])
     gain = np.linalg.solve(jacobian.T @ jacobian, jacobian.T)
-    of_pixels = (moved.T @ gain.T).T
-    covariance = (of_pixels * variance.ravel()) @ of_pixels.T
+    # Of a megapixel image the limb's points have seen some thousand pixels.
+    pixels = np.unique(moved.indices)
+    of_pixels = (moved[:, pixels].T @ gain.T).T
+    covariance = (of_pixels * variance.ravel()[pixels]) @ of_pixels.T
     return np.asarray(0.5 * (covariance + covariance.T))
 
 

@@ -92,25 +92,30 @@ def sunlit_limb(
 
 
 def height_under(
-    los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, sun_cam: FloatArray, blur_rad: FloatArray
+    los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, suns_cam: FloatArray, blur_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the height [m] alone, NaN where the table has none, and the Sun's zenith angle; parameters as above."""
-    zenith, azimuth = sun_angles(los_cam, axis_cam, sun_cam)
-    sigma_km = blur_rad * EARTH_RADIUS_KM / math.tan(rho_rad)
-    return 1e3 * _height_km(rho_rad, sigma_km, zenith, azimuth), zenith
+    """Return the height [m] alone, and the Sun's zenith angle, shape (n,) each; of Suns (k, 3) the shape is (k, n).
+
+    NaN where the table has no height; other parameters as above.
+    """
+    zenith, azimuth = sun_angles(los_cam, axis_cam, suns_cam)
+    sigma_km = np.broadcast_to(blur_rad * EARTH_RADIUS_KM / math.tan(rho_rad), zenith.shape)
+    height = _height_km(rho_rad, sigma_km.ravel(), zenith.ravel(), azimuth.ravel())
+    return 1e3 * height.reshape(zenith.shape), zenith
 
 
 def sun_angles(los_cam: FloatArray, axis_cam: FloatArray, sun_cam: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return zenith angle and azimuth from the line of sight [rad] of the Sun at the tangent points, shape (n,) each.
 
+    Of several Suns, shape (k, 3), they have the shape (k, n).
     The vertical at a tangent point is across the line of sight, away from the cone's axis.
     """
     up = los_cam * (los_cam @ axis_cam)[:, None] - axis_cam
     up /= np.linalg.norm(up, axis=1)[:, None]
-    cosine = np.clip(up @ sun_cam, -1.0, 1.0)
-    level = sun_cam - cosine[:, None] * up
-    length = np.linalg.norm(level, axis=1)
-    ahead = np.einsum("ij,ij->i", level, los_cam) / np.where(length > 1e-9, length, 1.0)
+    cosine = np.clip(sun_cam @ up.T, -1.0, 1.0)
+    level = sun_cam[..., None, :] - cosine[..., None] * up
+    length = np.linalg.norm(level, axis=-1)
+    ahead = np.einsum("...ij,ij->...i", level, los_cam) / np.where(length > 1e-9, length, 1.0)
     return np.arccos(cosine), np.arccos(np.clip(ahead, -1.0, 1.0))
 
 

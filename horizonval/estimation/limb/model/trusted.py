@@ -17,14 +17,13 @@ What remains is handed to a method, or nothing is.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.shape.cone import arc_order
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.cone import fit_cone
@@ -64,29 +63,29 @@ class Sides:
     azimuth: FloatArray
 
 
-def read_sides(image: FloatArray, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray) -> Sides:
+def read_sides(picture: Picture, camera: CameraModel, los_cam: FloatArray, axis_cam: FloatArray) -> Sides:
     """Read the image on both sides of limb points, along the direction to the cone's axis.
 
     Parameters
     ----------
-    image : ndarray, shape (H, W)
+    picture : Picture
     camera : CameraModel
     los_cam : ndarray, shape (n, 3)
     axis_cam : ndarray, shape (3,)
     """
-    smooth = np.asarray(cv2.blur(image.astype(np.float32), (3, 3)), dtype=np.float64)
     inwards = axis_cam - los_cam * (los_cam @ axis_cam)[:, None]
     inwards /= np.linalg.norm(inwards, axis=1)[:, None]
     rad_per_px = 1.0 / max(camera.fx, camera.fy)
     distances = np.array(NEAR_PX + DEEP_PX)
-    levels = [_levels(smooth, camera, los_cam + d * rad_per_px * inwards) for d in (*distances, *-distances)]
-    inside, outside = np.stack(levels[: len(distances)]), np.stack(levels[len(distances) :])
+    steps = np.array([distances, -distances]) * rad_per_px
+    inside, outside = _levels(picture.mean, camera, los_cam + steps[:, :, None, None] * inwards)
     # A pixel outside the image has no level; a point has at least its nearest ones.
-    with np.errstate(invalid="ignore"):
-        inner, outer = _nanmedian(inside), _nanmedian(outside)
-        near = inside[: len(NEAR_PX)]
-        peak = np.nanmax(np.where(np.isnan(near), -np.inf, near), axis=0)
-        spread = 0.5 * (_nanpick(np.nanmax, outside) - _nanpick(np.nanmin, outside))
+    inner, outer = _median(inside), _median(outside)
+    near = inside[: len(NEAR_PX)]
+    peak = np.where(np.isnan(near), -np.inf, near).max(axis=0)
+    lit = ~np.isnan(outside)
+    highest, lowest = np.where(lit, outside, -np.inf).max(axis=0), np.where(lit, outside, np.inf).min(axis=0)
+    spread = np.where(lit.any(axis=0), 0.5 * (highest - lowest), 0.0)
     across = los_cam @ tangent_basis(axis_cam)
     return Sides(inner, outer, peak, spread, np.arctan2(across[:, 1], across[:, 0]))
 
@@ -112,24 +111,25 @@ def restless(sides: Sides) -> BoolArray:
     return np.asarray(sides.spread > RESTLESS_SHARE * np.percentile(np.abs(sides.inner - sides.outer), 75.0))
 
 
-def _levels(image: FloatArray, camera: CameraModel, d_cam: FloatArray) -> FloatArray:
+def _levels(image: NDArray[np.float32], camera: CameraModel, d_cam: FloatArray) -> FloatArray:
+    """Return the levels of the pixels that directions (..., 3) fall on; NaN outside the image."""
     uv, in_front = project(camera, d_cam)
     height, width = image.shape
-    good: BoolArray = np.logical_and(in_front, np.isfinite(uv).all(axis=1))
-    at = np.rint(np.where(good[:, None], uv, -1.0)).astype(np.int64)
-    good &= (at >= 0).all(axis=1) & (at[:, 0] < width) & (at[:, 1] < height)
-    out = np.full(len(d_cam), np.nan)
-    out[good] = image[at[good, 1], at[good, 0]]
+    good: BoolArray = np.logical_and(in_front, np.isfinite(uv).all(axis=-1))
+    column, row = np.moveaxis(np.rint(np.where(good[..., None], uv, -1.0)).astype(np.int64), -1, 0)
+    good &= (column >= 0) & (row >= 0) & (column < width) & (row < height)
+    out = np.full(good.shape, np.nan)
+    out[good] = image[row[good], column[good]]
     return out
 
 
-def _nanmedian(values: FloatArray) -> FloatArray:
-    return _nanpick(np.nanmedian, values)
-
-
-def _nanpick(what: Callable[..., FloatArray], values: FloatArray) -> FloatArray:
-    empty = np.asarray(np.isnan(values).all(axis=0))
-    return np.asarray(what(np.where(empty[None, :], 0.0, values), axis=0))
+def _median(values: FloatArray) -> FloatArray:
+    """Return the medians of the columns of (k, n) without their NaN; 0 for a column that holds nothing else."""
+    ordered = np.sort(values, axis=0)
+    count = len(values) - np.isnan(values).sum(axis=0)
+    column = np.arange(values.shape[1])
+    low, high = ordered[np.maximum(count - 1, 0) // 2, column], ordered[count // 2 % len(values), column]
+    return np.where(count > 0, np.where(count % 2 == 1, low, (low + high) / 2.0), 0.0)
 
 
 def alone(los_cam: FloatArray, camera: CameraModel) -> BoolArray:

@@ -21,6 +21,7 @@ from horizonval.estimation.limb.model import trusted
 from horizonval.estimation.limb.model.height_perturbation import cone_perturbation, unknown_sun_covariance
 from horizonval.estimation.limb.model.sunlit import height_under
 from horizonval.estimation.limb.model.trusted import Sides, alone, faded, faint, read_sides, restless, smoothed
+from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.shape.cone import (
     SLOW_PATTERNS,
     arc_order,
@@ -120,7 +121,7 @@ def test_the_limb_is_found_among_clutter() -> None:
 
 def test_two_levels_are_read_on_the_two_sides() -> None:
     los = limb(200, 0.5)
-    sides = read_sides(scene(300.0, 40.0), CAMERA, los, AXIS)
+    sides = read_sides(Picture(scene(300.0, 40.0)), CAMERA, los, AXIS)
     assert sides.inner == pytest.approx(np.full(200, 300.0))
     assert sides.outer == pytest.approx(np.full(200, 40.0))
     assert sides.peak == pytest.approx(np.full(200, 300.0))
@@ -133,7 +134,7 @@ def test_two_levels_are_read_on_the_two_sides() -> None:
 def test_what_lies_outside_the_image_has_no_level_and_spoils_none() -> None:
     """A limb along the image's upper edge: what would be read above it is missing."""
     high = CameraModel(256, 200, 180.0, 180.0, 127.5, 30.0)
-    sides = read_sides(scene(300.0, 40.0, high), high, limb(200, 0.1), AXIS)
+    sides = read_sides(Picture(scene(300.0, 40.0, high)), high, limb(200, 0.1), AXIS)
     assert sides.inner == pytest.approx(np.full(200, 300.0))
     assert sides.outer == pytest.approx(np.full(200, 40.0))
 
@@ -144,7 +145,7 @@ def test_spread_is_half_the_range_outside_and_peak_the_brightest_near() -> None:
     image = np.where((distance > 8.5), 100.0, image)
     image = np.where((distance < -2.5) & (distance > -7.5), 360.0, image)
     image = np.where(distance < -9.5, 900.0, image)
-    sides = read_sides(image, CAMERA, limb(100, 0.2), AXIS)
+    sides = read_sides(Picture(image), CAMERA, limb(100, 0.2), AXIS)
     assert np.median(sides.spread) == pytest.approx(30.0, abs=3.0)
     assert np.median(sides.peak) == pytest.approx(360.0, abs=3.0), "no further in than a profile bears on the place"
 
