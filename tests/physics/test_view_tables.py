@@ -91,7 +91,10 @@ TWILIGHT: dict[str, Case] = {
     "sun at 104 deg": (scene_of(104.0), camera_of(RED, fov_deg=40.0)),
     "sun at 108 deg": (scene_of(108.0, azimuth_deg=8.0), camera_of(GREEN, fov_deg=40.0)),
     "single scattering": (scene_of(95.0, render={"orders": "single"}), camera_of(GREEN, fov_deg=40.0)),
-    "haze": (scene_of(93.0, atmosphere={"aerosol": "background"}), camera_of(GREEN, fov_deg=40.0)),
+    "haze": (
+        scene_of(93.0, atmosphere={"aerosol": "background"}, render={"orders": "single"}),
+        camera_of(GREEN, fov_deg=40.0),
+    ),
     "clouds and land": (
         scene_of(90.0, azimuth_deg=60.0, clouds={"cover": 0.5}, surface={"kind": "earth"}),
         camera_of(GREEN),
@@ -115,7 +118,11 @@ def _backend() -> None:
     activate()
 
 
-@pytest.mark.parametrize("name", DAY)
+SLOW = {"haze, all orders"}
+"""Whose table of multiple scattering takes a minute to solve."""
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in DAY])
 def test_by_day(name: str) -> None:
     errors = table_errors(*DAY[name], DAY_FLOOR)
     assert errors
