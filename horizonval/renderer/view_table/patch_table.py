@@ -37,7 +37,7 @@ from horizonval.renderer.view_table.spline_patch import (
 )
 
 ROW_TILES, AZIMUTH_TILES = 8, 8
-FINEST = 5
+FINEST = 4
 """Halvings of a tile, at most."""
 PACKET = 4
 _LEVEL_BITS = 3

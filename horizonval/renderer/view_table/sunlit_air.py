@@ -1,11 +1,13 @@
 """What a view table of sunlight holds: for every spectral node the radiance of the air and its transmittance.
 
-Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march. Whatever reflects
+Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march; with particles, whose
+diffuse light is looked up at every second step, with :data:`MORE_NODES_WITH_PARTICLES` times. Whatever reflects
 at the rays' ends is left out. With refraction the bending angle at the rays' ends is there too.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,9 +24,11 @@ from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Vec
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable, Tabulated
 
-MORE_NODES = 4
-TOLERANCE = 1e-3
-"""Of the foretelling (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance."""
+MORE_NODES, MORE_NODES_WITH_PARTICLES = 2, 4
+TOLERANCE, TOLERANCE_IN_TWILIGHT = 1e-3, 2e-3
+"""Of the foretelling (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance: with the Sun up as
+seen from the camera, and for a low Sun, for the Moon and for airglow."""
+HIGH_SUN = math.cos(math.radians(85.5))
 FAINTEST = 1e-6
 """Radiances below this share of the brightest may have its error."""
 OPAQUE = 0.05
@@ -58,6 +62,8 @@ class Light:
         cloud: tuple[mi.Bool, mi.Float64] | None = None,
     ) -> AirMarch:
         """March as rays of the table are."""
+        particles = isinstance(batch, SolarNodes) and batch.particles is not None
+        more = MORE_NODES_WITH_PARTICLES if particles else MORE_NODES
         return march_air(
             coordinates.planet,
             self.top_m,
@@ -66,7 +72,7 @@ class Light:
             d,
             self.direction,
             mi.Bool(to_ground),
-            MORE_NODES * self.nodes,
+            more * self.nodes,
             SOLAR_CONCENTRATION,
             cloud,
             steady=True,
@@ -117,7 +123,17 @@ def sunlit_air(light: Light, coordinates: RayCoordinates, to_ground: bool, bends
     floor = np.where(packet % 2 == 0, np.maximum(FAINTEST * brightest, 1e-30), OPAQUE)
     floor[packet == bending_packet(len(light.batches))] = BENT_RAD
 
+    tolerance = (
+        TOLERANCE if light.name == "sun" and _height_of(light, coordinates) > HIGH_SUN else TOLERANCE_IN_TWILIGHT
+    )
+
     def allowed(known: FloatArray) -> FloatArray:
-        return TOLERANCE * np.maximum(np.abs(known), floor)
+        return tolerance * np.maximum(np.abs(known), floor)
 
     return PatchTable(Tabulated(values, allowed, quantities))
+
+
+def _height_of(light: Light, coordinates: RayCoordinates) -> float:
+    """Return the sine of a light's height over the camera's horizontal."""
+    up = coordinates.origin / np.linalg.norm(coordinates.origin)
+    return float(up @ np.array([float(c[0]) for c in light.direction]))
