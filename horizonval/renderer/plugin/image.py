@@ -127,27 +127,21 @@ class SurfaceLook:
 
 
 def surface_looks(view: FrameGeometry, cells: Cells) -> list[SurfaceLook]:
-    """Look where rays end, under the Sun, and under the Moon where it lights the Earth."""
+    """Look where rays end, under the Sun, and under the Moon where it lights the Earth; once for all spectral nodes.
+
+    Rays past the Earth end on clouds only.
+    """
     lights = [view.sun]
     if view.moon is not None and view.moon.lights_earth:
         lights.append(view.moon.light)
-    return [_look(view, cells, light) for light in lights]
 
+    def ends(rays: Rays | DiscCells | None, to_ground: bool) -> Sequence[SurfaceHit | None]:
+        if view.ground is None or rays is None or not rays.count or not (to_ground or view.ground.clouds):
+            return [None] * len(lights)
+        return surface_hits(view.ground, view.planet, view.origin, rays.direction, lights, to_ground)
 
-def _look(view: FrameGeometry, cells: Cells, light: Vec) -> SurfaceLook:
-    """Look where rays end under a light, once for all spectral nodes. Rays past the Earth end on clouds only."""
-    if view.ground is None:
-        return SurfaceLook()
-
-    def ends(rays: Rays | DiscCells | None, to_ground: bool) -> SurfaceHit | None:
-        assert view.ground is not None
-        if rays is None or not rays.count or not (to_ground or view.ground.clouds):
-            return None
-        return surface_hits(view.ground, view.planet, view.origin, rays.direction, light, to_ground)
-
-    return SurfaceLook(
-        ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False)
-    )
+    groups = (ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False))
+    return [SurfaceLook(*under) for under in zip(*groups, strict=True)]
 
 
 def node_parts(
