@@ -1,8 +1,8 @@
 """What a view table of sunlight holds: for every spectral node the radiance of the air and its transmittance.
 
-Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march; with particles, whose
-diffuse light is looked up at every second step, with :data:`MORE_NODES_WITH_PARTICLES` times. Whatever reflects
-at the rays' ends is left out. With refraction the bending angle at the rays' ends is there too.
+Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march, and with
+:data:`MORE_NODES_WITH_PARTICLES` times where there are particles, whose diffuse light is looked up at every second step
+only. Whatever reflects at the rays' ends is left out. With refraction the bending angle at the rays' ends is there too.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from horizonval.renderer.view_table.patch_table import PACKET, PatchTable, Tabul
 
 MORE_NODES, MORE_NODES_WITH_PARTICLES = 2, 4
 TOLERANCE, TOLERANCE_IN_TWILIGHT = 1e-3, 2e-3
-"""Of the foretelling (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance: with the Sun up as
-seen from the camera, and for a low Sun, for the Moon and for airglow."""
+"""Of the foretelling (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance: with the Sun up at
+the camera, and for a low Sun, the Moon and airglow."""
 HIGH_SUN = math.cos(math.radians(85.5))
 FAINTEST = 1e-6
 """Radiances below this share of the brightest may have its error."""
