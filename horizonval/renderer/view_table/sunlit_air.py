@@ -26,8 +26,8 @@ from horizonval.renderer.view_table.patch_table import PACKET, PatchTable, Tabul
 
 MORE_NODES, MORE_NODES_WITH_PARTICLES = 2, 4
 TOLERANCE, TOLERANCE_IN_TWILIGHT = 1e-3, 2e-3
-"""Of the foretelling (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance: with the Sun up at
-the camera, and for a low Sun, the Moon and airglow."""
+"""Of the foretelling (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance: with the Sun up
+where the camera is, and for a low Sun, the Moon and airglow."""
 HIGH_SUN = math.cos(math.radians(85.5))
 FAINTEST = 1e-6
 """Radiances below this share of the brightest may have its error."""
