@@ -115,6 +115,8 @@ def march_air(
     with_particles = isinstance(batch, SolarNodes) and batch.diffuse is not None and batch.particles is not None
     stride = PARTICLE_STRIDE if with_particles else 1
     count = _step_count(nodes, stride)
+    # as data, so that rays to the ground and past it share a kernel
+    dr.make_opaque(to_ground)
     path = find_path(planet, top_m, o, d, to_ground, cloud)
     source: RaySource
     if isinstance(batch, SolarNodes):

@@ -168,7 +168,10 @@ class FrameTables:
         cloud = None
         if hit is not None:
             cloud = dr.gather(mi.Bool, hit.cloud, index), dr.gather(mi.Float64, hit.t, index)
+        # rays picked before and put back after the march, so that its kernel is the one that filled the table
+        dr.eval(x, y, z)
         air = looked.light.march(nodes, looked.coordinates, self.view.origin, (x, y, z), rays.to_ground, cloud)
+        dr.eval(air.radiance, air.transmittance, air.state[1])
         exact = [*air.radiance, *air.transmittance]
         if len(found) > len(exact):
             assert air.state[1] is not None
