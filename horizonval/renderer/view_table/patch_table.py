@@ -120,7 +120,7 @@ class PatchTable:
             last = ~coarse.any(axis=1)
             self._keep(patches[last], size, known[last], np.maximum(*error)[last] > 1.0)
             for patch, axes in zip(patches[~last], coarse[~last], strict=True):
-                self._divided[size][tuple(patch)] = tuple(int(a) for a in axes)
+                self._divided[size][tuple(patch)] = (int(axes[0]), int(axes[1]))
         divided = {size: [p for p in patches if tuple(p) in self._divided[size]] for size, patches in wave.items()}
         return {size: np.array(patches) for size, patches in divided.items() if patches}
 
@@ -177,7 +177,7 @@ class PatchTable:
         """Return whether places, in tiles that are covered, lie in patches that miss the tolerance; None: nowhere."""
         return (self._leaf(x, azimuth) & _ROUGH) != 0 if self._any_rough else None
 
-    def look(self, x: mi.Float64, azimuth: mi.Float64, packets: Sequence[int]) -> Values:
+    def look(self, x: mi.Float64, azimuth: mi.Float64, packets: Sequence[int | mi.UInt32]) -> Values:
         """Return the quantities of some packets at places in tiles that are covered."""
         assert self._pool is not None
         leaf = self._leaf(x, azimuth)
@@ -203,7 +203,8 @@ class PatchTable:
 def _any_in_patches(finest: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.bool_]:
     """Return for all patches of a size whether anything holds in the finest ones that lie in them."""
     rows, columns = ROW_TILES << size[0], AZIMUTH_TILES << size[1]
-    return finest.reshape(rows, finest.shape[0] // rows, columns, finest.shape[1] // columns).any(axis=(1, 3))
+    parts = finest.reshape(rows, finest.shape[0] // rows, columns, finest.shape[1] // columns)
+    return np.asarray(parts.any(axis=(1, 3)))
 
 
 def _turns(azimuth: mi.Float64) -> mi.Float64:

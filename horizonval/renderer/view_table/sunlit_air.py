@@ -8,7 +8,7 @@ only. Whatever reflects at the rays' ends is left out. With refraction the bendi
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -16,12 +16,12 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.kernel.march import AirMarch, march_air
+from horizonval.renderer.kernel.march import AirMarch, Stations, march_air, march_to_stations
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
 from horizonval.renderer.tables import vectors
-from horizonval.renderer.types import Vec
+from horizonval.renderer.types import Values, Vec
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable, Tabulated
 
 MORE_NODES, MORE_NODES_WITH_PARTICLES = 2, 4
@@ -78,6 +78,28 @@ class Light:
             steady=True,
         )
 
+    def march_to_stations(
+        self,
+        batch: SolarNodes | GlowNodes,
+        coordinates: RayCoordinates,
+        o: Vec,
+        d: Vec,
+        to_ground: bool,
+        stations: Stations,
+    ) -> tuple[Values, Values, mi.Float64 | None]:
+        """March up to stations along the rays."""
+        return march_to_stations(
+            coordinates.planet,
+            self.top_m,
+            batch,
+            o,
+            d,
+            self.direction,
+            to_ground,
+            SOLAR_CONCENTRATION,
+            stations,
+        )
+
 
 def radiance_packet(batch: int) -> int:
     """Return which packet of a table holds the radiances of a batch; the transmittances are in the next."""
@@ -115,22 +137,33 @@ def sunlit_air(light: Light, coordinates: RayCoordinates, to_ground: bool, bends
                 out[:, PACKET * bending_packet(len(light.batches))] = np.array(bending)
         return out
 
+    return air_table(light, coordinates, values, quantities // PACKET)
+
+
+def air_table(
+    light: Light,
+    coordinates: RayCoordinates,
+    values: Callable[[FloatArray, FloatArray], FloatArray],
+    packets: int,
+    stations: int = 1,
+) -> PatchTable:
+    """Return an empty table of ``values``, whose quantities are, for every station, those of :func:`sunlit_air`."""
     x, azimuth = np.meshgrid(
         np.linspace(0.0, 1.0, SURVEY_ROWS), np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
     )
-    brightest = values(x.ravel(), azimuth.ravel()).max(axis=0)
-    packet = np.arange(quantities) // PACKET
+    survey = values(x.ravel(), azimuth.ravel())
+    brightest = survey.reshape(-1, stations, packets * PACKET).max(axis=(0, 1))
+    packet = np.arange(packets * PACKET) // PACKET
     floor = np.where(packet % 2 == 0, np.maximum(FAINTEST * brightest, 1e-30), OPAQUE)
     floor[packet == bending_packet(len(light.batches))] = BENT_RAD
-
-    tolerance = (
-        TOLERANCE if light.name == "sun" and _height_of(light, coordinates) > HIGH_SUN else TOLERANCE_IN_TWILIGHT
-    )
+    floor = np.tile(floor, stations)
+    high = light.name == "sun" and _height_of(light, coordinates) > HIGH_SUN
+    tolerance = TOLERANCE if high else TOLERANCE_IN_TWILIGHT
 
     def allowed(known: FloatArray) -> FloatArray:
         return tolerance * np.maximum(np.abs(known), floor)
 
-    return PatchTable(Tabulated(values, allowed, quantities))
+    return PatchTable(Tabulated(values, allowed, packets * PACKET * stations))
 
 
 def _height_of(light: Light, coordinates: RayCoordinates) -> float:
