@@ -142,7 +142,7 @@ def optical_depth(
 
 
 @dataclass(frozen=True)
-class Stations:
+class SunlitStations:
     """Places along rays at which a march tells what it has added up: even in t from ``first`` to ``last`` [m].
 
     ``count`` of them, ``steps`` steps from each to the next, ``before`` steps up to the first; the last two even.
@@ -164,7 +164,7 @@ def march_to_stations(
     sun: Vec,
     to_ground: bool,
     concentration: float,
-    stations: Stations,
+    stations: SunlitStations,
 ) -> tuple[Values, Values, mi.Float64 | None]:
     """Return radiance and transmittance of the air from the observer to stations, per node, and the bending angle.
 

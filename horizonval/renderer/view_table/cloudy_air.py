@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.kernel.march import Stations
+from horizonval.renderer.kernel.march import SunlitStations
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.ray_path import way_through
 from horizonval.renderer.tables import vectors
@@ -42,7 +42,7 @@ def cloudy_air(light: Light, coordinates: RayCoordinates, to_ground: bool, bends
         for k, batch in enumerate(light.batches):
             if batch is None:
                 continue
-            stations = Stations(first, last, STATIONS, STEPS, STEPS_BEFORE)
+            stations = SunlitStations(first, last, STATIONS, STEPS, STEPS_BEFORE)
             found = light.march_to_stations(batch, coordinates, o, d, to_ground, stations)
             dr.eval(found)
             radiance, transmittance, bending = found

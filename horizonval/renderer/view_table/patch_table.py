@@ -2,7 +2,7 @@
 
 The plane of place on the row axis (x from 0 to 1) and azimuth is cut into :data:`ROW_TILES` x :data:`AZIMUTH_TILES`
 patches of splines (:mod:`horizonval.renderer.view_table.spline_patch`). One is fine enough if the splines through every
-second of its nodes, along rows and along azimuths, foretell the others within the tolerance: where the function is
+second of its nodes, along rows and along azimuths, predict the others within the tolerance: where the function is
 smooth the spline through all nodes is then better by a factor of 16, where it has a kink by a factor of 2. If not it is
 halved along the axis that needs it, down to :data:`FINEST`. Patches that are too coarse even then, on lines where the
 function jumps, are marked as rough: rays in them are to be marched.
@@ -32,7 +32,7 @@ from horizonval.renderer.view_table.spline_patch import (
     INTERVALS,
     NODES,
     coefficients_of,
-    foretold,
+    predicted,
     spline_weights,
 )
 
@@ -115,7 +115,7 @@ class PatchTable:
         for size, patches in new.items():
             known, values = values[: len(patches)], values[len(patches) :]
             allowed = self.tabulated.allowed(known)
-            error = [(np.abs(foretold(known, axis) - known) / allowed).max(axis=(1, 2, 3)) for axis in (0, 1)]
+            error = [(np.abs(predicted(known, axis) - known) / allowed).max(axis=(1, 2, 3)) for axis in (0, 1)]
             coarse = np.stack([(e > 1.0) & (n < FINEST) for e, n in zip(error, size, strict=True)], axis=1)
             last = ~coarse.any(axis=1)
             self._keep(patches[last], size, known[last], np.maximum(*error)[last] > 1.0)

@@ -16,7 +16,7 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.kernel.march import AirMarch, Stations, march_air, march_to_stations
+from horizonval.renderer.kernel.march import AirMarch, SunlitStations, march_air, march_to_stations
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
@@ -26,7 +26,7 @@ from horizonval.renderer.view_table.patch_table import PACKET, PatchTable, Tabul
 
 MORE_NODES, MORE_NODES_WITH_PARTICLES = 2, 4
 TOLERANCE, TOLERANCE_IN_TWILIGHT = 1e-3, 2e-3
-"""Of the foretelling (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance: with the Sun up
+"""Of the prediction (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance: with the Sun up
 where the camera is, and for a low Sun, the Moon and airglow."""
 HIGH_SUN = math.cos(math.radians(85.5))
 FAINTEST = 1e-6
@@ -85,7 +85,7 @@ class Light:
         o: Vec,
         d: Vec,
         to_ground: bool,
-        stations: Stations,
+        stations: SunlitStations,
     ) -> tuple[Values, Values, mi.Float64 | None]:
         """March up to stations along the rays."""
         return march_to_stations(
