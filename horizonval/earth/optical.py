@@ -113,7 +113,7 @@ def optical_model(
         if band.kind == "solar":
             nodes += _solar_nodes(band, air, changed, scene, sun_distance_au, where)
         else:
-            thermal.append(emitting.band(band, sun_distance_au, where))
+            thermal.append(emitting.band(band, where))
     refractivity = None
     if scene.atmosphere.refraction:
         wavelengths = [n.wavelength_um for n in nodes] + [float(w) for band in thermal for w in band.wavelength_um]
@@ -229,7 +229,7 @@ def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> Optic
             nodes += [_solar_node(band, k, rule, sun_distance_au, zero, zero) for k in range(count)]
         else:
             pieces = 1 if scene.surface.kind == "uniform" else BARE_EARTH_NODES
-            thermal.append(no_air_band(band, ground_k, sun_distance_au, where, pieces))
+            thermal.append(no_air_band(band, ground_k, where, pieces))
     return _model(scene, camera, z, nodes, thermal, ground_k)
 
 
@@ -265,7 +265,7 @@ def _from_file(
         entry = known[band.name]
         absorption = denser * atmosphere_file.column(file, entry.absorption_per_m, lower)
         if band.kind == "thermal":
-            thermal.append(grey_band(band, z, temperature + change.warmer_k, absorption, sun_distance_au, where))
+            thermal.append(grey_band(band, z, temperature + change.warmer_k, absorption, where))
             continue
         scatterers = atmosphere_file.scatterers(file, entry, lower)
         scatterers["molecular_per_m"] = denser * scatterers["molecular_per_m"]

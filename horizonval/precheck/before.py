@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from horizonval.core.errors import UserError
 from horizonval.jobs.remaining import ExpectedTime
-from horizonval.precheck.cost import column_key, json_of_bands
+from horizonval.precheck.cost import column_key, json_of_bands, place_key
 from horizonval.precheck.findings import Kind
 from horizonval.precheck.frames import Group, Watcher
 from horizonval.precheck.report import Report
@@ -62,9 +62,10 @@ def expected_of(target: Suite | Study) -> dict[str, ExpectedTime]:
                 if not costs:
                     return {}
                 seconds = sum(c.render_s + (c.observe_s + c.estimate_s) * suite.draws for c in costs) / len(costs)
-                once_s = costs[0].tables_s
+                once_s, place_s = costs[0].tables_s, sum(c.view_tables_s for c in costs) / len(costs)
                 for case in cases:
                     once = {str(column_key(case.scene, case.camera)): once_s} if once_s else {}
+                    once |= {place_key(case.scene, case.camera): place_s} if place_s else {}
                     expected[case.name] = ExpectedTime(seconds, once)
     except UserError:
         return {}

@@ -1,7 +1,8 @@
 """What a run will cost in processor time, memory and disk, counted before anything is rendered.
 
-**Basis.** Solar bands are marched cell by cell; a cell is a pixel's share that sees ground or air. Time goes with
-``cells x nodes along the ray x spectral nodes``. Multiple scattering needs a table for every spectral node of every
+**Basis.** Solar bands come from view tables, which are made once for every place, Sun and air, and looked up by every
+cell, a pixel's share that sees ground or air; or they are marched cell by cell: then time goes with ``cells x nodes
+along the ray x spectral nodes``. Multiple scattering needs a table for every spectral node of every
 column of air, kept in the cache of the machine: whether it is there is not looked up, so its time stands by itself.
 Thermal bands come from tables whose time goes with the g points, a little with the nodes, and hardly with the pixels.
 The constants are seconds of processor time, which other work on the machine changes little, of the LLVM back-end on
@@ -19,6 +20,7 @@ airglow (each a march of its own).
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -34,6 +36,13 @@ from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
 SOLAR_S_PER_EVALUATION, SOLAR_FRAME_S = 1.1e-8, 0.1
+CHUNK = 4
+"""Spectral nodes that are worked on together."""
+TABLE_S_PER_LOOK, TABLE_S_PER_NODE, TWILIGHT_TABLES = 9e-8, 2e-3, 13.0
+"""Of view tables: of a cell, and of each node along the rays of a table, both for a chunk of spectral nodes; and how
+much longer the tables take where the edge of the Earth's shadow is in view."""
+TWILIGHT_RAD = math.radians(18.0)
+"""How low the Sun still lights air."""
 SCATTERING_TABLE_S, PARTICLE_TABLE_S = 2.5, 25.0
 """Of air without and with particles, whose phase function has more moments."""
 THERMAL_S_PER_POINT, THERMAL_S_PER_EVALUATION = 0.009, 4e-5
@@ -61,6 +70,7 @@ class FrameCost:
     tables: int
     tables_s: float
     render_s: float
+    view_tables_s: float
     observe_s: float
     estimate_s: float
     memory_mb: float
@@ -78,9 +88,9 @@ class Cost:
     cells : float
         Cells of all frames that see ground or air.
     evaluations : float
-        Of the march: cells x nodes along the ray x spectral nodes.
+        Of the march along every cell, were there no view tables: cells x nodes along the ray x spectral nodes.
     render_s, observe_s, estimate_s : float
-        Processor time of all frames.
+        Processor time of all frames. View tables are counted once for every place, Sun and air.
     tables : int
         Tables of multiple scattering that must exist.
     tables_s : float
@@ -159,7 +169,10 @@ def frame_cost(
     evaluations = cells * scene.render.nodes * solar
     by_latitude = thermal and scene.atmosphere.profile == BY_LATITUDE_MONTH
     per_point = THERMAL_S_PER_POINT + THERMAL_S_PER_EVALUATION * scene.render.nodes
-    render_s = SOLAR_S_PER_EVALUATION * evaluations + (SOLAR_FRAME_S if solar else 0.0)
+    chunks = -(-solar // CHUNK)
+    tabulated = scene.render.method == "table"
+    render_s = TABLE_S_PER_LOOK * cells * chunks if tabulated else SOLAR_S_PER_EVALUATION * evaluations
+    render_s += SOLAR_FRAME_S if solar else 0.0
     render_s += per_point * thermal * (BY_LATITUDE if by_latitude else 1.0) if cells else 0.0
     tables = solar if scene.render.orders == "all" and not _airless(scene) else 0
     particles = scene.atmosphere.aerosol != "none" or scene.atmosphere.file is not None
@@ -170,12 +183,22 @@ def frame_cost(
         tables=tables,
         tables_s=tables * (PARTICLE_TABLE_S if particles else SCATTERING_TABLE_S),
         render_s=render_s,
+        view_tables_s=_view_tables_s(truth, scene.render.nodes * chunks) if tabulated and cells else 0.0,
         observe_s=OBSERVE_S_PER_PIXEL * pixels * images,
         estimate_s=(ESTIMATE_S + ESTIMATE_S_PER_PIXEL * pixels) * images * estimators,
         memory_mb=frame_bytes(scene, camera, thermal if by_latitude else 0) / 1e6,
         frame_bytes=FRAME_BYTES + pixels * _bytes_per_pixel(scene, camera),
         image_bytes=(IMAGE_BYTES + _image_bytes_per_pixel(camera) * pixels) * images,
     )
+
+
+def _view_tables_s(truth: FrameTruth, nodes: int) -> float:
+    """Return the processor time of tables of so many nodes, those of all chunks together."""
+    distance_m = math.hypot(*truth.r_itrs)
+    zenith = math.acos(np.clip(np.dot(truth.r_itrs, truth.sun_itrs) / distance_m, -1.0, 1.0))
+    horizon = math.acos(min(truth.ellipsoid_b_m / distance_m, 1.0))
+    shadow = zenith + horizon > math.pi / 2 and zenith - horizon < math.pi / 2 + TWILIGHT_RAD
+    return TABLE_S_PER_NODE * nodes * (TWILIGHT_TABLES if shadow else 1.0)
 
 
 def _bytes_per_pixel(scene: SceneSpec, camera: CameraSpec) -> float:
@@ -193,6 +216,12 @@ def _image_bytes_per_pixel(camera: CameraSpec) -> float:
 def _airless(scene: SceneSpec) -> bool:
     atmosphere = scene.atmosphere
     return atmosphere.file is None and atmosphere.profile_file is None and atmosphere.profile == "none"
+
+
+def place_key(scene: SceneSpec, camera: CameraSpec) -> str:
+    """Return what view tables hang on, whatever the attitude: frames of equal keys share theirs."""
+    keys = ("platform", "earth", "atmosphere", "sun", "moon", "night", "render")
+    return json_of_bands(camera) + "".join(str(getattr(scene, key)) for key in keys)
 
 
 def column_key(scene: SceneSpec, camera: CameraSpec) -> tuple[Any, ...]:

@@ -16,6 +16,7 @@ from horizonval.precheck.cost import (
     column_key,
     frame_cost,
     json_of_bands,
+    place_key,
 )
 from horizonval.precheck.findings import Finding, Level
 from horizonval.precheck.limb import LimbView, Needs, limb_views
@@ -169,6 +170,8 @@ def total_cost(groups: Sequence[Group], looks: Sequence[Look], keep: Keep, draws
         costs, n = look.costs or known, len(group.cases)
         for key in totals:
             totals[key] += n * float(np.mean([getattr(cost, key) for cost in costs]))
+        places = {place_key(case.scene, case.camera) for case in group.cases}
+        totals["render_s"] += len(places) * float(np.mean([cost.view_tables_s for cost in costs]))
         frame_bytes, image_bytes = (
             float(np.mean([getattr(c, k) for c in costs])) for k in ("frame_bytes", "image_bytes")
         )

@@ -106,8 +106,17 @@ def umbra(planet: Planet, path: AirPath, o: Vec, d: Vec, sun: Vec, c: float) -> 
     return y1, y2
 
 
-def lit_steps(path: AirPath, y1: mi.Float64, y2: mi.Float64, count: int) -> Steps:
-    """Share ``count`` steps out among the pieces before, in and behind the umbra, by their lengths in ``y``."""
+def lit_steps(path: AirPath, y1: mi.Float64, y2: mi.Float64, count: int, steady: bool = False) -> Steps:
+    """Share ``count`` steps out among the pieces before, in and behind the umbra, by their lengths in ``y``.
+
+    ``steady``: a third to each piece, however short it is. Whole numbers of steps jump where lengths change gently, and
+    with them, by the error of the quadrature, the radiance; tables are to be smooth.
+    """
+    if steady:
+        crossed = (y1 > path.y0) | (y2 < path.y1)
+        n1 = dr.select(crossed, mi.Float64(round(count / 3)), 0.0)
+        n2 = dr.select(crossed, mi.Float64(round(2 * count / 3)), float(count))
+        return Steps(n1, n2, dr.select(crossed, y1, path.y0), dr.select(crossed, dr.maximum(y2, y1), path.y1))
     span = dr.maximum(path.y1 - path.y0, 1e-9)
     tiny = 1e-6 * span
     y1 = dr.select(y1 - path.y0 < tiny, path.y0, y1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, SerializerFunctionWrapHandler, model_serializer
@@ -25,8 +26,13 @@ class Model(BaseModel):
     @model_serializer(mode="wrap")
     def _without_unused_later_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         data: dict[str, Any] = handler(self)
-        for key in self.later_keys:
-            default = type(self).model_fields[key].get_default(call_default_factory=True)
+        for key, default in _later_defaults(type(self)):
             if key in data and getattr(self, key) == default:
                 del data[key]
         return data
+
+
+@cache
+def _later_defaults(model: type[Model]) -> tuple[tuple[str, Any], ...]:
+    """Return the later keys of a model with their defaults, which are compared with and never handed out."""
+    return tuple((key, model.model_fields[key].get_default(call_default_factory=True)) for key in model.later_keys)

@@ -110,7 +110,7 @@ def compare(frame: RadianceFrame, reference: RadianceFrame, camera: CameraSpec, 
         counts = theirs > floor * brightest
         assert np.isfinite(ours).all(), f"{band}: not finite"
         if not counts.any():
-            assert not ours.any(), f"{band}: light where there is none"
+            assert np.array_equal(ours, theirs), f"{band}: light where there is none"
             continue
         error = np.where(counts, np.abs(ours - theirs) / np.where(counts, theirs, 1.0), 0.0)
         row, column = (int(v) for v in np.unravel_index(np.argmax(error), error.shape))

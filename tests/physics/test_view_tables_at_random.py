@@ -49,7 +49,7 @@ def drawn(number: int) -> tuple[SceneSpec, CameraSpec, float]:
             "latitude_deg": draw.uniform("latitude", -90.0, 90.0),
             "longitude_deg": draw.uniform("longitude", -180.0, 180.0),
         },
-        "attitude": {"roll_deg": draw.uniform("roll", -180.0, 180.0)},
+        "camera": {"mount_yaw_deg": draw.uniform("about the boresight", -180.0, 180.0)},
         "atmosphere": {"refraction": refraction},
         "render": {"orders": draw.choice("orders", ("single", "all"))},
     }

@@ -69,7 +69,7 @@ class EmittingAir:
     co2_ppm: float
     change: AirChange = AS_IT_IS
 
-    def band(self, band: Band, sun_distance_au: float, where: str) -> EmittingBand:
+    def band(self, band: Band, where: str) -> EmittingBand:
         """Return a thermal band; errors as :func:`horizonval.earth.spectral.thermal_absorption.g_points`."""
         points = thermal_absorption.g_points(band, where=where)
         gas = np.stack([self._ln_gas(points, climates) for climates in self.climates], axis=1)
@@ -84,14 +84,17 @@ class EmittingAir:
             temperature_k=self.temperature_k + self.change.warmer_k,
             source_wavenumber_per_cm=points.wavenumber_per_cm,
             source_weight_per_cm=points.weight_per_cm,
-            sun_radiance=points.sun_radiance(sun_distance_au),
+            sun_radiance=points.sun_radiance(),
         )
 
     def _ln_gas(self, points: GPoints, climates: dict[str, float]) -> FloatArray:
         if self.interpolated_state is not None:
             return absorption_interpolation.ln_absorption(points, self.interpolated_state, self.co2_ppm)
         table = points.ln_absorption(climates, self.co2_ppm)
-        return np.stack([np.interp(self.level_m, thermal_absorption.levels_m(), row) for row in table])
+        levels = thermal_absorption.levels_m()
+        if np.array_equal(self.level_m, levels):
+            return table
+        return np.stack([np.interp(self.level_m, levels, row) for row in table])
 
     def _with_particles(self, ln_gas: FloatArray, wavelength_um: FloatArray) -> FloatArray:
         if not self.particles.kinds:
@@ -146,7 +149,6 @@ def grey_band(
     altitude_m: FloatArray,
     temperature_k: FloatArray,
     absorption_per_m: FloatArray,
-    sun_distance_au: float,
     where: str,
     pieces: int = 1,
 ) -> EmittingBand:
@@ -157,7 +159,6 @@ def grey_band(
     band : Band
     altitude_m, temperature_k, absorption_per_m : ndarray, shape (n,)
         Levels and grid to march on in one: absorption and source are linear between.
-    sun_distance_au : float
     where : str
         File and key of the band, for the error message.
     pieces : int
@@ -170,7 +171,7 @@ def grey_band(
     """
     check_sunlight(band, where)
     wavelength, weight_um = bands.sampled(band)
-    sun = sunlight.irradiance(wavelength, sun_distance_au) * weight_um
+    sun = sunlight.irradiance(wavelength) * weight_um
     cut = np.linspace(0, len(wavelength), pieces + 1).astype(int)
     owner = np.searchsorted(cut, np.arange(len(wavelength)), side="right") - 1
     mine = (owner == np.arange(pieces)[:, None]) & (weight_um > 0)
@@ -187,11 +188,11 @@ def grey_band(
         temperature_k=temperature_k[None, :],
         source_wavenumber_per_cm=1e4 / wavelength,
         source_weight_per_cm=mine * weight_um * (1e4 / wavelength**2),
-        sun_radiance=mine @ sun / sunlight.disc_projected_solid_angle(sun_distance_au),
+        sun_radiance=mine @ sun / sunlight.disc_projected_solid_angle(),
     )
 
 
-def no_air_band(band: Band, ground_k: float, sun_distance_au: float, where: str, pieces: int = 1) -> EmittingBand:
+def no_air_band(band: Band, ground_k: float, where: str, pieces: int = 1) -> EmittingBand:
     """Return a thermal band over a planet without air; its columns hold nothing up to 100 km."""
     z = np.array([0.0, TOP_M])
-    return grey_band(band, z, np.full(2, ground_k), np.zeros(2), sun_distance_au, where, pieces)
+    return grey_band(band, z, np.full(2, ground_k), np.zeros(2), where, pieces)

@@ -123,11 +123,11 @@ class GPoints:
             total += weight * ln_k
         return total
 
-    def sun_radiance(self, sun_distance_au: float) -> FloatArray:
-        """Return the mean radiance of the Sun's disc in every class [W m-2 sr-1], shape (g,)."""
+    def sun_radiance(self) -> FloatArray:
+        """Return the mean radiance of the Sun's disc in every class [W m-2 sr-1], shape (g,); the same on all days."""
         nu = self.wavenumber_per_cm
-        per_cm = sunlight.irradiance(1e4 / nu, sun_distance_au) * 1e4 / nu**2
-        return self.weight_per_cm @ per_cm / sunlight.disc_projected_solid_angle(sun_distance_au)
+        per_cm = sunlight.irradiance(1e4 / nu) * 1e4 / nu**2
+        return self.weight_per_cm @ per_cm / sunlight.disc_projected_solid_angle()
 
 
 _CO2_TABLES = ("absorption_per_m", "absorption_co2_330ppm_per_m")

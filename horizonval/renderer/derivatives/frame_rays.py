@@ -22,16 +22,22 @@ from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_march import march_emission
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import Values, Vec
+from horizonval.renderer.view_table.frame_tables import FrameTables
 
 
 @dataclass(frozen=True)
 class FrameRays:
-    """Rays of one frame; ``nodes``: evaluations along each."""
+    """Rays of one frame.
+
+    ``nodes``: evaluations along each. ``digest``: by which view tables of sunlight are found;
+    None where cells are marched.
+    """
 
     prepared: Prepared
     view: FrameGeometry
     cells: Cells
     nodes: int
+    digest: str | None
 
     @property
     def bands(self) -> tuple[str, ...]:
@@ -42,7 +48,7 @@ class FrameRays:
         """Return radiance per band as the frame's cells get it."""
         cells = self._cells_of(d, to_ground)
         view = replace(self.view, origin=o)
-        out = self._solar(view, cells)
+        out = self._solar(view, cells, self.digest)
         thermal = self.prepared.thermal
         if thermal:
             assert self.prepared.model.emission is not None
@@ -59,7 +65,7 @@ class FrameRays:
         """Return radiance per band by the march; for thermal bands over ground that shines as at the rays' ends."""
         cells = self._cells_of(d, to_ground)
         view = replace(self.view, origin=o)
-        out = self._solar(view, cells)
+        out = self._solar(view, cells, None)
         for air in self.prepared.thermal:
             total = mi.Float64(0.0)
             first = 0
@@ -118,12 +124,18 @@ class FrameRays:
     def _origin_of(self, o: Vec) -> Vec:
         return _still(o) if self._cloudy() else o
 
-    def _solar(self, view: FrameGeometry, cells: Cells) -> dict[str, mi.Float64]:
+    def _solar(self, view: FrameGeometry, cells: Cells, digest: str | None) -> dict[str, mi.Float64]:
         out: dict[str, mi.Float64] = {}
-        looks = None
-        for group, batch in self.prepared.batches:
-            looks = looks or surface_looks(replace(view, origin=self._origin_of(view.origin)), self._ends_of(cells))
-            ((_, _, radiance),) = node_parts(view, cells, looks, group, batch, self.nodes)
+        batches = self.prepared.batches
+        if not batches:
+            return out
+        looks = surface_looks(replace(view, origin=self._origin_of(view.origin)), self._ends_of(cells))
+        tables = None
+        if digest is not None:
+            hits = looks[0].ground, looks[0].limb
+            tables = FrameTables.of(view, cells, hits, [batch for _, batch in batches], self.nodes, digest)
+        for number, (group, batch) in enumerate(batches):
+            ((_, _, radiance),) = node_parts(view, cells, looks, group, batch, self.nodes, tables, number)
             for node, value in zip(group, radiance, strict=False):
                 out[node.band] = out.get(node.band, mi.Float64(0.0)) + dr.opaque(mi.Float64, node.weight, 1) * value
         return out

@@ -5,8 +5,8 @@ The gradient of a ray's radiance by its direction comes from forward differentia
 
     attitude:  dd/dtheta_k = e_k x d            position:  dL/do_k = S_k - grad_d L . delta_k   (see transport)
 
-S is marched, differentiated, on a coarse grid of rays and read by cubic interpolation. A cell on the hard edge is
-``c L_ground + (1 - c) L_limb``: its share and its rays move with the edge.
+S is marched, differentiated, on patches of splines that are as coarse as it allows (``view_table.patch_table``).
+A cell on the hard edge is ``c L_ground + (1 - c) L_limb``: its share and its rays move with the edge.
 
 Left out: jumps, of which a frame has where a cell begins or ceases to be cut by the hard edge, where land meets water
 and where clouds end; the discs of Sun and Moon.
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
@@ -24,7 +24,6 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.ellipsoid import Ellipsoid
@@ -32,7 +31,6 @@ from horizonval.renderer.derivatives.edge_motion import CELL_SHARE, EdgeMotion, 
 from horizonval.renderer.derivatives.frame_rays import FrameRays
 from horizonval.renderer.derivatives.parameters import POSE, ROTATIONS, SHIFTS, displaced, level_axes
 from horizonval.renderer.derivatives.ray_slopes import slopes
-from horizonval.renderer.derivatives.slow_table import SlowTable
 from horizonval.renderer.derivatives.transport import cross, scaled, transport
 from horizonval.renderer.derivatives.whole_frames import Images
 from horizonval.renderer.kernel.cells import Cells, CutPixels, Rays, group_cells
@@ -43,9 +41,11 @@ from horizonval.renderer.planet import distance_squared, dot
 from horizonval.renderer.plugin.settings import CameraSettings
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Values, Vec, constant_vector, indices_where
+from horizonval.renderer.view_table.patch_table import PACKET, PatchTable, Tabulated
 
-SLOW_ROWS, SLOW_AZIMUTHS = 48, 64
-"""Grid of S: rows of an axis, steps of a full circle."""
+SLOW_ERROR = 3e-4
+"""Error that S may have between every second node of its table, as a share of the largest derivative by position.
+Where S is smooth it then has a sixteenth of it between all nodes."""
 LEAST_ELEVATION_RAD = 1e-4
 """A ray that just touches the ground ends there with an infinite slope."""
 
@@ -66,7 +66,9 @@ class PoseFrame:
         """Build from the integrator of a frame and its camera."""
         view = integrator.apparent_view(_sensor(camera))
         cells = group_cells(view)
-        rays = FrameRays(integrator.prepared, view, cells, integrator.settings.nodes)
+        settings = integrator.settings
+        digest = settings.tables_digest() if settings.method == "table" else None
+        rays = FrameRays(integrator.prepared, view, cells, settings.nodes, digest)
         return cls(integrator, camera, ellipsoid, view, cells, rays)
 
     def view_at(self, parameter: str, step: float) -> FrameGeometry:
@@ -80,9 +82,15 @@ class PoseFrame:
         """
         cells = self.cells
         totals = {p: [dr.zeros(mi.Float64, cells.count) for _ in self.rays.bands] for p in POSE}
-        for rays, to_ground in ((cells.ground, True), (cells.limb, False)):
-            if rays.count:
-                self._add_group(totals, rays, to_ground)
+        groups = [(rays, to_ground) for rays, to_ground in ((cells.ground, True), (cells.limb, False)) if rays.count]
+        for rays, to_ground in groups:
+            self._add_group(totals, rays, to_ground)
+        scale = [
+            max(*(float(np.abs(np.array(cells.image(totals[p][b]))).max()) for p in SHIFTS), 1e-300)
+            for b in range(len(self.rays.bands))
+        ]
+        for rays, to_ground in groups:
+            self._add_slow(totals, rays, to_ground, scale)
         shape = self.view.height, self.view.width
 
         def image(total: mi.Float64) -> FloatArray:
@@ -90,6 +98,10 @@ class PoseFrame:
 
         images = {p: dict(zip(self.rays.bands, map(image, bands), strict=True)) for p, bands in totals.items()}
         return images, self.left_out()
+
+    def _largest(self, totals: Values) -> float:
+        images = [np.abs(np.array(self.cells.image(total))).max() for total in totals]
+        return max(float(max(images)), 1e-300)
 
     def left_out(self) -> tuple[str, ...]:
         """Return what this frame has that jumps, and whose derivative is left out."""
@@ -121,7 +133,6 @@ class PoseFrame:
         value, gradient = slopes(partial(self.rays.looked, to_ground=to_ground), view.origin, d, gradient_by)
         cut = indices_where((rays.share > 0.0) & (rays.share < 1.0))
         motions = self._motions(dr.gather(mi.UInt32, rays.slot, cut)) if dr.width(cut) else {}
-        slow = self._slow(d, to_ground)
         axes = level_axes(self.camera.r_itrs, self.ellipsoid)
         for k, parameter in enumerate(POSE):
             turn = parameter in ROTATIONS
@@ -137,11 +148,17 @@ class PoseFrame:
             along = [dot(change, t) for t in basis]
             for b in range(len(self.rays.bands)):
                 slope = gradient[0][b] * along[0] + gradient[1][b] * along[1]
-                if not turn:
-                    slope = slope + slow[(k - 3) * len(self.rays.bands) + b]
                 total = rays.share * slope + wider * value[b]
                 dr.scatter_add(totals[parameter][b], total, rays.slot, mode=dr.ReduceMode.NoConflicts)
             # ground and limb share edge cells: two launches
+            dr.eval(totals[parameter])
+
+    def _add_slow(self, totals: dict[str, Values], rays: Rays, to_ground: bool, scale: Sequence[float]) -> None:
+        slow = self._slow(rays.direction, to_ground, scale)
+        for k, parameter in enumerate(SHIFTS):
+            for b, total in enumerate(totals[parameter]):
+                value = rays.share * slow[k * len(self.rays.bands) + b]
+                dr.scatter_add(total, value, rays.slot, mode=dr.ReduceMode.NoConflicts)
             dr.eval(totals[parameter])
 
     def _inside(self, to_ground: bool) -> bool:
@@ -149,33 +166,48 @@ class PoseFrame:
 
     def _coordinates(self) -> RayCoordinates:
         origin = np.array([float(c[0]) for c in self.view.origin])
-        coordinates = RayCoordinates.of(self.view.planet, origin, self.view.highest_m)
-        return replace(
-            coordinates,
-            ground=replace(coordinates.ground, count=SLOW_ROWS),
-            limb=replace(coordinates.limb, count=SLOW_ROWS),
-        )
+        return RayCoordinates.of(self.view.planet, origin, self.view.highest_m)
 
-    def _slow(self, d: Vec, to_ground: bool) -> Values:
-        """Return S of rays: by direction of motion, then by band."""
+    def _slow(self, d: Vec, to_ground: bool, scale: Sequence[float]) -> Values:
+        """Return S of rays: by direction of motion, then by band; ``scale``: the largest derivative of every band."""
         coordinates, view = self._coordinates(), self.view
-        row, azimuth = coordinates.place(view.origin, d, to_ground)
-        dr.eval(row, azimuth)
-        v = (coordinates.ground if to_ground else coordinates.limb).nodes()
-        if to_ground:
-            v = np.maximum(v, LEAST_ELEVATION_RAD)
+        axis = coordinates.ground if to_ground else coordinates.limb
+        place, azimuth = coordinates.place(view.origin, d, to_ground)
+        x = place * (1.0 / (axis.count - 1))
+        dr.eval(x, azimuth)
         steps = level_axes(self.camera.r_itrs, self.ellipsoid)
 
-        def values(rows: NDArray[np.int64], azimuth: FloatArray) -> FloatArray:
-            node = vectors(coordinates.directions(v[rows], azimuth, to_ground))
+        def along(directions: Vec) -> list[Values]:
             changes = [
-                (constant_vector(step), transport(view.planet, view.origin, node, step, self._inside(to_ground)))
+                (constant_vector(step), transport(view.planet, view.origin, directions, step, self._inside(to_ground)))
                 for step in steps
             ]
-            _, slow = slopes(partial(self.rays.marched, to_ground=to_ground), view.origin, node, changes)
-            return np.stack([np.array(band) for bands in slow for band in bands], axis=-1)
+            return slopes(partial(self.rays.marched, to_ground=to_ground), view.origin, directions, changes)[1]
 
-        return SlowTable(SLOW_ROWS, SLOW_AZIMUTHS, row, azimuth, values).look(row, azimuth)
+        def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
+            v = axis.value(x)
+            if to_ground:
+                v = np.maximum(v, LEAST_ELEVATION_RAD)
+            slow = along(vectors(coordinates.directions(v, azimuth, to_ground)))
+            found = np.stack([np.array(band) for bands in slow for band in bands], axis=-1)
+            return np.pad(found, ((0, 0), (0, -found.shape[1] % PACKET)))
+
+        quantities = len(steps) * len(self.rays.bands)
+        allowed = SLOW_ERROR * np.array([*scale] * len(steps) + [1.0] * (-quantities % PACKET))
+        packets = len(allowed) // PACKET
+        table = PatchTable(Tabulated(values, lambda found: np.broadcast_to(allowed, found.shape), len(allowed)))
+        table.cover(x, azimuth)
+        slow = table.look(x, azimuth, range(packets))[:quantities]
+        rough = table.rough(x, azimuth)
+        dr.eval(slow)
+        marched = mi.UInt32() if rough is None else indices_where(rough)
+        if dr.width(marched):
+            a, b, c = (dr.gather(mi.Float64, component, marched) for component in d)
+            exact = [band for bands in along((a, b, c)) for band in bands]
+            for replaced, value in zip(slow, exact, strict=True):
+                dr.scatter(replaced, value, marched)
+            dr.eval(slow)
+        return slow
 
 
 def _sensor(camera: CameraSettings) -> Any:

@@ -42,7 +42,10 @@ class Rays:
 
 @dataclass(frozen=True)
 class Cells:
-    """All slots of a frame, grouped. ``space``: slots that see neither Earth nor air."""
+    """All slots of a frame, grouped. ``space``: slots that see neither Earth nor air.
+
+    The last rays of ``ground`` are those of whole pixels.
+    """
 
     view: FrameGeometry
     kinds: PixelKinds
@@ -138,7 +141,7 @@ def group_cells(view: FrameGeometry) -> Cells:
     discs = [sun_disc(view)] if view.moon is None else [sun_disc(view), view.moon.disc]
     near = [near_disc(view, disc, centre, reach) for disc in discs]
     dr.eval(sees, near)
-    ground = [cut.rays(indices_where(sees == _GROUND)), whole]
+    ground = [cut.rays(indices_where(sees == _GROUND))]
     limb = [cut.rays(indices_where(sees == _LIMB))]
     space = joined([indices_where(sees == _SPACE), whole_space])
     edge_cells = indices_where(sees == _EDGE)
@@ -146,6 +149,7 @@ def group_cells(view: FrameGeometry) -> Cells:
         inner, outer = _edge_cells(view, cut, edge_cells)
         ground.append(inner)
         limb.append(outer)
+    ground.append(whole)
     seen = [indices_where(touching & (sees != _NOTHING)) for touching in near]
     split = [_disc_cells(view, cut, disc, cells) for disc, cells in zip(discs, seen, strict=True)]
     return Cells(view, kinds, _joined(ground), _joined(limb), space, split[0], None if view.moon is None else split[1])

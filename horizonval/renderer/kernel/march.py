@@ -26,6 +26,8 @@ atomics; every ray is summed in its own lane in a fixed order.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import drjit as dr
 import mitsuba as mi
 
@@ -73,21 +75,56 @@ def march(
     radiance, transmittance : lists of Float64
         Transmittance from the observer to the end of the path.
     """
+    cloud = None if hit is None else (hit.cloud, hit.t)
+    air = march_air(planet, top_m, batch, o, d, sun, to_ground, nodes, concentration, cloud)
+    ground = air.source.ground_radiance(air.path, hit, air.state)
+    ends = to_ground if hit is None else hit.ends
+    pairs = zip(air.radiance, ground, air.transmittance, strict=True)
+    return [r + dr.select(ends, g * t, 0.0) for r, g, t in pairs], air.transmittance
+
+
+@dataclass(frozen=True)
+class AirMarch:
+    """Radiance and transmittance of the air along rays, per node, and what the march knew at their ends."""
+
+    radiance: Values
+    transmittance: Values
+    path: AirPath
+    source: RaySource
+    state: State
+
+
+def march_air(
+    planet: Planet,
+    top_m: float,
+    batch: ShiningNodes,
+    o: Vec,
+    d: Vec,
+    sun: Vec,
+    to_ground: mi.Bool,
+    nodes: int,
+    concentration: float,
+    cloud: tuple[mi.Bool, mi.Float64] | None = None,
+    steady: bool = False,
+) -> AirMarch:
+    """Return what the air does along rays, without what is at their ends.
+
+    Parameters as of :func:`march`, and ``cloud`` as of :func:`horizonval.renderer.ray_path.find_path`, ``steady`` as of
+    :func:`horizonval.renderer.ray_path.lit_steps`.
+    """
     with_particles = isinstance(batch, SolarNodes) and batch.diffuse is not None and batch.particles is not None
     stride = PARTICLE_STRIDE if with_particles else 1
     count = _step_count(nodes, stride)
-    path = find_path(planet, top_m, o, d, to_ground, None if hit is None else (hit.cloud, hit.t))
+    # as data, so that rays to the ground and past it share a kernel
+    dr.make_opaque(to_ground)
+    path = find_path(planet, top_m, o, d, to_ground, cloud)
     source: RaySource
     if isinstance(batch, SolarNodes):
-        source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration)
+        source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration, steady)
     else:
         source = EmittingRays.of(batch, planet, path, o, d, count, concentration)
     tau, radiance, state = _integrate(planet, path, batch, source, o, d, count, concentration, stride)
-    transmittance = [dr.exp(-v) for v in tau]
-    ground = source.ground_radiance(path, hit, state)
-    ends = to_ground if hit is None else hit.ends
-    shining = [r + dr.select(ends, g * t, 0.0) for r, g, t in zip(radiance, ground, transmittance, strict=True)]
-    return shining, transmittance
+    return AirMarch(radiance, [dr.exp(-v) for v in tau], path, source, state)
 
 
 def optical_depth(

@@ -43,6 +43,10 @@ class RayAxis:
         """Return v at the nodes."""
         return self.dense * np.sinh(np.linspace(0.0, 1.0, self.count) * math.asinh(self.most / self.dense))
 
+    def value(self, x: FloatArray) -> FloatArray:
+        """Return v at x."""
+        return np.asarray(self.dense * np.sinh(x * math.asinh(self.most / self.dense)))
+
     def place(self, v: mi.Float64) -> mi.Float64:
         """Return the place of kernel values in steps from the first node, within the axis."""
         u = dr.clip(v, 0.0, constant(self.most)) * constant(1.0 / self.dense)

@@ -148,16 +148,15 @@ class SunlitRays:
         sun: Vec,
         count: int,
         concentration: float,
+        steady: bool = False,
     ) -> SunlitRays:
         """Share ``count`` steps out among the pieces between the umbra's edges, so that no step straddles one."""
-        bent = None
-        if isinstance(batch.sunlight, RefractionTables):
-            vertical = planet.height_and_normal(along(o, d, path.t_low))[1]
-            bent = BentRay.of(batch.sunlight, d, sun, vertical)
+        bent = bent_ray(batch, planet, path, o, d, sun)
+        if bent is not None:
             edges = refracted_umbra(planet, path, o, d, bent, batch.grid, count // 2, concentration)
         else:
             edges = umbra(planet, path, o, d, sun, concentration)
-        steps = lit_steps(path, *edges, count)
+        steps = lit_steps(path, *edges, count, steady)
         molecular = batch.molecular_light(dot(d, sun)) if bent is None else []
         return cls(batch, planet, o, d, sun, steps, bent, molecular)
 
@@ -216,26 +215,49 @@ class SunlitRays:
         return Beam(share, lit, dot(self.d, self.sun), self.molecular)
 
     def ground_radiance(self, path: AirPath, hit: SurfaceHit | None, state: State) -> Values:
-        """Return ``direct E0 mu T_sun + diffuse E_sky`` with the two reflectances [1/sr] of what is at the rays' ends.
+        """Return the radiance of what is at the rays' ends, towards the observer, per node."""
+        return sunlit_ends(self.batch, self.planet, path, self.o, self.d, self.sun, hit, self.bent, state[1])
 
-        Both are albedo / pi for a Lambert ground. Cloud tops get as much skylight as the ground.
-        """
-        batch, bending = self.batch, state[1]
-        height, normal = self.planet.height_and_normal(along(self.o, self.d, path.t_low + path.length_after))
-        height = mi.Float64(0.0) if hit is None else dr.select(hit.cloud, height, 0.0)
-        direct, diffuse = (batch.reflectance, batch.reflectance) if hit is None else hit.reflectance()
-        if self.bent is not None and bending is not None:
-            mu = dot(normal, self.bent.sun_at(bending))
-            share, lit, local, _ = self.bent.sunlight(height, normal, bending, batch.width)
-            level: mi.Float64 = dr.maximum(local, 0.0)
-            level = dr.select(lit, level, 0.0)
-        else:
-            assert not isinstance(batch.sunlight, RefractionTables)
-            mu = dot(normal, self.sun)
-            share = batch.sunlight.transmittance(height, mu, batch.width)
-            level = dr.maximum(mu, 0.0)
-        radiance = [a * e * level * t for a, e, t in zip(direct, batch.irradiance, share, strict=True)]
-        if batch.diffuse is None:
-            return radiance
-        sky = [e * v for e, v in zip(batch.irradiance, batch.diffuse.ground_irradiance(mu), strict=True)]
-        return [r + a * e for r, a, e in zip(radiance, diffuse, sky, strict=True)]
+
+def sunlit_ends(
+    batch: SolarNodes,
+    planet: Planet,
+    path: AirPath,
+    o: Vec,
+    d: Vec,
+    sun: Vec,
+    hit: SurfaceHit | None,
+    bent: BentRay | None,
+    bending: mi.Float64 | None,
+) -> Values:
+    """Return ``direct E0 mu T_sun + diffuse E_sky`` with the two reflectances [1/sr] of what is at the rays' ends.
+
+    Both are albedo / pi for a Lambert ground. Cloud tops get as much skylight as the ground. ``bending`` is that at the
+    end of the path.
+    """
+    height, normal = planet.height_and_normal(along(o, d, path.t_low + path.length_after))
+    height = mi.Float64(0.0) if hit is None else dr.select(hit.cloud, height, 0.0)
+    direct, diffuse = (batch.reflectance, batch.reflectance) if hit is None else hit.reflectance()
+    if bent is not None and bending is not None:
+        mu = dot(normal, bent.sun_at(bending))
+        share, lit, local, _ = bent.sunlight(height, normal, bending, batch.width)
+        level: mi.Float64 = dr.maximum(local, 0.0)
+        level = dr.select(lit, level, 0.0)
+    else:
+        assert not isinstance(batch.sunlight, RefractionTables)
+        mu = dot(normal, sun)
+        share = batch.sunlight.transmittance(height, mu, batch.width)
+        level = dr.maximum(mu, 0.0)
+    radiance = [a * e * level * t for a, e, t in zip(direct, batch.irradiance, share, strict=True)]
+    if batch.diffuse is None:
+        return radiance
+    sky = [e * v for e, v in zip(batch.irradiance, batch.diffuse.ground_irradiance(mu), strict=True)]
+    return [r + a * e for r, a, e in zip(radiance, diffuse, sky, strict=True)]
+
+
+def bent_ray(batch: SolarNodes, planet: Planet, path: AirPath, o: Vec, d: Vec, sun: Vec) -> BentRay | None:
+    """Return how rays turn; None without refraction."""
+    if not isinstance(batch.sunlight, RefractionTables):
+        return None
+    vertical = planet.height_and_normal(along(o, d, path.t_low))[1]
+    return BentRay.of(batch.sunlight, d, sun, vertical)

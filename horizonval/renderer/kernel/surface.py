@@ -99,11 +99,16 @@ def make_ground(model: GroundModel, planet: Planet, origin: tuple[float, float, 
     return Ground(model, words, cloud_table(model.clouds, planet, origin) if model.clouds else None)
 
 
-def surface_hits(ground: Ground, planet: Planet, o: Vec, d: Vec, sun: Vec, to_ground: bool) -> SurfaceHit:
-    """Find where rays end. ``to_ground``: they all meet the ellipsoid, unless a cloud is before it."""
+def surface_hits(
+    ground: Ground, planet: Planet, o: Vec, d: Vec, lights: Sequence[Vec], to_ground: bool
+) -> list[SurfaceHit]:
+    """Find where rays end, under every light.
+
+    ``to_ground``: they all meet the ellipsoid, unless a cloud is before it.
+    """
     count = dr.width(d[0])
-    nowhere, zero = dr.full(mi.Bool, False, count), dr.zeros(mi.Float64, count)
-    cloud, t, white = nowhere, zero, zero
+    cloud, zero = dr.full(mi.Bool, False, count), dr.zeros(mi.Float64, count)
+    t = white = zero
     if ground.clouds is not None and ground.model.clouds is not None:
         cloud, t = first_cloud(ground.clouds, planet, o, d, to_ground)
         white = dr.select(cloud, brightness(ground.model.clouds, planet, along(o, d, t)), 0.0)
@@ -112,30 +117,33 @@ def surface_hits(ground: Ground, planet: Planet, o: Vec, d: Vec, sun: Vec, to_gr
     if to_ground:
         mid, half, _ = planet.chord(o, d)
         end = dr.select(cloud, t, mid - half)
-    sunlit = dr.full(mi.Float64, 1.0, count)
+    sunlit = [dr.full(mi.Float64, 1.0, count) for _ in lights]
     if ground.clouds is not None:
-        sunlit = _sunlit(ground.clouds, planet, along(o, d, end), sun)
+        sunlit = [_sunlit(ground.clouds, planet, along(o, d, end), light) for light in lights]
         dr.eval(sunlit)
     shares: dict[str, mi.Float64] = {"cloud": white}
-    entering = glint = zero
     if not to_ground:
-        return SurfaceHit(cloud, cloud, t, sunlit, shares, entering, glint)
+        return [SurfaceHit(cloud, cloud, t, lit, shares, zero, zero) for lit in sunlit]
+    everywhere = dr.full(mi.Bool, True, count)
     clear = dr.select(cloud, mi.Float64(0.0), 1.0)
     if ground.land is None:
         shares["land"] = clear
-    else:
-        _, normal = planet.height_and_normal(along(o, d, end))
-        dry = dr.select(is_land(ground.land, normal), clear, 0.0)
-        snow = snow_share(normal, ground.model.snow_line_deg)
-        foam = dr.opaque(mi.Float64, surface.foam_share(ground.model.wind_speed_m_s), 1)
-        wet = (clear - dry) * (1.0 - foam)
-        shares |= {"land": dry * (1.0 - snow), "snow": dry * snow, "water": wet, "foam": (clear - dry) * foam}
-        variance = dr.opaque(mi.Float64, surface.slope_variance(ground.model.wind_speed_m_s), 1)
-        mu_sun = dot(normal, sun)
-        glint = wet * glint_brdf(mu_sun, -dot(normal, d), -dot(d, sun), variance)
+        return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero) for lit in sunlit]
+    _, normal = planet.height_and_normal(along(o, d, end))
+    dry = dr.select(is_land(ground.land, normal), clear, 0.0)
+    snow = snow_share(normal, ground.model.snow_line_deg)
+    foam = dr.opaque(mi.Float64, surface.foam_share(ground.model.wind_speed_m_s), 1)
+    wet = (clear - dry) * (1.0 - foam)
+    shares |= {"land": dry * (1.0 - snow), "snow": dry * snow, "water": wet, "foam": (clear - dry) * foam}
+    variance = dr.opaque(mi.Float64, surface.slope_variance(ground.model.wind_speed_m_s), 1)
+    hits = []
+    for light, lit in zip(lights, sunlit, strict=True):
+        mu_sun = dot(normal, light)
+        glint = wet * glint_brdf(mu_sun, -dot(normal, d), -dot(d, light), variance)
         entering = (1.0 - fresnel(dr.maximum(mu_sun, 0.0))) / (1.0 - surface.water_sky_albedo())
-    dr.eval(shares, entering, glint)
-    return SurfaceHit(dr.full(mi.Bool, True, count), cloud, t, sunlit, shares, entering, glint)
+        hits.append(SurfaceHit(everywhere, cloud, t, lit, shares, entering, glint))
+    dr.eval(shares, [(hit.entering, hit.glint) for hit in hits])
+    return hits
 
 
 def _sunlit(clouds: CloudTable, planet: Planet, p: Vec, sun: Vec) -> mi.Float64:

@@ -13,6 +13,7 @@ import os
 import subprocess
 import sys
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 
 from horizonval.core import llvm
@@ -140,10 +141,14 @@ def _refuse_early_drjit(version: tuple[int, int, int], library: str) -> None:
     )
 
 
+@cache
+def _versions() -> tuple[str, ...]:
+    return tuple(importlib.metadata.version(name) for name in ("mitsuba", "drjit", "horizonval"))
+
+
 def _fingerprint() -> str:
     parts = [sys.executable, sys.version, llvm.USERS_LIBRARY, os.environ.get(VARIANT_VARIABLE, "")]
-    for name in ("mitsuba", "drjit", "horizonval"):
-        parts.append(importlib.metadata.version(name))
+    parts += _versions()
     for library in llvm.candidates():
         if library and Path(library).exists():
             stat = Path(library).stat()

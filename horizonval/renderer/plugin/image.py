@@ -32,6 +32,7 @@ from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
 from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import Values, Vec
+from horizonval.renderer.view_table.frame_tables import FrameTables, LitRays
 
 NodePart: TypeAlias = "tuple[mi.UInt32, mi.Float64, Values]"
 """Slots of cells, the share of each, and the radiance of every spectral node of a batch."""
@@ -70,20 +71,28 @@ def render_bands(
     nodes: int,
     thermal: Sequence[ThermalAir] = (),
     emission: GroundEmission | None = None,
+    digest: str | None = None,
 ) -> tuple[dict[str, mi.Float64], dict[str, mi.Float64]]:
     """Return radiance per band, and energy radiance per solar band: Float64 arrays, one value per pixel in row order.
 
     The same spectral nodes serve both, with other weights (``SpectralNode.energy_ratio``). ``thermal``: the thermal
-    bands among ``bands``; they need to know what the ground emits.
+    bands among ``bands``; they need to know what the ground emits. ``digest``: of air, planet and orders of scattering,
+    by which view tables of sunlight are found again; None to march every cell.
     """
     cells = group_cells(view)
     emitted = {air.band.name for air in thermal}
     radiance, energy = _Channels(cells), _Channels(cells)
+    batches = list(batches)
     hits: list[SurfaceLook] = []
-    for group, batch in batches:
+    tables: FrameTables | None = None
+    for number, (group, batch) in enumerate(batches):
         if not hits:
             hits = surface_looks(view, cells)
-        parts = list(node_parts(view, cells, hits, group, batch, nodes))
+            if digest is not None:
+                tables = FrameTables.of(
+                    view, cells, (hits[0].ground, hits[0].limb), [b for _, b in batches], nodes, digest
+                )
+        parts = list(node_parts(view, cells, hits, group, batch, nodes, tables, number))
         own = list(dict.fromkeys(node.band for node in group))
         radiance.add(own, _band_parts(parts, [[n.weight * (n.band == band) for n in group] for band in own]))
         weights = [[n.weight * n.energy_ratio * (n.band == band) for n in group] for band in own]
@@ -118,27 +127,21 @@ class SurfaceLook:
 
 
 def surface_looks(view: FrameGeometry, cells: Cells) -> list[SurfaceLook]:
-    """Look where rays end, under the Sun, and under the Moon where it lights the Earth."""
+    """Look where rays end, under the Sun, and under the Moon where it lights the Earth; once for all spectral nodes.
+
+    Rays past the Earth end on clouds only.
+    """
     lights = [view.sun]
     if view.moon is not None and view.moon.lights_earth:
         lights.append(view.moon.light)
-    return [_look(view, cells, light) for light in lights]
 
+    def ends(rays: Rays | DiscCells | None, to_ground: bool) -> Sequence[SurfaceHit | None]:
+        if view.ground is None or rays is None or not rays.count or not (to_ground or view.ground.clouds):
+            return [None] * len(lights)
+        return surface_hits(view.ground, view.planet, view.origin, rays.direction, lights, to_ground)
 
-def _look(view: FrameGeometry, cells: Cells, light: Vec) -> SurfaceLook:
-    """Look where rays end under a light, once for all spectral nodes. Rays past the Earth end on clouds only."""
-    if view.ground is None:
-        return SurfaceLook()
-
-    def ends(rays: Rays | DiscCells | None, to_ground: bool) -> SurfaceHit | None:
-        assert view.ground is not None
-        if rays is None or not rays.count or not (to_ground or view.ground.clouds):
-            return None
-        return surface_hits(view.ground, view.planet, view.origin, rays.direction, light, to_ground)
-
-    return SurfaceLook(
-        ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False)
-    )
+    groups = (ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False))
+    return [SurfaceLook(*under) for under in zip(*groups, strict=True)]
 
 
 def node_parts(
@@ -148,38 +151,61 @@ def node_parts(
     group: list[SpectralNode],
     batch: SolarNodes | ThermalNodes,
     nodes: int,
+    tables: FrameTables | None = None,
+    number: int = 0,
 ) -> Iterator[NodePart]:
     """Yield ``(cells, share of the cell, radiance per node)`` of all that shines; each cell once in each.
 
-    ``hits``: under the Sun, and under the Moon where it lights the Earth.
+    ``hits``: under the Sun, and under the Moon where it lights the Earth. ``tables``: None to march; ``number`` of the
+    batch among all.
     """
+
+    def of_batch(hit: SurfaceHit | None) -> SurfaceHit | None:
+        if hit is None or view.ground is None:
+            return hit
+        return hit.at(view.ground.model, [node.wavelength_um for node in group], batch.width)
 
     def march_light(
         direction: Vec, to_ground: bool, lit: ShiningNodes, light: Vec, hit: SurfaceHit | None
     ) -> tuple[Values, Values]:
         # airglow is known to a factor of two: 0.6 % of error in it, with half the nodes, is plenty
         top_m, n = (view.highest_m, max(nodes // 2, 8)) if isinstance(lit, GlowNodes) else (view.top_m, nodes)
-        if hit is not None and view.ground is not None:
-            hit = hit.at(view.ground.model, [node.wavelength_um for node in group], batch.width)
         result = march(
-            view.planet, top_m, lit, view.origin, direction, light, mi.Bool(to_ground), n, SOLAR_CONCENTRATION, hit
+            view.planet,
+            top_m,
+            lit,
+            view.origin,
+            direction,
+            light,
+            mi.Bool(to_ground),
+            n,
+            SOLAR_CONCENTRATION,
+            of_batch(hit),
         )
         dr.eval(result)
         return result
 
-    def through(rays: Rays, to_ground: bool, hits_under: list[SurfaceHit | None]) -> tuple[Values, Values]:
-        """March once for every light: the Sun, the Moon, the air itself. The march is linear in them."""
-        lights: list[tuple[ShiningNodes, Vec, SurfaceHit | None]] = [(batch, view.sun, hits_under[0])]
+    def through(
+        rays: Rays, to_ground: bool, hits_under: list[SurfaceHit | None], seen: LitRays | None
+    ) -> tuple[Values, Values]:
+        """Add up the lights: the Sun, the Moon, the air itself. The march is linear in them."""
+        lights: list[tuple[str, ShiningNodes, Vec, SurfaceHit | None]] = [("sun", batch, view.sun, hits_under[0])]
         if isinstance(batch, SolarNodes):
             if view.moon is not None and view.moon.lights_earth and batch.moonlight is not None:
-                lights.append((batch.in_moonlight(), view.moon.light, hits_under[1]))
+                lights.append(("moon", batch.in_moonlight(), view.moon.light, hits_under[1]))
             if batch.glow is not None:
-                lights.append((batch.glow, view.sun, hits_under[0]))
+                lights.append(("glow", batch.glow, view.sun, hits_under[0]))
         if view.sunless and len(lights) > 1:
             del lights[0]
-        radiance, transmittance = march_light(rays.direction, to_ground, *lights[0])
+
+        def shine(name: str, lit: ShiningNodes, light: Vec, hit: SurfaceHit | None) -> tuple[Values, Values]:
+            if tables is None or seen is None or isinstance(lit, ThermalNodes):
+                return march_light(rays.direction, to_ground, lit, light, hit)
+            return tables.shine(seen, name, number, of_batch(hit))
+
+        radiance, transmittance = shine(*lights[0])
         for light in lights[1:]:
-            more, _ = march_light(rays.direction, to_ground, *light)
+            more, _ = shine(*light)
             radiance = [a + b for a, b in zip(radiance, more, strict=True)]
         dr.eval(radiance)
         return radiance, transmittance
@@ -192,13 +218,15 @@ def node_parts(
 
     if cells.ground.count:
         hits_under = [under.ground for under in hits]
-        yield cells.ground.slot, cells.ground.share, through(cells.ground, True, hits_under)[0]
+        seen = None if tables is None else tables.ground
+        yield cells.ground.slot, cells.ground.share, through(cells.ground, True, hits_under, seen)[0]
     if cells.limb.count:
-        radiance, transmittance = through(cells.limb, False, [under.limb for under in hits])
+        seen = None if tables is None else tables.limb
+        radiance, transmittance = through(cells.limb, False, [under.limb for under in hits], seen)
         clouds = hits[0].limb
         for k, behind in enumerate(sky):
-            seen = behind * transmittance[k]
-            radiance[k] = radiance[k] + (seen if clouds is None else dr.select(clouds.ends, 0.0, seen))
+            shining = behind * transmittance[k]
+            radiance[k] = radiance[k] + (shining if clouds is None else dr.select(clouds.ends, 0.0, shining))
         yield cells.limb.slot, cells.limb.share, radiance
     if sky and dr.width(cells.space):
         yield cells.space, mi.Float64(1.0), sky

@@ -138,6 +138,7 @@ def make_plugin() -> type:
                 self.settings.nodes,
                 prepared.thermal,
                 prepared.model.emission,
+                self.settings.tables_digest() if self.settings.method == "table" else None,
             )
 
         def render(

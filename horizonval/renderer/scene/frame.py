@@ -7,12 +7,17 @@ from typing import TYPE_CHECKING
 from horizonval.frame import RadianceFrame
 from horizonval.renderer.scene.description import describe
 from horizonval.renderer.scene.frame_memory import refuse_too_large
+from horizonval.renderer.scene.shared_view import viewpoint_key
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
 if TYPE_CHECKING:
     from horizonval.core.progress import Progress
     from horizonval.renderer.scene.viewpoint import Viewpoint
+
+
+_last: dict[str, Viewpoint] = {}
+"""The place of a campaign's frame before, by its key."""
 
 
 def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None = None) -> RadianceFrame:
@@ -34,6 +39,20 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None
         ground), a frame that memory does not hold, or when no back-end works here.
     """
     return viewpoint_of(scene, camera, progress).frame(scene)
+
+
+def render_in_turn(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
+    """Return the frame a scene's camera sees, and keep its place for the next one, which may be taken there too.
+
+    The same bytes as :func:`render_frame`; for campaigns, whose files do not change under them. Errors as there.
+    """
+    refuse_too_large(scene, camera)
+    key = viewpoint_key(scene, camera)
+    if key not in _last:
+        # The one before goes first: memory need not hold both.
+        _last.clear()
+        _last[key] = viewpoint_of(scene, camera)
+    return _last[key].frame(scene)
 
 
 def viewpoint_of(scene: SceneSpec, camera: CameraSpec, progress: Progress | None = None) -> Viewpoint:

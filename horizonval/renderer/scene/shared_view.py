@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from typing import Any
 
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
@@ -21,8 +22,27 @@ def shared_view(scene: SceneSpec, camera: CameraSpec) -> str:
     scene, camera
         Resolved specifications.
     """
-    tables = scene.model_dump(mode="json", exclude={"scene", "camera", "attitude", "clouds"})
-    del tables["platform"]["heading_deg"]
-    place = json.dumps(tables, sort_keys=True)
-    bands = "".join(band.model_dump_json() for band in camera.band)
-    return hashlib.sha256(f"{place}\n{bands}".encode()).hexdigest()
+    place = _place(scene)
+    del place["clouds"]
+    return _digest(place, [band.model_dump_json() for band in camera.band])
+
+
+def viewpoint_key(scene: SceneSpec, camera: CameraSpec) -> str:
+    """Return a digest that differs for frames which differ in more than attitude, mounting and head.
+
+    Equal ones can be had from one :class:`horizonval.renderer.scene.viewpoint.Viewpoint`.
+    """
+    drawn_by_name = scene.clouds is not None and scene.clouds.seed is None
+    name = scene.scene.model_dump(mode="json") if drawn_by_name else None
+    return _digest(_place(scene), name, camera.model_dump_json())
+
+
+def _place(scene: SceneSpec) -> dict[str, Any]:
+    """Return what a scene says but for its name and where the camera looks."""
+    place = scene.model_dump(mode="json", exclude={"scene", "camera", "attitude"})
+    del place["platform"]["heading_deg"]
+    return place
+
+
+def _digest(*parts: Any) -> str:
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

@@ -18,6 +18,7 @@ two orders below.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -30,9 +31,13 @@ _STEP_K = 0.05
 
 def blackbody_radiance(band: Band, temperature_k: float) -> float:
     """Return the response-weighted radiance [W m-2 sr-1] of a black body; 0 at 0 K."""
-    if temperature_k == 0:
-        return 0.0
-    wavelength_um, weight_um = bands.sampled(band)
+    # Bands hold lists and cannot be keys of a cache; their text can.
+    return 0.0 if temperature_k == 0 else _blackbody_radiance(band.model_dump_json(), temperature_k)
+
+
+@lru_cache(maxsize=64)
+def _blackbody_radiance(band_text: str, temperature_k: float) -> float:
+    wavelength_um, weight_um = bands.sampled(Band.model_validate_json(band_text))
     return float(np.sum(weight_um * planck.radiance_per_um(wavelength_um, temperature_k)))
 
 

@@ -109,7 +109,7 @@ def _frame(case: Case, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> t
 
     Where everything is kept it is stored at once, so that a run that is cut off has it.
     """
-    from horizonval.renderer.scene.frame import render_frame
+    from horizonval.renderer.scene.frame import render_in_turn
 
     store = Store(folder.archive)
     known = rendered(case, plan, folder)
@@ -117,7 +117,7 @@ def _frame(case: Case, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> t
         with watch.stage("read"):
             return store.read_frame(known), known
     with watch.stage("render"):
-        frame = render_frame(case.scene, case.camera)
+        frame = render_in_turn(case.scene, case.camera)
     if plan.keep != "all":
         return frame, None
     with watch.stage("archive"):

@@ -7,9 +7,10 @@ import pytest
 from horizonval.earth.atmosphere.air import TOP_M
 from horizonval.earth.optical import node_counts, optical_model
 from horizonval.precheck.cost import frame_cost, marched_cells
+from horizonval.precheck.frames import Group, Watcher, total_cost
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.sensor.observe import observe
-from horizonval.spec.load import load_scene
+from horizonval.spec.load import Case, load_scene
 from horizonval.store.store import Store
 from horizonval.truth.frame_truth import truth_of
 
@@ -55,3 +56,26 @@ def test_disk_is_that_of_the_archive(tmp_path):
     cost = frame_cost(frame.truth, scene, camera, {"vis": 4}, 1)
     predicted = cost.frame_bytes + cost.image_bytes
     assert 1 / 1.5 < predicted / sum(path.stat().st_size for path in stored) < 1.5
+
+
+@pytest.mark.parametrize(("method", "tables"), [("table", True), ("march", False)])
+def test_frames_from_one_place_share_its_view_tables(method, tables):
+    """Turned cameras cost the tables once, and each its own looks; without tables every frame costs its march."""
+    scene, camera = loaded("limb-noon-vis", method=method)
+
+    def total(*rolls_deg):
+        attitudes = [scene.attitude.model_copy(update={"roll_deg": roll}) for roll in rolls_deg]
+        group = Group("camera", tuple(Case(scene.model_copy(update={"attitude": a}), camera) for a in attitudes))
+        return total_cost([group], [Watcher().look(group, 9, infrared=False)], "none").render_s
+
+    alone, both = total(scene.attitude.roll_deg), total(scene.attitude.roll_deg, scene.attitude.roll_deg + 1e-6)
+    cost = frame_cost(truth_of(scene, camera), scene, camera, node_counts(optical_model(scene, camera)), 1)
+    assert alone == pytest.approx(cost.render_s + cost.view_tables_s, rel=1e-3)
+    assert both == pytest.approx(2 * cost.render_s + cost.view_tables_s, rel=1e-3)
+    assert bool(cost.view_tables_s) == tables
+
+
+def test_the_march_takes_longer():
+    table, march = (loaded("limb-noon-vis", method=method) for method in ("table", "march"))
+    costs = [frame_cost(truth_of(*s), *s, node_counts(optical_model(*s)), 1) for s in (table, march)]
+    assert costs[1].render_s > 3 * (costs[0].render_s + costs[0].view_tables_s)

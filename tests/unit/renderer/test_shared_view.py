@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from horizonval.renderer.scene.shared_view import shared_view
+from horizonval.renderer.scene.shared_view import shared_view, viewpoint_key
 from horizonval.spec.load import load_scene
 from horizonval.spec.scene import SceneSpec
 
@@ -58,3 +58,24 @@ def test_lens_and_bands(shipped):
     band = camera.band[0].model_copy(update={"name": "other"})
     assert shared_view(scene, camera.model_copy(update={"camera": lens})) == shared_view(scene, camera)
     assert shared_view(scene, camera.model_copy(update={"band": [band]})) != shared_view(scene, camera)
+
+
+@pytest.mark.parametrize(("table", "values"), [*APART, ("clouds", {"seed": 9})])
+def test_another_viewpoint(shipped, table, values):
+    scene, camera = shipped
+    assert viewpoint_key(_with(scene, table, **values), camera) != viewpoint_key(scene, camera)
+
+
+def test_a_viewpoint_turns_and_has_one_lens(shipped):
+    scene, camera = shipped
+    scene = _with(scene, "clouds", seed=3)
+    for table, values in ALIKE[:-1]:
+        assert viewpoint_key(_with(scene, table, **values), camera) == viewpoint_key(scene, camera)
+    lens = camera.camera.model_copy(update={"fov_deg": 33.0})
+    assert viewpoint_key(scene, camera.model_copy(update={"camera": lens})) != viewpoint_key(scene, camera)
+
+
+def test_clouds_that_the_name_draws_are_other_clouds_under_another_name(shipped):
+    scene, camera = shipped
+    scene = _with(scene, "clouds", seed=None)
+    assert viewpoint_key(_with(scene, "scene", name="other"), camera) != viewpoint_key(scene, camera)

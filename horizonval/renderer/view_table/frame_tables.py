@@ -1,0 +1,223 @@
+"""The view tables that a frame looks up, and what rays see by them.
+
+A ray's radiance is that of the air before its end, from a table, and that of its end, which is found ray by ray from
+the table's transmittance. Rays that end on a cloud, and the few that fall into rough patches, are marched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+from operator import or_
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from horizonval.core.digests import content_digest
+from horizonval.renderer.kernel.cells import Cells, FrameGeometry
+from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes, ThermalNodes
+from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
+from horizonval.renderer.kernel.ray_sources import bent_ray, sunlit_ends
+from horizonval.renderer.kernel.surface import SurfaceHit
+from horizonval.renderer.ray_path import find_path
+from horizonval.renderer.refraction.bent_ray import RefractionTables
+from horizonval.renderer.table_store import TABLES
+from horizonval.renderer.types import Values, Vec, indices_where
+from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
+from horizonval.renderer.view_table.sunlit_air import Light, bending_packet, radiance_packet, sunlit_air
+
+
+@dataclass(frozen=True)
+class _Looked:
+    """A light as a group of rays sees it: its table, the rays' places in it, and which rays must be marched."""
+
+    light: Light
+    coordinates: RayCoordinates
+    table: PatchTable
+    x: mi.Float64
+    azimuth: mi.Float64
+    marched: mi.UInt32
+
+
+@dataclass(frozen=True)
+class LitRays:
+    """A group of rays with its place in the table of every light, by the lights' names."""
+
+    direction: Vec
+    to_ground: bool
+    looked: dict[str, _Looked]
+
+
+class FrameTables:
+    """The view tables of a frame: taken from memory, and grown where the frame sees more than frames before.
+
+    Attributes
+    ----------
+    ground, limb : LitRays or None
+        The frame's groups of rays; None for a group without rays.
+    """
+
+    def __init__(self, view: FrameGeometry, lights: Sequence[Light], digest: str) -> None:
+        self.view, self.digest = view, digest
+        self.ground: LitRays | None = None
+        self.limb: LitRays | None = None
+        self._origin = np.array([float(c[0]) for c in view.origin])
+        self._lights = list(lights)
+
+    @classmethod
+    def of(
+        cls,
+        view: FrameGeometry,
+        cells: Cells,
+        hits: tuple[SurfaceHit | None, SurfaceHit | None],
+        batches: Sequence[SolarNodes | ThermalNodes],
+        nodes: int,
+        digest: str,
+    ) -> FrameTables | None:
+        """Find the places of a frame's rays, and make what is missing there; None where nothing shines by table.
+
+        Parameters
+        ----------
+        view, cells : FrameGeometry, Cells
+        hits : tuple of SurfaceHit or None
+            Where rays to the ground end, and rays past it.
+        batches : sequence of SolarNodes or ThermalNodes
+            The latter are left out.
+        nodes : int
+            Evaluations along a ray of the direct march.
+        digest : str
+            Of air, planet and orders of scattering.
+        """
+        lights = _lights(view, batches, nodes)
+        if not lights:
+            return None
+        tables = cls(view, lights, digest)
+        clouds = [None if hit is None or view.ground is None or not view.ground.clouds else hit.cloud for hit in hits]
+        if cells.ground.count:
+            tables.ground = tables.lit(cells.ground.direction, True, clouds[0])
+        if cells.limb.count:
+            tables.limb = tables.lit(cells.limb.direction, False, clouds[1])
+        return tables
+
+    def lit(self, direction: Vec, to_ground: bool, clouds: mi.Bool | None) -> LitRays:
+        """Find the places of rays in all tables, and make what is missing there. ``clouds``: rays that end on one."""
+        looked = {}
+        for light in self._lights:
+            coordinates = RayCoordinates.of(self.view.planet, self._origin, light.top_m)
+            place, azimuth = coordinates.place(self.view.origin, direction, to_ground)
+            axis = coordinates.ground if to_ground else coordinates.limb
+            x = place * (1.0 / (axis.count - 1))
+            dr.eval(x, azimuth)
+            table = self._table(light, coordinates, to_ground)
+            table.cover(x, azimuth)
+            beside = [mask for mask in (table.rough(x, azimuth), clouds) if mask is not None]
+            marched = indices_where(reduce(or_, beside)) if beside else mi.UInt32()
+            looked[light.name] = _Looked(light, coordinates, table, x, azimuth, marched)
+        return LitRays(direction, to_ground, looked)
+
+    def shine(self, rays: LitRays, name: str, batch: int, hit: SurfaceHit | None) -> tuple[Values, Values]:
+        """Return radiance and transmittance of every node of a batch along rays under a light.
+
+        Parameters
+        ----------
+        rays : LitRays
+        name : str
+            Of the light.
+        batch : int
+            Its place among the light's batches.
+        hit : SurfaceHit, optional
+            What is at the rays' ends, clouds included, for the nodes of the batch; without it a Lambert ground.
+        """
+        looked = rays.looked[name]
+        nodes = looked.light.batches[batch]
+        assert nodes is not None
+        first = radiance_packet(batch)
+        ends = rays.to_ground or hit is not None
+        bends = isinstance(nodes, SolarNodes) and isinstance(nodes.sunlight, RefractionTables) and ends
+        packets = [first, first + 1, *([bending_packet(len(looked.light.batches))] if bends and rays.to_ground else [])]
+        values = looked.table.look(looked.x, looked.azimuth, packets)
+        radiance, transmittance = values[: nodes.width], values[PACKET : PACKET + nodes.width]
+        radiance = [dr.maximum(v, 0.0) for v in radiance]
+        bending = None
+        if bends:
+            bending = values[2 * PACKET] if rays.to_ground else dr.zeros(mi.Float64, dr.width(looked.x))
+        if dr.width(looked.marched):
+            found = [*radiance, *transmittance, *([bending] if bending is not None else [])]
+            dr.eval(found)
+            self._march(looked, nodes, rays, hit, found)
+        if not ends:
+            return radiance, transmittance
+        ground = self._ends(looked.light, nodes, rays, hit, bending)
+        counts = mi.Bool(True) if hit is None else hit.ends
+        lit = zip(radiance, ground, transmittance, strict=True)
+        return [r + dr.select(counts, g * t, 0.0) for r, g, t in lit], transmittance
+
+    def _march(
+        self,
+        looked: _Looked,
+        nodes: SolarNodes | GlowNodes,
+        rays: LitRays,
+        hit: SurfaceHit | None,
+        found: list[mi.Float64],
+    ) -> None:
+        """Put marched values in the place of those of some rays."""
+        index = looked.marched
+        x, y, z = (dr.gather(mi.Float64, c, index) for c in rays.direction)
+        cloud = None
+        if hit is not None:
+            cloud = dr.gather(mi.Bool, hit.cloud, index), dr.gather(mi.Float64, hit.t, index)
+        # rays picked before and put back after the march, so that its kernel is the one that filled the table
+        dr.eval(x, y, z)
+        air = looked.light.march(nodes, looked.coordinates, self.view.origin, (x, y, z), rays.to_ground, cloud)
+        dr.eval(air.radiance, air.transmittance, air.state[1])
+        exact = [*air.radiance, *air.transmittance]
+        if len(found) > len(exact):
+            assert air.state[1] is not None
+            exact.append(air.state[1])
+        for value, replaced in zip(exact, found, strict=True):
+            dr.scatter(replaced, value, index)
+        dr.eval(found)
+
+    def _ends(
+        self,
+        light: Light,
+        nodes: SolarNodes | GlowNodes,
+        rays: LitRays,
+        hit: SurfaceHit | None,
+        bending: mi.Float64 | None,
+    ) -> Values:
+        """Return the radiance of what is at the rays' ends."""
+        if isinstance(nodes, GlowNodes):
+            return nodes.ground
+        planet, o, d = self.view.planet, self.view.origin, rays.direction
+        cloud = None if hit is None else (hit.cloud, hit.t)
+        path = find_path(planet, light.top_m, o, d, mi.Bool(rays.to_ground), cloud)
+        bent = bent_ray(nodes, planet, path, o, d, light.direction)
+        return sunlit_ends(nodes, planet, path, o, d, light.direction, hit, bent, bending)
+
+    def _table(self, light: Light, coordinates: RayCoordinates, to_ground: bool) -> PatchTable:
+        bends = any(isinstance(b, SolarNodes) and isinstance(b.sunlight, RefractionTables) for b in light.batches)
+        direction = tuple(float(c[0]) for c in light.direction)
+        key = content_digest(
+            "sunlit air", self.digest, tuple(self._origin), light.name, direction, light.nodes, to_ground, mi.variant()
+        )
+        return TABLES.get_or_make(
+            key, lambda: sunlit_air(light, coordinates, to_ground, bends and to_ground), lambda table: table.size_bytes
+        )
+
+
+def _lights(view: FrameGeometry, batches: Sequence[SolarNodes | ThermalNodes], nodes: int) -> list[Light]:
+    """Return what shines in the air: Sun, Moon, and the air itself."""
+    solar = [b if isinstance(b, SolarNodes) else None for b in batches]
+    glow = [None if b is None else b.glow for b in solar]
+    moonlit = view.moon is not None and view.moon.lights_earth
+    moon = [b.in_moonlight() if b is not None and b.moonlight is not None and moonlit else None for b in solar]
+    if view.sunless:
+        solar = [b if g is None and m is None else None for b, g, m in zip(solar, glow, moon, strict=True)]
+    lights = [Light("sun", solar, view.sun, view.top_m, nodes)]
+    if view.moon is not None:
+        lights.append(Light("moon", moon, view.moon.light, view.top_m, nodes))
+    lights.append(Light("glow", glow, view.sun, view.highest_m, max(nodes // 2, 8)))
+    return [light for light in lights if any(b is not None for b in light.batches)]

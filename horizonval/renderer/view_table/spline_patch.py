@@ -1,0 +1,95 @@
+r"""Square patches of bicubic splines: values at the nodes of an even grid made into coefficients, and read by a kernel.
+
+A patch has :data:`INTERVALS` intervals a side. In each direction the spline is
+
+    s(t) = sum_k c_k B(t - k),      B the cubic B-spline on whole numbers,      k = -1 .. INTERVALS + 1
+
+with ``s(i)`` the value at node i and, as it has two coefficients more than there are nodes, no jump of the third
+derivative at the first and last inner nodes ("not a knot"). It is of fourth order up to its edges: it needs no
+neighbours. On an edge it depends on that edge's nodes alone, so that patches of one size join without a step.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mitsuba as mi
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.renderer.types import Number, Values
+
+INTERVALS = 8
+NODES = INTERVALS + 1
+COEFFICIENTS = INTERVALS + 3
+
+
+def spline_matrix(intervals: int) -> FloatArray:
+    """Return the matrix from values at nodes to coefficients, shape (intervals + 3, intervals + 1)."""
+    size = intervals + 3
+    rows = np.zeros((size, size))
+    for i in range(intervals + 1):
+        rows[i, i : i + 3] = np.array([1.0, 4.0, 1.0]) / 6.0
+    # the third derivative is c(k+3) - 3 c(k+2) + 3 c(k+1) - c(k) on an interval; it does not jump
+    jump = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+    rows[intervals + 1, :5] = jump
+    rows[intervals + 2, size - 5 :] = jump
+    right = np.zeros((size, intervals + 1))
+    right[: intervals + 1] = np.eye(intervals + 1)
+    return np.asarray(np.linalg.solve(rows, right))
+
+
+@cache
+def to_coefficients() -> FloatArray:
+    """Return :func:`spline_matrix` of a patch."""
+    return spline_matrix(INTERVALS)
+
+
+@cache
+def foretelling() -> FloatArray:
+    """Return the matrix that makes values at all nodes of a patch from those at every second one."""
+    half = spline_matrix(INTERVALS // 2)
+    out = np.zeros((NODES, len(half)))
+    for i in range(NODES):
+        place = min(i // 2, INTERVALS // 2 - 1)
+        out[i, place : place + 4] = spline_weights(0.5 * i - place)
+    return out @ half
+
+
+def _along(matrix: FloatArray, values: FloatArray, axis: int) -> FloatArray:
+    """Return a matrix times values along an axis of (..., NODES, NODES, q).
+
+    Term by term: a product of matrices would round by how many patches there are.
+    """
+    nodes = np.moveaxis(values, axis - 3, 0)
+    terms = (np.multiply.outer(matrix[:, i], nodes[i]) for i in range(len(nodes)))
+    return np.asarray(np.moveaxis(sum(terms, start=np.zeros(())), 0, axis - 3))
+
+
+def coefficients_of(values: FloatArray) -> FloatArray:
+    """Return coefficients (..., COEFFICIENTS, COEFFICIENTS, q) of patches with values (..., NODES, NODES, q)."""
+    return _along(to_coefficients(), _along(to_coefficients(), values, 0), 1)
+
+
+def foretold(values: FloatArray, axis: int) -> FloatArray:
+    """Return values (..., NODES, NODES, q) as the splines through every second node along an axis (0, 1) have them."""
+    return _along(foretelling(), values.take(range(0, NODES, 2), axis=axis - 3), axis)
+
+
+def spline_weights(w: Number) -> list[Number]:
+    """Return the weights of four neighbouring coefficients at ``w`` from 0 to 1 in an interval."""
+    w2 = w * w
+    w3 = w2 * w
+    u = 1.0 - w
+    return [
+        u * u * u * (1.0 / 6.0),
+        (3.0 * w3 - 6.0 * w2 + 4.0) * (1.0 / 6.0),
+        (-3.0 * w3 + 3.0 * w2 + 3.0 * w + 1.0) * (1.0 / 6.0),
+        w3 * (1.0 / 6.0),
+    ]
+
+
+def spline_slopes(w: mi.Float64) -> Values:
+    """Return the derivatives of :func:`spline_weights`."""
+    u = 1.0 - w
+    return [-0.5 * u * u, w * (1.5 * w - 2.0), (0.5 + w - 1.5 * w * w), 0.5 * w * w]

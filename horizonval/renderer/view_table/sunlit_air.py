@@ -1,0 +1,123 @@
+"""What a view table of sunlight holds: for every spectral node the radiance of the air and its transmittance.
+
+Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march. Whatever reflects
+at the rays' ends is left out. With refraction the bending angle at the rays' ends is there too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.renderer.kernel.march import AirMarch, march_air
+from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
+from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
+from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
+from horizonval.renderer.tables import vectors
+from horizonval.renderer.types import Vec
+from horizonval.renderer.view_table.patch_table import PACKET, PatchTable, Tabulated
+
+MORE_NODES = 4
+TOLERANCE = 1e-3
+"""Of the foretelling (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance."""
+FAINTEST = 1e-6
+"""Radiances below this share of the brightest may have its error."""
+OPAQUE = 0.05
+"""Transmittances below this may have its error."""
+BENT_RAD = 0.01
+"""Bending angles below this may have its error."""
+SURVEY_ROWS, SURVEY_AZIMUTHS = 9, 12
+
+
+@dataclass(frozen=True)
+class Light:
+    """What shines in the air of a frame's batches: a batch for each of them, None where it does not shine.
+
+    ``name``: "sun", "moon" or "glow"; ``direction``: to the Sun or Moon; ``top_m``: nothing scatters or glows above;
+    ``nodes``: evaluations along a ray of the direct march.
+    """
+
+    name: str
+    batches: Sequence[SolarNodes | GlowNodes | None]
+    direction: Vec
+    top_m: float
+    nodes: int
+
+    def march(
+        self,
+        batch: SolarNodes | GlowNodes,
+        coordinates: RayCoordinates,
+        o: Vec,
+        d: Vec,
+        to_ground: bool,
+        cloud: tuple[mi.Bool, mi.Float64] | None = None,
+    ) -> AirMarch:
+        """March as rays of the table are."""
+        return march_air(
+            coordinates.planet,
+            self.top_m,
+            batch,
+            o,
+            d,
+            self.direction,
+            mi.Bool(to_ground),
+            MORE_NODES * self.nodes,
+            SOLAR_CONCENTRATION,
+            cloud,
+            steady=True,
+        )
+
+
+def radiance_packet(batch: int) -> int:
+    """Return which packet of a table holds the radiances of a batch; the transmittances are in the next."""
+    return 2 * batch
+
+
+def bending_packet(batches: int) -> int:
+    """Return which packet holds the bending angle."""
+    return 2 * batches
+
+
+def sunlit_air(light: Light, coordinates: RayCoordinates, to_ground: bool, bends: bool) -> PatchTable:
+    """Return an empty table of a light's air, for the rays to the ground or for those past it.
+
+    ``bends``: whether to keep the bending angle.
+    """
+    o = vectors(coordinates.origin[None, :])
+    axis = coordinates.ground if to_ground else coordinates.limb
+    quantities = PACKET * (bending_packet(len(light.batches)) + bends)
+
+    def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
+        d = vectors(coordinates.directions(axis.value(x), azimuth, to_ground))
+        out = np.zeros((len(x), quantities))
+        for k, batch in enumerate(light.batches):
+            if batch is None:
+                continue
+            air = light.march(batch, coordinates, o, d, to_ground)
+            bending = air.state[1]
+            dr.eval(air.radiance, air.transmittance, bending)
+            first = PACKET * radiance_packet(k)
+            for n, (radiance, transmittance) in enumerate(zip(air.radiance, air.transmittance, strict=True)):
+                out[:, first + n] = np.array(radiance)
+                out[:, first + PACKET + n] = np.array(transmittance)
+            if bends and bending is not None:
+                out[:, PACKET * bending_packet(len(light.batches))] = np.array(bending)
+        return out
+
+    x, azimuth = np.meshgrid(
+        np.linspace(0.0, 1.0, SURVEY_ROWS), np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
+    )
+    brightest = values(x.ravel(), azimuth.ravel()).max(axis=0)
+    packet = np.arange(quantities) // PACKET
+    floor = np.where(packet % 2 == 0, np.maximum(FAINTEST * brightest, 1e-30), OPAQUE)
+    floor[packet == bending_packet(len(light.batches))] = BENT_RAD
+
+    def allowed(known: FloatArray) -> FloatArray:
+        return TOLERANCE * np.maximum(np.abs(known), floor)
+
+    return PatchTable(Tabulated(values, allowed, quantities))
