@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.once import made_once
 from horizonval.renderer.tables import gather_row, table_of
 from horizonval.renderer.types import Values
 from horizonval.renderer.view_table.spline_patch import (
@@ -93,7 +94,8 @@ class PatchTable:
         if not missing.size:
             return
         self._made[missing] = True
-        self._make(np.stack([missing // AZIMUTH_TILES, missing % AZIMUTH_TILES], axis=1))
+        with made_once("tables"):
+            self._make(np.stack([missing // AZIMUTH_TILES, missing % AZIMUTH_TILES], axis=1))
         self._pool = table_of(mi.Float32, np.concatenate(self._coefficients))
         self._index = mi.UInt32(self._leaves.ravel())
 
