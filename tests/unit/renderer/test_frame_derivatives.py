@@ -77,13 +77,6 @@ def test_attitude_of_a_frame_from_tables() -> None:
     assert max(_worst(_visible(), ROTATIONS).values()) < 1e-5
 
 
-@pytest.mark.slow
-def test_attitude_of_a_frame_with_all_orders() -> None:
-    """What the ground reflects of scattered light is rounded to single precision: steps must be longer."""
-    scene = _visible(render={"orders": "all", "nodes": 64})
-    assert max(_worst(scene, ROTATIONS, pixels=3e-2, least_steady=0.4).values()) < 1e-5
-
-
 def test_position_of_a_frame_from_tables() -> None:
     """Each position has its own table, rounded to single precision: steps must be longer, and jumps are more."""
     assert max(_worst(_visible(), ("up", "east"), pixels=1e-3, least_steady=0.85).values()) < 1e-5
