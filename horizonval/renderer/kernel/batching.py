@@ -32,7 +32,7 @@ from horizonval.renderer.scattering.quality import Quality
 from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER
 from horizonval.renderer.scattering.source_store import multiple_scattering
 from horizonval.renderer.scattering.source_table import SourceTable
-from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunTable, table_of
+from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunTable, packet_type, table_of
 from horizonval.renderer.types import Values, constant
 
 SKY_POLAR_NODES = 24
@@ -255,10 +255,13 @@ def _sun_depth(
     d = (dr.sqrt(dr.maximum(1.0 - cosine * cosine, 0.0)), zero, cosine)
     sphere = Planet(radius, radius)
     tau = optical_depth(sphere, top_m, OpacityNodes(width, grid, extinction), o, d, path_nodes, SOLAR_CONCENTRATION)
-    values = dr.zeros(mi.Float64, mu.size * width)
-    row = dr.arange(mi.UInt32, mu.size)
-    for k in range(width):
-        dr.scatter(values, dr.log(tau[k] + TAU_FLOOR), row * width + k)
+    logarithms = [dr.log(t + TAU_FLOOR) for t in tau]
+    # at once: every launch that wanted one of them would march for all
+    dr.eval(logarithms)
+    if width == 1:
+        return logarithms[0]
+    values = dr.empty(mi.Float64, mu.size * width)
+    dr.scatter(values, packet_type(mi.Float64)(*logarithms), dr.arange(mi.UInt32, mu.size))
     dr.eval(values)
     return values
 
