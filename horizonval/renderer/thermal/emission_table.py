@@ -39,6 +39,7 @@ from horizonval.earth.atmosphere.emission import EmittingBand, SourceSpline
 from horizonval.earth.surface.ground_emission import GroundEmission
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.planet import Planet, dot
+from horizonval.renderer.ray_path import way_through
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.spline_table import NodeGrid, NodeValues, SplineTable, StationTable
 from horizonval.renderer.table_store import TABLES
@@ -267,16 +268,6 @@ def _ground_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes
             column = rows.stop
         first += batch.used
     return out.T
-
-
-def way_through(planet: Planet, o: Vec, d: Vec, layer_m: float, to_ground: bool) -> tuple[mi.Float64, mi.Float64]:
-    """Return the ray parameters between which the stations lie."""
-    mid, half, _ = planet.chord(o, d, layer_m)
-    start, end = dr.maximum(mid - half, 0.0), dr.maximum(mid + half, 0.0)
-    if to_ground:
-        ground_mid, ground_half, _ = planet.chord(o, d)
-        end = ground_mid - ground_half
-    return start, dr.maximum(end, start)
 
 
 def _station_values(
