@@ -77,7 +77,8 @@ def sort_pixels(view: FrameGeometry) -> PixelKinds:
         candidates = indices_where(kind == _GROUND)
         if dr.width(candidates):
             coasts = indices_where(_coast(view, view.ground, view.ground.land, candidates))
-            dr.scatter(kind, mi.UInt32(_CUT), dr.gather(mi.UInt32, candidates, coasts))
+            if dr.width(coasts):
+                dr.scatter(kind, mi.UInt32(_CUT), dr.gather(mi.UInt32, candidates, coasts))
     cut, ground, space = (indices_where(kind == k) for k in (_CUT, _GROUND, _SPACE))
     return PixelKinds(cut, ground, space)
 
