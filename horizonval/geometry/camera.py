@@ -95,13 +95,13 @@ def project(camera: CameraModel, d_cam: ArrayLike) -> tuple[FloatArray, NDArray[
     """
     d = np.asarray(d_cam, float)
     with np.errstate(divide="ignore", invalid="ignore"):
-        across = np.hypot(d[..., 0], d[..., 1])
         if camera.projection == "equal_angle":
             column = np.arctan2(d[..., 0], d[..., 2])
             row = np.arctan2(d[..., 1], np.hypot(d[..., 0], d[..., 2]))
             has_image = np.any(d != 0.0, axis=-1) & np.all(np.isfinite(d), axis=-1)
         elif camera.projection == "fisheye":
             k = camera.distortion[:4]
+            across = np.hypot(d[..., 0], d[..., 1])
             theta = np.arctan2(across, d[..., 2])
             has_image = np.any(d != 0.0, axis=-1) & np.all(np.isfinite(d), axis=-1) & (theta < turning_angle(k))
             stretch = np.where(across > 0.0, image_radius(theta, k) / across, 0.0)
@@ -112,7 +112,7 @@ def project(camera: CameraModel, d_cam: ArrayLike) -> tuple[FloatArray, NDArray[
             x, y = np.where(has_image, x, 0.0), np.where(has_image, y, 0.0)
             column, row = brown.distort(camera.distortion, x, y)
         if camera.image_circle_rad is not None:
-            has_image &= np.arctan2(across, d[..., 2]) <= camera.image_circle_rad
+            has_image &= _angle_to_axis(d) <= camera.image_circle_rad
     uv = np.stack([camera.fx * column + camera.cx, camera.fy * row + camera.cy], axis=-1)
     return np.where(has_image[..., None], uv, np.nan), has_image
 

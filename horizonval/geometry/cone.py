@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.geometry.directions import cross
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def cones_through(first: FloatArray, second: FloatArray, third: FloatArray) -> t
 
     Degenerate triples (two equal vectors) give an axis of zeros.
     """
-    normal = np.cross(second - first, third - first)
+    normal = np.stack(cross((second - first).T, (third - first).T), axis=-1)
     length = np.linalg.norm(normal, axis=1)
     axis = normal / np.where(length > 0, length, 1.0)[:, None]
     cosine = np.einsum("ij,ij->i", axis, first)

@@ -31,7 +31,7 @@ def _attitude(k: int) -> tuple[float, float, float]:
 @pytest.mark.benchmark
 @pytest.mark.parametrize(
     ("camera", "most_ratio"),
-    [("ir-bolometer-160-57deg", 0.3), ("vis-cmos-512-60deg", 0.5)],
+    [("ir-bolometer-160-57deg", 0.3), ("vis-cmos-512-60deg", 0.15)],
 )
 def test_an_image_of_a_session_costs_a_part_of_one_of_another_place(
     camera: str, most_ratio: float, record_property: Callable[[str, float], None]

@@ -32,6 +32,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from datetime import datetime
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -179,6 +180,7 @@ def fresnel(cosine: ArrayLike, index: float = WATER_INDEX) -> FloatArray:
     return 0.5 * across**2 * (1.0 + along**2)
 
 
+@cache
 def water_sky_albedo() -> float:
     """Return what a flat sea reflects of a uniform sky: 2 int F mu dmu."""
     x, w = np.polynomial.legendre.leggauss(64)

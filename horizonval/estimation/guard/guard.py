@@ -47,6 +47,7 @@ from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
 from horizonval.estimation.limb.model.sunlit import SunlitLimb, sun_angles, sunlit_limb
 from horizonval.estimation.limb.model.trusted import alone, faded, faint, read_sides, restless, saturated
+from horizonval.estimation.limb.ranks import median
 from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty, limb_directions
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project
@@ -114,7 +115,7 @@ def trusted_limb(observation: Observation, estimates: str = "geocentric") -> Tru
     image, camera = picture.grey, observation.camera
     cone = fit_cone(found.los_cam)
     sides = read_sides(picture, camera, found.los_cam, cone.axis_cam)
-    bright_inside = bool(np.median(sides.inner - sides.outer) > 0.0)
+    bright_inside = bool(median(sides.inner - sides.outer) > 0.0)
     los, _ = to_steepest(image, camera, found.los_cam, cone.axis_cam, bright_inside)
     if len(los) < limits.FEWEST_POINTS:
         return Refusal(Outcome.SHORT_ARC, f"{len(los)} limb points have their profile in view", found.uv)
@@ -226,8 +227,8 @@ def _without_outliers(points: _GuardPoints, observation: Observation) -> _GuardP
             break
         cone = fit_cone(points.los)
         off = off_axis_angle(points.los, cone.axis_cam)
-        off = np.abs(off - np.median(off))
-        good = off <= max(limits.TRIM_SIGMAS * 1.4826 * float(np.median(off)), smallest)
+        off = np.abs(off - median(off))
+        good = off <= max(limits.TRIM_SIGMAS * 1.4826 * median(off), smallest)
         if good.all():
             break
         points = points.take(good)

@@ -26,7 +26,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,11 +52,11 @@ POOL = 6_000
 KEPT = 12
 SLACKS = (2.0, 1.5, 1.0, 1.0, 1.0)
 """Of the tolerance, each time that a cone is fitted to its supporters again."""
-TRIPLES_AT_ONCE = 6_000
+TRIPLES_AT_ONCE = 12_000
+FEW = 1_000
+"""Points of which it is sooner asked at once than which are near."""
 PLACES_AT_ONCE = 32_000
 """Points times cones that are looked at in one piece."""
-SHARES = (1, 2, 4, 6, 9)
-"""Of the points that vote, in ninths: how many have been asked when cones are left out."""
 PRODUCTS = ((0, 1), (0, 2), (1, 2))
 GAP_PX = 3.5
 """Supporters closer than this along the limb are one unbroken piece of it."""
@@ -97,14 +96,19 @@ class EdgePoints:
         return np.asarray(np.linalg.norm(self.jacobian, axis=(1, 2)))
 
     @cached_property
+    def slopes(self) -> FloatArray:
+        """Derivatives of the line of sight along the gradient, by the column and by the row, shape (3, 3, n)."""
+        x, y = np.ascontiguousarray(self.jacobian.transpose(2, 1, 0))
+        return np.stack([self.gradient[:, 0] * x + self.gradient[:, 1] * y, x, y])
+
+    @cached_property
     def planes(self) -> FloatArray:
         """What is asked of points again and again, shape (14, n).
 
         Line of sight (3), one, pixels per radian; by the axis of a cone: the turn of the gradient from the inward
         normal times the slope of the cone (3), and that slope squared, of the axis' squares and products (6).
         """
-        x, y = self.jacobian[:, :, 0].T, self.jacobian[:, :, 1].T
-        turn = self.gradient[:, 0] * x + self.gradient[:, 1] * y
+        turn, x, y = self.slopes
         squares = x * x + y * y
         products = [2.0 * (x[i] * x[j] + y[i] * y[j]) for i, j in PRODUCTS]
         px_per_rad = 1.0 / self.pixel_rad * np.sqrt(2.0)
@@ -181,63 +185,64 @@ def support(
     sight: EdgePoints, axis: FloatArray, cosine: float, bright_inside: bool, slack: float = 1.0
 ) -> NDArray[np.bool_]:
     """Return which points support a cone (see the module text); ``slack`` widens or narrows the tolerance."""
+    cones = _Cones.of(axis[None], np.array([cosine]), sight.shape, slack)
+    if len(sight.uv) < FEW:
+        return cones.hits(sight.planes, bright_inside)[0]
     supports = np.zeros(len(sight.uv), dtype=bool)
     # The limb crosses no more of a pixel than its diagonal: most edges of an image are too far off by that alone.
     reach = slack * _largest_tolerance_px(sight.shape) * (1.0 + 1e-9)
     near = np.flatnonzero(np.abs(axis @ sight.planes[:3] - cosine) <= reach * sight.pixel_rad)
-    cones = _Cones.of(axis[None], np.array([cosine]), sight.shape, slack)
     supports[near] = cones.hits(np.take(sight.planes, near, axis=1), bright_inside)[0]
     return supports
 
 
 def off_limb_px(sight: EdgePoints, axis: FloatArray, cosine: float) -> FloatArray:
     """Return how far each point lies inside (positive) a cone's limb [px], to first order."""
-    slope = np.sqrt(np.maximum(_quadratic(axis[None]) @ sight.planes[8:], 0.0))[0]
-    return np.asarray((axis @ sight.planes[:3] - cosine) / np.where(slope > 0.0, slope, np.inf))
-
-
-def _quadratic(axes: FloatArray) -> FloatArray:
-    """Return squares and products of the components of axes (k, 3), shape (k, 6)."""
-    return np.concatenate([axes * axes, np.stack([axes[:, i] * axes[:, j] for i, j in PRODUCTS], axis=1)], axis=1)
+    cone = _Cones.of(axis[None], np.array([cosine]), sight.shape, 1.0)
+    slope = np.sqrt(np.maximum(cone.factors[:, 6:] @ sight.planes[8:], 0.0))[0]
+    return np.asarray((cone.factors[:, :4] @ sight.planes[:4])[0] / np.where(slope > 0.0, slope, np.inf))
 
 
 @dataclass(frozen=True)
 class _Cones:
     """Cones as factors of the points' ``planes``.
 
-    ``off``, shape (k, 4): how far inside the limb; ``tolerance``, (k, 2): how far it may be, over the slope, at most
-    ``largest``; ``axes``, (k, 3); ``slope2``, (k, 6).
+    ``factors``, shape (k, 12): axis and negative cosine, for how far inside the limb; two for how far it may be, over
+    the slope of the cone, at most ``largest``; and six for that slope squared.
     """
 
-    off: FloatArray
-    tolerance: FloatArray
-    axes: FloatArray
-    slope2: FloatArray
+    factors: FloatArray
     largest: float
 
     @classmethod
     def of(cls, axes: FloatArray, cosines: FloatArray, shape: tuple[int, int], slack: float) -> _Cones:
-        """Return cones with the tolerance of a search, which ``slack`` widens."""
-        tangent = np.sqrt(np.clip(1.0 - cosines**2, 0.0, None)) / np.clip(cosines, 0.17, None)
-        tolerance = slack * np.column_stack([np.full(len(axes), TOLERANCE_PX), LIMB_RELIEF * tangent])
-        off = np.column_stack([axes, -cosines])
-        return cls(off, tolerance, axes, _quadratic(axes), slack * _largest_tolerance_px(shape))
+        """Return cones, axes (k, 3), with the tolerance of a search, which ``slack`` widens."""
+        factors = np.empty((len(axes), 12))
+        factors[:, :3] = axes
+        factors[:, 3] = -cosines
+        factors[:, 4] = slack * TOLERANCE_PX
+        tangent = np.sqrt(np.maximum(1.0 - cosines**2, 0.0)) / np.maximum(cosines, 0.17)
+        factors[:, 5] = slack * LIMB_RELIEF * tangent
+        factors[:, 6:9] = axes * axes
+        for column, (i, j) in enumerate(PRODUCTS, 9):
+            factors[:, column] = axes[:, i] * axes[:, j]
+        return cls(factors, slack * _largest_tolerance_px(shape))
 
-    def take(self, rows: IndexArray | slice) -> _Cones:
+    def take(self, rows: slice) -> _Cones:
         """Return a selection of the cones."""
-        return _Cones(self.off[rows], self.tolerance[rows], self.axes[rows], self.slope2[rows], self.largest)
+        return _Cones(self.factors[rows], self.largest)
 
     def hits(self, planes: FloatArray, bright_inside: bool) -> NDArray[np.bool_]:
         """Return which points (14, n) support which cones, shape (k, n)."""
-        slope2 = self.slope2 @ planes[8:]
-        off = self.off @ planes[:4]
+        slope2 = self.factors[:, 6:] @ planes[8:]
+        off = self.factors[:, :4] @ planes[:4]
         off *= off
-        tolerance = self.tolerance @ planes[3:5]
+        tolerance = self.factors[:, 4:6] @ planes[3:5]
         np.minimum(tolerance, self.largest, out=tolerance)
         tolerance *= tolerance
         tolerance *= slope2
         hits = np.asarray(off <= tolerance)
-        turn = np.matmul(self.axes, planes[5:8], out=off)
+        turn = np.matmul(self.factors[:, :3], planes[5:8], out=off)
         hits &= turn > 0.0 if bright_inside else turn < 0.0
         turn *= turn
         slope2 *= COS_GRADIENT**2
@@ -256,7 +261,8 @@ def _draw(sight: EdgePoints, pool: IndexArray, rng: np.random.Generator) -> list
     chosen: list[tuple[FloatArray, float, bool]] = []
     for bright_inside, good in zip((True, False), _agreeing(sight, triples), strict=True):
         axes, cosines = cones_through(*(sight.los_cam[good[:, i]] for i in range(3)))
-        for k in _best_supported(subset, axes, cosines, bright_inside):
+        votes = _votes(subset, axes, cosines, bright_inside)
+        for k in np.argsort(-votes, kind="stable")[:KEPT]:
             chosen.append((axes[k], float(cosines[k]), bright_inside))
     return chosen
 
@@ -266,7 +272,8 @@ def _agreeing(sight: EdgePoints, triples: IndexArray) -> tuple[IndexArray, Index
 
     All three must point along the limb's normal, to the same side of it. No more triples are looked at than it takes.
     """
-    planes, (u, v) = sight.planes, sight.uv.T.copy()
+    u, v = sight.uv.T.copy()
+    los, slopes = sight.planes[:3], sight.slopes
     apart2 = (0.04 * min(sight.shape)) ** 2
     pieces: tuple[list[IndexArray], list[IndexArray]] = ([], [])
     missing = [TRIED, TRIED]
@@ -275,53 +282,48 @@ def _agreeing(sight: EdgePoints, triples: IndexArray) -> tuple[IndexArray, Index
         (ua, ub, uc), (va, vb, vc) = u[points], v[points]
         far = ((ua - ub) ** 2 + (va - vb) ** 2 > apart2) & ((ub - uc) ** 2 + (vb - vc) ** 2 > apart2)
         far &= (ua - uc) ** 2 + (va - vc) ** 2 > apart2
-        points = points[:, np.flatnonzero(far)]
-        axis = _normal(*(np.take(planes[:3], row, axis=1) for row in points))
-        side = np.zeros(points.shape[1])
+        points = points.compress(far, axis=1)
+        a, b, c = (np.take(los, row, axis=1) for row in points)
+        normal = np.stack(cross(b - a, c - a))
+        # The cone is on the side of its points.
+        opposite = _product(normal, a) < 0.0
+        side = np.zeros(len(opposite))
         for i in range(3):
-            factors = np.take(planes[5:], points[i], axis=1)
-            turn = factors[0] * axis[0] + factors[1] * axis[1] + factors[2] * axis[2]
-            slope2 = (factors[3:] * _quadratic(axis.T).T).sum(axis=0)
-            agrees = (turn * turn >= COS_GRADIENT**2 * slope2) & (turn != 0.0) & (side * turn >= 0.0)
-            for polarity, wanted in enumerate(missing):
-                if not wanted:
-                    agrees &= turn < 0.0 if polarity == 0 else turn > 0.0
-            left = np.flatnonzero(agrees)
-            points, axis, side = points[:, left], axis[:, left], turn[left]
-        for polarity, good in enumerate((side > 0.0, side < 0.0)):
-            pieces[polarity].append(points[:, good].T[: missing[polarity]])
+            turns, across, down = np.take(slopes, points[i], axis=2)
+            turn, x, y = _product(normal, turns), _product(normal, across), _product(normal, down)
+            agrees = (turn * turn >= COS_GRADIENT**2 * (x * x + y * y)) & (turn != 0.0)
+            if i > 0:
+                agrees &= side * turn >= 0.0
+            elif not all(missing):
+                agrees &= (turn < 0.0) == (opposite if missing[0] else ~opposite)
+            points, normal, opposite = (some.compress(agrees, axis=-1) for some in (points, normal, opposite))
+            side = turn.compress(agrees)
+        for polarity, good in enumerate(((side < 0.0) == opposite, (side < 0.0) != opposite)):
+            pieces[polarity].append(points.compress(good, axis=1).T[: missing[polarity]])
             missing[polarity] -= len(pieces[polarity][-1])
         if not any(missing):
             break
     return np.concatenate(pieces[0]), np.concatenate(pieces[1])
 
 
-def _normal(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    """Return the axes of cones through vectors (3, n), of any length: the side on which the cone is."""
-    normal = np.stack(cross(b - a, c - a))
-    return np.asarray(normal * np.where((normal * a).sum(axis=0) < 0.0, -1.0, 1.0))
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the scalar products of vectors (3, n), shape (n,)."""
+    product = a[0] * b[0]
+    product += a[1] * b[1]
+    product += a[2] * b[2]
+    return product
 
 
-def _best_supported(subset: EdgePoints, axes: FloatArray, cosines: FloatArray, bright_inside: bool) -> IndexArray:
-    """Return the ``KEPT`` of cones (k, 3) that most of a subset's points support, the most supported first.
-
-    The points are asked in several parts: a cone that could not win any more, if all the rest were for it, is left out.
-    """
+def _votes(subset: EdgePoints, axes: FloatArray, cosines: FloatArray, bright_inside: bool) -> IndexArray:
+    """Return how many points of a subset support each of the cones (k, 3), shape (k,)."""
     # Triples of whole-pixel points predict the far end of an arc poorly: twice the tolerance here.
     cones = _Cones.of(axes, cosines, subset.shape, 2.0)
-    ends = [len(subset.uv) * share // SHARES[-1] for share in SHARES]
     votes = np.zeros(len(axes), dtype=np.int64)
-    running = np.arange(len(axes))
-    for start, end in pairwise((0, *ends)):
-        at_once = max(1, PLACES_AT_ONCE // max(end - start, 1))
-        for first in range(0, len(running), at_once):
-            some = running[first : first + at_once]
-            votes[some] += np.count_nonzero(cones.take(some).hits(subset.planes[:, start:end], bright_inside), axis=1)
-        if len(running) > KEPT:
-            # Any of the leaders ends with what it has at least.
-            least = np.partition(votes[running], -KEPT)[-KEPT]
-            running = running[votes[running] + (ends[-1] - end) >= least]
-    return running[np.argsort(-votes[running], kind="stable")[:KEPT]]
+    at_once = max(1, PLACES_AT_ONCE // len(subset.uv))
+    for start in range(0, len(axes), at_once):
+        some = slice(start, start + at_once)
+        votes[some] = np.count_nonzero(cones.take(some).hits(subset.planes, bright_inside), axis=1)
+    return votes
 
 
 def _improved(sight: EdgePoints, cones: Iterable[tuple[FloatArray, float, bool]]) -> Iterable[Candidate]:

@@ -18,6 +18,9 @@ from horizonval.estimation.limb.picture import noise_sigma
 from horizonval.estimation.limb.ranks import percentile
 
 BLUR_SIGMA_PX = 1.0
+WIDE_SIGMA_PX = 1.8
+REACH_PX = 10
+"""Of the gradient after that blur: rows further off than this from every edge bear on none."""
 SOBEL_NOISE_GAIN = 1.14
 """Standard deviation of one Sobel component per unit white noise, after the Gaussian blur of 1 px."""
 NOISE_FACTOR = 6.0
@@ -75,9 +78,10 @@ def find_edges(image8: NDArray[np.uint8], rim_px: int, strong_share: float = STR
     inside = (columns >= rim_px) & (columns < width - rim_px) & (rows >= rim_px) & (rows < height - rim_px)
     rows, columns = rows[inside], columns[inside]
     # Direction from a wider blur than detection: a 3 x 3 gradient of a noisy edge wanders by tens of degrees.
-    wide = cv2.GaussianBlur(image8.astype(np.float32), (0, 0), 1.8)
-    gx = cv2.Sobel(wide, cv2.CV_32F, 1, 0)[rows, columns].astype(np.float64)
-    gy = cv2.Sobel(wide, cv2.CV_32F, 0, 1)[rows, columns].astype(np.float64)
+    first, last = max(int(rows.min(initial=height)) - REACH_PX, 0), int(rows.max(initial=0)) + REACH_PX + 1
+    wide = cv2.GaussianBlur(image8[first:last].astype(np.float32), (0, 0), WIDE_SIGMA_PX) if len(rows) else image8
+    gx = cv2.Sobel(wide, cv2.CV_32F, 1, 0)[rows - first, columns].astype(np.float64)
+    gy = cv2.Sobel(wide, cv2.CV_32F, 0, 1)[rows - first, columns].astype(np.float64)
     length = np.hypot(gx, gy)
     good = length > 0
     rows, columns = rows[good], columns[good]

@@ -17,8 +17,8 @@ from horizonval.estimation.limb.checks import saturated_pixels
 from horizonval.estimation.limb.ranks import level_counts, median, percentile, percentile_of_counts
 
 MOST_LEVELS = 1 << 16
-LARGEST_RESPONSE = 8 * 255
-"""Of the operator that measures noise, to eight bits."""
+NOISE_GAIN = 6.0 * 0.6745
+"""Median of what the operator that measures noise makes of unit white noise."""
 STRETCH_PERCENTILES = (0.5, 99.9)
 SMALLEST_RANGE_SHARE, SMALLEST_RANGE_SIGMAS = 0.02, 12.0
 
@@ -64,7 +64,7 @@ class Picture:
     @cached_property
     def noise_sigma(self) -> float:
         """Standard deviation of the pixel noise."""
-        return noise_sigma(self.single)
+        return noise_sigma(self.single, None if self.levels is None else int(self.brightest))
 
     @cached_property
     def levels(self) -> NDArray[np.uint16] | None:
@@ -105,20 +105,28 @@ class Picture:
         return low, high
 
 
-def noise_sigma(image: NDArray[np.floating | np.uint8]) -> float:
+def noise_sigma(image: NDArray[np.floating | np.uint8], largest_level: int | None = None) -> float:
     """Return the standard deviation of the pixel noise, blind to edges and smooth shading.
 
     By Immerkaer's operator (Computer Vision and Image Understanding 64, 300, 1996), with the median in place of the
     mean so that edges do not count.
+
+    Parameters
+    ----------
+    image : ndarray, shape (H, W)
+    largest_level : int, optional
+        Of an image of whole numbers from 0 on, which is sooner counted than ranked; of eight bits it is known.
     """
     kernel = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
     if image.dtype == np.uint8:
-        whole = np.abs(cv2.filter2D(image, cv2.CV_16S, kernel)[1:-1, 1:-1]).view(np.uint16)
-        middle = percentile_of_counts(level_counts(whole, LARGEST_RESPONSE), 50.0)
+        response, largest_level = cv2.filter2D(image, cv2.CV_16S, kernel), 255
     else:
-        response = cv2.filter2D(np.asarray(image, dtype=np.float32), cv2.CV_32F, kernel)[1:-1, 1:-1]
-        middle = median(np.abs(response))
-    return middle / (6.0 * 0.6745)
+        response = cv2.filter2D(np.asarray(image, dtype=np.float32), cv2.CV_32F, kernel)
+    size = np.abs(response[1:-1, 1:-1])
+    if largest_level is None:
+        return median(size) / NOISE_GAIN
+    whole = size.view(np.uint16) if size.dtype == np.int16 else size
+    return percentile_of_counts(level_counts(whole, 8 * largest_level), 50.0) / NOISE_GAIN
 
 
 def _stretched(grey: FloatArray, low: float, high: float) -> NDArray[np.uint8]:

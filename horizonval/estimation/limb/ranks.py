@@ -35,7 +35,7 @@ def percentile(values: NDArray[np.floating[Any]], q: float) -> float:
     return _between(parted[rank], above.min() if above.size else parted[rank], share)
 
 
-def level_counts(levels: NDArray[np.uint16], top: int) -> NDArray[np.int64]:
+def level_counts(levels: NDArray[np.uint16] | NDArray[np.float32], top: int) -> NDArray[np.int64]:
     """Return how many pixels have each of the levels up to ``top``, shape (top + 1,)."""
     counts = np.zeros(top + 1, dtype=np.int64)
     flat = levels.reshape(-1, 1)

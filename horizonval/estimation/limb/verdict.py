@@ -25,6 +25,7 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.consensus import Candidate, EdgePoints, off_limb_px, unbroken_px
 from horizonval.estimation.limb.model.shading import SHARP, unshade
 from horizonval.estimation.limb.picture import Picture
+from horizonval.estimation.limb.ranks import median
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import ConeUncertainty, arc_order, cone_uncertainty
 from horizonval.estimation.limb.subpixel import refine
@@ -157,7 +158,7 @@ class _LimbPoints:
 
 def _unshaded(points: _LimbPoints, image: FloatArray, camera: CameraModel) -> _LimbPoints:
     """Return a hard limb's points freed of the shading's bias; a soft limb's as they are."""
-    if np.median(points.sharpness) < SHARP:
+    if median(points.sharpness) < SHARP:
         return points
     uv, kept = unshade(image, camera, fit_cone(points.los).axis_cam, points.uv, points.gradient)
     return _LimbPoints(uv, unproject(camera, uv), points.gradient[kept], points.sharpness[kept])
@@ -171,8 +172,8 @@ def _trim(points: _LimbPoints, camera: CameraModel) -> _LimbPoints:
             break
         cone = fit_cone(points.los)
         angle = off_axis_angle(points.los, cone.axis_cam)
-        off = np.abs(angle - np.median(angle))
-        bound = max(TRIM_SIGMAS * 1.4826 * float(np.median(off)), SMALLEST_TRIM_PX * rad_per_px)
+        off = np.abs(angle - median(angle))
+        bound = max(TRIM_SIGMAS * 1.4826 * median(off), SMALLEST_TRIM_PX * rad_per_px)
         points = points.take(off <= bound)
     return points
 
@@ -193,12 +194,12 @@ def _sides(picture: Picture, cone: Cone, camera: CameraModel, uv: FloatArray, gr
         )
     inner, outer = levels[:2]
     difference = inner - outer
-    typical = float(np.median(difference))
+    typical = median(difference)
     agree = float(np.mean(np.sign(difference) == np.sign(typical)))
-    spread = 1.4826 * float(np.median(np.abs(outer - np.median(outer))))
+    spread = 1.4826 * median(np.abs(outer - median(outer)))
     deep, further = levels[2:]
     saturated_inside = float(np.mean(deep >= picture.brightest * (1 - 1e-6))) > 0.9 and typical > 0
-    still_falling = float(np.median(outer - further)) > HALO_SLOPE * float(np.median(inner - further))
+    still_falling = median(outer - further) > HALO_SLOPE * median(inner - further)
     if saturated_inside and still_falling:
         return Refusal(Outcome.SUN_GLARE, "the best curve is the rim of a saturated blob with a halo")
     if typical == 0.0 or agree < SMALLEST_SIDE_AGREEMENT:

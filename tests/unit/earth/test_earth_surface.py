@@ -174,3 +174,13 @@ def test_region_is_what_is_in_sight():
     edge = 6371.0 / 7071.0
     assert mu.min() == pytest.approx(edge, abs=1e-4)
     assert mu.mean() == pytest.approx(0.5 * (1.0 + edge), abs=1e-4)
+
+
+def test_what_water_reflects_of_the_sky_is_integrated_once(monkeypatch):
+    reflected = surface.water_sky_albedo()
+
+    def refused(order):
+        raise AssertionError(order)
+
+    monkeypatch.setattr(np.polynomial.legendre, "leggauss", refused)
+    assert surface.albedos(surface.ground_model(_scene(surface={"kind": "earth"})), 0.5).sky == reflected

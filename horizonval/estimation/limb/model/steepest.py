@@ -83,7 +83,7 @@ def _shift(
     before, middle, after = slope[row, best - 1], slope[row, best], slope[row, best + 1]
     good = in_view[:, np.abs(offset_px) <= NEEDED_PX].all(axis=1) & np.isfinite(before) & np.isfinite(after)
     # Interpolation leaves rounding on a level image, which is no slope.
-    good &= middle > ROUNDING * float(np.abs(image).max())
+    good &= middle > ROUNDING * float(max(image.max(), -image.min()))
     with np.errstate(invalid="ignore", divide="ignore"):
         parabola = 0.5 * (before - after) / (before - 2.0 * middle + after)
     parabola = np.clip(np.where(good, parabola, 0.0), -1.0, 1.0)

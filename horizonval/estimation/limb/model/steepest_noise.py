@@ -32,6 +32,7 @@ from scipy.ndimage import gaussian_filter1d
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.model.steepest import SIGMA_PX, STEP_PX, profile_places, steepest_sample
 from horizonval.estimation.limb.pixel_directions import PIXEL_DIRECTIONS
+from horizonval.estimation.limb.ranks import median
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
@@ -77,15 +78,15 @@ def pixel_variance(
     seen = usable.ravel()[rows]
     inside, space = (np.unravel_index(rows[seen & side], image.shape) for side in (depth_px > 0.0, depth_px < 0.0))
     if len(inside[0]) < FEWEST_PIXELS or len(space[0]) < FEWEST_PIXELS:
-        return np.full(image.shape, float(np.median(square[usable])))
+        return np.full(image.shape, median(square[usable]))
     clipped = float(np.mean(image[space] == image[space].min())) > CLIPPED_SHARE
     if clipped:
-        return np.full(image.shape, float(np.median(square[inside])))
-    dark, floor = float(np.median(level[space])), float(np.median(square[space]))
+        return np.full(image.shape, median(square[inside]))
+    dark, floor = median(level[space]), median(square[space])
     step = level[inside] - dark
-    bright = np.abs(step) > DIM_SHARE * np.median(np.abs(step))
-    growth = float(np.median((square[inside][bright] - floor) / step[bright])) if bright.any() else 0.0
-    return np.asarray(np.maximum(floor + growth * (level - dark), min(floor, float(np.median(square[inside])))))
+    bright = np.abs(step) > DIM_SHARE * median(np.abs(step))
+    growth = median((square[inside][bright] - floor) / step[bright]) if bright.any() else 0.0
+    return np.asarray(np.maximum(floor + growth * (level - dark), min(floor, median(square[inside]))))
 
 
 def _beside(camera: CameraModel, axis_cam: FloatArray, rho_rad: float) -> tuple[NDArray[np.int64], FloatArray]:
@@ -141,8 +142,12 @@ def noise_covariance(
     jacobian = np.column_stack([across, np.ones(len(across))])
     gain = np.linalg.solve(jacobian.T @ jacobian, jacobian.T)
     # Of a megapixel image the limb's points have seen some thousand pixels.
-    pixels = np.unique(moved.indices)
-    of_pixels = (moved[:, pixels].T @ gain.T).T
+    seen = np.zeros(variance.size, dtype=bool)
+    seen[moved.indices] = True
+    pixels = np.flatnonzero(seen)
+    places = np.searchsorted(pixels, moved.indices)
+    moved = sparse.csr_matrix((moved.data, places, moved.indptr), shape=(len(los_cam), len(pixels)))
+    of_pixels = (moved.T @ gain.T).T
     covariance = (of_pixels * variance.ravel()[pixels]) @ of_pixels.T
     return np.asarray(0.5 * (covariance + covariance.T))
 
