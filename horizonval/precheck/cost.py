@@ -222,12 +222,6 @@ def _airless(scene: SceneSpec) -> bool:
     return atmosphere.file is None and atmosphere.profile_file is None and atmosphere.profile == "none"
 
 
-def place_key(scene: SceneSpec, camera: CameraSpec) -> str:
-    """Return what view tables hang on, whatever the attitude: frames of equal keys share theirs."""
-    keys = ("platform", "earth", "atmosphere", "sun", "moon", "night", "render")
-    return json_of_bands(camera) + "".join(str(getattr(scene, key)) for key in keys)
-
-
 def column_key(scene: SceneSpec, camera: CameraSpec) -> tuple[Any, ...]:
     """Return what the tables of multiple scattering hang on: equal keys share theirs."""
     place: tuple[Any, ...] = ()

@@ -153,3 +153,13 @@ def step_boundary(path: AirPath, steps: Steps, i: mi.Float64, count: int) -> mi.
     middle = steps.y1 + (steps.y2 - steps.y1) * ((i - steps.n1) / dr.maximum(steps.n2 - steps.n1, 1.0))
     last = steps.y2 + (path.y1 - steps.y2) * ((i - steps.n2) / dr.maximum(count - steps.n2, 1.0))
     return dr.select(i < steps.n1, first, dr.select(i < steps.n2, middle, last))
+
+
+def way_through(planet: Planet, o: Vec, d: Vec, layer_m: float, to_ground: bool) -> tuple[mi.Float64, mi.Float64]:
+    """Return the ray parameters between which rays are below a height, in front of the ground if they meet it."""
+    mid, half, _ = planet.chord(o, d, layer_m)
+    start, end = dr.maximum(mid - half, 0.0), dr.maximum(mid + half, 0.0)
+    if to_ground:
+        ground_mid, ground_half, _ = planet.chord(o, d)
+        end = ground_mid - ground_half
+    return start, dr.maximum(end, start)

@@ -26,12 +26,14 @@ atomics; every ray is summed in its own lane in a fixed order.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.renderer.kernel.node_batches import OpacityNodes, Place, ShiningNodes, SolarNodes
+from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, Place, ShiningNodes, SolarNodes
 from horizonval.renderer.kernel.ray_sources import PARTICLE_STRIDE, EmittingRays, Point, RaySource, State, SunlitRays
 from horizonval.renderer.kernel.surface import SurfaceHit
 from horizonval.renderer.planet import Planet
@@ -123,7 +125,8 @@ def march_air(
         source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration, steady)
     else:
         source = EmittingRays.of(batch, planet, path, o, d, count, concentration)
-    tau, radiance, state = _integrate(planet, path, batch, source, o, d, count, concentration, stride)
+    bound = _bounds(path, source, count, concentration)
+    tau, radiance, state = _integrate(planet, path, batch, source, o, d, count, bound, stride)
     return AirMarch(radiance, [dr.exp(-v) for v in tau], path, source, state)
 
 
@@ -134,11 +137,85 @@ def optical_depth(
     count = _step_count(nodes, 1)
     path = find_path(planet, top_m, o, d, mi.Bool(False))
     source = EmittingRays.of(batch, planet, path, o, d, count, concentration)
-    return _integrate(planet, path, batch, source, o, d, count, concentration, 1)[0]
+    bound = _bounds(path, source, count, concentration)
+    return _integrate(planet, path, batch, source, o, d, count, bound, 1)[0]
+
+
+@dataclass(frozen=True)
+class SunlitStations:
+    """Places along rays at which a march tells what it has added up: even in t from ``first`` to ``last`` [m].
+
+    ``count`` of them, ``steps`` steps from each to the next, ``before`` steps up to the first; the last two even.
+    """
+
+    first: mi.Float64
+    last: mi.Float64
+    count: int
+    steps: int
+    before: int
+
+
+def march_to_stations(
+    planet: Planet,
+    top_m: float,
+    batch: SolarNodes | GlowNodes,
+    o: Vec,
+    d: Vec,
+    sun: Vec,
+    to_ground: bool,
+    concentration: float,
+    stations: SunlitStations,
+) -> tuple[Values, Values, mi.Float64 | None]:
+    """Return radiance and transmittance of the air from the observer to stations, per node, and the bending angle.
+
+    Each of shape (stations * rays,), station by station; the bending angle is None without refraction. No step is put
+    beside the umbra's edge. Parameters as of :func:`march`.
+    """
+    path = find_path(planet, top_m, o, d, mi.Bool(to_ground))
+    count = stations.before + (stations.count - 1) * stations.steps
+    source: RaySource
+    if isinstance(batch, SolarNodes):
+        source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration)
+    else:
+        source = EmittingRays.of(batch, planet, path, o, d, count, concentration)
+    rays = dr.width(path.t_low)
+    lane = dr.arange(mi.UInt32, rays)
+    start = path.t_low - path.length_before
+    noted = [dr.zeros(mi.Float64, rays * stations.count) for _ in range(2 * batch.width + 1)]
+
+    def bound(i: mi.Float64) -> mi.Float64:
+        left = dr.maximum(1.0 - i / stations.before, 0.0)
+        left = left * dr.fma(left * left, 1.0 - concentration, concentration)
+        along_stations = (i - stations.before) / ((stations.count - 1.0) * stations.steps)
+        further = dr.fma(stations.last - stations.first, along_stations, stations.first)
+        return dr.select(i < stations.before, stations.first - (stations.first - start) * left, further)
+
+    def note(i: mi.UInt32, tau: Values, radiance: Values, state: State) -> None:
+        past = i - stations.before
+        here = (i >= stations.before) & (past % stations.steps == 0)
+        index = past // stations.steps * rays + lane
+        bending = [] if state[1] is None else [state[1]]
+        for values, value in zip(noted, [*radiance, *tau, *bending], strict=False):
+            dr.scatter(values, value, index, here, mode=dr.ReduceMode.NoConflicts)
+
+    _, _, (_, bending) = _integrate(planet, path, batch, source, o, d, count, bound, PARTICLE_STRIDE, note)
+    transmittance = [dr.exp(-v) for v in noted[batch.width : 2 * batch.width]]
+    return noted[: batch.width], transmittance, None if bending is None else noted[-1]
 
 
 def _step_count(nodes: int, stride: int) -> int:
     return -(-max(nodes // 2, 3) // stride) * stride
+
+
+Bound: TypeAlias = "Callable[[mi.Float64], mi.Float64]"
+"""Ray parameter [m] at a step's beginning, by the step's number."""
+
+
+def _bounds(path: AirPath, source: RaySource, count: int, concentration: float) -> Bound:
+    def bound(i: mi.Float64) -> mi.Float64:
+        return warp(path, step_boundary(path, source.steps, i, count), concentration)
+
+    return bound
 
 
 def _integrate(
@@ -149,18 +226,19 @@ def _integrate(
     o: Vec,
     d: Vec,
     count: int,
-    concentration: float,
+    bound: Bound,
     stride: int,
+    note: Callable[[mi.UInt32, Values, Values, State], None] | None = None,
 ) -> tuple[Values, Values, State]:
-    """Return optical depth and radiance per node, and the source's state at the end; ``stride`` steps per round."""
+    """Return optical depth and radiance per node, and the source's state at the end; ``stride`` steps per round.
+
+    ``note``: told both, and the state, after every round, with the number of steps that are done.
+    """
 
     def evaluate(t: mi.Float64, point: Point) -> tuple[Values, Values]:
         place = Place.of(planet, batch.grid, o, d, t)
         k = batch.extinction_at(place)
         return k, source.source_at(place, k, point)
-
-    def bound(i: mi.Float64) -> mi.Float64:
-        return warp(path, step_boundary(path, source.steps, i, count), concentration)
 
     def body(
         i: mi.UInt32, t0: mi.Float64, tau: Values, radiance: Values, state: State
@@ -178,10 +256,12 @@ def _integrate(
                     radiance[n] = radiance[n] + dr.exp(-tau[n]) * gain(h, k_a[n], k_b[n], j_a[n], j_b[n], step)
                 tau[n] = tau[n] + step
             t0 = t1
+        if note is not None:
+            note(i + stride, tau, radiance, state)
         return i + stride, t0, tau, radiance, state
 
     zero = dr.zeros(mi.Float64, dr.width(path.t_low))
-    start = warp(path, path.y0 + zero, concentration)
+    start = bound(zero)
     nothing = [zero + 0.0] * batch.width
     state = source.state_at(start, zero + 0.0)
     _, _, tau, radiance, state = dr.while_loop(

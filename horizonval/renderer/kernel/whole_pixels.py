@@ -62,7 +62,7 @@ def sort_pixels(view: FrameGeometry) -> PixelKinds:
     if view.every_cell or view.subsamples == 1:
         none = mi.UInt32()
         return PixelKinds(pixel, none, none, all_cut=True)
-    u, v = mi.Float64(pixel % view.width), mi.Float64(pixel // view.width)
+    u, v = view.column_and_row(pixel)
     centre, reach = centre_and_reach(view, u, v, 0.5)
     touched = near_disc(view, sun_disc(view), centre, reach)
     if view.moon is not None:
@@ -77,7 +77,8 @@ def sort_pixels(view: FrameGeometry) -> PixelKinds:
         candidates = indices_where(kind == _GROUND)
         if dr.width(candidates):
             coasts = indices_where(_coast(view, view.ground, view.ground.land, candidates))
-            dr.scatter(kind, mi.UInt32(_CUT), dr.gather(mi.UInt32, candidates, coasts))
+            if dr.width(coasts):
+                dr.scatter(kind, mi.UInt32(_CUT), dr.gather(mi.UInt32, candidates, coasts))
     cut, ground, space = (indices_where(kind == k) for k in (_CUT, _GROUND, _SPACE))
     return PixelKinds(cut, ground, space)
 

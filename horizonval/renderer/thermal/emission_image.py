@@ -22,6 +22,7 @@ from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.kernel.surface import is_land, snow_share
 from horizonval.renderer.planet import along
+from horizonval.renderer.ray_path import way_through
 from horizonval.renderer.thermal.emission_table import (
     ABOVE_TOPS_M,
     BandTables,
@@ -30,7 +31,6 @@ from horizonval.renderer.thermal.emission_table import (
     WarmKind,
     columns_for,
     lagrange,
-    way_through,
 )
 from horizonval.renderer.types import Vec, indices_where
 

@@ -39,6 +39,7 @@ from horizonval.earth.atmosphere.emission import EmittingBand, SourceSpline
 from horizonval.earth.surface.ground_emission import GroundEmission
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.planet import Planet, dot
+from horizonval.renderer.ray_path import way_through
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.spline_table import NodeGrid, NodeValues, SplineTable, StationTable
 from horizonval.renderer.table_store import TABLES
@@ -50,10 +51,10 @@ from horizonval.renderer.types import Number, Vec
 
 TEMPERATURE_ERROR = 2e-5
 STATIONS, STATION_STEPS = 80, 1
-COLUMNS_ALIKE, FEWEST_COLUMNS, MOST_COLUMNS = 13, 33, 81
+COLUMNS_ALIKE, FEWEST_COLUMNS = 13, 33
 """Azimuths over half a circle: through air that is the same everywhere, and through air that is not."""
-LIMB_STEP_RAD = math.radians(2.25)
-"""Distance along the limb of rays through air that varies, at most, up to :data:`MOST_COLUMNS`."""
+COLUMNS_PER_RAD = 82.0
+"""The same for each radian from the point below the camera to its horizon: the wider the circle, the more air."""
 ABOVE_TOPS_M = 3000.0
 """The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
 root in its height."""
@@ -126,9 +127,8 @@ def columns_for(coordinates: RayCoordinates, rows_of_air: int) -> int:
     """Return how many azimuths a table has, through air in so many rows of latitude."""
     if rows_of_air == 1:
         return COLUMNS_ALIKE
-    horizon = math.acos(min(coordinates.planet.a_m / coordinates.distance_m, 1.0))
-    steps = math.ceil(math.pi * math.sin(horizon) / LIMB_STEP_RAD)
-    return min(max(steps + 1, FEWEST_COLUMNS), MOST_COLUMNS)
+    horizon_rad = math.acos(min(coordinates.planet.a_m / coordinates.distance_m, 1.0))
+    return max(1 + math.ceil(COLUMNS_PER_RAD * horizon_rad), FEWEST_COLUMNS)
 
 
 @dataclass(frozen=True)
@@ -268,16 +268,6 @@ def _ground_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes
             column = rows.stop
         first += batch.used
     return out.T
-
-
-def way_through(planet: Planet, o: Vec, d: Vec, layer_m: float, to_ground: bool) -> tuple[mi.Float64, mi.Float64]:
-    """Return the ray parameters between which the stations lie."""
-    mid, half, _ = planet.chord(o, d, layer_m)
-    start, end = dr.maximum(mid - half, 0.0), dr.maximum(mid + half, 0.0)
-    if to_ground:
-        ground_mid, ground_half, _ = planet.chord(o, d)
-        end = ground_mid - ground_half
-    return start, dr.maximum(end, start)
 
 
 def _station_values(

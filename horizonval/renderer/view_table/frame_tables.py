@@ -1,7 +1,8 @@
 """The view tables that a frame looks up, and what rays see by them.
 
 A ray's radiance is that of the air before its end, from a table, and that of its end, which is found ray by ray from
-the table's transmittance. Rays that end on a cloud, and the few that fall into rough patches, are marched.
+the table's transmittance. Rays that end on a cloud have tables of their own. The few that fall into rough patches are
+marched.
 """
 
 from __future__ import annotations
@@ -25,8 +26,20 @@ from horizonval.renderer.ray_path import find_path
 from horizonval.renderer.refraction.bent_ray import RefractionTables
 from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.types import Values, Vec, indices_where
+from horizonval.renderer.view_table.cloudy_air import cloudy_air, look_at_stations, station_of
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
 from horizonval.renderer.view_table.sunlit_air import Light, bending_packet, radiance_packet, sunlit_air
+
+
+@dataclass(frozen=True)
+class _Cloudy:
+    """Rays that end on clouds: which of a group, their places in the table of the air before clouds, and station."""
+
+    table: PatchTable
+    index: mi.UInt32
+    x: mi.Float64
+    azimuth: mi.Float64
+    station: mi.Float64
 
 
 @dataclass(frozen=True)
@@ -39,6 +52,7 @@ class _Looked:
     x: mi.Float64
     azimuth: mi.Float64
     marched: mi.UInt32
+    cloudy: _Cloudy | None
 
 
 @dataclass(frozen=True)
@@ -65,6 +79,8 @@ class FrameTables:
         self.limb: LitRays | None = None
         self._origin = np.array([float(c[0]) for c in view.origin])
         self._lights = list(lights)
+        clouds = None if view.ground is None else view.ground.model.clouds
+        self._cloud_top_m = None if clouds is None else clouds.top_m
 
     @classmethod
     def of(
@@ -94,16 +110,18 @@ class FrameTables:
         if not lights:
             return None
         tables = cls(view, lights, digest)
-        clouds = [None if hit is None or view.ground is None or not view.ground.clouds else hit.cloud for hit in hits]
         if cells.ground.count:
-            tables.ground = tables.lit(cells.ground.direction, True, clouds[0])
+            tables.ground = tables.lit(cells.ground.direction, True, hits[0])
         if cells.limb.count:
-            tables.limb = tables.lit(cells.limb.direction, False, clouds[1])
+            tables.limb = tables.lit(cells.limb.direction, False, hits[1])
         return tables
 
-    def lit(self, direction: Vec, to_ground: bool, clouds: mi.Bool | None) -> LitRays:
-        """Find the places of rays in all tables, and make what is missing there. ``clouds``: rays that end on one."""
+    def lit(self, direction: Vec, to_ground: bool, hit: SurfaceHit | None) -> LitRays:
+        """Find the places of rays in all tables, and make what is missing there. ``hit``: where they end."""
         looked = {}
+        clouded = mi.UInt32()
+        if hit is not None and self._cloud_top_m is not None:
+            clouded = indices_where(hit.cloud)
         for light in self._lights:
             coordinates = RayCoordinates.of(self.view.planet, self._origin, light.top_m)
             place, azimuth = coordinates.place(self.view.origin, direction, to_ground)
@@ -112,10 +130,64 @@ class FrameTables:
             dr.eval(x, azimuth)
             table = self._table(light, coordinates, to_ground)
             table.cover(x, azimuth)
-            beside = [mask for mask in (table.rough(x, azimuth), clouds) if mask is not None]
-            marched = indices_where(reduce(or_, beside)) if beside else mi.UInt32()
-            looked[light.name] = _Looked(light, coordinates, table, x, azimuth, marched)
+            rough = [] if (mask := table.rough(x, azimuth)) is None else [mask]
+            cloudy = None
+            if dr.width(clouded):
+                assert hit is not None
+                rough = [mask & ~hit.cloud for mask in rough]
+                cloudy = self._cloudy(light, coordinates, clouded, (x, azimuth), direction, to_ground, hit)
+                if (mask := cloudy.table.rough(cloudy.x, cloudy.azimuth)) is not None:
+                    beside = dr.zeros(mi.Bool, dr.width(x))
+                    dr.scatter(beside, mask, clouded)
+                    rough.append(beside)
+            marched = indices_where(reduce(or_, rough)) if rough else mi.UInt32()
+            looked[light.name] = _Looked(light, coordinates, table, x, azimuth, marched, cloudy)
         return LitRays(direction, to_ground, looked)
+
+    def _cloudy(
+        self,
+        light: Light,
+        coordinates: RayCoordinates,
+        index: mi.UInt32,
+        place: tuple[mi.Float64, mi.Float64],
+        direction: Vec,
+        to_ground: bool,
+        hit: SurfaceHit,
+    ) -> _Cloudy:
+        assert self._cloud_top_m is not None
+        x, azimuth, t = (dr.gather(mi.Float64, v, index) for v in (*place, hit.t))
+        d0, d1, d2 = (dr.gather(mi.Float64, c, index) for c in direction)
+        station = station_of(coordinates, self.view.origin, (d0, d1, d2), to_ground, self._cloud_top_m, t)
+        dr.eval(x, azimuth, station)
+        table = self._table(light, coordinates, to_ground, self._cloud_top_m)
+        table.cover(x, azimuth)
+        return _Cloudy(table, index, x, azimuth, station)
+
+    def _table(
+        self, light: Light, coordinates: RayCoordinates, to_ground: bool, cloud_top_m: float | None = None
+    ) -> PatchTable:
+        """Return the table of a light's air, or of that before clouds, made so far."""
+        bends = to_ground or cloud_top_m is not None
+        bends &= any(isinstance(b, SolarNodes) and isinstance(b.sunlight, RefractionTables) for b in light.batches)
+        key = content_digest(
+            "sunlit air",
+            self.digest,
+            tuple(float(v) for v in self._origin),
+            light.name,
+            tuple(float(c[0]) for c in light.direction),
+            light.nodes,
+            tuple(b is not None for b in light.batches),
+            to_ground,
+            cloud_top_m,
+            mi.variant(),
+        )
+
+        def make() -> PatchTable:
+            if cloud_top_m is None:
+                return sunlit_air(light, coordinates, to_ground, bends)
+            return cloudy_air(light, coordinates, to_ground, bends, cloud_top_m)
+
+        return TABLES.get_or_make(key, make, lambda table: table.size_bytes)
 
     def shine(self, rays: LitRays, name: str, batch: int, hit: SurfaceHit | None) -> tuple[Values, Values]:
         """Return radiance and transmittance of every node of a batch along rays under a light.
@@ -143,6 +215,10 @@ class FrameTables:
         bending = None
         if bends:
             bending = values[2 * PACKET] if rays.to_ground else dr.zeros(mi.Float64, dr.width(looked.x))
+        if looked.cloudy is not None:
+            found = [*radiance, *transmittance, *([bending] if bending is not None else [])]
+            dr.eval(found)
+            self._before_clouds(looked, batch, found)
         if dr.width(looked.marched):
             found = [*radiance, *transmittance, *([bending] if bending is not None else [])]
             dr.eval(found)
@@ -154,6 +230,20 @@ class FrameTables:
         lit = zip(radiance, ground, transmittance, strict=True)
         return [r + dr.select(counts, g * t, 0.0) for r, g, t in lit], transmittance
 
+    def _before_clouds(self, looked: _Looked, batch: int, found: list[mi.Float64]) -> None:
+        """Put the values before clouds in the place of those of rays that end on them."""
+        cloudy, light = looked.cloudy, looked.light
+        nodes = light.batches[batch]
+        assert cloudy is not None
+        assert nodes is not None
+        first, bends = radiance_packet(batch), len(found) > 2 * nodes.width
+        packets = [first, first + 1, *([bending_packet(len(light.batches))] if bends else [])]
+        values = look_at_stations(cloudy.table, cloudy.x, cloudy.azimuth, cloudy.station, packets, light)
+        radiance, transmittance = values[: nodes.width], values[PACKET : PACKET + nodes.width]
+        for replaced, value in zip(found, [*radiance, *transmittance, *values[2 * PACKET :][:1]], strict=False):
+            dr.scatter(replaced, dr.maximum(value, 0.0), cloudy.index)
+        dr.eval(found)
+
     def _march(
         self,
         looked: _Looked,
@@ -164,6 +254,9 @@ class FrameTables:
     ) -> None:
         """Put marched values in the place of those of some rays."""
         index = looked.marched
+        if dr.width(index) == 1:
+            # twice: Dr.Jit compiles a kernel of its own for a lone ray
+            index = dr.opaque(mi.UInt32, int(index[0]), 2)
         x, y, z = (dr.gather(mi.Float64, c, index) for c in rays.direction)
         cloud = None
         if hit is not None:
@@ -196,16 +289,6 @@ class FrameTables:
         path = find_path(planet, light.top_m, o, d, mi.Bool(rays.to_ground), cloud)
         bent = bent_ray(nodes, planet, path, o, d, light.direction)
         return sunlit_ends(nodes, planet, path, o, d, light.direction, hit, bent, bending)
-
-    def _table(self, light: Light, coordinates: RayCoordinates, to_ground: bool) -> PatchTable:
-        bends = any(isinstance(b, SolarNodes) and isinstance(b.sunlight, RefractionTables) for b in light.batches)
-        direction = tuple(float(c[0]) for c in light.direction)
-        key = content_digest(
-            "sunlit air", self.digest, tuple(self._origin), light.name, direction, light.nodes, to_ground, mi.variant()
-        )
-        return TABLES.get_or_make(
-            key, lambda: sunlit_air(light, coordinates, to_ground, bends and to_ground), lambda table: table.size_bytes
-        )
 
 
 def _lights(view: FrameGeometry, batches: Sequence[SolarNodes | ThermalNodes], nodes: int) -> list[Light]:

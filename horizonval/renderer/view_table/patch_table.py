@@ -1,19 +1,23 @@
 """Tables over the rays of one camera position, made where they are looked at and as fine as they need to be.
 
 The plane of place on the row axis (x from 0 to 1) and azimuth is cut into :data:`ROW_TILES` x :data:`AZIMUTH_TILES`
-tiles. A tile is made, as a whole, when a frame first sees a part of it: what it holds depends on nothing that was seen
-before. It is one patch of splines (:mod:`horizonval.renderer.view_table.spline_patch`), or four patches of half the
-size, and so on down to :data:`FINEST`. A patch is fine enough if the spline through every second node foretells the
-others within the tolerance: where the function is smooth the spline through all nodes is then better by a factor of 16,
-where it has a kink by a factor of 2. Patches that are still too coarse at the end, on lines where the function jumps,
-are marked as rough: rays in them are to be marched.
+patches of splines (:mod:`horizonval.renderer.view_table.spline_patch`). One is fine enough if the splines through every
+second of its nodes, along rows and along azimuths, predict the others within the tolerance: where the function is
+smooth the spline through all nodes is then better by a factor of 16, where it has a kink by a factor of 2. If not it is
+halved along the axis that needs it, down to :data:`FINEST`. Patches that are too coarse even then, on lines where the
+function jumps, are marked as rough: rays in them are to be marched.
+
+Patches are made when rays first fall into them. What a patch holds, and whether it is halved, depends on nothing that
+was seen before.
 """
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -21,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.once import made_once
 from horizonval.renderer.tables import gather_row, table_of
 from horizonval.renderer.types import Values
 from horizonval.renderer.view_table.spline_patch import (
@@ -28,18 +33,20 @@ from horizonval.renderer.view_table.spline_patch import (
     INTERVALS,
     NODES,
     coefficients_of,
-    foretold,
+    predicted,
     spline_weights,
 )
 
 ROW_TILES, AZIMUTH_TILES = 8, 8
-FINEST = 5
+FINEST = 4
 """Halvings of a tile, at most."""
 PACKET = 4
 _LEVEL_BITS = 3
 _ROUGH = 1 << (2 * _LEVEL_BITS)
 _NUMBER_SHIFT = 2 * _LEVEL_BITS + 1
 _NOT_MADE = np.uint32(0xFFFFFFFF)
+_Patches: TypeAlias = "dict[tuple[int, int], NDArray[np.int64]]"
+"""Patches by how often they are halved along rows and azimuths: their numbers along both, shape (n, 2)."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +74,7 @@ class PatchTable:
     def __init__(self, tabulated: Tabulated) -> None:
         self.tabulated = tabulated
         self.rays = 0
-        self._made = np.zeros(ROW_TILES * AZIMUTH_TILES, dtype=bool)
+        self._divided: dict[tuple[int, int], dict[tuple[int, ...], tuple[int, int]]] = defaultdict(dict)
         self._coefficients: list[NDArray[np.float32]] = []
         self._leaves = np.full((ROW_TILES << FINEST, AZIMUTH_TILES << FINEST), _NOT_MADE, dtype=np.uint32)
         self._any_rough = False
@@ -85,51 +92,71 @@ class PatchTable:
         return self._leaves.nbytes + 2 * sum(c.nbytes for c in self._coefficients)
 
     def cover(self, x: mi.Float64, azimuth: mi.Float64) -> None:
-        """Make the tiles that rays fall into."""
-        row, column = _tile_of(x, azimuth, 0)
-        seen = dr.zeros(mi.UInt32, ROW_TILES * AZIMUTH_TILES)
-        dr.scatter(seen, mi.UInt32(1), row * AZIMUTH_TILES + column)
-        missing = np.flatnonzero((np.array(seen) > 0) & ~self._made)
-        if not missing.size:
+        """Make the patches that rays fall into."""
+        row, column = _tile_of(x, azimuth, FINEST)
+        seen = dr.zeros(mi.UInt32, self._leaves.size)
+        dr.scatter(seen, mi.UInt32(1), row * self._leaves.shape[1] + column)
+        missing = (np.array(seen).reshape(self._leaves.shape) > 0) & (self._leaves == _NOT_MADE)
+        if not missing.any():
             return
-        self._made[missing] = True
-        self._make(np.stack([missing // AZIMUTH_TILES, missing % AZIMUTH_TILES], axis=1))
+        with made_once("tables"):
+            wave = {(0, 0): np.argwhere(_any_in_patches(missing, (0, 0)))}
+            while wave:
+                wave = self._halved(self._divide(wave), missing)
         self._pool = table_of(mi.Float32, np.concatenate(self._coefficients))
         self._index = mi.UInt32(self._leaves.ravel())
 
-    def _make(self, tiles: NDArray[np.int64]) -> None:
-        """Make tiles (n, 2): halve patches along the axes that need it until all are fine enough."""
-        waiting = {(0, 0): tiles}
-        while waiting:
-            size = min(waiting)
-            patches = waiting.pop(size)
-            values = self._values_of(patches, size)
-            allowed = self.tabulated.allowed(values)
-            error = [(np.abs(foretold(values, axis) - values) / allowed).max(axis=(1, 2, 3)) for axis in (0, 1)]
-            coarse = [(e > 1.0) & (halvings < FINEST) for e, halvings in zip(error, size, strict=True)]
-            last = ~(coarse[0] | coarse[1])
-            self._keep(patches[last], size, values[last], np.maximum(*error)[last] > 1.0)
-            for halved in ((1, 0), (0, 1), (1, 1)):
-                chosen = patches[(coarse[0] == halved[0]) & (coarse[1] == halved[1])]
-                if not len(chosen):
-                    continue
-                parts = np.stack(np.meshgrid(*(np.arange(1 + h) for h in halved), indexing="ij"), axis=-1).reshape(
-                    -1, 2
-                )
-                children = (chosen[:, None] * (1 + np.array(halved)) + parts).reshape(-1, 2)
-                finer = (size[0] + halved[0], size[1] + halved[1])
-                waiting[finer] = np.concatenate([waiting.get(finer, children[:0]), children])
+    def _divide(self, wave: _Patches) -> _Patches:
+        """Return the patches of a wave that are not fine enough; what is, is kept. All new ones are marched at once."""
+        new = {
+            size: np.array([p for p in patches if tuple(p) not in self._divided[size]], dtype=np.int64).reshape(-1, 2)
+            for size, patches in wave.items()
+        }
+        new = {size: patches for size, patches in new.items() if len(patches)}
+        values = self._values_of(new)
+        for size, patches in new.items():
+            known, values = values[: len(patches)], values[len(patches) :]
+            allowed = self.tabulated.allowed(known)
+            error = [(np.abs(predicted(known, axis) - known) / allowed).max(axis=(1, 2, 3)) for axis in (0, 1)]
+            coarse = np.stack([(e > 1.0) & (n < FINEST) for e, n in zip(error, size, strict=True)], axis=1)
+            last = ~coarse.any(axis=1)
+            self._keep(patches[last], size, known[last], np.maximum(*error)[last] > 1.0)
+            for patch, axes in zip(patches[~last], coarse[~last], strict=True):
+                self._divided[size][tuple(patch)] = (int(axes[0]), int(axes[1]))
+        divided = {size: [p for p in patches if tuple(p) in self._divided[size]] for size, patches in wave.items()}
+        return {size: np.array(patches) for size, patches in divided.items() if patches}
 
-    def _values_of(self, patches: NDArray[np.int64], size: tuple[int, int]) -> FloatArray:
-        """Return values at the nodes of patches, shape (patches, NODES, NODES, quantities)."""
+    def _halved(self, wave: _Patches, missing: NDArray[np.bool_]) -> _Patches:
+        """Return those parts of divided patches that rays fall into."""
+        parts: dict[tuple[int, int], list[NDArray[np.int64]]] = defaultdict(list)
+        for size, patches in wave.items():
+            for patch in patches:
+                halved = self._divided[size][tuple(patch)]
+                corners = np.indices((1 + halved[0], 1 + halved[1])).reshape(2, -1).T
+                parts[size[0] + halved[0], size[1] + halved[1]].append(patch * (1 + np.array(halved)) + corners)
+        wanted = {}
+        for size, pieces in parts.items():
+            patches = np.concatenate(pieces)
+            seen = patches[_any_in_patches(missing, size)[patches[:, 0], patches[:, 1]]]
+            if len(seen):
+                wanted[size] = seen
+        return wanted
+
+    def _values_of(self, wave: _Patches) -> FloatArray:
+        """Return values at the nodes of patches, one after the other, shape (patches, NODES, NODES, quantities)."""
         steps = np.arange(NODES) / INTERVALS
-        x = (patches[:, :1] + steps) / (ROW_TILES << size[0])
-        azimuth = (patches[:, 1:] + steps) * (2.0 * math.pi / (AZIMUTH_TILES << size[1]))
-        shape = (len(patches), NODES, NODES)
-        every_x = np.broadcast_to(x[:, :, None], shape).ravel()
-        every_azimuth = np.broadcast_to(azimuth[:, None, :], shape).ravel()
+        places: list[list[FloatArray]] = [[], []]
+        for size, patches in wave.items():
+            x = (patches[:, :1] + steps) / (ROW_TILES << size[0])
+            azimuth = (patches[:, 1:] + steps) * (2.0 * math.pi / (AZIMUTH_TILES << size[1]))
+            shape = (len(patches), NODES, NODES)
+            places[0].append(np.broadcast_to(x[:, :, None], shape).ravel())
+            places[1].append(np.broadcast_to(azimuth[:, None, :], shape).ravel())
+        if not wave:
+            return np.zeros((0, NODES, NODES, self.tabulated.quantities))
+        every_x, every_azimuth = (np.concatenate(p) for p in places)
         self.rays += every_x.size
-        return self.tabulated.values(every_x, every_azimuth).reshape(*shape, -1)
+        return self.tabulated.values(every_x, every_azimuth).reshape(-1, NODES, NODES, self.tabulated.quantities)
 
     def _keep(
         self, patches: NDArray[np.int64], size: tuple[int, int], values: FloatArray, rough: NDArray[np.bool_]
@@ -152,7 +179,7 @@ class PatchTable:
         """Return whether places, in tiles that are covered, lie in patches that miss the tolerance; None: nowhere."""
         return (self._leaf(x, azimuth) & _ROUGH) != 0 if self._any_rough else None
 
-    def look(self, x: mi.Float64, azimuth: mi.Float64, packets: Sequence[int]) -> Values:
+    def look(self, x: mi.Float64, azimuth: mi.Float64, packets: Sequence[int | mi.UInt32]) -> Values:
         """Return the quantities of some packets at places in tiles that are covered."""
         assert self._pool is not None
         leaf = self._leaf(x, azimuth)
@@ -173,6 +200,13 @@ class PatchTable:
                         k = p * PACKET + q
                         total[k] = dr.fma(weight, mi.Float64(value), total[k])
         return total
+
+
+def _any_in_patches(finest: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return for all patches of a size whether anything holds in the finest ones that lie in them."""
+    rows, columns = ROW_TILES << size[0], AZIMUTH_TILES << size[1]
+    parts = finest.reshape(rows, finest.shape[0] // rows, columns, finest.shape[1] // columns)
+    return np.asarray(parts.any(axis=(1, 3)))
 
 
 def _turns(azimuth: mi.Float64) -> mi.Float64:

@@ -46,7 +46,7 @@ def to_coefficients() -> FloatArray:
 
 
 @cache
-def foretelling() -> FloatArray:
+def prediction() -> FloatArray:
     """Return the matrix that makes values at all nodes of a patch from those at every second one."""
     half = spline_matrix(INTERVALS // 2)
     out = np.zeros((NODES, len(half)))
@@ -71,9 +71,9 @@ def coefficients_of(values: FloatArray) -> FloatArray:
     return _along(to_coefficients(), _along(to_coefficients(), values, 0), 1)
 
 
-def foretold(values: FloatArray, axis: int) -> FloatArray:
+def predicted(values: FloatArray, axis: int) -> FloatArray:
     """Return values (..., NODES, NODES, q) as the splines through every second node along an axis (0, 1) have them."""
-    return _along(foretelling(), values.take(range(0, NODES, 2), axis=axis - 3), axis)
+    return _along(prediction(), values.take(range(0, NODES, 2), axis=axis - 3), axis)
 
 
 def spline_weights(w: Number) -> list[Number]:

@@ -1,12 +1,14 @@
 """What a view table of sunlight holds: for every spectral node the radiance of the air and its transmittance.
 
-Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march. Whatever reflects
-at the rays' ends is left out. With refraction the bending angle at the rays' ends is there too.
+Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march, and with
+:data:`MORE_NODES_WITH_PARTICLES` times where there are particles, whose diffuse light is looked up at every second step
+only. Whatever reflects at the rays' ends is left out. With refraction the bending angle at the rays' ends is there too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -14,17 +16,19 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.kernel.march import AirMarch, march_air
+from horizonval.renderer.kernel.march import AirMarch, SunlitStations, march_air, march_to_stations
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
 from horizonval.renderer.tables import vectors
-from horizonval.renderer.types import Vec
+from horizonval.renderer.types import Values, Vec
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable, Tabulated
 
-MORE_NODES = 4
-TOLERANCE = 1e-3
-"""Of the foretelling (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance."""
+MORE_NODES, MORE_NODES_WITH_PARTICLES = 2, 4
+TOLERANCE, TOLERANCE_IN_TWILIGHT = 1e-3, 2e-3
+"""Of the prediction (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance: with the Sun up
+where the camera is, and for a low Sun, the Moon and airglow."""
+HIGH_SUN = math.cos(math.radians(85.5))
 FAINTEST = 1e-6
 """Radiances below this share of the brightest may have its error."""
 OPAQUE = 0.05
@@ -58,6 +62,8 @@ class Light:
         cloud: tuple[mi.Bool, mi.Float64] | None = None,
     ) -> AirMarch:
         """March as rays of the table are."""
+        particles = isinstance(batch, SolarNodes) and batch.particles is not None
+        more = MORE_NODES_WITH_PARTICLES if particles else MORE_NODES
         return march_air(
             coordinates.planet,
             self.top_m,
@@ -66,10 +72,32 @@ class Light:
             d,
             self.direction,
             mi.Bool(to_ground),
-            MORE_NODES * self.nodes,
+            more * self.nodes,
             SOLAR_CONCENTRATION,
             cloud,
             steady=True,
+        )
+
+    def march_to_stations(
+        self,
+        batch: SolarNodes | GlowNodes,
+        coordinates: RayCoordinates,
+        o: Vec,
+        d: Vec,
+        to_ground: bool,
+        stations: SunlitStations,
+    ) -> tuple[Values, Values, mi.Float64 | None]:
+        """March up to stations along the rays."""
+        return march_to_stations(
+            coordinates.planet,
+            self.top_m,
+            batch,
+            o,
+            d,
+            self.direction,
+            to_ground,
+            SOLAR_CONCENTRATION,
+            stations,
         )
 
 
@@ -109,15 +137,36 @@ def sunlit_air(light: Light, coordinates: RayCoordinates, to_ground: bool, bends
                 out[:, PACKET * bending_packet(len(light.batches))] = np.array(bending)
         return out
 
+    return air_table(light, coordinates, values, quantities // PACKET)
+
+
+def air_table(
+    light: Light,
+    coordinates: RayCoordinates,
+    values: Callable[[FloatArray, FloatArray], FloatArray],
+    packets: int,
+    stations: int = 1,
+) -> PatchTable:
+    """Return an empty table of ``values``, whose quantities are, for every station, those of :func:`sunlit_air`."""
     x, azimuth = np.meshgrid(
         np.linspace(0.0, 1.0, SURVEY_ROWS), np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
     )
-    brightest = values(x.ravel(), azimuth.ravel()).max(axis=0)
-    packet = np.arange(quantities) // PACKET
+    survey = values(x.ravel(), azimuth.ravel())
+    brightest = survey.reshape(-1, stations, packets * PACKET).max(axis=(0, 1))
+    packet = np.arange(packets * PACKET) // PACKET
     floor = np.where(packet % 2 == 0, np.maximum(FAINTEST * brightest, 1e-30), OPAQUE)
     floor[packet == bending_packet(len(light.batches))] = BENT_RAD
+    floor = np.tile(floor, stations)
+    high = light.name == "sun" and _height_of(light, coordinates) > HIGH_SUN
+    tolerance = TOLERANCE if high else TOLERANCE_IN_TWILIGHT
 
     def allowed(known: FloatArray) -> FloatArray:
-        return TOLERANCE * np.maximum(np.abs(known), floor)
+        return tolerance * np.maximum(np.abs(known), floor)
 
-    return PatchTable(Tabulated(values, allowed, quantities))
+    return PatchTable(Tabulated(values, allowed, packets * PACKET * stations))
+
+
+def _height_of(light: Light, coordinates: RayCoordinates) -> float:
+    """Return the sine of a light's height over the camera's horizontal."""
+    up = coordinates.origin / np.linalg.norm(coordinates.origin)
+    return float(up @ np.array([float(c[0]) for c in light.direction]))

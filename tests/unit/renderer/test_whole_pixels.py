@@ -134,6 +134,20 @@ def test_a_frame_without_an_edge_has_no_cells(roll_deg: float) -> None:
     assert image == pytest.approx(reference, rel=1e-6)
 
 
+@pytest.mark.parametrize("longitude_deg", [20.0, -150.0], ids=["land", "sea"])
+def test_a_frame_of_land_or_sea_alone_has_no_coast_to_cut(longitude_deg: float) -> None:
+    place = {"altitude_km": 500.0, "latitude_deg": 20.0, "longitude_deg": longitude_deg}
+    narrow = {"width": 24, "height": 20, "fov_deg": 2.0}
+    looks_down = {
+        "camera": {"mount_roll_deg": 0.0},
+        "geometry": narrow,
+        "surface": {"kind": "earth"},
+        "platform": place,
+    }
+    cells = grouped(looks_down, False)
+    assert cells.count == cells.ground.count == 480
+
+
 def test_pixels_at_the_sun_are_cut() -> None:
     """The Sun's light in the frame is the same to rounding, also with a sky behind."""
     changes = {
