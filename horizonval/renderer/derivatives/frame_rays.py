@@ -15,6 +15,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.kernel.cells import Cells, Rays
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
+from horizonval.renderer.planet import dot
 from horizonval.renderer.plugin.image import node_parts, surface_looks
 from horizonval.renderer.plugin.integrator import Prepared
 from horizonval.renderer.thermal.emission_ground import mirrored, shares, temperatures_k
@@ -62,16 +63,23 @@ class FrameRays:
         return [out[band] for band in self.bands]
 
     def marched(self, o: Vec, d: Vec, to_ground: bool) -> Values:
-        """Return radiance per band by the march; for thermal bands over ground that shines as at the rays' ends."""
+        """Return radiance per band by the march, for derivatives along the ground.
+
+        Thermal bands are over ground that shines as at the rays' ends. Where air and ground are the same everywhere
+        their light does not change along the ground (see ``transport``): it counts as nothing.
+        """
         cells = self._cells_of(d, to_ground)
         view = replace(self.view, origin=o)
         out = self._solar(view, cells, None)
         for air in self.prepared.thermal:
-            total = mi.Float64(0.0)
+            total = 0.0 * d[0]
             first = 0
+            if self._alike(air):
+                out[air.band.name] = total
+                continue
             for batch in air.batches:
                 more, through, _ = march_emission(
-                    view.planet, air.top_m, batch, o, d, mi.Bool(to_ground), max(self.nodes // 2, 32)
+                    view.planet, air.top_m, batch, o, d, mi.Bool(to_ground), max(self.nodes // 4, 24)
                 )
                 total = sum(more, start=total)
                 if to_ground:
@@ -123,6 +131,12 @@ class FrameRays:
 
     def _origin_of(self, o: Vec) -> Vec:
         return _still(o) if self._cloudy() else o
+
+    def _alike(self, air: ThermalAir) -> bool:
+        """Return whether rays of equal height see the same, seen from outside the air."""
+        o1 = self.view.planet.stretch(self.view.origin)
+        outside = float(dot(o1, o1)[0]) > (self.view.planet.a_m + 1.02 * air.top_m) ** 2
+        return outside and len(air.band.sin_latitude) == 1 and air.emission.kind == "uniform"
 
     def _solar(self, view: FrameGeometry, cells: Cells, digest: str | None) -> dict[str, mi.Float64]:
         out: dict[str, mi.Float64] = {}

@@ -31,7 +31,8 @@ from horizonval.renderer.derivatives.edge_motion import CELL_SHARE, EdgeMotion, 
 from horizonval.renderer.derivatives.frame_rays import FrameRays
 from horizonval.renderer.derivatives.parameters import POSE, ROTATIONS, SHIFTS, displaced, level_axes
 from horizonval.renderer.derivatives.ray_slopes import slopes
-from horizonval.renderer.derivatives.transport import cross, scaled, transport
+from horizonval.renderer.derivatives.transport import level_transport
+from horizonval.renderer.derivatives.vectors import cross, scaled
 from horizonval.renderer.derivatives.whole_frames import Images
 from horizonval.renderer.kernel.cells import Cells, CutPixels, Rays, group_cells
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
@@ -139,7 +140,7 @@ class PoseFrame:
             if turn:
                 change = cross(constant_vector(self.camera.itrs_from_cam[:, k]), d)
             else:
-                change = scaled(transport(view.planet, view.origin, d, axes[k - 3], inside), -1.0)
+                change = scaled(level_transport(view.planet, view.origin, d, axes[k - 3], to_ground, inside), -1.0)
             wider = dr.zeros(mi.Float64, rays.count)
             if motions:
                 motion = motions[parameter]
@@ -178,8 +179,12 @@ class PoseFrame:
         steps = level_axes(self.camera.r_itrs, self.ellipsoid)
 
         def along(directions: Vec) -> list[Values]:
+            inside = self._inside(to_ground)
             changes = [
-                (constant_vector(step), transport(view.planet, view.origin, directions, step, self._inside(to_ground)))
+                (
+                    constant_vector(step),
+                    level_transport(view.planet, view.origin, directions, step, to_ground, inside),
+                )
                 for step in steps
             ]
             return slopes(partial(self.rays.marched, to_ground=to_ground), view.origin, directions, changes)[1]

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.renderer.derivatives.transport import added, scaled
+from horizonval.renderer.derivatives.vectors import added, scaled
 from horizonval.renderer.types import Values, Vec, constant_vector
 
 Radiance = Callable[[Vec, Vec], Values]
@@ -39,7 +39,8 @@ def slopes(
     # one copy of the rays for every change: tables and kernels are made once
     bands = radiance(origin, direction)
     dr.set_grad(step, 1.0)
-    dr.forward_to(*bands)
+    # a band may hang on nothing: a black sky
+    dr.forward_to(*bands, flags=dr.ADFlag.Default | dr.ADFlag.AllowNoGrad)
     value: Values = []
     out: list[Values] = [[] for _ in changes]
     for band in bands:

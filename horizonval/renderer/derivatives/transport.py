@@ -8,7 +8,9 @@ the camera's position o is taken apart::
 with ``delta_k`` the change of direction that keeps both numbers of the ray
 (:mod:`horizonval.renderer.kernel.ray_coordinates`): in the stretched space the ray turns with the vertical, and its
 nadir angle changes so that its miss distance stays; inside the air, for rays past the Earth, so that its angle from the
-limb stays. S_k is then about L over the Earth's radius, and smooth: a coarse table holds it.
+limb stays. Then the nadir angle is corrected for the Earth's flattening, so that the geodetic height of the lowest
+point stays, or the geodetic elevation at the ground: air that is the same everywhere is seen the same, S_k is nothing
+for its emission. For sunlight S_k is about L over the Earth's radius, and smooth: a coarse table holds it.
 """
 
 from __future__ import annotations
@@ -16,26 +18,12 @@ from __future__ import annotations
 import math
 
 import drjit as dr
-import mitsuba as mi
 
 from horizonval.core.arrays import FloatArray
-from horizonval.renderer.planet import Planet, dot
-from horizonval.renderer.types import Vec, constant_vector
-
-
-def cross(p: Vec, q: Vec) -> Vec:
-    """Return the vector product."""
-    return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
-
-
-def scaled(p: Vec, factor: mi.Float64 | float) -> Vec:
-    """Return the product of a vector and a number."""
-    return p[0] * factor, p[1] * factor, p[2] * factor
-
-
-def added(p: Vec, q: Vec) -> Vec:
-    """Return the sum."""
-    return p[0] + q[0], p[1] + q[1], p[2] + q[2]
+from horizonval.renderer.derivatives.ray_slopes import slopes
+from horizonval.renderer.derivatives.vectors import added, cross, scaled
+from horizonval.renderer.planet import Planet, along, dot
+from horizonval.renderer.types import Values, Vec, constant_vector
 
 
 def transport(planet: Planet, o: Vec, d: Vec, step: FloatArray, inside_limb: bool) -> Vec:
@@ -74,3 +62,23 @@ def transport(planet: Planet, o: Vec, d: Vec, step: FloatArray, inside_limb: boo
     back = planet.b_m / planet.a_m
     change = scaled((change[0], change[1], change[2] * back), length)
     return added(change, scaled(d, -dot(change, d)))
+
+
+def level_transport(planet: Planet, o: Vec, d: Vec, step: FloatArray, to_ground: bool, inside_limb: bool) -> Vec:
+    """Return :func:`transport`, corrected for the flattening but for rays from inside the air past the Earth."""
+    change = transport(planet, o, d, step, inside_limb)
+    if inside_limb:
+        return change
+    radial = scaled(o, dr.rsqrt(dot(o, o)))
+    steeper = added(radial, scaled(d, -dot(radial, d)))
+
+    def level(o: Vec, d: Vec) -> Values:
+        mid, half, _ = planet.chord(o, d)
+        height, normal = planet.height_and_normal(along(o, d, mid - half if to_ground else mid))
+        return [-dot(normal, d) if to_ground else height]
+
+    _, ((moved,), (turned,)) = slopes(level, o, d, [(constant_vector(step), change), (None, steeper)])
+    share = dr.select(dr.abs(turned) > 1e-9, moved / turned, 0.0)
+    change = added(change, scaled(steeper, -share))
+    dr.eval(change)
+    return change
