@@ -1,0 +1,145 @@
+"""Tables on patches: as good as their tolerance, marked where they are not, and the same whatever was seen before."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from horizonval.core.arrays import FloatArray
+from horizonval.renderer.plugin.backend import activate
+
+activate()
+import mitsuba as mi  # noqa: E402
+
+from horizonval.renderer.view_table import spline_patch  # noqa: E402
+from horizonval.renderer.view_table.patch_table import PatchTable, Tabulated  # noqa: E402
+
+TOLERANCE = 1e-3
+
+
+def _table(function, quantities: int = 4) -> PatchTable:
+    def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
+        return np.stack([(k + 1.0) * function(x, azimuth) for k in range(quantities)], axis=1)
+
+    return PatchTable(Tabulated(values, lambda v: TOLERANCE * np.maximum(np.abs(v), 0.1), quantities))
+
+
+def _looked(table: PatchTable, x: FloatArray, azimuth: FloatArray) -> FloatArray:
+    places = mi.Float64(x), mi.Float64(azimuth)
+    table.cover(*places)
+    return np.stack([np.array(v) for v in table.look(*places, [0])], axis=1)
+
+
+def _draws(count: int) -> tuple[FloatArray, FloatArray]:
+    rng = np.random.default_rng(20)
+    return rng.random(count), rng.uniform(-7.0, 7.0, count)
+
+
+def _smooth(x: FloatArray, azimuth: FloatArray) -> FloatArray:
+    return 1.0 + np.exp(-5.0 * x) * np.cos(2.0 * azimuth) + x**3
+
+
+def _kinked(x: FloatArray, azimuth: FloatArray) -> FloatArray:
+    return 1.0 + np.maximum(np.cos(azimuth) - x, 0.0)
+
+
+def _jumping(x: FloatArray, azimuth: FloatArray) -> FloatArray:
+    return np.where(np.cos(azimuth) > x, 1.0, 2.0)
+
+
+def test_cubics_of_both_coordinates_come_out_exactly_in_a_patch() -> None:
+    node = np.arange(spline_patch.NODES, dtype=float)
+    u, v = np.meshgrid(node, node, indexing="ij")
+    coefficients = spline_patch.coefficients_of((1.0 + u - 0.3 * u**3 + u * v**2 - v**3)[..., None])[..., 0]
+    for a, b in ((0.0, 0.0), (0.25, 7.5), (3.7, 4.2), (8.0, 8.0)):
+        i, j = min(int(a), 7), min(int(b), 7)
+        near = coefficients[i : i + 4, j : j + 4]
+        weights = [np.array(spline_patch.spline_weights(t - k)) for t, k in ((a, i), (b, j))]
+        assert weights[0] @ near @ weights[1] == pytest.approx(1.0 + a - 0.3 * a**3 + a * b**2 - b**3, abs=1e-11)
+
+
+def test_coefficients_do_not_depend_on_how_many_patches_there_are() -> None:
+    values = np.random.default_rng(3).random((50, spline_patch.NODES, spline_patch.NODES, 12))
+    alone = np.stack([spline_patch.coefficients_of(v) for v in values])
+    assert np.array_equal(spline_patch.coefficients_of(values), alone)
+    for axis in (0, 1):
+        alone = np.stack([spline_patch.predicted(v, axis) for v in values])
+        assert np.array_equal(spline_patch.predicted(values, axis), alone)
+
+
+def test_a_smooth_function_is_less_than_a_tenth_of_the_tolerance_off() -> None:
+    table = _table(_smooth)
+    x, azimuth = _draws(20_000)
+    assert np.abs(_looked(table, x, azimuth)[:, 0] / _smooth(x, azimuth) - 1.0).max() < TOLERANCE / 10.0
+    assert table.rough(mi.Float64(x), mi.Float64(azimuth)) is None
+
+
+def test_a_kink_is_within_the_tolerance_in_small_patches() -> None:
+    table = _table(_kinked)
+    x, azimuth = _draws(20_000)
+    assert np.abs(_looked(table, x, azimuth)[:, 0] / _kinked(x, azimuth) - 1.0).max() < TOLERANCE
+    assert table.patches > 2 * _patches_of(_smooth)
+
+
+def _patches_of(function) -> int:
+    table = _table(function)
+    _looked(table, *_draws(2000))
+    return table.patches
+
+
+def test_rays_beside_a_jump_are_marked_and_only_those() -> None:
+    table = _table(_jumping)
+    x, azimuth = _draws(20_000)
+    off = np.abs(_looked(table, x, azimuth)[:, 0] / _jumping(x, azimuth) - 1.0) > TOLERANCE
+    mask = table.rough(mi.Float64(x), mi.Float64(azimuth))
+    assert mask is not None
+    rough = np.array(mask)
+    assert not np.any(off & ~rough)
+    assert rough.mean() < 0.05
+
+
+def test_edges_of_the_axes_belong_to_the_outermost_patches() -> None:
+    table = _table(_smooth)
+    x = np.array([0.0, 1.0, 1.0, 0.0, 1.2, -0.1])
+    azimuth = np.array([0.0, 2.0 * math.pi, -math.pi, math.pi, 0.5, 0.5])
+    inside = np.clip(x, 0.0, 1.0)
+    assert _looked(table, x, azimuth)[:, 0] == pytest.approx(_smooth(inside, azimuth), rel=1e-4)
+
+
+@pytest.mark.parametrize("function", [_smooth, _kinked, _jumping])
+def test_what_is_read_does_not_depend_on_what_was_seen_before(function) -> None:
+    x, azimuth = _draws(3000)
+    whole = _looked(_table(function), x, azimuth)
+    grown = _table(function)
+    for part in np.array_split(np.random.default_rng(1).permutation(len(x)), 7):
+        assert np.array_equal(_looked(grown, x[part], azimuth[part]), whole[part])
+    assert grown.patches == _grown_at_once(function, x, azimuth)
+
+
+def _grown_at_once(function, x: FloatArray, azimuth: FloatArray) -> int:
+    table = _table(function)
+    _looked(table, x, azimuth)
+    return table.patches
+
+
+def test_patches_are_made_where_rays_fall_and_nowhere_else() -> None:
+    table = _table(_smooth)
+    _looked(table, np.full(100, 0.3), np.linspace(0.1, 0.2, 100))
+    assert table.patches == 1
+    before = table.rays
+    _looked(table, np.full(100, 0.3), np.linspace(0.1, 0.2, 100))
+    assert table.rays == before
+    _looked(table, np.full(100, 0.9), np.linspace(3.1, 3.2, 100))
+    assert table.patches > 1
+
+
+def test_packets_may_be_chosen_ray_by_ray() -> None:
+    table = _table(_smooth, quantities=12)
+    x, azimuth = _draws(50)
+    _looked(table, x, azimuth)
+    packet = np.arange(50) % 3
+    values = table.look(mi.Float64(x), mi.Float64(azimuth), [mi.UInt32(packet)])
+    expected = (4.0 * packet + 1.0) * _smooth(x, azimuth)
+    assert np.array(values[0]) == pytest.approx(expected, rel=1e-4)

@@ -1,0 +1,83 @@
+"""The march up to stations along rays against marches that end there; steps of tables against the usual ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from horizonval.renderer.plugin.backend import activate
+
+activate()
+import drjit as dr  # noqa: E402
+import mitsuba as mi  # noqa: E402
+
+from horizonval.earth.optical import optical_model  # noqa: E402
+from horizonval.renderer.kernel.batching import IMAGE_TABLE, make_batches  # noqa: E402
+from horizonval.renderer.kernel.march import SunlitStations, march_air, march_to_stations  # noqa: E402
+from horizonval.renderer.planet import Planet  # noqa: E402
+from horizonval.renderer.ray_path import SOLAR_CONCENTRATION, way_through  # noqa: E402
+from horizonval.renderer.tables import vectors  # noqa: E402
+from horizonval.renderer.types import constant_vector  # noqa: E402
+from horizonval.spec.scene import SceneSpec  # noqa: E402
+from horizonval.spec.sensor.camera import CameraSpec  # noqa: E402
+
+PLANET = Planet(6_378_137.0, 6_356_752.0)
+BAND = {"name": "green", "kind": "solar", "lo_um": 0.52, "hi_um": 0.58, "nodes": 2}
+
+
+@pytest.fixture(scope="module")
+def lit_air():
+    scene = SceneSpec.model_validate({"camera": {"file": "test"}, "platform": {"altitude_km": 500.0}})
+    camera = CameraSpec.model_validate({"camera": {"width": 8, "height": 8, "fov_deg": 20.0}, "band": [BAND]})
+    model = optical_model(scene, camera)
+    [(_, batch)] = list(make_batches(model, PLANET, IMAGE_TABLE))
+    return model.top_m, batch
+
+
+def _rays(down: float) -> tuple:
+    """Return the camera and directions that dip below its horizontal by ``down`` rad and a little more."""
+    dip = down + np.array([0.0, 0.002, 0.01])
+    d = np.stack([-np.sin(dip), np.cos(dip), 0.0 * dip], axis=1)
+    return vectors(np.array([[PLANET.a_m + 500e3, 0.0, 0.0]])), vectors(d)
+
+
+@pytest.mark.parametrize(("down", "to_ground"), [(0.9, True), (0.385, True), (0.367, False)])
+def test_stations_tell_what_marches_find_that_end_there(lit_air, down: float, to_ground: bool) -> None:
+    top_m, batch = lit_air
+    o, d = _rays(down)
+    sun = constant_vector((0.6, 0.8, 0.0))
+    first, last = way_through(PLANET, o, d, 18e3, to_ground)
+    stations = SunlitStations(first, last, count=5, steps=16, before=64)
+    radiance, transmittance, bending = march_to_stations(
+        PLANET, top_m, batch, o, d, sun, to_ground, SOLAR_CONCENTRATION, stations
+    )
+    assert bending is None
+    radiance, transmittance = (np.array(v[0]).reshape(5, 3) for v in (radiance, transmittance))
+    for k in range(5):
+        end = first + (last - first) * (k / 4.0)
+        cloud = dr.full(mi.Bool, True, 3), end
+        air = march_air(PLANET, top_m, batch, o, d, sun, mi.Bool(to_ground), 1024, SOLAR_CONCENTRATION, cloud)
+        assert radiance[k] == pytest.approx(np.array(air.radiance[0]), rel=1e-4)
+        assert transmittance[k] == pytest.approx(np.array(air.transmittance[0]), rel=1e-4)
+
+
+def test_steady_steps_find_the_same_light_and_leave_no_jumps(lit_air) -> None:
+    """Rays along the limb into the Earth's shadow: the piece before it grows gently from ray to ray."""
+    top_m, batch = lit_air
+    azimuth = np.linspace(1.2, 1.5, 400)
+    d = np.stack([np.full_like(azimuth, -0.375), np.cos(azimuth), np.sin(azimuth)], axis=1)
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    o = vectors(np.array([[PLANET.a_m + 500e3, 0.0, 0.0]]))
+    sun = constant_vector((-0.1, -0.995, 0.0))
+    found = {}
+    for steady, nodes in ((False, 128), (True, 128), (False, 2048)):
+        air = march_air(
+            PLANET, top_m, batch, o, vectors(d), sun, mi.Bool(False), nodes, SOLAR_CONCENTRATION, None, steady
+        )
+        found[steady, nodes] = np.array(air.radiance[0])
+    exact = found[False, 2048]
+    shines = exact > 1e-6 * exact.max()
+    assert shines.sum() > 50
+    wander = {key: np.abs(np.diff(value / np.maximum(exact, 1e-30), 2))[shines[1:-1]] for key, value in found.items()}
+    assert np.median(np.abs(found[True, 128] / np.maximum(exact, 1e-30) - 1.0)[shines]) < 5e-3
+    assert wander[True, 128].max() < 0.2 * wander[False, 128].max()
