@@ -6,12 +6,13 @@ from dataclasses import replace
 
 from horizonval.core.errors import UserError
 from horizonval.jobs.remaining import ExpectedTime
-from horizonval.precheck.cost import column_key, json_of_bands, place_key
+from horizonval.precheck.cost import column_key, json_of_bands
 from horizonval.precheck.findings import Kind
 from horizonval.precheck.frames import Group, Watcher
 from horizonval.precheck.report import Report
 from horizonval.precheck.study import by_design
 from horizonval.precheck.suite import by_camera, check_groups
+from horizonval.renderer.scene.shared_view import shared_view
 from horizonval.scoring import limits
 from horizonval.spec.load import Case, Suite
 from horizonval.studies.trade.design import Study
@@ -65,7 +66,7 @@ def expected_of(target: Suite | Study) -> dict[str, ExpectedTime]:
                 once_s, place_s = costs[0].tables_s, sum(c.view_tables_s for c in costs) / len(costs)
                 for case in cases:
                     once = {str(column_key(case.scene, case.camera)): once_s} if once_s else {}
-                    once |= {place_key(case.scene, case.camera): place_s} if place_s else {}
+                    once |= {shared_view(case.scene, case.camera): place_s} if place_s else {}
                     expected[case.name] = ExpectedTime(seconds, once)
     except UserError:
         return {}

@@ -9,17 +9,10 @@ import numpy as np
 
 from horizonval.core.errors import UserError
 from horizonval.earth.optical import node_counts, optical_model
-from horizonval.precheck.cost import (
-    RECORD_BYTES,
-    Cost,
-    FrameCost,
-    column_key,
-    frame_cost,
-    json_of_bands,
-    place_key,
-)
+from horizonval.precheck.cost import RECORD_BYTES, Cost, FrameCost, column_key, frame_cost, json_of_bands
 from horizonval.precheck.findings import Finding, Level
 from horizonval.precheck.limb import LimbView, Needs, limb_views
+from horizonval.renderer.scene.shared_view import shared_view
 from horizonval.spec.load import Case
 from horizonval.spec.suite import Keep
 from horizonval.truth.frame_truth import truth_of
@@ -170,7 +163,7 @@ def total_cost(groups: Sequence[Group], looks: Sequence[Look], keep: Keep, draws
         costs, n = look.costs or known, len(group.cases)
         for key in totals:
             totals[key] += n * float(np.mean([getattr(cost, key) for cost in costs]))
-        places = {place_key(case.scene, case.camera) for case in group.cases}
+        places = {shared_view(case.scene, case.camera) for case in group.cases}
         totals["render_s"] += len(places) * float(np.mean([cost.view_tables_s for cost in costs]))
         frame_bytes, image_bytes = (
             float(np.mean([getattr(c, k) for c in costs])) for k in ("frame_bytes", "image_bytes")

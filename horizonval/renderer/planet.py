@@ -56,16 +56,16 @@ class Planet:
         """
         return (2.0 * self.a_m + self.b_m) / 3.0
 
-    def stretch(self, p: Vec, height_m: float = 0.0) -> Vec:
+    def stretch(self, p: Vec, height_m: float | mi.Float64 = 0.0) -> Vec:
         """Return ``p`` with z scaled so that the ellipsoid with axes ``a + h, b + h`` is a sphere."""
         return p[0], p[1], p[2] * ((self.a_m + height_m) / (self.b_m + height_m))
 
-    def miss_distance(self, o: Vec, d: Vec, height_m: float = 0.0) -> mi.Float64:
+    def miss_distance(self, o: Vec, d: Vec, height_m: float | mi.Float64 = 0.0) -> mi.Float64:
         """Return ``m / (a + h)``: below 1 for lines that meet the ellipsoid raised by ``height_m``."""
         o1, d1 = self.stretch(o, height_m), self.stretch(d, height_m)
         return dr.sqrt(cross_squared(o1, d1) / dot(d1, d1)) / (self.a_m + height_m)
 
-    def chord(self, o: Vec, d: Vec, height_m: float = 0.0) -> tuple[mi.Float64, mi.Float64, mi.Bool]:
+    def chord(self, o: Vec, d: Vec, height_m: float | mi.Float64 = 0.0) -> tuple[mi.Float64, mi.Float64, mi.Bool]:
         """Return ``(t_mid, t_half, meets)`` of the chord cut out by the ellipsoid raised by ``height_m``.
 
         ``t_mid`` is the parameter of the point nearest to the surface; the crossings are ``t_mid -+ t_half``.

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.tables import gather_row, table_of
-from horizonval.renderer.types import Values, constant
+from horizonval.renderer.types import Values, constant, joined
 
 NodeValues: TypeAlias = Callable[[NDArray[np.int64], NDArray[np.int64]], FloatArray]
 """From rows and columns of nodes, both of shape (n,), to values (n, ...)."""
@@ -144,7 +144,7 @@ class NodeTable:
         self._slot[rows, columns] = self._made + np.arange(count, dtype=np.uint32)
         self._made += count
         more = table_of(mi.Float64, self._packed(made[:count]))
-        self._values = dr.concat([self._values, more]) if self._made > count else more
+        self._values = joined([self._values, more]) if self._made > count else more
         self._index = mi.UInt32(self._slot.ravel())
         dr.eval(self._values)
 

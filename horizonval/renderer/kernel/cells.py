@@ -94,7 +94,7 @@ class CutPixels:
         pixel = cell // self.view.subsamples**2
         if not self.kinds.all_cut:
             pixel = dr.gather(mi.UInt32, self.kinds.cut, pixel)
-        return mi.Float64(pixel % self.view.width), mi.Float64(pixel // self.view.width)
+        return self.view.column_and_row(pixel)
 
     def centre(self, cell: mi.UInt32) -> tuple[mi.Float64, mi.Float64]:
         """Return pixel coordinates (column, row) of cells' centres."""
@@ -160,7 +160,7 @@ def _whole_rays(view: FrameGeometry, pixel: mi.UInt32, first_slot: int) -> Rays:
     n = dr.width(pixel)
     if not n:
         return _no_rays(pixel)
-    direction = view.rays.direction(mi.Float64(pixel % view.width), mi.Float64(pixel // view.width))
+    direction = view.rays.direction(*view.column_and_row(pixel))
     return Rays(numbers_from(first_slot, n), direction, dr.ones(mi.Float64, n), n)
 
 

@@ -24,6 +24,7 @@ from horizonval.earth.atmosphere import clouds
 from horizonval.earth.atmosphere.clouds import BASE_M, CloudField
 from horizonval.geometry.directions import perpendicular
 from horizonval.renderer.planet import Planet, along, dot
+from horizonval.renderer.tables import table_of
 from horizonval.renderer.types import Vec, constant, constant_vector
 
 TABLE_SIDE = 3072
@@ -43,7 +44,7 @@ class CloudTable:
     up: Vec
     per_unit: mi.Float64
     step_m: mi.Float64
-    layer_m: float
+    layer_m: mi.Float64
 
     def top(self, normal: Vec) -> mi.Float64:
         """Return the relief [m] at unit normals: below BASE_M where there is no cloud."""
@@ -92,7 +93,7 @@ def _make_table(field: CloudField, planet: Planet, origin: tuple[float, float, f
     values = mi.Float32(relief(field, (u, v, w)))
     dr.eval(values)
     step_m = max(0.5 * radius / per_unit, NARROWEST_STEP_M)
-    return CloudTable(values, (east, north), vertical, constant(per_unit), constant(step_m), field.top_m)
+    return CloudTable(values, (east, north), vertical, constant(per_unit), constant(step_m), constant(field.top_m))
 
 
 def relief(field: CloudField, normal: Vec) -> mi.Float64:
@@ -103,13 +104,14 @@ def relief(field: CloudField, normal: Vec) -> mi.Float64:
         return whole, v - mi.Float64(whole)
 
     lowest, highest, rank = clouds.rank_table(field)
-    table = mi.Float64(np.array(rank))
-    step = (clouds.noise(normal, field, split, mi.Float64) - lowest) * (clouds.RANK_STEPS / (highest - lowest))
+    table = table_of(mi.Float64, np.array(rank))
+    per_step, cover = constant((highest - lowest) / clouds.RANK_STEPS), constant(field.cover)
+    step = (clouds.noise(normal, field, split, mi.Float64) - constant(lowest)) / per_step
     step = dr.clip(step, 0.0, float(clouds.RANK_STEPS))
     i = dr.minimum(mi.UInt32(step), clouds.RANK_STEPS - 1)
     low, high = dr.gather(mi.Float64, table, i), dr.gather(mi.Float64, table, i + 1)
-    s = (dr.fma(high - low, step - mi.Float64(i), low) - (1.0 - field.cover)) / field.cover
-    risen = dr.exp(dr.log(dr.maximum(s, 1e-12)) * field.exponent)
+    s = (dr.fma(high - low, step - mi.Float64(i), low) - (1.0 - cover)) / cover
+    risen = dr.exp(dr.log(dr.maximum(s, 1e-12)) * constant(field.exponent))
     return BASE_M + (_ceiling(field, normal) - BASE_M) * dr.select(s > 0.0, risen, s)
 
 
@@ -124,7 +126,7 @@ def _ceiling(field: CloudField, normal: Vec) -> mi.Float64:
     latitude = dr.abs(dr.rad2deg(dr.asin(dr.clip(normal[2], -1.0, 1.0))))
     middle = 0.5 * (clouds.TROPICAL_TROPOPAUSE_M + clouds.POLAR_TROPOPAUSE_M)
     half = 0.5 * (clouds.TROPICAL_TROPOPAUSE_M - clouds.POLAR_TROPOPAUSE_M)
-    return dr.minimum(field.top_m, middle - half * dr.tanh((latitude - 40.0) / 10.0))
+    return dr.minimum(constant(field.top_m), middle - half * dr.tanh((latitude - 40.0) / 10.0))
 
 
 def first_cloud(table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bool) -> tuple[mi.Bool, mi.Float64]:

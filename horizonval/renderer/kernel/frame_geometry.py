@@ -12,7 +12,7 @@ from horizonval.renderer.kernel.rays import RayCamera
 from horizonval.renderer.kernel.surface import Ground
 from horizonval.renderer.planet import Planet, dot
 from horizonval.renderer.refraction.bending import BendingField
-from horizonval.renderer.types import Vec
+from horizonval.renderer.types import Vec, constant
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,15 @@ class FrameGeometry:
     glow_top_m: float = 0.0
     bending: BendingField | None = None
     every_cell: bool = False
+
+    def column_and_row(self, pixel: mi.UInt32) -> tuple[mi.Float64, mi.Float64]:
+        """Return where pixels lie, by their numbers in row order. The image's width is data: sizes share kernels.
+
+        The quotient is half a pixel away from whole numbers, far more than it is rounded by.
+        """
+        number, width = mi.Float64(pixel), constant(self.width)
+        row = dr.floor((number + 0.5) / width)
+        return dr.fma(-row, width, number), row
 
     @property
     def highest_m(self) -> float:

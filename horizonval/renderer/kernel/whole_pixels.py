@@ -62,7 +62,7 @@ def sort_pixels(view: FrameGeometry) -> PixelKinds:
     if view.every_cell or view.subsamples == 1:
         none = mi.UInt32()
         return PixelKinds(pixel, none, none, all_cut=True)
-    u, v = mi.Float64(pixel % view.width), mi.Float64(pixel // view.width)
+    u, v = view.column_and_row(pixel)
     centre, reach = centre_and_reach(view, u, v, 0.5)
     touched = near_disc(view, sun_disc(view), centre, reach)
     if view.moon is not None:

@@ -40,7 +40,7 @@ NodePart: TypeAlias = "tuple[mi.UInt32, mi.Float64, Values]"
 
 @dataclass
 class _Channels:
-    """Images of a frame while they grow, by band: Float64, one value per pixel in row order."""
+    """Images of a frame while they grow, by name: Float64, one value per pixel in row order."""
 
     cells: Cells
     images: dict[str, mi.Float64] = field(default_factory=dict)
@@ -59,7 +59,7 @@ class _Channels:
         dr.eval(self.images)
 
     def of(self, names: Iterable[str]) -> dict[str, mi.Float64]:
-        """Return the images of some bands, black where nothing was added."""
+        """Return some of the images, black where nothing was added."""
         pixels = self.cells.view.width * self.cells.view.height
         return {name: self.images[name] if name in self.images else dr.zeros(mi.Float64, pixels) for name in names}
 
@@ -81,7 +81,8 @@ def render_bands(
     """
     cells = group_cells(view)
     emitted = {air.band.name for air in thermal}
-    radiance, energy = _Channels(cells), _Channels(cells)
+    channels = _Channels(cells)
+    energy_of = {band: f"energy of {band}" for band in bands if band not in emitted}
     batches = list(batches)
     hits: list[SurfaceLook] = []
     tables: FrameTables | None = None
@@ -94,15 +95,16 @@ def render_bands(
                 )
         parts = list(node_parts(view, cells, hits, group, batch, nodes, tables, number))
         own = list(dict.fromkeys(node.band for node in group))
-        radiance.add(own, _band_parts(parts, [[n.weight * (n.band == band) for n in group] for band in own]))
-        weights = [[n.weight * n.energy_ratio * (n.band == band) for n in group] for band in own]
-        energy.add(own, _band_parts(parts, weights))
+        weights = [[n.weight * (n.band == band) for n in group] for band in own]
+        weights += [[n.weight * n.energy_ratio * (n.band == band) for n in group] for band in own]
+        channels.add([*own, *(energy_of[band] for band in own)], _band_parts(parts, weights))
     if thermal:
         assert emission is not None
         frame = ThermalFrame.of(view, cells, emission, thermal[0].top_m, nodes)
         for air in thermal:
-            radiance.add([air.band.name], ((slot, share, [value]) for slot, share, value in frame.parts(air)))
-    return radiance.of(bands), energy.of(band for band in bands if band not in emitted)
+            channels.add([air.band.name], ((slot, share, [value]) for slot, share, value in frame.parts(air)))
+    energy = channels.of(energy_of.values())
+    return channels.of(bands), {band: energy[name] for band, name in energy_of.items()}
 
 
 def _band_parts(parts: Iterable[NodePart], weights: Sequence[Sequence[float]]) -> Iterator[NodePart]:
@@ -170,7 +172,7 @@ def node_parts(
     ) -> tuple[Values, Values]:
         # airglow is known to a factor of two: 0.6 % of error in it, with half the nodes, is plenty
         top_m, n = (view.highest_m, max(nodes // 2, 8)) if isinstance(lit, GlowNodes) else (view.top_m, nodes)
-        result = march(
+        return march(
             view.planet,
             top_m,
             lit,
@@ -182,8 +184,6 @@ def node_parts(
             SOLAR_CONCENTRATION,
             of_batch(hit),
         )
-        dr.eval(result)
-        return result
 
     def through(
         rays: Rays, to_ground: bool, hits_under: list[SurfaceHit | None], seen: LitRays | None
@@ -200,7 +200,9 @@ def node_parts(
 
         def shine(name: str, lit: ShiningNodes, light: Vec, hit: SurfaceHit | None) -> tuple[Values, Values]:
             if tables is None or seen is None or isinstance(lit, ThermalNodes):
-                return march_light(rays.direction, to_ground, lit, light, hit)
+                result = march_light(rays.direction, to_ground, lit, light, hit)
+                dr.eval(result)
+                return result
             return tables.shine(seen, name, number, of_batch(hit))
 
         radiance, transmittance = shine(*lights[0])
@@ -213,7 +215,9 @@ def node_parts(
     sky = [dr.opaque(mi.Float64, n.sky_radiance, 1) for n in group] if any(n.sky_radiance for n in group) else []
 
     def past_clouds(disc: DiscCells, hit: SurfaceHit | None) -> Values:
+        # of which nothing but the transmittance is evaluated
         _, transmittance = march_light(disc.direction, False, batch, view.sun, None)
+        dr.eval(transmittance)
         return transmittance if hit is None else [dr.select(hit.ends, 0.0, t) for t in transmittance]
 
     if cells.ground.count:

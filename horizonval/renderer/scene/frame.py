@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 from horizonval.frame import RadianceFrame
 from horizonval.renderer.scene.description import describe
 from horizonval.renderer.scene.frame_memory import refuse_too_large
-from horizonval.renderer.scene.shared_view import viewpoint_key
+from horizonval.renderer.scene.shared_view import shared_view, viewpoint_key
+from horizonval.renderer.table_store import TABLES
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
@@ -17,7 +19,9 @@ if TYPE_CHECKING:
 
 
 _last: dict[str, Viewpoint] = {}
-"""The place of a campaign's frame before, by its key."""
+"""The viewpoint of a campaign's frame before, by its key."""
+_place: dict[str, str] = {}
+"""Whose tables are in memory."""
 
 
 def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None = None) -> RadianceFrame:
@@ -47,12 +51,23 @@ def render_in_turn(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
     The same bytes as :func:`render_frame`; for campaigns, whose files do not change under them. Errors as there.
     """
     refuse_too_large(scene, camera)
-    key = viewpoint_key(scene, camera)
+    key, place = viewpoint_key(scene, camera), shared_view(scene, camera)
     if key not in _last:
-        # The one before goes first: memory need not hold both.
+        # What was before goes first: memory need not hold both. Frames of one place come one after another.
         _last.clear()
+        if place != _place.get("tables"):
+            TABLES.clear()
+            _flush_allocator()
+        _place["tables"] = place
         _last[key] = viewpoint_of(scene, camera)
     return _last[key].frame(scene)
+
+
+def _flush_allocator() -> None:
+    """Give back memory that Dr.Jit keeps for arrays of the sizes that it had."""
+    drjit = sys.modules.get("drjit")
+    if drjit is not None:
+        drjit.flush_malloc_cache()
 
 
 def viewpoint_of(scene: SceneSpec, camera: CameraSpec, progress: Progress | None = None) -> Viewpoint:

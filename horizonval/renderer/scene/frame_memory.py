@@ -1,7 +1,8 @@
 """How much memory a frame takes, known before it is rendered.
 
-**How far off.** The shipped scene ``limb-noon-vis`` with 256, 1024 and 2048 pixels a side peaks at 205, 615 and 1900
-MB, detector image included; 280, 690 and 2000 MB are predicted.
+**How far off.** The shipped scene ``limb-noon-vis`` with 256, 1024 and 2048 pixels a side peaks at 230, 495 and 1240
+MB, detector image included; 270, 630 and 1790 MB are predicted, because a field of 10 deg, all limb, takes 580 MB with
+1024 pixels. Marched, with 2048 pixels: 2070 MB, 2500 MB predicted; under clouds: 3070 MB, 3340 MB predicted.
 """
 
 from __future__ import annotations
@@ -12,9 +13,12 @@ from horizonval.core.machine import memory
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
-PROCESS_BYTES, BYTES_PER_CELL, BYTES_PER_VALUE, BYTES_PER_POINT = 250e6, 100.0, 16.0, 3.2e6
-"""Of a process that renders, of each cell of a frame, of each pixel of a band, and of each g point of air that changes
-with latitude."""
+PROCESS_BYTES, BYTES_PER_VALUE, BYTES_PER_POINT = 250e6, 16.0, 3.2e6
+"""Of a process that renders, of each pixel of a band, and of each g point of air that changes with latitude."""
+BYTES_PER_PIXEL, BYTES_PER_CELL = 150.0, 50.0
+"""Of each pixel of a frame, and of each cell of it where only those with an edge in them are cut."""
+BYTES_PER_MARCHED_CELL, BYTES_PER_CLOUDED_CELL = 130.0, 180.0
+"""Of each cell where all pixels are cut: for the march along all of them, and under clouds beside the tables."""
 
 
 def frame_bytes(scene: SceneSpec, camera: CameraSpec, thermal_points: int = 0) -> float:
@@ -48,5 +52,10 @@ def refuse_too_large(scene: SceneSpec, camera: CameraSpec) -> None:
 
 
 def _pixels_bytes(scene: SceneSpec, camera: CameraSpec) -> float:
-    pixels = camera.camera.width * camera.camera.height
-    return pixels * (BYTES_PER_CELL * scene.render.subsamples**2 + BYTES_PER_VALUE * len(camera.band))
+    pixels, cells = camera.camera.width * camera.camera.height, scene.render.subsamples**2
+    each = BYTES_PER_PIXEL + BYTES_PER_CELL * cells
+    if scene.render.method == "march":
+        each = BYTES_PER_MARCHED_CELL * cells
+    elif scene.clouds is not None:
+        each = BYTES_PER_CLOUDED_CELL * cells
+    return pixels * (each + BYTES_PER_VALUE * len(camera.band))

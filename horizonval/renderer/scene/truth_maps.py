@@ -28,7 +28,7 @@ def truth_maps(view: FrameGeometry) -> dict[str, NDArray[np.float32]]:
     circle see nothing: ``hit`` is space there, distance and tangent height are infinite, and the Sun is at 180 deg.
     """
     pixel = dr.arange(mi.UInt32, view.width * view.height)
-    u, v = mi.Float64(pixel % view.width), mi.Float64(pixel // view.width)
+    u, v = view.column_and_row(pixel)
     d = view.rays.direction(u, v)
     mid, half, meets = view.planet.chord(view.origin, d)
     ahead = mid > 0.0

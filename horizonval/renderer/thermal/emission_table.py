@@ -51,10 +51,10 @@ from horizonval.renderer.types import Number, Vec
 
 TEMPERATURE_ERROR = 2e-5
 STATIONS, STATION_STEPS = 80, 1
-COLUMNS_ALIKE, FEWEST_COLUMNS, MOST_COLUMNS = 13, 33, 81
+COLUMNS_ALIKE, FEWEST_COLUMNS = 13, 33
 """Azimuths over half a circle: through air that is the same everywhere, and through air that is not."""
-LIMB_STEP_RAD = math.radians(2.25)
-"""Distance along the limb of rays through air that varies, at most, up to :data:`MOST_COLUMNS`."""
+COLUMNS_PER_RAD = 82.0
+"""The same for each radian from the point below the camera to its horizon: the wider the circle, the more air."""
 ABOVE_TOPS_M = 3000.0
 """The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
 root in its height."""
@@ -127,9 +127,8 @@ def columns_for(coordinates: RayCoordinates, rows_of_air: int) -> int:
     """Return how many azimuths a table has, through air in so many rows of latitude."""
     if rows_of_air == 1:
         return COLUMNS_ALIKE
-    horizon = math.acos(min(coordinates.planet.a_m / coordinates.distance_m, 1.0))
-    steps = math.ceil(math.pi * math.sin(horizon) / LIMB_STEP_RAD)
-    return min(max(steps + 1, FEWEST_COLUMNS), MOST_COLUMNS)
+    horizon_rad = math.acos(min(coordinates.planet.a_m / coordinates.distance_m, 1.0))
+    return max(1 + math.ceil(COLUMNS_PER_RAD * horizon_rad), FEWEST_COLUMNS)
 
 
 @dataclass(frozen=True)

@@ -254,6 +254,9 @@ class FrameTables:
     ) -> None:
         """Put marched values in the place of those of some rays."""
         index = looked.marched
+        if dr.width(index) == 1:
+            # twice: Dr.Jit compiles a kernel of its own for a lone ray
+            index = dr.opaque(mi.UInt32, int(index[0]), 2)
         x, y, z = (dr.gather(mi.Float64, c, index) for c in rays.direction)
         cloud = None
         if hit is not None:

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.once import made_once
 from horizonval.renderer.tables import gather_row, table_of
 from horizonval.renderer.types import Values
 from horizonval.renderer.view_table.spline_patch import (
@@ -98,9 +99,10 @@ class PatchTable:
         missing = (np.array(seen).reshape(self._leaves.shape) > 0) & (self._leaves == _NOT_MADE)
         if not missing.any():
             return
-        wave = {(0, 0): np.argwhere(_any_in_patches(missing, (0, 0)))}
-        while wave:
-            wave = self._halved(self._divide(wave), missing)
+        with made_once("tables"):
+            wave = {(0, 0): np.argwhere(_any_in_patches(missing, (0, 0)))}
+            while wave:
+                wave = self._halved(self._divide(wave), missing)
         self._pool = table_of(mi.Float32, np.concatenate(self._coefficients))
         self._index = mi.UInt32(self._leaves.ravel())
 

@@ -57,10 +57,23 @@ def _looked(view: Any, o: Any, d: Any, to_ground: bool) -> Any:
 
 
 @pytest.mark.parametrize("table", [{}, VARYING], ids=["one_row", "many_rows"])
-@pytest.mark.parametrize("altitude_m", [500e3, pytest.param(30e3, marks=pytest.mark.slow)], ids=["outside", "inside"])
+@pytest.mark.parametrize(
+    ("altitude_m", "most"),
+    [
+        (500e3, 1e-3),
+        pytest.param(30e3, 1e-3, marks=pytest.mark.slow),
+        pytest.param(35786e3, 2e-3, marks=pytest.mark.slow),
+    ],
+    ids=["outside", "inside", "geostationary"],
+)
 @pytest.mark.parametrize("spectrum", [CO2, WINDOW], ids=["co2", "window"])
-def test_tables_say_what_the_march_says(table: dict[str, Any], altitude_m: float, spectrum: dict[str, Any]) -> None:
+def test_tables_say_what_the_march_says(
+    table: dict[str, Any], altitude_m: float, most: float, spectrum: dict[str, Any]
+) -> None:
     """1e-3 of the local radiance where it exceeds 1e-3 of the brightest; both march with 256 nodes.
+
+    From a geostationary orbit 2e-3: there the climates bend along the limb where two of them meet (54 deg north).
+    All but 1 in 30 rays are within a third of that.
 
     Rays at random, a quarter of them within 2 km of the hard limb and as many about 16 km, where the absorption bends.
     """
@@ -89,7 +102,8 @@ def test_tables_say_what_the_march_says(table: dict[str, Any], altitude_m: float
         looked = np.array(_looked(view, vectors(origin[None, :]), vectors(d), to_ground))
         bright = direct > 1e-3 * direct.max()
         assert bright.sum() > 200
-        assert looked[bright] == pytest.approx(direct[bright], rel=1e-3)
+        assert looked[bright] == pytest.approx(direct[bright], rel=most)
+        assert np.quantile(np.abs(looked[bright] / direct[bright] - 1.0), 29 / 30) < most / 3
 
 
 @pytest.mark.parametrize("opacity_per_m", [1e-7, 1e-5, 1e-2])

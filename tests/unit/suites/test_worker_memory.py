@@ -51,6 +51,13 @@ def test_a_check_and_a_refusal_know_the_same_memory(monkeypatch):
     assert check((scene, camera)).findings[0].code == "cannot-run"
 
 
+def test_frames_without_whole_pixels_take_more() -> None:
+    scene, camera = load_scene("limb-noon-vis")
+    marched = scene.model_copy(update={"render": scene.render.model_copy(update={"method": "march"})})
+    clouded, _ = load_scene("broken-clouds")
+    assert frame_bytes(scene, camera) < frame_bytes(marched, camera) < frame_bytes(clouded, camera)
+
+
 def test_the_size_that_would_fit_fits(monkeypatch):
     scene, camera = load_scene("limb-noon-vis")
     large = camera.model_copy(update={"camera": camera.camera.model_copy(update={"width": 16384, "height": 8192})})
@@ -69,7 +76,7 @@ def test_the_largest_frame_decides(suite, monkeypatch, tmp_path):
     assert largest.name == "fine"
     needed = frame_bytes(largest.scene, largest.camera)
     monkeypatch.setattr(memory, "available_bytes", lambda: needed - 1.0)
-    with pytest.raises(UserError, match=r"two\.toml: fine: .*of 16 x 16 cells, takes about 7"):
+    with pytest.raises(UserError, match=r"two\.toml: fine: .*of 16 x 16 cells, takes about 3"):
         hv.run(tmp_path / "two.toml", tmp_path / "out")
     assert not (tmp_path / "out").exists()
     assert any("takes about" in finding.text for finding in check(suite).findings)

@@ -1,0 +1,74 @@
+"""Scenes share compiled kernels: what differs between them is data. A kernel costs up to a second to compile."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.scene.frame import render_frame
+from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
+
+activate()
+
+import drjit as dr  # noqa: E402
+
+VISIBLE = {"name": "v", "kind": "solar", "nodes": 4}
+LENS = {"width": 96, "height": 64, "fov_deg": 60.0, "distortion": [-0.12, 0.03, 4e-4, -3e-4, -0.004]}
+OTHER_LENS = {"width": 80, "height": 90, "fov_deg": 70.0, "distortion": [-0.1, 0.02, 1e-4, 1e-4, -0.001]}
+CLOUDS = {"surface": {"kind": "earth"}, "clouds": {"cover": 0.5}, "render": {"orders": "single"}}
+OTHER_CLOUDS = {"surface": {"kind": "earth"}, "clouds": {"cover": 0.7, "top_km": 9.0}, "render": {"orders": "single"}}
+
+
+def _kernels(changes: Mapping[str, Any], band: Mapping[str, Any], geometry: Mapping[str, Any]) -> dict[str, float]:
+    """Return the kernels that a frame launches, by their hashes, with their operations."""
+    scene: dict[str, Any] = {"camera": {"file": "test", "mount_roll_deg": 65.0}, **changes}
+    camera = {"camera": dict(geometry), "band": [dict(band)]}
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        render_frame(SceneSpec.model_validate(scene), CameraSpec.model_validate(camera))
+        history = dr.kernel_history()
+    return {str(k["hash"]): k["operation_count"] for k in history if k["type"] == dr.KernelType.JIT}
+
+
+@pytest.mark.parametrize(
+    ("band", "other_band", "changes", "other_changes", "most"),
+    [
+        ({**VISIBLE, "lo_um": 0.45, "hi_um": 0.75}, {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65}, {}, {}, 50),
+        ({**VISIBLE, "lo_um": 0.45, "hi_um": 0.75}, {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65}, CLOUDS, OTHER_CLOUDS, 55),
+        (
+            {"name": "i", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.0},
+            {"name": "i", "kind": "thermal", "lo_um": 13.5, "hi_um": 15.0},
+            {},
+            {},
+            50,
+        ),
+    ],
+    ids=["air", "clouds", "thermal"],
+)
+def test_another_scene_of_the_kind_compiles_nothing(
+    band: dict[str, Any],
+    other_band: dict[str, Any],
+    changes: dict[str, Any],
+    other_changes: dict[str, Any],
+    most: int,
+) -> None:
+    """Another altitude, place, Sun, climate, band, lens and size: the kernels are those of the first frame."""
+    first = {
+        "platform": {"altitude_km": 500.0, "latitude_deg": 20.0, "epoch_utc": "2026-03-20T12:00:00Z"},
+        "sun": {"zenith_deg": 50.0, "azimuth_deg": 40.0},
+        "atmosphere": {"profile": "us_standard"},
+    }
+    second = {
+        "platform": {"altitude_km": 700.0, "latitude_deg": -35.0, "epoch_utc": "2026-07-01T12:00:00Z"},
+        "sun": {"zenith_deg": 60.0, "azimuth_deg": -70.0},
+        "atmosphere": {"profile": "subarctic_winter"},
+    }
+    known = _kernels({**first, **changes}, band, LENS)
+    assert 0 < len(known) <= most
+    others = _kernels({**second, **other_changes}, other_band, OTHER_LENS)
+    assert {name: size for name, size in others.items() if name not in known} == {}
+    assert sum(size > 3000 for size in known.values()) <= 1, "one march through the air"
