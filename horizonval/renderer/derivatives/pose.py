@@ -198,7 +198,9 @@ class PoseFrame:
             return np.pad(found, ((0, 0), (0, -found.shape[1] % PACKET)))
 
         quantities = len(steps) * len(self.rays.bands)
-        allowed = SLOW_ERROR * np.array([*scale] * len(steps) + [1.0] * (-quantities % PACKET))
+        # coasts and clouds would cut the table down to its finest patches everywhere
+        error = SLOW_ERROR if view.ground is None else math.inf
+        allowed = error * np.array([*scale] * len(steps) + [1.0] * (-quantities % PACKET))
         packets = len(allowed) // PACKET
         table = PatchTable(Tabulated(values, lambda found: np.broadcast_to(allowed, found.shape), len(allowed)))
         table.cover(x, azimuth)

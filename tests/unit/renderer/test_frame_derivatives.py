@@ -79,7 +79,7 @@ def test_attitude_of_a_frame_from_tables() -> None:
 
 def test_position_of_a_frame_from_tables() -> None:
     """Each position has its own table, rounded to single precision: steps must be longer, and jumps are more."""
-    assert max(_worst(_visible(), ("up", "east"), pixels=1e-3, least_steady=0.85).values()) < 1e-5
+    assert max(_worst(_visible(), ("up", "east"), pixels=3e-3, least_steady=0.8).values()) < 1e-5
 
 
 @pytest.mark.parametrize("parameters", [("rotation_z", "north"), pytest.param(POSE, marks=pytest.mark.slow)])
