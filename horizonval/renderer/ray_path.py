@@ -95,12 +95,18 @@ class Steps:
     y2: mi.Float64
 
 
-def umbra(planet: Planet, path: AirPath, o: Vec, d: Vec, sun: Vec, c: float) -> tuple[mi.Float64, mi.Float64]:
-    """Return ``y`` where the ray enters and leaves the umbra; its ends where it does not."""
+def umbra_edges(planet: Planet, o: Vec, d: Vec, sun: Vec) -> tuple[mi.Float64, mi.Bool, mi.Float64, mi.Bool]:
+    """Return the ray parameters where lines enter and leave the umbra, each with whether they do."""
     t1, t2, crosses = planet.shadow_crossings(o, d, sun)
     # a crossing counts only on the side away from the Sun: look a metre into the cylinder
-    real1 = crosses & planet.in_umbra(along(o, d, t1 + 1.0), sun)
-    real2 = crosses & planet.in_umbra(along(o, d, t2 - 1.0), sun)
+    enters = crosses & planet.in_umbra(along(o, d, t1 + 1.0), sun)
+    leaves = crosses & planet.in_umbra(along(o, d, t2 - 1.0), sun)
+    return t1, enters, t2, leaves
+
+
+def umbra(planet: Planet, path: AirPath, o: Vec, d: Vec, sun: Vec, c: float) -> tuple[mi.Float64, mi.Float64]:
+    """Return ``y`` where the ray enters and leaves the umbra; its ends where it does not."""
+    t1, real1, t2, real2 = umbra_edges(planet, o, d, sun)
     y1 = dr.select(real1, dr.clip(unwarp(path, t1, c), path.y0, path.y1), path.y0)
     y2 = dr.select(real2, dr.clip(unwarp(path, t2, c), path.y0, path.y1), path.y1)
     return y1, y2

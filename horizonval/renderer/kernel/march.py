@@ -37,7 +37,7 @@ from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, Pla
 from horizonval.renderer.kernel.ray_sources import PARTICLE_STRIDE, EmittingRays, Point, RaySource, State, SunlitRays
 from horizonval.renderer.kernel.surface import SurfaceHit
 from horizonval.renderer.planet import Planet
-from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, find_path, step_boundary, warp
+from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, find_path, step_boundary, umbra_edges, warp
 from horizonval.renderer.types import Values, Vec
 
 THICK_STEP = 0.5
@@ -145,7 +145,8 @@ def optical_depth(
 class SunlitStations:
     """Places along rays at which a march tells what it has added up: even in t from ``first`` to ``last`` [m].
 
-    ``count`` of them, ``steps`` steps from each to the next, ``before`` steps up to the first; the last two even.
+    ``count`` of them, ``steps`` steps from each to the next, ``before`` steps up to the first. Both are shared by the
+    pieces before, in and behind the umbra, a third to each, so that no step straddles its edge.
     """
 
     first: mi.Float64
@@ -153,6 +154,25 @@ class SunlitStations:
     count: int
     steps: int
     before: int
+
+    def bound(self, path: AirPath, edges: tuple[mi.Float64, mi.Float64], c: float, i: mi.Float64) -> mi.Float64:
+        """Return the ray parameter at the beginning of a step; ``edges`` of the umbra, ``c`` as of :func:`warp`."""
+        start, spacing = path.t_low - path.length_before, (self.last - self.first) / (self.count - 1.0)
+        ahead = i < self.before
+        past = dr.maximum(i - self.before, 0.0)
+        station = dr.floor(past * (1.0 / self.steps) + 1e-9)
+        low = dr.select(ahead, start, dr.fma(spacing, station, self.first))
+        high = dr.select(ahead, self.first, low + spacing)
+        share = dr.select(ahead, i * (3.0 / self.before), (past - station * self.steps) * (3.0 / self.steps))
+        piece = dr.minimum(dr.floor(share + 1e-9), 2.0)
+        share = share - piece
+        cuts = [low, *(dr.clip(edge, low, high) for edge in edges), high]
+        begin = dr.select(piece < 0.5, cuts[0], dr.select(piece < 1.5, cuts[1], cuts[2]))
+        end = dr.select(piece < 0.5, cuts[1], dr.select(piece < 1.5, cuts[2], cuts[3]))
+        # dense towards the stations, where the air is
+        left = 1.0 - share
+        left = left * dr.fma(left * left, 1.0 - c, c)
+        return dr.select(ahead, end - (end - begin) * left, begin + (end - begin) * share)
 
 
 def march_to_stations(
@@ -165,11 +185,10 @@ def march_to_stations(
     to_ground: bool,
     concentration: float,
     stations: SunlitStations,
-) -> tuple[Values, Values, mi.Float64 | None]:
-    """Return radiance and transmittance of the air from the observer to stations, per node, and the bending angle.
+) -> tuple[Values, Values]:
+    """Return radiance and transmittance of the air from the observer to stations along rays, per node.
 
-    Each of shape (stations * rays,), station by station; the bending angle is None without refraction. No step is put
-    beside the umbra's edge. Parameters as of :func:`march`.
+    Each of shape (stations * rays,), station by station. Without refraction. Parameters as of :func:`march`.
     """
     path = find_path(planet, top_m, o, d, mi.Bool(to_ground))
     count = stations.before + (stations.count - 1) * stations.steps
@@ -178,29 +197,25 @@ def march_to_stations(
         source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration)
     else:
         source = EmittingRays.of(batch, planet, path, o, d, count, concentration)
+    enter, enters, leave, leaves = umbra_edges(planet, o, d, sun)
+    far = dr.inf
+    edges = dr.select(enters, enter, -far), dr.select(leaves, leave, far)
     rays = dr.width(path.t_low)
     lane = dr.arange(mi.UInt32, rays)
-    start = path.t_low - path.length_before
-    noted = [dr.zeros(mi.Float64, rays * stations.count) for _ in range(2 * batch.width + 1)]
+    noted = [dr.zeros(mi.Float64, rays * stations.count) for _ in range(2 * batch.width)]
 
     def bound(i: mi.Float64) -> mi.Float64:
-        left = dr.maximum(1.0 - i / stations.before, 0.0)
-        left = left * dr.fma(left * left, 1.0 - concentration, concentration)
-        along_stations = (i - stations.before) / ((stations.count - 1.0) * stations.steps)
-        further = dr.fma(stations.last - stations.first, along_stations, stations.first)
-        return dr.select(i < stations.before, stations.first - (stations.first - start) * left, further)
+        return stations.bound(path, edges, concentration, i)
 
     def note(i: mi.UInt32, tau: Values, radiance: Values, state: State) -> None:
         past = i - stations.before
         here = (i >= stations.before) & (past % stations.steps == 0)
         index = past // stations.steps * rays + lane
-        bending = [] if state[1] is None else [state[1]]
-        for values, value in zip(noted, [*radiance, *tau, *bending], strict=False):
+        for values, value in zip(noted, [*radiance, *tau], strict=True):
             dr.scatter(values, value, index, here, mode=dr.ReduceMode.NoConflicts)
 
-    _, _, (_, bending) = _integrate(planet, path, batch, source, o, d, count, bound, PARTICLE_STRIDE, note)
-    transmittance = [dr.exp(-v) for v in noted[batch.width : 2 * batch.width]]
-    return noted[: batch.width], transmittance, None if bending is None else noted[-1]
+    _integrate(planet, path, batch, source, o, d, count, bound, PARTICLE_STRIDE, note)
+    return noted[: batch.width], [dr.exp(-v) for v in noted[batch.width :]]
 
 
 def _step_count(nodes: int, stride: int) -> int:

@@ -22,18 +22,21 @@ from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
 from horizonval.renderer.view_table.sunlit_air import Light, air_table
 
 STATIONS = 32
-STEPS, STEPS_BEFORE = 4, 64
-"""Of the march: from one station to the next, and up to the first."""
+STEPS, STEPS_BEFORE = 6, 96
+"""Of the march: from one station to the next, and up to the first; a third of them where no shadow cuts the ray."""
 ABOVE_TOPS_M = 3000.0
 """The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
 root in its height."""
 
 
-def cloudy_air(light: Light, coordinates: RayCoordinates, to_ground: bool, bends: bool, top_m: float) -> PatchTable:
-    """Return an empty table of a light's air before clouds whose highest top is at ``top_m``; as :func:`sunlit_air`."""
+def cloudy_air(light: Light, coordinates: RayCoordinates, to_ground: bool, top_m: float) -> PatchTable:
+    """Return an empty table of a light's air before clouds whose highest top is at ``top_m``; as :func:`sunlit_air`.
+
+    Without refraction, with which there are no clouds.
+    """
     o = vectors(coordinates.origin[None, :])
     axis = coordinates.ground if to_ground else coordinates.limb
-    packets = packets_of_station(light, bends)
+    packets = 2 * len(light.batches)
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
         d = vectors(coordinates.directions(axis.value(x), azimuth, to_ground))
@@ -43,22 +46,14 @@ def cloudy_air(light: Light, coordinates: RayCoordinates, to_ground: bool, bends
             if batch is None:
                 continue
             stations = SunlitStations(first, last, STATIONS, STEPS, STEPS_BEFORE)
-            found = light.march_to_stations(batch, coordinates, o, d, to_ground, stations)
-            dr.eval(found)
-            radiance, transmittance, bending = found
+            radiance, transmittance = light.march_to_stations(batch, coordinates, o, d, to_ground, stations)
+            dr.eval(radiance, transmittance)
             for n, (r, t) in enumerate(zip(radiance, transmittance, strict=True)):
                 out[:, :, 2 * k, n] = np.array(r).reshape(STATIONS, -1).T
                 out[:, :, 2 * k + 1, n] = np.array(t).reshape(STATIONS, -1).T
-            if bends and bending is not None:
-                out[:, :, packets - 1, 0] = np.array(bending).reshape(STATIONS, -1).T
         return out.reshape(len(x), -1)
 
     return air_table(light, coordinates, values, packets, STATIONS)
-
-
-def packets_of_station(light: Light, bends: bool) -> int:
-    """Return how many packets a station has: as many as a table of :func:`sunlit_air`."""
-    return 2 * len(light.batches) + bends
 
 
 def station_of(coordinates: RayCoordinates, o: Vec, d: Vec, to_ground: bool, top_m: float, t: mi.Float64) -> mi.Float64:
@@ -68,11 +63,10 @@ def station_of(coordinates: RayCoordinates, o: Vec, d: Vec, to_ground: bool, top
 
 
 def look_at_stations(
-    table: PatchTable, x: mi.Float64, azimuth: mi.Float64, station: mi.Float64, packets: Sequence[int], light: Light
+    table: PatchTable, x: mi.Float64, azimuth: mi.Float64, station: mi.Float64, packets: Sequence[int]
 ) -> Values:
     """Return the quantities of some packets of a station at places along rays."""
-    bends = table.tabulated.quantities // (PACKET * STATIONS) - 2 * len(light.batches)
-    each = packets_of_station(light, bool(bends))
+    each = table.tabulated.quantities // (PACKET * STATIONS)
     lowest = mi.UInt32(dr.clip(dr.floor(station) - 1.0, 0.0, STATIONS - 4.0))
     w = station - mi.Float64(lowest)
     weights = [

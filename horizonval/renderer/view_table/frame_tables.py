@@ -167,8 +167,9 @@ class FrameTables:
         self, light: Light, coordinates: RayCoordinates, to_ground: bool, cloud_top_m: float | None = None
     ) -> PatchTable:
         """Return the table of a light's air, or of that before clouds, made so far."""
-        bends = to_ground or cloud_top_m is not None
-        bends &= any(isinstance(b, SolarNodes) and isinstance(b.sunlight, RefractionTables) for b in light.batches)
+        bends = to_ground and any(
+            isinstance(b, SolarNodes) and isinstance(b.sunlight, RefractionTables) for b in light.batches
+        )
         key = content_digest(
             "sunlit air",
             self.digest,
@@ -185,7 +186,7 @@ class FrameTables:
         def make() -> PatchTable:
             if cloud_top_m is None:
                 return sunlit_air(light, coordinates, to_ground, bends)
-            return cloudy_air(light, coordinates, to_ground, bends, cloud_top_m)
+            return cloudy_air(light, coordinates, to_ground, cloud_top_m)
 
         return TABLES.get_or_make(key, make, lambda table: table.size_bytes)
 
@@ -207,20 +208,17 @@ class FrameTables:
         assert nodes is not None
         first = radiance_packet(batch)
         ends = rays.to_ground or hit is not None
-        bends = isinstance(nodes, SolarNodes) and isinstance(nodes.sunlight, RefractionTables) and ends
-        packets = [first, first + 1, *([bending_packet(len(looked.light.batches))] if bends and rays.to_ground else [])]
+        bends = isinstance(nodes, SolarNodes) and isinstance(nodes.sunlight, RefractionTables) and rays.to_ground
+        packets = [first, first + 1, *([bending_packet(len(looked.light.batches))] if bends else [])]
         values = looked.table.look(looked.x, looked.azimuth, packets)
         radiance, transmittance = values[: nodes.width], values[PACKET : PACKET + nodes.width]
         radiance = [dr.maximum(v, 0.0) for v in radiance]
-        bending = None
-        if bends:
-            bending = values[2 * PACKET] if rays.to_ground else dr.zeros(mi.Float64, dr.width(looked.x))
+        bending = values[2 * PACKET] if bends else None
+        found = [*radiance, *transmittance, *([] if bending is None else [bending])]
         if looked.cloudy is not None:
-            found = [*radiance, *transmittance, *([bending] if bending is not None else [])]
             dr.eval(found)
             self._before_clouds(looked, batch, found)
         if dr.width(looked.marched):
-            found = [*radiance, *transmittance, *([bending] if bending is not None else [])]
             dr.eval(found)
             self._march(looked, nodes, rays, hit, found)
         if not ends:
@@ -232,15 +230,13 @@ class FrameTables:
 
     def _before_clouds(self, looked: _Looked, batch: int, found: list[mi.Float64]) -> None:
         """Put the values before clouds in the place of those of rays that end on them."""
-        cloudy, light = looked.cloudy, looked.light
-        nodes = light.batches[batch]
+        cloudy, nodes = looked.cloudy, looked.light.batches[batch]
         assert cloudy is not None
         assert nodes is not None
-        first, bends = radiance_packet(batch), len(found) > 2 * nodes.width
-        packets = [first, first + 1, *([bending_packet(len(light.batches))] if bends else [])]
-        values = look_at_stations(cloudy.table, cloudy.x, cloudy.azimuth, cloudy.station, packets, light)
+        first = radiance_packet(batch)
+        values = look_at_stations(cloudy.table, cloudy.x, cloudy.azimuth, cloudy.station, [first, first + 1])
         radiance, transmittance = values[: nodes.width], values[PACKET : PACKET + nodes.width]
-        for replaced, value in zip(found, [*radiance, *transmittance, *values[2 * PACKET :][:1]], strict=False):
+        for replaced, value in zip(found, [*radiance, *transmittance], strict=True):
             dr.scatter(replaced, dr.maximum(value, 0.0), cloudy.index)
         dr.eval(found)
 

@@ -41,6 +41,8 @@ ROW_TILES, AZIMUTH_TILES = 8, 8
 FINEST = 4
 """Halvings of a tile, at most."""
 PACKET = 4
+MOST_VALUES = 4_000_000
+"""That are marched at once; a bound on memory."""
 _LEVEL_BITS = 3
 _ROUGH = 1 << (2 * _LEVEL_BITS)
 _NUMBER_SHIFT = 2 * _LEVEL_BITS + 1
@@ -75,21 +77,18 @@ class PatchTable:
         self.tabulated = tabulated
         self.rays = 0
         self._divided: dict[tuple[int, int], dict[tuple[int, ...], tuple[int, int]]] = defaultdict(dict)
-        self._coefficients: list[NDArray[np.float32]] = []
+        self.patches = 0
+        self._new: list[NDArray[np.float32]] = []
         self._leaves = np.full((ROW_TILES << FINEST, AZIMUTH_TILES << FINEST), _NOT_MADE, dtype=np.uint32)
         self._any_rough = False
         self._pool: mi.Float32 | None = None
         self._index: mi.UInt32 | None = None
 
     @property
-    def patches(self) -> int:
-        """Return how many patches there are."""
-        return sum(len(c) for c in self._coefficients)
-
-    @property
     def size_bytes(self) -> int:
         """Return the memory of the table."""
-        return self._leaves.nbytes + 2 * sum(c.nbytes for c in self._coefficients)
+        each = COEFFICIENTS * COEFFICIENTS * self.tabulated.quantities * np.dtype(np.float32).itemsize
+        return 2 * self._leaves.nbytes + self.patches * each
 
     def cover(self, x: mi.Float64, azimuth: mi.Float64) -> None:
         """Make the patches that rays fall into."""
@@ -103,18 +102,31 @@ class PatchTable:
             wave = {(0, 0): np.argwhere(_any_in_patches(missing, (0, 0)))}
             while wave:
                 wave = self._halved(self._divide(wave), missing)
-        self._pool = table_of(mi.Float32, np.concatenate(self._coefficients))
+        before = [] if self._pool is None else [np.array(self._pool)]
+        self._pool = table_of(mi.Float32, np.concatenate([*before, *(c.ravel() for c in self._new)]))
+        self._new.clear()
         self._index = mi.UInt32(self._leaves.ravel())
 
     def _divide(self, wave: _Patches) -> _Patches:
-        """Return the patches of a wave that are not fine enough; what is, is kept. All new ones are marched at once."""
-        new = {
-            size: np.array([p for p in patches if tuple(p) not in self._divided[size]], dtype=np.int64).reshape(-1, 2)
-            for size, patches in wave.items()
-        }
-        new = {size: patches for size, patches in new.items() if len(patches)}
-        values = self._values_of(new)
-        for size, patches in new.items():
+        """Return the patches of a wave that are not fine enough; what is, is kept. New ones are marched."""
+        at_once = max(MOST_VALUES // (NODES * NODES * self.tabulated.quantities), 1)
+        part: _Patches = {}
+        for size, patches in wave.items():
+            new = np.array([p for p in patches if tuple(p) not in self._divided[size]], dtype=np.int64).reshape(-1, 2)
+            while len(new):
+                room = at_once - sum(len(p) for p in part.values())
+                part[size], new = new[:room], new[room:]
+                if len(new) or room == len(part[size]):
+                    self._march(part)
+                    part = {}
+        self._march(part)
+        divided = {size: [p for p in patches if tuple(p) in self._divided[size]] for size, patches in wave.items()}
+        return {size: np.array(patches) for size, patches in divided.items() if patches}
+
+    def _march(self, part: _Patches) -> None:
+        """March patches; keep those that are fine enough, and note along which axes to halve the others."""
+        values = self._values_of(part)
+        for size, patches in part.items():
             known, values = values[: len(patches)], values[len(patches) :]
             allowed = self.tabulated.allowed(known)
             error = [(np.abs(predicted(known, axis) - known) / allowed).max(axis=(1, 2, 3)) for axis in (0, 1)]
@@ -123,8 +135,6 @@ class PatchTable:
             self._keep(patches[last], size, known[last], np.maximum(*error)[last] > 1.0)
             for patch, axes in zip(patches[~last], coarse[~last], strict=True):
                 self._divided[size][tuple(patch)] = (int(axes[0]), int(axes[1]))
-        divided = {size: [p for p in patches if tuple(p) in self._divided[size]] for size, patches in wave.items()}
-        return {size: np.array(patches) for size, patches in divided.items() if patches}
 
     def _halved(self, wave: _Patches, missing: NDArray[np.bool_]) -> _Patches:
         """Return those parts of divided patches that rays fall into."""
@@ -168,7 +178,8 @@ class PatchTable:
             leaf = np.uint32((first + k) << _NUMBER_SHIFT | _ROUGH * int(rough[k]) | size[0] << _LEVEL_BITS | size[1])
             self._leaves[i * rows : (i + 1) * rows, j * columns : (j + 1) * columns] = leaf
         self._any_rough |= bool(rough.any())
-        self._coefficients.append(coefficients_of(values).astype(np.float32))
+        self.patches += len(values)
+        self._new.append(coefficients_of(values).astype(np.float32))
 
     def _leaf(self, x: mi.Float64, azimuth: mi.Float64) -> mi.UInt32:
         assert self._index is not None

@@ -86,7 +86,7 @@ class Light:
         d: Vec,
         to_ground: bool,
         stations: SunlitStations,
-    ) -> tuple[Values, Values, mi.Float64 | None]:
+    ) -> tuple[Values, Values]:
         """March up to stations along the rays."""
         return march_to_stations(
             coordinates.planet,
