@@ -161,7 +161,9 @@ def step_boundary(path: AirPath, steps: Steps, i: mi.Float64, count: int) -> mi.
     return dr.select(i < steps.n1, first, dr.select(i < steps.n2, middle, last))
 
 
-def way_through(planet: Planet, o: Vec, d: Vec, layer_m: float, to_ground: bool) -> tuple[mi.Float64, mi.Float64]:
+def way_through(
+    planet: Planet, o: Vec, d: Vec, layer_m: float | mi.Float64, to_ground: bool
+) -> tuple[mi.Float64, mi.Float64]:
     """Return the ray parameters between which rays are below a height, in front of the ground if they meet it."""
     mid, half, _ = planet.chord(o, d, layer_m)
     start, end = dr.maximum(mid - half, 0.0), dr.maximum(mid + half, 0.0)

@@ -190,7 +190,9 @@ def march_to_stations(
 
     Each of shape (stations * rays,), station by station. Without refraction. Parameters as of :func:`march`.
     """
-    path = find_path(planet, top_m, o, d, mi.Bool(to_ground))
+    ends = mi.Bool(to_ground)
+    dr.make_opaque(ends)
+    path = find_path(planet, top_m, o, d, ends)
     count = stations.before + (stations.count - 1) * stations.steps
     source: RaySource
     if isinstance(batch, SolarNodes):
@@ -201,7 +203,8 @@ def march_to_stations(
     far = dr.inf
     edges = dr.select(enters, enter, -far), dr.select(leaves, leave, far)
     rays = dr.width(path.t_low)
-    lane = dr.arange(mi.UInt32, rays)
+    # as data: frames with other numbers of rays share the kernel
+    lane, width = dr.arange(mi.UInt32, rays), dr.opaque(mi.UInt32, rays, 1)
     noted = [dr.zeros(mi.Float64, rays * stations.count) for _ in range(2 * batch.width)]
 
     def bound(i: mi.Float64) -> mi.Float64:
@@ -210,7 +213,7 @@ def march_to_stations(
     def note(i: mi.UInt32, tau: Values, radiance: Values, state: State) -> None:
         past = i - stations.before
         here = (i >= stations.before) & (past % stations.steps == 0)
-        index = past // stations.steps * rays + lane
+        index = past // stations.steps * width + lane
         for values, value in zip(noted, [*radiance, *tau], strict=True):
             dr.scatter(values, value, index, here, mode=dr.ReduceMode.NoConflicts)
 

@@ -80,7 +80,8 @@ def march_emission(
     rays = dr.width(path.t_low)
     zero = dr.zeros(mi.Float64, rays)
     total = count if stations is None else count + (stations.count - 1) * stations.steps
-    lane = dr.arange(mi.UInt32, rays)
+    # as data: frames with other numbers of rays share the kernel
+    lane, width = dr.arange(mi.UInt32, rays), dr.opaque(mi.UInt32, rays, 1)
     at_stations = None
     if stations is not None:
         at_stations = dr.zeros(mi.Float64, rays * stations.count), dr.zeros(mi.Float64, rays * stations.count)
@@ -109,7 +110,7 @@ def march_emission(
             black = sum(passed[n] * s[n] for n in range(batch.width))
             past = i + 1 - count
             station = (i + 1 >= count) & (past % stations.steps == 0)
-            index = past // stations.steps * rays + lane
+            index = past // stations.steps * width + lane
             dr.scatter(at_stations[0], sum(radiance), index, station, mode=dr.ReduceMode.NoConflicts)
             dr.scatter(at_stations[1], black, index, station, mode=dr.ReduceMode.NoConflicts)
         return i + 1, t1, passed, radiance

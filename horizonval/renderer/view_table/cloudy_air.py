@@ -17,7 +17,7 @@ from horizonval.renderer.kernel.march import SunlitStations
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.ray_path import way_through
 from horizonval.renderer.tables import vectors
-from horizonval.renderer.types import Values, Vec
+from horizonval.renderer.types import Values, Vec, constant
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
 from horizonval.renderer.view_table.sunlit_air import Light, air_table
 
@@ -40,7 +40,7 @@ def cloudy_air(light: Light, coordinates: RayCoordinates, to_ground: bool, top_m
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
         d = vectors(coordinates.directions(axis.value(x), azimuth, to_ground))
-        first, last = way_through(coordinates.planet, o, d, top_m + ABOVE_TOPS_M, to_ground)
+        first, last = way_through(coordinates.planet, o, d, constant(top_m + ABOVE_TOPS_M), to_ground)
         out = np.zeros((len(x), STATIONS, packets, PACKET))
         for k, batch in enumerate(light.batches):
             if batch is None:
@@ -58,7 +58,7 @@ def cloudy_air(light: Light, coordinates: RayCoordinates, to_ground: bool, top_m
 
 def station_of(coordinates: RayCoordinates, o: Vec, d: Vec, to_ground: bool, top_m: float, t: mi.Float64) -> mi.Float64:
     """Return the place of cloud tops at ray parameters ``t`` in stations from the first."""
-    first, last = way_through(coordinates.planet, o, d, top_m + ABOVE_TOPS_M, to_ground)
+    first, last = way_through(coordinates.planet, o, d, constant(top_m + ABOVE_TOPS_M), to_ground)
     return dr.clip((t - first) / dr.maximum(last - first, 1e-3), 0.0, 1.0) * (STATIONS - 1.0)
 
 

@@ -24,8 +24,8 @@ from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Values, Vec
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable, Tabulated
 
-MORE_NODES, MORE_NODES_WITH_PARTICLES = 2, 4
-TOLERANCE, TOLERANCE_IN_TWILIGHT = 1e-3, 2e-3
+MORE_NODES, MORE_NODES_WITH_PARTICLES = 3, 4
+TOLERANCE, TOLERANCE_IN_TWILIGHT = 5e-4, 2e-3
 """Of the prediction (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance: with the Sun up
 where the camera is, and for a low Sun, the Moon and airglow."""
 HIGH_SUN = math.cos(math.radians(85.5))
@@ -51,6 +51,11 @@ class Light:
     direction: Vec
     top_m: float
     nodes: int
+
+    def stands_high(self, coordinates: RayCoordinates) -> bool:
+        """Return whether this is the Sun, and up where the camera is."""
+        up = coordinates.origin / np.linalg.norm(coordinates.origin)
+        return self.name == "sun" and float(up @ np.array([float(c[0]) for c in self.direction])) > HIGH_SUN
 
     def march(
         self,
@@ -157,16 +162,9 @@ def air_table(
     floor = np.where(packet % 2 == 0, np.maximum(FAINTEST * brightest, 1e-30), OPAQUE)
     floor[packet == bending_packet(len(light.batches))] = BENT_RAD
     floor = np.tile(floor, stations)
-    high = light.name == "sun" and _height_of(light, coordinates) > HIGH_SUN
-    tolerance = TOLERANCE if high else TOLERANCE_IN_TWILIGHT
+    tolerance = TOLERANCE if light.stands_high(coordinates) else TOLERANCE_IN_TWILIGHT
 
     def allowed(known: FloatArray) -> FloatArray:
         return tolerance * np.maximum(np.abs(known), floor)
 
     return PatchTable(Tabulated(values, allowed, packets * PACKET * stations))
-
-
-def _height_of(light: Light, coordinates: RayCoordinates) -> float:
-    """Return the sine of a light's height over the camera's horizontal."""
-    up = coordinates.origin / np.linalg.norm(coordinates.origin)
-    return float(up @ np.array([float(c[0]) for c in light.direction]))

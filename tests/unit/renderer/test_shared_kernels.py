@@ -35,16 +35,24 @@ def _kernels(changes: Mapping[str, Any], band: Mapping[str, Any], geometry: Mapp
 
 
 @pytest.mark.parametrize(
-    ("band", "other_band", "changes", "other_changes", "most"),
+    ("band", "other_band", "changes", "other_changes", "most", "marches"),
     [
-        ({**VISIBLE, "lo_um": 0.45, "hi_um": 0.75}, {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65}, {}, {}, 50),
-        ({**VISIBLE, "lo_um": 0.45, "hi_um": 0.75}, {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65}, CLOUDS, OTHER_CLOUDS, 55),
+        ({**VISIBLE, "lo_um": 0.45, "hi_um": 0.75}, {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65}, {}, {}, 50, 1),
+        (
+            {**VISIBLE, "lo_um": 0.45, "hi_um": 0.75},
+            {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65},
+            CLOUDS,
+            OTHER_CLOUDS,
+            65,
+            2,
+        ),
         (
             {"name": "i", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.0},
             {"name": "i", "kind": "thermal", "lo_um": 13.5, "hi_um": 15.0},
             {},
             {},
             50,
+            0,
         ),
     ],
     ids=["air", "clouds", "thermal"],
@@ -55,6 +63,7 @@ def test_another_scene_of_the_kind_compiles_nothing(
     changes: dict[str, Any],
     other_changes: dict[str, Any],
     most: int,
+    marches: int,
 ) -> None:
     """Another altitude, place, Sun, climate, band, lens and size: the kernels are those of the first frame."""
     first = {
@@ -69,6 +78,8 @@ def test_another_scene_of_the_kind_compiles_nothing(
     }
     known = _kernels({**first, **changes}, band, LENS)
     assert 0 < len(known) <= most
+    # with the shadow's edge in view some rays are marched, as some always may be
+    known |= _kernels({**first, **changes, "sun": {"zenith_deg": 91.0, "azimuth_deg": 40.0}}, band, LENS)
     others = _kernels({**second, **other_changes}, other_band, OTHER_LENS)
     assert {name: size for name, size in others.items() if name not in known} == {}
-    assert sum(size > 3000 for size in known.values()) <= 1, "one march through the air"
+    assert sum(size > 3000 for size in known.values()) <= marches
