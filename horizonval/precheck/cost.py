@@ -9,7 +9,8 @@ of processor time, which other work on the machine changes little, of the LLVM b
 shipped scenes of 80 to 1024 pixels, second frame of a process.
 
 **How far off.** With view tables ``limb-noon-vis`` takes 0.3 s from a new place and 0.1 s from the same, 0.35 s and
-0.12 s are predicted; ``terminator``, with clouds, 10 s and 7 s. Marched frames are predicted at 0.8 to 1.3 of their
+0.12 s are predicted; ``terminator``, with clouds, 8 s and 2.0 s, 6.8 s and
+1.4 s are predicted. Marched frames are predicted at 0.8 to 1.3 of their
 time. Of memory :mod:`horizonval.renderer.scene.frame_memory` says it. On other machines, and for scenes unlike these,
 take a factor of three. Disk is within 1.5 on seven shipped scenes: by day and night, with clouds and Moon, in the
 infrared. What an estimator takes is known for ours only, to a factor of three.
@@ -41,8 +42,9 @@ CHUNK = 4
 TABLE_S_PER_LOOK, TABLE_S_PER_NODE, TWILIGHT_TABLES = 3e-8, 1.8e-3, 11.0
 """Of view tables: of a cell, and of each node along the rays of a table, both for a chunk of spectral nodes; and how
 much longer the tables take where the edge of the Earth's shadow is in view."""
-CLOUD_NODES = 4.0
-"""How many times the nodes of a plain march a ray has that ends on a cloud."""
+CLOUD_S_PER_LOOK, CLOUD_TABLES = 1.6e-7, 2.5
+"""Of a cell that ends on a cloud, for a chunk of spectral nodes; and how much longer tables take with those of the air before
+clouds."""
 TWILIGHT_RAD = math.radians(18.0)
 """How low the Sun still lights air."""
 SCATTERING_TABLE_S, PARTICLE_TABLE_S = 2.5, 25.0
@@ -173,9 +175,9 @@ def frame_cost(
     per_point = THERMAL_S_PER_POINT + THERMAL_S_PER_EVALUATION * scene.render.nodes
     chunks = -(-solar // CHUNK)
     tabulated = scene.render.method == "table"
-    # what ends on a cloud is marched
-    marched = 1.0 if not tabulated else CLOUD_NODES * scene.clouds.cover if scene.clouds else 0.0
-    render_s = SOLAR_S_PER_EVALUATION * evaluations * marched + (TABLE_S_PER_LOOK * cells * chunks if tabulated else 0)
+    cover = 0.0 if scene.clouds is None else scene.clouds.cover
+    looks_s = (TABLE_S_PER_LOOK + CLOUD_S_PER_LOOK * cover) * cells * chunks
+    render_s = looks_s if tabulated else SOLAR_S_PER_EVALUATION * evaluations
     render_s += SOLAR_FRAME_S if solar else 0.0
     render_s += per_point * thermal * (BY_LATITUDE if by_latitude else 1.0) if cells else 0.0
     tables = solar if scene.render.orders == "all" and not _airless(scene) else 0
@@ -187,7 +189,7 @@ def frame_cost(
         tables=tables,
         tables_s=tables * (PARTICLE_TABLE_S if particles else SCATTERING_TABLE_S),
         render_s=render_s,
-        view_tables_s=_view_tables_s(truth, scene.render.nodes * chunks) if tabulated and cells else 0.0,
+        view_tables_s=_view_tables_s(truth, scene.render.nodes * chunks, cover > 0.0) if tabulated and cells else 0.0,
         observe_s=OBSERVE_S_PER_PIXEL * pixels * images,
         estimate_s=(ESTIMATE_S + ESTIMATE_S_PER_PIXEL * pixels) * images * estimators,
         memory_mb=frame_bytes(scene, camera, thermal if by_latitude else 0) / 1e6,
@@ -196,13 +198,13 @@ def frame_cost(
     )
 
 
-def _view_tables_s(truth: FrameTruth, nodes: int) -> float:
-    """Return the processor time of tables of so many nodes, those of all chunks together."""
+def _view_tables_s(truth: FrameTruth, nodes: int, clouds: bool) -> float:
+    """Return the processor time of tables of so many nodes, all chunks together, with those of air before clouds."""
     distance_m = math.hypot(*truth.r_itrs)
     zenith = math.acos(np.clip(np.dot(truth.r_itrs, truth.sun_itrs) / distance_m, -1.0, 1.0))
     horizon = math.acos(min(truth.ellipsoid_b_m / distance_m, 1.0))
     shadow = zenith + horizon > math.pi / 2 and zenith - horizon < math.pi / 2 + TWILIGHT_RAD
-    return TABLE_S_PER_NODE * nodes * (TWILIGHT_TABLES if shadow else 1.0)
+    return TABLE_S_PER_NODE * nodes * (TWILIGHT_TABLES if shadow else 1.0) * (CLOUD_TABLES if clouds else 1.0)
 
 
 def _bytes_per_pixel(scene: SceneSpec, camera: CameraSpec) -> float:
