@@ -9,9 +9,8 @@ of processor time, which other work on the machine changes little, of the LLVM b
 shipped scenes of 80 to 1024 pixels, second frame of a process.
 
 **How far off.** With view tables ``limb-noon-vis`` takes 0.3 s from a new place and 0.1 s from the same, 0.35 s and
-0.12 s are predicted; ``terminator``, with clouds, 8 s and 2.0 s, 6.8 s and
-1.4 s are predicted. Marched frames are predicted at 0.8 to 1.3 of their
-time. Of memory :mod:`horizonval.renderer.scene.frame_memory` says it. On other machines, and for scenes unlike these,
+0.12 s are predicted; ``terminator``, with clouds, 8 s and 2.0 s, 6.8 s and 1.4 s
+are predicted. Marched frames are predicted at 0.8 to 1.3 of their time. Of memory :mod:`horizonval.renderer.scene.frame_memory` says it. On other machines, and for scenes unlike these,
 take a factor of three. Disk is within 1.5 on seven shipped scenes: by day and night, with clouds and Moon, in the
 infrared. What an estimator takes is known for ours only, to a factor of three.
 
@@ -43,8 +42,8 @@ TABLE_S_PER_LOOK, TABLE_S_PER_NODE, TWILIGHT_TABLES = 3e-8, 1.8e-3, 11.0
 """Of view tables: of a cell, and of each node along the rays of a table, both for a chunk of spectral nodes; and how
 much longer the tables take where the edge of the Earth's shadow is in view."""
 CLOUD_S_PER_LOOK, CLOUD_TABLES = 1.6e-7, 2.5
-"""Of a cell that ends on a cloud, for a chunk of spectral nodes; and how much longer tables take with those of the air before
-clouds."""
+"""Of a cell that ends on a cloud, for a chunk of spectral nodes; and how much longer tables take with those of the air
+before clouds."""
 TWILIGHT_RAD = math.radians(18.0)
 """How low the Sun still lights air."""
 SCATTERING_TABLE_S, PARTICLE_TABLE_S = 2.5, 25.0
