@@ -9,10 +9,10 @@ of processor time, which other work on the machine changes little, of the LLVM b
 shipped scenes of 80 to 1024 pixels, second frame of a process.
 
 **How far off.** With view tables ``limb-noon-vis`` takes 0.3 s from a new place and 0.1 s from the same, 0.35 s and
-0.12 s are predicted; ``terminator``, with clouds, 8 s and 2.0 s, 6.8 s and 1.4 s
-are predicted. Marched frames are predicted at 0.8 to 1.3 of their time. Of memory :mod:`horizonval.renderer.scene.frame_memory` says it. On other machines, and for scenes unlike these,
-take a factor of three. Disk is within 1.5 on seven shipped scenes: by day and night, with clouds and Moon, in the
-infrared. What an estimator takes is known for ours only, to a factor of three.
+0.12 s are predicted; ``terminator``, with clouds, 8 s and 2.0 s, 6.8 s and 1.4 s are predicted. Marched frames are
+predicted at 0.8 to 1.3 of their time. Of memory :mod:`horizonval.renderer.scene.frame_memory` says it. On other
+machines, and for scenes unlike these, take a factor of three. Disk is within 1.5 on seven shipped scenes: by day and
+night, with clouds and Moon, in the infrared. What an estimator takes is known for ours only, to a factor of three.
 
 Left out: the first frame of a process (1 to 7 s of compiling), the report's pages (a few seconds), refraction and
 airglow (each more tables, or a march of its own).
