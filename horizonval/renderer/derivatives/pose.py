@@ -68,7 +68,7 @@ class PoseFrame:
         view = integrator.apparent_view(_sensor(camera))
         cells = group_cells(view)
         settings = integrator.settings
-        digest = settings.tables_digest() if settings.method == "table" else None
+        digest = settings.tables_digest if settings.method == "table" else None
         rays = FrameRays(integrator.prepared, view, cells, settings.nodes, digest)
         return cls(integrator, camera, ellipsoid, view, cells, rays)
 

@@ -59,7 +59,7 @@ def prepare(settings: LimbSettings, progress: Progress | None = None) -> Prepare
     progress : Progress, optional
         Told about tables that take long.
     """
-    key = (settings.tables_digest(), mi.variant())
+    key = (settings.tables_digest, mi.variant())
     if key not in _prepared:
         _prepared[key] = _make_tables(settings, progress)
         if len(_prepared) > _KEPT_MODELS:
@@ -138,7 +138,7 @@ def make_plugin() -> type:
                 self.settings.nodes,
                 prepared.thermal,
                 prepared.model.emission,
-                self.settings.tables_digest() if self.settings.method == "table" else None,
+                self.settings.tables_digest if self.settings.method == "table" else None,
             )
 
         def render(

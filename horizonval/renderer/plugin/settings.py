@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.digests import content_digest
@@ -78,8 +79,9 @@ class LimbSettings:
     sunless: bool = False
     method: str = "table"
 
+    @cached_property
     def tables_digest(self) -> str:
-        """Return the digest of everything that the kernel's tables depend on: air, planet and orders of scattering.
+        """The digest of everything that the kernel's tables depend on: air, planet and orders of scattering.
 
         They do not depend on ``method``: what the march looks up serves the view tables, too.
         """

@@ -1,6 +1,6 @@
 """Tables over the rays of one camera position, made where they are looked at and as fine as they need to be.
 
-The plane of place on the row axis (x from 0 to 1) and azimuth is cut into :data:`ROW_TILES` x :data:`AZIMUTH_TILES`
+The plane of place on the row axis (x from 0 to 1) and azimuth is cut into :data:`ROW_PATCHES` x :data:`AZIMUTH_PATCHES`
 patches of splines (:mod:`horizonval.renderer.view_table.spline_patch`). One is fine enough if the splines through every
 second of its nodes, along rows and along azimuths, predict the others within the tolerance: where the function is
 smooth the spline through all nodes is then better by a factor of 16, where it has a kink by a factor of 2. If not it is
@@ -37,9 +37,9 @@ from horizonval.renderer.view_table.spline_patch import (
     spline_weights,
 )
 
-ROW_TILES, AZIMUTH_TILES = 8, 8
+ROW_PATCHES, AZIMUTH_PATCHES = 8, 8
 FINEST = 4
-"""Halvings of a tile, at most."""
+"""Halvings of one of those 8 x 8 patches, at most, along either axis."""
 PACKET = 4
 MOST_VALUES = 4_000_000
 """That are marched at once; a bound on memory."""
@@ -71,7 +71,7 @@ class Tabulated:
 
 
 class PatchTable:
-    """A table that grows; ``patches`` counts its patches, ``rays`` the values that were asked for."""
+    """A table that grows; ``patches`` counts its patches, ``rays`` the nodes that were marched for them."""
 
     def __init__(self, tabulated: Tabulated) -> None:
         self.tabulated = tabulated
@@ -79,7 +79,7 @@ class PatchTable:
         self._divided: dict[tuple[int, int], dict[tuple[int, ...], tuple[int, int]]] = defaultdict(dict)
         self.patches = 0
         self._new: list[NDArray[np.float32]] = []
-        self._leaves = np.full((ROW_TILES << FINEST, AZIMUTH_TILES << FINEST), _NOT_MADE, dtype=np.uint32)
+        self._leaves = np.full((ROW_PATCHES << FINEST, AZIMUTH_PATCHES << FINEST), _NOT_MADE, dtype=np.uint32)
         self._any_rough = False
         self._pool: mi.Float32 | None = None
         self._index: mi.UInt32 | None = None
@@ -92,7 +92,7 @@ class PatchTable:
 
     def cover(self, x: mi.Float64, azimuth: mi.Float64) -> None:
         """Make the patches that rays fall into."""
-        row, column = _tile_of(x, azimuth, FINEST)
+        row, column = _finest_at(x, azimuth)
         seen = dr.zeros(mi.UInt32, self._leaves.size)
         dr.scatter(seen, mi.UInt32(1), row * self._leaves.shape[1] + column)
         missing = (np.array(seen).reshape(self._leaves.shape) > 0) & (self._leaves == _NOT_MADE)
@@ -157,8 +157,8 @@ class PatchTable:
         steps = np.arange(NODES) / INTERVALS
         places: list[list[FloatArray]] = [[], []]
         for size, patches in wave.items():
-            x = (patches[:, :1] + steps) / (ROW_TILES << size[0])
-            azimuth = (patches[:, 1:] + steps) * (2.0 * math.pi / (AZIMUTH_TILES << size[1]))
+            x = (patches[:, :1] + steps) / (ROW_PATCHES << size[0])
+            azimuth = (patches[:, 1:] + steps) * (2.0 * math.pi / (AZIMUTH_PATCHES << size[1]))
             shape = (len(patches), NODES, NODES)
             places[0].append(np.broadcast_to(x[:, :, None], shape).ravel())
             places[1].append(np.broadcast_to(azimuth[:, None, :], shape).ravel())
@@ -183,19 +183,19 @@ class PatchTable:
 
     def _leaf(self, x: mi.Float64, azimuth: mi.Float64) -> mi.UInt32:
         assert self._index is not None
-        row, column = _tile_of(x, azimuth, FINEST)
-        return dr.gather(mi.UInt32, self._index, row * (AZIMUTH_TILES << FINEST) + column)
+        row, column = _finest_at(x, azimuth)
+        return dr.gather(mi.UInt32, self._index, row * (AZIMUTH_PATCHES << FINEST) + column)
 
     def rough(self, x: mi.Float64, azimuth: mi.Float64) -> mi.Bool | None:
-        """Return whether places, in tiles that are covered, lie in patches that miss the tolerance; None: nowhere."""
+        """Return whether places in patches that are made lie in one that misses the tolerance; None: nowhere."""
         return (self._leaf(x, azimuth) & _ROUGH) != 0 if self._any_rough else None
 
     def look(self, x: mi.Float64, azimuth: mi.Float64, packets: Sequence[int | mi.UInt32]) -> Values:
-        """Return the quantities of some packets at places in tiles that are covered."""
+        """Return the quantities of some packets at places in patches that are made (:meth:`cover`)."""
         assert self._pool is not None
         leaf = self._leaf(x, azimuth)
         halvings = (1 << _LEVEL_BITS) - 1
-        rows, columns = ROW_TILES << ((leaf >> _LEVEL_BITS) & halvings), AZIMUTH_TILES << (leaf & halvings)
+        rows, columns = ROW_PATCHES << ((leaf >> _LEVEL_BITS) & halvings), AZIMUTH_PATCHES << (leaf & halvings)
         i, w = _interval(_below_one(x) * mi.Float64(rows))
         j, v = _interval(_turns(azimuth) * mi.Float64(columns))
         width = self.tabulated.quantities // PACKET
@@ -215,7 +215,7 @@ class PatchTable:
 
 def _any_in_patches(finest: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.bool_]:
     """Return for all patches of a size whether anything holds in the finest ones that lie in them."""
-    rows, columns = ROW_TILES << size[0], AZIMUTH_TILES << size[1]
+    rows, columns = ROW_PATCHES << size[0], AZIMUTH_PATCHES << size[1]
     parts = finest.reshape(rows, finest.shape[0] // rows, columns, finest.shape[1] // columns)
     return np.asarray(parts.any(axis=(1, 3)))
 
@@ -230,8 +230,9 @@ def _below_one(x: mi.Float64) -> mi.Float64:
     return dr.clip(x, 0.0, 1.0 - 1e-15)
 
 
-def _tile_of(x: mi.Float64, azimuth: mi.Float64, level: int) -> tuple[mi.UInt32, mi.UInt32]:
-    return mi.UInt32(_below_one(x) * (ROW_TILES << level)), mi.UInt32(_turns(azimuth) * (AZIMUTH_TILES << level))
+def _finest_at(x: mi.Float64, azimuth: mi.Float64) -> tuple[mi.UInt32, mi.UInt32]:
+    """Return (row, column) of places among patches of the finest size."""
+    return mi.UInt32(_below_one(x) * (ROW_PATCHES << FINEST)), mi.UInt32(_turns(azimuth) * (AZIMUTH_PATCHES << FINEST))
 
 
 def _interval(place: mi.Float64) -> tuple[mi.UInt32, mi.Float64]:

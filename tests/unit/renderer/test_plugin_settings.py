@@ -47,7 +47,7 @@ def test_text_and_objects_are_the_same_settings_and_the_same_image(described: De
 
     scene = mi.load_dict(scene_text.scene_properties(described.limb, described.sensor))
     settings = scene.integrator().settings
-    assert settings.tables_digest() == described.limb.tables_digest()
+    assert settings.tables_digest == described.limb.tables_digest
     assert (settings.ground, settings.moon) == (described.limb.ground, described.limb.moon)
     assert settings.moon is not None
     direct = _image(mi, mitsuba_scene(described.limb, described.sensor))
