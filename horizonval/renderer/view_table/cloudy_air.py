@@ -21,8 +21,8 @@ from horizonval.renderer.types import Values, Vec, constant
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
 from horizonval.renderer.view_table.sunlit_air import Light, air_table
 
-STATIONS = 32
-STEPS, STEPS_BEFORE = 6, 96
+STATIONS = 48
+STEPS, STEPS_BEFORE = 6, 384
 """Of the march: from one station to the next, and up to the first; a third of them where no shadow cuts the ray."""
 ABOVE_TOPS_M = 3000.0
 """The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square

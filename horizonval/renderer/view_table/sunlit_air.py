@@ -1,8 +1,7 @@
 """What a view table of sunlight holds: for every spectral node the radiance of the air and its transmittance.
 
-Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march, and with
-:data:`MORE_NODES_WITH_PARTICLES` times where there are particles, whose diffuse light is looked up at every second step
-only. Whatever reflects at the rays' ends is left out. With refraction the bending angle at the rays' ends is there too.
+Rays of the table are marched once, with :data:`MORE_NODES` times the evaluations of the direct march. Whatever reflects
+at the rays' ends is left out. With refraction the bending angle at the rays' ends is there too.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Values, Vec
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable, Tabulated
 
-MORE_NODES, MORE_NODES_WITH_PARTICLES = 3, 4
+MORE_NODES = 4
 TOLERANCE, TOLERANCE_IN_TWILIGHT = 5e-4, 2e-3
 """Of the prediction (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance: with the Sun up
 where the camera is, and for a low Sun, the Moon and airglow."""
@@ -67,8 +66,6 @@ class Light:
         cloud: tuple[mi.Bool, mi.Float64] | None = None,
     ) -> AirMarch:
         """March as rays of the table are."""
-        particles = isinstance(batch, SolarNodes) and batch.particles is not None
-        more = MORE_NODES_WITH_PARTICLES if particles else MORE_NODES
         return march_air(
             coordinates.planet,
             self.top_m,
@@ -77,7 +74,7 @@ class Light:
             d,
             self.direction,
             mi.Bool(to_ground),
-            more * self.nodes,
+            MORE_NODES * self.nodes,
             SOLAR_CONCENTRATION,
             cloud,
             steady=True,
