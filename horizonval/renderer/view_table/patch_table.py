@@ -17,7 +17,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -63,11 +63,15 @@ class Tabulated:
         From values (..., quantities) to the error that each may have between the nodes.
     quantities : int
         A multiple of :data:`PACKET`.
+    single : bool
+        Whether coefficients are kept in single precision: for large tables. Derivatives over steps of a small part of a
+        pixel want double.
     """
 
     values: Callable[[FloatArray, FloatArray], FloatArray]
     allowed: Callable[[FloatArray], FloatArray]
     quantities: int
+    single: bool = False
 
 
 class PatchTable:
@@ -78,16 +82,17 @@ class PatchTable:
         self.rays = 0
         self._divided: dict[tuple[int, int], dict[tuple[int, ...], tuple[int, int]]] = defaultdict(dict)
         self.patches = 0
-        self._new: list[NDArray[np.float32]] = []
+        self._dtype = np.dtype(np.float32 if tabulated.single else np.float64)
+        self._new: list[NDArray[np.floating]] = []
         self._leaves = np.full((ROW_PATCHES << FINEST, AZIMUTH_PATCHES << FINEST), _NOT_MADE, dtype=np.uint32)
         self._any_rough = False
-        self._pool: mi.Float32 | None = None
+        self._pool: Any = None  # Float32 or Float64
         self._index: mi.UInt32 | None = None
 
     @property
     def size_bytes(self) -> int:
         """Return the memory of the table."""
-        each = COEFFICIENTS * COEFFICIENTS * self.tabulated.quantities * np.dtype(np.float32).itemsize
+        each = COEFFICIENTS * COEFFICIENTS * self.tabulated.quantities * self._dtype.itemsize
         return 2 * self._leaves.nbytes + self.patches * each
 
     def cover(self, x: mi.Float64, azimuth: mi.Float64) -> None:
@@ -103,7 +108,8 @@ class PatchTable:
             while wave:
                 wave = self._halved(self._divide(wave), missing)
         before = [] if self._pool is None else [np.array(self._pool)]
-        self._pool = table_of(mi.Float32, np.concatenate([*before, *(c.ravel() for c in self._new)]))
+        coefficients = np.concatenate([*before, *(c.ravel() for c in self._new)])
+        self._pool = table_of(mi.Float32 if self.tabulated.single else mi.Float64, coefficients)
         self._new.clear()
         self._index = mi.UInt32(self._leaves.ravel())
 
@@ -179,7 +185,7 @@ class PatchTable:
             self._leaves[i * rows : (i + 1) * rows, j * columns : (j + 1) * columns] = leaf
         self._any_rough |= bool(rough.any())
         self.patches += len(values)
-        self._new.append(coefficients_of(values).astype(np.float32))
+        self._new.append(coefficients_of(values).astype(self._dtype))
 
     def _leaf(self, x: mi.Float64, azimuth: mi.Float64) -> mi.UInt32:
         assert self._index is not None

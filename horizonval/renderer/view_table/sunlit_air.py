@@ -164,4 +164,4 @@ def air_table(
     def allowed(known: FloatArray) -> FloatArray:
         return tolerance * np.maximum(np.abs(known), floor)
 
-    return PatchTable(Tabulated(values, allowed, packets * PACKET * stations))
+    return PatchTable(Tabulated(values, allowed, packets * PACKET * stations, single=stations > 1))
