@@ -108,8 +108,9 @@ class PatchTable:
             while wave:
                 wave = self._halved(self._divide(wave), missing)
         before = [] if self._pool is None else [np.array(self._pool)]
+        single = self.tabulated.single
         coefficients = np.concatenate([*before, *(c.ravel() for c in self._new)])
-        self._pool = table_of(mi.Float32 if self.tabulated.single else mi.Float64, coefficients)
+        self._pool = table_of(mi.Float32, coefficients) if single else table_of(mi.Float64, coefficients)
         self._new.clear()
         self._index = mi.UInt32(self._leaves.ravel())
 
