@@ -34,9 +34,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from horizonval.core import atomic, files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import MOST_MISTAKES, UserError, excerpt, several
-from horizonval.earth.atmosphere import ozone, rayleigh
 from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.earth.gases import ozone, rayleigh
 from horizonval.earth.spectral import planck
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

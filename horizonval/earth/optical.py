@@ -28,7 +28,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.suggest import nearest
 from horizonval.earth import atmosphere_file
-from horizonval.earth.atmosphere import aerosol, ozone, rayleigh
+from horizonval.earth.atmosphere import aerosol
 from horizonval.earth.atmosphere.air import NO_ATMOSPHERE, TOP_M, Air, air_of
 from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.emission import EmittingBand
@@ -36,6 +36,7 @@ from horizonval.earth.atmosphere.emitting_air import emitting_air, grey_band, no
 from horizonval.earth.atmosphere.node_count import choose_rule
 from horizonval.earth.atmosphere.solar_rule import SolarRule, gauss, solar_measure
 from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.earth.gases import ozone, rayleigh
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.surface.emitting_ground import emitting_ground
 from horizonval.spec.scene import SceneSpec

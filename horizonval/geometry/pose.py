@@ -11,7 +11,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_height, itrs_from_geodetic, sphere, surface_normal
 from horizonval.geometry.frames import body_from_lvlh, cam_from_body, compose, lvlh_from_itrs
-from horizonval.spec.scene import CameraUse, Earth, SceneSpec
+from horizonval.spec.earth.ground import Earth
+from horizonval.spec.scene import CameraUse, SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec, Head
 
 

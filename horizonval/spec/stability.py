@@ -8,8 +8,9 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from horizonval.spec.base import Model
+from horizonval.spec.earth.atmosphere import Atmosphere
+from horizonval.spec.earth.ground import Surface
 from horizonval.spec.numbers import PlainName
-from horizonval.spec.scene import Atmosphere, Surface
 from horizonval.spec.sensor.camera import Band, Positive
 from horizonval.spec.units import unit
 

@@ -13,9 +13,9 @@ from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
 from horizonval.geometry.pose import ellipsoid_from_spec
 from horizonval.spec import load
+from horizonval.spec.earth.ground import Earth
 from horizonval.spec.load import Suite
 from horizonval.spec.orbit import OrbitSpec
-from horizonval.spec.scene import Earth
 from horizonval.spec.suite import Keep
 from horizonval.suites.flight import fly
 

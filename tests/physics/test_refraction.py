@@ -13,10 +13,10 @@ from bent_rays import Air, limb_radiance
 from scipy.integrate import solve_ivp
 
 from horizonval.core.errors import UserError
-from horizonval.earth.atmosphere import rayleigh
 from horizonval.earth.atmosphere.profiles import profile
 from horizonval.earth.atmosphere_file import file_model, read_atmosphere, write_atmosphere
 from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.earth.gases import rayleigh
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.rays.radiance import radiance_along_rays

@@ -23,9 +23,10 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.earth.atmosphere import aerosol, ozone, rayleigh
+from horizonval.earth.atmosphere import aerosol
 from horizonval.earth.atmosphere.air import Air
 from horizonval.earth.atmosphere.solar_rule import Measure, RuleFamily, SolarRule
+from horizonval.earth.gases import ozone, rayleigh
 
 MAX_NODES = 64
 _RADIUS_M = 6_371_000.0

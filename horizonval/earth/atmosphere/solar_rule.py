@@ -8,7 +8,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.earth.atmosphere import ozone
+from horizonval.earth.gases import ozone
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.spectral.quadrature import Orthonormal
 from horizonval.spec.sensor.camera import Band

@@ -39,7 +39,7 @@ from numpy.typing import ArrayLike
 from scipy.special import erfc
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.atmosphere.clouds import CloudField, cloud_field
+from horizonval.earth.clouds.relief import CloudField, cloud_field
 from horizonval.earth.surface.land import is_land
 from horizonval.geometry.directions import GOLDEN_ANGLE_RAD
 from horizonval.spec.scene import SceneSpec

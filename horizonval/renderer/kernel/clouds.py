@@ -1,7 +1,7 @@
 """Cloud tops inside the renderer: a table of the relief as seen from above, and where rays meet it.
 
 The table is an equal-area map (Lambert) of everything in sight around the point below the camera, made by the same
-arithmetic as :mod:`horizonval.earth.atmosphere.clouds`; between its nodes the relief is bilinear. At 500 km a node
+arithmetic as :mod:`horizonval.earth.clouds.relief`; between its nodes the relief is bilinear. At 500 km a node
 stands for 1.9 km, at 36 000 km for 6 km.
 
 A ray is searched from where it enters the layer of the tops to where it leaves it or meets the ground, in steps of
@@ -20,8 +20,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from horizonval.earth.atmosphere import clouds
-from horizonval.earth.atmosphere.clouds import BASE_M, CloudField
+from horizonval.earth.clouds import relief
+from horizonval.earth.clouds.relief import BASE_M, CloudField
 from horizonval.geometry.directions import perpendicular
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.tables import table_of
@@ -90,25 +90,25 @@ def _make_table(field: CloudField, planet: Planet, origin: tuple[float, float, f
     rho2 = dr.minimum(x * x + y * y, 4.0)
     shrink, rise = dr.sqrt(1.0 - 0.25 * rho2), 1.0 - 0.5 * rho2
     u, v, w = (x * shrink * e1 + y * shrink * e2 + rise * e3 for e1, e2, e3 in zip(east, north, vertical, strict=True))
-    values = mi.Float32(relief(field, (u, v, w)))
+    values = mi.Float32(top_at(field, (u, v, w)))
     dr.eval(values)
     step_m = max(0.5 * radius / per_unit, NARROWEST_STEP_M)
     return CloudTable(values, (east, north), vertical, constant(per_unit), constant(step_m), constant(field.top_m))
 
 
-def relief(field: CloudField, normal: Vec) -> mi.Float64:
-    """Return :func:`horizonval.earth.atmosphere.clouds.top_m` at unit normals."""
+def top_at(field: CloudField, normal: Vec) -> mi.Float64:
+    """Return :func:`horizonval.earth.clouds.relief.top_m` at unit normals."""
 
     def split(v: mi.Float64) -> tuple[mi.UInt32, mi.Float64]:
         whole = mi.UInt32(v)
         return whole, v - mi.Float64(whole)
 
-    lowest, highest, rank = clouds.rank_table(field)
+    lowest, highest, rank = relief.rank_table(field)
     table = table_of(mi.Float64, np.array(rank))
-    per_step, cover = constant((highest - lowest) / clouds.RANK_STEPS), constant(field.cover)
-    step = (clouds.noise(normal, field, split, mi.Float64) - constant(lowest)) / per_step
-    step = dr.clip(step, 0.0, float(clouds.RANK_STEPS))
-    i = dr.minimum(mi.UInt32(step), clouds.RANK_STEPS - 1)
+    per_step, cover = constant((highest - lowest) / relief.RANK_STEPS), constant(field.cover)
+    step = (relief.noise(normal, field, split, mi.Float64) - constant(lowest)) / per_step
+    step = dr.clip(step, 0.0, float(relief.RANK_STEPS))
+    i = dr.minimum(mi.UInt32(step), relief.RANK_STEPS - 1)
     low, high = dr.gather(mi.Float64, table, i), dr.gather(mi.Float64, table, i + 1)
     s = (dr.fma(high - low, step - mi.Float64(i), low) - (1.0 - cover)) / cover
     risen = dr.exp(dr.log(dr.maximum(s, 1e-12)) * constant(field.exponent))
@@ -119,13 +119,13 @@ def brightness(field: CloudField, planet: Planet, p: Vec) -> mi.Float64:
     """Return the albedo of tops at points on them, over that of the highest."""
     height, normal = planet.height_and_normal(p)
     risen = dr.clip((height - BASE_M) / (_ceiling(field, normal) - BASE_M), 0.0, 1.0)
-    return clouds.BASE_BRIGHTNESS + (1.0 - clouds.BASE_BRIGHTNESS) * risen
+    return relief.BASE_BRIGHTNESS + (1.0 - relief.BASE_BRIGHTNESS) * risen
 
 
 def _ceiling(field: CloudField, normal: Vec) -> mi.Float64:
     latitude = dr.abs(dr.rad2deg(dr.asin(dr.clip(normal[2], -1.0, 1.0))))
-    middle = 0.5 * (clouds.TROPICAL_TROPOPAUSE_M + clouds.POLAR_TROPOPAUSE_M)
-    half = 0.5 * (clouds.TROPICAL_TROPOPAUSE_M - clouds.POLAR_TROPOPAUSE_M)
+    middle = 0.5 * (relief.TROPICAL_TROPOPAUSE_M + relief.POLAR_TROPOPAUSE_M)
+    half = 0.5 * (relief.TROPICAL_TROPOPAUSE_M - relief.POLAR_TROPOPAUSE_M)
     return dr.minimum(constant(field.top_m), middle - half * dr.tanh((latitude - 40.0) / 10.0))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from horizonval.earth.atmosphere.clouds import CloudField
+from horizonval.earth.clouds.relief import CloudField
 from horizonval.earth.surface.surface import GroundModel
 from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.planet import Planet

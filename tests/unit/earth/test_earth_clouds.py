@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from horizonval.earth.atmosphere import clouds
-from horizonval.earth.atmosphere.clouds import BASE_M, CloudField
+from horizonval.earth.clouds import relief
+from horizonval.earth.clouds.relief import BASE_M, CloudField
 from horizonval.spec.scene import SceneSpec
 
 
@@ -26,15 +26,15 @@ def places():
 @pytest.mark.parametrize("scale_m", [10e3, 300e3, 3000e3])
 def test_cover_is_the_share_of_the_globe(places, cover, scale_m):
     """1 %: twice what two samples of 100 000 places differ by, and then some."""
-    top = clouds.top_m(_field(cover=cover, scale_m=scale_m), places)
+    top = relief.top_m(_field(cover=cover, scale_m=scale_m), places)
     assert np.mean(top > BASE_M) == pytest.approx(cover, abs=0.01)
 
 
 def test_tops_stay_below_the_tropopause_and_have_their_mean(places):
     field = _field(top_m=16e3, mean_top_m=6e3, cover=0.7)
     latitude = np.degrees(np.arcsin(places[:, 2]))
-    top = clouds.top_m(field, places)
-    assert np.all(top <= np.minimum(field.top_m, clouds.tropopause_m(latitude)) + 1e-6)
+    top = relief.top_m(field, places)
+    assert np.all(top <= np.minimum(field.top_m, relief.tropopause_m(latitude)) + 1e-6)
     low = (top > BASE_M) & (np.abs(latitude) < 15.0)
     assert top[low].mean() == pytest.approx(6e3, rel=0.02)
     assert top[low].max() > 15.5e3
@@ -42,15 +42,15 @@ def test_tops_stay_below_the_tropopause_and_have_their_mean(places):
 
 
 def test_tropopause():
-    assert clouds.tropopause_m([0.0, 40.0, -40.0, 90.0]) == pytest.approx([17e3, 13e3, 13e3, 9e3], abs=10.0)
+    assert relief.tropopause_m([0.0, 40.0, -40.0, 90.0]) == pytest.approx([17e3, 13e3, 13e3, 9e3], abs=10.0)
 
 
 def test_a_seed_is_a_relief(places):
     few = places[:2000]
-    first = clouds.top_m(_field(), few)
-    clouds.rank_table.cache_clear()
-    assert np.array_equal(first, clouds.top_m(_field(), few))
-    other = clouds.top_m(_field(seed=12), few)
+    first = relief.top_m(_field(), few)
+    relief.rank_table.cache_clear()
+    assert np.array_equal(first, relief.top_m(_field(), few))
+    other = relief.top_m(_field(seed=12), few)
     assert abs(np.corrcoef(first, other)[0, 1]) < 0.1
 
 
@@ -64,8 +64,8 @@ def test_structure_from_the_scale_down_to_three_kilometres():
     q /= np.linalg.norm(q, axis=1)[:, None]
 
     def correlation(distance_m):
-        a = distance_m / clouds.EARTH_RADIUS_M
-        return np.corrcoef(clouds.numpy_noise(p, field), clouds.numpy_noise(np.cos(a) * p + np.sin(a) * q, field))[0, 1]
+        a = distance_m / relief.EARTH_RADIUS_M
+        return np.corrcoef(relief.numpy_noise(p, field), relief.numpy_noise(np.cos(a) * p + np.sin(a) * q, field))[0, 1]
 
     assert correlation(200.0) > 0.99
     assert 0.5 < correlation(3e3) < 0.95
@@ -75,7 +75,7 @@ def test_structure_from_the_scale_down_to_three_kilometres():
 def test_clouds_of_a_scene():
     def field(**tables):
         base = {"camera": {"file": "c"}, "platform": {"altitude_km": 500.0}}
-        return clouds.cloud_field(SceneSpec.model_validate(base | tables))
+        return relief.cloud_field(SceneSpec.model_validate(base | tables))
 
     assert field() is None
     assert field(clouds={"cover": 0.0}) is None

@@ -7,7 +7,7 @@ import pytest
 
 from horizonval.core.errors import UserError
 from horizonval.earth import atmosphere_file
-from horizonval.earth.atmosphere import rayleigh
+from horizonval.earth.gases import rayleigh
 from horizonval.earth.optical import OpticalModel, node_counts, optical_model
 from horizonval.earth.spectral import bands, planck, sunlight
 from horizonval.spec.scene import SceneSpec

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.earth.atmosphere import ozone
+from horizonval.earth.gases import ozone
 
 
 @pytest.mark.parametrize(

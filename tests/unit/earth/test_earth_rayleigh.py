@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from horizonval.earth.atmosphere import rayleigh
 from horizonval.earth.atmosphere.profiles import us76
+from horizonval.earth.gases import rayleigh
 
 
 @pytest.mark.parametrize(

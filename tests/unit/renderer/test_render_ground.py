@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from horizonval.earth.atmosphere import clouds
-from horizonval.earth.atmosphere.clouds import BASE_M, CloudField
+from horizonval.earth.clouds import relief
+from horizonval.earth.clouds.relief import BASE_M, CloudField
 from horizonval.earth.optical import optical_model
 from horizonval.earth.surface import land, surface
 from horizonval.frame import Hit
@@ -84,18 +84,18 @@ def test_kernel_land_equals_numpy(mi: Any) -> None:
 
 def test_kernel_relief_equals_numpy(mi: Any) -> None:
     """1 mm of up to 12 km; the table between its nodes follows it to 250 m rms on 1.9 km nodes."""
-    from horizonval.renderer.kernel.clouds import cloud_table, relief
+    from horizonval.renderer.kernel.clouds import cloud_table, top_at
     from horizonval.renderer.planet import Planet
 
     field = CloudField(0.5, 12e3, 5e3, 300e3, 7, 0.8)
     normal = _places(20_000, 4)
-    exact = clouds.top_m(field, normal)
-    assert np.array(relief(field, _vec(mi, normal))) == pytest.approx(exact, abs=1e-3)
+    exact = relief.top_m(field, normal)
+    assert np.array(top_at(field, _vec(mi, normal))) == pytest.approx(exact, abs=1e-3)
     table = cloud_table(field, Planet(WGS84.a_m, WGS84.b_m), (4e6, 3e6, 4.7e6))
     up = np.array([4e6, 3e6, 4.7e6]) / np.linalg.norm([4e6, 3e6, 4.7e6])
     near = up + 0.2 * normal * np.random.default_rng(1).uniform(0, 1, (len(normal), 1))
     near /= np.linalg.norm(near, axis=1)[:, None]
-    error = np.array(table.top(_vec(mi, near))) - clouds.top_m(field, near)
+    error = np.array(table.top(_vec(mi, near))) - relief.top_m(field, near)
     assert np.sqrt(np.mean(error**2)) < 250.0
 
 
@@ -167,8 +167,8 @@ def test_cloud_pixels_without_air_have_the_closed_form(mi: Any) -> None:
     d = rotate(inverse, unproject(camera_from_spec(spec.camera), np.stack([u, v], axis=-1).astype(float)))
     p = np.array(truth.r_itrs) + frame.maps["distance"][v, u, None].astype(float) * d
     height, normal = geodetic_height(p, WGS84), surface_normal(p, WGS84)
-    field = clouds.cloud_field(scene)
-    ceiling = np.minimum(field.top_m, clouds.tropopause_m(np.degrees(np.arcsin(normal[:, 2]))))
+    field = relief.cloud_field(scene)
+    ceiling = np.minimum(field.top_m, relief.tropopause_m(np.degrees(np.arcsin(normal[:, 2]))))
     # the walls below the base are as grey as the base
     white = field.albedo * (0.6 + 0.4 * np.maximum(height - BASE_M, 0.0) / (ceiling - BASE_M))
     model = optical_model(scene, spec, sun_itrs(scene.platform.epoch_utc)[1] / AU_M)

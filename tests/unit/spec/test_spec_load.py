@@ -8,9 +8,9 @@ from datetime import UTC, datetime
 import pytest
 
 from horizonval.core.errors import UserError
+from horizonval.spec.earth.atmosphere import Atmosphere
 from horizonval.spec.files import shipped_names, shipped_root
 from horizonval.spec.load import deep_merge, load_camera, load_scene, load_suite
-from horizonval.spec.scene import Atmosphere
 from horizonval.suites.suite import load_suite as load_flown_suite
 
 CAMERA = '[camera]\nname = "c"\nwidth = 64\nheight = 48\nfov_deg = 60.0\n'

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 from scipy.constants import speed_of_light
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.atmosphere import rayleigh
 from horizonval.earth.atmosphere.air import air_of
+from horizonval.earth.gases import rayleigh
 from horizonval.geometry.eclipse import sun_visible_fraction
 from horizonval.geometry.ephemeris import sun_angular_radius, sun_itrs
 from horizonval.geometry.tle import ElementSet, itrs_states

@@ -1,0 +1,1 @@
+"""What single gases absorb and scatter."""
