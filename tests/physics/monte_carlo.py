@@ -60,7 +60,7 @@ _HORIZON_LOBE = 0.95
 class Ground(NamedTuple):
     """Albedo in cells: belts of latitude of equal height, each cut into a number of equal pieces of longitude.
 
-    ``columns``, ``first``: pieces of each belt from the south, and where its first, west of 180 deg, lies in ``albedo``.
+    ``columns``, ``first``: pieces of each belt from the south, and where its first, at 180 deg W, is in ``albedo``.
     """
 
     columns: np.ndarray

@@ -225,4 +225,4 @@ def test_haze_in_twilight_is_the_same_by_two_seeds(haze: monte_carlo.Air) -> Non
     vectors = (vector(row, "obs"), vector(row, "dir"), vector(row, "sun"))
     a, b = (monte_carlo.radiance(haze, *vectors, 64_000, monte_carlo.seed_of("haze", n)) for n in (1, 2))
     assert abs(a.total - b.total) < 4.0 * np.hypot(a.multiple_se, b.multiple_se)
-    assert a.multiple_se < 0.05 * a.total
+    assert a.multiple_se < 0.15 * a.total
