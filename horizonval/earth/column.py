@@ -112,9 +112,8 @@ class OpticalModel:
         Lambert albedo of the ground, for sunlight.
     emissivity : float
         Of the ground, for thermal emission.
-    albedo_around : tuple of float
-        Mean albedo of ground and clouds in sight, per node, which the diffuse light has met; empty where the ground is
-        uniform.
+    ground_varies : bool
+        Whether the ground is more than ``albedo`` says, or has clouds above it.
     glow_altitude_m : ndarray, shape (m,)
         Altitudes of ``glow_per_m``, from 0 on; may go on above ``top_m``, where the air glows without dimming. Empty
         where nothing glows.
@@ -133,7 +132,7 @@ class OpticalModel:
     nodes: tuple[SpectralNode, ...]
     albedo: float
     emissivity: float
-    albedo_around: tuple[float, ...] = ()
+    ground_varies: bool = False
     glow_altitude_m: FloatArray = field(default_factory=lambda: np.zeros(0))
     refractivity: FloatArray | None = None
     thermal: tuple[EmittingBand, ...] = ()

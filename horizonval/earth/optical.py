@@ -225,11 +225,11 @@ def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> Optic
     for i, band in enumerate(camera.band):
         where = f"{scene.camera.file}: band[{i}]"
         if band.kind == "solar":
-            count = 1 if scene.surface.kind == "uniform" else band.nodes or BARE_EARTH_NODES
+            count = 1 if scene.surface.kind != "earth" else band.nodes or BARE_EARTH_NODES
             rule = gauss(solar_measure(band, where), count)
             nodes += [_solar_node(band, k, rule, sun_distance_au, zero, zero) for k in range(count)]
         else:
-            pieces = 1 if scene.surface.kind == "uniform" else BARE_EARTH_NODES
+            pieces = 1 if scene.surface.kind != "earth" else BARE_EARTH_NODES
             thermal.append(no_air_band(band, ground_k, where, pieces))
     return _model(scene, camera, z, nodes, thermal, ground_k)
 

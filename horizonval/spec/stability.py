@@ -117,7 +117,8 @@ class StabilitySpec(Model):
             raise ValueError("atmosphere.refraction does not go with [stability], whose rays are straight")
         if self.surface.kind != "uniform":
             raise ValueError(
-                'surface.kind = "earth" does not go with [stability], whose ground is alike at all longitudes'
+                f'surface.kind = "{self.surface.kind}" does not go with [stability], '
+                "whose ground is alike at all longitudes"
             )
         for key in ("latitude_deg", "month"):
             if getattr(air, key) is not None:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.surface import surface
 from horizonval.earth.surface.land import is_land
+from horizonval.earth.surface.squares import first_squares
 from horizonval.geometry.directions import GOLDEN_ANGLE_RAD
 from horizonval.spec.scene import SceneSpec
 
@@ -43,6 +44,8 @@ def diffuse_albedo(
     a = surface.albedos(ground, wavelength_um)
     if ground.kind == "uniform":
         return np.full(latitude.shape, a.land)
+    if ground.kind == "chequered":
+        return np.where(first_squares(ground.square_km, latitude, longitude), a.land, a.other)
     snow = surface.snow_share(latitude, ground.snow_line_deg)
     foam = surface.foam_share(ground.wind_speed_m_s)
     sea = foam * a.foam + (1.0 - foam) * (a.water + a.sky)

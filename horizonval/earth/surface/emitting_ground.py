@@ -48,13 +48,13 @@ def emitting_ground(scene: SceneSpec, lowest_air_k: float) -> GroundEmission:
             emissivity=surface.emissivity,
             cloud_emissivity=cloud,
         )
-    if surface.kind == "uniform" and fixed is None and climate_rows.varies(scene):
+    if surface.kind != "earth" and fixed is None and climate_rows.varies(scene):
         air = [thermal_absorption.blended_temperature_k(row)[0] for row in climate_rows.weights(rows, month)]
         same = _plain(np.array(air))
         still = (0.0,) * len(rows)
         return GroundEmission("uniform", _plain(rows), same, same, same, still, surface.emissivity, cloud)
     ground = uniform_ground(lowest_air_k if fixed is None else fixed, surface.emissivity, cloud)
-    return ground if surface.kind == "uniform" else replace(ground, kind="earth")
+    return ground if surface.kind != "earth" else replace(ground, kind="earth")
 
 
 def _plain(values: np.ndarray) -> tuple[float, ...]:

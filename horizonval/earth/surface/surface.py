@@ -79,14 +79,16 @@ class GroundModel:
 
     Attributes
     ----------
-    kind : "uniform" or "earth"
+    kind : "uniform", "earth" or "chequered"
     albedo : float
-        Of a uniform ground.
+        Of a uniform ground, or of every other square.
     wind_speed_m_s : float
         Over the ocean of an "earth".
     snow_line_deg : float
         Northern latitude beyond which its land is under snow.
     clouds : CloudField or None
+    albedo_other, square_km : float
+        Of the squares between, and the side of all, on a "chequered" ground.
     """
 
     kind: str
@@ -94,6 +96,8 @@ class GroundModel:
     wind_speed_m_s: float
     snow_line_deg: float
     clouds: CloudField | None
+    albedo_other: float = 0.0
+    square_km: float = 0.0
 
     @property
     def plain(self) -> bool:
@@ -105,7 +109,7 @@ class GroundModel:
 class Albedos:
     """Lambert albedo of every kind of ground at one wavelength.
 
-    ``sky``: what water reflects of skylight. ``cloud``: of the highest tops.
+    ``sky``: what water reflects of skylight. ``cloud``: of the highest tops. ``other``: of the squares between.
     """
 
     land: float
@@ -114,6 +118,7 @@ class Albedos:
     foam: float
     sky: float
     cloud: float
+    other: float = 0.0
 
 
 def ground_model(scene: SceneSpec) -> GroundModel:
@@ -121,7 +126,8 @@ def ground_model(scene: SceneSpec) -> GroundModel:
     surface = scene.surface
     wind = WIND_SPEED_M_S if surface.wind_speed_m_s is None else surface.wind_speed_m_s
     line = snow_line_deg(scene.platform.epoch_utc)
-    return GroundModel(surface.kind, surface.albedo, wind, line, cloud_field(scene))
+    squares = surface.albedo_other or 0.0, surface.square_km or 0.0
+    return GroundModel(surface.kind, surface.albedo, wind, line, cloud_field(scene), *squares)
 
 
 def snow_line_deg(epoch: datetime) -> float:
@@ -148,10 +154,10 @@ def foam_share(wind_speed_m_s: float) -> float:
 
 
 def albedos(ground: GroundModel, wavelength_um: float) -> Albedos:
-    """Return all albedos at one wavelength; on a uniform ground "land" is the ground."""
+    """Return all albedos at one wavelength; on a uniform ground "land" is the ground, on a chequered one its half."""
     cloud = ground.clouds.albedo if ground.clouds else 0.0
-    if ground.kind == "uniform":
-        return Albedos(ground.albedo, 0.0, 0.0, 0.0, 0.0, cloud)
+    if ground.kind != "earth":
+        return Albedos(ground.albedo, 0.0, 0.0, 0.0, 0.0, cloud, ground.albedo_other)
     land = 0.6 * spectrum("vegetation", wavelength_um) + 0.4 * spectrum("soil", wavelength_um)
     snow, water = spectrum("snow", wavelength_um), spectrum("water", wavelength_um)
     return Albedos(float(land), float(snow), float(water), FOAM_ALBEDO, water_sky_albedo(), cloud)

@@ -16,6 +16,7 @@ from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.renderer.kernel.march import march, optical_depth
 from horizonval.renderer.kernel.node_batches import (
     BATCH_WIDTH,
+    Bounce,
     GlowNodes,
     OpacityNodes,
     Particles,
@@ -27,10 +28,11 @@ from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.refraction.bending import BendingField, refracted_sun_table
 from horizonval.renderer.refraction.bent_ray import RefractedSunTable, RefractionTables
-from horizonval.renderer.scattering.diffuse_field import DiffuseField
+from horizonval.renderer.scattering.diffuse_field import DiffuseField, MultipleScattering
+from horizonval.renderer.scattering.horizontal_transfer import HorizontalTransfer
 from horizonval.renderer.scattering.quality import Quality
 from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER
-from horizonval.renderer.scattering.source_store import multiple_scattering
+from horizonval.renderer.scattering.source_store import content_key, multiple_scattering
 from horizonval.renderer.scattering.source_table import SourceTable
 from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunTable, packet_type, table_of
 from horizonval.renderer.types import Values, constant
@@ -99,8 +101,8 @@ def make_batches(
         batch = _solar_nodes(group, model, planet, grid, size, refraction)
         if scattering is not None and any(n.scattering_per_m.any() for n in group):
             true_nodes = [true_node[n.name] for n in group]
-            fields = _diffuse_fields(true_nodes, true_model, true_planet, true_grid, scattering, progress)
-            batch = replace(batch, diffuse=SourceTable.of(fields, batch.width, batch.particles is not None))
+            solved = _diffuse_fields(true_nodes, true_model, true_planet, true_grid, scattering, progress)
+            batch = _with_diffuse(batch, solved, true_nodes, true_model, true_planet, scattering)
         yield group, batch
     for group in _groups(thermal):
         yield group, _thermal_nodes(group, model, planet, grid, size)
@@ -121,15 +123,38 @@ def _diffuse_fields(
     grid: AltitudeGrid,
     quality: Quality,
     progress: Progress | None,
-) -> list[DiffuseField]:
+) -> list[MultipleScattering]:
     def sun_table(missing: Sequence[SpectralNode]) -> SunTable:
         extinction = _interleave([n.extinction_per_m for n in missing], SOLVED_TOGETHER)
         return _fill_sun_table(planet, model.top_m, grid, extinction, SOLVED_TOGETHER, IMAGE_TABLE)
 
-    solutions = multiple_scattering(nodes, model.altitude_m, planet.mean_radius_m, quality, sun_table, progress)
-    names = [n.name for n in model.nodes]
-    around = [model.albedo_around[names.index(n.name)] if model.albedo_around else model.albedo for n in nodes]
-    return [solution.over_ground(albedo) for solution, albedo in zip(solutions, around, strict=True)]
+    return multiple_scattering(nodes, model.altitude_m, planet.mean_radius_m, quality, sun_table, progress)
+
+
+def _with_diffuse(
+    batch: SolarNodes,
+    solved: Sequence[MultipleScattering],
+    nodes: Sequence[SpectralNode],
+    model: OpticalModel,
+    planet: Planet,
+    quality: Quality,
+) -> SolarNodes:
+    """Return the batch with the light scattered more than once; the ground's part is apart where it varies."""
+
+    def table(fields: Sequence[DiffuseField]) -> SourceTable:
+        return SourceTable.of(fields, batch.width, batch.particles is not None)
+
+    if not model.ground_varies:
+        return replace(batch, diffuse=table([s.over_ground(model.albedo) for s in solved]))
+    bounce = Bounce(
+        table([s.bounce for s in solved]),
+        tuple(s.spherical_albedo for s in solved),
+        tuple(HorizontalTransfer.of(node, model.altitude_m) for node in nodes),
+        tuple(node.wavelength_um for node in nodes),
+        batch.width,
+        " ".join(content_key(node, model.altitude_m, planet.mean_radius_m, quality) for node in nodes),
+    )
+    return replace(batch, diffuse=table([s.air for s in solved]), bounce=bounce)
 
 
 def _padded(values: Sequence[float], width: int) -> Values:

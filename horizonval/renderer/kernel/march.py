@@ -54,6 +54,7 @@ def march(
     nodes: int,
     concentration: float,
     hit: SurfaceHit | None = None,
+    ground_factors: tuple[Values, Values] | None = None,
 ) -> tuple[Values, Values]:
     """Return radiance and transmittance of every spectral node of a batch along rays.
 
@@ -71,6 +72,9 @@ def march(
         The ``c`` of :mod:`horizonval.renderer.ray_path`: smaller is denser near the lowest point.
     hit : SurfaceHit, optional
         What is at the rays' ends, clouds included; without it a Lambert ground, no clouds.
+    ground_factors : tuple of Values, optional
+        By how much the ground counts for the air along the rays and for the sky at their ends, where its part of the
+        light is kept apart (``SolarNodes.bounce``). Without them that part is left out.
 
     Returns
     -------
@@ -79,21 +83,37 @@ def march(
     """
     cloud = None if hit is None else (hit.cloud, hit.t)
     air = march_air(planet, top_m, batch, o, d, sun, to_ground, nodes, concentration, cloud)
-    ground = air.source.ground_radiance(air.path, hit, air.state)
+    along_rays, sky = ground_factors or (None, None)
+    ground = air.source.ground_radiance(air.path, hit, air.state, sky)
     ends = to_ground if hit is None else hit.ends
-    pairs = zip(air.radiance, ground, air.transmittance, strict=True)
+    pairs = zip(air.over_ground(along_rays), ground, air.transmittance, strict=True)
     return [r + dr.select(ends, g * t, 0.0) for r, g, t in pairs], air.transmittance
 
 
 @dataclass(frozen=True)
 class AirMarch:
-    """Radiance and transmittance of the air along rays, per node, and what the march knew at their ends."""
+    """Radiance and transmittance of the air along rays, per node, and what the march knew at their ends.
+
+    ``bounce``: what a ground of reflected flux 1 adds to the radiance; empty where it is in it.
+    """
 
     radiance: Values
+    bounce: Values
     transmittance: Values
     path: AirPath
     source: RaySource
     state: State
+
+    def over_ground(self, factors: Values | None) -> Values:
+        """Return the radiance over a ground that counts by given factors."""
+        return with_ground(self.radiance, self.bounce, factors)
+
+
+def with_ground(radiance: Values, bounce: Values, factors: Values | None) -> Values:
+    """Return radiance with the ground's part by given factors."""
+    if not bounce or factors is None:
+        return radiance
+    return [r + b * f for r, b, f in zip(radiance, bounce, factors, strict=True)]
 
 
 def march_air(
@@ -127,7 +147,8 @@ def march_air(
         source = EmittingRays.of(batch, planet, path, o, d, count, concentration)
     bound = _bounds(path, source, count, concentration)
     tau, radiance, state = _integrate(planet, path, batch, source, o, d, count, bound, stride)
-    return AirMarch(radiance, [dr.exp(-v) for v in tau], path, source, state)
+    width = batch.width
+    return AirMarch(radiance[:width], radiance[width:], [dr.exp(-v) for v in tau], path, source, state)
 
 
 def optical_depth(
@@ -185,8 +206,8 @@ def march_to_stations(
     to_ground: bool,
     concentration: float,
     stations: SunlitStations,
-) -> tuple[Values, Values]:
-    """Return radiance and transmittance of the air from the observer to stations along rays, per node.
+) -> tuple[Values, Values, Values]:
+    """Return radiance, bounce and transmittance of the air from the observer to stations along rays, per node.
 
     Each of shape (stations * rays,), station by station. Without refraction. Parameters as of :func:`march`.
     """
@@ -205,7 +226,8 @@ def march_to_stations(
     rays = dr.width(path.t_low)
     # as data: frames with other numbers of rays share the kernel
     lane, width = dr.arange(mi.UInt32, rays), dr.opaque(mi.UInt32, rays, 1)
-    noted = [dr.zeros(mi.Float64, rays * stations.count) for _ in range(2 * batch.width)]
+    parts = _parts(batch)
+    noted = [dr.zeros(mi.Float64, rays * stations.count) for _ in range((parts + 1) * batch.width)]
 
     def bound(i: mi.Float64) -> mi.Float64:
         return stations.bound(path, edges, concentration, i)
@@ -218,7 +240,13 @@ def march_to_stations(
             dr.scatter(values, value, index, here, mode=dr.ReduceMode.NoConflicts)
 
     _integrate(planet, path, batch, source, o, d, count, bound, PARTICLE_STRIDE, note)
-    return noted[: batch.width], [dr.exp(-v) for v in noted[batch.width :]]
+    first, last = batch.width, parts * batch.width
+    return noted[:first], noted[first:last], [dr.exp(-v) for v in noted[last:]]
+
+
+def _parts(batch: ShiningNodes | OpacityNodes) -> int:
+    """Return how many radiances a march adds up per node: 2 where the ground's part is kept apart."""
+    return 2 if isinstance(batch, SolarNodes) and batch.bounce is not None else 1
 
 
 def _step_count(nodes: int, stride: int) -> int:
@@ -248,7 +276,7 @@ def _integrate(
     stride: int,
     note: Callable[[mi.UInt32, Values, Values, State], None] | None = None,
 ) -> tuple[Values, Values, State]:
-    """Return optical depth and radiance per node, and the source's state at the end; ``stride`` steps per round.
+    """Return optical depth and radiances per node, and the source's state at the end; ``stride`` steps per round.
 
     ``note``: told both, and the state, after every round, with the number of steps that are done.
     """
@@ -270,8 +298,8 @@ def _integrate(
             k_b, j_b = evaluate(t0 + (1.0 - GAUSS_LOW) * h, high)
             for n in range(batch.width):
                 step = 0.5 * h * (k_a[n] + k_b[n])
-                if j_a:
-                    radiance[n] = radiance[n] + dr.exp(-tau[n]) * gain(h, k_a[n], k_b[n], j_a[n], j_b[n], step)
+                for m in range(n, len(j_a), batch.width):
+                    radiance[m] = radiance[m] + dr.exp(-tau[n]) * gain(h, k_a[n], k_b[n], j_a[m], j_b[m], step)
                 tau[n] = tau[n] + step
             t0 = t1
         if note is not None:
@@ -281,9 +309,10 @@ def _integrate(
     zero = dr.zeros(mi.Float64, dr.width(path.t_low))
     start = bound(zero)
     nothing = [zero + 0.0] * batch.width
+    dark = [zero + 0.0] * (batch.width * _parts(batch))
     state = source.state_at(start, zero + 0.0)
     _, _, tau, radiance, state = dr.while_loop(
-        (mi.UInt32(0), start, nothing, list(nothing), state),
+        (mi.UInt32(0), start, nothing, dark, state),
         lambda i, *_: i < count,
         body,
         labels=("i", "t", "tau", "radiance", "state"),

@@ -20,6 +20,7 @@ import mitsuba as mi
 
 from horizonval.renderer.planet import Planet, along
 from horizonval.renderer.refraction.bent_ray import RefractionTables
+from horizonval.renderer.scattering.horizontal_transfer import HorizontalTransfer
 from horizonval.renderer.scattering.source_table import SourceTable
 from horizonval.renderer.tables import AltitudeGrid, SunTable, interpolate
 from horizonval.renderer.types import Values, Vec
@@ -143,6 +144,34 @@ class Beam:
 
 
 @dataclass(frozen=True)
+class Bounce:
+    """What a batch must know where the ground's light is not the same everywhere.
+
+    Attributes
+    ----------
+    field : SourceTable
+        Diffuse fields that a ground of reflected flux 1 adds.
+    spherical_albedo : tuple of float
+        Of the air from below, per node.
+    transfer : tuple of HorizontalTransfer
+        How far the ground's light spreads, per node.
+    wavelength_um : tuple of float
+        Of the nodes.
+    width : int
+        Of the batch, padding included.
+    digest : str
+        Of the columns of air.
+    """
+
+    field: SourceTable
+    spherical_albedo: tuple[float, ...]
+    transfer: tuple[HorizontalTransfer, ...]
+    wavelength_um: tuple[float, ...]
+    width: int
+    digest: str
+
+
+@dataclass(frozen=True)
 class SolarNodes(_Air):
     """Air that scatters sunlight.
 
@@ -162,6 +191,8 @@ class SolarNodes(_Air):
         Towards the Sun, along straight lines or with refraction.
     diffuse : SourceTable or None
         Light scattered more than once; None for single scattering.
+    bounce : Bounce or None
+        None where the ground is the same everywhere: ``diffuse`` then holds its light.
     glow : GlowNodes or None
         The airglow of the same nodes.
     moonlight : list of Float64, size 1, or None
@@ -175,6 +206,7 @@ class SolarNodes(_Air):
     reflectance: Values
     sunlight: SunTable | RefractionTables
     diffuse: SourceTable | None = None
+    bounce: Bounce | None = None
     glow: GlowNodes | None = None
     moonlight: Values | None = None
 
@@ -187,11 +219,19 @@ class SolarNodes(_Air):
         """Return irradiance times the molecules' phase function at cosines of the scattering angle, per node."""
         return [e * _molecular_phase(c, cosine) for e, c in zip(self.irradiance, self.cos2, strict=True)]
 
+    def scattering_at(self, place: Place) -> Values:
+        """Return the scattering coefficient of everything [1/m] per node; 0 above the top."""
+        total = place.read(self.molecular, self.width)
+        if self.particles is not None:
+            particle = place.read(self.particles.scattering, self.width)
+            total = [a + b for a, b in zip(total, particle, strict=True)]
+        return [dr.select(place.inside, v, 0.0) for v in total]
+
     def source_at(self, place: Place, beam: Beam, diffuse: Values) -> Values:
-        """Return the scattered light per metre.
+        """Return the scattered light per metre, and then what a ground of reflected flux 1 adds if it is kept apart.
 
         ``diffuse``: source of light scattered before, per scattering coefficient and irradiance: of molecules for every
-        node, and then of particles for every node; empty for single scattering.
+        node, and then of particles for every node, and then both for the ground's part; empty for single scattering.
         """
         width, inside = self.width, place.inside
         molecular = place.read(self.molecular, width)
@@ -203,9 +243,14 @@ class SolarNodes(_Air):
             phase = [e * _particle_phase(v, beam.cosine) for e, v in zip(self.irradiance, g, strict=True)]
             scattered = [a + s * f for a, s, f in zip(scattered, particle, phase, strict=True)]
         emission = [dr.select(inside & beam.lit, s * v, 0.0) for s, v in zip(scattered, beam.share, strict=True)]
+        scatterers = molecular + particle
+        if self.bounce is not None and diffuse:
+            emission += [mi.Float64(0.0)] * width
         for n, source in enumerate(diffuse):
-            scatterer = (molecular + particle)[n] * self.irradiance[n % width]
-            emission[n % width] = emission[n % width] + dr.select(inside, scatterer * source, 0.0)
+            part, n_part = divmod(n, len(scatterers))
+            scatterer = scatterers[n_part] * self.irradiance[n_part % width]
+            k = part * width + n_part % width
+            emission[k] = emission[k] + dr.select(inside, scatterer * source, 0.0)
         return emission
 
 

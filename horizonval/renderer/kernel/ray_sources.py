@@ -74,8 +74,8 @@ class RaySource(Protocol):
     def source_at(self, place: Place, extinction: Values, point: Point) -> Values:
         """Return the emission per metre, per node; empty where nothing shines."""
 
-    def ground_radiance(self, path: AirPath, hit: SurfaceHit | None, state: State) -> Values:
-        """Return the radiance of what is at the rays' ends, towards the observer, per node."""
+    def ground_radiance(self, path: AirPath, hit: SurfaceHit | None, state: State, sky: Values | None) -> Values:
+        """Return the radiance of what is at the rays' ends, towards the observer, per node; ``sky``: `sunlit_ends`."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class EmittingRays:
         """Return the emission per metre, per node."""
         return self.batch.source_at(place, extinction)
 
-    def ground_radiance(self, path: AirPath, hit: SurfaceHit | None, state: State) -> Values:
+    def ground_radiance(self, path: AirPath, hit: SurfaceHit | None, state: State, sky: Values | None) -> Values:
         """Return the radiance of the batch's ground."""
         assert not isinstance(self.batch, OpacityNodes)
         return self.batch.ground
@@ -161,7 +161,7 @@ class SunlitRays:
         return cls(batch, planet, o, d, sun, steps, bent, molecular)
 
     def state_at(self, t: mi.Float64, bending: mi.Float64 | None) -> State:
-        """Return ``ln`` of the diffuse source per scattering coefficient, molecules' and then particles'."""
+        """Return ``ln`` of the diffuse source per scattering coefficient, in the order of ``SolarNodes.source_at``."""
         batch, bending = self.batch, None if self.bent is None else bending
         if batch.diffuse is None:
             return [], bending
@@ -175,7 +175,9 @@ class SunlitRays:
         sun = self.sun
         if self.bent is not None and bending is not None:
             height, sun = mi.Float32(self.bent.true_height(i, w)), self.bent.sun_at(bending)
-        return batch.diffuse.log_sources(height, normal, self.d, sun, batch.cos2, asymmetry), bending
+        fields = [batch.diffuse] if batch.bounce is None else [batch.diffuse, batch.bounce.field]
+        looked = [field.log_sources(height, normal, self.d, sun, batch.cos2, asymmetry) for field in fields]
+        return [source for sources in looked for source in sources], bending
 
     def over_steps(self, bounds: list[mi.Float64], state: State) -> tuple[list[tuple[Point, Point]], State]:
         """Return the Gauss points of the steps between bounds, and the state behind the last."""
@@ -214,9 +216,9 @@ class SunlitRays:
         share = batch.sunlight.transmittance(place.height_m, dot(place.normal, self.sun), batch.width)
         return Beam(share, lit, dot(self.d, self.sun), self.molecular)
 
-    def ground_radiance(self, path: AirPath, hit: SurfaceHit | None, state: State) -> Values:
+    def ground_radiance(self, path: AirPath, hit: SurfaceHit | None, state: State, sky: Values | None) -> Values:
         """Return the radiance of what is at the rays' ends, towards the observer, per node."""
-        return sunlit_ends(self.batch, self.planet, path, self.o, self.d, self.sun, hit, self.bent, state[1])
+        return sunlit_ends(self.batch, self.planet, path, self.o, self.d, self.sun, hit, self.bent, state[1], sky)
 
 
 def sunlit_ends(
@@ -229,11 +231,12 @@ def sunlit_ends(
     hit: SurfaceHit | None,
     bent: BentRay | None,
     bending: mi.Float64 | None,
+    reflected: Values | None = None,
 ) -> Values:
     """Return ``direct E0 mu T_sun + diffuse E_sky`` with the two reflectances [1/sr] of what is at the rays' ends.
 
     Both are albedo / pi for a Lambert ground. Cloud tops get as much skylight as the ground. ``bending`` is that at the
-    end of the path.
+    end of the path. ``reflected``: the flux of the ground around, as the sky sees it, per node, where it is kept apart.
     """
     height, normal = planet.height_and_normal(along(o, d, path.t_low + path.length_after))
     height = mi.Float64(0.0) if hit is None else dr.select(hit.cloud, height, 0.0)
@@ -251,7 +254,11 @@ def sunlit_ends(
     radiance = [a * e * level * t for a, e, t in zip(direct, batch.irradiance, share, strict=True)]
     if batch.diffuse is None:
         return radiance
-    sky = [e * v for e, v in zip(batch.irradiance, batch.diffuse.ground_irradiance(mu), strict=True)]
+    sky = batch.diffuse.ground_irradiance(mu)
+    if batch.bounce is not None and reflected is not None:
+        bounced = batch.bounce.field.ground_irradiance(mu)
+        sky = [a + f * b for a, f, b in zip(sky, reflected, bounced, strict=True)]
+    sky = [e * v for e, v in zip(batch.irradiance, sky, strict=True)]
     return [r + a * e for r, a, e in zip(radiance, diffuse, sky, strict=True)]
 
 

@@ -18,20 +18,25 @@ from dataclasses import asdict, dataclass, replace
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.earth.surface import land, surface
+from horizonval.earth.surface import land, squares, surface
 from horizonval.earth.surface.surface import Albedos, GroundModel
 from horizonval.renderer.kernel.clouds import CloudTable, brightness, cloud_table, first_cloud
 from horizonval.renderer.planet import Planet, along, dot
-from horizonval.renderer.types import Values, Vec
+from horizonval.renderer.tables import table_of
+from horizonval.renderer.types import Values, Vec, constant
 
 
 @dataclass(frozen=True)
 class Ground:
-    """Ground and clouds of a frame. ``land``: the packed map, or None for a uniform ground."""
+    """Ground and clouds of a frame.
+
+    ``land``: the packed map of an "earth". ``pieces``: how many a belt of a chequered ground has.
+    """
 
     model: GroundModel
     land: mi.UInt32 | None
     clouds: CloudTable | None
+    pieces: mi.Float64 | None = None
 
 
 @dataclass(frozen=True)
@@ -96,15 +101,16 @@ def make_ground(model: GroundModel, planet: Planet, origin: tuple[float, float, 
     if model.plain:
         return None
     words = mi.UInt32(land.packed_words()) if model.kind == "earth" else None
-    return Ground(model, words, cloud_table(model.clouds, planet, origin) if model.clouds else None)
+    pieces = table_of(mi.Float64, squares.piece_counts(model.square_km)) if model.kind == "chequered" else None
+    return Ground(model, words, cloud_table(model.clouds, planet, origin) if model.clouds else None, pieces)
 
 
 def surface_hits(
-    ground: Ground, planet: Planet, o: Vec, d: Vec, lights: Sequence[Vec], to_ground: bool
+    ground: Ground, planet: Planet, o: Vec, d: Vec, lights: Sequence[Vec], to_ground: bool, shaded: bool = True
 ) -> list[SurfaceHit]:
     """Find where rays end, under every light.
 
-    ``to_ground``: they all meet the ellipsoid, unless a cloud is before it.
+    ``to_ground``: they all meet the ellipsoid, unless a cloud is before it. ``shaded``: look for clouds before lights.
     """
     count = dr.width(d[0])
     cloud, zero = dr.full(mi.Bool, False, count), dr.zeros(mi.Float64, count)
@@ -118,7 +124,7 @@ def surface_hits(
         mid, half, _ = planet.chord(o, d)
         end = dr.select(cloud, t, mid - half)
     sunlit = [dr.full(mi.Float64, 1.0, count) for _ in lights]
-    if ground.clouds is not None:
+    if ground.clouds is not None and shaded:
         sunlit = [_sunlit(ground.clouds, planet, along(o, d, end), light) for light in lights]
         dr.eval(sunlit)
     shares: dict[str, mi.Float64] = {"cloud": white}
@@ -128,6 +134,11 @@ def surface_hits(
     clear = dr.select(cloud, mi.Float64(0.0), 1.0)
     if ground.land is None:
         shares["land"] = clear
+        if ground.pieces is not None:
+            _, normal = planet.height_and_normal(along(o, d, end))
+            shares["land"] = dr.select(_is_first_square(ground.pieces, normal), clear, 0.0)
+            shares["other"] = clear - shares["land"]
+            dr.eval(shares)
         return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero) for lit in sunlit]
     _, normal = planet.height_and_normal(along(o, d, end))
     dry = dr.select(is_land(ground.land, normal), clear, 0.0)
@@ -151,6 +162,18 @@ def _sunlit(clouds: CloudTable, planet: Planet, p: Vec, sun: Vec) -> mi.Float64:
     start = along(p, sun, clouds.step_m)
     shaded, _ = first_cloud(clouds, planet, start, sun, to_ground=False)
     return dr.select(shaded, mi.Float64(0.0), 1.0)
+
+
+def _is_first_square(pieces: mi.Float64, normal: Vec) -> mi.Bool:
+    """Return whether unit normals stand on a square of the first kind (:mod:`horizonval.earth.surface.squares`)."""
+    # as data: any number of belts shares the kernel
+    belts = constant(dr.width(pieces))
+    latitude = dr.asin(dr.clip(normal[2], -1.0, 1.0)) * (1.0 / math.pi) + 0.5
+    belt = dr.minimum(dr.floor(latitude * belts), belts - 1.0)
+    count = dr.gather(mi.Float64, pieces, mi.UInt32(belt))
+    longitude = dr.atan2(normal[1], normal[0]) * (0.5 / math.pi) + 0.5
+    number = belt + dr.minimum(dr.floor(longitude * count), count - 1.0)
+    return dr.abs(number - 2.0 * dr.floor(0.5 * number)) < 0.5
 
 
 def is_land(words: mi.UInt32, normal: Vec) -> mi.Bool:

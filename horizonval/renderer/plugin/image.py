@@ -28,6 +28,7 @@ from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.kernel.march import march
 from horizonval.renderer.kernel.node_batches import GlowNodes, ShiningNodes, SolarNodes, ThermalNodes
 from horizonval.renderer.kernel.surface import SurfaceHit, surface_hits
+from horizonval.renderer.local_light.local_light import LocalLight
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
 from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_table import ThermalAir
@@ -171,6 +172,11 @@ def node_parts(
         direction: Vec, to_ground: bool, lit: ShiningNodes, light: Vec, hit: SurfaceHit | None
     ) -> tuple[Values, Values]:
         # airglow is known to a factor of two: 0.6 % of error in it, with half the nodes, is plenty
+        factors = None
+        if isinstance(lit, SolarNodes) and lit.bounce is not None:
+            cloud = None if hit is None else (hit.cloud, hit.t)
+            local = LocalLight.of(view).factors(lit, light, direction, to_ground, cloud)
+            factors = None if local is None else (local.air, local.sky)
         top_m, n = (view.highest_m, max(nodes // 2, 8)) if isinstance(lit, GlowNodes) else (view.top_m, nodes)
         return march(
             view.planet,
@@ -183,6 +189,7 @@ def node_parts(
             n,
             SOLAR_CONCENTRATION,
             of_batch(hit),
+            factors,
         )
 
     def through(

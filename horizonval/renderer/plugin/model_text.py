@@ -48,7 +48,7 @@ def load_model(text: str) -> OpticalModel:
     )
     grids: dict[str, FloatArray | None] = {key: _unpack(data[key]) for key in ("altitude_m", "glow_altitude_m")}
     grids["refractivity"] = None if data["refractivity"] is None else _unpack(data["refractivity"])
-    tuples = {key: tuple(data[key]) for key in ("albedo_around", "band_order")}
+    tuples = {key: tuple(data[key]) for key in ("band_order",)}
     thermal = tuple(_load_band(band) for band in data["thermal"])
     emission = None
     if data["emission"] is not None:

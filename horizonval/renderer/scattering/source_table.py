@@ -123,6 +123,11 @@ class SourceTable:
         # cut short, the series may fall below zero where there is next to no light
         return [stored[0][n % width] + dr.log(dr.maximum(shape, 1e-6)) for n, shape in enumerate(shapes)]
 
+    def mean_radiance(self, height_m: mi.Float32, mu_s: mi.Float32) -> list[mi.Float32]:
+        """Return the mean diffuse radiance per unit solar irradiance, per node; of no unit that counts."""
+        row, wx, wy = self._locate(height_m, mu_s)
+        return [dr.exp(v) for v in self._bilinear(row, 0, wx, wy)]
+
     def ground_irradiance(self, mu_s: mi.Float64) -> Values:
         """Return the diffuse irradiance on level ground per unit solar irradiance, per node."""
         x = sun_angle_position(mi.Float32(mu_s), self.n_sun)

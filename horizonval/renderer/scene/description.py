@@ -14,7 +14,6 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.light import moonlight, sky
 from horizonval.earth.optical import NO_ATMOSPHERE, OpticalModel, optical_model
-from horizonval.earth.surface.diffuse_albedo import mean_albedo
 from horizonval.earth.surface.surface import ground_model
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, camera_from_spec
@@ -66,7 +65,7 @@ def describe(scene: SceneSpec, camera: CameraSpec, change: AirChange = AS_IT_IS)
     model, moon = _with_sky(clear, scene, camera, truth, sun_distance_m)
     ground = ground_model(scene)
     if not ground.plain:
-        model = replace(model, albedo_around=tuple(mean_albedo(scene, n.wavelength_um) for n in model.nodes))
+        model = replace(model, ground_varies=True)
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.plugin.settings import CameraSettings, LimbSettings
 

@@ -19,7 +19,7 @@ from horizonval.renderer.ray_path import way_through
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Values, Vec, constant
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
-from horizonval.renderer.view_table.sunlit_air import Light, air_table
+from horizonval.renderer.view_table.sunlit_air import Light, air_table, bounce_packet, packets_of
 
 STATIONS = 48
 STEPS, STEPS_BEFORE = 6, 384
@@ -36,7 +36,7 @@ def cloudy_air(light: Light, coordinates: RayCoordinates, to_ground: bool, top_m
     """
     o = vectors(coordinates.origin[None, :])
     axis = coordinates.ground if to_ground else coordinates.limb
-    packets = 2 * len(light.batches)
+    packets, count = packets_of(light, bends=False), len(light.batches)
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
         d = vectors(coordinates.directions(axis.value(x), azimuth, to_ground))
@@ -46,14 +46,16 @@ def cloudy_air(light: Light, coordinates: RayCoordinates, to_ground: bool, top_m
             if batch is None:
                 continue
             stations = SunlitStations(first, last, STATIONS, STEPS, STEPS_BEFORE)
-            radiance, transmittance = light.march_to_stations(batch, coordinates, o, d, to_ground, stations)
-            dr.eval(radiance, transmittance)
+            radiance, bounce, transmittance = light.march_to_stations(batch, coordinates, o, d, to_ground, stations)
+            dr.eval(radiance, bounce, transmittance)
             for n, (r, t) in enumerate(zip(radiance, transmittance, strict=True)):
                 out[:, :, 2 * k, n] = np.array(r).reshape(STATIONS, -1).T
                 out[:, :, 2 * k + 1, n] = np.array(t).reshape(STATIONS, -1).T
+            for n, b in enumerate(bounce):
+                out[:, :, bounce_packet(count, False, k), n] = np.array(b).reshape(STATIONS, -1).T
         return out.reshape(len(x), -1)
 
-    return air_table(light, coordinates, values, packets, STATIONS)
+    return air_table(light, coordinates, values, stations=STATIONS)
 
 
 def station_of(coordinates: RayCoordinates, o: Vec, d: Vec, to_ground: bool, top_m: float, t: mi.Float64) -> mi.Float64:

@@ -18,17 +18,25 @@ import numpy as np
 
 from horizonval.core.digests import content_digest
 from horizonval.renderer.kernel.cells import Cells, FrameGeometry
+from horizonval.renderer.kernel.march import with_ground
 from horizonval.renderer.kernel.node_batches import GlowNodes, SolarNodes, ThermalNodes
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.kernel.ray_sources import bent_ray, sunlit_ends
 from horizonval.renderer.kernel.surface import SurfaceHit
+from horizonval.renderer.local_light.local_light import LocalLight
 from horizonval.renderer.ray_path import find_path
 from horizonval.renderer.refraction.bent_ray import RefractionTables
 from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.types import Values, Vec, indices_where
 from horizonval.renderer.view_table.cloudy_air import cloudy_air, look_at_stations, station_of
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
-from horizonval.renderer.view_table.sunlit_air import Light, bending_packet, radiance_packet, sunlit_air
+from horizonval.renderer.view_table.sunlit_air import (
+    Light,
+    bending_packet,
+    bounce_packet,
+    radiance_packet,
+    sunlit_air,
+)
 
 
 @dataclass(frozen=True)
@@ -79,6 +87,7 @@ class FrameTables:
         self.limb: LitRays | None = None
         self._origin = np.array([float(c[0]) for c in view.origin])
         self._lights = list(lights)
+        self._local = LocalLight.of(view)
         clouds = None if view.ground is None else view.ground.model.clouds
         self._cloud_top_m = None if clouds is None else clouds.top_m
 
@@ -209,21 +218,33 @@ class FrameTables:
         first = radiance_packet(batch)
         ends = rays.to_ground or hit is not None
         bends = isinstance(nodes, SolarNodes) and isinstance(nodes.sunlight, RefractionTables) and rays.to_ground
-        packets = [first, first + 1, *([bending_packet(len(looked.light.batches))] if bends else [])]
+        count, width = len(looked.light.batches), nodes.width
+        apart = isinstance(nodes, SolarNodes) and nodes.bounce is not None
+        packets = [first, first + 1]
+        packets += [bounce_packet(count, bends, batch)] if apart else []
+        packets += [bending_packet(count)] if bends else []
         values = looked.table.look(looked.x, looked.azimuth, packets)
-        radiance, transmittance = values[: nodes.width], values[PACKET : PACKET + nodes.width]
-        radiance = [dr.maximum(v, 0.0) for v in radiance]
-        bending = values[2 * PACKET] if bends else None
-        found = [*radiance, *transmittance, *([] if bending is None else [bending])]
+        lights = [values[k * PACKET : k * PACKET + width] for k in range(2 + apart)]
+        bending = values[-PACKET] if bends else None
+        found = [dr.maximum(v, 0.0) if k != 1 else v for k, light in enumerate(lights) for v in light]
+        found += [] if bending is None else [bending]
         if looked.cloudy is not None:
             dr.eval(found)
             self._before_clouds(looked, batch, found)
         if dr.width(looked.marched):
             dr.eval(found)
             self._march(looked, nodes, rays, hit, found)
+        radiance, transmittance = found[:width], found[width : 2 * width]
+        reflected = None
+        if isinstance(nodes, SolarNodes) and nodes.bounce is not None:
+            cloud = None if hit is None else (hit.cloud, hit.t)
+            factors = self._local.factors(nodes, looked.light.direction, rays.direction, rays.to_ground, cloud)
+            assert factors is not None
+            radiance, reflected = with_ground(radiance, found[2 * width : 3 * width], factors.air), factors.sky
         if not ends:
             return radiance, transmittance
-        ground = self._ends(looked.light, nodes, rays, hit, bending)
+        bending = found[-1] if bends else None
+        ground = self._ends(looked.light, nodes, rays, hit, bending, reflected)
         counts = mi.Bool(True) if hit is None else hit.ends
         lit = zip(radiance, ground, transmittance, strict=True)
         return [r + dr.select(counts, g * t, 0.0) for r, g, t in lit], transmittance
@@ -234,9 +255,12 @@ class FrameTables:
         assert cloudy is not None
         assert nodes is not None
         first = radiance_packet(batch)
-        values = look_at_stations(cloudy.table, cloudy.x, cloudy.azimuth, cloudy.station, [first, first + 1])
-        radiance, transmittance = values[: nodes.width], values[PACKET : PACKET + nodes.width]
-        for replaced, value in zip(found, [*radiance, *transmittance], strict=True):
+        packets = [first, first + 1]
+        if isinstance(nodes, SolarNodes) and nodes.bounce is not None:
+            packets.append(bounce_packet(len(looked.light.batches), False, batch))
+        values = look_at_stations(cloudy.table, cloudy.x, cloudy.azimuth, cloudy.station, packets)
+        kept = [values[k * PACKET + n] for k in range(len(packets)) for n in range(nodes.width)]
+        for replaced, value in zip(found, kept, strict=True):
             dr.scatter(replaced, dr.maximum(value, 0.0), cloudy.index)
         dr.eval(found)
 
@@ -260,8 +284,8 @@ class FrameTables:
         # rays picked before and put back after the march, so that its kernel is the one that filled the table
         dr.eval(x, y, z)
         air = looked.light.march(nodes, looked.coordinates, self.view.origin, (x, y, z), rays.to_ground, cloud)
-        dr.eval(air.radiance, air.transmittance, air.state[1])
-        exact = [*air.radiance, *air.transmittance]
+        dr.eval(air.radiance, air.bounce, air.transmittance, air.state[1])
+        exact = [*air.radiance, *air.transmittance, *air.bounce]
         if len(found) > len(exact):
             assert air.state[1] is not None
             exact.append(air.state[1])
@@ -276,6 +300,7 @@ class FrameTables:
         rays: LitRays,
         hit: SurfaceHit | None,
         bending: mi.Float64 | None,
+        reflected: Values | None,
     ) -> Values:
         """Return the radiance of what is at the rays' ends."""
         if isinstance(nodes, GlowNodes):
@@ -284,7 +309,7 @@ class FrameTables:
         cloud = None if hit is None else (hit.cloud, hit.t)
         path = find_path(planet, light.top_m, o, d, mi.Bool(rays.to_ground), cloud)
         bent = bent_ray(nodes, planet, path, o, d, light.direction)
-        return sunlit_ends(nodes, planet, path, o, d, light.direction, hit, bent, bending)
+        return sunlit_ends(nodes, planet, path, o, d, light.direction, hit, bent, bending, reflected)
 
 
 def _lights(view: FrameGeometry, batches: Sequence[SolarNodes | ThermalNodes], nodes: int) -> list[Light]:

@@ -51,6 +51,11 @@ class Light:
     top_m: float
     nodes: int
 
+    @property
+    def over_varied_ground(self) -> bool:
+        """Whether the ground's part of the light is kept apart."""
+        return any(isinstance(b, SolarNodes) and b.bounce is not None for b in self.batches)
+
     def stands_high(self, coordinates: RayCoordinates) -> bool:
         """Return whether this is the Sun, and up where the camera is."""
         up = coordinates.origin / np.linalg.norm(coordinates.origin)
@@ -88,7 +93,7 @@ class Light:
         d: Vec,
         to_ground: bool,
         stations: SunlitStations,
-    ) -> tuple[Values, Values]:
+    ) -> tuple[Values, Values, Values]:
         """March up to stations along the rays."""
         return march_to_stations(
             coordinates.planet,
@@ -113,6 +118,17 @@ def bending_packet(batches: int) -> int:
     return 2 * batches
 
 
+def bounce_packet(batches: int, bends: bool, batch: int) -> int:
+    """Return which packet holds what a ground of reflected flux 1 adds to the radiances of a batch."""
+    return 2 * batches + bends + batch
+
+
+def packets_of(light: Light, bends: bool) -> int:
+    """Return how many packets a table has."""
+    count = len(light.batches)
+    return bounce_packet(count, bends, count if light.over_varied_ground else 0)
+
+
 def sunlit_air(light: Light, coordinates: RayCoordinates, to_ground: bool, bends: bool) -> PatchTable:
     """Return an empty table of a light's air, for the rays to the ground or for those past it.
 
@@ -120,7 +136,8 @@ def sunlit_air(light: Light, coordinates: RayCoordinates, to_ground: bool, bends
     """
     o = vectors(coordinates.origin[None, :])
     axis = coordinates.ground if to_ground else coordinates.limb
-    quantities = PACKET * (bending_packet(len(light.batches)) + bends)
+    count = len(light.batches)
+    quantities = PACKET * packets_of(light, bends)
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
         d = vectors(coordinates.directions(axis.value(x), azimuth, to_ground))
@@ -130,38 +147,48 @@ def sunlit_air(light: Light, coordinates: RayCoordinates, to_ground: bool, bends
                 continue
             air = light.march(batch, coordinates, o, d, to_ground)
             bending = air.state[1]
-            dr.eval(air.radiance, air.transmittance, bending)
+            dr.eval(air.radiance, air.bounce, air.transmittance, bending)
             first = PACKET * radiance_packet(k)
             for n, (radiance, transmittance) in enumerate(zip(air.radiance, air.transmittance, strict=True)):
                 out[:, first + n] = np.array(radiance)
                 out[:, first + PACKET + n] = np.array(transmittance)
+            for n, bounce in enumerate(air.bounce):
+                out[:, PACKET * bounce_packet(count, bends, k) + n] = np.array(bounce)
             if bends and bending is not None:
-                out[:, PACKET * bending_packet(len(light.batches))] = np.array(bending)
+                out[:, PACKET * bending_packet(count)] = np.array(bending)
         return out
 
-    return air_table(light, coordinates, values, quantities // PACKET)
+    return air_table(light, coordinates, values, bends)
 
 
 def air_table(
     light: Light,
     coordinates: RayCoordinates,
     values: Callable[[FloatArray, FloatArray], FloatArray],
-    packets: int,
+    bends: bool = False,
     stations: int = 1,
 ) -> PatchTable:
     """Return an empty table of ``values``, whose quantities are, for every station, those of :func:`sunlit_air`."""
     x, azimuth = np.meshgrid(
         np.linspace(0.0, 1.0, SURVEY_ROWS), np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
     )
+    packets, count = packets_of(light, bends), len(light.batches)
     survey = values(x.ravel(), azimuth.ravel())
     brightest = survey.reshape(-1, stations, packets * PACKET).max(axis=(0, 1))
     packet = np.arange(packets * PACKET) // PACKET
-    floor = np.where(packet % 2 == 0, np.maximum(FAINTEST * brightest, 1e-30), OPAQUE)
-    floor[packet == bending_packet(len(light.batches))] = BENT_RAD
-    floor = np.tile(floor, stations)
+    floor = np.where((packet % 2 == 0) | (packet >= 2 * count), np.maximum(FAINTEST * brightest, 1e-30), OPAQUE)
+    if bends:
+        floor[packet == bending_packet(count)] = BENT_RAD
+    # what the ground adds may be as far off as the radiance that it is added to
+    ground = packet >= bounce_packet(count, bends, 0)
+    scale = np.where(ground, packet - bounce_packet(count, bends, 0), 0) * 2 * PACKET + np.arange(len(packet)) % PACKET
+    scale = np.where(ground, scale, np.arange(len(packet)))
+    floor = np.tile(floor[scale], stations)
+    scale = (np.arange(stations)[:, None] * len(packet) + scale).ravel()
     tolerance = TOLERANCE if light.stands_high(coordinates) else TOLERANCE_IN_TWILIGHT
 
     def allowed(known: FloatArray) -> FloatArray:
-        return tolerance * np.maximum(np.abs(known), floor)
+        size = np.abs(known)
+        return tolerance * np.maximum(np.maximum(size, size[..., scale]) if ground.any() else size, floor)
 
     return PatchTable(Tabulated(values, allowed, packets * PACKET * stations, single=stations > 1))

@@ -30,13 +30,19 @@ class Surface(Model):
 
     `uniform` is a Lambert ground of one albedo and one emissivity. `earth` has land, seasonal snow and an ocean that
     glints in the Sun, each with its own spectrum of albedo and emissivity, as warm as their latitude and month say,
-    land with its day and night (`horizonval.earth.surface.surface_temperature`).
+    land with its day and night (`horizonval.earth.surface.surface_temperature`). `chequered` is a test target: squares
+    of two albedos by turns between parallels and meridians (`horizonval.earth.surface.squares`), in thermal bands as
+    `uniform`.
     """
 
-    kind: Literal["uniform", "earth"] = "uniform"
-    """`uniform` or `earth`; see above."""
+    kind: Literal["uniform", "earth", "chequered"] = "uniform"
+    """`uniform`, `earth` or `chequered`; see above."""
     albedo: Fraction = 0.3
-    """Share of the sunlight that the uniform ground reflects."""
+    """Share of the sunlight that the uniform ground reflects, or every other square."""
+    albedo_other: Fraction | None = None
+    """Share that the squares between reflect; `chequered` needs it."""
+    square_km: Annotated[float, Field(ge=1, le=20_000)] | None = None
+    """Side of the squares; `chequered` needs it."""
     wind_speed_m_s: Annotated[float, Field(ge=0, le=40)] | None = None
     """Wind that roughens the ocean of `earth` for sunlight; 7 without the key."""
     emissivity: Fraction = 1.0
@@ -49,9 +55,14 @@ class Surface(Model):
     @model_validator(mode="after")
     def _keys_belong_to_the_kind(self) -> Surface:
         if self.kind == "earth" and "albedo" in self.model_fields_set:
-            raise ValueError('albedo applies to kind = "uniform" only')
+            raise ValueError('albedo applies to kind = "uniform" and "chequered" only')
         if self.kind == "earth" and "emissivity" in self.model_fields_set:
-            raise ValueError('emissivity applies to kind = "uniform" only')
-        if self.kind == "uniform" and self.wind_speed_m_s is not None:
+            raise ValueError('emissivity applies to kind = "uniform" and "chequered" only')
+        for key in ("albedo_other", "square_km"):
+            if self.kind == "chequered" and getattr(self, key) is None:
+                raise ValueError(f'kind = "chequered" needs {key}')
+            if self.kind != "chequered" and getattr(self, key) is not None:
+                raise ValueError(f'{key} applies to kind = "chequered" only')
+        if self.kind != "earth" and self.wind_speed_m_s is not None:
             raise ValueError('wind_speed_m_s applies to kind = "earth" only')
         return self

@@ -1,0 +1,214 @@
+r"""A map of the light that the ground around a camera sends up, blurred as the air above sees it.
+
+Light scattered more than once is ``I = I_air + B F``: B is what a ground of reflected flux 1 adds to the field, the
+same everywhere, and F the flux that ground and clouds send up, over that which falls on them. On a ground that varies
+F is a map,
+
+    F(x) = A(x) / (1 - s A_sky(x)),        A_sky = A weakened by the transfer function of the sky
+
+with the albedo A, clouds at their place, and the spherical albedo s of the air; and the field at a point takes F
+weakened by the transfer function of its height (:mod:`horizonval.renderer.scattering.horizontal_transfer`). What is
+above a place hundreds of kilometres wide sees its own ground alone, what is above a chequered ground of smaller squares
+their mean.
+
+The map is Lambert's equal-area map of everything in sight, :data:`SIDE` cells a side, around the point below the
+camera: 10 km a cell at 500 km, 20 km from the geostationary orbit. A cell is the mean of ``SAMPLES^2`` looks from
+above. Convolutions are by Fourier transform; the map's edge lies beyond what lights anything in sight.
+
+Neglected: that light falls more obliquely on one end of a footprint than on the other (some per cent of it per 100 km
+where the Sun is low), cloud shadows on what is sent up, and that light sent up by a high cloud spreads less far.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.geometry.directions import perpendicular
+from horizonval.renderer.kernel.node_batches import Bounce
+from horizonval.renderer.kernel.surface import Ground, SurfaceHit, surface_hits
+from horizonval.renderer.planet import Planet, dot
+from horizonval.renderer.scattering.horizontal_transfer import LEVELS_M, WAVE_NUMBERS_PER_M, HorizontalTransfer
+from horizonval.renderer.tables import gather_row, table_of
+from horizonval.renderer.types import Vec, Vec3, constant, constant_vector
+
+SIDE = 640
+SAMPLES = 2
+SHARPEST = 2.0
+LIT_AIR_M = 60e3
+_LOOK_M = 30e3
+
+
+@dataclass(frozen=True)
+class GroundLight:
+    """The maps of a batch: F as air at the levels sees it, shape (levels * SIDE * SIDE * width,), and as the sky does.
+
+    ``axes``, ``up``: of the map; ``per_unit``: cells per unit of it.
+    """
+
+    air: mi.Float32
+    sky: mi.Float32
+    axes: tuple[Vec, Vec]
+    up: Vec
+    per_unit: float
+    width: int
+
+    @property
+    def size_bytes(self) -> int:
+        """Return the memory of the maps."""
+        return 4 * (len(LEVELS_M) + 1) * SIDE * SIDE * self.width
+
+    def in_air(self, height_m: mi.Float64, normal: Vec) -> list[mi.Float32]:
+        """Return F as air sees it at heights above unit normals, per node."""
+        place, wx, wy = self._locate(normal)
+        level, w = _level(mi.Float32(height_m))
+        low = self._bilinear(self.air, level * (SIDE * SIDE) + place, wx, wy)
+        high = self._bilinear(self.air, (level + 1) * (SIDE * SIDE) + place, wx, wy)
+        return [dr.fma(b - a, w, a) for a, b in zip(low, high, strict=True)]
+
+    def in_sky(self, normal: Vec) -> list[mi.Float32]:
+        """Return F as the sky above unit normals sees it, per node."""
+        place, wx, wy = self._locate(normal)
+        return self._bilinear(self.sky, place, wx, wy)
+
+    def _locate(self, normal: Vec3[mi.Float64]) -> tuple[mi.UInt32, mi.Float32, mi.Float32]:
+        stretch = dr.sqrt(2.0 / dr.maximum(1.0 + dot(normal, self.up), 1e-6)) * constant(self.per_unit)
+        x, y = (dr.fma(dot(normal, axis), stretch, 0.5 * (SIDE - 1)) for axis in self.axes)
+        x, y = (dr.clip(c, 0.0, SIDE - 1.001) for c in (x, y))
+        i, j = mi.UInt32(x), mi.UInt32(y)
+        return j * SIDE + i, mi.Float32(x - mi.Float64(i)), mi.Float32(y - mi.Float64(j))
+
+    def _bilinear(self, values: mi.Float32, place: mi.UInt32, wx: mi.Float32, wy: mi.Float32) -> list[mi.Float32]:
+        corners = (gather_row(values, place + k, self.width) for k in (0, 1, SIDE, SIDE + 1))
+        return [dr.lerp(dr.lerp(a, b, wx), dr.lerp(c, d, wx), wy) for a, b, c, d in zip(*corners, strict=True)]
+
+
+def _level(height_m: mi.Float32) -> tuple[mi.UInt32, mi.Float32]:
+    """Return (lower level, weight of the upper one), linear in the logarithm of the height."""
+    level, weight = mi.UInt32(0), mi.Float32(0.0)
+    h = dr.log(dr.clip(height_m, LEVELS_M[0], LEVELS_M[-1]))
+    for k in range(len(LEVELS_M) - 1):
+        low, high = math.log(LEVELS_M[k]), math.log(LEVELS_M[k + 1])
+        above = h >= low
+        level = dr.select(above, mi.UInt32(k), level)
+        weight = dr.select(above, (h - low) * (1.0 / (high - low)), weight)
+    return level, weight
+
+
+@dataclass(frozen=True)
+class GroundCells:
+    """What lies in the cells of the map around a camera; ``mean``: the shares of every kind of ground, clouds included.
+
+    Of ``mean`` nothing counts but what reflects skylight.
+    """
+
+    ground: Ground
+    mean: SurfaceHit
+    axes: FloatArray
+    per_unit: float
+    cell_m: float
+
+    @property
+    def size_bytes(self) -> int:
+        """Return the memory of the shares."""
+        return 8 * SIDE * SIDE * (len(self.mean.shares) + 2)
+
+
+def ground_cells(ground: Ground, planet: Planet, origin: FloatArray, light: Vec) -> GroundCells:
+    """Look from above at everything around a camera; ``light``: any direction."""
+    r = float(np.linalg.norm(origin))
+    up = origin / r
+    east = perpendicular(up)
+    axes = np.stack([east, np.cross(up, east), up])
+    radius = min(planet.a_m, planet.b_m)
+    # 1 deg for the ellipsoid's normals
+    reach = math.acos(min(radius / r, 1.0)) + math.acos(radius / (radius + LIT_AIR_M)) + math.radians(1.0)
+    half = 2.0 * math.sin(0.5 * min(reach, math.pi))
+    per_unit = 0.5 * (SIDE - 1) / half
+    cells = np.arange(SIDE * SIDE)
+    shares: dict[str, FloatArray] = {}
+    for k in range(SAMPLES * SAMPLES):
+        aside = (np.array([k % SAMPLES, k // SAMPLES]) + 0.5) / SAMPLES - 0.5
+        x = (cells % SIDE + aside[0] - 0.5 * (SIDE - 1)) / per_unit
+        y = (cells // SIDE + aside[1] - 0.5 * (SIDE - 1)) / per_unit
+        hit = _seen_from_above(ground, planet, x, y, axes, light)
+        for kind, share in hit.shares.items():
+            seen = np.broadcast_to(np.array(share), len(cells)) / SAMPLES**2
+            shares[kind] = shares[kind] + seen if kind in shares else seen
+    zero, one = constant(0.0), constant(1.0)
+    means = {kind: table_of(mi.Float64, share) for kind, share in shares.items()}
+    mean = SurfaceHit(mi.Bool(True), mi.Bool(False), zero, one, means, one, zero)
+    return GroundCells(ground, mean, axes, per_unit, planet.mean_radius_m / per_unit)
+
+
+def _seen_from_above(
+    ground: Ground, planet: Planet, x: FloatArray, y: FloatArray, axes: FloatArray, light: Vec
+) -> SurfaceHit:
+    rho2 = np.minimum(x * x + y * y, 4.0)
+    shrink = np.sqrt(1.0 - 0.25 * rho2)
+    along = (x * shrink, y * shrink, 1.0 - 0.5 * rho2)
+    normal = [sum(c * axis[k] for c, axis in zip(along, axes, strict=True)) for k in range(3)]
+    squares = (planet.a_m**2, planet.a_m**2, planet.b_m**2)
+    scale = 1.0 / np.sqrt(sum(s * n * n for s, n in zip(squares, normal, strict=True)))
+    foot = [s * n * scale + _LOOK_M * n for s, n in zip(squares, normal, strict=True)]
+    (o1, o2, o3), (d1, d2, d3) = ([table_of(mi.Float64, c) for c in v] for v in (foot, [-n for n in normal]))
+    (hit,) = surface_hits(ground, planet, (o1, o2, o3), (d1, d2, d3), [light], to_ground=True, shaded=False)
+    return hit
+
+
+def ground_light(cells: GroundCells, bounce: Bounce) -> GroundLight:
+    """Return the maps of a batch around a camera."""
+    _, diffuse = cells.mean.at(cells.ground.model, bounce.wavelength_um, bounce.width).reflectance()
+    dr.eval(diffuse)
+    waves = _Waves.of(cells.cell_m)
+    air = np.zeros((len(LEVELS_M), SIDE, SIDE, bounce.width), dtype=np.float32)
+    sky = np.zeros((SIDE, SIDE, bounce.width), dtype=np.float32)
+    for k, (transfer, spherical) in enumerate(zip(bounce.transfer, bounce.spherical_albedo, strict=True)):
+        albedo = math.pi * np.broadcast_to(np.array(diffuse[k]), SIDE * SIDE).reshape(SIDE, SIDE)
+        sky[..., k], air[..., k] = waves.blurred(albedo.astype(np.float32), transfer, spherical)
+    east, north, up = (constant_vector(axis) for axis in cells.axes)
+    tables = table_of(mi.Float32, air), table_of(mi.Float32, sky)
+    return GroundLight(*tables, (east, north), up, cells.per_unit, bounce.width)
+
+
+@dataclass(frozen=True)
+class _Waves:
+    """The waves of a map: lower entry of the transfer functions, weight of the upper one, and ``sharpening``.
+
+    A cell holds a mean, and between cells the map is bilinear: both weaken waves, a wave of k cells per radian by
+    ``sinc(k/2)^3`` along an axis. The amplitudes are put right for it, by a factor of :data:`SHARPEST` at most.
+    """
+
+    low: NDArray[np.int64]
+    weight: NDArray[np.float32]
+    sharpening: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, cell_m: float) -> _Waves:
+        ky, kx = scipy.fft.fftfreq(SIDE)[:, None], scipy.fft.rfftfreq(SIDE)
+        k = 2.0 * math.pi / cell_m * np.hypot(ky, kx)
+        place = np.interp(k, WAVE_NUMBERS_PER_M, np.arange(len(WAVE_NUMBERS_PER_M)))
+        low = np.minimum(place.astype(np.int64), len(WAVE_NUMBERS_PER_M) - 2)
+        sharpening = np.minimum((np.sinc(ky) * np.sinc(kx)) ** -3.0, SHARPEST)
+        return cls(low, (place - low).astype(np.float32), sharpening.astype(np.float32))
+
+    def blurred(
+        self, albedo: NDArray[np.float32], transfer: HorizontalTransfer, spherical: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return F as the sky sees it, and as the levels see it with the levels first."""
+
+        def weakened(spectrum: NDArray[np.complex64], function: FloatArray) -> NDArray[np.float32]:
+            f = function.astype(np.float32)
+            through = (f[self.low] + self.weight * (f[self.low + 1] - f[self.low])) * self.sharpening
+            return np.asarray(np.maximum(scipy.fft.irfft2(spectrum * through, s=albedo.shape), np.float32(0.0)))
+
+        seen = np.minimum(weakened(scipy.fft.rfft2(albedo), transfer.sky), np.float32(1.0))
+        flux = scipy.fft.rfft2(albedo / (1.0 - np.float32(spherical) * seen))
+        return weakened(flux, transfer.sky), np.stack([weakened(flux, f) for f in transfer.air])
