@@ -9,7 +9,6 @@ import hashlib
 import json
 import math
 from dataclasses import replace
-from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from numpy.typing import ArrayLike
 
 from horizonval.earth.optical import OpticalModel, optical_model
 from horizonval.earth.spectral.thermal_accuracy import thermal_accuracy
-from horizonval.earth.surface.surface import snow_line_deg
 from horizonval.frame import FRAME_SCHEMA, FrameTruth
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.eclipse import sun_visible_fraction
@@ -187,8 +185,7 @@ def with_infrared_horizon(truth: FrameTruth, model: OpticalModel) -> FrameTruth:
     ``half_height_km``, ``nadir_k``, ``sentences``), or None where the absorption comes from an atmosphere file.
     """
     ellipsoid = truth.ellipsoid
-    line = snow_line_deg(datetime.fromisoformat(truth.epoch_utc))
-    horizon_by_band = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs, snow_line_deg=line)
+    horizon_by_band = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs)
     from_file = truth.scene.get("atmosphere", {}).get("file") is not None
     bands = {band.name: band for band in truth.camera_spec.band}
     for name, horizon in horizon_by_band.items():

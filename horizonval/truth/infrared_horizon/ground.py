@@ -13,9 +13,13 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.earth.surface.ground_emission import GroundEmission, ground_emissivity, ground_k
-from horizonval.earth.surface.land import is_land
-from horizonval.earth.surface.surface import snow_share
+from horizonval.earth.surface.ground_emission import (
+    EmittingPlaces,
+    GroundEmission,
+    emitting_places,
+    ground_emissivity,
+    ground_k,
+)
 from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_from_itrs, surface_normal
 
 _SKY_ROWS, _SKY_STRIDE = 12, 5
@@ -23,44 +27,33 @@ _SKY_ROWS, _SKY_STRIDE = 12, 5
 
 @dataclass(frozen=True)
 class GroundPlaces:
-    """Where rays meet the ground; arrays of shape (n,).
+    """Where rays meet the ground. ``cosine``: of the view to the vertical, shape (n,); ``places``: what emits there."""
 
-    ``cosine``: of the view to the vertical. ``hour_angle``: of the Sun [rad]. ``land``, ``snow``: shares of the place.
-    """
-
-    sin_latitude: FloatArray
     cosine: FloatArray
-    hour_angle: FloatArray
-    land: FloatArray
-    snow: FloatArray
+    places: EmittingPlaces
 
 
 def ground_places(
-    r_itrs: FloatArray, place_itrs: FloatArray, ellipsoid: Ellipsoid, sun_itrs: FloatArray, snow_line_deg: float
+    r_itrs: FloatArray, place_itrs: FloatArray, ellipsoid: Ellipsoid, sun_itrs: FloatArray, emission: GroundEmission
 ) -> GroundPlaces:
-    """Return what is at places of shape (n, 3) seen from a camera, with the Sun's direction and the snow line given."""
+    """Return what is at places of shape (n, 3) seen from a camera, with the Sun in a direction."""
     latitude, longitude, _ = geodetic_from_itrs(place_itrs, ellipsoid)
     line = r_itrs - place_itrs
     line = line / np.linalg.norm(line, axis=-1, keepdims=True)
     cosine = np.einsum("ij,ij->i", surface_normal(place_itrs, ellipsoid), line)
-    sun_longitude = np.arctan2(sun_itrs[1], sun_itrs[0])
-    latitude_deg = np.degrees(latitude)
-    land = is_land(latitude_deg, np.degrees(longitude)).astype(np.float64)
-    snow = land * snow_share(latitude_deg, snow_line_deg)
-    return GroundPlaces(np.sin(latitude), cosine, longitude - sun_longitude, land - snow, snow)
+    sun_longitude = float(np.arctan2(sun_itrs[1], sun_itrs[0]))
+    return GroundPlaces(cosine, emitting_places(emission, latitude, longitude, sun_longitude))
 
 
 def ground_radiance(band: EmittingBand, emission: GroundEmission, at: GroundPlaces) -> FloatArray:
     """Return the radiance [W m-2 sr-1], shape (n, g), of the ground towards the camera."""
-    if emission.kind == "uniform":
-        shares = {"land": np.ones_like(at.land)}
-    else:
-        shares = {"land": at.land, "snow": at.snow, "water": 1.0 - at.land - at.snow}
-    sky = _sky(band, at.sin_latitude) if emission.kind != "uniform" or emission.emissivity < 1.0 else 0.0
-    total = np.zeros((len(at.land), band.count))
-    for kind, share in shares.items():
+    places = at.places
+    reflects = emission.kind != "uniform" or emission.emissivity < 1.0
+    sky = _sky(band, places.sin_latitude) if reflects else 0.0
+    total = np.zeros((len(at.cosine), band.count))
+    for kind, share in places.shares.items():
         e = ground_emissivity(emission, kind, band.wavelength_um, at.cosine[:, None])
-        source = band.source(ground_k(emission, kind, at.sin_latitude, at.hour_angle))
+        source = band.source(ground_k(emission, kind, places))
         total += share[:, None] * (e * source + (1.0 - e) * sky)
     return total
 

@@ -9,7 +9,7 @@ import horizonval
 
 ROOM = Path(horizonval.__file__).parent / "renderer"
 LAYERS = ["reference", "rays", "derivatives", "scene", "plugin", "view_table", "thermal", "kernel", "scattering"]
-LAYERS += ["refraction", ""]
+LAYERS += ["refraction", "ground", ""]
 """From top to bottom; the last are the modules of the room itself."""
 
 
