@@ -2,7 +2,8 @@ r"""Tables over the rays of one camera position that a kernel reads by cubic int
 
 Rows are places on an axis of rays (:mod:`horizonval.renderer.kernel.ray_coordinates`), columns azimuths from 0 to
 :math:`\pi`, where what is tabulated is the same on both sides of the camera's meridian since it depends on height and
-latitude alone, or else all round. A node is made when a frame first looks near it, and what it holds depends on nothing that was looked at before.
+latitude alone, or else all round. A node is made when a frame first looks near it, and what it holds depends on nothing
+that was looked at before.
 
 Node values f are joined by cubics with the slopes ``(f[i + 1] - f[i - 1]) / 2``: smooth, and exact for parabolas.
 Beyond the ends of rows one more node lies on the parabola through the last three; beyond those of columns they are
@@ -102,7 +103,7 @@ class NodeGrid:
     def node_azimuths(self) -> FloatArray:
         """Return the azimuths of columns [rad]."""
         if self.all_round:
-            return np.arange(self.columns) * (math.tau / self.columns)
+            return np.linspace(0.0, math.tau, self.columns, endpoint=False)
         return np.linspace(0.0, math.pi, self.columns)
 
     def across(self, azimuth: mi.Float64) -> Neighbours:

@@ -23,7 +23,7 @@ from horizonval.geometry.directions import perpendicular
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """``axes`` (3, 3): e, f and c as rows. ``half``: largest \\|x\\| and \\|y\\|. ``count``: columns along each side."""
+    """``axes`` (3, 3): e, f and c as rows. ``half``: largest x and y, and smallest. ``count``: columns along a side."""
 
     axes: FloatArray
     half: float

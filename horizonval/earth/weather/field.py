@@ -78,9 +78,7 @@ class WeatherField:
 
     def at(self, latitude_deg: ArrayLike, longitude_deg: ArrayLike, height_m: ArrayLike) -> Deviations:
         """Return the deviations at places and log-pressure heights."""
-        latitude, longitude, height = (
-            np.asarray(v, dtype=np.float64) for v in (latitude_deg, longitude_deg, height_m)
-        )
+        latitude, longitude, height = (np.asarray(v, dtype=np.float64) for v in (latitude_deg, longitude_deg, height_m))
         spread, modes = vertical_modes().at(height)
         weights = class_weights(latitude, self.month)
         total = np.zeros((len(latitude), 3 * len(height)))

@@ -1,8 +1,9 @@
 """The air of a thermal band as the emission march reads it: columns over latitude, a few g points at a time.
 
 Extinction and source function are linear in height between the nodes of one grid, linear in the sine of geodetic
-latitude between rows, and beyond the outermost rows as on them; or bilinear between columns on a map. In memory the g points of a batch lie side by side,
-extinction and source of a node one after the other, so that one node costs two packet gathers.
+latitude between rows, and beyond the outermost rows as on them; or bilinear between columns on a map. In memory the g
+points of a batch lie side by side, extinction and source of a node one after the other, so that one node costs two
+packet gathers.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The infrared horizon all round a camera, for every thermal band: what a frame's truth carries.
 
-Air that depends on height and latitude alone looks the same along rays at azimuths A and -A about the nadir: half of the
-circle is integrated, and all of it where the air varies with longitude. Where the air is the same everywhere, only the ellipsoid's curvature still turns with the
-azimuth (0.7 % of its radius, some 30 m of the horizon's height); its first harmonics are then enough, and on a sphere
-one azimuth.
+Air that depends on height and latitude alone looks the same along rays at azimuths A and -A about the nadir: half of
+the circle is integrated, and all of it where the air varies with longitude. Where the air is the same everywhere, only
+the ellipsoid's curvature still turns with the azimuth (0.7 % of its radius, some 30 m of the horizon's height); its
+first harmonics are then enough, and on a sphere one azimuth.
 """
 
 from __future__ import annotations

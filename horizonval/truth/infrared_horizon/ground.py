@@ -26,7 +26,8 @@ _SKY_ROWS, _SKY_STRIDE = 12, 5
 class GroundPlaces:
     """Where rays meet the ground; arrays of shape (n,).
 
-    ``normal``: the ellipsoid's, shape (n, 3). ``cosine``: of the view to the vertical. ``hour_angle``: of the Sun [rad]. ``land``, ``snow``: shares of the place.
+    ``normal``: the ellipsoid's, shape (n, 3). ``cosine``: of the view to the vertical. ``hour_angle``: of the Sun
+    [rad]. ``land``, ``snow``: shares of the place.
     """
 
     sin_latitude: FloatArray
