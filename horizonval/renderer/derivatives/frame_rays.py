@@ -163,14 +163,8 @@ class FrameRays:
         up = np.stack([np.array(c) for c in normal], axis=-1)
         cosine = -np.sum(up * np.stack([np.array(c) for c in d], axis=-1), axis=-1)
         emission = source.emission
-<<<<<<< HEAD
         places = places_below(emission, up, np.array([float(c[0]) for c in self.view.sun]))
-        sky = source.sky_at(up[:, 2], part)
-=======
-        share = shares(emission, self.view.ground.model if self.view.ground else None, up)
-        warm = temperatures_k(emission, up, np.array([float(c[0]) for c in self.view.sun]))
         sky = source.sky_at(up, part)
->>>>>>> main
         total = np.zeros_like(sky)
         for kind, weight in places.shares.items():
             e = source.emissivities(kind, cosine, part)

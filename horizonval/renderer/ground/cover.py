@@ -69,6 +69,15 @@ class MapCells:
     weights: tuple[mi.Float64, ...]
 
     @property
+    def alike(self) -> mi.Bool:
+        """Return whether all are of one kind."""
+        first, *others = self.kinds
+        same = mi.Bool(True)
+        for kind in others:
+            same &= kind == first
+        return same
+
+    @property
     def on_land(self) -> mi.Float64:
         """Return the weight of land."""
         a, b, c, d = self.weights
@@ -87,9 +96,19 @@ def cells_around(table: GroundTable, places: Places) -> MapCells:
     return MapCells(tuple(kinds), tuple(dry))
 
 
-def is_land(table: GroundTable, places: Places) -> mi.Bool:
-    """Return :func:`horizonval.earth.surface.ground_map.is_land`."""
-    return cells_around(table, places).on_land > 0.5
+def look_alike(table: GroundTable, places: Places) -> tuple[mi.UInt32, mi.Bool]:
+    """Return a number for what there is at places, and whether it is the same all around them.
+
+    Places of one number have the same ground where it is the same around them, but for the slow ways in which snow and
+    ice set in (the number tells none of them, some, and all from each other) and in which the height of land changes
+    (it tells the squares in which heights are bilinear).
+    """
+    cells = cells_around(table, places)
+    sea = cells.kinds[0] == ground_map.SEA
+    white = dr.select(sea, frozen(table, places), snow_share(table, places))
+    rows, columns, _ = _around(places, 1.0, 180, 360)
+    square = dr.select(sea, mi.UInt32(0), 64 * (rows[0] * 360 + columns[0]))
+    return square + 3 * cells.kinds[0] + mi.UInt32(dr.ceil(white)) + mi.UInt32(dr.floor(white)), cells.alike
 
 
 def cover(table: GroundTable, places: Places) -> tuple[mi.Bool, dict[str, mi.Float64]]:

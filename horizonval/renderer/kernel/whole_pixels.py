@@ -11,8 +11,8 @@ scales are
 - on the ground a sixth of the cosine of the light's zenith angle, and in twilight the angle over which the Earth's
   shadow rises by a scale height (:data:`TWILIGHT_RAD`); beyond twilight there is no light (:data:`NIGHT`).
 
-Where the ground's own terminator, a coast or the edge of snow runs through a pixel, it is cut, too, and so is all that
-lies under clouds.
+Where the ground's own terminator, a coast, the edge of snow or ice or a border between kinds of ground runs through a
+pixel, it is cut, too, and so is all that lies under clouds.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.renderer.ground.cover import GroundTable, Places, frozen, is_land, snow_share
+from horizonval.renderer.ground.cover import GroundTable, Places, look_alike
 from horizonval.renderer.kernel.discs import Disc
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, limb_function
 from horizonval.renderer.planet import along, distance_squared, dot
@@ -129,28 +129,25 @@ def _even_ground(view: FrameGeometry, centre: Vec, reach: mi.Float64) -> mi.Bool
 
 
 def _coast(view: FrameGeometry, table: GroundTable, pixel: mi.UInt32) -> mi.Bool:
-    """Return whether the rays through pixels' centres and through those of their cells end on several kinds of ground.
-
-    Kinds are land and water, each without white, in the belt in which snow or ice sets in, and beyond it.
+    """Return whether the rays through pixels' centres and through those of their cells end on several kinds of ground,
+    or where kinds of ground meet.
     """
     k = view.subsamples
     column, row = mi.Float64(pixel % view.width), mi.Float64(pixel // view.width)
 
-    def kind(u: mi.Float64, v: mi.Float64) -> mi.UInt32:
+    def kind(u: mi.Float64, v: mi.Float64) -> tuple[mi.UInt32, mi.Bool]:
         d = view.rays.direction(u, v)
         mid, half, _ = view.planet.chord(view.origin, d)
         _, normal = view.planet.height_and_normal(along(view.origin, d, mid - half))
-        places = Places.below(normal)
-        on_land = is_land(table, places)
-        white = dr.select(on_land, snow_share(table, places), frozen(table, places))
-        return mi.UInt32(dr.ceil(white)) + mi.UInt32(dr.floor(white)) + dr.select(on_land, mi.UInt32(3), 0)
+        return look_alike(table, Places.below(normal))
 
     def at_cell(i: mi.UInt32, several: mi.Bool) -> tuple[mi.UInt32, mi.Bool]:
         part = i % k, i // k
         u, v = (c + (mi.Float64(j) + 0.5) / k - 0.5 for c, j in zip((column, row), part, strict=True))
-        return i + 1, several | (kind(u, v) != middle)
+        here, alike = kind(u, v)
+        return i + 1, several | ~alike | (here != middle)
 
-    middle = kind(column, row)
-    dr.eval(middle)
-    start = mi.UInt32(0), dr.full(mi.Bool, False, dr.width(pixel))
+    middle, alone = kind(column, row)
+    dr.eval(middle, alone)
+    start = mi.UInt32(0), ~alone
     return dr.while_loop(start, lambda i, several: i < k * k, at_cell, label="coasts")[1]
