@@ -33,6 +33,7 @@ from horizonval.geometry.pose import Pose, direction_from_horizontal, place_from
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.truth.infrared_horizon.around import infrared_horizon
+from horizonval.truth.parts_in_view import parts_truth
 
 
 def scene_id(scene: dict[str, Any], camera: dict[str, Any]) -> str:
@@ -82,8 +83,8 @@ def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> 
     ------
     UserError
         If the camera is not above the surface, its distortion folds inside the image, the scene does not say which of
-        its heads took the frame, or the epoch is outside 1960 to 2099; with the infrared horizon also as
-        :func:`horizonval.earth.optical.optical_model`.
+        its heads took the frame, a part of the spacecraft cannot be, or the epoch is outside 1960 to 2099; with the
+        infrared horizon also as :func:`horizonval.earth.optical.optical_model`.
     """
     check_invertible(camera_from_spec(camera.camera))
     pose = pose_from_spec(scene, camera)
@@ -155,7 +156,10 @@ def _attitude_fields(
     if scene.surface.kind == "earth":
         del scene_data["surface"]["albedo"], scene_data["surface"]["emissivity"]
     q = pose.q_cam_from_itrs
-    return {
+    parts: dict[str, Any] = {}
+    if scene.part:
+        parts = {"parts": parts_truth(scene, camera, pose, to_sun)}
+    return parts | {
         "scene": scene_data,
         "camera": camera_data,
         "scene_id": scene_id(scene_data, camera_data),
