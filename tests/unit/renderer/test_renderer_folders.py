@@ -13,6 +13,7 @@ LAYERS = [
     "rays",
     "derivatives",
     "scene",
+    "parts",
     "plugin",
     "view_table",
     "local_light",
