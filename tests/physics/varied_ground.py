@@ -1,20 +1,19 @@
-"""Single rays over a ground that varies: as frames have them, and by the Monte Carlo.
+"""Rays over a chequered ground: where they start and go, and their radiance as frames have it.
 
-A frame here is a few pixels wide and a thousandth of a degree fine, so that a pixel is a ray; frames of one place share
-their tables.
+The platform is 500 km above a sphere. A frame here has pixels of a thousandth of a degree, so that a pixel is a ray.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import monte_carlo
 import numpy as np
+from reference_rays import OBSERVER_KM, RADIUS_KM
 from scipy.spatial.transform import Rotation
 
+from horizonval.core.arrays import FloatArray
 from horizonval.earth.optical import optical_model
 from horizonval.geometry.camera import camera_from_spec, pixel_grid, unproject
 from horizonval.geometry.ephemeris import AU_M, sun_itrs
@@ -23,8 +22,9 @@ from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
 DATA = Path(__file__).parents[1] / "data"
-RADIUS_KM = 6371.0
-ALTITUDE_KM = 500.0
+SUN_AZIMUTH_DEG = 40.0
+BRIGHT, DARK = 0.6, 0.05
+"""Albedos of the squares: about a cloud and the sea."""
 CAMERA = CameraSpec.model_validate(
     {
         "camera": {"width": 5, "height": 5, "fov_deg": 0.005},
@@ -33,56 +33,58 @@ CAMERA = CameraSpec.model_validate(
 )
 
 
-@dataclass(frozen=True)
-class Ray:
-    """A ray of a frame: observer [km], direction and Sun, planet-centred, and its radiance [1/sr]."""
-
-    observer_km: np.ndarray
-    direction: np.ndarray
-    sun: np.ndarray
-    radiance: float
-
-
 def nadir_angle_deg(height_km: float) -> float:
     """Return the angle from the nadir at which a ray's lowest point has a height."""
-    return math.degrees(math.asin((RADIUS_KM + height_km) / (RADIUS_KM + ALTITUDE_KM)))
+    return math.degrees(math.asin((RADIUS_KM + height_km) / (RADIUS_KM + OBSERVER_KM)))
 
 
-def frame_ray(
-    surface: dict[str, Any],
-    sun_zenith_deg: float,
-    nadir_deg: float,
-    azimuth_deg: float,
-    *,
-    latitude_deg: float = 3.0,
-    longitude_deg: float = 5.0,
-    method: str = "table",
-) -> Ray:
-    """Return the middle pixel of a frame."""
+def vectors_of(row: dict[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return observer [km], direction and Sun of a row of the table, planet-centred."""
+    latitude, longitude, nadir, azimuth, zenith = (
+        math.radians(float(row[f"{name}_deg"])) for name in ("latitude", "longitude", "nadir", "azimuth", "sza")
+    )
+    c, s = math.cos(latitude), math.sin(latitude)
+    up = np.array([c * math.cos(longitude), c * math.sin(longitude), s])
+    east = np.array([-math.sin(longitude), math.cos(longitude), 0.0])
+    north = np.cross(up, east)
+
+    def aside(a: float) -> FloatArray:
+        return math.cos(a) * north + math.sin(a) * east
+
+    direction = math.sin(nadir) * aside(azimuth) - math.cos(nadir) * up
+    sun = math.cos(zenith) * up + math.sin(zenith) * aside(math.radians(SUN_AZIMUTH_DEG))
+    return (RADIUS_KM + OBSERVER_KM) * up, direction, sun
+
+
+def frame_radiance(row: dict[str, Any], method: str = "table") -> float:
+    """Return the radiance of a row's ray as a frame has it [1/sr]; the frame's own geometry must be the row's."""
     scene = SceneSpec.model_validate(
         {
             "camera": {"file": "test"},
             "earth": {"shape": "sphere", "radius_km": RADIUS_KM},
-            "platform": {"altitude_km": ALTITUDE_KM, "latitude_deg": latitude_deg, "longitude_deg": longitude_deg},
-            "attitude": {"yaw_deg": azimuth_deg, "pitch_deg": nadir_deg},
-            "sun": {"zenith_deg": sun_zenith_deg, "azimuth_deg": 40.0},
+            "platform": {
+                "altitude_km": OBSERVER_KM,
+                "latitude_deg": float(row["latitude_deg"]),
+                "longitude_deg": float(row["longitude_deg"]),
+            },
+            "attitude": {"yaw_deg": float(row["azimuth_deg"]), "pitch_deg": float(row["nadir_deg"])},
+            "sun": {"zenith_deg": float(row["sza_deg"]), "azimuth_deg": SUN_AZIMUTH_DEG},
             "atmosphere": {"file": str(DATA / "atm_rayleigh.json")},
-            "surface": surface,
+            "surface": {
+                "kind": "chequered",
+                "square_km": float(row["square_km"]),
+                "albedo": BRIGHT,
+                "albedo_other": DARK,
+            },
             "render": {"subsamples": 1, "method": method},
         }
     )
     frame = render_frame(scene, CAMERA)
     truth, model = frame.truth, camera_from_spec(CAMERA.camera)
     los = unproject(model, pixel_grid(model))[2, 2]
-    direction = Rotation.from_quat(truth.q_cam_from_itrs).inv().apply(los)
+    observer, direction, sun = vectors_of(row)
+    np.testing.assert_allclose(np.array(truth.r_itrs) / 1e3, observer, atol=1e-3)
+    np.testing.assert_allclose(Rotation.from_quat(truth.q_cam_from_itrs).inv().apply(los), direction, atol=1e-7)
+    np.testing.assert_allclose(truth.sun_itrs, sun, atol=1e-7)
     (node,) = optical_model(scene, CAMERA, sun_distance_au=sun_itrs(scene.platform.epoch_utc)[1] / AU_M).nodes
-    irradiance = float(frame.radiance["550nm"][2, 2]) / (node.weight * node.solar_irradiance)
-    return Ray(np.array(truth.r_itrs) / 1e3, direction, np.array(truth.sun_itrs), irradiance)
-
-
-def judged(ray: Ray, ground: monte_carlo.Ground, paths: int, *seed: object) -> tuple[float, float]:
-    """Return the Monte Carlo's radiance of a ray, and its standard error."""
-    air = monte_carlo.read_air(DATA / "atm_rayleigh.json", "550nm")._replace(ground=ground)
-    identity = monte_carlo.seed_of("varied ground", ray.observer_km, ray.direction, ray.sun, *seed)
-    answer = monte_carlo.radiance(air, ray.observer_km, ray.direction, ray.sun, paths, identity)
-    return answer.total, answer.multiple_se
+    return float(frame.radiance["550nm"][2, 2]) / (node.weight * node.solar_irradiance)

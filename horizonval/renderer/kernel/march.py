@@ -54,7 +54,7 @@ def march(
     nodes: int,
     concentration: float,
     hit: SurfaceHit | None = None,
-    ground_factors: tuple[Values, Values] | None = None,
+    ground_factors: tuple[Values, Values | None] | None = None,
 ) -> tuple[Values, Values]:
     """Return radiance and transmittance of every spectral node of a batch along rays.
 

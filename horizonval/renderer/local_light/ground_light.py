@@ -12,7 +12,7 @@ above a place hundreds of kilometres wide sees its own ground alone, what is abo
 their mean.
 
 The map is Lambert's equal-area map of everything in sight, :data:`SIDE` cells a side, around the point below the
-camera: 10 km a cell at 500 km, 20 km from the geostationary orbit. A cell is the mean of ``SAMPLES^2`` looks from
+camera: 9 km a cell at 500 km, 20 km from the geostationary orbit. A cell is the mean of ``SAMPLES^2`` looks from
 above. Convolutions are by Fourier transform; the map's edge lies beyond what lights anything in sight.
 
 Neglected: that light falls more obliquely on one end of a footprint than on the other (some per cent of it per 100 km
@@ -42,7 +42,11 @@ from horizonval.renderer.types import Vec, Vec3, constant, constant_vector
 SIDE = 640
 SAMPLES = 2
 SHARPEST = 2.0
-LIT_AIR_M = 60e3
+"""SIDE was chosen after seeing the Monte Carlo's rays over squares of 50 and 100 km: 896 cells would bring the worst of
+them from 4.4 to 2.6 %, for three times the time that the maps take. Between 2 and 4 SHARPEST makes no difference."""
+LIT_AIR_M = 12e3
+"""The map ends where air this high can still be seen."""
+_COARSER = 4
 _LOOK_M = 30e3
 
 
@@ -186,6 +190,7 @@ class _Waves:
     ``sinc(k/2)^3`` along an axis. The amplitudes are put right for it, by a factor of :data:`SHARPEST` at most.
     """
 
+    cell_m: float
     low: NDArray[np.int64]
     weight: NDArray[np.float32]
     sharpening: NDArray[np.float32]
@@ -197,7 +202,7 @@ class _Waves:
         place = np.interp(k, WAVE_NUMBERS_PER_M, np.arange(len(WAVE_NUMBERS_PER_M)))
         low = np.minimum(place.astype(np.int64), len(WAVE_NUMBERS_PER_M) - 2)
         sharpening = np.minimum((np.sinc(ky) * np.sinc(kx)) ** -3.0, SHARPEST)
-        return cls(low, (place - low).astype(np.float32), sharpening.astype(np.float32))
+        return cls(cell_m, low, (place - low).astype(np.float32), sharpening.astype(np.float32))
 
     def blurred(
         self, albedo: NDArray[np.float32], transfer: HorizontalTransfer, spherical: float
@@ -209,6 +214,19 @@ class _Waves:
             through = (f[self.low] + self.weight * (f[self.low + 1] - f[self.low])) * self.sharpening
             return np.asarray(np.maximum(scipy.fft.irfft2(spectrum * through, s=albedo.shape), np.float32(0.0)))
 
-        seen = np.minimum(weakened(scipy.fft.rfft2(albedo), transfer.sky), np.float32(1.0))
-        flux = scipy.fft.rfft2(albedo / (1.0 - np.float32(spherical) * seen))
+        flux = scipy.fft.rfft2(albedo / (1.0 - np.float32(spherical) * self._seen_by_sky(albedo, transfer)))
         return weakened(flux, transfer.sky), np.stack([weakened(flux, f) for f in transfer.air])
+
+    def _seen_by_sky(self, albedo: NDArray[np.float32], transfer: HorizontalTransfer) -> NDArray[np.float32]:
+        """Return A_sky, steps of a few cells: it counts s times, a tenth."""
+        few = SIDE // _COARSER
+        coarse = albedo.reshape(few, _COARSER, few, _COARSER).mean(axis=(1, 3))
+        k = (
+            2.0
+            * math.pi
+            / (_COARSER * self.cell_m)
+            * np.hypot(scipy.fft.fftfreq(few)[:, None], scipy.fft.rfftfreq(few))
+        )
+        through = np.interp(k, WAVE_NUMBERS_PER_M, transfer.sky).astype(np.float32)
+        seen = np.clip(scipy.fft.irfft2(scipy.fft.rfft2(coarse) * through, s=coarse.shape), 0.0, 1.0)
+        return np.repeat(np.repeat(seen.astype(np.float32), _COARSER, axis=0), _COARSER, axis=1)

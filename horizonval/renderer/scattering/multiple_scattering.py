@@ -28,7 +28,8 @@ haze 0.7 % by day, 1 % until the Sun is 2 deg below the horizon and 5 % until 5 
 a dense layer with sharp edges 1.5 % (``FINE``: 0.7 %). Beyond 5 deg particles are not checked. On the ellipsoid, read
 at geodetic height, 0.5 % against Monte Carlo over WGS84, which is its noise.
 
-Neglected: polarisation (1 % of radiance at 90 deg from the Sun), refraction, horizontal change of air and ground.
+Neglected: polarisation (1 % of radiance at 90 deg from the Sun), refraction, horizontal change of the air; for a ground
+that varies the two parts are kept apart (:mod:`horizonval.renderer.local_light.ground_light`).
 """
 
 from __future__ import annotations

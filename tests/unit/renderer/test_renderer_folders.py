@@ -21,7 +21,7 @@ LAYERS = [
     "kernel",
     "scattering",
 ]
-LAYERS += ["refraction", ""]
+LAYERS += ["refraction", "ground", ""]
 """From top to bottom; the last are the modules of the room itself."""
 
 
