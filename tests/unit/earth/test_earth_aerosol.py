@@ -73,7 +73,7 @@ def test_no_steps_in_altitude(name: str, wavelength_um: float) -> None:
     z = np.arange(0.0, 100_000.0, 10.0)
     extinction, scattering, asymmetry = aerosol.aerosol(name, z).at(wavelength_um)
     # 10 m: the steepest level to level change (to 2 to 1 per km, or 6 to 1 at 20 km after an eruption) is 2 % per 10 m,
-    # 2.7 % at the top of the dust (10 to 1 per km in green light); a kind of particle gives way to the next over 1000 m.
+    # 2.7 % at the top of the dust (10 to 1 per km); a kind of particle gives way to the next over 1000 m.
     assert np.abs(np.diff(np.log(extinction))).max() < (0.028 if name == "dust" else 0.02)
     assert np.abs(np.diff(scattering / extinction)).max() < 0.002
     assert np.abs(np.diff(asymmetry)).max() < 0.002
