@@ -18,9 +18,9 @@ model                 depth, 550 nm above 11 km what it stands for
 ``polar`` is LOWTRAN7's tropospheric haze of 50 km visibility with the fall and winter set, whose stratospheric
 particles lie lower (0.0006 per km from 12 to 17 km); chosen here is that they begin above 8 km, the tropopause of high
 latitudes. ``dust`` takes its spectrum from LOWTRAN7's desert model (Longtin et al. 1988, AFGL-TR-88-0112) at the wind
-of 10 m/s that LOWTRAN7 takes where none is given. Its height is that of the Saharan air layer (Carlson and Prospero 1972,
-J. Appl. Meteorol. 11, 283: up to 500 to 550 hPa); chosen here are an even 0.08 per km, that is 0.4 in 5 km, an ordinary
-summer's, and the fall to the background at 6 km.
+of 10 m/s that LOWTRAN7 takes where none is given. Its height is that of the Saharan air layer (Carlson and Prospero
+1972, J. Appl. Meteorol. 11, 283: up to 500 to 550 hPa); chosen here are an even 0.08 per km, that is 0.4 in 5 km, an
+ordinary summer's, and the fall to the background at 6 km.
 
 Between the levels the extinction is log-linear in altitude (LOWTRAN7's rule; straight lines would give optical depths
 2 % larger). Where one kind of particle gives way to the next, its share falls linearly from 1 at the last level of its
@@ -29,8 +29,9 @@ region to 0 at the next level, 1 km higher (5 km above 30 km): extinction, scatt
 In wavelength, between the 36 entries of the table, the extinction is linear in logarithms, single-scattering albedo and
 asymmetry are linear in the logarithm of the wavelength.
 
-Neglected: humidity, season and place (one model serves the whole frame, and nothing chooses it by the latitude), and phase functions other than Henyey and Greenstein's: single scattering towards the Sun and straight back from it may
-be wrong by tens of per cent, more for dust, whose grains are no spheres.
+Neglected: humidity, season and place (one model serves the whole frame, and nothing chooses it by the latitude), and
+phase functions other than Henyey and Greenstein's: single scattering towards the Sun and straight back from it may be
+wrong by tens of per cent, more for dust, whose grains are no spheres.
 """
 
 from __future__ import annotations
