@@ -101,7 +101,7 @@ def test_bad_camera(folder, text, parts):
         (SCENE + '[atmosphere]\nprofile = "none"\nco2_ppm = 400.0\n', ["atmosphere:", "co2_ppm applies to"]),
         (SCENE + "[surface]\nwind_speed_m_s = 5.0\n", ["surface", 'wind_speed_m_s applies to kind = "earth" only']),
         (SCENE + '[surface]\nkind = "earth"\nwind_speed_m_s = -1.0\n', ["surface.wind_speed_m_s", "from 0 to 40"]),
-        (SCENE + "[clouds]\npattern = \"uniform\"\n", ["clouds", "needs a cover"]),
+        (SCENE + '[clouds]\npattern = "uniform"\n', ["clouds", "needs a cover"]),
         (SCENE + "[clouds]\nscale_km = 50.0\n", ["clouds", "mean_top_km and scale_km belong to"]),
         (SCENE + "[clouds]\ncover = 1.5\n", ["clouds.cover", "found 1.5"]),
         (SCENE + "[clouds]\ncover = 0.5\ntop_km = 20.0\n", ["clouds.top_km", "found 20", "from 1 to 17"]),
