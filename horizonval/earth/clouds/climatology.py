@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.surface.land import is_land
+from horizonval.earth import tables
 
 LATITUDE_DEG = np.arange(-90.0, 91.0, 10.0)
 # fmt: off
@@ -161,14 +161,18 @@ def _belt(latitude: FloatArray, longitude: FloatArray, land: FloatArray, month: 
 @cache
 def _land_map() -> FloatArray:
     """Return the share of land around the nodes of a grid of one degree, 90 S to 90 N, 180 W to 179 E."""
-    latitude, longitude = np.meshgrid(np.arange(-90.0, 91.0), np.arange(-180.0, 180.0), indexing="ij")
-    land = is_land(latitude, longitude).astype(np.float64)
-    smooth = gaussian_filter(land, COAST_DEG, mode=("nearest", "wrap"))
+    packed = np.ascontiguousarray(tables.npz("land_map.npz")["land"], dtype=np.uint8)
+    cells = np.unpackbits(packed, axis=1, bitorder="little").astype(np.float64)
+    # nodes lie between cells of a quarter of a degree
+    smooth = gaussian_filter(cells, COAST_DEG * 4.0, mode=("nearest", "wrap"))
+    smooth = np.concatenate([smooth[:1], smooth, smooth[-1:]])
+    rows = 0.5 * (smooth[0::4] + smooth[1::4])
+    nodes = 0.5 * (rows[:, 0::4] + np.roll(rows, 1, axis=1)[:, 0::4])
     # a place has one value, however many columns its row has
     for row in (0, -1):
-        smooth[row] = smooth[row].mean()
-    smooth.setflags(write=False)
-    return smooth
+        nodes[row] = nodes[row].mean()
+    nodes.setflags(write=False)
+    return nodes
 
 
 def land_share(latitude_deg: FloatArray, longitude_deg: FloatArray) -> FloatArray:
