@@ -55,7 +55,7 @@ class Frame(RadianceFrame):
     @classmethod
     def of(cls, frame: RadianceFrame) -> Frame:
         """Return a rendered frame as one that observes and shows itself."""
-        return cls(frame.radiance, frame.maps, frame.truth, frame.render, frame.energy_radiance)
+        return cls(frame.radiance, frame.maps, frame.truth, frame.render, frame.energy_radiance, frame.behind)
 
     @property
     def camera(self) -> Camera:

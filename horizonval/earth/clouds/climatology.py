@@ -160,26 +160,27 @@ def _belt(latitude: FloatArray, longitude: FloatArray, land: FloatArray, month: 
 
 @cache
 def _land_map() -> FloatArray:
-    """Return the share of land around the nodes of a grid of one degree, 90 S to 90 N, 180 W to 179 E."""
-    packed = np.ascontiguousarray(tables.npz("land_map.npz")["land"], dtype=np.uint8)
-    cells = np.unpackbits(packed, axis=1, bitorder="little").astype(np.float64)
-    # nodes lie between cells of a quarter of a degree
-    smooth = gaussian_filter(cells, COAST_DEG * 4.0, mode=("nearest", "wrap"))
-    smooth = np.concatenate([smooth[:1], smooth, smooth[-1:]])
-    rows = 0.5 * (smooth[0::4] + smooth[1::4])
-    nodes = 0.5 * (rows[:, 0::4] + np.roll(rows, 1, axis=1)[:, 0::4])
-    # a place has one value, however many columns its row has
+    """Return the share of land around the centres of cells of one degree, from 90 S and 180 W on.
+
+    From the cells of :mod:`horizonval.earth.surface.ground_map`, 20 x 20 to a degree, two a byte, 0 for the sea. That
+    room stands above this one.
+    """
+    packed = np.ascontiguousarray(tables.npz("ground_map.npz")["kinds"], dtype=np.uint8)
+    pairs = ((packed & 15) > 0).astype(np.float32) + (packed > 15)
+    cells = pairs.reshape(180, 20, 360, 10).mean(axis=(1, 3), dtype=np.float64) / 2.0
+    smooth = gaussian_filter(cells, COAST_DEG, mode=("nearest", "wrap"))
+    # a pole has one value, however many columns its row has
     for row in (0, -1):
-        nodes[row] = nodes[row].mean()
-    nodes.setflags(write=False)
-    return nodes
+        smooth[row] = smooth[row].mean()
+    smooth.setflags(write=False)
+    return np.asarray(smooth)
 
 
 def land_share(latitude_deg: FloatArray, longitude_deg: FloatArray) -> FloatArray:
     """Return the share of land within some 300 km of places."""
-    y = np.clip(latitude_deg + 90.0, 0.0, 180.0)
-    x = np.remainder(longitude_deg + 180.0, 360.0)
-    i, j = np.minimum(y.astype(int), 179), x.astype(int) % 360
+    y = np.clip(latitude_deg + 89.5, 0.0, 179.0)
+    x = np.remainder(longitude_deg + 179.5, 360.0)
+    i, j = np.minimum(y.astype(int), 178), x.astype(int) % 360
     wy, wx, cells = y - i, x - np.floor(x), _land_map()
     low = cells[i, j] + wx * (cells[i, (j + 1) % 360] - cells[i, j])
     high = cells[i + 1, j] + wx * (cells[i + 1, (j + 1) % 360] - cells[i + 1, j])

@@ -62,11 +62,10 @@ class CloudTable:
         """Whether clouds hand on what they do not reflect."""
         return self.albedos is not None
 
-    def brightness(self, planet: Planet, p: Vec) -> mi.Float64:
-        """Return the albedo of clouds at points on their tops, over that of the brightest."""
+    def brightness(self, height: mi.Float64, normal: Vec) -> mi.Float64:
+        """Return the albedo of clouds at heights of their tops below verticals, over that of the brightest."""
         if self.albedos is None:
-            return brightness(self.field, planet, p)
-        _, normal = planet.height_and_normal(p)
+            return brightness(self.field, height, normal)
         return self._look(self.albedos, normal) / constant(max(self.field.albedo, 1e-6))
 
     def _look(self, values: mi.Float32, normal: Vec) -> mi.Float64:
@@ -187,9 +186,8 @@ def top_at(field: CloudField, normal: Vec) -> mi.Float64:
     return BASE_M + (_ceiling(field, normal) - BASE_M) * dr.select(s > 0.0, risen, s)
 
 
-def brightness(field: CloudField, planet: Planet, p: Vec) -> mi.Float64:
-    """Return the albedo of tops at points on them, over that of the highest."""
-    height, normal = planet.height_and_normal(p)
+def brightness(field: CloudField, height: mi.Float64, normal: Vec) -> mi.Float64:
+    """Return the albedo of tops of the uniform pattern at heights below verticals, over that of the highest."""
     risen = dr.clip((height - BASE_M) / (_ceiling(field, normal) - BASE_M), 0.0, 1.0)
     return relief.BASE_BRIGHTNESS + (1.0 - relief.BASE_BRIGHTNESS) * risen
 
