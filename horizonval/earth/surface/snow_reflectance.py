@@ -6,9 +6,9 @@ For weakly absorbing snow, with cosines mu_sun and mu_view to the vertical and t
     p = 11.1 exp(-0.087 theta) + 1.1 exp(-0.014 theta),    A = 1.247, B = 1.186, C = 5.157
 
 (A. A. Kokhanovsky and E. P. Zege, Appl. Opt. 43, 1589 (2004); A. A. Kokhanovsky, J. Geophys. Res. 118, 9325 (2013)).
-Here the factor is ``R_0 / N(mu_sun)`` with N the mean of R_0 over the upper hemisphere, weighted by mu_view: whatever the
-Sun's height, snow reflects the share of the beam that its albedo says. N is 0.99 to 1.02 for the Sun more than 9 deg
-high; by as much is the factor not reciprocal.
+Here the factor is ``R_0 / N(mu_sun)`` with N the mean of R_0 over the upper hemisphere, weighted by mu_view: whatever
+the Sun's height, snow reflects the share of the beam that its albedo says. N is 0.99 to 1.02 for the Sun more than 9
+deg high; by as much is the factor not reciprocal.
 
 Left out: that snow which absorbs, in the near infrared, shines forward more than white snow and reflects more of a low
 Sun; and sastrugi, which take from the forward peak under a low Sun (S. G. Warren, R. E. Brandt, P. O'Rawe Hinton, J.
