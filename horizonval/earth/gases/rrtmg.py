@@ -1,8 +1,8 @@
 """Thermal absorption of any clear air: RRTMG-LW's look-up, bands 3 to 9 (500 to 1390 cm-1), 16 g points each.
 
 Inside a band the spectrum is sorted by absorption into 16 classes ("g points"), from weak to strong. What each absorbs
-follows from pressure p, temperature T and the gases' volume mixing ratios x. With the air's number density n = p / (k T)
-and columns ``c = x n`` of a metre in 1e20 molecules per cm2,
+follows from pressure p, temperature T and the gases' volume mixing ratios x. With the air's number density
+``n = p / (k T)`` and columns ``c = x n`` of a metre in 1e20 molecules per cm2,
 
     k = sum over the key gases' table + water vapour's continuum + minor gases + halocarbons and nitric acid
 
@@ -43,6 +43,7 @@ KEY_GASES = ("h2o", "co2", "o3", "n2o", "ch4")
 """Must be given; the rest may be left out."""
 OTHER_GASES = ("hno3", "cfc11", "cfc12", "hcfc22", "ccl4")
 SEAM_LN_HPA = 4.56
+SEAM_LN_PA = SEAM_LN_HPA + float(np.log(100.0))
 SEAM_PA = 100.0 * float(np.exp(SEAM_LN_HPA))
 """Where the lower atmosphere's tables end and the upper ones begin."""
 FLOOR_PER_M = 1e-16
@@ -57,6 +58,7 @@ def absorption_per_m(
     temperature_k: FloatArray,
     vmr: Mapping[str, FloatArray],
     bands: Sequence[int] = tuple(range(len(BANDS))),
+    upper_share: FloatArray | None = None,
 ) -> FloatArray:
     """Return the absorption coefficient of clear air for every class of every band.
 
@@ -69,6 +71,8 @@ def absorption_per_m(
         ``ccl4`` (of the dry air).
     bands : sequence of int
         Places in :data:`BANDS`; default all seven.
+    upper_share : ndarray, shape (...), optional
+        Weights, 0 to 1, of the upper atmosphere's tables; default 0 above 95.58 hPa and 1 below.
 
     Returns
     -------
@@ -91,14 +95,18 @@ def absorption_per_m(
     p, t = pressure.ravel(), temperature.ravel()
     x = {gas: np.broadcast_to(np.asarray(value, dtype=np.float64), shape).ravel() for gas, value in vmr.items()}
     ln_p = np.log(p / 100.0)
-    k = np.empty((len(bands), p.size, CLASSES))
-    lower, top = ln_p > SEAM_LN_HPA, ln_p < _TOP_LN_HPA
-    for which, function in ((lower, _lower), (~lower & ~top, _upper), (top, _top)):
-        chosen = np.flatnonzero(which)
+    k = np.zeros((len(bands), p.size, CLASSES))
+    by_pressure = (ln_p <= SEAM_LN_HPA).astype(np.float64)
+    upper = by_pressure if upper_share is None else np.broadcast_to(upper_share, shape).ravel()
+    top = ln_p < _TOP_LN_HPA
+    parts = ((_lower, 1.0 - upper), (_upper, np.where(top, 0.0, upper)), (_top, np.where(top, upper, 0.0)))
+    for function, share in parts:
+        chosen = np.flatnonzero(share)
         for first in range(0, chosen.size, _BLOCK):
             i = chosen[first : first + _BLOCK]
             columns = Columns.of(ln_p[i], t[i], {gas: value[i] for gas, value in x.items()})
-            k[:, i] = np.maximum(function(columns, bands), 0.0) + _additions(columns, bands)
+            found = np.maximum(function(columns, bands), 0.0) + _additions(columns, bands)
+            k[:, i] += share[i][:, None] * found
     return np.moveaxis(np.maximum(k, FLOOR_PER_M), 2, 1).reshape(len(bands), CLASSES, *shape)
 
 
