@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -12,6 +12,8 @@ from horizonval.spec.units import unit
 
 class Atmosphere(Model):
     """What the air is made of."""
+
+    later_keys: ClassVar[frozenset[str]] = frozenset({"halocarbons"})
 
     profile: str = "us_standard"
     """Temperature and gases by name (`horizonval list atmospheres`). `none` is no atmosphere at all.
