@@ -46,7 +46,7 @@ CLOUD_S_PER_LOOK, CLOUD_TABLES = 1.6e-7, 2.5
 before clouds."""
 TWILIGHT_RAD = math.radians(18.0)
 """How low the Sun still lights air."""
-SCATTERING_TABLE_S, PARTICLE_TABLE_S = 2.5, 25.0
+SCATTERING_TABLE_S, PARTICLE_TABLE_S = 2.5, 6.0
 """Of air without and with particles, whose phase function has more moments."""
 THERMAL_S_PER_POINT, THERMAL_S_PER_EVALUATION = 0.009, 4e-5
 """Of a g point, and of each node along its rays."""

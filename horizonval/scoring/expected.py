@@ -65,6 +65,7 @@ from horizonval.scoring.horizon_view import (
     horizon_view,
     inside_image,
     moon_in_frame,
+    seen_in_image,
     sun_in_frame,
     usable_margin_px,
 )
@@ -292,7 +293,7 @@ def _infrared_view(truth: FrameTruth, camera: CameraModel, band: str, hard: Hori
     """Return the view with the infrared horizon in place of the ground's; thermal bands do not ask for the Sun."""
     los, _ = curve_cam(truth, band, len(hard.in_view))
     uv, _ = project(camera, los)
-    return replace(hard, los_cam=los, uv=uv, in_view=inside_image(camera, uv))
+    return replace(hard, los_cam=los, uv=uv, in_view=seen_in_image(truth, camera, los, uv))
 
 
 def _in_reach(scene: _Scene, thresholds: Thresholds) -> BoolArray:

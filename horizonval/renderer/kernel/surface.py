@@ -1,4 +1,4 @@
-"""What lies at the end of rays: land, snow, water or cloud, and how it reflects the Sun.
+"""What lies at the end of rays: land, snow, ice, water or cloud, and how it reflects the Sun.
 
 Nothing here depends on wavelength but the albedos, so every group of rays is traced once a frame
 (:func:`surface_hits`), and each node batch only mixes its albedos with those shares (:meth:`SurfaceHit.reflectance`).
@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.earth.surface import land, surface
+from horizonval.earth.surface import surface
 from horizonval.earth.surface.surface import Albedos, GroundModel
+from horizonval.renderer.ground.cover import GroundTable, Places, cover
 from horizonval.renderer.kernel.clouds import CloudTable, brightness, cloud_table, first_cloud
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.types import Values, Vec
@@ -27,10 +28,10 @@ from horizonval.renderer.types import Values, Vec
 
 @dataclass(frozen=True)
 class Ground:
-    """Ground and clouds of a frame. ``land``: the packed map, or None for a uniform ground."""
+    """Ground and clouds of a frame. ``table``: what covers it, or None for a uniform ground."""
 
     model: GroundModel
-    land: mi.UInt32 | None
+    table: GroundTable | None
     clouds: CloudTable | None
 
 
@@ -49,7 +50,7 @@ class SurfaceHit:
     sunlit : Float64
         1 where no cloud is before the Sun, else 0.
     shares : dict of Float64
-        Share of every kind of ground in the end's area: keys of Albedos. A cloud counts with its brightness.
+        Share of every material in the end's area: keys of Albedos. A cloud counts with its brightness.
     entering : Float64
         Share of the beam that enters water, over its mean for skylight; scales what comes back from below the surface.
     glint : Float64
@@ -70,7 +71,7 @@ class SurfaceHit:
     def at(self, model: GroundModel, wavelength_um: Sequence[float], width: int) -> SurfaceHit:
         """Return the same for the nodes of a batch, padded to its width."""
         nodes = [surface.albedos(model, w) for w in wavelength_um]
-        nodes += [Albedos(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * (width - len(nodes))
+        nodes += [Albedos(*(0.0,) * len(fields(Albedos)))] * (width - len(nodes))
         return replace(
             self, albedos=tuple({k: dr.opaque(mi.Float64, v, 1) for k, v in asdict(a).items()} for a in nodes)
         )
@@ -95,8 +96,8 @@ def make_ground(model: GroundModel, planet: Planet, origin: tuple[float, float, 
     """Return kernel data of a ground seen from ``origin``; None for a Lambert ground, which needs none."""
     if model.plain:
         return None
-    words = mi.UInt32(land.packed_words()) if model.kind == "earth" else None
-    return Ground(model, words, cloud_table(model.clouds, planet, origin) if model.clouds else None)
+    table = GroundTable.of(model.month) if model.kind == "earth" else None
+    return Ground(model, table, cloud_table(model.clouds, planet, origin) if model.clouds else None)
 
 
 def surface_hits(
@@ -126,15 +127,15 @@ def surface_hits(
         return [SurfaceHit(cloud, cloud, t, lit, shares, zero, zero) for lit in sunlit]
     everywhere = dr.full(mi.Bool, True, count)
     clear = dr.select(cloud, mi.Float64(0.0), 1.0)
-    if ground.land is None:
-        shares["land"] = clear
+    if ground.table is None:
+        shares["ground"] = clear
         return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero) for lit in sunlit]
     _, normal = planet.height_and_normal(along(o, d, end))
-    dry = dr.select(is_land(ground.land, normal), clear, 0.0)
-    snow = snow_share(normal, ground.model.snow_line_deg)
+    _, below = cover(ground.table, Places.below(normal))
     foam = dr.opaque(mi.Float64, surface.foam_share(ground.model.wind_speed_m_s), 1)
-    wet = (clear - dry) * (1.0 - foam)
-    shares |= {"land": dry * (1.0 - snow), "snow": dry * snow, "water": wet, "foam": (clear - dry) * foam}
+    shares |= {name: clear * share for name, share in below.items()}
+    wet = shares["water"] * (1.0 - foam)
+    shares |= {"water": wet, "foam": shares["water"] * foam}
     variance = dr.opaque(mi.Float64, surface.slope_variance(ground.model.wind_speed_m_s), 1)
     hits = []
     for light, lit in zip(lights, sunlit, strict=True):
@@ -151,34 +152,6 @@ def _sunlit(clouds: CloudTable, planet: Planet, p: Vec, sun: Vec) -> mi.Float64:
     start = along(p, sun, clouds.step_m)
     shaded, _ = first_cloud(clouds, planet, start, sun, to_ground=False)
     return dr.select(shaded, mi.Float64(0.0), 1.0)
-
-
-def is_land(words: mi.UInt32, normal: Vec) -> mi.Bool:
-    """Return :func:`horizonval.earth.surface.land.is_land` below unit normals of the ellipsoid."""
-    latitude = dr.rad2deg(dr.asin(dr.clip(normal[2], -1.0, 1.0)))
-    longitude = dr.rad2deg(dr.atan2(normal[1], normal[0]))
-    y = dr.clip((latitude + 90.0) * land.PER_DEGREE - 0.5, 0.0, land.ROWS - 1.0)
-    # one turn on: never negative
-    x = (longitude + 540.0) * land.PER_DEGREE - 0.5
-    i, j = dr.minimum(mi.UInt32(y), land.ROWS - 2), mi.UInt32(x)
-    wy, wx = y - mi.Float64(i), x - mi.Float64(j)
-
-    def cell(row: mi.UInt32, column: mi.UInt32) -> mi.Float64:
-        bit = row * land.COLUMNS + column % land.COLUMNS
-        word = dr.gather(mi.UInt32, words, bit >> 5)
-        return mi.Float64((word >> (bit & 31)) & 1)
-
-    low = dr.lerp(cell(i, j), cell(i, j + 1), wx)
-    high = dr.lerp(cell(i + 1, j), cell(i + 1, j + 1), wx)
-    return dr.lerp(low, high, wy) > 0.5
-
-
-def snow_share(normal: Vec, line_deg: float) -> mi.Float64:
-    """Return :func:`horizonval.earth.surface.surface.snow_share` below unit normals of the ellipsoid."""
-    latitude = dr.rad2deg(dr.asin(dr.clip(normal[2], -1.0, 1.0)))
-    line = dr.opaque(mi.Float64, line_deg, 1)
-    north = dr.clip((latitude - line) * (0.5 / surface.SNOW_EDGE_DEG) + 0.5, 0.0, 1.0)
-    return dr.maximum(north, dr.select(latitude < surface.SOUTHERN_SNOW_DEG, mi.Float64(1.0), 0.0))
 
 
 def fresnel(c: mi.Float64) -> mi.Float64:

@@ -13,7 +13,8 @@ from scipy.optimize import brentq
 from horizonval.earth.clouds import relief
 from horizonval.earth.clouds.relief import BASE_M, CloudField
 from horizonval.earth.optical import optical_model
-from horizonval.earth.surface import land, surface
+from horizonval.earth.surface import ground_map, surface
+from horizonval.earth.surface.ground_cover import ground_cover
 from horizonval.frame import Hit
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height, surface_normal
@@ -72,14 +73,25 @@ def test_kernel_reflectance_equals_numpy(mi: Any) -> None:
     assert np.array(fresnel(mi.Float64(mu))) == pytest.approx(surface.fresnel(mu), rel=1e-12)
 
 
-def test_kernel_land_equals_numpy(mi: Any) -> None:
-    """All but the few places where rounding decides."""
-    from horizonval.renderer.kernel.surface import is_land
+@pytest.mark.parametrize("month", [1.3, 7.5])
+def test_kernel_ground_equals_numpy(mi: Any, month: float) -> None:
+    """Materials to 1e-6 (a place is known to 1e-9 deg), and heights, in all but the few places where rounding decides
+    whether there is land.
+    """
+    from horizonval.renderer.ground.cover import GroundTable, Places, cover, height_m
 
     normal = _places(50_000, 3)
     latitude, longitude = np.degrees(np.arcsin(normal[:, 2])), np.degrees(np.arctan2(normal[:, 1], normal[:, 0]))
-    ours = np.array(is_land(mi.UInt32(land.packed_words()), _vec(mi, normal)))
-    assert np.sum(ours != land.is_land(latitude, longitude)) <= 2
+    table, places = GroundTable.of(month), Places.below(_vec(mi, normal))
+    land, ours = cover(table, places)
+    expected = ground_cover(latitude, longitude, month)
+    same = np.array(land) == expected.land
+    assert np.sum(~same) <= 2
+    assert set(ours) == set(expected.shares)
+    for name, share in ours.items():
+        assert np.array(share)[same] == pytest.approx(expected.shares[name][same], abs=1e-6)
+        assert expected.shares[name].max() > 0.4
+    assert np.array(height_m(table, places)) == pytest.approx(ground_map.height_m(latitude, longitude), abs=0.1)
 
 
 def test_kernel_relief_equals_numpy(mi: Any) -> None:
@@ -221,7 +233,7 @@ def test_glint_lies_at_the_mirror_point(mi: Any) -> None:
     side = sun - (sun @ up) * up
     side /= np.linalg.norm(side)
     point = radius * (np.cos(psi) * up + np.sin(psi) * side)
-    assert not land.is_land(np.degrees(np.arcsin(point[2] / radius)), np.degrees(np.arctan2(point[1], point[0])))
+    assert not ground_map.is_land(np.degrees(np.arcsin(point[2] / radius)), np.degrees(np.arctan2(point[1], point[0])))
     x, y, z = rotate(np.array(truth.q_cam_from_itrs), point - np.array(truth.r_itrs))
     camera = camera_from_spec(spec.camera)
     assert u == pytest.approx(camera.cx + camera.fx * x / z, abs=1.0)

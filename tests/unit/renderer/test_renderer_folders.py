@@ -8,7 +8,18 @@ from pathlib import Path
 import horizonval
 
 ROOM = Path(horizonval.__file__).parent / "renderer"
-LAYERS = ["reference", "rays", "derivatives", "scene", "plugin", "view_table", "thermal", "kernel", "scattering"]
+LAYERS = [
+    "reference",
+    "rays",
+    "derivatives",
+    "scene",
+    "parts",
+    "plugin",
+    "view_table",
+    "thermal",
+    "kernel",
+    "scattering",
+]
 LAYERS += ["refraction", ""]
 """From top to bottom; the last are the modules of the room itself."""
 

@@ -110,7 +110,7 @@ def test_bad_camera(folder, text, parts):
         (SCENE + '[atmosphere]\nfile = "nope.json"\n', ["atmosphere.file", "nope.json", "one of us76"]),
         (SCENE + '[atmosphere]\nprofile_file = "nope.csv"\n', ["atmosphere.profile_file", "nope.csv", "CSV or JSON"]),
         (SCENE + '[atmosphere]\nprofile_file = "a.csv"\nfile = "us76"\n', ["atmosphere:", "file and profile_file"]),
-        (SCENE + '[atmosphere]\naerosol = "dust"\n', ["atmosphere.aerosol", 'found "dust"', '"volcanic_high"']),
+        (SCENE + '[atmosphere]\naerosol = "smoke"\n', ["atmosphere.aerosol", 'found "smoke"', '"volcanic_high"']),
         (SCENE + '[atmosphere]\naerosol = "background"\nfile = "us76"\n', ["atmosphere:", 'set aerosol = "none"']),
         (SCENE + '[atmosphere]\naerosol = "background"\nprofile = "none"\n', ["atmosphere:", 'set aerosol = "none"']),
         (SCENE + "[atmosphere]\nmonth = 13\n", ["atmosphere.month", "found 13", "from 1 to 12"]),
@@ -211,14 +211,18 @@ def test_profile_file_is_looked_for_beside_the_scene(folder, monkeypatch, tmp_pa
 @pytest.mark.parametrize(
     ("table", "aerosol"),
     [
-        ("", "none"),
-        ('profile = "tropical"\naerosol = "background"', "background"),
+        ("", "background"),
+        ('profile = "by_latitude_month"', "background"),
+        ('profile_file = "air.csv"', "background"),
+        ('profile = "tropical"\naerosol = "volcanic_high"', "volcanic_high"),
+        ('profile = "tropical"\naerosol = "none"', "none"),
         ('profile = "none"', "none"),
         ('file = "us76"', "none"),
         ('profile = "none"\naerosol = "none"', "none"),
     ],
 )
-def test_air_is_clean_unless_aerosol_is_asked_for(folder, table, aerosol):
+def test_air_with_gases_has_haze_unless_it_is_told_otherwise(folder, table, aerosol):
+    (folder / "air.csv").write_text("")
     (folder / "s.toml").write_text(SCENE + f"[atmosphere]\n{table}\n")
     scene, _ = load_scene(folder / "s.toml")
     assert scene.atmosphere.aerosol == aerosol
