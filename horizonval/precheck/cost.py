@@ -174,7 +174,7 @@ def frame_cost(
     per_point = THERMAL_S_PER_POINT + THERMAL_S_PER_EVALUATION * scene.render.nodes
     chunks = -(-solar // CHUNK)
     tabulated = scene.render.method == "table"
-    cover = 0.0 if scene.clouds is None else scene.clouds.cover
+    cover = 0.0 if scene.clouds is None else scene.clouds.expected_cover
     looks_s = (TABLE_S_PER_LOOK + CLOUD_S_PER_LOOK * cover) * cells * chunks
     render_s = looks_s if tabulated else SOLAR_S_PER_EVALUATION * evaluations
     render_s += SOLAR_FRAME_S if solar else 0.0

@@ -4,8 +4,9 @@ Nothing here depends on wavelength but the albedos, so every group of rays is tr
 (:func:`surface_hits`), and each node batch only mixes its albedos with those shares (:meth:`SurfaceHit.reflectance`).
 The physics is that of :mod:`horizonval.earth.surface.surface`, written again for the kernel.
 
-Cloud tops are horizontal Lambert reflectors at their height. Where a cloud stands before the Sun, ground and clouds are
-without its beam: one ray to the Sun's centre decides. Facets of the sea reflect the Sun's beam to the camera; skylight
+Cloud tops are horizontal Lambert reflectors at their height; those of the pattern of the Earth hand on to the ground
+below what they do not reflect. Where a cloud stands before the Sun, ground and clouds have of its beam what the cloud
+lets through: one ray to the Sun's centre decides. Facets of the sea reflect the Sun's beam to the camera; skylight
 sees them as an albedo.
 """
 
@@ -21,7 +22,7 @@ import mitsuba as mi
 from horizonval.earth.surface import surface
 from horizonval.earth.surface.surface import Albedos, GroundModel
 from horizonval.renderer.ground.cover import GroundTable, Places, cover
-from horizonval.renderer.kernel.clouds import CloudTable, brightness, cloud_table, first_cloud
+from horizonval.renderer.kernel.clouds import CloudTable, cloud_table, first_cloud
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.types import Values, Vec
 
@@ -48,7 +49,7 @@ class SurfaceHit:
     t : Float64
         Ray parameter of the end where there is a cloud; elsewhere the ray ends where the ellipsoid says.
     sunlit : Float64
-        1 where no cloud is before the Sun, else 0.
+        1 where no cloud is before the Sun, else what the first lets through: nothing, if clouds are opaque.
     shares : dict of Float64
         Share of every material in the end's area: keys of Albedos. A cloud counts with its brightness.
     entering : Float64
@@ -80,16 +81,26 @@ class SurfaceHit:
         """Return ``(direct, diffuse)`` per node [1/sr]: radiance per irradiance of the Sun's beam and of the sky."""
         direct, diffuse = [], []
         for a in self.albedos:
-            kinds = [k for k in self.shares if k not in ("water", "sky")]
+            cloud = self.shares["cloud"] * a["cloud"]
+            kinds = [k for k in self.shares if k not in ("cloud", "water", "sky")]
             dry = sum((self.shares[k] * a[k] for k in kinds), start=mi.Float64(0.0))
             if "water" not in self.shares:
-                direct.append(self.sunlit * dry / math.pi)
-                diffuse.append(dry / math.pi)
+                ground = _through(cloud, dry) / math.pi
+                direct.append(self.sunlit * ground)
+                diffuse.append(ground)
                 continue
             wet = self.shares["water"] * a["water"] * self.entering
-            direct.append(self.sunlit * ((dry + wet) / math.pi + self.glint))
-            diffuse.append((dry + self.shares["water"] * (a["water"] + a["sky"])) / math.pi)
+            direct.append(self.sunlit * (_through(cloud, dry + wet) / math.pi + self.glint))
+            diffuse.append(_through(cloud, dry + self.shares["water"] * (a["water"] + a["sky"])) / math.pi)
         return direct, diffuse
+
+
+def _through(cloud: mi.Float64, ground: mi.Float64) -> mi.Float64:
+    """Return the albedo of ground under a cloud that absorbs nothing, by the albedos of both (the adding method).
+
+    The ground's is zero under opaque clouds, which let nothing through.
+    """
+    return cloud + (1.0 - cloud) * (1.0 - cloud) * ground / (1.0 - cloud * ground)
 
 
 def make_ground(model: GroundModel, planet: Planet, origin: tuple[float, float, float]) -> Ground | None:
@@ -110,9 +121,9 @@ def surface_hits(
     count = dr.width(d[0])
     cloud, zero = dr.full(mi.Bool, False, count), dr.zeros(mi.Float64, count)
     t = white = zero
-    if ground.clouds is not None and ground.model.clouds is not None:
+    if ground.clouds is not None:
         cloud, t = first_cloud(ground.clouds, planet, o, d, to_ground)
-        white = dr.select(cloud, brightness(ground.model.clouds, planet, along(o, d, t)), 0.0)
+        white = dr.select(cloud, ground.clouds.brightness(*planet.height_and_normal(along(o, d, t))), 0.0)
     dr.eval(cloud, t, white)
     end = t
     if to_ground:
@@ -126,7 +137,9 @@ def surface_hits(
     if not to_ground:
         return [SurfaceHit(cloud, cloud, t, lit, shares, zero, zero) for lit in sunlit]
     everywhere = dr.full(mi.Bool, True, count)
-    clear = dr.select(cloud, mi.Float64(0.0), 1.0)
+    # under clouds that let light through the ground is there as well
+    bare = dr.select(cloud, mi.Float64(0.0), 1.0)
+    clear = mi.Float64(1.0) if ground.clouds is not None and ground.clouds.translucent else bare
     if ground.table is None:
         shares["ground"] = clear
         return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero) for lit in sunlit]
@@ -140,7 +153,7 @@ def surface_hits(
     hits = []
     for light, lit in zip(lights, sunlit, strict=True):
         mu_sun = dot(normal, light)
-        glint = wet * glint_brdf(mu_sun, -dot(normal, d), -dot(d, light), variance)
+        glint = wet * bare * glint_brdf(mu_sun, -dot(normal, d), -dot(d, light), variance)
         entering = (1.0 - fresnel(dr.maximum(mu_sun, 0.0))) / (1.0 - surface.water_sky_albedo())
         hits.append(SurfaceHit(everywhere, cloud, t, lit, shares, entering, glint))
     dr.eval(shares, [(hit.entering, hit.glint) for hit in hits])
@@ -148,10 +161,16 @@ def surface_hits(
 
 
 def _sunlit(clouds: CloudTable, planet: Planet, p: Vec, sun: Vec) -> mi.Float64:
-    """Return 1 where no cloud is between points and the Sun, else 0. The search begins a step away from the point."""
+    """Return 1 where no cloud is between points and the Sun, else what the first lets through.
+
+    The search begins a step away from the point.
+    """
     start = along(p, sun, clouds.step_m)
-    shaded, _ = first_cloud(clouds, planet, start, sun, to_ground=False)
-    return dr.select(shaded, mi.Float64(0.0), 1.0)
+    shaded, t = first_cloud(clouds, planet, start, sun, to_ground=False)
+    if not clouds.translucent:
+        return dr.select(shaded, mi.Float64(0.0), 1.0)
+    white = clouds.brightness(*planet.height_and_normal(along(start, sun, t)))
+    return dr.select(shaded, 1.0 - clouds.field.albedo * white, 1.0)
 
 
 def fresnel(c: mi.Float64) -> mi.Float64:
