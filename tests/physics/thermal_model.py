@@ -33,7 +33,7 @@ def model_of(bands: Mapping[str, tuple[float, float]] | Sequence[str], **tables:
         "band": [{"name": n, "kind": "thermal", "lo_um": lo, "hi_um": hi} for n, (lo, hi) in limits.items()],
     }
     scene = {"camera": {"file": "test"}, "platform": {"altitude_km": 500}} | tables
-    scene["atmosphere"] = {"aerosol": "none"} | tables.get("atmosphere", {})
+    scene["atmosphere"] = {"aerosol": "none", "halocarbons": False} | tables.get("atmosphere", {})
     return optical_model(SceneSpec.model_validate(scene), CameraSpec.model_validate(camera))
 
 
