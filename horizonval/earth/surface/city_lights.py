@@ -1,15 +1,15 @@
 r"""Cities at night: how much light goes up from where people live.
 
 Each of the thousand largest agglomerations is a round Gaussian of inhabitants, of standard deviation
-``max(7 km, 4.5 km (inhabitants / 10^6)^0.4)`` (built-up areas of 700 km2 for 3 million and 1600 for 10 million people, a
-round number; below 7 km is what the table of :data:`PER_DEGREE` cells to a degree holds). Each inhabitant has L lumens
+``max(7 km, 4.5 km (inhabitants / 10^6)^0.4)`` (built-up areas of 700 km2 for 3 million and 1600 for 10 million people; below 7 km is what the table of :data:`PER_DEGREE` cells to a degree holds). Each inhabitant has L lumens
 of outdoor lamps, of which the share F goes above the level and the rest falls on ground of reflectance G. At an angle z
 from the vertical a head sends
 
     I(z) = L / (2 pi) [2 G (1 - F) cos z + 0.554 F z^4]    lm/sr,    L = 1000 lm, F = G = 0.15
 
 (R. H. Garstang, Publ. Astron. Soc. Pacific 98, 364 (1986)). The radiance is inhabitants per area times ``I / cos z``,
-cos z held at :data:`LEAST_COSINE`. The spectrum is that of sodium lamps and white diodes half and half, a round one, 290
+cos z held at :data:`LEAST_COSINE` (a tenth of the light, within 6 deg of the level, is
+lost by that, as behind houses). The spectrum is that of sodium lamps and white diodes half and half, a round one, 320
 lm/W; light beyond 0.4 to 0.8 um is left out. Lamps come on as the Sun sets and all burn when it is 6 deg down, all
 night.
 
@@ -41,7 +41,9 @@ EARTH_RADIUS_KM = 6371.0
 _SPECTRUM_UM = (0.40, 0.43, 0.45, 0.47, 0.49, 0.52, 0.55, 0.57, 0.585, 0.60, 0.62, 0.65, 0.70, 0.75, 0.80)
 _SPECTRUM = (0.0, 0.10, 0.35, 0.20, 0.18, 0.30, 0.42, 0.75, 0.90, 1.00, 0.70, 0.35, 0.18, 0.08, 0.0)
 _EYE_UM = (0.40, 0.43, 0.45, 0.47, 0.49, 0.51, 0.53, 0.555, 0.58, 0.60, 0.62, 0.64, 0.66, 0.68, 0.70, 0.75)
-_EYE = (0.0004, 0.0116, 0.038, 0.091, 0.208, 0.503, 0.862, 1.0, 0.870, 0.631, 0.381, 0.175, 0.061, 0.017, 0.0041, 0.0001)
+_EYE = (
+    0.0004, 0.0116, 0.038, 0.091, 0.208, 0.503, 0.862, 1.0, 0.870, 0.631, 0.381, 0.175, 0.061, 0.017, 0.0041, 0.0001,
+)  # fmt: skip
 _LUMENS_PER_WATT = 683.0
 
 
@@ -69,7 +71,7 @@ def inhabitants_per_m2() -> FloatArray:
 
 
 def luminance_per_density(cosine: ArrayLike) -> FloatArray:
-    """Return the luminance [lm m-2 sr-1] of one inhabitant to a square metre, at cosines of the view to the vertical."""
+    """Return the luminance [lm m-2 sr-1] of one inhabitant to a square metre; ``cosine``: of the view to the vertical."""
     c = np.clip(np.asarray(cosine, dtype=np.float64), LEAST_COSINE, 1.0)
     down = 2.0 * GROUND_REFLECTANCE * (1.0 - UPWARD_SHARE) * c
     return np.asarray(LUMENS_PER_HEAD / (2.0 * math.pi) * (down + 0.554 * UPWARD_SHARE * np.arccos(c) ** 4) / c)
