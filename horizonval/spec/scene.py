@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from horizonval.spec.base import Model
 from horizonval.spec.earth.atmosphere import Atmosphere
@@ -159,9 +159,3 @@ class SceneSpec(Model):
     """Light of the night."""
     render: RenderSettings = RenderSettings()
     """Accuracy of the rendering."""
-
-    @model_validator(mode="after")
-    def _clouds_lie_at_unbent_heights(self) -> SceneSpec:
-        if self.atmosphere.refraction and self.clouds is not None:
-            raise ValueError("clouds do not go with atmosphere.refraction; leave one of them out")
-        return self

@@ -22,6 +22,8 @@ from horizonval.earth.surface import land, surface
 from horizonval.earth.surface.surface import Albedos, GroundModel
 from horizonval.renderer.kernel.clouds import CloudTable, brightness, cloud_table, first_cloud
 from horizonval.renderer.planet import Planet, along, dot
+from horizonval.renderer.refraction.bending import BendingField
+from horizonval.renderer.refraction.ray_end import ray_end
 from horizonval.renderer.types import Values, Vec
 
 
@@ -54,6 +56,8 @@ class SurfaceHit:
         Share of the beam that enters water, over its mean for skylight; scales what comes back from below the surface.
     glint : Float64
         Reflectance of the sea's facets [1/sr].
+    bending : Float64 or None
+        By how much a ray has turned at its end [rad]; None without refraction.
     albedos : list of Albedos
         Of the spectral nodes at hand; size-1 arrays.
     """
@@ -65,6 +69,7 @@ class SurfaceHit:
     shares: dict[str, mi.Float64]
     entering: mi.Float64
     glint: mi.Float64
+    bending: mi.Float64 | None = None
     albedos: tuple[dict[str, mi.Float64], ...] = ()
 
     def at(self, model: GroundModel, wavelength_um: Sequence[float], width: int) -> SurfaceHit:
@@ -100,36 +105,48 @@ def make_ground(model: GroundModel, planet: Planet, origin: tuple[float, float, 
 
 
 def surface_hits(
-    ground: Ground, planet: Planet, o: Vec, d: Vec, lights: Sequence[Vec], to_ground: bool
+    ground: Ground,
+    planet: Planet,
+    o: Vec,
+    d: Vec,
+    lights: Sequence[Vec],
+    to_ground: bool,
+    bending: BendingField | None = None,
 ) -> list[SurfaceHit]:
     """Find where rays end, under every light.
 
-    ``to_ground``: they all meet the ellipsoid, unless a cloud is before it.
+    ``to_ground``: they all meet the ellipsoid, unless a cloud is before it. ``bending``: with refraction; ``planet``
+    and rays are then the apparent ones. Sunlight on its way past clouds goes straight even so: low Suns shine over
+    edges of clouds by up to their own diameter from elsewhere.
     """
     count = dr.width(d[0])
     cloud, zero = dr.full(mi.Bool, False, count), dr.zeros(mi.Float64, count)
     t = white = zero
     if ground.clouds is not None and ground.model.clouds is not None:
-        cloud, t = first_cloud(ground.clouds, planet, o, d, to_ground)
-        white = dr.select(cloud, brightness(ground.model.clouds, planet, along(o, d, t)), 0.0)
-    dr.eval(cloud, t, white)
+        cloud, t = first_cloud(ground.clouds, planet, o, d, to_ground, bending)
     end = t
     if to_ground:
         mid, half, _ = planet.chord(o, d)
         end = dr.select(cloud, t, mid - half)
+    dr.eval(cloud, t, end)
+    place = ray_end(planet, bending, o, d, end)
+    if ground.model.clouds is not None:
+        white = dr.select(cloud, brightness(ground.model.clouds, place.height_m, place.vertical), 0.0)
+    dr.eval(white, place.vertical, place.direction, place.point, place.bending)
     sunlit = [dr.full(mi.Float64, 1.0, count) for _ in lights]
     if ground.clouds is not None:
-        sunlit = [_sunlit(ground.clouds, planet, along(o, d, end), light) for light in lights]
+        true_planet = planet if bending is None else bending.true_planet
+        sunlit = [_sunlit(ground.clouds, true_planet, place.point, light) for light in lights]
         dr.eval(sunlit)
     shares: dict[str, mi.Float64] = {"cloud": white}
     if not to_ground:
-        return [SurfaceHit(cloud, cloud, t, lit, shares, zero, zero) for lit in sunlit]
+        return [SurfaceHit(cloud, cloud, t, lit, shares, zero, zero, place.bending) for lit in sunlit]
     everywhere = dr.full(mi.Bool, True, count)
     clear = dr.select(cloud, mi.Float64(0.0), 1.0)
     if ground.land is None:
         shares["land"] = clear
-        return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero) for lit in sunlit]
-    _, normal = planet.height_and_normal(along(o, d, end))
+        return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero, place.bending) for lit in sunlit]
+    normal, arriving = place.vertical, place.direction
     dry = dr.select(is_land(ground.land, normal), clear, 0.0)
     snow = snow_share(normal, ground.model.snow_line_deg)
     foam = dr.opaque(mi.Float64, surface.foam_share(ground.model.wind_speed_m_s), 1)
@@ -139,9 +156,9 @@ def surface_hits(
     hits = []
     for light, lit in zip(lights, sunlit, strict=True):
         mu_sun = dot(normal, light)
-        glint = wet * glint_brdf(mu_sun, -dot(normal, d), -dot(d, light), variance)
+        glint = wet * glint_brdf(mu_sun, -dot(normal, arriving), -dot(arriving, light), variance)
         entering = (1.0 - fresnel(dr.maximum(mu_sun, 0.0))) / (1.0 - surface.water_sky_albedo())
-        hits.append(SurfaceHit(everywhere, cloud, t, lit, shares, entering, glint))
+        hits.append(SurfaceHit(everywhere, cloud, t, lit, shares, entering, glint, place.bending))
     dr.eval(shares, [(hit.entering, hit.glint) for hit in hits])
     return hits
 

@@ -26,6 +26,7 @@ from horizonval.renderer.kernel.discs import Disc
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, limb_function
 from horizonval.renderer.kernel.surface import Ground, is_land, snow_share
 from horizonval.renderer.planet import along, distance_squared, dot
+from horizonval.renderer.refraction.ray_end import ray_end
 from horizonval.renderer.types import Vec, indices_where
 
 EVEN_PIXELS = 25.0
@@ -38,6 +39,10 @@ TWILIGHT_RAD = 0.005
 """Half of what a scale height of the shadow takes in the middle of twilight: the ground's terminator is sharper."""
 NIGHT = -0.33
 """Cosine of the zenith angle of a light that has gone down for good."""
+
+
+ROUGH_BENDING = 8
+"""Evaluations of the bending of rays well inside the limb, to place them on the map to a tenth of their turn."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +144,7 @@ def _coast(view: FrameGeometry, ground: Ground, land: mi.UInt32, pixel: mi.UInt3
     def kind(u: mi.Float64, v: mi.Float64) -> mi.UInt32:
         d = view.rays.direction(u, v)
         mid, half, _ = view.planet.chord(view.origin, d)
-        _, normal = view.planet.height_and_normal(along(view.origin, d, mid - half))
+        normal = ray_end(view.planet, view.bending, view.origin, d, mid - half, ROUGH_BENDING).vertical
         snow = snow_share(normal, ground.model.snow_line_deg)
         return dr.select(is_land(land, normal), mi.UInt32(dr.ceil(snow)) + mi.UInt32(dr.floor(snow)) + 1, 0)
 
