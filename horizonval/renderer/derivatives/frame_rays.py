@@ -136,7 +136,7 @@ class FrameRays:
         """Return whether rays of equal height see the same, seen from outside the air."""
         o1 = self.view.planet.stretch(self.view.origin)
         outside = float(dot(o1, o1)[0]) > (self.view.planet.a_m + 1.02 * air.top_m) ** 2
-        return outside and len(air.band.sin_latitude) == 1 and air.emission.kind == "uniform"
+        return outside and air.band.is_uniform and air.emission.kind == "uniform"
 
     def _solar(self, view: FrameGeometry, cells: Cells, digest: str | None) -> dict[str, mi.Float64]:
         out: dict[str, mi.Float64] = {}
@@ -164,7 +164,7 @@ class FrameRays:
         emission = source.emission
         share = shares(emission, self.view.ground.model if self.view.ground else None, up)
         warm = temperatures_k(emission, up, np.array([float(c[0]) for c in self.view.sun]))
-        sky = source.sky_at(up[:, 2], part)
+        sky = source.sky_at(up, part)
         total = np.zeros_like(sky)
         for kind, weight in share.items():
             e = source.emissivities(kind, cosine, part)

@@ -140,7 +140,7 @@ def ground_radiance(
     At unit normals (n, 3) under view cosines (n,); ``mirror`` (g, n) is the air along the reflected rays.
     """
     emission = source.emission
-    sky = source.sky_at(normal[:, 2], points)
+    sky = source.sky_at(normal, points)
     kinds, warmth = shares(emission, ground, normal), temperatures_k(emission, normal, sun)
     total = np.zeros_like(sky)
     for kind in kinds_of(emission):

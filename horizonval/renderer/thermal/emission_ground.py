@@ -138,8 +138,8 @@ class GroundSource:
         wavelengths, owner = np.unique(self.band.wavelength_um[part], return_inverse=True)
         return emissivities(self.emission, kind, wavelengths, cosine)[owner]
 
-    def sky_at(self, sin_latitude: FloatArray, part: slice = ALL) -> FloatArray:
-        """Return the sky's mean radiance at places (n,) for some g points, shape (g, n)."""
+    def sky_at(self, normal: FloatArray, part: slice = ALL) -> FloatArray:
+        """Return the sky's mean radiance over places of unit normals (n, 3) for some g points, shape (g, n)."""
         if self.emission.kind != "earth" and self.emission.emissivity == 1.0:
-            return np.zeros((len(self.band.wavelength_um[part]), len(sin_latitude)))
-        return np.stack([np.interp(sin_latitude, self.band.sin_latitude, row) for row in self.sky[part]])
+            return np.zeros((len(self.band.wavelength_um[part]), len(normal)))
+        return self.band.between(self.sky[part], normal)

@@ -113,7 +113,7 @@ class ThermalFrame:
     def parts(self, air: ThermalAir) -> Iterator[tuple[mi.UInt32, mi.Float64, mi.Float64]]:
         """Yield ``(slots of cells, share of each, radiance)`` of all that shines in a band; each cell once in each."""
         cells = self.cells
-        columns = columns_for(self.coordinates, len(air.band.sin_latitude))
+        columns = columns_for(self.coordinates, air.band)
         band = ThermalView(air, self.coordinates, columns, self.nodes, self.layer_m)
         tables = self._covered(band)
         if self.ground is not None:

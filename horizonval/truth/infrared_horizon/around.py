@@ -1,9 +1,9 @@
 """The infrared horizon all round a camera, for every thermal band: what a frame's truth carries.
 
-The air depends on height and latitude alone, so that rays at azimuths A and -A about the nadir see the same: half of
-the circle is integrated. Where the air is the same everywhere, only the ellipsoid's curvature still turns with the
-azimuth (0.7 % of its radius, some 30 m of the horizon's height); its first harmonics are then enough, and on a sphere
-one azimuth.
+Air that depends on height and latitude alone looks the same along rays at azimuths A and -A about the nadir: half of
+the circle is integrated, and all of it where the air varies with longitude. Where the air is the same everywhere, only
+the ellipsoid's curvature still turns with the azimuth (0.7 % of its radius, some 30 m of the horizon's height); its
+first harmonics are then enough, and on a sphere one azimuth.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.surface.ground_emission import GroundEmission
+from horizonval.earth.weather.column_map import ColumnMap
 from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_height
 from horizonval.truth.infrared_horizon.ground import GroundPlaces, ground_places, ground_radiance
 from horizonval.truth.infrared_horizon.locators import GROUND_RAY_M, HorizonHeights, locate, profile_heights_m
@@ -111,6 +112,9 @@ def _digest(model: OpticalModel) -> str:
     for band in model.thermal:
         for item in fields(band):
             value = getattr(band, item.name)
+            if isinstance(value, ColumnMap):
+                digest.update(repr((value.axes.tolist(), value.half, value.count)).encode())
+                continue
             digest.update(np.ascontiguousarray(value).data if isinstance(value, np.ndarray) else repr(value).encode())
     return digest.hexdigest()
 
@@ -123,7 +127,8 @@ def _computed(asked: _HorizonRequest) -> dict[str, dict[str, Any]]:
         return {}
     assert model.emission is not None
     airs = [BandMedium(band) for band in model.thermal]
-    view = _CameraRays.of(asked, model.top_m, all(air.is_uniform for air in airs))
+    zonal = all(air.column_map is None for air in airs)
+    view = _CameraRays.of(asked, model.top_m, all(air.is_uniform for air in airs), zonal)
     return {
         band.name: _plain(view, _located(view, band, air, model.emission))
         for band, air in zip(model.thermal, airs, strict=True)
@@ -148,20 +153,24 @@ class _CameraRays:
     ground: GroundPlaces
 
     @classmethod
-    def of(cls, asked: _HorizonRequest, top_m: float, uniform: bool) -> _CameraRays:
+    def of(cls, asked: _HorizonRequest, top_m: float, uniform: bool, zonal: bool) -> _CameraRays:
         r_itrs, ellipsoid, azimuths = np.array(asked.r_itrs), asked.ellipsoid, asked.azimuths
         azimuth: FloatArray = np.arange(azimuths, dtype=np.float64) * (math.tau / azimuths)
         half = azimuth[: azimuths // 2 + 1]
-        if not uniform:
+        mirrored = np.minimum(np.arange(azimuths), azimuths - np.arange(azimuths))
+        if not zonal:
+            solved, spread, mirrored = azimuth, np.eye(azimuths), np.arange(azimuths)
+        elif not uniform:
             solved, spread = half, np.eye(len(half))
         elif ellipsoid.is_sphere:
             solved, spread = half[:1], np.ones((len(half), 1))
         else:
             solved = np.linspace(0.0, math.pi, _HARMONICS + 1)
             spread = _cosine_series(solved, half)
-        mirrored = np.minimum(np.arange(azimuths), azimuths - np.arange(azimuths))
         heights = profile_heights_m(top_m)
-        down, *past = ray_paths(r_itrs, ellipsoid, solved, np.append(GROUND_RAY_M, heights), top_m)
+        down, *past = ray_paths(
+            r_itrs, ellipsoid, solved, np.append(GROUND_RAY_M, heights), top_m, with_places=not zonal
+        )
         place = ground_points(r_itrs, ellipsoid, azimuth, GROUND_RAY_M)
         ground = ground_places(r_itrs, place, ellipsoid, np.array(asked.sun_itrs), asked.snow_line_deg)
         return cls(r_itrs, ellipsoid, azimuth, heights, spread[mirrored], past, down, ground)

@@ -16,6 +16,7 @@ from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.surface.ground_emission import GroundEmission, ground_emissivity, ground_k
 from horizonval.earth.surface.land import is_land
 from horizonval.earth.surface.surface import snow_share
+from horizonval.earth.weather.column_map import ColumnMap
 from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_from_itrs, surface_normal
 
 _SKY_ROWS, _SKY_STRIDE = 12, 5
@@ -25,10 +26,12 @@ _SKY_ROWS, _SKY_STRIDE = 12, 5
 class GroundPlaces:
     """Where rays meet the ground; arrays of shape (n,).
 
-    ``cosine``: of the view to the vertical. ``hour_angle``: of the Sun [rad]. ``land``, ``snow``: shares of the place.
+    ``normal``: the ellipsoid's, shape (n, 3). ``cosine``: of the view to the vertical. ``hour_angle``: of the Sun
+    [rad]. ``land``, ``snow``: shares of the place.
     """
 
     sin_latitude: FloatArray
+    normal: FloatArray
     cosine: FloatArray
     hour_angle: FloatArray
     land: FloatArray
@@ -42,12 +45,13 @@ def ground_places(
     latitude, longitude, _ = geodetic_from_itrs(place_itrs, ellipsoid)
     line = r_itrs - place_itrs
     line = line / np.linalg.norm(line, axis=-1, keepdims=True)
-    cosine = np.einsum("ij,ij->i", surface_normal(place_itrs, ellipsoid), line)
+    normal = surface_normal(place_itrs, ellipsoid)
+    cosine = np.einsum("ij,ij->i", normal, line)
     sun_longitude = np.arctan2(sun_itrs[1], sun_itrs[0])
     latitude_deg = np.degrees(latitude)
     land = is_land(latitude_deg, np.degrees(longitude)).astype(np.float64)
     snow = land * snow_share(latitude_deg, snow_line_deg)
-    return GroundPlaces(np.sin(latitude), cosine, longitude - sun_longitude, land - snow, snow)
+    return GroundPlaces(np.sin(latitude), normal, cosine, longitude - sun_longitude, land - snow, snow)
 
 
 def ground_radiance(band: EmittingBand, emission: GroundEmission, at: GroundPlaces) -> FloatArray:
@@ -56,7 +60,7 @@ def ground_radiance(band: EmittingBand, emission: GroundEmission, at: GroundPlac
         shares = {"land": np.ones_like(at.land)}
     else:
         shares = {"land": at.land, "snow": at.snow, "water": 1.0 - at.land - at.snow}
-    sky = _sky(band, at.sin_latitude) if emission.kind != "uniform" or emission.emissivity < 1.0 else 0.0
+    sky = _sky(band, at) if emission.kind != "uniform" or emission.emissivity < 1.0 else 0.0
     total = np.zeros((len(at.land), band.count))
     for kind, share in shares.items():
         e = ground_emissivity(emission, kind, band.wavelength_um, at.cosine[:, None])
@@ -65,8 +69,10 @@ def ground_radiance(band: EmittingBand, emission: GroundEmission, at: GroundPlac
     return total
 
 
-def _sky(band: EmittingBand, sin_latitude: FloatArray) -> FloatArray:
+def _sky(band: EmittingBand, at: GroundPlaces) -> FloatArray:
     """Return the mean radiance of the sky, shape (n, g)."""
+    if band.column_map is not None:
+        return _sky_of_map(band, band.column_map, at.normal)
     count = len(band.sin_latitude)
     rows = np.unique(np.linspace(0, count - 1, min(count, _SKY_ROWS)).round().astype(int))
     some = replace(
@@ -76,4 +82,19 @@ def _sky(band: EmittingBand, sin_latitude: FloatArray) -> FloatArray:
         ln_extinction=band.ln_extinction[:, rows],
         temperature_k=band.temperature_k[rows],
     )
-    return np.stack([np.interp(sin_latitude, some.sin_latitude, g) for g in some.sky_irradiance()], axis=-1)
+    return np.stack([np.interp(at.sin_latitude, some.sin_latitude, g) for g in some.sky_irradiance()], axis=-1)
+
+
+def _sky_of_map(band: EmittingBand, lattice: ColumnMap, normal: FloatArray) -> FloatArray:
+    """Return the same where columns stand on a map: that of the column next to each place."""
+    nearest = np.argmax(normal @ lattice.normals().T, axis=1)
+    columns, owner = np.unique(nearest, return_inverse=True)
+    some = replace(
+        band,
+        altitude_m=np.append(band.altitude_m[:-1:_SKY_STRIDE], band.altitude_m[-1]),
+        sin_latitude=np.arange(len(columns), dtype=np.float64),
+        ln_extinction=band.ln_extinction[:, columns],
+        temperature_k=band.temperature_k[columns],
+        column_map=None,
+    )
+    return some.sky_irradiance()[:, owner].T
