@@ -45,7 +45,11 @@ LIMB = {
 
 def scene(profile: str, **platform: Any) -> SceneSpec:
     return SceneSpec.model_validate(
-        {"camera": {"file": "t"}, "platform": {"altitude_km": 500.0} | platform, "atmosphere": {"profile": profile}}
+        {
+            "camera": {"file": "t"},
+            "platform": {"altitude_km": 500.0} | platform,
+            "atmosphere": {"profile": profile, "refraction": False},
+        }
     )
 
 
