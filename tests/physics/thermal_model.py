@@ -33,7 +33,8 @@ def model_of(bands: Mapping[str, tuple[float, float]] | Sequence[str], **tables:
         "band": [{"name": n, "kind": "thermal", "lo_um": lo, "hi_um": hi} for n, (lo, hi) in limits.items()],
     }
     scene = {"camera": {"file": "test"}, "platform": {"altitude_km": 500}} | tables
-    scene["atmosphere"] = {"aerosol": "none", "refraction": False} | tables.get("atmosphere", {})
+    clean = {"aerosol": "none", "halocarbons": False, "refraction": False}
+    scene["atmosphere"] = clean | tables.get("atmosphere", {})
     return optical_model(SceneSpec.model_validate(scene), CameraSpec.model_validate(camera))
 
 
