@@ -1,8 +1,9 @@
 r"""Cities at night: how much light goes up from where people live.
 
 Each of the thousand largest agglomerations is a round Gaussian of inhabitants, of standard deviation
-``max(7 km, 4.5 km (inhabitants / 10^6)^0.4)`` (built-up areas of 700 km2 for 3 million and 1600 for 10 million people; below 7 km is what the table of :data:`PER_DEGREE` cells to a degree holds). Each inhabitant has L lumens
-of outdoor lamps, of which the share F goes above the level and the rest falls on ground of reflectance G. At an angle z
+``max(7 km, 4.5 km (inhabitants / 10^6)^0.4)`` (built-up areas of 700 km2 for 3 million and 1600 for 10 million people;
+below 7 km is what the table of :data:`PER_DEGREE` cells to a degree holds). Each inhabitant has L lumens of outdoor
+lamps, of which the share F goes above the level and the rest falls on ground of reflectance G. At an angle z
 from the vertical a head sends
 
     I(z) = L / (2 pi) [2 G (1 - F) cos z + 0.554 F z^4]    lm/sr,    L = 1000 lm, F = G = 0.15
@@ -71,7 +72,7 @@ def inhabitants_per_m2() -> FloatArray:
 
 
 def luminance_per_density(cosine: ArrayLike) -> FloatArray:
-    """Return the luminance [lm m-2 sr-1] of one inhabitant to a square metre; ``cosine``: of the view to the vertical."""
+    """Return the luminance [lm m-2 sr-1] of one inhabitant to a square metre, at cosines of the view's zenith angle."""
     c = np.clip(np.asarray(cosine, dtype=np.float64), LEAST_COSINE, 1.0)
     down = 2.0 * GROUND_REFLECTANCE * (1.0 - UPWARD_SHARE) * c
     return np.asarray(LUMENS_PER_HEAD / (2.0 * math.pi) * (down + 0.554 * UPWARD_SHARE * np.arccos(c) ** 4) / c)
