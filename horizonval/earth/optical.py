@@ -106,7 +106,7 @@ def optical_model(
     air = air_of(scene, base_dir)
     changed = air_of(scene, base_dir, change)
     emitting = emitting_air(air, scene, change)
-    ground_k = float(emitting.temperature_k[0, 0])
+    ground_k = float(emitting.state.temperature_k[0, 0])
     nodes: list[SpectralNode] = []
     thermal: list[EmittingBand] = []
     for i, band in enumerate(camera.band):

@@ -29,6 +29,7 @@ def model_of(bands: Mapping[str, tuple[float, float]] | Sequence[str], **tables:
         "camera": {"width": 1, "height": 1, "fov_deg": 1},
         "band": [{"name": n, "kind": "thermal", "lo_um": lo, "hi_um": hi} for n, (lo, hi) in limits.items()],
     }
+    tables = {**tables, "atmosphere": {"halocarbons": False} | tables.get("atmosphere", {})}
     scene = {"camera": {"file": "test"}, "platform": {"altitude_km": 500}} | tables
     return optical_model(SceneSpec.model_validate(scene), CameraSpec.model_validate(camera))
 

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from horizonval.earth.atmosphere import climate_rows
-from horizonval.earth.spectral import thermal_absorption
+from horizonval.earth.gases import afgl
 from horizonval.earth.surface import surface_temperature
 from horizonval.earth.surface.ground_emission import GroundEmission, uniform_ground
 from horizonval.spec.scene import SceneSpec
@@ -49,8 +49,7 @@ def emitting_ground(scene: SceneSpec, lowest_air_k: float) -> GroundEmission:
             cloud_emissivity=cloud,
         )
     if surface.kind == "uniform" and fixed is None and climate_rows.varies(scene):
-        air = [thermal_absorption.blended_temperature_k(row)[0] for row in climate_rows.weights(rows, month)]
-        same = _plain(np.array(air))
+        same = _plain(afgl.blended(climate_rows.weights(rows, month), np.zeros(1)).temperature_k[:, 0])
         still = (0.0,) * len(rows)
         return GroundEmission("uniform", _plain(rows), same, same, same, still, surface.emissivity, cloud)
     ground = uniform_ground(lowest_air_k if fixed is None else fixed, surface.emissivity, cloud)

@@ -38,8 +38,10 @@ class Atmosphere(Model):
     ozone: bool = True
     """Whether ozone absorbs sunlight."""
     co2_ppm: Annotated[float, Field(ge=280, le=560)] = 420.0
-    """Carbon dioxide of the lower atmosphere, for thermal bands only. The absorption tables stand at 330 and 420 ppm;
-    see `horizonval.earth.spectral.thermal_absorption`.
+    """Carbon dioxide of the lower atmosphere, for thermal bands only; the file of a `profile_file` may have its own."""
+    halocarbons: bool = True
+    """Whether CFC-11, CFC-12, HCFC-22 and CCl4 absorb in thermal bands, in today's amounts whatever the epoch: +10 % of
+    the 8 to 14 um limb at 10 km, +80 % of 10.5 to 12.5 um. See `horizonval.earth.gases.halocarbons`.
     """
     refraction: bool = False
     """Whether the air bends light. The hard limb is then seen where that of a planet larger by n - 1 times its radius
@@ -62,6 +64,8 @@ class Atmosphere(Model):
         if self.co2_ppm != 420.0 and (self.file is not None or self._airless):
             raise ValueError('co2_ppm applies to an atmosphere with gases of its own, not to file or profile = "none"')
         by_place = self.profile == "by_latitude_month" and self.profile_file is None and self.file is None
+        if not self.halocarbons and (self.file is not None or self._airless):
+            raise ValueError('halocarbons applies to air with gases of its own, not to file or profile = "none"')
         for key in ("latitude_deg", "month"):
             if getattr(self, key) is not None and not by_place:
                 raise ValueError(f'{key} applies to profile = "by_latitude_month" only')
