@@ -2,7 +2,7 @@
 :class:`horizonval.earth.surface.ground_emission.GroundEmission`.
 
 A ``uniform`` ground is as warm as ``surface.temperature_k`` says, or else as the lowest air: one temperature, or with
-``by_latitude_month`` that of every latitude. An ``earth`` has the climate of
+``by_latitude_month`` and ``weather`` that of the AFGL climates at every latitude. An ``earth`` has the climate of
 :mod:`horizonval.earth.surface.surface_temperature` for the month of the air (or of the epoch), whatever the profile of
 the air above it, unless ``surface.temperature_k`` puts one temperature in place of everything.
 
@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from horizonval.earth.atmosphere import climate_rows
+from horizonval.earth.atmosphere import climate_rows, columns
 from horizonval.earth.gases import afgl
 from horizonval.earth.surface import surface_temperature
 from horizonval.earth.surface.ground_emission import GroundEmission, uniform_ground
@@ -48,7 +48,8 @@ def emitting_ground(scene: SceneSpec, lowest_air_k: float) -> GroundEmission:
             emissivity=surface.emissivity,
             cloud_emissivity=cloud,
         )
-    if surface.kind == "uniform" and fixed is None and climate_rows.varies(scene):
+    by_latitude = climate_rows.varies(scene) or columns.weather_of(scene) is not None
+    if surface.kind == "uniform" and fixed is None and by_latitude:
         same = _plain(afgl.blended(climate_rows.weights(rows, month), np.zeros(1)).temperature_k[:, 0])
         still = (0.0,) * len(rows)
         return GroundEmission("uniform", _plain(rows), same, same, same, still, surface.emissivity, cloud)

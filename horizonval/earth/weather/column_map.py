@@ -20,7 +20,6 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.directions import perpendicular
 
-
 COARSER = 4
 """What varies little needs a column in so many each way; maps have a whole number of them along a side."""
 

@@ -110,7 +110,8 @@ def mirrored(planet: Planet, o: Vec, d: Vec) -> tuple[Vec, Vec, Vec]:
 class GroundSource:
     """What the ground of a band emits and reflects.
 
-    ``sky``: shape (g, m), of everything but water, at the columns of ``coarse``; computed when first asked for, black ground needs none.
+    ``sky``: shape (g, m), of everything but water, at the columns of ``coarse``; computed when first asked for, black
+    ground needs none.
     """
 
     def __init__(self, band: EmittingBand, emission: GroundEmission) -> None:
