@@ -160,7 +160,7 @@ def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> Em
 
 
 def map_in_sight(scene: SceneSpec) -> ColumnMap:
-    """Return where columns stand that a satellite's rays can meet, :data:`MAP_STEP_DEG` apart, or more from far away."""
+    """Return where columns stand that a satellite's rays can meet, :data:`MAP_STEP_DEG` apart or more from far."""
     latitude, longitude = math.radians(scene.platform.latitude_deg), math.radians(scene.platform.longitude_deg)
     below = math.cos(latitude) * np.array([math.cos(longitude), math.sin(longitude), math.tan(latitude)])
     reach = climate_rows.reach_rad(scene.platform.altitude_km * 1e3)
