@@ -13,6 +13,7 @@ from horizonval.spec.earth.clouds import Clouds
 from horizonval.spec.earth.ground import Earth, Surface
 from horizonval.spec.earth.lights import Moon, Night, SunOverride
 from horizonval.spec.numbers import Angle, Finite, FrameName, Listed, PlainName, Whole
+from horizonval.spec.spacecraft.part import SpacecraftPart
 from horizonval.spec.units import unit
 
 
@@ -109,7 +110,7 @@ class RenderSettings(Model):
     to 8 deg below the horizon.
     """
 
-    later_keys: ClassVar[frozenset[str]] = frozenset({"method"})
+    later_keys: ClassVar[frozenset[str]] = frozenset({"method", "part_samples"})
 
     method: Literal["table", "march"] = "table"
     """How sunlight is found in solar bands. `table` tabulates it over direction, once for all frames from one place
@@ -122,6 +123,9 @@ class RenderSettings(Model):
     """Points along each ray at which air is looked up."""
     orders: Literal["single", "all"] = "all"
     """Orders of scattering of sunlight: `single`, or `all`."""
+    part_samples: Annotated[int, Field(ge=1, le=4096), unit("1")] = 256
+    """Random rays per pixel on parts of the spacecraft, rounded up to a square, for the light of the Earth on them.
+    """
     band_error: Annotated[float, Field(ge=1e-4, le=0.1), unit("1")] = 0.012
     """Largest relative error of a solar band's radiance, from limb and ground under a high or a low Sun, that too few
     wavelengths may leave. It decides how many wavelengths a band gets that does not say so itself (`nodes` of the
@@ -132,6 +136,8 @@ class RenderSettings(Model):
 
 class SceneSpec(Model):
     """One scene file: one camera, one pose, one planet, one instant."""
+
+    later_keys: ClassVar[frozenset[str]] = frozenset({"part"})
 
     scene: SceneName = SceneName()
     """Name and seed."""
@@ -157,6 +163,8 @@ class SceneSpec(Model):
     """The Moon."""
     night: Night = Night()
     """Light of the night."""
+    part: list[SpacecraftPart] = []
+    """Parts of the spacecraft in view, each a table `[[part]]`."""
     render: RenderSettings = RenderSettings()
     """Accuracy of the rendering."""
 

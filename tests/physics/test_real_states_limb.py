@@ -81,7 +81,7 @@ def state(number: int) -> tuple[str, GasState]:
     # Above a mountain's surface: what a column of the lowest air would fill down to sea level.
     height += GAS_CONSTANT * virtual[0] / ground_gravity * (np.log(101_325.0) - ln_p[0])
     pressure_pa = np.exp(np.interp(LEVELS_M, height, ln_p, left=np.nan))
-    below = LEVELS_M < height[0]
+    below = height[0] > LEVELS_M
     pressure_pa[below] = p[0] * np.exp((height[0] - LEVELS_M[below]) * ground_gravity / (GAS_CONSTANT * virtual[0]))
     temperature = np.interp(LEVELS_M, height, t)
     gases = afgl.gases_at_pressure(climate(latitude, month), pressure_pa)

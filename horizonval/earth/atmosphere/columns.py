@@ -102,6 +102,8 @@ def weather_columns(
     gases["o3"] = gases["o3"] * np.exp(more_ozone)
     water = gases["h2o"] * np.exp(more_water)
     gases["h2o"] = np.where(z <= SATURATED_TO_M, np.minimum(water, saturated_share(pressure, kelvin)), water)
+    # once more, with the vapour that is there
+    pressure = hydrostatic.pressure_pa(latitude, z, kelvin, gases["h2o"], ground_pa)
     return GasState(z, pressure, kelvin, gases)
 
 

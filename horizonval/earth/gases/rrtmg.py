@@ -33,7 +33,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.gases.rrtmg_interpolation import Columns, Place, key_absorption, table
+from horizonval.earth.gases.rrtmg_interpolation import Columns, TablePlace, key_absorption, table
 from horizonval.earth.gases.rrtmg_rest import continuum, halocarbons, minor_gases, nitric_acid
 
 BANDS = (3, 4, 5, 6, 7, 8, 9)
@@ -112,7 +112,7 @@ def absorption_per_m(
 
 def _lower(columns: Columns, bands: Sequence[int]) -> FloatArray:
     """Return k above 95.58 hPa, shape (bands, n, 16)."""
-    place = Place.below(columns.ln_p, columns.temperature_k)
+    place = TablePlace.below(columns.ln_p, columns.temperature_k)
     total = []
     for b in bands:
         band = BANDS[b]
@@ -123,7 +123,7 @@ def _lower(columns: Columns, bands: Sequence[int]) -> FloatArray:
 
 def _upper(columns: Columns, bands: Sequence[int]) -> FloatArray:
     """Return k from 95.58 hPa to 0.00966 hPa, shape (bands, n, 16)."""
-    place, seam = Place.above(columns.ln_p, columns.temperature_k), Place.at_seam(columns.temperature_k)
+    place, seam = TablePlace.above(columns.ln_p, columns.temperature_k), TablePlace.at_seam(columns.temperature_k)
     total = []
     for b in bands:
         band = BANDS[b]

@@ -84,7 +84,7 @@ class Columns:
 
 
 @dataclass(frozen=True)
-class Place:
+class TablePlace:
     """Where air lies in the tables of the key gases; arrays of shape (n,).
 
     Attributes
@@ -107,22 +107,22 @@ class Place:
     beyond: tuple[FloatArray, FloatArray]
 
     @classmethod
-    def below(cls, ln_p: FloatArray, temperature_k: FloatArray) -> Place:
+    def below(cls, ln_p: FloatArray, temperature_k: FloatArray) -> TablePlace:
         """Return the place of air above 95.58 hPa; f runs below 0 at more than 1054 hPa."""
         return cls._of(ln_p, temperature_k, 1, _LOWER_LEVELS - 1, upper=False)
 
     @classmethod
-    def above(cls, ln_p: FloatArray, temperature_k: FloatArray) -> Place:
+    def above(cls, ln_p: FloatArray, temperature_k: FloatArray) -> TablePlace:
         """Return the place of air below 95.58 hPa."""
         return cls._of(ln_p, temperature_k, _LOWER_LEVELS, 58, upper=True)
 
     @classmethod
-    def at_seam(cls, temperature_k: FloatArray) -> Place:
+    def at_seam(cls, temperature_k: FloatArray) -> TablePlace:
         """Return the lower atmosphere's place at 95.58 hPa."""
         return cls.below(np.full_like(temperature_k, _SEAM_LN_HPA), temperature_k)
 
     @classmethod
-    def _of(cls, ln_p: FloatArray, temperature_k: FloatArray, first: int, last: int, *, upper: bool) -> Place:
+    def _of(cls, ln_p: FloatArray, temperature_k: FloatArray, first: int, last: int, *, upper: bool) -> TablePlace:
         level = np.clip(np.trunc(36.0 - 5.0 * (ln_p + 0.04)).astype(int), first, last)
         fraction = _LEVELS_PER_LN * (table("ref_log_pressure_hpa")[level - 1] - ln_p)
         nodes, beyond = [], []
@@ -134,7 +134,7 @@ class Place:
         return cls(upper, level, fraction, (nodes[0], nodes[1]), (beyond[0], beyond[1]))
 
 
-def key_absorption(band: int, place: Place, columns: Columns) -> FloatArray:
+def key_absorption(band: int, place: TablePlace, columns: Columns) -> FloatArray:
     """Return the key gases' part of k [1/m], shape (n, 16)."""
     k = table(f"b{band}_up" if place.upper else f"b{band}_low")
     first = _LOWER_LEVELS if place.upper else 1

@@ -19,7 +19,7 @@ from horizonval.earth.gases.rrtmg_interpolation import (
     LOWER_KEY,
     UPPER_KEY,
     Columns,
-    Place,
+    TablePlace,
     mixture_weights,
     reference_vmr,
     table,
@@ -82,7 +82,7 @@ def _line(values: FloatArray, i: np.ndarray, beyond: FloatArray) -> FloatArray:
     return values[i - 1] + beyond[:, None] * (values[i] - values[i - 1])
 
 
-def minor_gases(band: int, place: Place, columns: Columns, *, upper: bool) -> FloatArray:
+def minor_gases(band: int, place: TablePlace, columns: Columns, *, upper: bool) -> FloatArray:
     """Return the minor gases' part of k [1/m], shape (n, 16)."""
     y = (columns.temperature_k - 180.8) / 7.2
     row = np.clip(np.trunc(y).astype(int), 1, 18)
@@ -105,7 +105,7 @@ def minor_gases(band: int, place: Place, columns: Columns, *, upper: bool) -> Fl
     return total
 
 
-def _amount(minor: _Minor, place: Place, columns: Columns) -> FloatArray:
+def _amount(minor: _Minor, place: TablePlace, columns: Columns) -> FloatArray:
     column = columns.gas[minor.gas]
     if minor.saturation is None:
         return column

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -12,6 +12,8 @@ from horizonval.spec.units import unit
 
 class Atmosphere(Model):
     """What the air is made of."""
+
+    later_keys: ClassVar[frozenset[str]] = frozenset({"halocarbons"})
 
     profile: str = "us_standard"
     """Temperature and gases by name (`horizonval list atmospheres`). `none` is no atmosphere at all.
@@ -38,10 +40,11 @@ class Atmosphere(Model):
     """The climate of this latitude serves everywhere in all bands; for `profile = "by_latitude_month"`."""
     month: Annotated[int, Field(ge=1, le=12), unit("1")] | None = None
     """Month, 1 to 12, in place of the epoch's; for `profile = "by_latitude_month"` and `"weather"`."""
-    aerosol: Literal["none", "background", "volcanic_moderate", "volcanic_high"] = "none"
-    """LOWTRAN7's particles. `none` is clean air and a third of the time, `background` haze of 23 km visibility at the
-    ground below a quiet stratosphere, the others a stratosphere after an eruption. See
-    `horizonval.earth.atmosphere.aerosol`.
+    aerosol: Literal["none", "background", "volcanic_moderate", "volcanic_high", "polar", "dust"] = "background"
+    """Particles, by models of LOWTRAN7: `background` is haze of 23 km visibility at the ground below a quiet
+    stratosphere, `volcanic_moderate` and `volcanic_high` have a stratosphere after an eruption, `polar` is clean air,
+    `dust` desert dust up to 5 km; `none` is molecules alone, at half the time. Without the key air with gases of its
+    own has the background, and `file` and `profile = "none"` have none. See `horizonval.earth.atmosphere.aerosol`.
     """
     ozone: bool = True
     """Whether ozone absorbs sunlight."""
@@ -63,6 +66,9 @@ class Atmosphere(Model):
     def _consistent(self) -> Atmosphere:
         if self.file is not None and self.profile_file is not None:
             raise ValueError("give at most one of file and profile_file")
+        if "aerosol" not in self.model_fields_set and (self._airless or self.file is not None):
+            # what has no gases of its own has no haze of its own either; the key stays unset
+            self.__dict__["aerosol"] = "none"
         if self._airless and self.aerosol != "none":
             raise ValueError(f'aerosol = "{self.aerosol}" needs air, but profile = "none"; set aerosol = "none"')
         if self.file is not None and self.aerosol != "none":

@@ -47,7 +47,6 @@ def infrared_horizon(
     ellipsoid: Ellipsoid,
     *,
     sun_itrs: ArrayLike = (1.0, 0.0, 0.0),
-    snow_line_deg: float = 90.0,
     azimuths: int = AZIMUTHS,
 ) -> dict[str, dict[str, Any]]:
     """Return the infrared horizon of every thermal band of a model, as plain data.
@@ -60,9 +59,7 @@ def infrared_horizon(
         Camera [m].
     ellipsoid : Ellipsoid
     sun_itrs : array_like, shape (3,)
-        Towards the Sun: the hour of the day on land. As the snow line, it matters where the ground is an "earth".
-    snow_line_deg : float
-        Latitude north of which land is under snow.
+        Towards the Sun: the hour of the day on land. Matters where the ground is an "earth".
     azimuths : int
         Even.
 
@@ -90,7 +87,7 @@ def infrared_horizon(
     if not model.thermal:
         return {}
     place, sun = (tuple(np.asarray(v, dtype=np.float64).tolist()) for v in (r_itrs, sun_itrs))
-    request = _HorizonRequest(_digest(model), place, ellipsoid, sun, float(snow_line_deg), azimuths, model)
+    request = _HorizonRequest(_digest(model), place, ellipsoid, sun, azimuths, model)
     return copy.deepcopy(_computed(request))
 
 
@@ -102,7 +99,6 @@ class _HorizonRequest:
     r_itrs: tuple[float, ...]
     ellipsoid: Ellipsoid
     sun_itrs: tuple[float, ...]
-    snow_line_deg: float
     azimuths: int
     model: OpticalModel = field(compare=False)
 
@@ -172,7 +168,9 @@ class _CameraRays:
             r_itrs, ellipsoid, solved, np.append(GROUND_RAY_M, heights), top_m, with_places=not zonal
         )
         place = ground_points(r_itrs, ellipsoid, azimuth, GROUND_RAY_M)
-        ground = ground_places(r_itrs, place, ellipsoid, np.array(asked.sun_itrs), asked.snow_line_deg)
+        emission = asked.model.emission
+        assert emission is not None
+        ground = ground_places(r_itrs, place, ellipsoid, np.array(asked.sun_itrs), emission)
         return cls(r_itrs, ellipsoid, azimuth, heights, spread[mirrored], past, down, ground)
 
 

@@ -207,7 +207,11 @@ def test_a_scene_with_a_profile_of_its_own(written: Callable[..., Path]) -> None
     camera = CameraSpec.model_validate({"camera": {"width": 4, "height": 4, "fov_deg": 20}, "band": [vis, tir]})
 
     def model(**atmosphere: Any) -> Any:
-        tables = {"camera": {"file": "c"}, "platform": {"altitude_km": 500}, "atmosphere": atmosphere}
+        tables = {
+            "camera": {"file": "c"},
+            "platform": {"altitude_km": 500},
+            "atmosphere": {"aerosol": "none"} | atmosphere,
+        }
         return optical_model(SceneSpec.model_validate(tables), camera, base_dir=path.parent)
 
     mine, standard = model(profile_file=path.name), model(profile="us_standard")
