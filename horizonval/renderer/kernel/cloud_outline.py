@@ -90,13 +90,13 @@ def outline_cells(
     top = dr.minimum(dr.clip(-turn / per_line, -0.5, 0.5), hard)
     dr.eval(top, hard)
 
-    covered, longest, longest_free = (dr.zeros(mi.Float64, count) for _ in range(3))
-    cloud_at, free_at = (dr.zeros(mi.Float64, count) for _ in range(2))
-    cloud_line, free_line = (dr.zeros(mi.UInt32, count) for _ in range(2))
+    none, first_line = dr.zeros(mi.Float64, count), dr.zeros(mi.UInt32, count)
+    covered = longest = longest_free = cloud_at = free_at = none
+    cloud_line = free_line = first_line
     first_of = dr.arange(mi.UInt32, count) * LINES
     for k in range(LINES):
         low, high = (dr.gather(mi.Float64, c, first_of + k) for c in (top, hard))
-        covered += (high - low) * (1.0 / LINES)
+        covered = dr.fma(high - low, 1.0 / LINES, covered)
         longer = high - low > longest
         longest, cloud_at = dr.select(longer, high - low, longest), dr.select(longer, 0.5 * (low + high), cloud_at)
         cloud_line = dr.select(longer, mi.UInt32(k), cloud_line)
@@ -104,7 +104,7 @@ def outline_cells(
         longest_free, free_at = dr.select(freer, low + 0.5, longest_free), dr.select(freer, 0.5 * low - 0.25, free_at)
         free_line = dr.select(freer, mi.UInt32(k), free_line)
     rest = 1.0 - ground
-    covered = dr.select(covered < LEAST_SHARE, 0.0, dr.minimum(covered, rest))
+    covered = dr.select(covered < LEAST_SHARE, mi.Float64(0.0), dr.minimum(covered, rest))
     covered = dr.select(rest - covered < LEAST_SHARE, rest, covered)
 
     def through(number_of_line: mi.UInt32, t: mi.Float64) -> Vec:
