@@ -15,7 +15,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere import climate_rows
-from horizonval.earth.spectral import thermal_absorption
+from horizonval.earth.gases import afgl
 from horizonval.earth.surface import ground_map, surface_temperature
 from horizonval.earth.surface.ground_emission import GroundEmission, uniform_ground
 from horizonval.spec.scene import SceneSpec
@@ -38,7 +38,7 @@ def emitting_ground(scene: SceneSpec, lowest_air_k: float) -> GroundEmission:
     if surface.kind == "earth" and fixed is None:
         return _climate(rows, month, cloud)
     if surface.kind == "uniform" and fixed is None and climate_rows.varies(scene):
-        air = [thermal_absorption.blended_temperature_k(row)[0] for row in climate_rows.weights(rows, month)]
+        air = afgl.blended(climate_rows.weights(rows, month), np.zeros(1)).temperature_k[:, 0]
         return uniform_ground(air, surface.emissivity, cloud)
     return uniform_ground(lowest_air_k if fixed is None else fixed, surface.emissivity, cloud, surface.kind, month)
 

@@ -1,7 +1,8 @@
 r"""How the Earth's surface reflects sunlight: land, snow, a wind-roughened ocean, and white cloud tops.
 
-**Land, snow, clouds and foam** are Lambert reflectors, each material with a spectrum. **Water** has a Lambert part
-(light that has been scattered below the surface) and the Sun's glint off its facets::
+**Land, clouds and foam** are Lambert reflectors, each material with a spectrum. **Snow** shines forward in the Sun's
+beam (:mod:`horizonval.earth.surface.snow_reflectance`). **Water** has a Lambert part (light that has been scattered
+below the surface) and the Sun's glint off its facets::
 
     f_glint = F(omega) p(theta_n) S / (4 mu_sun mu_view cos^4 theta_n),   p = exp(-tan^2 theta_n / s2) / (pi s2)
 

@@ -14,13 +14,15 @@ import numpy as np
 
 from horizonval.earth.surface import ground_cover, ground_map, sea_ice
 from horizonval.earth.surface.materials import DRY
+from horizonval.earth.surface.snow_reflectance import mean_reflection
 from horizonval.renderer.types import Vec
 
 
 @dataclass(frozen=True)
 class GroundTable:
     """The ground of a month. ``words``: the map; ``mixtures``: of kinds, one behind the other; ``edges``: of sea ice,
-    north and then south [deg]; ``heights`` [m].
+    north and then south [deg]; ``heights`` [m];
+    ``snow``: what the reflectance of snow is divided by.
     """
 
     words: mi.UInt32
@@ -30,19 +32,22 @@ class GroundTable:
     snow_line_deg: mi.Float64
     white_north: mi.Float64
     white_south: mi.Float64
+    snow: mi.Float64
 
     @classmethod
     def of(cls, month: float) -> GroundTable:
         """Return the ground of a month."""
         edges = np.concatenate(sea_ice.edges_deg(month))
-        white = [dr.opaque(mi.Float64, share, 1) for share in sea_ice.white_shares(month)]
+        north, south = sea_ice.white_shares(month)
         return cls(
             mi.UInt32(ground_map.packed_words()),
             mi.Float64(ground_cover.mixtures().ravel()),
             mi.Float64(edges),
             mi.Float32(ground_map.heights_m().ravel()),
             dr.opaque(mi.Float64, ground_cover.snow_line_deg(month), 1),
-            *white,
+            dr.opaque(mi.Float64, north, 1),
+            dr.opaque(mi.Float64, south, 1),
+            mi.Float64(mean_reflection()),
         )
 
 
