@@ -9,15 +9,14 @@ import hashlib
 import json
 import math
 from dataclasses import replace
-from datetime import datetime
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from horizonval.earth.optical import OpticalModel, optical_model
+from horizonval.earth.refracted_horizon import horizon_rise_m
 from horizonval.earth.spectral.thermal_accuracy import thermal_accuracy
-from horizonval.earth.surface.surface import snow_line_deg
 from horizonval.frame import FRAME_SCHEMA, FrameTruth
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.eclipse import sun_visible_fraction
@@ -96,6 +95,7 @@ def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> 
             math.radians(scene.sun.zenith_deg), math.radians(scene.sun.azimuth_deg), pose.r_itrs, pose.ellipsoid
         )
     radius = float(sun_angular_radius(distance_m))
+    rise = horizon_rise_m(scene, camera, pose.altitude_m, pose.ellipsoid.mean_radius_m)
     moon: dict[str, Any] = {}
     to_moon = None
     place = _moon_place(scene, pose.ellipsoid, pose.r_itrs)
@@ -120,6 +120,8 @@ def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> 
         sun_angular_radius_rad=radius,
         sun_visible_fraction=float(sun_visible_fraction(pose.r_itrs, direction, radius, pose.ellipsoid)),
         angular_radius_rad=angular_radius(pose.r_itrs, pose.ellipsoid),
+        horizon_rise_m=rise,
+        refracted_angular_radius_rad=angular_radius(pose.r_itrs, pose.ellipsoid.raised(rise)),
         **moon,
         **_attitude_fields(scene, camera, pose, direction, to_moon),
     )
@@ -191,8 +193,7 @@ def with_infrared_horizon(truth: FrameTruth, model: OpticalModel) -> FrameTruth:
     ``half_height_km``, ``nadir_k``, ``sentences``), or None where the absorption comes from an atmosphere file.
     """
     ellipsoid = truth.ellipsoid
-    line = snow_line_deg(datetime.fromisoformat(truth.epoch_utc))
-    horizon_by_band = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs, snow_line_deg=line)
+    horizon_by_band = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs)
     from_file = truth.scene.get("atmosphere", {}).get("file") is not None
     bands = {band.name: band for band in truth.camera_spec.band}
     for name, horizon in horizon_by_band.items():

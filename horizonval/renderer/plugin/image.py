@@ -142,7 +142,7 @@ def surface_looks(view: FrameGeometry, cells: Cells) -> list[SurfaceLook]:
     def ends(rays: Rays | DiscCells | None, to_ground: bool) -> Sequence[SurfaceHit | None]:
         if view.ground is None or rays is None or not rays.count or not (to_ground or view.ground.clouds):
             return [None] * len(lights)
-        return surface_hits(view.ground, view.planet, view.origin, rays.direction, lights, to_ground)
+        return surface_hits(view.ground, view.planet, view.origin, rays.direction, lights, to_ground, view.bending)
 
     groups = (ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False))
     return [SurfaceLook(*under) for under in zip(*groups, strict=True)]

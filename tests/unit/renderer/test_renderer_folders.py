@@ -20,7 +20,7 @@ LAYERS = [
     "kernel",
     "scattering",
 ]
-LAYERS += ["refraction", ""]
+LAYERS += ["refraction", "ground", ""]
 """From top to bottom; the last are the modules of the room itself."""
 
 
