@@ -54,12 +54,13 @@ class Atmosphere(Model):
     """Whether CFC-11, CFC-12, HCFC-22 and CCl4 absorb in thermal bands, in today's amounts whatever the epoch: +10 % of
     the 8 to 14 um limb at 10 km, +80 % of 10.5 to 12.5 um. See `horizonval.earth.gases.halocarbons`.
     """
-    refraction: bool = False
-    """Whether the air bends light. The hard limb is then seen where that of a planet larger by n - 1 times its radius
-    would be (1.77 km in visible light, 2.4 arcmin from 500 km); the frame's truth and its maps stay those of straight
-    lines. A `file` must then have `refractivity`; there can be no clouds, and light scattered more than once is
-    computed without refraction. With 128 nodes the march is within 0.5 % of its limit in bright pixels with the Sun up,
-    0.9 % with the Sun 5 deg below the horizon, and 1.2 % and 4 % down to a thousandth of the brightest.
+    refraction: bool | None = None
+    """Whether the air bends light. Without the key it does where its index is known: not with a `file` without
+    `refractivity`, and not with `profile = "none"`. The hard limb is then seen where that of a planet larger by n - 1
+    times its radius would be (1.77 km in visible light, 2.4 arcmin from 500 km). The frame's truth has both horizons;
+    its maps are those of straight lines. Light scattered more than once is computed without refraction. With 128 nodes
+    the march is within 0.5 % of its limit in bright pixels with the Sun up, 0.9 % with the Sun 5 deg below the horizon,
+    and 1.2 % and 4 % down to a thousandth of the brightest.
     """
 
     @model_validator(mode="after")

@@ -21,6 +21,7 @@ from scipy.sparse import csr_array
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.truth.infrared_horizon.bent_rays import StraightHeights
 from horizonval.truth.infrared_horizon.rays import RayPath
 
 SHELL_M = 1000.0
@@ -45,11 +46,14 @@ def shells_m(top_m: float, step_m: float = SHELL_M) -> FloatArray:
 
 
 class BandMedium:
-    """Extinction and source of one band, laid out for rays: g point last."""
+    """Extinction and source of one band, laid out for rays: g point last. ``heights``: None where no light is bent."""
 
-    def __init__(self, band: EmittingBand) -> None:
+    def __init__(self, band: EmittingBand, heights: StraightHeights | None = None) -> None:
         extinction, source = band.columns()
         self.altitude_m = band.altitude_m
+        if heights is not None:
+            self.altitude_m = heights.of(band.altitude_m)
+            extinction = extinction * np.interp(band.altitude_m, heights.altitude_m, heights.stretch)
         self.sin_latitude = band.sin_latitude
         self.column_map = band.column_map
         self.extinction = np.ascontiguousarray(np.moveaxis(extinction, 0, -1))
