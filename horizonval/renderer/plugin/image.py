@@ -7,7 +7,8 @@ A cell is one ray, or on the hard edge two that are mixed by the covered share (
 What the discs of Sun and Moon add is in ``discs``. By night the sky behind shines through, where no cloud is before it.
 Solar bands are marched cell by cell; thermal ones come from tables (``emission_image``).
 
-Clouds have no outline: the one ray (or two) of a cell decides whether it ends on a cloud.
+The outline of clouds above the limb cuts cells as the hard edge does. Before the ground they have none: the ray of a
+cell decides whether it ends on a cloud.
 """
 
 from __future__ import annotations
