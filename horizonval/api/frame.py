@@ -49,7 +49,7 @@ class Frame(RadianceFrame):
     >>> frame
     <Frame small: 64 x 64 px, band vis>
     >>> frame.observe(seed=1)
-    <Image small: 64 x 64 px, band vis, seed 1, 0.1 % saturated>
+    <Image small: 64 x 64 px, band vis, seed 1, 0.0 % saturated>
     """
 
     @classmethod

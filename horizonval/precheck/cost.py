@@ -28,6 +28,7 @@ import numpy as np
 
 from horizonval.earth.atmosphere.air import TOP_M
 from horizonval.earth.atmosphere.climate import BY_LATITUDE_MONTH
+from horizonval.earth.atmosphere.columns import WEATHER
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.frames import inverse, rotate
@@ -46,7 +47,7 @@ CLOUD_S_PER_LOOK, CLOUD_TABLES = 1.6e-7, 2.5
 before clouds."""
 TWILIGHT_RAD = math.radians(18.0)
 """How low the Sun still lights air."""
-SCATTERING_TABLE_S, PARTICLE_TABLE_S = 2.5, 25.0
+SCATTERING_TABLE_S, PARTICLE_TABLE_S = 2.5, 6.0
 """Of air without and with particles, whose phase function has more moments."""
 THERMAL_S_PER_POINT, THERMAL_S_PER_EVALUATION = 0.009, 4e-5
 """Of a g point, and of each node along its rays."""
@@ -170,11 +171,11 @@ def frame_cost(
     solar = sum(count for band, count in spectral.items() if kinds[band] == "solar")
     thermal = sum(count for band, count in spectral.items() if kinds[band] == "thermal")
     evaluations = cells * scene.render.nodes * solar
-    by_latitude = thermal and scene.atmosphere.profile == BY_LATITUDE_MONTH
+    by_latitude = thermal and scene.atmosphere.profile in (BY_LATITUDE_MONTH, WEATHER)
     per_point = THERMAL_S_PER_POINT + THERMAL_S_PER_EVALUATION * scene.render.nodes
     chunks = -(-solar // CHUNK)
     tabulated = scene.render.method == "table"
-    cover = 0.0 if scene.clouds is None else scene.clouds.cover
+    cover = 0.0 if scene.clouds is None else scene.clouds.expected_cover
     looks_s = (TABLE_S_PER_LOOK + CLOUD_S_PER_LOOK * cover) * cells * chunks
     render_s = looks_s if tabulated else SOLAR_S_PER_EVALUATION * evaluations
     render_s += SOLAR_FRAME_S if solar else 0.0
@@ -226,7 +227,7 @@ def _airless(scene: SceneSpec) -> bool:
 def column_key(scene: SceneSpec, camera: CameraSpec) -> tuple[Any, ...]:
     """Return what the tables of multiple scattering hang on: equal keys share theirs."""
     place: tuple[Any, ...] = ()
-    if scene.atmosphere.profile == "by_latitude_month" and scene.atmosphere.latitude_deg is None:
+    if scene.atmosphere.profile in (BY_LATITUDE_MONTH, WEATHER) and scene.atmosphere.latitude_deg is None:
         place = (scene.scene.name,)
     radius = scene.earth.model_dump_json()
     return scene.atmosphere.model_dump_json(), radius, json_of_bands(camera), scene.render.band_error, place

@@ -367,7 +367,7 @@ def _reliefs(scene: _Scene, rho_rad: float) -> tuple[Relief, ...]:
     # Also where the scene has no air: no sensor can know that.
     reliefs: tuple[Relief, ...] = SOLAR_RELIEF if scene.solar else THERMAL_RELIEF
     clouds = scene.truth.scene.get("clouds")
-    if clouds is not None and clouds.get("cover", 0.0) > 0:
+    if clouds is not None and clouds.get("cover", "climate") != 0:
         relief = CLOUD_RELIEF_SOLAR if scene.solar else CLOUD_RELIEF_THERMAL
         to_limb_m = scene.truth.ellipsoid_a_m / math.tan(rho_rad)
         texture_m = limits.CLOUD_TEXTURE_PX * to_limb_m / min(scene.camera.fx, scene.camera.fy)

@@ -44,8 +44,13 @@ LIMB = {
 
 
 def scene(profile: str, **platform: Any) -> SceneSpec:
+    """Clean air: the integrators it is compared with have no particles."""
     return SceneSpec.model_validate(
-        {"camera": {"file": "t"}, "platform": {"altitude_km": 500.0} | platform, "atmosphere": {"profile": profile}}
+        {
+            "camera": {"file": "t"},
+            "platform": {"altitude_km": 500.0} | platform,
+            "atmosphere": {"profile": profile, "aerosol": "none", "refraction": False},
+        }
     )
 
 

@@ -1,7 +1,8 @@
 r"""How the Earth's surface reflects sunlight: land, snow, a wind-roughened ocean, and white cloud tops.
 
-**Land, snow, clouds and foam** are Lambert reflectors, each material with a spectrum. **Water** has a Lambert part
-(light that has been scattered below the surface) and the Sun's glint off its facets::
+**Land, clouds and foam** are Lambert reflectors, each material with a spectrum. **Snow** shines forward in the Sun's
+beam (:mod:`horizonval.earth.surface.snow_reflectance`). **Water** has a Lambert part (light that has been scattered
+below the surface) and the Sun's glint off its facets::
 
     f_glint = F(omega) p(theta_n) S / (4 mu_sun mu_view cos^4 theta_n),   p = exp(-tan^2 theta_n / s2) / (pi s2)
 
@@ -52,6 +53,8 @@ class GroundModel:
         Over the ocean of an "earth".
     month : float
         0.5 to 12.5, 7.0 the middle of July: of snow and sea ice on an "earth".
+    city_lights : bool
+        Whether its cities shine by night.
     clouds : CloudField or None
     albedo_other, square_km : float
         Of the squares between, and the side of all, on a "chequered" ground.
@@ -61,6 +64,7 @@ class GroundModel:
     albedo: float
     wind_speed_m_s: float
     month: float
+    city_lights: bool
     clouds: CloudField | None
     albedo_other: float = 0.0
     square_km: float = 0.0
@@ -97,7 +101,9 @@ def ground_model(scene: SceneSpec) -> GroundModel:
     surface = scene.surface
     wind = WIND_SPEED_M_S if surface.wind_speed_m_s is None else surface.wind_speed_m_s
     squares = surface.albedo_other or 0.0, surface.square_km or 0.0
-    return GroundModel(surface.kind, surface.albedo, wind, climate_rows.month(scene), cloud_field(scene), *squares)
+    return GroundModel(
+        surface.kind, surface.albedo, wind, climate_rows.month(scene), surface.city_lights, cloud_field(scene), *squares
+    )
 
 
 def foam_share(wind_speed_m_s: float) -> float:

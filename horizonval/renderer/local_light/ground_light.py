@@ -16,13 +16,14 @@ camera: 9 km a cell at 500 km, 20 km from the geostationary orbit. A cell is the
 above. Convolutions are by Fourier transform; the map's edge lies beyond what lights anything in sight.
 
 Neglected: that light falls more obliquely on one end of a footprint than on the other (some per cent of it per 100 km
-where the Sun is low), cloud shadows on what is sent up, and that light sent up by a high cloud spreads less far.
+where the Sun is low), cloud shadows on what is sent up, what goes to and fro between a thin cloud and the ground, and
+that light sent up by a high cloud spreads less far.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -31,6 +32,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.earth.surface import surface
 from horizonval.geometry.directions import perpendicular
 from horizonval.renderer.kernel.node_batches import Bounce
 from horizonval.renderer.kernel.surface import Ground, SurfaceHit, surface_hits
@@ -108,13 +110,13 @@ def _level(height_m: mi.Float32) -> tuple[mi.UInt32, mi.Float32]:
 
 @dataclass(frozen=True)
 class GroundCells:
-    """What lies in the cells of the map around a camera; ``mean``: the shares of every kind of ground, clouds included.
+    """What lies in the cells of the map around a camera.
 
-    Of ``mean`` nothing counts but what reflects skylight.
+    ``shares``: of every kind of ground, clouds with their brightness, as much of them as is seen from above.
     """
 
     ground: Ground
-    mean: SurfaceHit
+    shares: dict[str, NDArray[np.float32]]
     axes: FloatArray
     per_unit: float
     cell_m: float
@@ -122,7 +124,7 @@ class GroundCells:
     @property
     def size_bytes(self) -> int:
         """Return the memory of the shares."""
-        return 8 * SIDE * SIDE * (len(self.mean.shares) + 2)
+        return 4 * SIDE * SIDE * len(self.shares)
 
 
 def ground_cells(ground: Ground, planet: Planet, origin: FloatArray, light: Vec) -> GroundCells:
@@ -137,19 +139,20 @@ def ground_cells(ground: Ground, planet: Planet, origin: FloatArray, light: Vec)
     half = 2.0 * math.sin(0.5 * min(reach, math.pi))
     per_unit = 0.5 * (SIDE - 1) / half
     cells = np.arange(SIDE * SIDE)
-    shares: dict[str, FloatArray] = {}
+    shares: dict[str, NDArray[np.float32]] = {}
     for k in range(SAMPLES * SAMPLES):
         aside = (np.array([k % SAMPLES, k // SAMPLES]) + 0.5) / SAMPLES - 0.5
         x = (cells % SIDE + aside[0] - 0.5 * (SIDE - 1)) / per_unit
         y = (cells // SIDE + aside[1] - 0.5 * (SIDE - 1)) / per_unit
         hit = _seen_from_above(ground, planet, x, y, axes, light)
+        white = np.zeros(1, dtype=np.float32)
+        if ground.model.clouds is not None:
+            white = np.array(hit.shares["cloud"], dtype=np.float32) * np.float32(ground.model.clouds.albedo)
         for kind, share in hit.shares.items():
-            seen = np.broadcast_to(np.array(share), len(cells)) / SAMPLES**2
-            shares[kind] = shares[kind] + seen if kind in shares else seen
-    zero, one = constant(0.0), constant(1.0)
-    means = {kind: table_of(mi.Float64, share) for kind, share in shares.items()}
-    mean = SurfaceHit(mi.Bool(True), mi.Bool(False), zero, one, means, one, zero)
-    return GroundCells(ground, mean, axes, per_unit, planet.mean_radius_m / per_unit)
+            through = np.float32(1.0) if kind == "cloud" else (1.0 - white) ** 2
+            seen = np.array(share, dtype=np.float32) * through * np.float32(1.0 / SAMPLES**2)
+            shares[kind] = shares.get(kind, np.zeros(len(cells), dtype=np.float32)) + seen.astype(np.float32)
+    return GroundCells(ground, shares, axes, per_unit, planet.mean_radius_m / per_unit)
 
 
 def _seen_from_above(
@@ -169,17 +172,23 @@ def _seen_from_above(
 
 def ground_light(cells: GroundCells, bounce: Bounce) -> GroundLight:
     """Return the maps of a batch around a camera."""
-    _, diffuse = cells.mean.at(cells.ground.model, bounce.wavelength_um, bounce.width).reflectance()
-    dr.eval(diffuse)
     waves = _Waves.of(cells.cell_m)
     air = np.zeros((len(LEVELS_M), SIDE, SIDE, bounce.width), dtype=np.float32)
     sky = np.zeros((SIDE, SIDE, bounce.width), dtype=np.float32)
-    for k, (transfer, spherical) in enumerate(zip(bounce.transfer, bounce.spherical_albedo, strict=True)):
-        albedo = math.pi * np.broadcast_to(np.array(diffuse[k]), SIDE * SIDE).reshape(SIDE, SIDE)
-        sky[..., k], air[..., k] = waves.blurred(albedo.astype(np.float32), transfer, spherical)
+    nodes = zip(bounce.wavelength_um, bounce.transfer, bounce.spherical_albedo, strict=True)
+    for k, (wavelength_um, transfer, spherical) in enumerate(nodes):
+        sky[..., k], air[..., k] = waves.blurred(_albedo(cells, wavelength_um), transfer, spherical)
     east, north, up = (constant_vector(axis) for axis in cells.axes)
     tables = table_of(mi.Float32, air), table_of(mi.Float32, sky)
     return GroundLight(*tables, (east, north), up, cells.per_unit, bounce.width)
+
+
+def _albedo(cells: GroundCells, wavelength_um: float) -> NDArray[np.float32]:
+    """Return the diffuse albedo of the cells, shape (SIDE, SIDE)."""
+    albedos = asdict(surface.albedos(cells.ground.model, wavelength_um))
+    albedos["water"] += albedos["sky"]
+    total = sum((np.float32(albedos[kind]) * share for kind, share in cells.shares.items()), start=np.float32(0.0))
+    return np.asarray(total).reshape(SIDE, SIDE)
 
 
 @dataclass(frozen=True)

@@ -176,8 +176,11 @@ class FrameTables:
         self, light: Light, coordinates: RayCoordinates, to_ground: bool, cloud_top_m: float | None = None
     ) -> PatchTable:
         """Return the table of a light's air, or of that before clouds, made so far."""
-        bends = to_ground and any(
-            isinstance(b, SolarNodes) and isinstance(b.sunlight, RefractionTables) for b in light.batches
+        # rays that end on a map or a cloud know themselves by how much they have turned
+        bends = (
+            to_ground
+            and self.view.ground is None
+            and any(isinstance(b, SolarNodes) and isinstance(b.sunlight, RefractionTables) for b in light.batches)
         )
         key = content_digest(
             "sunlit air",
@@ -188,6 +191,7 @@ class FrameTables:
             light.nodes,
             tuple(b is not None for b in light.batches),
             to_ground,
+            bends,
             cloud_top_m,
             mi.variant(),
         )
@@ -218,10 +222,11 @@ class FrameTables:
         first = radiance_packet(batch)
         ends = rays.to_ground or hit is not None
         bends = isinstance(nodes, SolarNodes) and isinstance(nodes.sunlight, RefractionTables) and rays.to_ground
+        bends = bends and hit is None
         count, width = len(looked.light.batches), nodes.width
         apart = isinstance(nodes, SolarNodes) and nodes.bounce is not None
         packets = [first, first + 1]
-        packets += [bounce_packet(count, bends, batch)] if apart else []
+        packets += [bounce_packet(count, False, batch)] if apart else []
         packets += [bending_packet(count)] if bends else []
         values = looked.table.look(looked.x, looked.azimuth, packets)
         lights = [values[k * PACKET : k * PACKET + width] for k in range(2 + apart)]
@@ -243,7 +248,7 @@ class FrameTables:
             radiance, reflected = with_ground(radiance, found[2 * width : 3 * width], factors.air), factors.sky
         if not ends:
             return radiance, transmittance
-        bending = found[-1] if bends else None
+        bending = (found[-1] if bends else None) if hit is None else hit.bending
         ground = self._ends(looked.light, nodes, rays, hit, bending, reflected)
         counts = mi.Bool(True) if hit is None else hit.ends
         lit = zip(radiance, ground, transmittance, strict=True)

@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from horizonval.earth.spectral import thermal_absorption
+from horizonval.earth.gases import afgl
 from horizonval.earth.surface import surface_temperature
 from horizonval.earth.surface.emitting_ground import emitting_ground
 from horizonval.earth.surface.ground_emission import (
@@ -44,9 +44,8 @@ def test_a_uniform_ground_is_as_warm_as_the_lowest_air() -> None:
 def test_a_uniform_ground_under_varying_air() -> None:
     ground = emitting_ground(scene(atmosphere={"profile": "by_latitude_month"}), 288.0)
     assert ground.kind == "uniform"
-    z = thermal_absorption.levels_m()[:1]
     for sine, climate in ((0.0, "tropical"), (0.9, "subarctic_winter"), (-0.9, "subarctic_summer")):
-        expected = thermal_absorption.temperature_k(climate, z)[0]
+        expected = float(afgl.state(climate, np.zeros(1)).temperature_k[0])
         # The middle of January, half a day off: 1e-4 of 30 K.
         assert float(ground_k(ground, "land", sine, 0.0)) == pytest.approx(expected, abs=0.02)
     fixed = emitting_ground(scene(atmosphere={"profile": "by_latitude_month", "latitude_deg": 10.0}), 288.0)

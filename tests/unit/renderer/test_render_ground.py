@@ -63,12 +63,16 @@ def _places(n: int, seed: int) -> np.ndarray:
 
 def test_kernel_reflectance_equals_numpy(mi: Any) -> None:
     """1e-6: Dr.Jit's erf."""
-    from horizonval.renderer.kernel.surface import fresnel, glint_brdf
+    from horizonval.earth.surface import snow_reflectance as snow
+    from horizonval.renderer.ground.reflectance import fresnel, glint_brdf, snow_factor
 
     rng = np.random.default_rng(np.random.SeedSequence(8))
     a, b, c = rng.uniform(-0.05, 1.0, 2000), rng.uniform(-0.05, 1.0, 2000), rng.uniform(-1.0, 1.0, 2000)
     ours = np.array(glint_brdf(mi.Float64(a), mi.Float64(b), mi.Float64(c), mi.Float64(0.04)))
     assert ours == pytest.approx(surface.glint_brdf(a, b, c, 0.04), rel=1e-6, abs=1e-12)
+    table = mi.Float64(snow.mean_reflection())
+    ours = np.array(snow_factor(table, mi.Float64(a), mi.Float64(b), mi.Float64(c)))
+    assert ours == pytest.approx(snow.forward_factor(a, b, c), rel=1e-6)
     mu = np.linspace(0.0, 1.0, 101)
     assert np.array(fresnel(mi.Float64(mu))) == pytest.approx(surface.fresnel(mu), rel=1e-12)
 
@@ -109,6 +113,44 @@ def test_kernel_relief_equals_numpy(mi: Any) -> None:
     near /= np.linalg.norm(near, axis=1)[:, None]
     error = np.array(table.top(_vec(mi, near))) - relief.top_m(field, near)
     assert np.sqrt(np.mean(error**2)) < 250.0
+
+
+def test_kernel_clouds_of_the_earth_equal_numpy(mi: Any) -> None:
+    """1 mm of up to 17 km, and the last digits of single precision in the table's albedo at its nodes."""
+    from horizonval.renderer.kernel.clouds import cloud_table, top_at
+    from horizonval.renderer.planet import Planet
+
+    field = CloudField(None, 17e3, 7e3, 300e3, 7, 0.8, "earth", 6)
+    normal = _places(20_000, 4)
+    assert np.array(top_at(field, _vec(mi, normal))) == pytest.approx(relief.top_m(field, normal), abs=1e-3)
+    planet = Planet(WGS84.a_m, WGS84.a_m)
+    table = cloud_table(field, planet, (4e6, 3e6, 4.7e6))
+    up = np.array([4e6, 3e6, 4.7e6]) / np.linalg.norm([4e6, 3e6, 4.7e6])
+    near = up + 0.2 * normal * np.random.default_rng(1).uniform(0, 1, (len(normal), 1))
+    near /= np.linalg.norm(near, axis=1)[:, None]
+    albedo = relief.albedo(field, near)
+    ours = 0.8 * np.array(table.brightness(mi.Float64(2e3), _vec(mi, near)))
+    assert table.translucent
+    # edges are sharper than nodes lie apart
+    assert np.quantile(np.abs(ours - albedo), 0.9) < 0.06
+    assert ours.mean() == pytest.approx(albedo.mean(), abs=2e-3)
+
+
+def test_thin_clouds_hand_on_what_they_do_not_reflect(mi: Any) -> None:
+    """Light to and fro between cloud and ground adds up to the closed form; opaque clouds leave no ground."""
+    from horizonval.renderer.kernel.surface import _through
+
+    cloud, ground = 0.3, np.array([0.0, 0.05, 0.4, 0.85])
+    orders = sum((1.0 - cloud) ** 2 * ground * (cloud * ground) ** k for k in range(60))
+    assert np.array(_through(mi.Float64(cloud), mi.Float64(ground))) == pytest.approx(cloud + orders, rel=1e-12)
+    base = {"atmosphere": {"profile": "none"}, "surface": {"albedo": 0.9}, "sun": {"zenith_deg": 20.0}}
+    snow = render_frame(_scene(**base), _camera()).radiance["vis"]
+    frame = render_frame(_scene(**base, clouds={"seed": 3}), _camera())
+    on_cloud = frame.maps["hit"] == Hit.CLOUD
+    assert on_cloud.any()
+    # no cloud over snow is darker than a black veil would be; opaque grey ones were, by a factor of ten
+    lit = on_cloud & (snow > 0.0) & (frame.maps["tangent_height"] < -1e4)
+    assert np.quantile(frame.radiance["vis"][lit] / snow[lit], 0.02) > 0.5
 
 
 def test_rays_end_where_the_clouds_are(mi: Any) -> None:
