@@ -9,7 +9,7 @@ all clouds when::
 
 and the line crosses the outline as far from its middle as that angle is worth. A turn within a cell moves the points by
 nothing else. With refraction the points are those of the bent ray, which turned bends otherwise: a second ray starts
-where the first found the outline. Points lie as densely as those of the search for clouds (:func:`.clouds.first_cloud`).
+where the first found the outline. Points lie as densely as those of the search for clouds (:mod:`.clouds`).
 
 Clouds have no gaps below, so a line is covered from the outline inwards, down to the hard edge if that cuts it. The
 share of a cell is the mean of its lines.
