@@ -112,14 +112,16 @@ def optical_model(
     for i, band in enumerate(camera.band):
         where = f"{scene.camera.file}: band[{i}]"
         if band.kind == "solar":
-            nodes += _solar_nodes(band, air, changed, scene, sun_distance_au, where)
+            nodes += _solar_nodes(band, air, changed, scene, sun_distance_au, where, change)
         else:
             thermal.append(emitting.band(band, where))
     refractivity = None
     if scene.atmosphere.refraction:
         wavelengths = [n.wavelength_um for n in nodes] + [float(w) for band in thermal for w in band.wavelength_um]
         refractivity = rayleigh.refractivity(changed.state.number_density_air, wavelengths)
-    return _model(scene, camera, air.altitude_m, nodes, thermal, ground_k, refractivity)
+    model = _model(scene, camera, air.altitude_m, nodes, thermal, ground_k, refractivity)
+    raised = change.raised_m
+    return replace(model, layers=tuple((v.base_m + raised, v.top_m + raised) for v in air.layers))
 
 
 def _model(
@@ -173,7 +175,7 @@ def _solar_node(
 
 
 def _solar_nodes(
-    band: Band, air: Air, changed: Air, scene: SceneSpec, sun_distance_au: float, where: str
+    band: Band, air: Air, changed: Air, scene: SceneSpec, sun_distance_au: float, where: str, change: AirChange
 ) -> list[SpectralNode]:
     """Return the nodes that the air of the scene asks for, of ``changed`` air."""
     lo, hi = bands.limits_um(band)
@@ -210,9 +212,18 @@ def _solar_nodes(
                 molecular_cos2=float(rayleigh.cos2(wavelength)),
                 particle_per_m=scattered,
                 asymmetry=asymmetry,
+                layer_per_m=_layer_extinction(changed, float(wavelength), change.raised_m),
             )
         )
     return nodes
+
+
+def _layer_extinction(air: Air, wavelength_um: float, raised_m: float) -> FloatArray:
+    columns = [
+        float(aerosol.optics(layer.particle, wavelength_um).extinction) * layer.column(air.altitude_m, raised_m)
+        for layer in air.layers
+    ]
+    return np.array(columns).reshape(len(columns), -1 if columns else 0)
 
 
 def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> OpticalModel:

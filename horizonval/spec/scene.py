@@ -11,6 +11,7 @@ from horizonval.spec.base import Model
 from horizonval.spec.earth.atmosphere import Atmosphere
 from horizonval.spec.earth.clouds import Clouds
 from horizonval.spec.earth.ground import Earth, Surface
+from horizonval.spec.earth.layer import Layer
 from horizonval.spec.earth.lights import Moon, Night, SunOverride
 from horizonval.spec.numbers import Angle, Finite, FrameName, Listed, PlainName, Whole
 from horizonval.spec.units import unit
@@ -133,6 +134,8 @@ class RenderSettings(Model):
 class SceneSpec(Model):
     """One scene file: one camera, one pose, one planet, one instant."""
 
+    later_keys: ClassVar[frozenset[str]] = frozenset({"layer"})
+
     scene: SceneName = SceneName()
     """Name and seed."""
     camera: CameraUse
@@ -151,6 +154,8 @@ class SceneSpec(Model):
     """The ground."""
     clouds: Clouds | None = None
     """Clouds; none without this table."""
+    layer: Annotated[tuple[Layer, ...], Listed] = ()
+    """Layers of thin cloud, as many `[[layer]]` tables as there are layers."""
     sun: SunOverride | None = None
     """The Sun placed by hand."""
     moon: Moon = Moon()
@@ -159,6 +164,13 @@ class SceneSpec(Model):
     """Light of the night."""
     render: RenderSettings = RenderSettings()
     """Accuracy of the rendering."""
+
+    @model_validator(mode="after")
+    def _layers_float_in_air(self) -> SceneSpec:
+        air = self.atmosphere
+        if self.layer and (air.file is not None or (air.profile == "none" and air.profile_file is None)):
+            raise ValueError("layer needs air with a profile, not atmosphere.file or profile = \"none\"; leave one out")
+        return self
 
     @model_validator(mode="after")
     def _clouds_lie_at_unbent_heights(self) -> SceneSpec:

@@ -15,6 +15,7 @@ from horizonval.earth.atmosphere import climate, climate_rows, profile_file
 from horizonval.earth.atmosphere.aerosol import Aerosol, aerosol
 from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile, names, profile
+from horizonval.earth.clouds.layers import ThinLayer, layers_of
 from horizonval.earth.spectral import thermal_absorption
 from horizonval.spec.scene import SceneSpec
 
@@ -35,15 +36,18 @@ class Air:
     climates : mapping of str to float
         Which climates' thermal absorption to take, with weights; empty for a profile from a file.
     aerosol : Aerosol
-        On the same altitudes; without kinds for none.
+        On the same altitudes, thin cloud among it; without kinds for none.
     with_ozone : bool
         Whether ozone absorbs sunlight.
+    layers : tuple of ThinLayer
+        Of thin cloud.
     """
 
     state: AtmosphereProfile
     climates: Mapping[str, float]
     aerosol: Aerosol
     with_ozone: bool
+    layers: tuple[ThinLayer, ...] = ()
 
     @property
     def altitude_m(self) -> FloatArray:
@@ -96,4 +100,15 @@ def air_of(scene: SceneSpec, base_dir: Path | None = None, change: AirChange = A
     lower = np.clip(z - change.raised_m, state.altitude_m[0], state.altitude_m[-1])
     particles = aerosol(atmosphere.aerosol, np.minimum(lower, TOP_M), where=f"{scene.scene.name}: atmosphere.aerosol")
     gases = replace(state.at(lower), altitude_m=z)
-    return Air(change.state(gases), climates, change.particles(particles), atmosphere.ozone)
+    layers = layers_of(scene)
+    particles = _with_layers(change.particles(particles), layers, z, change.raised_m)
+    return Air(change.state(gases), climates, particles, atmosphere.ozone, layers)
+
+
+def _with_layers(
+    particles: Aerosol, layers: tuple[ThinLayer, ...], altitude_m: FloatArray, raised_m: float
+) -> Aerosol:
+    """Return particles with those of thin cloud among them."""
+    columns = [layer.column(altitude_m, raised_m) for layer in layers]
+    kinds = (*particles.kinds, *(layer.particle for layer in layers))
+    return Aerosol(kinds, np.concatenate([particles.extinction_550_per_m, *(c[None, :] for c in columns)]))

@@ -20,6 +20,7 @@ absorb as at 18.5 um.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile
 from horizonval.earth.atmosphere.solar_rule import check_sunlight
+from horizonval.earth.clouds.layers import ThinLayer
 from horizonval.earth.spectral import bands, sunlight, thermal_absorption
 from horizonval.earth.spectral.thermal_absorption import GPoints
 from horizonval.spec.scene import SceneSpec
@@ -57,6 +59,9 @@ class EmittingAir:
     particles : Aerosol
         On ``level_m``.
     co2_ppm : float
+    change : AirChange
+    layers : tuple of ThinLayer
+        Of thin cloud.
     """
 
     altitude_m: FloatArray
@@ -68,6 +73,7 @@ class EmittingAir:
     particles: aerosol.Aerosol
     co2_ppm: float
     change: AirChange = AS_IT_IS
+    layers: tuple[ThinLayer, ...] = ()
 
     def band(self, band: Band, where: str) -> EmittingBand:
         """Return a thermal band; errors as :func:`horizonval.earth.spectral.thermal_absorption.g_points`."""
@@ -85,7 +91,17 @@ class EmittingAir:
             source_wavenumber_per_cm=points.wavenumber_per_cm,
             source_weight_per_cm=points.weight_per_cm,
             sun_radiance=points.sun_radiance(),
+            **self._layers(points.wavelength_um),
         )
+
+    def _layers(self, wavelength_um: FloatArray) -> dict[str, Any]:
+        """Return what a band keeps of thin cloud."""
+        if not self.layers:
+            return {}
+        raised = self.change.raised_m
+        absorbed = [layer.infrared_per_m(self.altitude_m, wavelength_um, raised) for layer in self.layers]
+        heights = np.array([(layer.base_m + raised, layer.top_m + raised) for layer in self.layers])
+        return {"layer_per_m": np.sum(absorbed, axis=0), "layers": heights}
 
     def _ln_gas(self, points: GPoints, climates: dict[str, float]) -> FloatArray:
         if self.interpolated_state is not None:
@@ -141,6 +157,7 @@ def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> Em
         particles=change.particles(aerosol.aerosol(scene.atmosphere.aerosol, level_m)),
         co2_ppm=scene.atmosphere.co2_ppm,
         change=change,
+        layers=air.layers,
     )
 
 

@@ -140,6 +140,7 @@ def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir
             extinction_per_m=column(node.extinction_per_m) * dr_dx,
             molecular_per_m=column(node.molecular_per_m) * dr_dx,
             particle_per_m=column(node.particle_per_m) * dr_dx,
+            layer_per_m=np.array([column(v) * dr_dx for v in node.layer_per_m]).reshape(len(node.layer_per_m), -1),
             asymmetry=column(node.asymmetry),
             source=column(node.source),
         )
@@ -158,6 +159,7 @@ def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir
             nodes=straight,
             refractivity=None,
             glow_altitude_m=glow,
+            layers=tuple((float(apparent(np.array(a))), float(apparent(np.array(b)))) for a, b in model.layers),
         ),
         planet=Planet(planet.a_m + rise_at_ground, planet.b_m + rise_at_ground),
         bending_per_m=-excess(true_height, 1) / (1.0 + excess(true_height)) * dr_dx,

@@ -41,6 +41,8 @@ def content_key(node: SpectralNode, altitude_m: FloatArray, planet_m: float, qua
     digest.update(repr((METHOD, planet_m, node.molecular_cos2, astuple(quality))).encode())
     for column in (altitude_m, node.extinction_per_m, node.molecular_per_m, node.particle_per_m, node.asymmetry):
         digest.update(np.ascontiguousarray(column, dtype="<f8").tobytes())
+    if len(node.layer_per_m):
+        digest.update(np.ascontiguousarray(node.layer_per_m, dtype="<f8").tobytes())
     return digest.hexdigest()[:32]
 
 
