@@ -14,6 +14,7 @@ from make_aerosol_limb import atmosphere
 from reference_rays import limb_ray, vector
 
 DATA = Path(__file__).parents[1] / "data"
+RNG = np.random.default_rng(5)
 pytestmark = pytest.mark.slow
 
 
@@ -169,3 +170,59 @@ def test_white_ground_under_white_air_loses_no_light() -> None:
         one = monte_carlo.radiance(air, vector(row, "obs"), vector(row, "dir"), sun, 640, seed, monte_carlo.Plan())
         total += 4.0 * np.pi * one.total / n
     assert total == pytest.approx(1.0, abs=1e-2)
+
+
+def test_equal_squares_are_a_uniform_ground(rayleigh: monte_carlo.Air) -> None:
+    """The same paths meet the same albedo: the same number."""
+    row = limb_ray(60, 0, -100)
+    squares = rayleigh._replace(ground=monte_carlo.chequered(300.0, 0.3, 0.3))
+    assert answer(squares, row, 640).total == answer(rayleigh, row, 640).total
+
+
+def test_squares_lie_where_they_should() -> None:
+    ground = monte_carlo.chequered(500.0, 1.0, 0.0)
+    sides = np.pi * 6371.0 / len(ground.columns)
+    assert sides == pytest.approx(500.0, rel=0.02)
+    assert 2 * np.pi * 6371.0 / ground.columns[len(ground.columns) // 2] == pytest.approx(500.0, rel=0.02)
+    assert ground.albedo.mean() == 0.5
+    one = monte_carlo.sampled(lambda latitude, longitude: (latitude > 0.0) * 1.0, 500.0)
+    air = monte_carlo.read_air(DATA / "atm_rayleigh.json", "550nm")._replace(ground=one)
+    for z in (-0.9, -0.1, 0.1, 0.9):
+        up = np.array([np.sqrt(1.0 - z * z), 0.0, z])
+        assert monte_carlo._albedo(air, up) == float(z > 0.0)
+
+
+def test_along_the_border_of_two_halves_is_their_mean(rayleigh: monte_carlo.Air) -> None:
+    """A limb ray along the border under an overhead Sun, but for light that meets the ground twice (0.1 % here)."""
+    row = limb_ray(0, 0, 10)
+    grounds = (monte_carlo.halves(0.6, 0.0), monte_carlo.uniform(0.0), monte_carlo.uniform(0.6))
+    border, dark, bright = (answer(rayleigh._replace(ground=g), row, 25_600) for g in grounds)
+    expected, se = 0.5 * (dark.multiple + bright.multiple), np.hypot(border.multiple_se, bright.multiple_se)
+    assert bright.multiple > 1.5 * dark.multiple
+    assert abs(border.multiple - expected) < 4.0 * se + 1e-3 * border.total
+
+
+def test_two_species_are_their_sum(haze: monte_carlo.Air) -> None:
+    row = limb_ray(60, 0, 10)
+    parts = [(share * haze.particles[0], haze.g[0]) for share in (0.3, 0.7)]
+    absorption = haze.extinction - haze.molecules - haze.particles[0]
+    split = monte_carlo.make_air(haze.z, haze.molecules, absorption, parts, cos2=haze.cos2, ground=haze.ground)
+    one, two = answer(haze, row, 25_600), answer(split, row, 25_600)
+    assert two.single_exact == pytest.approx(one.single_exact, rel=1e-12)
+    assert abs(two.multiple - one.multiple) < 4.0 * np.hypot(one.multiple_se, two.multiple_se)
+
+
+def test_depolarised_light_is_drawn_as_its_phase_function() -> None:
+    """The second moment of the cosine: 1/3 + 4 c / 45, over 2e5 draws to 3 standard errors."""
+    for cos2 in (0.0, 0.7, 0.75):
+        drawn = [monte_carlo._molecular_cosine(cos2, RNG) ** 2 for _ in range(200_000)]
+        assert np.mean(drawn) == pytest.approx(1.0 / 3.0 + 4.0 * cos2 / 45.0, abs=3.0 * 0.31 / np.sqrt(200_000))
+
+
+def test_haze_in_twilight_is_the_same_by_two_seeds(haze: monte_carlo.Air) -> None:
+    """Sun 7 deg below the horizon: 4 joint standard errors."""
+    row = limb_ray(97, 90, 10)
+    vectors = (vector(row, "obs"), vector(row, "dir"), vector(row, "sun"))
+    a, b = (monte_carlo.radiance(haze, *vectors, 64_000, monte_carlo.seed_of("haze", n)) for n in (1, 2))
+    assert abs(a.total - b.total) < 4.0 * np.hypot(a.multiple_se, b.multiple_se)
+    assert a.multiple_se < 0.15 * a.total

@@ -60,8 +60,15 @@ class Air:
         return bool(self.climates) and self.state.name in (*thermal_absorption.climates(), climate.BY_LATITUDE_MONTH)
 
 
-def air_of(scene: SceneSpec, base_dir: Path | None = None, change: AirChange = AS_IT_IS) -> Air:
+def air_of(
+    scene: SceneSpec,
+    base_dir: Path | None = None,
+    change: AirChange = AS_IT_IS,
+    place_deg: tuple[float, float] | None = None,
+) -> Air:
     """Return the gases and particles of a scene with an atmosphere of its own (neither ``none`` nor ``file``).
+
+    This is the one way to a column of a scene's air: where that varies over the Earth, the column of any place.
 
     Parameters
     ----------
@@ -71,6 +78,9 @@ def air_of(scene: SceneSpec, base_dir: Path | None = None, change: AirChange = A
         Folder against which ``atmosphere.profile_file`` is resolved; default the current one.
     change : AirChange
         How the air differs from the scene's.
+    place_deg : tuple of two floats, optional
+        Geodetic latitude and longitude of the column; default that of the point below the satellite. Of no account
+        where the air is the same everywhere.
 
     Raises
     ------
@@ -78,13 +88,14 @@ def air_of(scene: SceneSpec, base_dir: Path | None = None, change: AirChange = A
         Unknown profile, or a profile's file refused.
     """
     atmosphere = scene.atmosphere
+    place = (scene.platform.latitude_deg, scene.platform.longitude_deg) if place_deg is None else place_deg
     z = np.linspace(0.0, TOP_M, round(TOP_M / STEP_M) + 1)
     climates: Mapping[str, float]
     if atmosphere.profile_file is not None:
         state, climates = profile_file.read_profile((base_dir or Path()) / atmosphere.profile_file), {}
     elif atmosphere.profile == climate.BY_LATITUDE_MONTH:
         latitude = atmosphere.latitude_deg
-        latitude = scene.platform.latitude_deg if latitude is None else latitude
+        latitude = place[0] if latitude is None else latitude
         climates = climate.climate_weights(latitude, climate_rows.month(scene))
         state = climate.blended(climates)
     else:

@@ -40,8 +40,6 @@ from scipy.special import erfc
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.clouds.relief import CloudField, cloud_field
-from horizonval.earth.surface.land import is_land
-from horizonval.geometry.directions import GOLDEN_ANGLE_RAD
 from horizonval.spec.scene import SceneSpec
 
 WATER_INDEX = 1.34
@@ -52,8 +50,6 @@ SNOW_EDGE_DEG = 2.0
 SOUTHERN_SNOW_DEG = -60.0
 SNOW_LINE_DEG = (40.6, 41.2, 44.7, 50.7, 58.3, 65.2, 70.1, 71.6, 68.7, 59.0, 48.6, 42.8)
 """Northern snow line in the middle of each month, January first."""
-MEAN_RADIUS_KM = 6371.0
-REGION_POINTS = 4096
 
 _SPECTRA = {
     "vegetation": (
@@ -215,41 +211,3 @@ def glint_brdf(mu_sun: ArrayLike, mu_view: ArrayLike, cosine: ArrayLike, varianc
     seen = 1.0 / (1.0 + hidden(sun, variance) + hidden(view, variance))
     density = slope_density(1.0 / tilt2 - 1.0, variance)
     return np.where(up, fresnel(incidence) * density * seen / (4.0 * sun * view * tilt2**2), 0.0)
-
-
-def mean_albedo(scene: SceneSpec, wavelength_um: float) -> float:
-    """Return the mean diffuse albedo of everything in sight of the satellite, clouds included.
-
-    For multiple scattering, which sees the ground from far and wide. Of the ocean it counts what it reflects of
-    skylight; clouds cover their nominal share.
-    """
-    ground = ground_model(scene)
-    if ground.plain:
-        return ground.albedo
-    a = albedos(ground, wavelength_um)
-    surface = a.land
-    if ground.kind == "earth":
-        latitude, longitude = region(scene)
-        land = is_land(latitude, longitude)
-        snow = snow_share(latitude, ground.snow_line_deg)
-        foam = foam_share(ground.wind_speed_m_s)
-        sea = foam * a.foam + (1.0 - foam) * (a.water + a.sky)
-        surface = float(np.mean(np.where(land, snow * a.snow + (1.0 - snow) * a.land, sea)))
-    if ground.clouds is None:
-        return surface
-    return ground.clouds.cover * ground.clouds.mean_albedo + (1.0 - ground.clouds.cover) * surface
-
-
-def region(scene: SceneSpec) -> tuple[FloatArray, FloatArray]:
-    """Return latitudes and longitudes [deg] of points spread evenly over the part of the globe in sight."""
-    place = scene.platform
-    cap = 1.0 - MEAN_RADIUS_KM / (MEAN_RADIUS_KM + place.altitude_km)
-    k = np.arange(REGION_POINTS) + 0.5
-    mu = 1.0 - cap * k / REGION_POINTS
-    s = np.sqrt(1.0 - mu * mu)
-    phi = GOLDEN_ANGLE_RAD * k
-    a, b = math.radians(place.latitude_deg), math.radians(place.longitude_deg)
-    up = np.array([math.cos(a) * math.cos(b), math.cos(a) * math.sin(b), math.sin(a)])
-    east = np.array([-math.sin(b), math.cos(b), 0.0])
-    p = np.outer(mu, up) + np.outer(s * np.cos(phi), east) + np.outer(s * np.sin(phi), np.cross(up, east))
-    return np.degrees(np.arcsin(np.clip(p[:, 2], -1.0, 1.0))), np.degrees(np.arctan2(p[:, 1], p[:, 0]))

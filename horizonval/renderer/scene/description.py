@@ -14,7 +14,8 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.light import moonlight, sky
 from horizonval.earth.optical import NO_ATMOSPHERE, OpticalModel, optical_model
-from horizonval.earth.surface.surface import ground_model, mean_albedo
+from horizonval.earth.surface.diffuse_albedo import mean_albedo
+from horizonval.earth.surface.surface import ground_model
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.ellipsoid import surface_normal

@@ -99,6 +99,19 @@ def test_the_platform_decides_or_the_keys_do() -> None:
     assert air_of(north).climates == {"subarctic_winter": pytest.approx(1.0)}
 
 
+def test_a_column_of_any_place_can_be_asked_for() -> None:
+    atmosphere = {"profile": climate.BY_LATITUDE_MONTH}
+    here = scene(atmosphere=atmosphere)
+    there = air_of(here, place_deg=(-60.0, 120.0)).state
+    moved = air_of(scene(atmosphere=atmosphere | {"latitude_deg": -60.0})).state
+    np.testing.assert_array_equal(there.temperature_k, moved.temperature_k)
+    assert np.abs(there.temperature_k - air_of(here).state.temperature_k).max() > 5.0
+    fixed = scene(atmosphere=atmosphere | {"latitude_deg": 10.0})
+    np.testing.assert_array_equal(
+        air_of(fixed, place_deg=(-60.0, 120.0)).state.temperature_k, air_of(fixed).state.temperature_k
+    )
+
+
 def test_thermal_absorption_is_blended() -> None:
     band = {"name": "tir", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}
     camera = CameraSpec.model_validate({"camera": {"width": 4, "height": 4, "fov_deg": 20}, "band": [band]})
