@@ -69,6 +69,11 @@ class SpectralNode:
         ``glow_altitude_m``: W m-3 sr-1 um-1, the node radiance per metre. Empty for none.
     layer_per_m : ndarray, shape (m, n)
         Extinction of each of the model's ``layers``, which ``extinction_per_m`` has in it.
+    layer_albedo, layer_asymmetry : tuple of float
+        Single-scattering albedo and asymmetry of each layer's particles.
+    forward_per_m : ndarray, shape (n,)
+        What of ``particle_per_m`` scatters straight on and is not in ``extinction_per_m``, see
+        :mod:`horizonval.renderer.scattering.forward_peak`; empty for nothing.
     energy_ratio : float
         Of solar bands, whose weights count photons: a band's energy radiance is the sum over nodes of ``weight`` *
         ``energy_ratio`` * node radiance. Not a number where nobody asks for it.
@@ -92,6 +97,9 @@ class SpectralNode:
     sky_radiance: float = 0.0
     glow_per_m: FloatArray = field(default_factory=lambda: np.zeros(0))
     layer_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    layer_albedo: tuple[float, ...] = ()
+    layer_asymmetry: tuple[float, ...] = ()
+    forward_per_m: FloatArray = field(default_factory=lambda: np.zeros(0))
     energy_ratio: float = math.nan
 
     @property

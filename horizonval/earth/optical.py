@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -212,18 +213,26 @@ def _solar_nodes(
                 molecular_cos2=float(rayleigh.cos2(wavelength)),
                 particle_per_m=scattered,
                 asymmetry=asymmetry,
-                layer_per_m=_layer_extinction(changed, float(wavelength), change.raised_m),
+                **_layers(changed, float(wavelength), change.raised_m),
             )
         )
     return nodes
 
 
-def _layer_extinction(air: Air, wavelength_um: float, raised_m: float) -> FloatArray:
+def _layers(air: Air, wavelength_um: float, raised_m: float) -> dict[str, Any]:
+    """Return what a node keeps of each layer of thin cloud."""
+    if not air.layers:
+        return {}
+    optics = [aerosol.optics(layer.particle, wavelength_um) for layer in air.layers]
     columns = [
-        float(aerosol.optics(layer.particle, wavelength_um).extinction) * layer.column(air.altitude_m, raised_m)
-        for layer in air.layers
+        float(v.extinction) * layer.column(air.altitude_m, raised_m)
+        for v, layer in zip(optics, air.layers, strict=True)
     ]
-    return np.array(columns).reshape(len(columns), -1 if columns else 0)
+    return {
+        "layer_per_m": np.array(columns),
+        "layer_albedo": tuple(float(v.scattering / v.extinction) for v in optics),
+        "layer_asymmetry": tuple(float(v.asymmetry) for v in optics),
+    }
 
 
 def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> OpticalModel:

@@ -1,10 +1,11 @@
 r"""Steps along rays through layers of thin cloud: no step straddles a layer's edge.
 
-A ray is cut where it enters and leaves each layer's heights, on its way down and on its way up. Every piece has a number
-of steps of its own, whether the ray meets the layer or passes above it, so that neighbouring rays differ smoothly:
-:data:`LAYER_STEPS` in a layer, half the march's outside the highest and below the lowest one, a quarter between two.
-Within a piece steps are even in the ray parameter of :mod:`horizonval.renderer.ray_path`; where the umbra's edge crosses
-the ray, a third of them lies before, in and behind it.
+A ray is cut where it enters and leaves each layer's heights, on its way down and on its way up. Every piece has a
+number of steps of its own, whether the ray meets the layer or passes above it, so that neighbouring rays differ
+smoothly: :data:`LAYER_STEPS` in a layer, half the march's outside the highest and below the lowest one, a quarter
+between two.
+Within a piece steps are even in the ray parameter of :mod:`horizonval.renderer.ray_path`; where the umbra's edge
+crosses the ray, a third of them lies before, in and behind it.
 """
 
 from __future__ import annotations
@@ -98,7 +99,9 @@ def layered_steps(
     # a ray to the ground has its lowest point there: everything past it has no length
     limb = [*steps_down, outer, *reversed(steps_down)]
     ground = [*steps_down, outer, *[0] * len(steps_down)]
-    starts = [dr.select(to_ground, *(constant(float(sum(n[:k]))) for n in (ground, limb))) for k in range(len(limb) + 1)]
+    starts = [
+        dr.select(to_ground, *(constant(float(sum(n[:k]))) for n in (ground, limb))) for k in range(len(limb) + 1)
+    ]
     y = [path.y0, *(dr.clip(unwarp(path, t, concentration), path.y0, path.y1) for t in cuts[1:-1]), path.y1]
     crossed = mi.Bool(False) if umbra is None else (umbra[0] > path.y0) | (umbra[1] < path.y1)
     ends = None if umbra is None else (umbra[0], dr.maximum(umbra[1], umbra[0]))

@@ -135,7 +135,8 @@ class SunShell:
 class SunTable:
     """``ln(tau + tau_0)`` of a node batch, shape (n_height, n_mu, width) flattened.
 
-    ``shells``: layers of thin cloud, which the table leaves out. Values in Float32 are interpolated in it, which costs half as much and 1e-6 of the optical depth.
+    ``shells``: layers of thin cloud, which the table leaves out. Values in Float32 are interpolated in it, which costs
+    half as much and 1e-6 of the optical depth.
     """
 
     values: mi.Float64 | mi.Float32

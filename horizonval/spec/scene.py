@@ -169,7 +169,7 @@ class SceneSpec(Model):
     def _layers_float_in_air(self) -> SceneSpec:
         air = self.atmosphere
         if self.layer and (air.file is not None or (air.profile == "none" and air.profile_file is None)):
-            raise ValueError("layer needs air with a profile, not atmosphere.file or profile = \"none\"; leave one out")
+            raise ValueError('layer needs air with a profile, not atmosphere.file or profile = "none"; leave one out')
         return self
 
     @model_validator(mode="after")

@@ -116,9 +116,7 @@ def air_of(
     return Air(change.state(gases), climates, particles, atmosphere.ozone, layers)
 
 
-def _with_layers(
-    particles: Aerosol, layers: tuple[ThinLayer, ...], altitude_m: FloatArray, raised_m: float
-) -> Aerosol:
+def _with_layers(particles: Aerosol, layers: tuple[ThinLayer, ...], altitude_m: FloatArray, raised_m: float) -> Aerosol:
     """Return particles with those of thin cloud among them."""
     columns = [layer.column(altitude_m, raised_m) for layer in layers]
     kinds = (*particles.kinds, *(layer.particle for layer in layers))

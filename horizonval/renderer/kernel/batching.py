@@ -23,17 +23,18 @@ from horizonval.renderer.kernel.node_batches import (
     SolarNodes,
     ThermalNodes,
 )
+from horizonval.renderer.layer_steps import Bands
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.refraction.bending import BendingField, refracted_sun_table
 from horizonval.renderer.refraction.bent_ray import RefractedSunTable, RefractionTables
 from horizonval.renderer.scattering.diffuse_field import DiffuseField
+from horizonval.renderer.scattering.forward_peak import without_peaks
 from horizonval.renderer.scattering.quality import Quality
 from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER
 from horizonval.renderer.scattering.source_store import multiple_scattering
 from horizonval.renderer.scattering.source_table import SourceTable
-from horizonval.renderer.layer_steps import Bands
 from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunShell, SunTable, packet_type, table_of
 from horizonval.renderer.types import Values, constant
 
@@ -85,12 +86,16 @@ def make_batches(
         Refraction: model and planet are those over apparent heights. Light scattered more than once is that of the
         model as it was, without refraction.
     """
+    if scattering is not None:
+        model = without_peaks(model, scattering.particle_degree)
     solar = [n for n in model.nodes if n.solar_irradiance > 0.0]
     thermal = [n for n in model.nodes if n.solar_irradiance <= 0.0]
     refraction = None
     true_model, true_planet = model, planet
     if air is not None:
         true_model, true_planet = air.true_model, air.true_planet
+        if scattering is not None:
+            true_model = without_peaks(true_model, scattering.particle_degree)
         if solar:
             field = BendingField.of(air)
             sun = refracted_sun_table(field, size.n_height, size.n_mu, size.path_nodes)
@@ -178,8 +183,14 @@ def _solar_nodes(
     reflectance = [constant(model.albedo / math.pi)] * width
     cos2 = _padded([n.molecular_cos2 for n in nodes], width)
     if any(n.particle_per_m.any() for n in nodes):
+        asymmetry, forward = [n.asymmetry for n in nodes], None
+        if model.layers:
+            asymmetry = [_nearest(n.asymmetry, n.particle_per_m) for n in nodes]
+        if any(len(n.forward_per_m) for n in nodes):
+            shares = [_nearest(n.forward_per_m / np.maximum(n.particle_per_m, 1e-300), n.particle_per_m) for n in nodes]
+            forward = _interleave(shares, width)
         particles = Particles(
-            _interleave([n.particle_per_m for n in nodes], width), _interleave([n.asymmetry for n in nodes], width)
+            _interleave([n.particle_per_m for n in nodes], width), _interleave(asymmetry, width), forward
         )
     moonlight = None
     glow = _glow_nodes(nodes, model, planet, width, size)
@@ -206,6 +217,21 @@ def _bands(model: OpticalModel, more: Sequence[tuple[float, float]] = ()) -> Ban
     if not model.layers:
         return ()
     return tuple(merged_bands([*model.layers, *more], float(model.altitude_m[1] - model.altitude_m[0])))
+
+
+def _nearest(values: FloatArray, scattering: FloatArray) -> FloatArray:
+    """Return a column of what scatters, where nothing does as at the nearest height at which something does.
+
+    Sources at the edges of layers are looked up there and interpolated to places within.
+    """
+    where = np.nonzero(scattering > 0.0)[0]
+    if not len(where):
+        return values
+    after = np.clip(np.searchsorted(where, np.arange(len(values))), 0, len(where) - 1)
+    before = np.maximum(after - 1, 0)
+    here = np.arange(len(values))
+    nearer = np.abs(where[before] - here) < np.abs(where[after] - here)
+    return np.asarray(values[np.where(nearer, where[before], where[after])])
 
 
 def _without_layers(nodes: Sequence[SpectralNode], width: int) -> mi.Float64:

@@ -36,8 +36,8 @@ import mitsuba as mi
 from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, Place, ShiningNodes, SolarNodes
 from horizonval.renderer.kernel.ray_sources import PARTICLE_STRIDE, EmittingRays, Point, RaySource, State, SunlitRays
 from horizonval.renderer.kernel.surface import SurfaceHit
-from horizonval.renderer.planet import Planet
 from horizonval.renderer.layer_steps import LayeredSteps
+from horizonval.renderer.planet import Planet
 from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, find_path, umbra_edges, warp
 from horizonval.renderer.types import Values, Vec
 

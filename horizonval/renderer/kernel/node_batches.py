@@ -127,10 +127,14 @@ class GlowNodes(_Air):
 
 @dataclass(frozen=True)
 class Particles:
-    """Scattering coefficient and Henyey-Greenstein asymmetry of particles, each of shape (n_altitude * width,)."""
+    """Scattering coefficient and Henyey-Greenstein asymmetry of particles, each of shape (n_altitude * width,).
+
+    ``forward``: which share of the scattering is not in the extinction; None for nothing.
+    """
 
     scattering: mi.Float64
     asymmetry: mi.Float64
+    forward: mi.Float64 | None = None
 
 
 @dataclass(frozen=True)

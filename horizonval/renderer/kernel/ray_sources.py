@@ -181,13 +181,15 @@ class SunlitRays:
         x, y, z = (mi.Float32(v) for v in along(self.o, self.d, t))
         height, normal = self.planet.height_and_normal((x, y, z))
         i, w, _ = batch.grid.locate(mi.Float64(height))
-        asymmetry = None
+        asymmetry = forward = None
         if batch.particles is not None:
             asymmetry = interpolate(batch.particles.asymmetry, i, w, batch.width)
+            if batch.particles.forward is not None:
+                forward = interpolate(batch.particles.forward, i, w, batch.width)
         sun = self.sun
         if self.bent is not None and bending is not None:
             height, sun = mi.Float32(self.bent.true_height(i, w)), self.bent.sun_at(bending)
-        return batch.diffuse.log_sources(height, normal, self.d, sun, batch.cos2, asymmetry), bending
+        return batch.diffuse.log_sources(height, normal, self.d, sun, batch.cos2, asymmetry, forward), bending
 
     def over_steps(self, bounds: list[mi.Float64], state: State) -> tuple[list[tuple[Point, Point]], State]:
         """Return the Gauss points of the steps between bounds, and the state behind the last."""

@@ -18,7 +18,15 @@ from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.surface.ground_emission import GroundEmission
 
-_ARRAYS = ("extinction_per_m", "molecular_per_m", "particle_per_m", "asymmetry", "source", "glow_per_m")
+_ARRAYS = (
+    "extinction_per_m",
+    "molecular_per_m",
+    "particle_per_m",
+    "asymmetry",
+    "source",
+    "glow_per_m",
+    "forward_per_m",
+)
 
 
 def dump_model(model: OpticalModel) -> str:
@@ -44,6 +52,8 @@ def load_model(text: str) -> OpticalModel:
                 **{key: _unpack(n[key]) for key in _ARRAYS},
                 "limb_darkening": tuple(n["limb_darkening"]),
                 "layer_per_m": _unpack_rows(n["layer_per_m"]),
+                "layer_albedo": tuple(n["layer_albedo"]),
+                "layer_asymmetry": tuple(n["layer_asymmetry"]),
             }
         )
         for n in data["nodes"]

@@ -133,7 +133,8 @@ class _Sum:
         rest = np.clip(self.ratio, 0.0, 0.9)
         moments = self.moments + self.last.moments * (rest / (1.0 - rest))[..., None]
         irradiance = self.irradiance + self.last.irradiance * rest[0] / (1.0 - rest[0])
-        return DiffuseField(column.top_m, column.planet_m, column.degree, moments, irradiance)
+        heights = column.heights if column.bands else None
+        return DiffuseField(column.top_m, column.planet_m, column.degree, moments, irradiance, heights)
 
 
 class _Solver:

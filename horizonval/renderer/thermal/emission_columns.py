@@ -16,6 +16,8 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.clouds.layers import merged_bands
+from horizonval.renderer.layer_steps import Bands
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.tables import AltitudeGrid, gather_row, table_of
 from horizonval.renderer.types import Values
@@ -34,19 +36,22 @@ class AirColumns:
     sin_latitude : ndarray, shape (m,)
     extinction, source : ndarray, shape (g, m, n)
         1/m and W m-2 sr-1.
+    bands : sequence of (float, float)
+        Heights between which layers of thin cloud lie.
     """
 
     altitude_m: FloatArray
     sin_latitude: FloatArray
     extinction: FloatArray
     source: FloatArray
+    bands: Bands = ()
 
     @classmethod
     def of(cls, band: EmittingBand, air: ApparentRadiusAir | None = None) -> AirColumns:
         """Build from a band; with refraction (``air``) per metre of the straight line, over apparent heights."""
         extinction, source = band.columns()
         if air is None:
-            return cls(band.altitude_m, band.sin_latitude, extinction, source)
+            return cls(band.altitude_m, band.sin_latitude, extinction, source, _bands(band.layers, band.altitude_m))
         i = np.clip(np.searchsorted(band.altitude_m, air.height_m, side="right") - 1, 0, len(band.altitude_m) - 2)
         w = (air.height_m - band.altitude_m[i]) / (band.altitude_m[i + 1] - band.altitude_m[i])
         w = np.clip(w, 0.0, 1.0)
@@ -55,9 +60,9 @@ class AirColumns:
             return values[..., i] * (1.0 - w) + values[..., i + 1] * w
 
         inside = air.height_m <= band.altitude_m[-1] * (1.0 + 1e-12)
-        return cls(
-            air.model.altitude_m, band.sin_latitude, at(extinction) * np.where(inside, air.dr_dx, 0.0), at(source)
-        )
+        apparent = air.model.altitude_m
+        bands = _bands(np.interp(band.layers, air.height_m, apparent), apparent)
+        return cls(apparent, band.sin_latitude, at(extinction) * np.where(inside, air.dr_dx, 0.0), at(source), bands)
 
     @property
     def top_m(self) -> float:
@@ -84,7 +89,15 @@ class AirColumns:
                 rows,
                 dr.opaque(mi.Float64, low, 1),
                 dr.opaque(mi.Float64, per_row, 1),
+                self.bands,
             )
+
+
+def _bands(layers: FloatArray, altitude_m: FloatArray) -> Bands:
+    if not len(layers):
+        return ()
+    heights = [(float(base), float(top)) for base, top in layers]
+    return tuple(merged_bands(heights, float(altitude_m[1] - altitude_m[0])))
 
 
 @dataclass(frozen=True)
@@ -102,6 +115,7 @@ class ColumnBatch:
     rows: int
     low: mi.Float64
     per_row: mi.Float64
+    bands: Bands = ()
 
     def at(self, height_m: mi.Float64, sin_latitude: mi.Float64) -> tuple[Values, Values]:
         """Return extinction and source per g point; no extinction above the top."""

@@ -57,5 +57,7 @@ class Layer(Model):
             if phase == "water" and not MIN_WATER_UM <= radius <= MAX_WATER_UM:
                 raise ValueError(f"effective_radius_um of water must be {MIN_WATER_UM:g} to {MAX_WATER_UM:g}")
             if phase == "ice" and FINE_ICE_UM < radius < COARSE_ICE_UM:
-                raise ValueError(f"effective_radius_um of ice must be {COARSE_ICE_UM:g} or more, or {FINE_ICE_UM:g} or less")
+                raise ValueError(
+                    f"effective_radius_um of ice must be {COARSE_ICE_UM:g} or more, or {FINE_ICE_UM:g} or less"
+                )
         return self
