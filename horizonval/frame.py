@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.ellipsoid import Ellipsoid
+from horizonval.geometry.part.outline import Outline
 from horizonval.spec.sensor.camera import CameraSpec
 
-FRAME_SCHEMA = 3
-"""Of the truth's fields. 1: before there was a Moon; 2: before the infrared horizon. Fields that an older truth lacks
-take their defaults. It is part of a scene's identity, hence of its noise; the layout of files has a number of its own.
+FRAME_SCHEMA = 4
+"""Of the truth's fields. 1: before there was a Moon; 2: before the infrared horizon; 3: before the refracted one.
+Fields that an older truth lacks take their defaults. It is part of a scene's identity, hence of its noise; the layout
+of files has a number of its own.
 """
 
 
@@ -35,6 +37,7 @@ class Hit(IntEnum):
     SUN = 3
     MOON = 4
     CLOUD = 5
+    PART = 6
 
 
 MAP_UNITS = {
@@ -49,8 +52,15 @@ MAP_UNITS = {
 height along the ray; for rays that hit the surface, minus the depth of the chord below it. ``solar_zenith``: at the
 surface point, or at the tangent point. ``hit``: :class:`Hit`.
 
+Frames with parts of the spacecraft in view also carry :data:`PART_MAP`.
+
 Pixels beyond the image circle of a camera that has one see nothing: radiance 0, ``hit`` space, distance and tangent
 height +inf, solar zenith 180.
+"""
+
+PART_MAP, PART_MAP_UNIT = "part", "1"
+"""Covered share of every pixel by parts of the spacecraft, exact (:mod:`horizonval.geometry.part.coverage`). Where a
+pixel's centre is behind a part, ``hit`` says so and ``distance`` is to the part; the other maps look through it.
 """
 
 
@@ -103,6 +113,16 @@ class FrameTruth:
         By thermal band, where its radiance drops all round the clear-sky horizon; plain data, as
         :func:`horizonval.truth.frame_truth.with_infrared_horizon` says. Empty without thermal bands, without air, and
         for cameras inside it.
+    horizon_rise_m : float
+        By how much the refracted horizon, the tangent of the apparent ellipsoid, stands above the geometric one, the
+        tangent of the ellipsoid: :mod:`horizonval.earth.refracted_horizon`. 0 where light is not bent.
+    refracted_angular_radius_rad : float
+        As ``angular_radius_rad``, of the refracted horizon; 0 in truths older than this field.
+    parts : dict
+        Of a scene with parts of the spacecraft, what they hide: ``outline``, plain data of
+        :class:`horizonval.geometry.part.outline.Outline`; ``names``; ``hidden_limb``, the share of the horizon in the
+        image that lies behind them, by azimuth about the nadir, None without horizon in the image; ``hidden_sun``, the
+        share of the Sun's disc behind them, whether in the image or not. Empty without parts, and then not written.
     """
 
     scene: dict[str, Any]
@@ -133,6 +153,14 @@ class FrameTruth:
     moon_visible_fraction: float = 0.0
     moon_phase_angle_rad: float = 0.0
     infrared_horizon: dict[str, Any] = field(default_factory=dict)
+    horizon_rise_m: float = 0.0
+    refracted_angular_radius_rad: float = 0.0
+    parts: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def part_outline(self) -> Outline | None:
+        """What parts of the spacecraft cover; None without parts."""
+        return Outline.from_dict(self.parts["outline"]) if self.parts else None
 
     @cached_property
     def camera_spec(self) -> CameraSpec:
@@ -148,6 +176,11 @@ class FrameTruth:
     def ellipsoid(self) -> Ellipsoid:
         """The planet's shape."""
         return Ellipsoid(self.ellipsoid_a_m, self.ellipsoid_b_m)
+
+    @property
+    def apparent_ellipsoid(self) -> Ellipsoid:
+        """Whose outline is the refracted horizon, for cameras above the air; the planet's shape without refraction."""
+        return self.ellipsoid.raised(self.horizon_rise_m)
 
     @property
     def camera_file(self) -> str:
@@ -177,7 +210,10 @@ class FrameTruth:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data (JSON keeps every bit: ``repr`` of a float64 round-trips)."""
-        return asdict(self)
+        data = asdict(self)
+        if not data["parts"]:
+            del data["parts"]
+        return data
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> FrameTruth:
@@ -190,7 +226,11 @@ class FrameTruth:
             raise KeyError("schema")
         old = data["schema"] != FRAME_SCHEMA
         for name, f in names.items():
-            if name not in data and not (old and (f.default is not MISSING or f.default_factory is not MISSING)):
+            if (
+                name not in data
+                and name != "parts"
+                and not (old and (f.default is not MISSING or f.default_factory is not MISSING))
+            ):
                 raise KeyError(name)
         if unknown := sorted(set(data) - set(names)):
             raise TypeError(f"unknown keys {unknown}")
@@ -216,6 +256,9 @@ class RadianceFrame:
     energy_radiance : dict of ndarray, shape (H, W), float32
         Per band, W m-2 sr-1: the plain integral over wavelength of spectral radiance times response. Of a thermal band
         the same array as its radiance. Bands of solar frames from before this was kept are not in it.
+    behind : dict of ndarray, shape (H, W), float32
+        Per band, the radiance without parts of the spacecraft, which a turning camera needs: they turn with it. Empty
+        for frames without parts.
     """
 
     radiance: dict[str, NDArray[np.float32]]
@@ -223,6 +266,7 @@ class RadianceFrame:
     truth: FrameTruth
     render: dict[str, Any] = field(default_factory=dict)
     energy_radiance: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+    behind: dict[str, NDArray[np.float32]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

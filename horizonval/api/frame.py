@@ -49,13 +49,13 @@ class Frame(RadianceFrame):
     >>> frame
     <Frame small: 64 x 64 px, band vis>
     >>> frame.observe(seed=1)
-    <Image small: 64 x 64 px, band vis, seed 1, 0.1 % saturated>
+    <Image small: 64 x 64 px, band vis, seed 1, 0.0 % saturated>
     """
 
     @classmethod
     def of(cls, frame: RadianceFrame) -> Frame:
         """Return a rendered frame as one that observes and shows itself."""
-        return cls(frame.radiance, frame.maps, frame.truth, frame.render, frame.energy_radiance)
+        return cls(frame.radiance, frame.maps, frame.truth, frame.render, frame.energy_radiance, frame.behind)
 
     @property
     def camera(self) -> Camera:

@@ -31,7 +31,7 @@ class Image(DetectorImage):
     --------
     >>> import horizonval as hv
     >>> hv.open_image("image.exr")
-    <Image small: 64 x 64 px, band vis, seed 1, 0.1 % saturated>
+    <Image small: 64 x 64 px, band vis, seed 1, 0.0 % saturated>
     """
 
     @classmethod

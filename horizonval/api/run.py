@@ -58,7 +58,7 @@ class Run:
     >>> run
     <Run orbit: 2 rows, 0 frames failed>
     >>> run.rows().project("estimator, status").fetchall()
-    [('altitude-free', 'ambiguous'), ('ideal', 'valid')]
+    [('altitude-free', 'valid'), ('ideal', 'valid')]
     """
 
     out: Path

@@ -36,7 +36,7 @@ FLAT = {
     "seed": ("scene", "seed"),
 }
 """Keywords of :class:`Scene`, and the table and key of a scene file that each of them is."""
-TABLES = ("attitude", "earth", "atmosphere", "surface", "clouds", "moon", "night", "render")
+TABLES = ("attitude", "earth", "atmosphere", "surface", "clouds", "moon", "night", "part", "render")
 """Keywords that are a whole table of a scene file."""
 
 
@@ -71,6 +71,8 @@ class Scene:
         Other draws of clouds and noise.
     attitude, earth, atmosphere, surface, clouds, moon, night, render : mapping
         Tables of a scene file, as ``surface={"kind": "earth"}``.
+    part : sequence of mapping
+        Parts of the spacecraft in view, each a table ``[[part]]`` of a scene file.
 
     Attributes
     ----------
@@ -120,6 +122,7 @@ class Scene:
         clouds: Mapping[str, Any] | None = None,
         moon: Mapping[str, Any] | None = None,
         night: Mapping[str, Any] | None = None,
+        part: Sequence[Mapping[str, Any]] | None = None,
         render: Mapping[str, Any] | None = None,
         **unknown: Never,
     ) -> None:

@@ -70,7 +70,7 @@ class Session:
     >>> camera = hv.Camera.from_file("vis-cmos-512-60deg").changed(camera={"width": 32, "height": 32})
     >>> session = hv.Session(camera, altitude_km=550, mount_roll_deg=65, render={"orders": "single"})
     >>> session.image((3.0, 0.0, -1.5), seed=1)
-    <Image scene: 32 x 32 px, band vis, seed 1, 0.9 % saturated>
+    <Image scene: 32 x 32 px, band vis, seed 1, 0.0 % saturated>
     >>> session.frame([0.0, 0.0, 0.0, 1.0]).truth.yaw_rad
     0.0
     """

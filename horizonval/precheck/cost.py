@@ -46,7 +46,7 @@ CLOUD_S_PER_LOOK, CLOUD_TABLES = 1.6e-7, 2.5
 before clouds."""
 TWILIGHT_RAD = math.radians(18.0)
 """How low the Sun still lights air."""
-SCATTERING_TABLE_S, PARTICLE_TABLE_S = 2.5, 25.0
+SCATTERING_TABLE_S, PARTICLE_TABLE_S = 2.5, 6.0
 """Of air without and with particles, whose phase function has more moments."""
 THERMAL_S_PER_POINT, THERMAL_S_PER_EVALUATION = 0.009, 4e-5
 """Of a g point, and of each node along its rays."""
@@ -174,7 +174,7 @@ def frame_cost(
     per_point = THERMAL_S_PER_POINT + THERMAL_S_PER_EVALUATION * scene.render.nodes
     chunks = -(-solar // CHUNK)
     tabulated = scene.render.method == "table"
-    cover = 0.0 if scene.clouds is None else scene.clouds.cover
+    cover = 0.0 if scene.clouds is None else scene.clouds.expected_cover
     looks_s = (TABLE_S_PER_LOOK + CLOUD_S_PER_LOOK * cover) * cells * chunks
     render_s = looks_s if tabulated else SOLAR_S_PER_EVALUATION * evaluations
     render_s += SOLAR_FRAME_S if solar else 0.0

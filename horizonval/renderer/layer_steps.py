@@ -50,8 +50,8 @@ class LayeredSteps:
         if self.umbra is None:
             return dr.fma(high - low, share, low)
         a, b = (dr.clip(edge, low, high) for edge in self.umbra)
-        third = dr.minimum(dr.floor(dr.fma(share, 3.0, 1e-9)), 2.0)
-        within = dr.fma(share, 3.0, -third)
+        third = dr.minimum(dr.floor(3.0 * share + 1e-9), 2.0)
+        within = 3.0 * share - third
         begin = dr.select(third < 0.5, low, dr.select(third < 1.5, a, b))
         end = dr.select(third < 0.5, a, dr.select(third < 1.5, b, high))
         return dr.select(self.crossed, dr.fma(end - begin, within, begin), dr.fma(high - low, share, low))

@@ -1,12 +1,13 @@
 r"""Tables over the rays of one camera position that a kernel reads by cubic interpolation (Catmull and Rom).
 
 Rows are places on an axis of rays (:mod:`horizonval.renderer.kernel.ray_coordinates`), columns azimuths from 0 to
-:math:`\pi`. What is tabulated is the same on both sides of the camera's meridian: it depends on height and latitude
-alone. A node is made when a frame first looks near it, and what it holds depends on nothing that was looked at before.
+:math:`\pi`, where what is tabulated is the same on both sides of the camera's meridian since it depends on height and
+latitude alone, or else all round. A node is made when a frame first looks near it, and what it holds depends on nothing
+that was looked at before.
 
 Node values f are joined by cubics with the slopes ``(f[i + 1] - f[i - 1]) / 2``: smooth, and exact for parabolas.
 Beyond the ends of rows one more node lies on the parabola through the last three; beyond those of columns they are
-mirrored.
+mirrored, or go on from the beginning.
 """
 
 from __future__ import annotations
@@ -61,6 +62,13 @@ class Neighbours:
         i, weight = _interval(place, count)
         return cls((dr.select(i == 0, 1, i - 1), i, i + 1, dr.select(i == count - 2, i, i + 2)), weight)
 
+    @classmethod
+    def around(cls, place: mi.Float64, count: mi.UInt32) -> Neighbours:
+        """Return those of places on an axis that closes on itself: the last node's neighbour is the first."""
+        i, weight = _interval(place, count + 1)
+        before, after = dr.select(i == 0, count - 1, i - 1), dr.select(i + 1 == count, 0, i + 1)
+        return cls((before, i, after, dr.select(after + 1 == count, 0, after + 1)), weight)
+
 
 def _interval(place: mi.Float64, count: mi.UInt32 | int) -> tuple[mi.UInt32, Values]:
     """Return the node before places, and the weights of four neighbours."""
@@ -83,14 +91,25 @@ def cubic_weights(w: mi.Float64) -> Values:
 
 @dataclass(frozen=True)
 class NodeGrid:
-    """``rows`` nodes along an axis of rays, ``columns`` in azimuth from 0 to pi; both at least four."""
+    """``rows`` nodes along an axis of rays, ``columns`` in azimuth from 0 to pi; both at least four.
+
+    ``all_round``: the columns go from 0 once round.
+    """
 
     rows: int
     columns: int
+    all_round: bool = False
 
     def node_azimuths(self) -> FloatArray:
         """Return the azimuths of columns [rad]."""
+        if self.all_round:
+            return np.linspace(0.0, math.tau, self.columns, endpoint=False)
         return np.linspace(0.0, math.pi, self.columns)
+
+    def across(self, azimuth: mi.Float64) -> Neighbours:
+        """Return the four columns around azimuths."""
+        neighbours = Neighbours.around if self.all_round else Neighbours.mirrored
+        return neighbours(self.column(azimuth), self.opaque_columns())
 
     def opaque_columns(self) -> mi.UInt32:
         """Return ``columns`` as data, for kernels that serve all of them."""
@@ -98,23 +117,30 @@ class NodeGrid:
 
     def column(self, azimuth: mi.Float64) -> mi.Float64:
         """Return the place of azimuths from -pi to pi, in steps from the first column."""
+        if self.all_round:
+            return dr.select(azimuth < 0.0, azimuth + math.tau, azimuth) * constant(self.columns / math.tau)
         return dr.abs(azimuth) * constant((self.columns - 1) / math.pi)
 
     def near(self, row: mi.Float64, azimuth: mi.Float64) -> NDArray[np.bool_]:
         """Return which nodes are read for rays, shape (rows, columns)."""
         i, _ = _interval(row, self.rows)
-        columns = self.opaque_columns()
-        j, _ = _interval(self.column(azimuth), columns)
-        mask = dr.zeros(mi.UInt32, (self.rows - 1) * (self.columns - 1))
-        dr.scatter(mask, mi.UInt32(1), i * (columns - 1) + j)
-        intervals = np.array(mask).reshape(self.rows - 1, self.columns - 1) > 0
+        intervals_across = self.columns if self.all_round else self.columns - 1
+        across = dr.opaque(mi.UInt32, intervals_across, 1)
+        j, _ = _interval(self.column(azimuth), across + 1)
+        mask = dr.zeros(mi.UInt32, (self.rows - 1) * intervals_across)
+        dr.scatter(mask, mi.UInt32(1), i * across + j)
+        intervals = np.array(mask).reshape(self.rows - 1, intervals_across) > 0
         padded = np.pad(intervals, 2)
+        if self.all_round:
+            padded[:, :2], padded[:, -2:] = padded[:, -4:-2].copy(), padded[:, 2:4].copy()
         # node k serves the intervals k - 2 to k + 1, the ends those that are mirrored there
         along = padded[:-3] | padded[1:-2] | padded[2:-1] | padded[3:]
         # at the ends of rows four nodes are read, one of them with weight 0
         along[3] |= padded[2]
         along[-4] |= padded[-3]
-        return np.asarray(along[:, :-3] | along[:, 1:-2] | along[:, 2:-1] | along[:, 3:])
+        near = along[:, :-3] | along[:, 1:-2] | along[:, 2:-1] | along[:, 3:]
+        # all round the last of them is the first again
+        return np.asarray(near[:, :-1] if self.all_round else near)
 
 
 class NodeTable:
@@ -156,7 +182,7 @@ class NodeTable:
         """Return where the sixteen nodes around rays lie, and their weights."""
         down = Neighbours.on_parabola(row, self.grid.rows)
         columns = self.grid.opaque_columns()
-        across = Neighbours.mirrored(self.grid.column(azimuth), columns)
+        across = self.grid.across(azimuth)
         return [
             (dr.gather(mi.UInt32, self._index, i * columns + j), a * b)
             for i, a in zip(down.index, down.weight, strict=True)

@@ -65,6 +65,7 @@ from horizonval.scoring.horizon_view import (
     horizon_view,
     inside_image,
     moon_in_frame,
+    seen_in_image,
     sun_in_frame,
     usable_margin_px,
 )
@@ -292,7 +293,7 @@ def _infrared_view(truth: FrameTruth, camera: CameraModel, band: str, hard: Hori
     """Return the view with the infrared horizon in place of the ground's; thermal bands do not ask for the Sun."""
     los, _ = curve_cam(truth, band, len(hard.in_view))
     uv, _ = project(camera, los)
-    return replace(hard, los_cam=los, uv=uv, in_view=inside_image(camera, uv))
+    return replace(hard, los_cam=los, uv=uv, in_view=seen_in_image(truth, camera, los, uv))
 
 
 def _in_reach(scene: _Scene, thresholds: Thresholds) -> BoolArray:
@@ -366,7 +367,7 @@ def _reliefs(scene: _Scene, rho_rad: float) -> tuple[Relief, ...]:
     # Also where the scene has no air: no sensor can know that.
     reliefs: tuple[Relief, ...] = SOLAR_RELIEF if scene.solar else THERMAL_RELIEF
     clouds = scene.truth.scene.get("clouds")
-    if clouds is not None and clouds.get("cover", 0.0) > 0:
+    if clouds is not None and clouds.get("cover", "climate") != 0:
         relief = CLOUD_RELIEF_SOLAR if scene.solar else CLOUD_RELIEF_THERMAL
         to_limb_m = scene.truth.ellipsoid_a_m / math.tan(rho_rad)
         texture_m = limits.CLOUD_TEXTURE_PX * to_limb_m / min(scene.camera.fx, scene.camera.fy)

@@ -32,6 +32,7 @@ class HorizonView:
     uv : ndarray, shape (n, 2)
         NaN where the direction has no image.
     in_view : ndarray of bool, shape (n,)
+        Whether it falls on the detector, and no part of the spacecraft is before it.
     cos_zenith : ndarray, shape (n,)
         Of the Sun at the tangent point.
     cos_azimuth : ndarray, shape (n,)
@@ -63,7 +64,16 @@ def horizon_view(truth: FrameTruth, camera: CameraModel) -> HorizonView:
     length = np.linalg.norm(level, axis=-1)
     # With the Sun in the zenith its azimuth means nothing: any value will do.
     cos_azimuth = np.einsum("ij,ij->i", level, ahead) / np.where(length > 1e-9, length, 1.0)
-    return HorizonView(los, uv, inside_image(camera, uv), cos_zenith, np.clip(cos_azimuth, -1.0, 1.0))
+    return HorizonView(los, uv, seen_in_image(truth, camera, los, uv), cos_zenith, np.clip(cos_azimuth, -1.0, 1.0))
+
+
+def seen_in_image(truth: FrameTruth, camera: CameraModel, los_cam: FloatArray, uv: FloatArray) -> BoolArray:
+    """Return which directions (n, 3) with images (n, 2) lie on the detector and not behind a part of the spacecraft."""
+    inside = inside_image(camera, uv)
+    outline = truth.part_outline
+    if outline is not None:
+        inside[inside] = ~outline.covers(los_cam[inside])
+    return inside
 
 
 def inside_image(camera: CameraModel, uv: FloatArray, margin_px: float = 0.0) -> BoolArray:
@@ -102,23 +112,24 @@ def sun_in_frame(camera: CameraModel, truth: FrameTruth) -> bool:
     """Whether any visible part of the Sun's disc lies inside the image."""
     if truth.sun_visible_fraction <= 0:
         return False
-    return disc_in_frame(camera, np.array(truth.sun_cam), truth.sun_angular_radius_rad)
+    return disc_in_frame(camera, np.array(truth.sun_cam), truth.sun_angular_radius_rad, truth)
 
 
 def moon_in_frame(camera: CameraModel, truth: FrameTruth) -> bool:
     """Whether any part of the Moon's disc, lit or not, lies inside the image."""
     if truth.moon_cam is None or truth.moon_visible_fraction <= 0:
         return False
-    return disc_in_frame(camera, np.array(truth.moon_cam), truth.moon_angular_radius_rad)
+    return disc_in_frame(camera, np.array(truth.moon_cam), truth.moon_angular_radius_rad, truth)
 
 
-def disc_in_frame(camera: CameraModel, centre: FloatArray, radius_rad: float) -> bool:
-    """Whether a disc's centre or any of 64 points of its rim lies inside the image."""
+def disc_in_frame(camera: CameraModel, centre: FloatArray, radius_rad: float, truth: FrameTruth | None = None) -> bool:
+    """Whether a disc's centre or any of 64 points of its rim lies inside the image and, by a truth, behind no part."""
     across = perpendicular(centre)
     angle = np.linspace(0, math.tau, 64, endpoint=False)[:, None]
     ring = np.cos(angle) * across + np.sin(angle) * np.cross(centre, across)
     disc = np.concatenate([centre[None, :], math.cos(radius_rad) * centre + math.sin(radius_rad) * ring])
-    return bool(inside_image(camera, project(camera, disc)[0]).any())
+    uv, _ = project(camera, disc)
+    return bool((inside_image(camera, uv) if truth is None else seen_in_image(truth, camera, disc, uv)).any())
 
 
 def usable_margin_px(camera: CameraModel) -> float:

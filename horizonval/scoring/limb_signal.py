@@ -110,7 +110,7 @@ def ground_and_air(scene: dict[str, Any]) -> tuple[bool, float, float]:
     albedo = float(surface.get("albedo", limits.ALBEDO_OF_THE_EARTH))
     brightest = max(albedo, limits.ALBEDO_OF_SNOW) if surface.get("kind") == "earth" else albedo
     clouds = scene.get("clouds")
-    if clouds is not None and clouds.get("cover", 0.0) > 0:
+    if clouds is not None and clouds.get("cover", "climate") != 0:
         brightest = max(brightest, float(clouds.get("albedo", limits.ALBEDO_OF_CLOUDS)))
     return air, albedo, brightest
 

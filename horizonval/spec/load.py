@@ -31,6 +31,7 @@ from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.regression import RegressionSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import ALL_HEADS, CameraSpec
+from horizonval.spec.spacecraft.part import SpacecraftPart
 from horizonval.spec.stability import StabilitySpec
 from horizonval.spec.suite import FigureSpec, Keep, ProgramSpec, SuiteSpec
 
@@ -375,7 +376,20 @@ class Shelf:
             except UserError as e:
                 raise e.inside(prefix + "atmosphere.profile_file") from e
             scene = _with_atmosphere(scene, profile_file=str(file.resolve()))
+        if scene.part:
+            scene = scene.model_copy(update={"part": [self._part(part, prefix) for part in scene.part]})
         return scene, camera
+
+    def _part(self, part: SpacecraftPart, prefix: str) -> SpacecraftPart:
+        """Return a part whose file is named by its whole path."""
+        if part.file is None:
+            return part
+        file = self._path.parent / Path(part.file).expanduser()
+        try:
+            files.ensure_file(file, expected="a mesh: PLY, OBJ or glTF")
+        except UserError as e:
+            raise e.inside(f"{prefix}part ({part.name}).file") from e
+        return part.model_copy(update={"file": str(file.resolve())})
 
     def _find(self, kind: Kind, name: str, where: str) -> Path:
         if (kind, name) not in self._files:

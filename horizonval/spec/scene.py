@@ -14,6 +14,7 @@ from horizonval.spec.earth.ground import Earth, Surface
 from horizonval.spec.earth.layer import Layer
 from horizonval.spec.earth.lights import Moon, Night, SunOverride
 from horizonval.spec.numbers import Angle, Finite, FrameName, Listed, PlainName, Whole
+from horizonval.spec.spacecraft.part import SpacecraftPart
 from horizonval.spec.units import unit
 
 
@@ -110,7 +111,7 @@ class RenderSettings(Model):
     to 8 deg below the horizon.
     """
 
-    later_keys: ClassVar[frozenset[str]] = frozenset({"method"})
+    later_keys: ClassVar[frozenset[str]] = frozenset({"method", "part_samples"})
 
     method: Literal["table", "march"] = "table"
     """How sunlight is found in solar bands. `table` tabulates it over direction, once for all frames from one place
@@ -123,6 +124,9 @@ class RenderSettings(Model):
     """Points along each ray at which air is looked up."""
     orders: Literal["single", "all"] = "all"
     """Orders of scattering of sunlight: `single`, or `all`."""
+    part_samples: Annotated[int, Field(ge=1, le=4096), unit("1")] = 256
+    """Random rays per pixel on parts of the spacecraft, rounded up to a square, for the light of the Earth on them.
+    """
     band_error: Annotated[float, Field(ge=1e-4, le=0.1), unit("1")] = 0.012
     """Largest relative error of a solar band's radiance, from limb and ground under a high or a low Sun, that too few
     wavelengths may leave. It decides how many wavelengths a band gets that does not say so itself (`nodes` of the
@@ -134,7 +138,7 @@ class RenderSettings(Model):
 class SceneSpec(Model):
     """One scene file: one camera, one pose, one planet, one instant."""
 
-    later_keys: ClassVar[frozenset[str]] = frozenset({"layer"})
+    later_keys: ClassVar[frozenset[str]] = frozenset({"layer", "part"})
 
     scene: SceneName = SceneName()
     """Name and seed."""
@@ -162,6 +166,8 @@ class SceneSpec(Model):
     """The Moon."""
     night: Night = Night()
     """Light of the night."""
+    part: list[SpacecraftPart] = []
+    """Parts of the spacecraft in view, each a table `[[part]]`."""
     render: RenderSettings = RenderSettings()
     """Accuracy of the rendering."""
 
@@ -170,10 +176,4 @@ class SceneSpec(Model):
         air = self.atmosphere
         if self.layer and (air.file is not None or (air.profile == "none" and air.profile_file is None)):
             raise ValueError('layer needs air with a profile, not atmosphere.file or profile = "none"; leave one out')
-        return self
-
-    @model_validator(mode="after")
-    def _clouds_lie_at_unbent_heights(self) -> SceneSpec:
-        if self.atmosphere.refraction and self.clouds is not None:
-            raise ValueError("clouds do not go with atmosphere.refraction; leave one of them out")
         return self

@@ -13,6 +13,7 @@ SUFFIXES = {
     "deg_s": "deg/s",
     "rad": "rad",
     "km": "km",
+    "m": "m",
     "mm": "mm",
     "um": "um",
     "m_s": "m/s",

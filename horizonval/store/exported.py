@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from horizonval.core import files
 from horizonval.core.errors import DamagedFileError
-from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
+from horizonval.frame import MAP_UNITS, PART_MAP, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.store.exr import content_digest, with_thermal
 
 FORMAT = "horizonval export 1"
@@ -121,8 +121,11 @@ def _of_fits(arrays: dict[str, NDArray[Any]], content: dict[str, Any]) -> Detect
         )
     radiance = {band: arrays[f"RADIANCE.{band}".upper()] for band in content["bands"]}
     maps = {name: arrays[f"TRUTH.{name}".upper()] for name in MAP_UNITS}
+    if (covered := f"TRUTH.{PART_MAP}".upper()) in arrays:
+        maps[PART_MAP] = arrays[covered]
+    behind = {band: arrays[name] for band in content["bands"] if (name := f"BEHIND.{band}".upper()) in arrays}
     solar = {band: arrays[name] for band in content["bands"] if (name := f"ENERGY.{band}".upper()) in arrays}
-    return RadianceFrame(radiance, maps, truth, content["render"], with_thermal(truth, radiance, solar))
+    return RadianceFrame(radiance, maps, truth, content["render"], with_thermal(truth, radiance, solar), behind)
 
 
 def _made(make: Callable[[], T], where: str) -> T:

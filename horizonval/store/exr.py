@@ -6,7 +6,8 @@ said otherwise)::
     Y                   the first band once more, so that any viewer shows something
     radiance.<band>     W m-2 sr-1; of solar bands counted by photons, see horizonval.earth.spectral.bands
     energy_radiance.<band>  W m-2 sr-1, of solar bands: the plain integral over wavelength
-    truth.<map>         see horizonval.frame.MAP_UNITS
+    behind.<band>       W m-2 sr-1, as radiance, without parts of the spacecraft; in frames that have some
+    truth.<map>         see horizonval.frame.MAP_UNITS and PART_MAP
     mask.<name>         0 or 1, float16: earth and sunlit, of an image saturated (horizonval.store.masks)
     dn.<band>           digital numbers
 
@@ -53,7 +54,7 @@ from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError, excerpt
 from horizonval.core.machine import memory
 from horizonval.earth.spectral.bands import reference_wavelength_um
-from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
+from horizonval.frame import MAP_UNITS, PART_MAP, PART_MAP_UNIT, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.store import seal
 from horizonval.store.attributes import camera_of, own_attributes, standard_attributes
@@ -73,6 +74,8 @@ RADIANCE_UNIT = "W m-2 sr-1"
 DN_UNIT = "DN"
 ENERGY = "energy_radiance."
 """Of the channels of energy radiance, before the band's name."""
+BEHIND = "behind."
+"""Of the channels of radiance without parts of the spacecraft, before the band's name."""
 UNIT_KEY = "unit."
 """Of the keys that say a channel's unit, before the channel's name."""
 
@@ -132,6 +135,11 @@ def write_frame(path: str | os.PathLike[str], frame: RadianceFrame, *, codec: Co
     units = {f"radiance.{band}": radiance_unit(solar.get(band)) for band in bands}
     units |= {name: RADIANCE_UNIT for name in channels if name.startswith(ENERGY)}
     units |= {f"truth.{name}": unit for name, unit in MAP_UNITS.items()} | {"Y": units[f"radiance.{bands[0]}"]}
+    if frame.behind:
+        behind = {f"{BEHIND}{band}": _float32(values, f"{BEHIND}{band}") for band, values in frame.behind.items()}
+        channels |= behind
+        units |= {f"{BEHIND}{band}": units[f"radiance.{band}"] for band in frame.behind}
+        units |= {f"truth.{PART_MAP}": PART_MAP_UNIT, "truth.hit": MAP_UNITS["hit"] + ", 6 part of the spacecraft"}
     _write(Path(path), channels, own, units, frame.truth, camera_of(frame.truth), codec=codec)
 
 
@@ -201,7 +209,8 @@ def read_frame(path: str | os.PathLike[str]) -> RadianceFrame:
     for band, values in solar.items():
         if not np.isfinite(values).all():
             raise DamagedFileError(f"energy radiance of band {band!r} is not finite everywhere", where=str(path))
-    return RadianceFrame(radiance, maps, truth, header["render"], with_thermal(truth, radiance, solar))
+    behind = {band: channels[f"{BEHIND}{band}"] for band in radiance if f"{BEHIND}{band}" in channels}
+    return RadianceFrame(radiance, maps, truth, header["render"], with_thermal(truth, radiance, solar), behind)
 
 
 def read_image(path: str | os.PathLike[str]) -> DetectorImage:

@@ -70,6 +70,9 @@ def fits_bytes(source: RadianceFrame | DetectorImage, address: str = "") -> byte
             if values is not source.radiance.get(band):
                 cards = {"BUNIT": ("W m-2 sr-1", "integral over wavelength")} | _band(spec, band)
                 units.append(_with(fits.ImageHDU(values, name=f"ENERGY.{band}"), common | cards | coordinates))
+        for band, values in source.behind.items():
+            cards = {"BUNIT": ("W m-2 sr-1", "radiance without parts of the spacecraft")} | _band(spec, band)
+            units.append(_with(fits.ImageHDU(values, name=f"BEHIND.{band}"), common | cards | coordinates))
         for name, values in source.maps.items():
             unit = {"BUNIT": (MAP_UNITS[name], "")} if MAP_UNITS.get(name) in ("m", "deg") else {}
             units.append(_with(fits.ImageHDU(values, name=f"TRUTH.{name}"), unit | coordinates))

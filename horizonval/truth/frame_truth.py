@@ -9,15 +9,14 @@ import hashlib
 import json
 import math
 from dataclasses import replace
-from datetime import datetime
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from horizonval.earth.optical import OpticalModel, optical_model
+from horizonval.earth.refracted_horizon import horizon_rise_m
 from horizonval.earth.spectral.thermal_accuracy import thermal_accuracy
-from horizonval.earth.surface.surface import snow_line_deg
 from horizonval.frame import FRAME_SCHEMA, FrameTruth
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.eclipse import sun_visible_fraction
@@ -35,6 +34,7 @@ from horizonval.geometry.pose import Pose, direction_from_horizontal, place_from
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.truth.infrared_horizon.around import infrared_horizon
+from horizonval.truth.parts_in_view import parts_truth
 
 
 def scene_id(scene: dict[str, Any], camera: dict[str, Any]) -> str:
@@ -84,8 +84,8 @@ def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> 
     ------
     UserError
         If the camera is not above the surface, its distortion folds inside the image, the scene does not say which of
-        its heads took the frame, or the epoch is outside 1960 to 2099; with the infrared horizon also as
-        :func:`horizonval.earth.optical.optical_model`.
+        its heads took the frame, a part of the spacecraft cannot be, or the epoch is outside 1960 to 2099; with the
+        infrared horizon also as :func:`horizonval.earth.optical.optical_model`.
     """
     check_invertible(camera_from_spec(camera.camera))
     pose = pose_from_spec(scene, camera)
@@ -95,6 +95,7 @@ def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> 
             math.radians(scene.sun.zenith_deg), math.radians(scene.sun.azimuth_deg), pose.r_itrs, pose.ellipsoid
         )
     radius = float(sun_angular_radius(distance_m))
+    rise = horizon_rise_m(scene, camera, pose.altitude_m, pose.ellipsoid.mean_radius_m)
     moon: dict[str, Any] = {}
     to_moon = None
     place = _moon_place(scene, pose.ellipsoid, pose.r_itrs)
@@ -119,6 +120,8 @@ def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> 
         sun_angular_radius_rad=radius,
         sun_visible_fraction=float(sun_visible_fraction(pose.r_itrs, direction, radius, pose.ellipsoid)),
         angular_radius_rad=angular_radius(pose.r_itrs, pose.ellipsoid),
+        horizon_rise_m=rise,
+        refracted_angular_radius_rad=angular_radius(pose.r_itrs, pose.ellipsoid.raised(rise)),
         **moon,
         **_attitude_fields(scene, camera, pose, direction, to_moon),
     )
@@ -157,7 +160,10 @@ def _attitude_fields(
     if scene.surface.kind == "earth":
         del scene_data["surface"]["albedo"], scene_data["surface"]["emissivity"]
     q = pose.q_cam_from_itrs
-    return {
+    parts: dict[str, Any] = {}
+    if scene.part:
+        parts = {"parts": parts_truth(scene, camera, pose, to_sun)}
+    return parts | {
         "scene": scene_data,
         "camera": camera_data,
         "scene_id": scene_id(scene_data, camera_data),
@@ -187,8 +193,7 @@ def with_infrared_horizon(truth: FrameTruth, model: OpticalModel) -> FrameTruth:
     ``half_height_km``, ``nadir_k``, ``sentences``), or None where the absorption comes from an atmosphere file.
     """
     ellipsoid = truth.ellipsoid
-    line = snow_line_deg(datetime.fromisoformat(truth.epoch_utc))
-    horizon_by_band = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs, snow_line_deg=line)
+    horizon_by_band = infrared_horizon(model, truth.r_itrs, ellipsoid, sun_itrs=truth.sun_itrs)
     from_file = truth.scene.get("atmosphere", {}).get("file") is not None
     bands = {band.name: band for band in truth.camera_spec.band}
     for name, horizon in horizon_by_band.items():

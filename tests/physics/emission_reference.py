@@ -1,7 +1,8 @@
-"""Thermal emission along straight rays through the shipped absorption table, on its own: numpy and the table's file.
+"""Thermal emission along straight rays through a published absorption table, by itself: numpy and the table's file.
 
-Nothing of the product is used but ``thermal_ck.npz`` as it lies in the package: own Planck function, own reading of
-the map from g points to wavenumber, own paths. Absorption is log-linear and temperature linear between the table's
+Nothing of the product is used: ``thermal_ck.npz`` has the absorption of six climates by others than the product's
+look-up; own Planck function, own reading of the map from g points to wavenumber, own paths. Absorption is log-linear
+and temperature linear between the table's
 levels; the path is cut where it crosses a level and every piece into ``cells`` equal cells. In a cell the optical
 depth is a three-point Gauss sum and the source is linear in it::
 
@@ -18,7 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-FILE = Path(__file__).parents[2] / "horizonval" / "earth" / "data" / "thermal_ck.npz"
+FILE = Path(__file__).parents[1] / "data" / "thermal_ck.npz"
+SEAM_PA = 100.0 * float(np.exp(4.56))
 RADIUS_M = 6_371_230.0
 """Of the sphere on which the verification table was made."""
 
@@ -67,24 +69,32 @@ def table() -> dict[str, np.ndarray]:
 class Band:
     """The g points of a top hat in one climate.
 
-    ``ln_k`` has shape (levels, g); ``source`` turns temperatures (n,) into (n, g), W m-2 sr-1. ``filled``: the shares
-    of a bin are scaled so that the g points fill it exactly, as the product does (0.45 % of one bin in 820 to 980 cm-1,
-    1e-7 elsewhere), and the published figures do not.
+    ``places``: which of the table's bands. ``ln_k`` has shape (levels, g); ``source`` turns temperatures (n,) into
+    (n, g), W m-2 sr-1. ``filled``: the shares of a bin are scaled so that the g points fill it exactly, as the product
+    does (0.45 % of one bin in 820 to 980 cm-1,
+    1e-7 elsewhere), and the published figures do not. ``seam``: at 95.58 hPa, where the tables change and k jumps, the
+    lines through the two levels below and the two above are carried on to that height, in place of one line across.
     """
 
-    def __init__(self, climate: str, lo_um: float, hi_um: float, co2_ppm: int = 420, *, filled: bool = False) -> None:
+    def __init__(
+        self, climate: str, lo_um: float, hi_um: float, co2_ppm: int = 420, *, filled: bool = False, seam: bool = False
+    ) -> None:
         t = table()
         a = [str(name) for name in t["atmosphere"]].index(climate)
         key = {420: "absorption_per_m", 330: "absorption_co2_330ppm_per_m"}[co2_ppm]
         self.level_m = t["altitude_m"].astype(np.float64)
         self.temperature_k = t["temperature_k"][a].astype(np.float64)
+        self.pressure_pa = t["pressure_pa"][a].astype(np.float64)
+        self._seam = seam
         bins = t["bin_edges_per_cm"].astype(np.float64)
         lo, hi = np.maximum(bins[:, 0], 1e4 / hi_um), np.minimum(bins[:, 1], 1e4 / lo_um)
         covered = np.maximum(hi - lo, 0.0) / (bins[:, 1] - bins[:, 0])
+        self.places: list[int] = []
         ln_k, nodes = [], []
         for b, (nu_lo, nu_hi) in enumerate(t["band_edges_per_cm"]):
             used = np.flatnonzero((t["bin_band_index"] == b) & (covered > 0.0))
             if used.size:
+                self.places.append(b)
                 ln_k.append(np.log(t[key][a, b].astype(np.float64)))
                 weight = t["g_weight"] * (nu_hi - nu_lo) * t["gpoint_spectral_fraction"][used]
                 if filled:
@@ -113,6 +123,10 @@ class Band:
     def absorption(self, z_m: np.ndarray) -> np.ndarray:
         """Return k [1/m] at heights (n,), shape (n, g)."""
         i = np.clip(np.searchsorted(self.level_m, z_m, side="right") - 1, 0, len(self.level_m) - 2)
+        if self._seam:
+            j = int(np.searchsorted(-self.pressure_pa, -SEAM_PA)) - 1
+            seam_m = np.interp(-np.log(SEAM_PA), -np.log(self.pressure_pa), self.level_m)
+            i = np.where(i == j, np.where(z_m < seam_m, j - 1, j + 1), i)
         w = ((z_m - self.level_m[i]) / (self.level_m[i + 1] - self.level_m[i]))[:, None]
         return np.exp((1 - w) * self.ln_k[i] + w * self.ln_k[i + 1])
 

@@ -7,6 +7,7 @@ Seen from 900 km over three places, through the climate of a month by latitude, 
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 from latitude_limb import Climate, aim, lowest_m, position
@@ -20,6 +21,12 @@ HEIGHTS_KM = (-20.0, -1.0, 6.0, 16.0, 30.0, 45.0)
 BANDS = {"co2": (14.0, 16.3), "window": (10.5, 12.5)}
 
 
+@cache
+def climate(lo_um: float, hi_um: float, month: int) -> Climate:
+    """Return a band through a month's air, looked up once."""
+    return Climate(lo_um, hi_um, month)
+
+
 def row_of(job: dict[str, Any]) -> dict[str, Any]:
     """Return one row."""
     observer = position(job["latitude_deg"], job["longitude_deg"], HEIGHT_M)
@@ -29,7 +36,7 @@ def row_of(job: dict[str, Any]) -> dict[str, Any]:
     row |= {f"obs_{axis}_m": f"{x:.4f}" for axis, x in zip("xyz", observer, strict=True)}
     row |= {f"dir_{axis}": f"{x:.15f}" for axis, x in zip("xyz", direction, strict=True)}
     for name, (lo, hi) in BANDS.items():
-        row[f"radiance_{name}"] = f"{Climate(lo, hi, job['month']).radiance(observer, direction, GROUND_K):.7g}"
+        row[f"radiance_{name}"] = f"{climate(lo, hi, job['month']).radiance(observer, direction, GROUND_K):.7g}"
     return row
 
 

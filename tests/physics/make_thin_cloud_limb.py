@@ -69,10 +69,8 @@ def air_of(optical_depth: float) -> monte_carlo.Air:
 def main(optical_depths: list[float]) -> None:
     with TABLE.open("w", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        table.writerow(
-            ["optical_depth", "sun_zenith_deg", "azimuth_deg", "height_km", "radiance_per_sr"]
-            + ["standard_error", "single_per_sr"]
-        )
+        ray_keys = ["optical_depth", "sun_zenith_deg", "azimuth_deg", "height_km"]
+        table.writerow([*ray_keys, "radiance_per_sr", "standard_error", "single_per_sr"])
         for depth in optical_depths:
             air = air_of(depth)
             rays = [(sun, azimuth, height) for sun, azimuth in SUNS for height in HEIGHTS_KM]

@@ -61,7 +61,7 @@ def model_of(climate: str, interval: str) -> OpticalModel:
     scene: dict[str, Any] = {
         "camera": {"file": "t"},
         "platform": {"altitude_km": 500},
-        "atmosphere": {"profile": climate, "aerosol": "none"},
+        "atmosphere": {"profile": climate, "aerosol": "none", "halocarbons": False},
     }
     return optical_model(SceneSpec.model_validate(scene), camera)
 

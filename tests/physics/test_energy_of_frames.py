@@ -61,7 +61,7 @@ def test_blue_air_differs_more_than_white_ground() -> None:
     """The limb's own light over a black ground: some 10 % in 450 to 750 nm."""
     camera = CameraSpec.model_validate({"camera": {"width": 24, "height": 16, "fov_deg": 4.0}, "band": BANDS[:1]})
     scene = scene_of(
-        atmosphere={"profile": "us_standard", "ozone": False},
+        atmosphere={"profile": "us_standard", "ozone": False, "aerosol": "none"},
         surface={"albedo": 0.0},
         camera={"file": "test", "mount_roll_deg": 68.5},
         render={"orders": "single", "subsamples": 1},

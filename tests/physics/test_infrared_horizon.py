@@ -17,7 +17,7 @@ from scipy.special import k1e
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
-from horizonval.earth.surface.ground_emission import GroundEmission
+from horizonval.earth.surface.ground_emission import GroundEmission, uniform_ground
 from horizonval.frame import FrameTruth
 from horizonval.geometry.ellipsoid import WGS84, itrs_from_geodetic, sphere
 from horizonval.spec.scene import SceneSpec
@@ -44,8 +44,13 @@ LIMB = {
 
 
 def scene(profile: str, **platform: Any) -> SceneSpec:
+    """Clean air: the integrators it is compared with have no particles."""
     return SceneSpec.model_validate(
-        {"camera": {"file": "t"}, "platform": {"altitude_km": 500.0} | platform, "atmosphere": {"profile": profile}}
+        {
+            "camera": {"file": "t"},
+            "platform": {"altitude_km": 500.0} | platform,
+            "atmosphere": {"profile": profile, "aerosol": "none", "refraction": False},
+        }
     )
 
 
@@ -75,8 +80,7 @@ def exponential(k0_per_m: float, scale_m: float, temperature_k: float = 250.0) -
 
 
 def black(temperature_k: float) -> GroundEmission:
-    t = (temperature_k, temperature_k)
-    return GroundEmission("uniform", (-1.0, 1.0), t, t, t, (0.0, 0.0), 1.0, 1.0)
+    return uniform_ground(temperature_k, 1.0)
 
 
 def depth(height_m: float, k0_per_m: float, scale_m: float) -> float:
@@ -184,13 +188,15 @@ def test_the_plateau_of_a_window_follows_the_ground() -> None:
     full = float(model.thermal[0].source(250.0)[0])
     grey = replace(model, emission=replace(black(250.0), emissivity=0.9))
     assert infrared_horizon(grey, CAMERA_M, SPHERE)["b0"]["plateau_radiance"][5] == pytest.approx(0.9 * full, rel=2e-3)
-    emission = GroundEmission("earth", (-1.0, 1.0), (250.0,) * 2, (230.0,) * 2, (240.0,) * 2, (10.0,) * 2, 1.0, 1.0)
+    swing = (10.0, 10.0)
+    earth_like = uniform_ground(250.0, 1.0, kind="earth")
+    emission = replace(earth_like, water_k=(240.0, 240.0), diurnal_k=swing, desert_diurnal_k=swing)
     place = itrs_from_geodetic(math.radians(20.0), math.radians(20.0), 500e3)
     # Half past one over the Sahara: the Sun has gone 22.5 deg further west.
     sun = (math.cos(math.radians(-2.5)), math.sin(math.radians(-2.5)), 0.0)
     earth = replace(model, emission=emission)
-    found = infrared_horizon(earth, place, WGS84, sun_itrs=sun, snow_line_deg=70.0)["b0"]
-    # Land of emissivity 0.975 or so, 260 K when warmest; 22 deg of longitude away that is 0.6 K less.
+    found = infrared_horizon(earth, place, WGS84, sun_itrs=sun)["b0"]
+    # Desert and soil of emissivity 0.96 or so, 260 K when warmest; 22 deg of longitude away that is 0.6 K less.
     warmest = max(found["plateau_radiance"])
     assert 0.95 < warmest / float(model.thermal[0].source(260.0)[0]) < 0.99
     # Northward lies the Mediterranean, and the sea sends little of its own at 3 deg from the level.

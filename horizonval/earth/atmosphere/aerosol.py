@@ -1,17 +1,26 @@
-"""Aerosol of LOWTRAN7: four models of the whole column, by their optical depth at 550 nm and by spectra of five kinds.
+"""Particles of LOWTRAN7: models of the whole column, by their extinction at 550 nm and by spectra of six kinds.
 
 Every model gives the extinction at 550 nm on levels from 0 to 100 km and says which kind of particle fills which
-altitudes: rural air of 23 km visibility and 70 % humidity below 2 km, tropospheric background to 10 km, stratospheric
-(background, or aged volcanic) to 30 km, meteoric dust above.
+altitudes: in the first three rural air of 23 km visibility and 70 % humidity below 2 km, tropospheric background to
+10 km, stratospheric (background, or aged volcanic) to 30 km, meteoric dust above.
 
 ===================== ============= =========== ==================================================================
 model                 depth, 550 nm above 11 km what it stands for
 ===================== ============= =========== ==================================================================
 ``none``              0             0           molecules alone
-``background``        0.324         0.0070      quiet stratosphere; below it haze, about twice the Earth's mean
+``background``        0.324         0.0069      quiet stratosphere; below it haze, about twice the Earth's mean
 ``volcanic_moderate`` 0.344         0.027       one to two years after a large eruption
 ``volcanic_high``     0.411         0.094       the year after one such as Pinatubo's
+``polar``             0.137         0.0074      clean air of 50 km visibility in a cold season, a low tropopause
+``dust``              0.454         0.0069      desert dust, well mixed up to 5 km, below the quiet stratosphere
 ===================== ============= =========== ==================================================================
+
+``polar`` is LOWTRAN7's tropospheric haze of 50 km visibility with the fall and winter set, whose stratospheric
+particles lie lower (0.0006 per km from 12 to 17 km); chosen here is that they begin above 8 km, the tropopause of high
+latitudes. ``dust`` takes its spectrum from LOWTRAN7's desert model (Longtin et al. 1988, AFGL-TR-88-0112) at the wind
+of 10 m/s that LOWTRAN7 takes where none is given. Its height is that of the Saharan air layer (Carlson and Prospero
+1972, J. Appl. Meteorol. 11, 283: up to 500 to 550 hPa); chosen here are an even 0.08 per km, that is 0.4 in 5 km, an
+ordinary summer's, and the fall to the background at 6 km.
 
 Between the levels the extinction is log-linear in altitude (LOWTRAN7's rule; straight lines would give optical depths
 2 % larger). Where one kind of particle gives way to the next, its share falls linearly from 1 at the last level of its
@@ -20,9 +29,9 @@ region to 0 at the next level, 1 km higher (5 km above 30 km): extinction, scatt
 In wavelength, between the 36 entries of the table, the extinction is linear in logarithms, single-scattering albedo and
 asymmetry are linear in the logarithm of the wavelength.
 
-Neglected: humidity, season and place (the boundary layer is that of the LOWTRAN7 spring and summer set everywhere), and
+Neglected: humidity, season and place (one model serves the whole frame, and nothing chooses it by the latitude), and
 phase functions other than Henyey and Greenstein's: single scattering towards the Sun and straight back from it may be
-wrong by tens of per cent.
+wrong by tens of per cent, more for dust, whose grains are no spheres.
 """
 
 from __future__ import annotations

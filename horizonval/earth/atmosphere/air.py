@@ -16,13 +16,12 @@ from horizonval.earth.atmosphere.aerosol import Aerosol, aerosol
 from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile, names, profile
 from horizonval.earth.clouds.layers import ThinLayer, layers_of
-from horizonval.earth.spectral import thermal_absorption
+from horizonval.earth.gases import afgl
 from horizonval.spec.scene import SceneSpec
 
 NO_ATMOSPHERE = "none"
 TOP_M = 100_000.0
 STEP_M = 100.0
-_STANDARD = "us_standard"
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,7 @@ class Air:
     state : AtmosphereProfile
         On 0 to 100 km by 100 m.
     climates : mapping of str to float
-        Which climates' thermal absorption to take, with weights; empty for a profile from a file.
+        The AFGL climates that it is a blend of, with weights; empty for ``us76`` and a profile from a file.
     aerosol : Aerosol
         On the same altitudes, thin cloud among it; without kinds for none.
     with_ozone : bool
@@ -53,11 +52,6 @@ class Air:
     def altitude_m(self) -> FloatArray:
         """Altitudes of everything, shape (n,)."""
         return self.state.altitude_m
-
-    @property
-    def has_table(self) -> bool:
-        """Whether the tables of thermal absorption were made for this very air (or for what it is a blend of)."""
-        return bool(self.climates) and self.state.name in (*thermal_absorption.climates(), climate.BY_LATITUDE_MONTH)
 
 
 def air_of(
@@ -92,7 +86,8 @@ def air_of(
     z = np.linspace(0.0, TOP_M, round(TOP_M / STEP_M) + 1)
     climates: Mapping[str, float]
     if atmosphere.profile_file is not None:
-        state, climates = profile_file.read_profile((base_dir or Path()) / atmosphere.profile_file), {}
+        path = (base_dir or Path()) / atmosphere.profile_file
+        state, climates = profile_file.read_profile(path, co2_ppm=atmosphere.co2_ppm), {}
     elif atmosphere.profile == climate.BY_LATITUDE_MONTH:
         latitude = atmosphere.latitude_deg
         latitude = place[0] if latitude is None else latitude
@@ -107,7 +102,9 @@ def air_of(
                 expected="one of " + ", ".join(nearest(atmosphere.profile, known)),
             )
         state = profile(atmosphere.profile)
-        climates = {state.name if state.name in thermal_absorption.climates() else _STANDARD: 1.0}
+        climates = {state.name: 1.0} if state.name in afgl.names() else {}
+    if atmosphere.profile_file is None:
+        state = replace(state, number_density_co2=state.number_density_co2 * (atmosphere.co2_ppm / afgl.CO2_PPM))
     lower = np.clip(z - change.raised_m, state.altitude_m[0], state.altitude_m[-1])
     particles = aerosol(atmosphere.aerosol, np.minimum(lower, TOP_M), where=f"{scene.scene.name}: atmosphere.aerosol")
     gases = replace(state.at(lower), altitude_m=z)

@@ -83,6 +83,9 @@ class AirChange:
             number_density_o3=state.number_density_o3 * factor,
             number_density_h2o=state.number_density_h2o * factor,
             number_density_co2=state.number_density_co2 * factor,
+            number_density_n2o=state.number_density_n2o * factor,
+            number_density_ch4=state.number_density_ch4 * factor,
+            number_density_hno3=state.number_density_hno3 * factor,
         )
 
     def particles(self, particles: Aerosol) -> Aerosol:

@@ -5,8 +5,8 @@ middle of July or January. Between two latitudes the weights follow a smoothstep
 last climate holds; summer and winter share a year as ``(1 +- cos(2 pi (month - 7) / 12)) / 2``, six months later in the
 south. In the tropics there is no season.
 
-Temperatures are blended linearly; number densities and absorption coefficients in their logarithms. Every blend keeps
-the ideal gas law; it is hydrostatic to 3 %, as the climates themselves are.
+Temperatures are blended linearly, number densities in their logarithms. Every blend keeps the ideal gas law; it is
+hydrostatic to 3 %, as the climates themselves are.
 
 What no blend of six climates has: longitude, weather, the ozone hole, the cold of the Antarctic winter, sudden
 stratospheric warmings.
@@ -91,4 +91,7 @@ def blended(weights: Mapping[str, float], name: str = BY_LATITUDE_MONTH) -> Atmo
         number_density_o3=logarithmic("number_density_o3"),
         number_density_h2o=logarithmic("number_density_h2o"),
         number_density_co2=logarithmic("number_density_co2"),
+        number_density_n2o=logarithmic("number_density_n2o"),
+        number_density_ch4=logarithmic("number_density_ch4"),
+        number_density_hno3=logarithmic("number_density_hno3"),
     )

@@ -7,7 +7,8 @@ summed::
 
 The air is given at levels of height for every row of latitude. Between levels the absorption is linear in its logarithm
 and the temperature linear, as the tables' authors mean them; between rows the renderer takes both ``extinction`` and
-``source`` of :meth:`EmittingBand.columns` as linear in the sine of latitude, beyond the last row as on it.
+``source`` of :meth:`EmittingBand.columns` as linear in the sine of latitude, beyond the last row as on it. Air that
+varies with longitude too stands in columns on a map (:mod:`horizonval.earth.weather.column_map`), bilinear between.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from scipy.special import expn
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral.planck import radiance_per_wavenumber
+from horizonval.earth.weather.column_map import ColumnMap
 
 COLDEST_K, WARMEST_K, STEP_K = 80.0, 400.0, 1.0
 """Range and step of the spline through S(T); its error is below 1e-8 of S."""
@@ -67,7 +69,8 @@ class EmittingBand:
     altitude_m : ndarray, shape (n,)
         The grid the renderer marches on: between its nodes extinction and source are linear. 0 to the top.
     sin_latitude : ndarray, shape (m,)
-        Of geodetic latitude, rising in equal steps; one value alone means the same air everywhere.
+        Of geodetic latitude, rising in equal steps; one value alone means the same air everywhere. With a map: one
+        value of no meaning, and m below is the number of the map's columns.
     level_m : ndarray, shape (k,)
     ln_extinction : ndarray, shape (g, m, k)
         Logarithm of the extinction [1/m] at the levels.
@@ -82,6 +85,8 @@ class EmittingBand:
         What thin cloud adds to the extinction, on ``altitude_m``; of shape (0, 0) for none.
     layers : ndarray, shape (k, 2)
         Base and top of its layers [m].
+    column_map : ColumnMap or None
+        Where the columns of air stand that varies with longitude.
     """
 
     name: str
@@ -94,8 +99,21 @@ class EmittingBand:
     source_wavenumber_per_cm: FloatArray
     source_weight_per_cm: FloatArray
     sun_radiance: FloatArray
+    column_map: ColumnMap | None = None
     layer_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     layers: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the air is the same everywhere."""
+        return self.column_map is None and len(self.sin_latitude) == 1
+
+    def between(self, values: FloatArray, normal: FloatArray) -> FloatArray:
+        """Return what is given at the columns, shape (g, m), at places with unit normals (n, 3), shape (g, n)."""
+        if self.column_map is None:
+            return np.stack([np.interp(normal[:, 2], self.sin_latitude, row) for row in values])
+        x, y = self.column_map.plane(normal)
+        return np.asarray(sum(values[:, i] * w for i, w in self.column_map.corners(x, y)))
 
     @property
     def count(self) -> int:

@@ -1,16 +1,16 @@
 """Thermal bands of a scene: from its atmosphere to :class:`horizonval.earth.atmosphere.emission.EmittingBand`.
 
-What the air is decides where its levels are and how its absorption is found:
+What the air absorbs is looked up for its own pressure, temperature and gases (:mod:`horizonval.earth.gases.rrtmg`).
+What the air is decides where its levels are:
 
-- the AFGL climates and their blends by latitude and month: the tables' own levels and temperatures. A blend by latitude
-  has a row for every latitude in sight, see :mod:`horizonval.earth.atmosphere.climate_rows`; all else is the same
-  everywhere;
-- ``us76``, which has no absorption table of its own: that of ``us_standard`` with the temperatures of US76, on 100 m.
-  The two profiles differ by at most 0.8 K up to 47 km and 2.3 K up to 100 km;
-- a profile from a file: what all six climates together say for its pressure, temperature and ozone, on 100 m, see
-  :mod:`horizonval.earth.atmosphere.absorption_interpolation`;
+- the AFGL climates and their blends by latitude and month: those of :func:`horizonval.earth.gases.afgl.levels_m`. A
+  blend by latitude has a row for every latitude in sight, see :mod:`horizonval.earth.atmosphere.climate_rows`; its
+  state is blended, not its absorption; all else is the same everywhere;
+- any other profile: 100 m;
 - an atmosphere file: its own absorption, the same throughout a band (grey), on its own nodes;
 - none: nothing absorbs.
+
+Halocarbons of today's amounts come with all gases unless ``atmosphere.halocarbons`` is off.
 
 Particles absorb at the middle of the g point's band; what they scatter there is left out (at 10 um one part in eight of
 a stratospheric particle's extinction, half of rural air's, which lies below the water vapour). Beyond 18.5 um they
@@ -19,21 +19,22 @@ absorb as at 18.5 um.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.atmosphere import absorption_interpolation, aerosol, climate_rows
+from horizonval.earth.atmosphere import aerosol, climate_rows
 from horizonval.earth.atmosphere.air import TOP_M, Air
 from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.earth.atmosphere.profiles import AtmosphereProfile
 from horizonval.earth.atmosphere.solar_rule import check_sunlight
 from horizonval.earth.clouds.layers import ThinLayer
+from horizonval.earth.gases import afgl
+from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral import bands, sunlight, thermal_absorption
-from horizonval.earth.spectral.thermal_absorption import GPoints
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band
 
@@ -50,44 +51,36 @@ class EmittingAir:
     altitude_m : ndarray, shape (n,)
         The grid to march on.
     sin_latitude : ndarray, shape (m,)
-    level_m : ndarray, shape (k,)
-    temperature_k : ndarray, shape (m, k)
-    climates : tuple of dict, length m
-        Weights of the climates in each row; of no use where there is a ``interpolated_state``.
-    interpolated_state : AtmosphereProfile or None
-        On ``level_m``: air without climates, whose absorption is found from all of them.
+    state : GasState
+        On the levels (k,) of height, arrays of shape (m, k).
     particles : Aerosol
-        On ``level_m``.
-    co2_ppm : float
+        On the same levels.
     change : AirChange
+        How the bands' air differs; absorption per molecule stays that of ``state``.
     layers : tuple of ThinLayer
         Of thin cloud.
     """
 
     altitude_m: FloatArray
     sin_latitude: FloatArray
-    level_m: FloatArray
-    temperature_k: FloatArray
-    climates: tuple[dict[str, float], ...]
-    interpolated_state: AtmosphereProfile | None
+    state: GasState
     particles: aerosol.Aerosol
-    co2_ppm: float
     change: AirChange = AS_IT_IS
     layers: tuple[ThinLayer, ...] = ()
 
     def band(self, band: Band, where: str) -> EmittingBand:
         """Return a thermal band; errors as :func:`horizonval.earth.spectral.thermal_absorption.g_points`."""
         points = thermal_absorption.g_points(band, where=where)
-        gas = np.stack([self._ln_gas(points, climates) for climates in self.climates], axis=1)
-        gas = gas + self.change.ln_density(self.level_m, self.temperature_k)
+        levels, kelvin = self.state.altitude_m, self.state.temperature_k
+        gas = points.ln_absorption(self.state) + self.change.ln_density(levels, kelvin)
         return EmittingBand(
             name=band.name,
             wavelength_um=points.wavelength_um,
             altitude_m=self.altitude_m,
             sin_latitude=self.sin_latitude,
-            level_m=self.level_m + self.change.raised_m,
+            level_m=levels + self.change.raised_m,
             ln_extinction=self._with_particles(gas, points.wavelength_um),
-            temperature_k=self.temperature_k + self.change.warmer_k,
+            temperature_k=kelvin + self.change.warmer_k,
             source_wavenumber_per_cm=points.wavenumber_per_cm,
             source_weight_per_cm=points.weight_per_cm,
             sun_radiance=points.sun_radiance(),
@@ -102,15 +95,6 @@ class EmittingAir:
         absorbed = [layer.infrared_per_m(self.altitude_m, wavelength_um, raised) for layer in self.layers]
         heights = np.array([(layer.base_m + raised, layer.top_m + raised) for layer in self.layers])
         return {"layer_per_m": np.sum(absorbed, axis=0), "layers": heights}
-
-    def _ln_gas(self, points: GPoints, climates: dict[str, float]) -> FloatArray:
-        if self.interpolated_state is not None:
-            return absorption_interpolation.ln_absorption(points, self.interpolated_state, self.co2_ppm)
-        table = points.ln_absorption(climates, self.co2_ppm)
-        levels = thermal_absorption.levels_m()
-        if np.array_equal(self.level_m, levels):
-            return table
-        return np.stack([np.interp(self.level_m, levels, row) for row in table])
 
     def _with_particles(self, ln_gas: FloatArray, wavelength_um: FloatArray) -> FloatArray:
         if not self.particles.kinds:
@@ -136,26 +120,22 @@ def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> Em
     change : AirChange
         How the bands' air differs from it.
     """
-    grid = air.altitude_m
-    rows = np.zeros(1)
-    climates: tuple[dict[str, float], ...] = (dict(air.climates),)
-    if air.has_table:
-        level_m = thermal_absorption.levels_m()
+    rows, grid = np.zeros(1), air.altitude_m
+    if air.climates:
+        climates: tuple[Mapping[str, float], ...] = (air.climates,)
         if climate_rows.varies(scene):
             rows = climate_rows.rows_in_sight(scene.platform.latitude_deg, scene.platform.altitude_km * 1e3)
             climates = climate_rows.weights(rows, climate_rows.month(scene))
-        temperature = np.stack([thermal_absorption.blended_temperature_k(row) for row in climates])
+        state = afgl.blended(climates, afgl.levels_m(), scene.atmosphere.co2_ppm)
     else:
-        level_m, temperature = grid, air.state.temperature_k[None, :]
+        state = air.state.gas_state().columns()
+    if scene.atmosphere.halocarbons:
+        state = state.with_halocarbons()
     return EmittingAir(
         altitude_m=grid,
         sin_latitude=rows,
-        level_m=level_m,
-        temperature_k=temperature,
-        climates=climates,
-        interpolated_state=None if air.climates else air.state,
-        particles=change.particles(aerosol.aerosol(scene.atmosphere.aerosol, level_m)),
-        co2_ppm=scene.atmosphere.co2_ppm,
+        state=state,
+        particles=change.particles(aerosol.aerosol(scene.atmosphere.aerosol, state.altitude_m)),
         change=change,
         layers=air.layers,
     )

@@ -1,4 +1,4 @@
-"""A profile from a user's file: temperature, air and ozone over altitude, read strictly.
+"""A profile from a user's file: temperature, air and its gases over altitude, read strictly.
 
 CSV with one line of column names, or a JSON object of lists with the same names; other columns are refused.
 
@@ -7,15 +7,18 @@ CSV with one line of column names, or a JSON object of lists with the same names
 ``temperature_K``        100 to 400
 ``pressure_Pa``          or ``pressure_hPa``, or ``number_density_per_m3``: exactly one of them; above 0
 ``ozone_per_m3``         or ``ozone_ppmv`` (parts per million of the air's molecules): exactly one; 0 or more
+``water_vapour_ppmv``    and ``carbon_dioxide_ppmv``, ``nitrous_oxide_ppmv``, ``methane_ppmv``: any of them or none; 0
+                         or more, of the air's molecules
 ======================== ===========================================================================================
 
-Between levels as the shipped profiles: temperature linear, logarithms of pressure and of ozone's share of the air
-linear (ozone's share itself linear where one of the levels has none). Above the last level temperature and ozone's
-share stay as they are there, and the pressure goes on falling as it does between the last two levels. Pressure and
-density need not be hydrostatic.
+Between levels as the shipped profiles: temperature linear, logarithms of pressure and of the gases' shares of the air
+linear (a share itself linear where one of the levels has none). Above the last level temperature and shares stay as
+they are there, and the pressure goes on falling as it does between the last two levels. Pressure and density need not
+be hydrostatic.
 
-Water vapour and carbon dioxide have their part in thermal bands only, and there go with pressure, temperature and ozone
-as in the AFGL climates: :mod:`horizonval.earth.atmosphere.absorption_interpolation` says how good that is.
+Gases that have no column, and nitric acid, are those of the nearest AFGL climate at equal pressure: nearest in
+temperature, see :func:`horizonval.earth.gases.afgl.nearest_climate`; carbon dioxide then is the scene's. Leaving out
+water vapour costs most: in the windows the lowest 10 km of the limb are its.
 """
 
 from __future__ import annotations
@@ -35,7 +38,8 @@ from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError, excerpt
 from horizonval.core.suggest import nearest
-from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
+from horizonval.earth.atmosphere.profiles import AtmosphereProfile
+from horizonval.earth.gases import afgl
 
 MAX_FILE_BYTES = 1024 * 1024
 MIN_LEVELS = 10
@@ -48,11 +52,17 @@ GROUND_PRESSURE_PA = (30_000.0, 120_000.0)
 _BOLTZMANN = 1.380649e-23
 _AIR = ("pressure_Pa", "pressure_hPa", "number_density_per_m3")
 _OZONE = ("ozone_per_m3", "ozone_ppmv")
-_KEYS = ("altitude_km", "temperature_K", *_AIR, *_OZONE)
+_OTHER_GASES = {
+    "water_vapour_ppmv": "h2o",
+    "carbon_dioxide_ppmv": "co2",
+    "nitrous_oxide_ppmv": "n2o",
+    "methane_ppmv": "ch4",
+}
+_KEYS = ("altitude_km", "temperature_K", *_AIR, *_OZONE, *_OTHER_GASES)
 _TOP_M = 120_000.0
 _STEP_M = 1000.0
 _LEAST = 1e-30
-"""Share of ozone that stands for none where a logarithm is needed."""
+"""Share of a gas that stands for none where a logarithm is needed."""
 
 
 @dataclass(frozen=True)
@@ -70,19 +80,33 @@ class _Table:
         return f"{self.file}: {key}, level {i + 1}"
 
 
-def read_profile(path: Path | str) -> AtmosphereProfile:
+def read_profile(path: Path | str, co2_ppm: float = afgl.CO2_PPM) -> AtmosphereProfile:
     """Return the profile of a file on levels from 0 to 120 km.
+
+    Parameters
+    ----------
+    path : Path or str
+    co2_ppm : float
+        Carbon dioxide of the lower atmosphere where the file has none of its own.
 
     Raises
     ------
     UserError
-        Naming file, key and line of the first mistake, and what is allowed there.
+        Naming file, key and line of the first mistake, and what is allowed there; a file with carbon dioxide for a
+        scene that asks for another amount.
     """
     path = Path(path)
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected="a profile (CSV or JSON)")
     table = _read_json(text, str(path)) if path.suffix.lower() == ".json" else _read_csv(text, str(path))
     _check(table)
-    return _profile(table, path.stem)
+    if co2_ppm != afgl.CO2_PPM and "carbon_dioxide_ppmv" in table.columns:
+        raise UserError(
+            f"the file has carbon dioxide of its own, and the scene asks for {co2_ppm:g} ppm",
+            where=f"{path}: carbon_dioxide_ppmv",
+            expected="either the column or atmosphere.co2_ppm",
+            fix="leave one of them out",
+        )
+    return _profile(table, path.stem, co2_ppm)
 
 
 def _read_csv(text: str, file: str) -> _Table:
@@ -164,7 +188,7 @@ def _range(key: str) -> str:
         return f"{TEMPERATURE_K[0]:g} to {TEMPERATURE_K[1]:g} K"
     if key == "altitude_km":
         return "rising altitudes from 0 on"
-    return "a finite number of 0 or more" if key in _OZONE else "a finite number above 0"
+    return "a finite number of 0 or more" if key in (*_OZONE, *_OTHER_GASES) else "a finite number above 0"
 
 
 def _check(table: _Table) -> None:
@@ -173,7 +197,7 @@ def _check(table: _Table) -> None:
             good = math.isfinite(value)
             if key == "temperature_K":
                 good = good and TEMPERATURE_K[0] <= value <= TEMPERATURE_K[1]
-            elif key in _OZONE:
+            elif key in (*_OZONE, *_OTHER_GASES):
                 good = good and value >= 0
             elif key in _AIR:
                 good = good and value > 0
@@ -231,39 +255,45 @@ def _pressure(table: _Table) -> FloatArray:
     return columns["pressure_Pa"] if "pressure_Pa" in columns else columns["pressure_hPa"] * 100
 
 
-def _profile(table: _Table, name: str) -> AtmosphereProfile:
+def _profile(table: _Table, name: str, co2_ppm: float) -> AtmosphereProfile:
     """Return the profile on its own levels and, above the last, on levels by 1 km to 120 km."""
     z = np.array(table.columns["altitude_km"]) * 1e3
     temperature = np.array(table.columns["temperature_K"])
     pressure = _pressure(table)
-    air = pressure / (_BOLTZMANN * temperature)
+    shares = {gas: np.array(table.columns[key]) * 1e-6 for key, gas in _OTHER_GASES.items() if key in table.columns}
     if "ozone_ppmv" in table.columns:
-        share = np.array(table.columns["ozone_ppmv"]) * 1e-6
+        shares["o3"] = np.array(table.columns["ozone_ppmv"]) * 1e-6
     else:
-        share = np.array(table.columns["ozone_per_m3"]) / air
-    # Profiles hold no zeros, for their interpolation is logarithmic: the share is kept apart from it by a fine grid.
-    fine = np.unique(np.concatenate([z, np.arange(0.0, z[-1], 100.0)])) if (share == 0).any() else z
-    both = np.interp(fine, z, np.log(np.maximum(share, _LEAST)))
-    whole = np.interp(fine, z, (share > 0).astype(float)) == 1
-    share = np.where(whole, np.exp(both), np.maximum(np.interp(fine, z, share), _LEAST))
-    ln_pressure = np.interp(fine, z, np.log(pressure))
-    temperature = np.interp(fine, z, temperature)
-    slope = (math.log(pressure[-1]) - math.log(pressure[-2])) / (z[-1] - z[-2])
+        shares["o3"] = np.array(table.columns["ozone_per_m3"]) * _BOLTZMANN * temperature / pressure
+    # Profiles hold no zeros, for their interpolation is logarithmic: the shares are kept apart from it by a fine grid.
+    empty = any((share == 0).any() for share in shares.values())
+    fine = np.unique(np.concatenate([z, np.arange(0.0, z[-1], 100.0)])) if empty else z
     above = np.arange(z[-1] + _STEP_M, _TOP_M + _STEP_M, _STEP_M)
+    slope = (math.log(pressure[-1]) - math.log(pressure[-2])) / (z[-1] - z[-2])
+    ln_pressure = np.interp(fine, z, np.log(pressure))
     altitude = np.concatenate([fine, above])
     pressure = np.exp(np.concatenate([ln_pressure, ln_pressure[-1] + slope * (above - z[-1])]))
-    temperature = np.concatenate([temperature, np.full(len(above), temperature[-1])])
-    share = np.concatenate([share, np.full(len(above), share[-1])])
+    temperature = np.interp(altitude, z, temperature)
+    lent = afgl.gases_at_pressure(afgl.nearest_climate(pressure, temperature), pressure, co2_ppm)
+    lent.update({gas: _share(altitude, z, share) for gas, share in shares.items()})
     air = pressure / (_BOLTZMANN * temperature)
-    standard = profile("us_standard")
-    others = standard.at(np.minimum(altitude, standard.altitude_m[-1]))
     return AtmosphereProfile(
         name=name,
         altitude_m=altitude,
         pressure_pa=pressure,
         temperature_k=temperature,
         number_density_air=air,
-        number_density_o3=air * share,
-        number_density_h2o=air * others.number_density_h2o / others.number_density_air,
-        number_density_co2=air * others.number_density_co2 / others.number_density_air,
+        number_density_o3=air * lent["o3"],
+        number_density_h2o=air * lent["h2o"],
+        number_density_co2=air * lent["co2"],
+        number_density_n2o=air * lent["n2o"],
+        number_density_ch4=air * lent["ch4"],
+        number_density_hno3=air * lent["hno3"],
     )
+
+
+def _share(altitude_m: FloatArray, z: FloatArray, share: FloatArray) -> FloatArray:
+    """Return a gas's share between and above levels z: linear in the logarithm, or itself next to a zero."""
+    both = np.interp(altitude_m, z, np.log(np.maximum(share, _LEAST)))
+    whole = np.interp(altitude_m, z, (share > 0).astype(float)) == 1
+    return np.where(whole, np.exp(both), np.maximum(np.interp(altitude_m, z, share), _LEAST))

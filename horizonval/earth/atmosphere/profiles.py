@@ -23,9 +23,13 @@ from numpy.typing import ArrayLike
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.suggest import nearest
+from horizonval.earth.gases import afgl
+from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.tables import npz
 
 _TABLE = "atmosphere_profiles.npz"
+_LENDER = "us_standard"
+"""Whose trace gases a profile has that is none of the AFGL climates."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,7 @@ class AtmosphereProfile:
     name : str
     altitude_m, pressure_pa, temperature_k : ndarray, shape (n,)
     number_density_air, number_density_o3, number_density_h2o, number_density_co2 : ndarray, shape (n,)
+    number_density_n2o, number_density_ch4, number_density_hno3 : ndarray, shape (n,)
         Molecules per m3.
 
     Notes
@@ -52,6 +57,9 @@ class AtmosphereProfile:
     number_density_o3: FloatArray
     number_density_h2o: FloatArray
     number_density_co2: FloatArray
+    number_density_n2o: FloatArray
+    number_density_ch4: FloatArray
+    number_density_hno3: FloatArray
 
     def at(self, altitude_m: ArrayLike) -> AtmosphereProfile:
         """Return the profile on other altitudes inside the tabulated range.
@@ -74,6 +82,9 @@ class AtmosphereProfile:
         def ln_linear(values: FloatArray) -> FloatArray:
             return np.exp(np.interp(z, self.altitude_m, np.log(values)))
 
+        def share(density: FloatArray) -> FloatArray:
+            return ln_linear(density / self.number_density_air)
+
         temperature = np.interp(z, self.altitude_m, self.temperature_k)
         air = ln_linear(self.number_density_air * self.temperature_k) / temperature
         return AtmosphereProfile(
@@ -82,10 +93,26 @@ class AtmosphereProfile:
             pressure_pa=ln_linear(self.pressure_pa),
             temperature_k=temperature,
             number_density_air=air,
-            number_density_o3=air * ln_linear(self.number_density_o3 / self.number_density_air),
-            number_density_h2o=air * ln_linear(self.number_density_h2o / self.number_density_air),
-            number_density_co2=air * ln_linear(self.number_density_co2 / self.number_density_air),
+            number_density_o3=air * share(self.number_density_o3),
+            number_density_h2o=air * share(self.number_density_h2o),
+            number_density_co2=air * share(self.number_density_co2),
+            number_density_n2o=air * share(self.number_density_n2o),
+            number_density_ch4=air * share(self.number_density_ch4),
+            number_density_hno3=air * share(self.number_density_hno3),
         )
+
+    def gas_state(self) -> GasState:
+        """Return the air as thermal bands need it, without halocarbons."""
+        density = {
+            "h2o": self.number_density_h2o,
+            "co2": self.number_density_co2,
+            "o3": self.number_density_o3,
+            "n2o": self.number_density_n2o,
+            "ch4": self.number_density_ch4,
+            "hno3": self.number_density_hno3,
+        }
+        vmr = {gas: n / self.number_density_air for gas, n in density.items()}
+        return GasState(self.altitude_m, self.pressure_pa, self.temperature_k, vmr)
 
 
 def names() -> list[str]:
@@ -121,15 +148,20 @@ def profile(name: str, *, where: str = "") -> AtmosphereProfile:
     def row(key: str) -> FloatArray:
         return np.asarray(table[key][i], dtype=np.float64)
 
+    pressure, air = row("pressure_pa"), row("number_density_air_per_m3")
+    lent = afgl.gases_at_pressure(name if name in afgl.names() else _LENDER, pressure)
     return AtmosphereProfile(
         name=name,
         altitude_m=np.asarray(table["altitude_m"], dtype=np.float64),
-        pressure_pa=row("pressure_pa"),
+        pressure_pa=pressure,
         temperature_k=row("temperature_k"),
-        number_density_air=row("number_density_air_per_m3"),
+        number_density_air=air,
         number_density_o3=row("number_density_o3_per_m3"),
         number_density_h2o=row("number_density_h2o_per_m3"),
         number_density_co2=row("number_density_co2_per_m3"),
+        number_density_n2o=air * lent["n2o"],
+        number_density_ch4=air * lent["ch4"],
+        number_density_hno3=air * lent["hno3"],
     )
 
 

@@ -67,7 +67,7 @@ def sunlit(kind: str, wavelength_um: ArrayLike) -> tuple[FloatArray, FloatArray,
     table = json_object(_TABLE)[name]
     known = np.log(np.array(table["wavelength_um"]))
 
-    def at(values: FloatArray, ln_wavelength: ArrayLike) -> FloatArray:
+    def at(values: FloatArray, ln_wavelength: FloatArray) -> FloatArray:
         return np.asarray(np.interp(ln_wavelength, known, values))
 
     if name == "fine_ice":
@@ -76,7 +76,7 @@ def sunlit(kind: str, wavelength_um: ArrayLike) -> tuple[FloatArray, FloatArray,
         albedo = np.ones_like(extinction)
     else:
         mass = _by_radius(table, np.array(table["mass_extinction_m2_kg"]), radius)
-        extinction = at(mass, np.log(wavelength)) / at(mass, np.log(REFERENCE_UM))
+        extinction = at(mass, np.log(wavelength)) / at(mass, np.log(np.array(REFERENCE_UM)))
         albedo = 1.0 - at(_by_radius(table, np.array(table["one_minus_ssa"]), radius), np.log(wavelength))
     asymmetry = at(_by_radius(table, np.array(table["asymmetry"]), radius), np.log(wavelength))
     return extinction, extinction * albedo, asymmetry

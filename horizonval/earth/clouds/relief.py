@@ -27,30 +27,62 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
-from horizonval.geometry.directions import GOLDEN_ANGLE_RAD
+from horizonval.earth.clouds import earth_pattern
+from horizonval.earth.clouds.earth_pattern import BASE_M, Coarse
+from horizonval.earth.clouds.lattice_noise import (
+    EARTH_RADIUS_M,
+    FALLOFF,
+    even_points,
+    lattice_noise,
+    numpy_split,
+    ranked,
+)
 from horizonval.spec.scene import SceneSpec
 
-BASE_M = 500.0
 BASE_BRIGHTNESS = 0.6
 FINEST_M = 3000.0
-EARTH_RADIUS_M = 6.371e6
 TROPICAL_TROPOPAUSE_M, POLAR_TROPOPAUSE_M = 17_000.0, 9_000.0
-FALLOFF = 0.5 ** (1.0 / 3.0)
 RANK_POINTS = 100_000
 RANK_STEPS = 512
-_LATTICE_OFFSET = 8192.0
 
 
 @dataclass(frozen=True)
 class CloudField:
-    """A relief of cloud tops; heights in metres."""
+    """A relief of cloud tops; heights in metres.
 
-    cover: float
+    Attributes
+    ----------
+    cover : float or None
+        Share of the globe; None for that of the climatology.
+    top_m : float
+        Highest tops.
+    mean_top_m, scale_m : float
+        Of the uniform pattern.
+    seed : int
+    albedo : float
+        Of the brightest clouds.
+    pattern : "earth" or "uniform"
+    month : int
+        Of the pattern of the Earth, 1 for January.
+    """
+
+    cover: float | None
     top_m: float
     mean_top_m: float
     scale_m: float
     seed: int
     albedo: float
+    pattern: str = "uniform"
+    month: int = 0
+
+    @property
+    def share(self) -> float:
+        """Covered share of the globe."""
+        return earth_pattern.climatological_cover(self.month) if self.cover is None else self.cover
+
+    def coarse(self) -> Coarse:
+        """Return the coarse part of the pattern of the Earth."""
+        return earth_pattern.coarse_map(self.seed, self.month, self.cover)
 
     @property
     def exponent(self) -> float:
@@ -77,8 +109,13 @@ def cloud_field(scene: SceneSpec) -> CloudField | None:
     if seed is None:
         identity = json.dumps(["clouds", scene.scene.draw or scene.scene.name, scene.scene.seed])
         seed = int.from_bytes(hashlib.sha256(identity.encode()).digest()[:4], "little")
-    mean_km = clouds.mean_top_km if clouds.mean_top_km is not None else 0.4 * clouds.top_km + 0.3
-    return CloudField(clouds.cover, clouds.top_km * 1e3, mean_km * 1e3, clouds.scale_km * 1e3, seed, clouds.albedo)
+    mean_km = clouds.mean_top_km if clouds.mean_top_km is not None else 0.4 * clouds.highest_top_km + 0.3
+    cover = None if clouds.cover == "climate" else clouds.cover
+    earth = clouds.like_the_earth
+    month = scene.platform.epoch_utc.month if earth else 0
+    scale_m, top_m = clouds.scale_km * 1e3, clouds.highest_top_km * 1e3
+    pattern = "earth" if earth else "uniform"
+    return CloudField(cover, top_m, mean_km * 1e3, scale_m, seed, clouds.albedo, pattern, month)
 
 
 def tropopause_m(latitude_deg: ArrayLike) -> FloatArray:
@@ -86,13 +123,6 @@ def tropopause_m(latitude_deg: ArrayLike) -> FloatArray:
     middle = 0.5 * (TROPICAL_TROPOPAUSE_M + POLAR_TROPOPAUSE_M)
     half = 0.5 * (TROPICAL_TROPOPAUSE_M - POLAR_TROPOPAUSE_M)
     return middle - half * np.tanh((np.abs(np.asarray(latitude_deg, dtype=np.float64)) - 40.0) / 10.0)
-
-
-def _hashed(x: Any, y: Any, z: Any, seed: int) -> Any:
-    h = (x * 0x8DA6B343) ^ (y * 0xD8163841) ^ (z * 0xCB1AB31F) ^ seed
-    h = (h ^ (h >> 16)) * 0x85EBCA6B
-    h = (h ^ (h >> 13)) * 0xC2B2AE35
-    return h ^ (h >> 16)
 
 
 def noise(
@@ -115,59 +145,51 @@ def noise(
     total: Any = 0.0
     for octave in range(field.octaves):
         per_cell = EARTH_RADIUS_M / field.scale_m * 2.0**octave
-        offset = _LATTICE_OFFSET + 0.37 * octave
-        cells, parts = zip(*(split(v * per_cell + offset) for v in position), strict=True)
-        seed = (field.seed + 0x9E3779B9 * (octave + 1)) & 0xFFFFFFFF
-        total = total + FALLOFF**octave * _lattice_noise(cells, parts, seed, real)
+        x, y, z = (v * per_cell for v in position)
+        total = total + FALLOFF**octave * lattice_noise((x, y, z), octave, field.seed, split, real)
     return total
-
-
-def _lattice_noise(cells: Any, parts: Any, seed: int, real: Callable[[Any], Any]) -> Any:
-    fade = [t * t * t * (t * (t * 6.0 - 15.0) + 10.0) for t in parts]
-
-    def corner(i: int, j: int, k: int) -> Any:
-        h = _hashed(cells[0] + i, cells[1] + j, cells[2] + k, seed)
-        slopes = [real((h >> shift) & 1023) * (1.0 / 511.5) - 1.0 for shift in (0, 10, 20)]
-        return slopes[0] * (parts[0] - i) + slopes[1] * (parts[1] - j) + slopes[2] * (parts[2] - k)
-
-    def mixed(a: Any, b: Any, w: Any) -> Any:
-        return a + w * (b - a)
-
-    x = [[mixed(corner(0, j, k), corner(1, j, k), fade[0]) for j in (0, 1)] for k in (0, 1)]
-    y = [mixed(a, b, fade[1]) for a, b in x]
-    return mixed(y[0], y[1], fade[2])
 
 
 def numpy_noise(position: FloatArray, field: CloudField) -> FloatArray:
     """Return the noise at unit vectors, shape (n, 3)."""
-
-    def split(v: FloatArray) -> tuple[Any, Any]:
-        whole = np.floor(v)
-        return whole.astype(np.uint32), v - whole
-
-    return noise((position[:, 0], position[:, 1], position[:, 2]), field, split, lambda h: h.astype(np.float64))
+    place = position[:, 0], position[:, 1], position[:, 2]
+    return noise(place, field, numpy_split, lambda h: h.astype(np.float64))
 
 
 @lru_cache(maxsize=8)
 def rank_table(field: CloudField) -> tuple[float, float, FloatArray]:
     """Return ``(lowest, highest, rank)``: rank of the noise at RANK_STEPS + 1 even steps from lowest to highest."""
-    k = np.arange(RANK_POINTS) + 0.5
-    z = 1.0 - 2.0 * k / RANK_POINTS
-    phi = GOLDEN_ANGLE_RAD * k
-    s = np.sqrt(1.0 - z * z)
-    values = np.sort(numpy_noise(np.stack([s * np.cos(phi), s * np.sin(phi), z], axis=1), field))
-    steps = np.linspace(values[0], values[-1], RANK_STEPS + 1)
-    rank = np.interp(steps, values, (np.arange(RANK_POINTS) + 0.5) / RANK_POINTS)
-    rank[0], rank[-1] = 0.0, 1.0
-    rank.setflags(write=False)
-    return float(values[0]), float(values[-1]), rank
+    return ranked(numpy_noise(even_points(RANK_POINTS), field), RANK_STEPS)
 
 
 def top_m(field: CloudField, position: FloatArray) -> FloatArray:
     """Return the tops at unit normals of the ellipsoid, shape (n, 3); below BASE_M where there is no cloud."""
+    ceiling = tropopause_m(np.degrees(np.arcsin(np.clip(position[:, 2], -1.0, 1.0))))
+    if field.pattern == "earth":
+        s, at = earth_pattern.depth_at(field.coarse(), field.seed, position)
+        return np.asarray(earth_pattern.top_m(s, at, ceiling, field.top_m, earth_pattern.numpy_arithmetic()))
     lowest, highest, rank = rank_table(field)
     u = np.interp(numpy_noise(position, field), np.linspace(lowest, highest, RANK_STEPS + 1), rank)
-    s = (u - (1.0 - field.cover)) / field.cover
-    ceiling = np.minimum(field.top_m, tropopause_m(np.degrees(np.arcsin(np.clip(position[:, 2], -1.0, 1.0)))))
-    span = ceiling - BASE_M
+    s = (u - (1.0 - field.share)) / field.share
+    span = np.minimum(field.top_m, ceiling) - BASE_M
     return BASE_M + span * np.where(s > 0.0, np.maximum(s, 0.0) ** field.exponent, s)
+
+
+def albedo(field: CloudField, position: FloatArray) -> FloatArray:
+    """Return the albedo of clouds of the pattern of the Earth at unit normals, shape (n, 3); 0 between them."""
+    s, at = earth_pattern.depth_at(field.coarse(), field.seed, position)
+    return np.minimum(earth_pattern.albedo(s, at, earth_pattern.numpy_arithmetic()), field.albedo)
+
+
+def cover_and_albedo(
+    field: CloudField, latitude_deg: ArrayLike, longitude_deg: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Return the share of places under clouds, to be expected around them, and the mean albedo of those clouds."""
+    latitude, longitude = np.broadcast_arrays(np.asarray(latitude_deg, float), np.asarray(longitude_deg, float))
+    if field.pattern == "uniform":
+        return np.full(latitude.shape, field.share), np.full(latitude.shape, field.mean_albedo)
+    a, b = np.radians(latitude.ravel()), np.radians(longitude.ravel())
+    position = np.stack([np.cos(a) * np.cos(b), np.cos(a) * np.sin(b), np.sin(a)], axis=1)
+    at = earth_pattern.at_places(field.coarse(), position)
+    mean = earth_pattern.mean_albedo(at, field.albedo)
+    return np.asarray(at.fraction).reshape(latitude.shape), mean.reshape(latitude.shape)

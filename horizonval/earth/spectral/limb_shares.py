@@ -1,6 +1,7 @@
 """How much each RRTMG band adds to what a sensor band sees of the limb: a quick estimate, good to a few per cent.
 
-Rays through the US standard atmosphere, straight and over a round Earth, in shells of the absorption tables' levels;
+Rays through the US standard atmosphere, straight and over a round Earth, in shells between the levels of its
+absorption;
 tau of a shell from the mean of the absorption at its faces, its source that of its mean temperature. A ray with a
 negative height meets a black ground.
 """
@@ -10,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.spectral import thermal_absorption
+from horizonval.earth.gases import afgl
+from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral.planck import radiance_per_wavenumber
 from horizonval.earth.spectral.thermal_absorption import GPoints
 
@@ -18,7 +20,7 @@ _RADIUS_M = 6.371e6
 _CLIMATE = "us_standard"
 
 
-def limb_radiances(points: GPoints, height_m: FloatArray) -> FloatArray:
+def limb_radiances(points: GPoints, height_m: FloatArray, air: GasState | None = None) -> FloatArray:
     """Return the radiance of every g point [W m-2 sr-1] along rays.
 
     Parameters
@@ -27,14 +29,16 @@ def limb_radiances(points: GPoints, height_m: FloatArray) -> FloatArray:
     height_m : ndarray, shape (n,)
         Tangent heights below 100 km, or below 0 (down to minus the Earth's radius, straight down) impact parameter less
         radius.
+    air : GasState, optional
+        One column; default the US standard atmosphere with today's halocarbons.
 
     Returns
     -------
     ndarray, shape (n, g)
     """
-    levels = thermal_absorption.levels_m()
-    temperature = thermal_absorption.temperature_k(_CLIMATE, levels)
-    ln_k = points.ln_absorption({_CLIMATE: 1.0})
+    if air is None:
+        air = afgl.state(_CLIMATE, afgl.levels_m()).with_halocarbons()
+    levels, temperature, ln_k = air.altitude_m, air.temperature_k, points.ln_absorption(air)
     rows = [_ray(points, float(h), levels, temperature, ln_k) for h in np.asarray(height_m, dtype=np.float64)]
     return np.stack(rows)
 

@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
+from horizonval.earth.clouds.relief import cover_and_albedo
 from horizonval.earth.surface import surface
-from horizonval.earth.surface.land import is_land
+from horizonval.earth.surface.ground_cover import ground_cover
+from horizonval.earth.surface.materials import DRY
 from horizonval.geometry.directions import GOLDEN_ANGLE_RAD
 from horizonval.spec.scene import SceneSpec
 
@@ -39,28 +41,31 @@ def diffuse_albedo(
     ndarray
         Of the places' broadcast shape, 0 to 1.
     """
-    latitude, longitude = np.broadcast_arrays(np.asarray(latitude_deg, float), np.asarray(longitude_deg, float))
     a = surface.albedos(ground, wavelength_um)
     if ground.kind == "uniform":
-        return np.full(latitude.shape, a.land)
-    snow = surface.snow_share(latitude, ground.snow_line_deg)
+        return np.full(np.broadcast(latitude_deg, longitude_deg).shape, a.ground)
+    shares = ground_cover(latitude_deg, longitude_deg, ground.month).shares
     foam = surface.foam_share(ground.wind_speed_m_s)
-    sea = foam * a.foam + (1.0 - foam) * (a.water + a.sky)
-    return np.where(is_land(latitude, longitude), snow * a.snow + (1.0 - snow) * a.land, sea)
+    water = foam * a.foam + (1.0 - foam) * (a.water + a.sky)
+    return np.asarray(sum(shares[name] * getattr(a, name) for name in DRY) + shares["water"] * water)
 
 
 def mean_albedo(scene: SceneSpec, wavelength_um: float) -> float:
     """Return the mean diffuse albedo of everything in sight of the satellite, clouds included.
 
-    For multiple scattering, which sees the ground from far and wide. Clouds cover their nominal share.
+    For multiple scattering, which sees the ground from far and wide. Clouds cover the share to be expected there.
     """
     ground = surface.ground_model(scene)
     if ground.plain:
         return ground.albedo
-    below = float(np.mean(diffuse_albedo(ground, *region(scene), wavelength_um)))
+    latitude, longitude = region(scene)
+    below = diffuse_albedo(ground, latitude, longitude, wavelength_um)
     if ground.clouds is None:
-        return below
-    return ground.clouds.cover * ground.clouds.mean_albedo + (1.0 - ground.clouds.cover) * below
+        return float(np.mean(below))
+    if ground.clouds.pattern == "uniform":
+        return ground.clouds.share * ground.clouds.mean_albedo + (1.0 - ground.clouds.share) * float(np.mean(below))
+    cover, cloud = cover_and_albedo(ground.clouds, latitude, longitude)
+    return float(np.mean(cover * (cloud + (1.0 - cloud) ** 2 * below / (1.0 - cloud * below)) + (1.0 - cover) * below))
 
 
 def region(scene: SceneSpec) -> tuple[FloatArray, FloatArray]:

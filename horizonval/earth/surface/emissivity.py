@@ -1,11 +1,13 @@
-r"""Emissivity of land, snow and sea from 7 to 20 um.
+r"""Emissivity of land, desert, snow and sea from 7 to 20 um.
 
 **Land and snow** emit alike in all directions. Their spectra are round numbers after published measurements, not the
-measurement of one place. Land is the mixture of :mod:`horizonval.earth.surface.surface`, 60 % green vegetation (0.97
+measurement of one place. Land is 60 % green vegetation (0.97
 to 0.985) and 40 % dry soil with the quartz band at 8 to 9.5 um (shapes after J. W. Salisbury and D. M. D'Aria, Remote
 Sens. Environ. 42, 83 (1992), and the ASTER spectral library, A. M. Baldridge et al., ibid. 113, 711 (2009)). Snow of
-medium grains: 0.985 to 0.995 (M. Hori et al., ibid. 100, 486 (2006)). Real deserts fall to 0.7 at 8.5 um, real snow to
-0.96 at 60 deg from the vertical.
+medium grains: 0.985 to 0.995 (M. Hori et al., ibid. 100, 486 (2006)). Desert is quartz sand with two bands of
+lattice vibrations (reststrahlen) at 8 to 9.5 um, where bright deserts emit 0.7 to 0.8 (S. W. Seemann et al., J. Appl.
+Meteor. Climatol. 47, 108 (2008); G. C. Hulley et al., Geophys. Res. Lett. 42, 7966 (2015)). Real snow falls to 0.96 at
+60 deg from the vertical.
 
 **Water** is flat and opaque: what it does not reflect it emits, ``e = 1 - (|r_s|^2 + |r_p|^2) / 2`` with Fresnel's
 amplitudes for the complex index N = n + i k of G. M. Hale and M. R. Querry, Appl. Opt. 12, 555 (1973), 25 C,
@@ -28,9 +30,9 @@ from numpy.typing import ArrayLike
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 
-KINDS = ("land", "snow", "water", "foam")
+KINDS = ("land", "desert", "snow", "water", "foam")
 VEGETATION_SHARE = 0.6
-"""Of land; the rest is dry soil, as for sunlight."""
+"""Of land; the rest is dry soil."""
 
 _SPECTRA = {
     "vegetation": (
@@ -40,6 +42,10 @@ _SPECTRA = {
     "soil": (
         (7.0, 7.5, 8.0, 8.3, 9.2, 9.6, 10.0, 10.8, 12.0, 12.6, 13.0, 14.0, 17.0, 19.0, 20.0),
         (0.95, 0.96, 0.90, 0.87, 0.88, 0.93, 0.95, 0.965, 0.97, 0.955, 0.97, 0.97, 0.96, 0.95, 0.92),
+    ),
+    "desert": (
+        (7.0, 7.5, 7.9, 8.2, 8.6, 8.8, 9.2, 9.6, 10.0, 10.8, 12.0, 12.6, 13.0, 14.0, 17.0, 19.0, 20.0),
+        (0.94, 0.95, 0.83, 0.74, 0.77, 0.75, 0.76, 0.89, 0.93, 0.955, 0.97, 0.95, 0.965, 0.965, 0.955, 0.94, 0.90),
     ),
     "snow": (
         (7.0, 9.0, 10.5, 11.0, 12.5, 14.0, 17.0, 20.0),
@@ -77,8 +83,8 @@ def emissivity(kind: str, wavelength_um: ArrayLike) -> FloatArray:
     if kind == "land":
         plants, soil = (np.interp(wavelength, *_SPECTRA[name]) for name in ("vegetation", "soil"))
         return np.asarray(VEGETATION_SHARE * plants + (1.0 - VEGETATION_SHARE) * soil)
-    if kind == "snow":
-        return np.interp(wavelength, *_SPECTRA["snow"])
+    if kind in ("desert", "snow"):
+        return np.interp(wavelength, *_SPECTRA[kind])
     raise UserError(f"unknown kind of ground {kind!r}", expected="one of " + ", ".join(KINDS))
 
 

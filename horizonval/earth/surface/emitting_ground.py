@@ -11,13 +11,12 @@ Clouds are as warm as the air at their tops; how much of it they emit is ``cloud
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
+from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere import climate_rows
-from horizonval.earth.spectral import thermal_absorption
-from horizonval.earth.surface import surface_temperature
+from horizonval.earth.gases import afgl
+from horizonval.earth.surface import ground_map, surface_temperature
 from horizonval.earth.surface.ground_emission import GroundEmission, uniform_ground
 from horizonval.spec.scene import SceneSpec
 
@@ -37,24 +36,36 @@ def emitting_ground(scene: SceneSpec, lowest_air_k: float) -> GroundEmission:
     rows = climate_rows.all_rows()
     month = climate_rows.month(scene)
     if surface.kind == "earth" and fixed is None:
-        latitude = np.degrees(np.arcsin(rows))
-        return GroundEmission(
-            kind="earth",
-            sin_latitude=_plain(rows),
-            land_k=_plain(surface_temperature.land_k(latitude, month)),
-            snow_k=_plain(surface_temperature.snow_k(latitude, month)),
-            water_k=_plain(surface_temperature.sea_k(latitude, month)),
-            diurnal_k=_plain(surface_temperature.land_daily_swing_k(latitude)),
-            emissivity=surface.emissivity,
-            cloud_emissivity=cloud,
-        )
+        return _climate(rows, month, cloud)
     if surface.kind == "uniform" and fixed is None and climate_rows.varies(scene):
-        air = [thermal_absorption.blended_temperature_k(row)[0] for row in climate_rows.weights(rows, month)]
-        same = _plain(np.array(air))
-        still = (0.0,) * len(rows)
-        return GroundEmission("uniform", _plain(rows), same, same, same, still, surface.emissivity, cloud)
-    ground = uniform_ground(lowest_air_k if fixed is None else fixed, surface.emissivity, cloud)
-    return ground if surface.kind == "uniform" else replace(ground, kind="earth")
+        air = afgl.blended(climate_rows.weights(rows, month), np.zeros(1)).temperature_k[:, 0]
+        return uniform_ground(air, surface.emissivity, cloud)
+    return uniform_ground(lowest_air_k if fixed is None else fixed, surface.emissivity, cloud, surface.kind, month)
+
+
+def _climate(rows: FloatArray, month: float, cloud_emissivity: float) -> GroundEmission:
+    """Return the ground of a month. What is published is the mean of the land as high as it lies."""
+    latitude = np.degrees(np.arcsin(rows))
+    sea_level = surface_temperature.LAND_LAPSE_K_M * ground_map.mean_height_m(latitude)
+    swing = surface_temperature.land_daily_swing_k(latitude)
+    sheet, lapse = surface_temperature.ice_sheet(latitude, month)
+    return GroundEmission(
+        kind="earth",
+        month=month,
+        sin_latitude=_plain(rows),
+        land_k=_plain(surface_temperature.land_k(latitude, month) + sea_level),
+        snow_k=_plain(surface_temperature.snow_k(latitude, month) + sea_level),
+        ice_sheet_k=_plain(sheet),
+        sea_ice_k=_plain(surface_temperature.sea_ice_k(latitude, month)),
+        water_k=_plain(surface_temperature.sea_k(latitude, month)),
+        desert_warmer_k=_plain(surface_temperature.desert_warmer_k(latitude)),
+        diurnal_k=_plain(swing),
+        desert_diurnal_k=_plain(swing * surface_temperature.DESERT_SWING),
+        land_lapse_k_m=surface_temperature.LAND_LAPSE_K_M,
+        ice_lapse_k_m=_plain(lapse),
+        emissivity=1.0,
+        cloud_emissivity=cloud_emissivity,
+    )
 
 
 def _plain(values: np.ndarray) -> tuple[float, ...]:

@@ -1,8 +1,12 @@
 """What the ground and the clouds emit: temperature and emissivity, plain data that survives JSON bit by bit.
 
 The temperature of land follows the Sun through the day: ``T = land_k + diurnal_k cos(H - lag)`` with H the hour angle
-of the Sun at the place (0 at noon, positive in the afternoon) and ``lag`` :data:`LAG_RAD`; the sea and snow keep
-theirs. A true skin rises faster after sunrise than it falls by night; the cosine has the right swing and phase only.
+of the Sun at the place (0 at noon, positive in the afternoon) and ``lag`` :data:`LAG_RAD`, deserts with a swing of
+their own; sea, snow and ice keep theirs. A true skin rises faster after sunrise than it falls by night; the cosine has
+the right swing and phase only.
+
+Higher ground is colder, by a lapse rate of land and one of ice sheets. The ground itself lies on the ellipsoid: the air
+that would be below the top of an ice sheet or a plateau is still there and emits.
 """
 
 from __future__ import annotations
@@ -11,13 +15,19 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.surface import emissivity
+from horizonval.earth.surface.ground_cover import ground_cover
+from horizonval.earth.surface.ground_map import height_m
 
 LAG_RAD = math.radians(22.5)
 """The ground is warmest an hour and a half after noon."""
+KINDS = ("land", "desert", "snow", "water")
+"""Kinds of ground that emit each in its own way. Foam counts as water, sand as desert, ice sheets and the white of sea
+ice as snow, all else as land."""
+ICE_POINT_K = 273.15
 
 
 @dataclass(frozen=True)
@@ -27,12 +37,21 @@ class GroundEmission:
     Attributes
     ----------
     kind : "uniform" or "earth"
+    month : float
+        0.5 to 12.5, 7.0 the middle of July: of snow and sea ice on an "earth".
     sin_latitude : tuple of float, length k
         Rising in equal steps from -1 to 1, of geodetic latitude. All temperatures below are linear between.
-    land_k, snow_k, water_k : tuple of float, length k
-        Daily mean temperature of land, of land under snow, of the sea. Equal for a uniform ground.
-    diurnal_k : tuple of float, length k
-        Amplitude of the daily swing of land.
+    land_k, snow_k, ice_sheet_k, sea_ice_k, water_k : tuple of float, length k
+        Daily mean temperature at sea level of land, of land under snow, of an ice sheet, of the white of sea ice, of
+        the sea. Equal for a uniform ground. Snow and ice are never above 273.15 K, unless all is given one temperature.
+    desert_warmer_k : tuple of float, length k
+        How much warmer than land a desert is.
+    diurnal_k, desert_diurnal_k : tuple of float, length k
+        Amplitude of the daily swing of land and desert.
+    land_lapse_k_m : float
+        How much colder land is higher up [K/m].
+    ice_lapse_k_m : tuple of float, length k
+        The same of an ice sheet.
     emissivity : float
         Of a uniform ground; that of an "earth" is :func:`horizonval.earth.surface.emissivity.emissivity`.
     cloud_emissivity : float
@@ -40,39 +59,103 @@ class GroundEmission:
     """
 
     kind: str
+    month: float
     sin_latitude: tuple[float, ...]
     land_k: tuple[float, ...]
     snow_k: tuple[float, ...]
+    ice_sheet_k: tuple[float, ...]
+    sea_ice_k: tuple[float, ...]
     water_k: tuple[float, ...]
+    desert_warmer_k: tuple[float, ...]
     diurnal_k: tuple[float, ...]
+    desert_diurnal_k: tuple[float, ...]
+    land_lapse_k_m: float
+    ice_lapse_k_m: tuple[float, ...]
     emissivity: float
     cloud_emissivity: float
 
 
-def uniform_ground(temperature_k: float, emissivity: float, cloud_emissivity: float = 1.0) -> GroundEmission:
-    """Return a ground that is the same everywhere and at all hours."""
-    same = (temperature_k, temperature_k)
-    return GroundEmission("uniform", (-1.0, 1.0), same, same, same, (0.0, 0.0), emissivity, cloud_emissivity)
+@dataclass(frozen=True)
+class EmittingPlaces:
+    """What emits at places; arrays of one shape.
 
-
-def ground_k(ground: GroundEmission, kind: str, sin_latitude: ArrayLike, hour_angle: ArrayLike) -> FloatArray:
-    """Return the temperature of a kind of ground.
-
-    Parameters
+    Attributes
     ----------
-    ground : GroundEmission
-    kind : str
-        "land", "snow", "water" or "foam"; all the same on a uniform ground.
-    sin_latitude : array_like
-        Of the geodetic latitude.
-    hour_angle : array_like
-        Of the Sun at the place [rad]: 0 at noon, positive in the afternoon; broadcasts against the latitude.
+    sin_latitude, hour_angle : ndarray
+        Of the geodetic latitude; of the Sun [rad]: 0 at noon, positive in the afternoon.
+    shares : dict of ndarray
+        Of every kind of :data:`KINDS` that there is.
+    land : bool ndarray
+    height_m : ndarray
+        Of the land.
+    ice_sheet : ndarray
+        Share of what is white on land that is an ice sheet.
     """
-    at = np.asarray(sin_latitude, dtype=np.float64)
-    means = {"land": ground.land_k, "snow": ground.snow_k, "water": ground.water_k, "foam": ground.water_k}
-    mean = np.interp(at, ground.sin_latitude, means[kind])
-    swing = np.interp(at, ground.sin_latitude, ground.diurnal_k) if kind == "land" else 0.0
-    return np.asarray(mean + swing * np.cos(np.asarray(hour_angle, dtype=np.float64) - LAG_RAD))
+
+    sin_latitude: FloatArray
+    hour_angle: FloatArray
+    shares: dict[str, FloatArray]
+    land: NDArray[np.bool_]
+    height_m: FloatArray
+    ice_sheet: FloatArray
+
+
+def uniform_ground(
+    temperature_k: ArrayLike,
+    emissivity: float,
+    cloud_emissivity: float = 1.0,
+    kind: str = "uniform",
+    month: float = 7.0,
+) -> GroundEmission:
+    """Return a ground whose temperature is the same for all kinds of ground, at all heights and hours.
+
+    ``temperature_k``: one for all latitudes, or by latitude, in equal steps of its sine from -1 to 1.
+    """
+    values = np.atleast_1d(np.asarray(temperature_k, dtype=np.float64))
+    values = np.repeat(values, 2) if len(values) == 1 else values
+    same, still = tuple(values.tolist()), (0.0,) * len(values)
+    rows = tuple(np.linspace(-1.0, 1.0, len(values)).tolist())
+    return GroundEmission(
+        kind, month, rows, *(same,) * 5, still, still, still, 0.0, still, emissivity, cloud_emissivity
+    )
+
+
+def emitting_places(
+    ground: GroundEmission, latitude_rad: FloatArray, longitude_rad: FloatArray, sun_longitude_rad: float
+) -> EmittingPlaces:
+    """Return what emits at geodetic places, shape (n,), with the Sun over a longitude."""
+    sine, hour = np.sin(latitude_rad), longitude_rad - sun_longitude_rad
+    zero = np.zeros_like(sine)
+    if ground.kind == "uniform":
+        return EmittingPlaces(sine, hour, {"land": zero + 1.0}, zero == 0.0, zero, zero)
+    latitude, longitude = np.degrees(latitude_rad), np.degrees(longitude_rad)
+    cover = ground_cover(latitude, longitude, ground.month)
+    sand, water = cover.shares["sand"], cover.shares["water"]
+    white = cover.shares["snow"] + cover.shares["firn"]
+    shares = {"land": np.where(cover.land, 1.0 - sand - white, 0.0), "desert": sand, "snow": white, "water": water}
+    height = np.where(cover.land, height_m(latitude, longitude), 0.0)
+    sheet = cover.shares["firn"] / np.maximum(white, 1e-9)
+    return EmittingPlaces(sine, hour, shares, cover.land, height, sheet)
+
+
+def ground_k(ground: GroundEmission, kind: str, at: EmittingPlaces) -> FloatArray:
+    """Return the temperature of a kind of ground (see :data:`KINDS`) at places [K]."""
+
+    def row(values: tuple[float, ...]) -> FloatArray:
+        return np.interp(at.sin_latitude, ground.sin_latitude, values)
+
+    if kind == "water":
+        return row(ground.water_k)
+    if kind == "snow":
+        snow = row(ground.snow_k) - ground.land_lapse_k_m * at.height_m
+        sheet = row(ground.ice_sheet_k) - row(ground.ice_lapse_k_m) * at.height_m
+        white = np.where(at.land, snow + at.ice_sheet * (sheet - snow), row(ground.sea_ice_k))
+        return white if ground.land_lapse_k_m == 0.0 else np.minimum(white, ICE_POINT_K)
+    cosine = np.cos(at.hour_angle - LAG_RAD)
+    land = row(ground.land_k) - ground.land_lapse_k_m * at.height_m
+    if kind == "desert":
+        return np.asarray(land + row(ground.desert_warmer_k) + row(ground.desert_diurnal_k) * cosine)
+    return np.asarray(land + row(ground.diurnal_k) * cosine)
 
 
 def ground_emissivity(
@@ -84,7 +167,7 @@ def ground_emissivity(
     ----------
     ground : GroundEmission
     kind : str
-        As for :func:`ground_k`.
+        Of :data:`KINDS`.
     wavelength_um : array_like
     cosine : array_like
         Of the angle between the view and the vertical; broadcasts against the wavelength. Matters to water only.
@@ -92,6 +175,6 @@ def ground_emissivity(
     wavelength, c = np.broadcast_arrays(np.asarray(wavelength_um, dtype=np.float64), np.asarray(cosine))
     if ground.kind == "uniform":
         return np.full(wavelength.shape, ground.emissivity)
-    if kind in ("water", "foam"):
+    if kind == "water":
         return emissivity.water_emissivity(wavelength, c)
     return emissivity.emissivity(kind, wavelength)

@@ -1,7 +1,8 @@
-r"""How the Earth's surface reflects sunlight: land, seasonal snow, a wind-roughened ocean, and white cloud tops.
+r"""How the Earth's surface reflects sunlight: land, snow, a wind-roughened ocean, and white cloud tops.
 
-**Land, snow, clouds and foam** are Lambert reflectors, each with a spectrum. **Water** has a Lambert part (light that
-has been scattered below the surface) and the Sun's glint off its facets::
+**Land, clouds and foam** are Lambert reflectors, each material with a spectrum. **Snow** shines forward in the Sun's
+beam (:mod:`horizonval.earth.surface.snow_reflectance`). **Water** has a Lambert part (light that has been scattered
+below the surface) and the Sun's glint off its facets::
 
     f_glint = F(omega) p(theta_n) S / (4 mu_sun mu_view cos^4 theta_n),   p = exp(-tan^2 theta_n / s2) / (pi s2)
 
@@ -14,24 +15,15 @@ a beam below one. Light reflected twice is lost. The index of sea water is taken
 
 Of skylight water reflects what a flat surface reflects of a uniform sky (6.7 %; roughness lowers it by about a sixth).
 
-**Season.** Land north of a line is under snow; the line moves with the month so that the area beyond it is the mean
-snow cover of the northern hemisphere (Rutgers Global Snow Lab, monthly means: 47 million km2 in January, 2.9 in
-August). South of 60 S all land is snow. Mountains, glaciers off that line and sea ice are left out.
-
-The spectra are round numbers that follow published measurements, not the measurement of one place; land is one mixture
-everywhere, 60 % green vegetation and 40 % dry soil (shapes after the ASTER spectral library, A. M. Baldridge et al.,
-Remote Sens. Environ. 113, 711 (2009)), 0.05 in the blue and 0.32 in the near infrared. Snow: S. G. Warren, Rev.
-Geophys. 20, 67 (1982), grains of a tenth of a millimetre, a tenth taken off for age and dirt. Water: clear oceanic
-water with 0.1 mg of chlorophyll per m3 (A. Morel and S. Maritorena, J. Geophys. Res. 106, 7163 (2001)). Foam: cover of
-E. C. Monahan and I. O'Muircheartaigh (J. Phys. Oceanogr. 10, 2094 (1980)), albedo of P. Koepke (Appl. Opt. 23, 1816
-(1984)).
+What land is made of, where snow lies and the sea is frozen: :mod:`horizonval.earth.surface.ground_cover`; the spectra:
+:mod:`horizonval.earth.surface.materials`. Foam: cover of E. C. Monahan and I. O'Muircheartaigh (J. Phys. Oceanogr. 10,
+2094 (1980)).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from datetime import datetime
 from functools import cache
 
 import numpy as np
@@ -39,38 +31,13 @@ from numpy.typing import ArrayLike
 from scipy.special import erfc
 
 from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere import climate_rows
 from horizonval.earth.clouds.relief import CloudField, cloud_field
+from horizonval.earth.surface.materials import DRY, FOAM_ALBEDO, spectrum
 from horizonval.spec.scene import SceneSpec
 
 WATER_INDEX = 1.34
 WIND_SPEED_M_S = 7.0
-FOAM_ALBEDO = 0.22
-SNOW_EDGE_DEG = 2.0
-"""Half width in latitude of the belt in which snow sets in."""
-SOUTHERN_SNOW_DEG = -60.0
-SNOW_LINE_DEG = (40.6, 41.2, 44.7, 50.7, 58.3, 65.2, 70.1, 71.6, 68.7, 59.0, 48.6, 42.8)
-"""Northern snow line in the middle of each month, January first."""
-
-_SPECTRA = {
-    "vegetation": (
-        (0.30, 0.40, 0.45, 0.50, 0.55, 0.60, 0.65, 0.68, 0.70, 0.72, 0.75, 0.80, 0.90, 1.10, 1.30, 1.45, 1.65, 1.95,
-         2.20, 2.50),
-        (0.03, 0.035, 0.04, 0.05, 0.09, 0.07, 0.05, 0.045, 0.09, 0.18, 0.32, 0.37, 0.39, 0.39, 0.34, 0.14, 0.24, 0.06,
-         0.13, 0.05),
-    ),
-    "soil": (
-        (0.30, 0.40, 0.50, 0.60, 0.70, 0.80, 0.90, 1.10, 1.30, 1.65, 1.95, 2.20, 2.50),
-        (0.04, 0.07, 0.11, 0.16, 0.20, 0.23, 0.25, 0.28, 0.31, 0.33, 0.28, 0.31, 0.25),
-    ),
-    "snow": (
-        (0.30, 0.50, 0.60, 0.70, 0.80, 0.90, 1.00, 1.05, 1.10, 1.20, 1.30, 1.40, 1.50, 1.65, 1.80, 1.95, 2.20, 2.50),
-        (0.88, 0.89, 0.885, 0.87, 0.85, 0.81, 0.73, 0.71, 0.72, 0.57, 0.55, 0.30, 0.05, 0.10, 0.18, 0.03, 0.12, 0.03),
-    ),
-    "water": (
-        (0.30, 0.40, 0.44, 0.49, 0.51, 0.55, 0.58, 0.60, 0.65, 0.70, 2.50),
-        (0.015, 0.022, 0.020, 0.012, 0.008, 0.004, 0.002, 0.001, 0.0005, 0.0, 0.0),
-    ),
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -84,15 +51,15 @@ class GroundModel:
         Of a uniform ground.
     wind_speed_m_s : float
         Over the ocean of an "earth".
-    snow_line_deg : float
-        Northern latitude beyond which its land is under snow.
+    month : float
+        0.5 to 12.5, 7.0 the middle of July: of snow and sea ice on an "earth".
     clouds : CloudField or None
     """
 
     kind: str
     albedo: float
     wind_speed_m_s: float
-    snow_line_deg: float
+    month: float
     clouds: CloudField | None
 
     @property
@@ -103,13 +70,17 @@ class GroundModel:
 
 @dataclass(frozen=True)
 class Albedos:
-    """Lambert albedo of every kind of ground at one wavelength.
+    """Albedo of everything at one wavelength.
 
-    ``sky``: what water reflects of skylight. ``cloud``: of the highest tops.
+    ``ground``: of a uniform ground. ``sky``: what water reflects of skylight. ``cloud``: of the highest tops.
     """
 
-    land: float
+    ground: float
+    vegetation: float
+    soil: float
+    sand: float
     snow: float
+    firn: float
     water: float
     foam: float
     sky: float
@@ -120,26 +91,7 @@ def ground_model(scene: SceneSpec) -> GroundModel:
     """Return what a scene says of ground and clouds."""
     surface = scene.surface
     wind = WIND_SPEED_M_S if surface.wind_speed_m_s is None else surface.wind_speed_m_s
-    line = snow_line_deg(scene.platform.epoch_utc)
-    return GroundModel(surface.kind, surface.albedo, wind, line, cloud_field(scene))
-
-
-def snow_line_deg(epoch: datetime) -> float:
-    """Return the latitude north of which land is under snow, linear between the middles of the months."""
-    day = epoch.timetuple().tm_yday - 1 + epoch.hour / 24.0
-    return float(np.interp(day / 365.25 * 12.0 - 0.5, np.arange(12), SNOW_LINE_DEG, period=12.0))
-
-
-def snow_share(latitude_deg: ArrayLike, line_deg: float) -> FloatArray:
-    """Return how much of the land at a latitude is under snow."""
-    latitude = np.asarray(latitude_deg, dtype=np.float64)
-    north = (latitude - line_deg) / (2.0 * SNOW_EDGE_DEG) + 0.5
-    return np.maximum(np.clip(north, 0.0, 1.0), latitude < SOUTHERN_SNOW_DEG)
-
-
-def spectrum(name: str, wavelength_um: ArrayLike) -> FloatArray:
-    """Return the albedo of "vegetation", "soil", "snow" or (light from below its surface) "water"."""
-    return np.interp(np.asarray(wavelength_um, dtype=np.float64), *_SPECTRA[name])
+    return GroundModel(surface.kind, surface.albedo, wind, climate_rows.month(scene), cloud_field(scene))
 
 
 def foam_share(wind_speed_m_s: float) -> float:
@@ -148,13 +100,12 @@ def foam_share(wind_speed_m_s: float) -> float:
 
 
 def albedos(ground: GroundModel, wavelength_um: float) -> Albedos:
-    """Return all albedos at one wavelength; on a uniform ground "land" is the ground."""
+    """Return all albedos at one wavelength."""
     cloud = ground.clouds.albedo if ground.clouds else 0.0
     if ground.kind == "uniform":
-        return Albedos(ground.albedo, 0.0, 0.0, 0.0, 0.0, cloud)
-    land = 0.6 * spectrum("vegetation", wavelength_um) + 0.4 * spectrum("soil", wavelength_um)
-    snow, water = spectrum("snow", wavelength_um), spectrum("water", wavelength_um)
-    return Albedos(float(land), float(snow), float(water), FOAM_ALBEDO, water_sky_albedo(), cloud)
+        return Albedos(ground.albedo, *(0.0,) * 8, cloud)
+    materials = {name: float(spectrum(name, wavelength_um)) for name in (*DRY, "water")}
+    return Albedos(0.0, **materials, foam=FOAM_ALBEDO, sky=water_sky_albedo(), cloud=cloud)
 
 
 def slope_variance(wind_speed_m_s: float) -> float:

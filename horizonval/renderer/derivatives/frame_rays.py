@@ -13,12 +13,13 @@ import mitsuba as mi
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.earth.surface.ground_emission import ground_k
 from horizonval.renderer.kernel.cells import Cells, Rays
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.planet import dot
 from horizonval.renderer.plugin.image import node_parts, surface_looks
 from horizonval.renderer.plugin.integrator import Prepared
-from horizonval.renderer.thermal.emission_ground import mirrored, shares, temperatures_k
+from horizonval.renderer.thermal.emission_ground import mirrored, places_below
 from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_march import march_emission
 from horizonval.renderer.thermal.emission_table import ThermalAir
@@ -136,7 +137,7 @@ class FrameRays:
         """Return whether rays of equal height see the same, seen from outside the air."""
         o1 = self.view.planet.stretch(self.view.origin)
         outside = float(dot(o1, o1)[0]) > (self.view.planet.a_m + 1.02 * air.top_m) ** 2
-        return outside and len(air.band.sin_latitude) == 1 and air.emission.kind == "uniform"
+        return outside and air.band.is_uniform and air.emission.kind == "uniform"
 
     def _solar(self, view: FrameGeometry, cells: Cells, digest: str | None) -> dict[str, mi.Float64]:
         out: dict[str, mi.Float64] = {}
@@ -162,13 +163,12 @@ class FrameRays:
         up = np.stack([np.array(c) for c in normal], axis=-1)
         cosine = -np.sum(up * np.stack([np.array(c) for c in d], axis=-1), axis=-1)
         emission = source.emission
-        share = shares(emission, self.view.ground.model if self.view.ground else None, up)
-        warm = temperatures_k(emission, up, np.array([float(c[0]) for c in self.view.sun]))
-        sky = source.sky_at(up[:, 2], part)
+        places = places_below(emission, up, np.array([float(c[0]) for c in self.view.sun]))
+        sky = source.sky_at(up, part)
         total = np.zeros_like(sky)
-        for kind, weight in share.items():
+        for kind, weight in places.shares.items():
             e = source.emissivities(kind, cosine, part)
-            total += weight * (e * source.black(warm[kind], part) + (1.0 - e) * sky)
+            total += weight * (e * source.black(ground_k(emission, kind, places), part) + (1.0 - e) * sky)
         return total
 
 

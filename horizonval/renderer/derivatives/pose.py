@@ -108,7 +108,7 @@ class PoseFrame:
         """Return what this frame has that jumps, and whose derivative is left out."""
         ground, cells = self.view.ground, self.cells
         present = {
-            "coasts": ground is not None and ground.land is not None,
+            "coasts": ground is not None and ground.table is not None,
             "edges of clouds": ground is not None and ground.clouds is not None,
             "the Sun's disc": cells.sun is not None,
             "the Moon's disc": cells.moon is not None and bool(self.rays.prepared.batches),

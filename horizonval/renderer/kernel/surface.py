@@ -1,11 +1,12 @@
-"""What lies at the end of rays: land, snow, water or cloud, and how it reflects the Sun.
+"""What lies at the end of rays: land, snow, ice, water or cloud, and how it reflects the Sun.
 
 Nothing here depends on wavelength but the albedos, so every group of rays is traced once a frame
 (:func:`surface_hits`), and each node batch only mixes its albedos with those shares (:meth:`SurfaceHit.reflectance`).
 The physics is that of :mod:`horizonval.earth.surface.surface`, written again for the kernel.
 
-Cloud tops are horizontal Lambert reflectors at their height. Where a cloud stands before the Sun, ground and clouds are
-without its beam: one ray to the Sun's centre decides. Facets of the sea reflect the Sun's beam to the camera; skylight
+Cloud tops are horizontal Lambert reflectors at their height; those of the pattern of the Earth hand on to the ground
+below what they do not reflect. Where a cloud stands before the Sun, ground and clouds have of its beam what the cloud
+lets through: one ray to the Sun's centre decides. Facets of the sea reflect the Sun's beam to the camera; skylight
 sees them as an albedo.
 """
 
@@ -13,24 +14,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.earth.surface import land, surface
+from horizonval.earth.surface import surface
 from horizonval.earth.surface.surface import Albedos, GroundModel
-from horizonval.renderer.kernel.clouds import CloudTable, brightness, cloud_table, first_cloud
+from horizonval.renderer.ground.cover import GroundTable, Places, cover
+from horizonval.renderer.ground.reflectance import fresnel, glint_brdf, snow_factor
+from horizonval.renderer.kernel.clouds import CloudTable, cloud_table, first_cloud
 from horizonval.renderer.planet import Planet, along, dot
+from horizonval.renderer.refraction.bending import BendingField
+from horizonval.renderer.refraction.ray_end import ray_end
 from horizonval.renderer.types import Values, Vec
 
 
 @dataclass(frozen=True)
 class Ground:
-    """Ground and clouds of a frame. ``land``: the packed map, or None for a uniform ground."""
+    """Ground and clouds of a frame. ``table``: what covers it, or None for a uniform ground."""
 
     model: GroundModel
-    land: mi.UInt32 | None
+    table: GroundTable | None
     clouds: CloudTable | None
 
 
@@ -47,13 +52,17 @@ class SurfaceHit:
     t : Float64
         Ray parameter of the end where there is a cloud; elsewhere the ray ends where the ellipsoid says.
     sunlit : Float64
-        1 where no cloud is before the Sun, else 0.
+        1 where no cloud is before the Sun, else what the first lets through: nothing, if clouds are opaque.
     shares : dict of Float64
-        Share of every kind of ground in the end's area: keys of Albedos. A cloud counts with its brightness.
+        Share of every material in the end's area: keys of Albedos. A cloud counts with its brightness.
     entering : Float64
         Share of the beam that enters water, over its mean for skylight; scales what comes back from below the surface.
     glint : Float64
         Reflectance of the sea's facets [1/sr].
+    forward : Float64
+        Radiance of snow in the Sun's beam over that of a Lambert surface.
+    bending : Float64 or None
+        By how much a ray has turned at its end [rad]; None without refraction.
     albedos : list of Albedos
         Of the spectral nodes at hand; size-1 arrays.
     """
@@ -65,12 +74,14 @@ class SurfaceHit:
     shares: dict[str, mi.Float64]
     entering: mi.Float64
     glint: mi.Float64
+    forward: mi.Float64
+    bending: mi.Float64 | None = None
     albedos: tuple[dict[str, mi.Float64], ...] = ()
 
     def at(self, model: GroundModel, wavelength_um: Sequence[float], width: int) -> SurfaceHit:
         """Return the same for the nodes of a batch, padded to its width."""
         nodes = [surface.albedos(model, w) for w in wavelength_um]
-        nodes += [Albedos(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * (width - len(nodes))
+        nodes += [Albedos(*(0.0,) * len(fields(Albedos)))] * (width - len(nodes))
         return replace(
             self, albedos=tuple({k: dr.opaque(mi.Float64, v, 1) for k, v in asdict(a).items()} for a in nodes)
         )
@@ -79,128 +90,109 @@ class SurfaceHit:
         """Return ``(direct, diffuse)`` per node [1/sr]: radiance per irradiance of the Sun's beam and of the sky."""
         direct, diffuse = [], []
         for a in self.albedos:
-            kinds = [k for k in self.shares if k not in ("water", "sky")]
+            cloud = self.shares["cloud"] * a["cloud"]
+            kinds = [k for k in self.shares if k not in ("cloud", "water", "snow", "firn")]
             dry = sum((self.shares[k] * a[k] for k in kinds), start=mi.Float64(0.0))
             if "water" not in self.shares:
-                direct.append(self.sunlit * dry / math.pi)
-                diffuse.append(dry / math.pi)
+                ground = _through(cloud, dry) / math.pi
+                direct.append(self.sunlit * ground)
+                diffuse.append(ground)
                 continue
             wet = self.shares["water"] * a["water"] * self.entering
-            direct.append(self.sunlit * ((dry + wet) / math.pi + self.glint))
-            diffuse.append((dry + self.shares["water"] * (a["water"] + a["sky"])) / math.pi)
+            icy = self.shares["snow"] * a["snow"] + self.shares["firn"] * a["firn"]
+            beam = _through(cloud, dry + wet + icy * self.forward) / math.pi
+            direct.append(self.sunlit * (beam + self.glint))
+            diffuse.append(_through(cloud, dry + icy + self.shares["water"] * (a["water"] + a["sky"])) / math.pi)
         return direct, diffuse
+
+
+def _through(cloud: mi.Float64, ground: mi.Float64) -> mi.Float64:
+    """Return the albedo of ground under a cloud that absorbs nothing, by the albedos of both (the adding method).
+
+    The ground's is zero under opaque clouds, which let nothing through.
+    """
+    return cloud + (1.0 - cloud) * (1.0 - cloud) * ground / (1.0 - cloud * ground)
 
 
 def make_ground(model: GroundModel, planet: Planet, origin: tuple[float, float, float]) -> Ground | None:
     """Return kernel data of a ground seen from ``origin``; None for a Lambert ground, which needs none."""
     if model.plain:
         return None
-    words = mi.UInt32(land.packed_words()) if model.kind == "earth" else None
-    return Ground(model, words, cloud_table(model.clouds, planet, origin) if model.clouds else None)
+    table = GroundTable.of(model.month) if model.kind == "earth" else None
+    return Ground(model, table, cloud_table(model.clouds, planet, origin) if model.clouds else None)
 
 
 def surface_hits(
-    ground: Ground, planet: Planet, o: Vec, d: Vec, lights: Sequence[Vec], to_ground: bool
+    ground: Ground,
+    planet: Planet,
+    o: Vec,
+    d: Vec,
+    lights: Sequence[Vec],
+    to_ground: bool,
+    bending: BendingField | None = None,
 ) -> list[SurfaceHit]:
     """Find where rays end, under every light.
 
-    ``to_ground``: they all meet the ellipsoid, unless a cloud is before it.
+    ``to_ground``: they all meet the ellipsoid, unless a cloud is before it. ``bending``: with refraction; ``planet``
+    and rays are then the apparent ones. Sunlight on its way past clouds goes straight even so: low Suns shine over
+    edges of clouds by up to their own diameter from elsewhere.
     """
     count = dr.width(d[0])
     cloud, zero = dr.full(mi.Bool, False, count), dr.zeros(mi.Float64, count)
     t = white = zero
-    if ground.clouds is not None and ground.model.clouds is not None:
-        cloud, t = first_cloud(ground.clouds, planet, o, d, to_ground)
-        white = dr.select(cloud, brightness(ground.model.clouds, planet, along(o, d, t)), 0.0)
-    dr.eval(cloud, t, white)
+    if ground.clouds is not None:
+        cloud, t = first_cloud(ground.clouds, planet, o, d, to_ground, bending)
     end = t
     if to_ground:
         mid, half, _ = planet.chord(o, d)
         end = dr.select(cloud, t, mid - half)
+    dr.eval(cloud, t, end)
+    place = ray_end(planet, bending, o, d, end)
+    if ground.clouds is not None:
+        white = dr.select(cloud, ground.clouds.brightness(place.height_m, place.vertical), 0.0)
+    dr.eval(white, place.vertical, place.direction, place.point, place.bending)
     sunlit = [dr.full(mi.Float64, 1.0, count) for _ in lights]
     if ground.clouds is not None:
-        sunlit = [_sunlit(ground.clouds, planet, along(o, d, end), light) for light in lights]
+        true_planet = planet if bending is None else bending.true_planet
+        sunlit = [_sunlit(ground.clouds, true_planet, place.point, light) for light in lights]
         dr.eval(sunlit)
     shares: dict[str, mi.Float64] = {"cloud": white}
     if not to_ground:
-        return [SurfaceHit(cloud, cloud, t, lit, shares, zero, zero) for lit in sunlit]
+        return [SurfaceHit(cloud, cloud, t, lit, shares, zero, zero, zero, place.bending) for lit in sunlit]
     everywhere = dr.full(mi.Bool, True, count)
-    clear = dr.select(cloud, mi.Float64(0.0), 1.0)
-    if ground.land is None:
-        shares["land"] = clear
-        return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero) for lit in sunlit]
-    _, normal = planet.height_and_normal(along(o, d, end))
-    dry = dr.select(is_land(ground.land, normal), clear, 0.0)
-    snow = snow_share(normal, ground.model.snow_line_deg)
+    # under clouds that let light through the ground is there as well
+    bare = dr.select(cloud, mi.Float64(0.0), 1.0)
+    clear = mi.Float64(1.0) if ground.clouds is not None and ground.clouds.translucent else bare
+    if ground.table is None:
+        shares["ground"] = clear
+        return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero, zero, place.bending) for lit in sunlit]
+    normal, arriving = place.vertical, place.direction
+    _, below = cover(ground.table, Places.below(normal))
     foam = dr.opaque(mi.Float64, surface.foam_share(ground.model.wind_speed_m_s), 1)
-    wet = (clear - dry) * (1.0 - foam)
-    shares |= {"land": dry * (1.0 - snow), "snow": dry * snow, "water": wet, "foam": (clear - dry) * foam}
+    shares |= {name: clear * share for name, share in below.items()}
+    wet = shares["water"] * (1.0 - foam)
+    shares |= {"water": wet, "foam": shares["water"] * foam}
     variance = dr.opaque(mi.Float64, surface.slope_variance(ground.model.wind_speed_m_s), 1)
     hits = []
     for light, lit in zip(lights, sunlit, strict=True):
         mu_sun = dot(normal, light)
-        glint = wet * glint_brdf(mu_sun, -dot(normal, d), -dot(d, light), variance)
+        mu_view, cosine = -dot(normal, arriving), -dot(arriving, light)
+        glint = wet * bare * glint_brdf(mu_sun, mu_view, cosine, variance)
+        forward = snow_factor(ground.table.snow, mu_sun, mu_view, cosine)
         entering = (1.0 - fresnel(dr.maximum(mu_sun, 0.0))) / (1.0 - surface.water_sky_albedo())
-        hits.append(SurfaceHit(everywhere, cloud, t, lit, shares, entering, glint))
-    dr.eval(shares, [(hit.entering, hit.glint) for hit in hits])
+        hits.append(SurfaceHit(everywhere, cloud, t, lit, shares, entering, glint, forward, place.bending))
+    dr.eval(shares, [(hit.entering, hit.glint, hit.forward) for hit in hits])
     return hits
 
 
 def _sunlit(clouds: CloudTable, planet: Planet, p: Vec, sun: Vec) -> mi.Float64:
-    """Return 1 where no cloud is between points and the Sun, else 0. The search begins a step away from the point."""
+    """Return 1 where no cloud is between points and the Sun, else what the first lets through.
+
+    The search begins a step away from the point.
+    """
     start = along(p, sun, clouds.step_m)
-    shaded, _ = first_cloud(clouds, planet, start, sun, to_ground=False)
-    return dr.select(shaded, mi.Float64(0.0), 1.0)
-
-
-def is_land(words: mi.UInt32, normal: Vec) -> mi.Bool:
-    """Return :func:`horizonval.earth.surface.land.is_land` below unit normals of the ellipsoid."""
-    latitude = dr.rad2deg(dr.asin(dr.clip(normal[2], -1.0, 1.0)))
-    longitude = dr.rad2deg(dr.atan2(normal[1], normal[0]))
-    y = dr.clip((latitude + 90.0) * land.PER_DEGREE - 0.5, 0.0, land.ROWS - 1.0)
-    # one turn on: never negative
-    x = (longitude + 540.0) * land.PER_DEGREE - 0.5
-    i, j = dr.minimum(mi.UInt32(y), land.ROWS - 2), mi.UInt32(x)
-    wy, wx = y - mi.Float64(i), x - mi.Float64(j)
-
-    def cell(row: mi.UInt32, column: mi.UInt32) -> mi.Float64:
-        bit = row * land.COLUMNS + column % land.COLUMNS
-        word = dr.gather(mi.UInt32, words, bit >> 5)
-        return mi.Float64((word >> (bit & 31)) & 1)
-
-    low = dr.lerp(cell(i, j), cell(i, j + 1), wx)
-    high = dr.lerp(cell(i + 1, j), cell(i + 1, j + 1), wx)
-    return dr.lerp(low, high, wy) > 0.5
-
-
-def snow_share(normal: Vec, line_deg: float) -> mi.Float64:
-    """Return :func:`horizonval.earth.surface.surface.snow_share` below unit normals of the ellipsoid."""
-    latitude = dr.rad2deg(dr.asin(dr.clip(normal[2], -1.0, 1.0)))
-    line = dr.opaque(mi.Float64, line_deg, 1)
-    north = dr.clip((latitude - line) * (0.5 / surface.SNOW_EDGE_DEG) + 0.5, 0.0, 1.0)
-    return dr.maximum(north, dr.select(latitude < surface.SOUTHERN_SNOW_DEG, mi.Float64(1.0), 0.0))
-
-
-def fresnel(c: mi.Float64) -> mi.Float64:
-    """Return :func:`horizonval.earth.surface.surface.fresnel` of water."""
-    g = dr.sqrt(surface.WATER_INDEX**2 - 1.0 + c * c)
-    across = (g - c) / (g + c)
-    along_ = (c * (g + c) - 1.0) / (c * (g - c) + 1.0)
-    return 0.5 * across * across * (1.0 + along_ * along_)
-
-
-def _hidden(mu: mi.Float64, variance: mi.Float64) -> mi.Float64:
-    v = dr.minimum(mu * dr.rsqrt(dr.maximum(1.0 - mu * mu, 1e-12) * variance), 25.0)
-    return dr.maximum(0.5 * (dr.exp(-v * v) / (v * math.sqrt(math.pi)) - (1.0 - dr.erf(v))), 0.0)
-
-
-def glint_brdf(mu_sun: mi.Float64, mu_view: mi.Float64, cosine: mi.Float64, variance: mi.Float64) -> mi.Float64:
-    """Return :func:`horizonval.earth.surface.surface.glint_brdf`."""
-    up = (mu_sun > 0.0) & (mu_view > 0.0)
-    mu_sun, mu_view = dr.clip(mu_sun, 1e-6, 1.0), dr.clip(mu_view, 1e-6, 1.0)
-    incidence = dr.sqrt(dr.maximum(0.5 * (1.0 + cosine), 1e-12))
-    tilt = (mu_sun + mu_view) / (2.0 * incidence)
-    tilt2 = dr.minimum(tilt * tilt, 1.0)
-    seen = 1.0 / (1.0 + _hidden(mu_sun, variance) + _hidden(mu_view, variance))
-    density = dr.exp((1.0 - 1.0 / tilt2) / variance) / (math.pi * variance)
-    return dr.select(up, fresnel(incidence) * density * seen / (4.0 * mu_sun * mu_view * tilt2 * tilt2), 0.0)
+    shaded, t = first_cloud(clouds, planet, start, sun, to_ground=False)
+    if not clouds.translucent:
+        return dr.select(shaded, mi.Float64(0.0), 1.0)
+    white = clouds.brightness(*planet.height_and_normal(along(start, sun, t)))
+    return dr.select(shaded, 1.0 - clouds.field.albedo * white, 1.0)

@@ -11,8 +11,8 @@ scales are
 - on the ground a sixth of the cosine of the light's zenith angle, and in twilight the angle over which the Earth's
   shadow rises by a scale height (:data:`TWILIGHT_RAD`); beyond twilight there is no light (:data:`NIGHT`).
 
-Where the ground's own terminator, a coast or the edge of snow runs through a pixel, it is cut, too, and so is all that
-lies under clouds.
+Where the ground's own terminator, a coast, the edge of snow or ice or a border between kinds of ground runs through a
+pixel, it is cut, too, and so is all that lies under clouds.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from horizonval.renderer.ground.cover import GroundTable, Places, look_alike
 from horizonval.renderer.kernel.discs import Disc
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, limb_function
-from horizonval.renderer.kernel.surface import Ground, is_land, snow_share
 from horizonval.renderer.planet import along, distance_squared, dot
+from horizonval.renderer.refraction.ray_end import ray_end
 from horizonval.renderer.types import Vec, indices_where
 
 EVEN_PIXELS = 25.0
@@ -38,6 +39,10 @@ TWILIGHT_RAD = 0.005
 """Half of what a scale height of the shadow takes in the middle of twilight: the ground's terminator is sharper."""
 NIGHT = -0.33
 """Cosine of the zenith angle of a light that has gone down for good."""
+
+
+ROUGH_BENDING = 8
+"""Evaluations of the bending of rays well inside the limb, to place them on the map to a tenth of their turn."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +78,10 @@ def sort_pixels(view: FrameGeometry) -> PixelKinds:
     if view.rays.circle is not None:
         kind = dr.select(view.rays.sees(u, v), kind, _DARK)
     dr.eval(kind)
-    if view.ground is not None and view.ground.land is not None:
+    if view.ground is not None and view.ground.table is not None:
         candidates = indices_where(kind == _GROUND)
         if dr.width(candidates):
-            coasts = indices_where(_coast(view, view.ground, view.ground.land, candidates))
+            coasts = indices_where(_coast(view, view.ground.table, candidates))
             if dr.width(coasts):
                 dr.scatter(kind, mi.UInt32(_CUT), dr.gather(mi.UInt32, candidates, coasts))
     cut, ground, space = (indices_where(kind == k) for k in (_CUT, _GROUND, _SPACE))
@@ -110,7 +115,7 @@ def _even_ground(view: FrameGeometry, centre: Vec, reach: mi.Float64) -> mi.Bool
     if view.ground is not None and view.ground.clouds is not None:
         return dr.full(mi.Bool, False, dr.width(reach))
     needed = reach * (EVEN_PIXELS / dr.sqrt(2.0))
-    widest = PHASE_RAD if view.ground is None or view.ground.land is None else GLINT_RAD
+    widest = PHASE_RAD if view.ground is None or view.ground.table is None else GLINT_RAD
     even = needed < dr.minimum(limb_function(view, centre), widest)
     mid, half, _ = view.planet.chord(view.origin, centre)
     # seen from the Earth's centre, along the ray's trace on the ground
@@ -128,27 +133,26 @@ def _even_ground(view: FrameGeometry, centre: Vec, reach: mi.Float64) -> mi.Bool
     return even
 
 
-def _coast(view: FrameGeometry, ground: Ground, land: mi.UInt32, pixel: mi.UInt32) -> mi.Bool:
-    """Return whether the rays through pixels' centres and through those of their cells end on several kinds of ground.
-
-    Kinds are water, bare land, the belt in which snow sets in, and snow.
+def _coast(view: FrameGeometry, table: GroundTable, pixel: mi.UInt32) -> mi.Bool:
+    """Return whether the rays through pixels' centres and through those of their cells end on several kinds of ground,
+    or where kinds of ground meet.
     """
     k = view.subsamples
     column, row = mi.Float64(pixel % view.width), mi.Float64(pixel // view.width)
 
-    def kind(u: mi.Float64, v: mi.Float64) -> mi.UInt32:
+    def kind(u: mi.Float64, v: mi.Float64) -> tuple[mi.UInt32, mi.Bool]:
         d = view.rays.direction(u, v)
         mid, half, _ = view.planet.chord(view.origin, d)
-        _, normal = view.planet.height_and_normal(along(view.origin, d, mid - half))
-        snow = snow_share(normal, ground.model.snow_line_deg)
-        return dr.select(is_land(land, normal), mi.UInt32(dr.ceil(snow)) + mi.UInt32(dr.floor(snow)) + 1, 0)
+        normal = ray_end(view.planet, view.bending, view.origin, d, mid - half, ROUGH_BENDING).vertical
+        return look_alike(table, Places.below(normal))
 
     def at_cell(i: mi.UInt32, several: mi.Bool) -> tuple[mi.UInt32, mi.Bool]:
         part = i % k, i // k
         u, v = (c + (mi.Float64(j) + 0.5) / k - 0.5 for c, j in zip((column, row), part, strict=True))
-        return i + 1, several | (kind(u, v) != middle)
+        here, alike = kind(u, v)
+        return i + 1, several | ~alike | (here != middle)
 
-    middle = kind(column, row)
-    dr.eval(middle)
-    start = mi.UInt32(0), dr.full(mi.Bool, False, dr.width(pixel))
+    middle, alone = kind(column, row)
+    dr.eval(middle, alone)
+    start = mi.UInt32(0), ~alone
     return dr.while_loop(start, lambda i, several: i < k * k, at_cell, label="coasts")[1]

@@ -72,14 +72,16 @@ def render_bands(
     thermal: Sequence[ThermalAir] = (),
     emission: GroundEmission | None = None,
     digest: str | None = None,
+    cells: Cells | None = None,
 ) -> tuple[dict[str, mi.Float64], dict[str, mi.Float64]]:
     """Return radiance per band, and energy radiance per solar band: Float64 arrays, one value per pixel in row order.
 
     The same spectral nodes serve both, with other weights (``SpectralNode.energy_ratio``). ``thermal``: the thermal
     bands among ``bands``; they need to know what the ground emits. ``digest``: of air, planet and orders of scattering,
-    by which view tables of sunlight are found again; None to march every cell.
+    by which view tables of sunlight are found again; None to march every cell. ``cells``: those of the
+    view, where they are known.
     """
-    cells = group_cells(view)
+    cells = cells or group_cells(view)
     emitted = {air.band.name for air in thermal}
     channels = _Channels(cells)
     energy_of = {band: f"energy of {band}" for band in bands if band not in emitted}
@@ -140,7 +142,7 @@ def surface_looks(view: FrameGeometry, cells: Cells) -> list[SurfaceLook]:
     def ends(rays: Rays | DiscCells | None, to_ground: bool) -> Sequence[SurfaceHit | None]:
         if view.ground is None or rays is None or not rays.count or not (to_ground or view.ground.clouds):
             return [None] * len(lights)
-        return surface_hits(view.ground, view.planet, view.origin, rays.direction, lights, to_ground)
+        return surface_hits(view.ground, view.planet, view.origin, rays.direction, lights, to_ground, view.bending)
 
     groups = (ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False))
     return [SurfaceLook(*under) for under in zip(*groups, strict=True)]

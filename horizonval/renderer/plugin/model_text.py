@@ -17,6 +17,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.surface.ground_emission import GroundEmission
+from horizonval.earth.weather.column_map import ColumnMap
 
 _ARRAYS = (
     "extinction_per_m",
@@ -72,13 +73,21 @@ def load_model(text: str) -> OpticalModel:
 
 def _dump_band(band: EmittingBand) -> dict[str, Any]:
     values = {f.name: getattr(band, f.name) for f in fields(band)}
-    return {k: v if isinstance(v, str) else {"shape": v.shape, "values": _pack(v)} for k, v in values.items()}
+    place = values.pop("column_map")
+    data = {k: v if isinstance(v, str) else {"shape": v.shape, "values": _pack(v)} for k, v in values.items()}
+    if place is not None:
+        data["column_map"] = {"axes": _pack(place.axes), "half": place.half, "count": place.count}
+    return data
 
 
 def _load_band(data: dict[str, Any]) -> EmittingBand:
+    data = dict(data)
+    place = data.pop("column_map", None)
     values: dict[str, Any] = {
         k: v if isinstance(v, str) else _unpack(v["values"]).reshape(v["shape"]) for k, v in data.items()
     }
+    if place is not None:
+        values["column_map"] = ColumnMap(_unpack(place["axes"]).reshape(3, 3), place["half"], place["count"])
     return EmittingBand(**values)
 
 

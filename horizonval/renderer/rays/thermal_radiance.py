@@ -9,20 +9,14 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel
-from horizonval.earth.surface.surface import GroundModel
+from horizonval.earth.surface.ground_emission import ground_k
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.rays.radiance import check_observers, unit_directions
 from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.thermal.emission_columns import AirColumns
-from horizonval.renderer.thermal.emission_ground import (
-    GroundSource,
-    kinds_of,
-    mirrored,
-    shares,
-    temperatures_k,
-)
+from horizonval.renderer.thermal.emission_ground import GroundSource, kinds_of, mirrored, places_below
 from horizonval.renderer.thermal.emission_march import march_emission
 from horizonval.renderer.types import Vec
 
@@ -41,7 +35,6 @@ def thermal_radiance(
     sun_itrs: tuple[float, float, float] = (1.0, 0.0, 0.0),
     polar_radius_m: float | None = None,
     nodes: int = NODES,
-    ground: GroundModel | None = None,
 ) -> dict[str, FloatArray]:
     """Return the radiance of every thermal band of a model along rays, ground included, clouds left out.
 
@@ -59,8 +52,6 @@ def thermal_radiance(
         Of an oblate planet; heights and latitudes are then geodetic.
     nodes : int
         Evaluations along each ray. The default is within 1e-4 of the limit where there is light to speak of.
-    ground : GroundModel, optional
-        Where the snow line lies; without it land has no seasonal snow.
 
     Returns
     -------
@@ -104,7 +95,7 @@ def thermal_radiance(
                     if source.mirrors:
                         above, _, _ = march_emission(apparent, columns.top_m, batch, p, up, mi.Bool(False), nodes // 2)
                         mirror = np.stack([np.array(a) for a in above])
-                    below = ground_radiance(source, points, ground, normal, cosine, sun, mirror)
+                    below = ground_radiance(source, points, normal, cosine, sun, mirror)
                     radiance[first + ends] += sum(np.array(t)[ends] * b for t, b in zip(through, below, strict=True))
                 first_g += batch.used
         out[band.name] = radiance
@@ -129,7 +120,6 @@ def _ground_points(planet: Planet, o: Vec, d: Vec, index: IntArray) -> tuple[Vec
 def ground_radiance(
     source: GroundSource,
     points: slice,
-    ground: GroundModel | None,
     normal: FloatArray,
     cosine: FloatArray,
     sun: FloatArray,
@@ -140,11 +130,12 @@ def ground_radiance(
     At unit normals (n, 3) under view cosines (n,); ``mirror`` (g, n) is the air along the reflected rays.
     """
     emission = source.emission
-    sky = source.sky_at(normal[:, 2], points)
-    kinds, warmth = shares(emission, ground, normal), temperatures_k(emission, normal, sun)
+    sky = source.sky_at(normal, points)
+    places = places_below(emission, normal, sun)
     total = np.zeros_like(sky)
     for kind in kinds_of(emission):
         e = source.emissivities(kind, cosine, points)
         above = mirror if kind == "water" else sky
-        total += kinds[kind] * (e * source.black(warmth[kind], points) + (1.0 - e) * above)
+        warm = source.black(ground_k(emission, kind, places), points)
+        total += places.shares[kind] * (e * warm + (1.0 - e) * above)
     return total

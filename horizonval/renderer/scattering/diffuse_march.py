@@ -20,7 +20,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.renderer import tables
 from horizonval.renderer.scattering.diffuse_field import SMALLEST
 from horizonval.renderer.scattering.first_order import lane_indices
-from horizonval.renderer.scattering.harmonics import cosines, polar_parts
+from horizonval.renderer.scattering.harmonics import cosines, pairs, polar_parts
 from horizonval.renderer.scattering.quality import MOLECULAR_DEGREE
 from horizonval.renderer.scattering.shell_column import ShellColumn
 from horizonval.renderer.scattering.shell_rays import ShellRays
@@ -67,15 +67,17 @@ class DiffuseMarch:
     columns, rays : sequences of equal length
         Of one geometry and degree.
     n_azimuth : int
+    degree : int
+        Of the moments that scatter.
     """
 
-    def __init__(self, columns: Sequence[ShellColumn], rays: Sequence[ShellRays], n_azimuth: int) -> None:
+    def __init__(self, columns: Sequence[ShellColumn], rays: Sequence[ShellRays], n_azimuth: int, degree: int) -> None:
         column, geometry = columns[0], rays[0]
-        self.degree, self.n_azimuth, self.n_columns = column.degree, n_azimuth, len(columns)
+        self.degree, self.n_azimuth, self.n_columns = degree, n_azimuth, len(columns)
         self.n_sun = len(column.sun_cosines)
         self.n_direction, self.n_node = geometry.node_radius_m.shape[1:]
         # molecules scatter by even harmonics only
-        self.used = [(n, m) for n, m in column.pairs if self.degree > MOLECULAR_DEGREE or n in (0, 2)]
+        self.used = [(n, m) for n, m in pairs(degree) if column.degree > MOLECULAR_DEGREE or n in (0, 2)]
         self.positions = [column.pairs.index(pair) for pair in self.used]
         self.slots = 4 * -(-len(self.used) // 4)
         self.packets = -(-(self.degree + 2) // 4)
@@ -112,7 +114,7 @@ class DiffuseMarch:
 
     def _factors(self, column: ShellColumn, rays: ShellRays) -> FloatArray:
         """Return by which factors moments enter at every node, shape (n_height, n_direction, n_node, slots)."""
-        node, degree = column.node, column.degree
+        node, degree = column.node, self.degree
         molecular = column.at(node.molecular_per_m, rays.node_radius_m)
         particle = column.at(node.particle_per_m, rays.node_radius_m)
         asymmetry = column.at(node.asymmetry, rays.node_radius_m)

@@ -47,7 +47,7 @@ from horizonval.earth.column import SpectralNode
 from horizonval.renderer.scattering.diffuse_field import SMALLEST, DiffuseField, MultipleScattering
 from horizonval.renderer.scattering.diffuse_march import DiffuseMarch
 from horizonval.renderer.scattering.first_order import ground_light, single_scattering
-from horizonval.renderer.scattering.harmonics import cosines, polar_parts
+from horizonval.renderer.scattering.harmonics import cosines, pairs, polar_parts
 from horizonval.renderer.scattering.quality import Quality
 from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER, ShellColumn
 from horizonval.renderer.scattering.shell_rays import ShellRays
@@ -109,11 +109,51 @@ class _Field:
     irradiance: FloatArray
 
 
+class _Basis:
+    """What makes moments of radiance along the rays of a geometry, up to a degree.
+
+    ``weights``: shape (n_height, n_harmonics, n_direction * n_azimuth); ``down``: of directions in the irradiance.
+    """
+
+    def __init__(self, rays: ShellRays, n_azimuth: int, degree: int) -> None:
+        self.n_azimuth = n_azimuth
+        mu, weight = rays.cosine, rays.solid_angle
+        phi = (np.arange(n_azimuth) + 0.5) * math.pi / n_azimuth
+        polar = polar_parts(degree, mu, np.sqrt(1.0 - mu**2))
+        azimuthal = cosines(degree, np.cos(phi))
+        weights = np.stack([polar[n, m][..., None] * azimuthal[m] for n, m in pairs(degree)], axis=1)
+        weights *= (weight * (2 * math.pi / n_azimuth))[:, None, :, None]
+        self.weights = weights.reshape(*weights.shape[:2], -1)
+        self.down = (rays.solid_angle * np.maximum(rays.cosine, 0.0))[0] * (2 * math.pi / n_azimuth)
+
+    def field(self, radiance: FloatArray) -> _Field:
+        """Return the moments of radiance (n_height, n_direction, n_azimuth, n_sun)."""
+        n_h, _, _, n_k = radiance.shape
+        moments = np.matmul(self.weights, radiance.reshape(n_h, -1, n_k)).transpose(0, 2, 1)
+        return _Field(moments, self.down @ radiance[0].sum(axis=1))
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """From one order of scattering to the next: the march, and the moments of what it gives."""
+
+    march: DiffuseMarch
+    basis: _Basis
+
+    @classmethod
+    def of(cls, columns: Sequence[ShellColumn], rays: Sequence[ShellRays], degree: int) -> _Pass:
+        """Prepare one for moments up to a degree."""
+        # odd harmonics of the azimuth up to the degree must survive the sum over azimuths
+        n_azimuth = max(columns[0].quality.n_azimuth, degree + 2)
+        return cls(DiffuseMarch(columns, rays, n_azimuth, degree), _Basis(rays[0], n_azimuth, degree))
+
+
 class _Sum:
     """The sum of a column's orders, until what is left adds little."""
 
-    def __init__(self, first: _Field) -> None:
-        self.moments, self.irradiance = first.moments.copy(), first.irradiance.copy()
+    def __init__(self, first: _Field, degree: int) -> None:
+        self.moments = _padded(first.moments, len(pairs(degree)))
+        self.irradiance = first.irradiance.copy()
         self.last = first
         self.share = 1.0
 
@@ -122,7 +162,7 @@ class _Sum:
         return self.share < LAST_ORDER
 
     def add(self, following: _Field) -> None:
-        self.moments += following.moments
+        self.moments[..., : following.moments.shape[-1]] += following.moments
         self.irradiance += following.irradiance
         self.share = float(np.max(following.moments[..., 0] / np.maximum(self.moments[..., 0], SMALLEST)))
         self.ratio = following.moments[..., 0] / np.maximum(self.last.moments[..., 0], SMALLEST)
@@ -131,10 +171,16 @@ class _Sum:
     def field(self, column: ShellColumn) -> DiffuseField:
         """Return the sum of all orders, the rest taken as a geometric series."""
         rest = np.clip(self.ratio, 0.0, 0.9)
-        moments = self.moments + self.last.moments * (rest / (1.0 - rest))[..., None]
+        moments = self.moments.copy()
+        moments[..., : self.last.moments.shape[-1]] += self.last.moments * (rest / (1.0 - rest))[..., None]
         irradiance = self.irradiance + self.last.irradiance * rest[0] / (1.0 - rest[0])
         heights = column.heights if column.bands else None
         return DiffuseField(column.top_m, column.planet_m, column.degree, moments, irradiance, heights)
+
+
+def _padded(moments: FloatArray, count: int) -> FloatArray:
+    """Return a copy of moments with zeros for those of higher degrees."""
+    return np.concatenate([moments, np.zeros((*moments.shape[:-1], count - moments.shape[-1]))], axis=-1)
 
 
 class _Solver:
@@ -156,53 +202,38 @@ class _Solver:
         self.tell(1, 1.0)
         q, degree = quality, self.column.degree
         self.rays = [column.rays(q.n_up, q.n_down, q.n_nodes) for column in self.columns]
-        # odd harmonics of the azimuth up to the degree must survive the sum over azimuths
-        self.n_azimuth = max(q.n_azimuth, degree + 2)
-        self.basis = self.basis_of(self.rays[0], self.n_azimuth)
-        self.passes = DiffuseMarch(self.columns, self.rays, self.n_azimuth)
+        self.second = _Pass.of(self.columns, self.rays, degree)
+        later = min(q.later_degree, degree)
+        self.later = self.second if later == degree else _Pass.of(self.columns, self.rays, later)
 
     def tell(self, order: int, share: float) -> None:
         """Tell that an order of scattering is done, and the share of the sum that it added."""
         self.progress.step(f"multiple scattering at {self.name}", f"order {order}, adding {share:.1%}")
 
-    def basis_of(self, rays: ShellRays, n_azimuth: int) -> FloatArray:
-        """Return the weights that make moments of radiance, (n_height, n_harmonics, n_direction * n_azimuth)."""
-        mu, weight = rays.cosine, rays.solid_angle
-        phi = (np.arange(n_azimuth) + 0.5) * math.pi / n_azimuth
-        polar = polar_parts(self.column.degree, mu, np.sqrt(1.0 - mu**2))
-        azimuthal = cosines(self.column.degree, np.cos(phi))
-        basis = np.stack([polar[n, m][..., None] * azimuthal[m] for n, m in self.column.pairs], axis=1)
-        basis *= (weight * (2 * math.pi / n_azimuth))[:, None, :, None]
-        return basis.reshape(*basis.shape[:2], -1)
-
-    def moments_of(self, radiance: FloatArray, rays: ShellRays, n_azimuth: int, basis: FloatArray) -> _Field:
-        """Return moments of radiance (n_height, n_direction, n_azimuth, n_sun)."""
-        n_h, _, _, n_k = radiance.shape
-        moments = np.matmul(basis, radiance.reshape(n_h, -1, n_k)).transpose(0, 2, 1)
-        down = (rays.solid_angle * np.maximum(rays.cosine, 0.0))[0] * (2 * math.pi / n_azimuth)
-        return _Field(moments, down @ radiance[0].sum(axis=1))
-
     def scattered_once(self) -> list[_Field]:
         q = self.column.quality
         rays = [column.rays(q.first_up, q.n_down, q.first_nodes) for column in self.columns]
         n_azimuth = max(q.first_azimuth, self.column.degree + 2)
-        basis = self.basis_of(rays[0], n_azimuth)
-        light = single_scattering(self.columns, rays, n_azimuth, self.sun_table)
-        return [self.moments_of(radiance, rays[0], n_azimuth, basis) for radiance in light]
+        basis = _Basis(rays[0], n_azimuth, self.column.degree)
+        return [basis.field(radiance) for radiance in single_scattering(self.columns, rays, n_azimuth, self.sun_table)]
 
     def from_ground(self, lit: Sequence[FloatArray]) -> list[_Field]:
+        basis = self.later.basis
         return [
-            self.moments_of(ground_light(self.column, rays, self.n_azimuth, e), rays, self.n_azimuth, self.basis)
+            basis.field(ground_light(self.column, rays, basis.n_azimuth, e))
             for rays, e in zip(self.rays, lit, strict=True)
         ]
 
     def sum_of_orders(self, first: Sequence[_Field]) -> list[DiffuseField]:
-        sums = [_Sum(field) for field in first]
+        """Return all light that comes of the first: that of the ground has no moments beyond the later degree."""
+        sums = [_Sum(field, self.column.degree) for field in first]
+        once_scattered = first[0].moments.shape[-1] == sums[0].moments.shape[-1]
         for order in range(2, MOST_ORDERS):
-            light = self.passes.apply([column.last.moments for column in sums])
+            one = self.second if order == 2 and once_scattered else self.later
+            light = one.march.apply([column.last.moments for column in sums])
             for column, radiance in zip(sums, light, strict=True):
                 if not column.complete:
-                    column.add(self.moments_of(radiance, self.rays[0], self.n_azimuth, self.basis))
+                    column.add(one.basis.field(radiance))
             self.tell(order, max(column.share for column in sums))
             if all(column.complete for column in sums):
                 break

@@ -13,7 +13,8 @@ class Quality:
 
     ``n_*``: heights, Sun angles; directions above and below the horizon, azimuths in half a turn and nodes on a ray;
     ``first_*`` the same for the light scattered once, which has the shadow's edge and the aureole in it.
-    ``particle_degree``: up to which moments are kept where there are particles.
+    ``particle_degree``: up to which moments are kept where there are particles, of the light scattered once or twice;
+    ``later_degree`` that of light scattered more often or reflected at the ground, in which nothing narrow is left.
     """
 
     n_height: int
@@ -26,13 +27,14 @@ class Quality:
     first_azimuth: int
     first_nodes: int
     particle_degree: int
+    later_degree: int
 
 
-STANDARD = Quality(24, 128, 20, 4, 6, 24, 28, 10, 64, 8)
+STANDARD = Quality(24, 128, 20, 4, 6, 24, 28, 10, 64, 8, 4)
 """For images. Molecules at 450 to 850 nm, against a table of far higher resolution: at most 0.06 % of the radiance with
 the Sun up, 0.3 % until it is 8 deg below the horizon, 0.8 % (850 nm: 3 %) until 18 deg."""
 
-FINE = Quality(32, 160, 24, 4, 8, 48, 32, 16, 96, 12)
+FINE = Quality(32, 160, 24, 4, 8, 48, 32, 16, 96, 12, 6)
 """For single rays: 0.02 %, 0.3 % and 0.4 % (850 nm: 1.1 %)."""
 
 

@@ -28,7 +28,7 @@ from horizonval.renderer.scattering.quality import Quality, degree_of
 from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER, field_heights, layer_bands
 from horizonval.renderer.tables import SunTable
 
-METHOD = 2
+METHOD = 3
 """To be raised with every change of the method that changes its numbers."""
 
 _KEPT = 64

@@ -11,6 +11,8 @@ import numpy as np
 from horizonval import __version__
 from horizonval.earth.optical import node_counts
 from horizonval.frame import RadianceFrame
+from horizonval.renderer.parts.compose import with_parts
+from horizonval.renderer.parts.sky_light import SkyLight, sky_light
 from horizonval.renderer.plugin.integrator import prepare
 from horizonval.renderer.plugin.plugins import mitsuba_scene, mitsuba_sensor
 from horizonval.renderer.scene.description import Described, turned
@@ -44,6 +46,7 @@ class Viewpoint:
         self._described = replace(described, truth=with_infrared_horizon(described.truth, described.model))
         self._mi_scene = mitsuba_scene(described.limb, described.sensor)
         self._film = self._mi_scene.sensors()[0].film()
+        self._sky: SkyLight | None = None
         self._settings: dict[str, Any] = {
             "version": __version__,
             "variant": described.variant,
@@ -70,10 +73,16 @@ class Viewpoint:
         bands, solar = integrator.bands, integrator.solar_bands
         radiance = {band: np.ascontiguousarray(image[:, :, i]) for i, band in enumerate(bands)}
         energy = {band: np.ascontiguousarray(image[:, :, len(bands) + i]) for i, band in enumerate(solar)}
-        return RadianceFrame(
+        frame = RadianceFrame(
             radiance=radiance,
             maps=truth_maps(integrator.view(sensor)) if maps else {},
             truth=described.truth,
             render=dict(self._settings),
             energy_radiance={band: energy.get(band, radiance[band]) for band in bands},
         )
+        return self._with_parts(frame, scene, described) if scene.part else frame
+
+    def _with_parts(self, frame: RadianceFrame, scene: SceneSpec, described: Described) -> RadianceFrame:
+        if self._sky is None:
+            self._sky = sky_light(self._mi_scene.integrator(), described.sensor.r_itrs, self._film)
+        return with_parts(frame, scene, self._camera, described.camera, self._sky)

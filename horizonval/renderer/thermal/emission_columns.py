@@ -1,8 +1,9 @@
 """The air of a thermal band as the emission march reads it: columns over latitude, a few g points at a time.
 
 Extinction and source function are linear in height between the nodes of one grid, linear in the sine of geodetic
-latitude between rows, and beyond the outermost rows as on them. In memory the g points of a batch lie side by side,
-extinction and source of a node one after the other, so that one node costs two packet gathers.
+latitude between rows, and beyond the outermost rows as on them; or bilinear between columns on a map. In memory the g
+points of a batch lie side by side, extinction and source of a node one after the other, so that one node costs two
+packet gathers.
 """
 
 from __future__ import annotations
@@ -17,10 +18,12 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.clouds.layers import merged_bands
+from horizonval.earth.weather.column_map import ColumnMap
 from horizonval.renderer.layer_steps import Bands
+from horizonval.renderer.planet import dot
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.tables import AltitudeGrid, gather_row, table_of
-from horizonval.renderer.types import Values
+from horizonval.renderer.types import Values, Vec, constant, constant_vector
 
 WIDTH = 8
 """g points per kernel launch; they share all geometry. More of them find no room in a processor's registers."""
@@ -38,12 +41,15 @@ class AirColumns:
         1/m and W m-2 sr-1.
     bands : sequence of (float, float)
         Heights between which layers of thin cloud lie.
+    column_map : ColumnMap or None
+        Where the m columns stand, in place of ``sin_latitude``.
     """
 
     altitude_m: FloatArray
     sin_latitude: FloatArray
     extinction: FloatArray
     source: FloatArray
+    column_map: ColumnMap | None = None
     bands: Bands = ()
 
     @classmethod
@@ -51,7 +57,8 @@ class AirColumns:
         """Build from a band; with refraction (``air``) per metre of the straight line, over apparent heights."""
         extinction, source = band.columns()
         if air is None:
-            return cls(band.altitude_m, band.sin_latitude, extinction, source, _bands(band.layers, band.altitude_m))
+            bands = _bands(band.layers, band.altitude_m)
+            return cls(band.altitude_m, band.sin_latitude, extinction, source, band.column_map, bands)
         i = np.clip(np.searchsorted(band.altitude_m, air.height_m, side="right") - 1, 0, len(band.altitude_m) - 2)
         w = (air.height_m - band.altitude_m[i]) / (band.altitude_m[i + 1] - band.altitude_m[i])
         w = np.clip(w, 0.0, 1.0)
@@ -61,8 +68,14 @@ class AirColumns:
 
         inside = air.height_m <= band.altitude_m[-1] * (1.0 + 1e-12)
         apparent = air.model.altitude_m
-        bands = _bands(np.interp(band.layers, air.height_m, apparent), apparent)
-        return cls(apparent, band.sin_latitude, at(extinction) * np.where(inside, air.dr_dx, 0.0), at(source), bands)
+        return cls(
+            apparent,
+            band.sin_latitude,
+            at(extinction) * np.where(inside, air.dr_dx, 0.0),
+            at(source),
+            band.column_map,
+            _bands(np.interp(band.layers, air.height_m, apparent), apparent),
+        )
 
     @property
     def top_m(self) -> float:
@@ -76,6 +89,9 @@ class AirColumns:
         grid = AltitudeGrid.of(self.altitude_m)
         rows, low = len(self.sin_latitude), float(self.sin_latitude[0])
         per_row = (rows - 1) / float(self.sin_latitude[-1] - low) if rows > 1 else 0.0
+        lattice = None
+        if self.column_map is not None:
+            rows, lattice = self.column_map.columns, Lattice.of(self.column_map)
         for first in range(0, count, width):
             part = slice(first, min(first + width, count))
             packed = np.zeros((rows, len(self.altitude_m), 2, width))
@@ -89,6 +105,7 @@ class AirColumns:
                 rows,
                 dr.opaque(mi.Float64, low, 1),
                 dr.opaque(mi.Float64, per_row, 1),
+                lattice,
                 self.bands,
             )
 
@@ -101,11 +118,47 @@ def _bands(layers: FloatArray, altitude_m: FloatArray) -> Bands:
 
 
 @dataclass(frozen=True)
+class Lattice:
+    """A :class:`horizonval.earth.weather.column_map.ColumnMap` for the kernel; numbers as data."""
+
+    axes: tuple[Vec, Vec, Vec]
+    half: mi.Float64
+    per_step: mi.Float64
+    count: mi.UInt32
+
+    @classmethod
+    def of(cls, m: ColumnMap) -> Lattice:
+        """Build from a map."""
+        e, f, c = (constant_vector(axis) for axis in m.axes)
+        per_step = (m.count - 1) / (2.0 * m.half)
+        return cls((e, f, c), constant(m.half), constant(per_step), dr.opaque(mi.UInt32, m.count, 1))
+
+    def corners(self, normal: Vec) -> list[tuple[mi.UInt32, mi.Float64]]:
+        """Return the four columns around places of unit normals, and their weights."""
+        across, along, up = (dot(normal, axis) for axis in self.axes)
+        scale = 1.0 / (1.0 + up)
+        (i, u), (j, v) = (self._along(value * scale) for value in (across, along))
+        start = j * self.count + i
+        above = start + self.count
+        return [
+            (start, (1.0 - u) * (1.0 - v)),
+            (start + 1, u * (1.0 - v)),
+            (above, (1.0 - u) * v),
+            (above + 1, u * v),
+        ]
+
+    def _along(self, value: mi.Float64) -> tuple[mi.UInt32, mi.Float64]:
+        step = dr.clip((value + self.half) * self.per_step, 0.0, mi.Float64(self.count - 1))
+        i = dr.minimum(mi.UInt32(step), self.count - 2)
+        return i, step - mi.Float64(i)
+
+
+@dataclass(frozen=True)
 class ColumnBatch:
     """Columns of up to :data:`WIDTH` g points in the kernel's memory.
 
     ``values``: Float64 of shape (rows, n, 2, width), flat. ``used``: g points that are not filling. ``low`` and
-    ``per_row`` (size 1) place the rows.
+    ``per_row`` (size 1) place the rows, or else ``lattice`` does.
     """
 
     values: mi.Float64
@@ -115,14 +168,18 @@ class ColumnBatch:
     rows: int
     low: mi.Float64
     per_row: mi.Float64
+    lattice: Lattice | None = None
     bands: Bands = ()
 
-    def at(self, height_m: mi.Float64, sin_latitude: mi.Float64) -> tuple[Values, Values]:
-        """Return extinction and source per g point; no extinction above the top."""
+    def at(self, height_m: mi.Float64, normal: Vec) -> tuple[Values, Values]:
+        """Return extinction and source per g point at heights above places of unit normals; none above the top."""
         i, w, inside = self.grid.locate(height_m)
         corners = [(i, 1.0 - w), (i + 1, w)]
-        if self.rows > 1:
-            x = dr.clip((sin_latitude - self.low) * self.per_row, 0.0, self.rows - 1.0)
+        if self.lattice is not None:
+            columns = self.lattice.corners(normal)
+            corners = [(c * self.grid.count + k, v * share) for c, share in columns for k, v in corners]
+        elif self.rows > 1:
+            x = dr.clip((normal[2] - self.low) * self.per_row, 0.0, self.rows - 1.0)
             row = dr.minimum(mi.UInt32(x), self.rows - 2)
             north = x - mi.Float64(row)
             start = row * self.grid.count

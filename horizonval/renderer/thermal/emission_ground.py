@@ -12,21 +12,28 @@ of emissivity 0.95 reflects a twentieth. Reflected sunlight is left out.
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from scipy.special import expn
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.earth.surface import land, surface
+from horizonval.earth.surface import ground_map
 from horizonval.earth.surface.emissivity import emissivity, water_emissivity
-from horizonval.earth.surface.ground_emission import LAG_RAD, GroundEmission
-from horizonval.earth.surface.surface import GroundModel
+from horizonval.earth.surface.ground_emission import (
+    KINDS,
+    LAG_RAD,
+    EmittingPlaces,
+    GroundEmission,
+    emitting_places,
+    ground_k,
+)
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.types import Vec
 
-KINDS = ("land", "snow", "water")
 SKY_LAYERS = 160
 ALL = slice(None)
 
@@ -36,44 +43,24 @@ def kinds_of(emission: GroundEmission) -> tuple[str, ...]:
     return KINDS if emission.kind == "earth" else KINDS[:1]
 
 
-def shares(emission: GroundEmission, ground: GroundModel | None, normal: FloatArray) -> dict[str, FloatArray]:
-    """Return the share of every kind of ground below unit normals (n, 3), shapes (n,). Foam counts as water.
-
-    Without a ``ground`` model land has no seasonal snow.
-    """
-    count = len(normal)
-    if emission.kind != "earth":
-        return {"land": np.ones(count)}
-    latitude = np.degrees(np.arcsin(np.clip(normal[:, 2], -1.0, 1.0)))
-    dry = land.is_land(latitude, np.degrees(np.arctan2(normal[:, 1], normal[:, 0]))).astype(float)
-    line = 91.0 + surface.SNOW_EDGE_DEG if ground is None else ground.snow_line_deg
-    snow = surface.snow_share(latitude, line)
-    return {"land": dry * (1.0 - snow), "snow": dry * snow, "water": 1.0 - dry}
-
-
-def temperatures_k(emission: GroundEmission, normal: FloatArray, sun_itrs: FloatArray) -> dict[str, FloatArray]:
-    """Return the temperature of every kind of ground below unit normals (n, 3), shapes (n,)."""
-
-    def at(values: tuple[float, ...]) -> FloatArray:
-        return np.interp(normal[:, 2], emission.sin_latitude, values)
-
-    land_k = at(emission.land_k)
-    if any(emission.diurnal_k):
-        land_k = land_k + at(emission.diurnal_k) * _diurnal_cosine(normal, sun_itrs)
-    return {"land": land_k, "snow": at(emission.snow_k), "water": at(emission.water_k)}
-
-
-def _diurnal_cosine(normal: FloatArray, sun: FloatArray) -> FloatArray:
-    """Return ``cos(H - lag)``."""
-    east = np.arctan2(normal[:, 1], normal[:, 0]) - np.arctan2(sun[1], sun[0])
-    return np.cos(east - LAG_RAD)
+def places_below(emission: GroundEmission, normal: FloatArray, sun_itrs: FloatArray) -> EmittingPlaces:
+    """Return what emits below unit normals (n, 3), the Sun in a direction."""
+    latitude = np.arcsin(np.clip(normal[:, 2], -1.0, 1.0))
+    longitude = np.arctan2(normal[:, 1], normal[:, 0])
+    return emitting_places(emission, latitude, longitude, math.atan2(sun_itrs[1], sun_itrs[0]))
 
 
 def temperature_range_k(emission: GroundEmission, kind: str) -> tuple[float, float]:
-    """Return the coldest and the warmest that a kind of ground can be."""
-    values = np.array({"land": emission.land_k, "snow": emission.snow_k, "water": emission.water_k}[kind])
-    swing = np.abs(emission.diurnal_k) if kind == "land" else np.zeros_like(values)
-    return float((values - swing).min()), float((values + swing).max())
+    """Return bounds of how cold and how warm a kind of ground can be, all heights and hours of a latitude together."""
+    rows = np.arcsin(np.array(emission.sin_latitude))
+    latitude = np.unique(np.concatenate([rows, np.radians(np.arange(-90.0, 90.01, 0.25))]))
+    high = ground_map.highest_m(np.degrees(latitude)) if emission.kind == "earth" else np.zeros_like(latitude)
+    found = []
+    for hour, height, sheet, land in product((0.0, math.pi), (0.0 * high, high), (0.0, 1.0), (False, True)):
+        same = np.ones_like(latitude)
+        at = EmittingPlaces(np.sin(latitude), (hour + LAG_RAD) * same, {}, (land * same) > 0.0, height, sheet * same)
+        found.append(ground_k(emission, kind, at))
+    return float(np.min(found)), float(np.max(found))
 
 
 def emissivities(emission: GroundEmission, kind: str, wavelength_um: FloatArray, cosine: FloatArray) -> FloatArray:
@@ -140,8 +127,8 @@ class GroundSource:
         wavelengths, owner = np.unique(self.band.wavelength_um[part], return_inverse=True)
         return emissivities(self.emission, kind, wavelengths, cosine)[owner]
 
-    def sky_at(self, sin_latitude: FloatArray, part: slice = ALL) -> FloatArray:
-        """Return the sky's mean radiance at places (n,) for some g points, shape (g, n)."""
+    def sky_at(self, normal: FloatArray, part: slice = ALL) -> FloatArray:
+        """Return the sky's mean radiance over places of unit normals (n, 3) for some g points, shape (g, n)."""
         if self.emission.kind != "earth" and self.emission.emissivity == 1.0:
-            return np.zeros((len(self.band.wavelength_um[part]), len(sin_latitude)))
-        return np.stack([np.interp(sin_latitude, self.band.sin_latitude, row) for row in self.sky[part]])
+            return np.zeros((len(self.band.wavelength_um[part]), len(normal)))
+        return self.band.between(self.sky[part], normal)

@@ -14,15 +14,16 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from horizonval.earth.surface.ground_emission import LAG_RAD, GroundEmission
+from horizonval.earth.surface.ground_emission import ICE_POINT_K, LAG_RAD, GroundEmission
+from horizonval.renderer.ground.cover import Places, cover, height_m
 from horizonval.renderer.kernel.cells import Cells, Rays
 from horizonval.renderer.kernel.clouds import first_cloud
 from horizonval.renderer.kernel.discs import DiscCells
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
-from horizonval.renderer.kernel.surface import is_land, snow_share
-from horizonval.renderer.planet import along
+from horizonval.renderer.kernel.surface import Ground
 from horizonval.renderer.ray_path import way_through
+from horizonval.renderer.refraction.ray_end import ray_end
 from horizonval.renderer.thermal.emission_table import (
     ABOVE_TOPS_M,
     BandTables,
@@ -113,7 +114,7 @@ class ThermalFrame:
     def parts(self, air: ThermalAir) -> Iterator[tuple[mi.UInt32, mi.Float64, mi.Float64]]:
         """Yield ``(slots of cells, share of each, radiance)`` of all that shines in a band; each cell once in each."""
         cells = self.cells
-        columns = columns_for(self.coordinates, len(air.band.sin_latitude))
+        columns = columns_for(self.coordinates, air.band)
         band = ThermalView(air, self.coordinates, columns, self.nodes, self.layer_m)
         tables = self._covered(band)
         if self.ground is not None:
@@ -201,23 +202,40 @@ def _ends(view: FrameGeometry, rays: Rays | DiscCells, emission: GroundEmission,
     """Look where rays end: on which kind of ground, how warm, and on which cloud before it."""
     cloud = t = None
     if view.ground is not None and view.ground.clouds is not None:
-        cloud, t = first_cloud(view.ground.clouds, view.planet, view.origin, rays.direction, to_ground)
+        cloud, t = first_cloud(view.ground.clouds, view.planet, view.origin, rays.direction, to_ground, view.bending)
     if not to_ground:
         return RayEnds(cloud, t, {}, {})
     mid, half, _ = view.planet.chord(view.origin, rays.direction)
-    _, normal = view.planet.height_and_normal(along(view.origin, rays.direction, mid - half))
-    shares: dict[str, mi.Float64] = {}
-    if emission.kind == "earth":
-        assert view.ground is not None
-        assert view.ground.land is not None
-        dry = dr.select(is_land(view.ground.land, normal), mi.Float64(1.0), 0.0)
-        snow = snow_share(normal, view.ground.model.snow_line_deg)
-        shares = {"land": dry * (1.0 - snow), "snow": dry * snow, "water": 1.0 - dry}
-    return RayEnds(cloud, t, shares, warmth_k(emission, normal, view.sun))
+    normal = ray_end(view.planet, view.bending, view.origin, rays.direction, mid - half).vertical
+    return RayEnds(cloud, t, *_warm_ground(view.ground, emission, normal, view.sun))
 
 
-def warmth_k(emission: GroundEmission, normal: Vec, sun: Vec) -> dict[str, mi.Float64]:
-    """Return :func:`horizonval.renderer.thermal.emission_ground.temperatures_k` for the kernel."""
+def _warm_ground(
+    ground: Ground | None, emission: GroundEmission, normal: Vec, sun: Vec
+) -> tuple[dict[str, mi.Float64], dict[str, mi.Float64]]:
+    """Return the shares of kinds of ground below normals and their temperatures."""
+    if emission.kind != "earth":
+        return {}, warmth_k(emission, normal, sun)
+    assert ground is not None
+    assert ground.table is not None
+    places = Places.below(normal)
+    land, below = cover(ground.table, places)
+    white = below["snow"] + below["firn"]
+    bare = dr.select(land, 1.0 - below["sand"] - white, 0.0)
+    shares = {"land": bare, "desert": below["sand"], "snow": white, "water": below["water"]}
+    height = dr.select(land, height_m(ground.table, places), 0.0)
+    return shares, warmth_k(emission, normal, sun, height, land, below["firn"] / dr.maximum(white, 1e-9))
+
+
+def warmth_k(
+    emission: GroundEmission,
+    normal: Vec,
+    sun: Vec,
+    height: mi.Float64 | None = None,
+    land: mi.Bool | None = None,
+    ice_sheet: mi.Float64 | None = None,
+) -> dict[str, mi.Float64]:
+    """Return :func:`horizonval.earth.surface.ground_emission.ground_k` of every kind of ground for the kernel."""
     count = len(emission.sin_latitude)
     low = emission.sin_latitude[0]
     x = (normal[2] - low) * ((count - 1) / (emission.sin_latitude[-1] - low))
@@ -229,10 +247,23 @@ def warmth_k(emission: GroundEmission, normal: Vec, sun: Vec) -> dict[str, mi.Fl
         table = mi.Float64(np.array(values))
         return dr.lerp(dr.gather(mi.Float64, table, i), dr.gather(mi.Float64, table, i + 1), w)
 
-    land_k = at(emission.land_k)
-    if any(emission.diurnal_k):
-        flat = dr.rsqrt(dr.maximum((normal[0] ** 2 + normal[1] ** 2) * (sun[0] ** 2 + sun[1] ** 2), 1e-24))
-        cosine = (normal[0] * sun[0] + normal[1] * sun[1]) * flat
-        sine = (normal[1] * sun[0] - normal[0] * sun[1]) * flat
-        land_k = land_k + at(emission.diurnal_k) * (math.cos(LAG_RAD) * cosine + math.sin(LAG_RAD) * sine)
-    return {"land": land_k, "snow": at(emission.snow_k), "water": at(emission.water_k)}
+    warm = at(emission.land_k)
+    if height is None or land is None or ice_sheet is None:
+        return {"land": warm}
+    flat = dr.rsqrt(dr.maximum((normal[0] ** 2 + normal[1] ** 2) * (sun[0] ** 2 + sun[1] ** 2), 1e-24))
+    cosine = (normal[0] * sun[0] + normal[1] * sun[1]) * flat
+    sine = (normal[1] * sun[0] - normal[0] * sun[1]) * flat
+    hour = math.cos(LAG_RAD) * cosine + math.sin(LAG_RAD) * sine
+    lapse = dr.opaque(mi.Float64, emission.land_lapse_k_m, 1)
+    warm -= lapse * height
+    snow = at(emission.snow_k) - lapse * height
+    sheet = at(emission.ice_sheet_k) - at(emission.ice_lapse_k_m) * height
+    white = dr.select(land, dr.lerp(snow, sheet, ice_sheet), at(emission.sea_ice_k))
+    if emission.land_lapse_k_m:
+        white = dr.minimum(white, ICE_POINT_K)
+    return {
+        "land": warm + at(emission.diurnal_k) * hour,
+        "desert": warm + at(emission.desert_warmer_k) + at(emission.desert_diurnal_k) * hour,
+        "snow": white,
+        "water": at(emission.water_k),
+    }

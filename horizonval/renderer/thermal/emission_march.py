@@ -97,7 +97,7 @@ def march_emission(
 
     def air_at(t: mi.Float64) -> tuple[Values, Values]:
         height, normal = planet.height_and_normal(along(o, d, t))
-        return batch.at(height, normal[2])
+        return batch.at(height, normal)
 
     def body(
         i: mi.UInt32, t0: mi.Float64, passed: Values, radiance: Values

@@ -123,12 +123,13 @@ def lagrange(t: Number, nodes: Sequence[Number] | FloatArray) -> list[Number]:
     return out
 
 
-def columns_for(coordinates: RayCoordinates, rows_of_air: int) -> int:
-    """Return how many azimuths a table has, through air in so many rows of latitude."""
-    if rows_of_air == 1:
+def columns_for(coordinates: RayCoordinates, band: EmittingBand) -> int:
+    """Return how many azimuths a table has over half a circle, or all round where the air varies with longitude."""
+    if band.is_uniform:
         return COLUMNS_ALIKE
     horizon_rad = math.acos(min(coordinates.planet.a_m / coordinates.distance_m, 1.0))
-    return max(1 + math.ceil(COLUMNS_PER_RAD * horizon_rad), FEWEST_COLUMNS)
+    half = max(1 + math.ceil(COLUMNS_PER_RAD * horizon_rad), FEWEST_COLUMNS)
+    return half if band.column_map is None else 2 * (half - 1)
 
 
 @dataclass(frozen=True)
@@ -173,7 +174,7 @@ class ThermalView:
     def grid(self, to_ground: bool) -> NodeGrid:
         """Return the grid of rays to the ground, or past it."""
         axis = self.coordinates.ground if to_ground else self.coordinates.limb
-        return NodeGrid(axis.count, self.columns)
+        return NodeGrid(axis.count, self.columns, self.air.band.column_map is not None)
 
     def band_tables(self) -> BandTables:
         """Return the tables through clear air as far as they were made."""
@@ -243,7 +244,7 @@ def _ground_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes
     ray, source, kinds = vectors(d), air.source, air.kinds
     p, normal, up = mirrored(planet, o, ray)
     dr.eval(p, up)
-    cosine, sin_latitude = -np.array(dot(normal, ray)), np.array(normal[2])
+    cosine, up_there = -np.array(dot(normal, ray)), np.stack([np.array(c) for c in normal], axis=-1)
     black = {k.name: source.spline(k.temperature_k) for k in kinds}
     out = np.zeros((sum(len(k.temperature_k) for k in kinds), len(d)))
     first = 0
@@ -252,7 +253,7 @@ def _ground_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes
         part = slice(first, first + batch.used)
         transmittance = [np.array(t) for t in through]
         out += sum(np.array(m) for m in more)
-        sky = mirror = source.sky_at(sin_latitude, part)
+        sky = mirror = source.sky_at(up_there, part)
         if source.mirrors:
             above, _, _ = march_emission(planet, air.top_m, batch, p, up, mi.Bool(False), nodes // 2)
             mirror = np.stack([np.array(a) for a in above])

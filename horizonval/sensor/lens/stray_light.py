@@ -53,7 +53,8 @@ class Sun:
 
 def sun_of(truth: FrameTruth) -> Sun:
     """Return the Sun's irradiance across its rays [W m-2], weighted by the band's response."""
-    return Sun(truth.sun_cam, truth.sun_angular_radius_rad, truth.sun_visible_fraction)
+    before_parts = 1.0 - truth.parts["hidden_sun"] if truth.parts else 1.0
+    return Sun(truth.sun_cam, truth.sun_angular_radius_rad, truth.sun_visible_fraction * before_parts)
 
 
 def band_irradiance(band: Band, angular_radius_rad: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -12,6 +12,8 @@ from horizonval.spec.units import unit
 
 class Atmosphere(Model):
     """What the air is made of."""
+
+    later_keys: ClassVar[frozenset[str]] = frozenset({"halocarbons"})
 
     profile: str = "us_standard"
     """Temperature and gases by name (`horizonval list atmospheres`). `none` is no atmosphere at all.
@@ -30,29 +32,36 @@ class Atmosphere(Model):
     """The climate of this latitude serves everywhere in all bands; for `profile = "by_latitude_month"`."""
     month: Annotated[int, Field(ge=1, le=12), unit("1")] | None = None
     """Month, 1 to 12, in place of the epoch's; for `profile = "by_latitude_month"`."""
-    aerosol: Literal["none", "background", "volcanic_moderate", "volcanic_high"] = "none"
-    """LOWTRAN7's particles. `none` is clean air and a third of the time, `background` haze of 23 km visibility at the
-    ground below a quiet stratosphere, the others a stratosphere after an eruption. See
-    `horizonval.earth.atmosphere.aerosol`.
+    aerosol: Literal["none", "background", "volcanic_moderate", "volcanic_high", "polar", "dust"] = "background"
+    """Particles, by models of LOWTRAN7: `background` is haze of 23 km visibility at the ground below a quiet
+    stratosphere, `volcanic_moderate` and `volcanic_high` have a stratosphere after an eruption, `polar` is clean air,
+    `dust` desert dust up to 5 km; `none` is molecules alone, at half the time. Without the key air with gases of its
+    own has the background, and `file` and `profile = "none"` have none. See `horizonval.earth.atmosphere.aerosol`.
     """
     ozone: bool = True
     """Whether ozone absorbs sunlight."""
     co2_ppm: Annotated[float, Field(ge=280, le=560)] = 420.0
-    """Carbon dioxide of the lower atmosphere, for thermal bands only. The absorption tables stand at 330 and 420 ppm;
-    see `horizonval.earth.spectral.thermal_absorption`.
+    """Carbon dioxide of the lower atmosphere, for thermal bands only; the file of a `profile_file` may have its own."""
+    halocarbons: bool = True
+    """Whether CFC-11, CFC-12, HCFC-22 and CCl4 absorb in thermal bands, in today's amounts whatever the epoch: +10 % of
+    the 8 to 14 um limb at 10 km, +80 % of 10.5 to 12.5 um. See `horizonval.earth.gases.halocarbons`.
     """
-    refraction: bool = False
-    """Whether the air bends light. The hard limb is then seen where that of a planet larger by n - 1 times its radius
-    would be (1.77 km in visible light, 2.4 arcmin from 500 km); the frame's truth and its maps stay those of straight
-    lines. A `file` must then have `refractivity`; there can be no clouds, and light scattered more than once is
-    computed without refraction. With 128 nodes the march is within 0.5 % of its limit in bright pixels with the Sun up,
-    0.9 % with the Sun 5 deg below the horizon, and 1.2 % and 4 % down to a thousandth of the brightest.
+    refraction: bool | None = None
+    """Whether the air bends light. Without the key it does where its index is known: not with a `file` without
+    `refractivity`, and not with `profile = "none"`. The hard limb is then seen where that of a planet larger by n - 1
+    times its radius would be (1.77 km in visible light, 2.4 arcmin from 500 km). The frame's truth has both horizons;
+    its maps are those of straight lines. Light scattered more than once is computed without refraction. With 128 nodes
+    the march is within 0.5 % of its limit in bright pixels with the Sun up, 0.9 % with the Sun 5 deg below the horizon,
+    and 1.2 % and 4 % down to a thousandth of the brightest.
     """
 
     @model_validator(mode="after")
     def _consistent(self) -> Atmosphere:
         if self.file is not None and self.profile_file is not None:
             raise ValueError("give at most one of file and profile_file")
+        if "aerosol" not in self.model_fields_set and (self._airless or self.file is not None):
+            # what has no gases of its own has no haze of its own either; the key stays unset
+            self.__dict__["aerosol"] = "none"
         if self._airless and self.aerosol != "none":
             raise ValueError(f'aerosol = "{self.aerosol}" needs air, but profile = "none"; set aerosol = "none"')
         if self.file is not None and self.aerosol != "none":
@@ -62,6 +71,8 @@ class Atmosphere(Model):
         if self.co2_ppm != 420.0 and (self.file is not None or self._airless):
             raise ValueError('co2_ppm applies to an atmosphere with gases of its own, not to file or profile = "none"')
         by_place = self.profile == "by_latitude_month" and self.profile_file is None and self.file is None
+        if not self.halocarbons and (self.file is not None or self._airless):
+            raise ValueError('halocarbons applies to air with gases of its own, not to file or profile = "none"')
         for key in ("latitude_deg", "month"):
             if getattr(self, key) is not None and not by_place:
                 raise ValueError(f'{key} applies to profile = "by_latitude_month" only')

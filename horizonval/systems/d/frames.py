@@ -51,7 +51,7 @@ SOFT = {
     "earth": {"shape": "sphere", "radius_km": RADIUS_KM},
     "atmosphere": {"profile": "us_standard"},
 }
-"""The limb of carbon dioxide, the same all round."""
+"""The limb of carbon dioxide, the same all round; with the haze that air has by default, which it stands above."""
 OBLATE = {**HARD, "earth": {"shape": "wgs84"}}
 AIR = {
     "earth": {"shape": "sphere", "radius_km": RADIUS_KM},

@@ -1,9 +1,9 @@
 """The infrared horizon all round a camera, for every thermal band: what a frame's truth carries.
 
-The air depends on height and latitude alone, so that rays at azimuths A and -A about the nadir see the same: half of
-the circle is integrated. Where the air is the same everywhere, only the ellipsoid's curvature still turns with the
-azimuth (0.7 % of its radius, some 30 m of the horizon's height); its first harmonics are then enough, and on a sphere
-one azimuth.
+Air that depends on height and latitude alone looks the same along rays at azimuths A and -A about the nadir: half of
+the circle is integrated, and all of it where the air varies with longitude. Where the air is the same everywhere, only
+the ellipsoid's curvature still turns with the azimuth (0.7 % of its radius, some 30 m of the horizon's height); its
+first harmonics are then enough, and on a sphere one azimuth.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.column import OpticalModel
 from horizonval.earth.surface.ground_emission import GroundEmission
+from horizonval.earth.weather.column_map import ColumnMap
 from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_height
+from horizonval.truth.infrared_horizon.bent_rays import StraightHeights, straight_heights
 from horizonval.truth.infrared_horizon.ground import GroundPlaces, ground_places, ground_radiance
 from horizonval.truth.infrared_horizon.locators import GROUND_RAY_M, HorizonHeights, locate, profile_heights_m
 from horizonval.truth.infrared_horizon.radiance import BandMedium, ground_ray, limb_radiance
@@ -46,7 +48,6 @@ def infrared_horizon(
     ellipsoid: Ellipsoid,
     *,
     sun_itrs: ArrayLike = (1.0, 0.0, 0.0),
-    snow_line_deg: float = 90.0,
     azimuths: int = AZIMUTHS,
 ) -> dict[str, dict[str, Any]]:
     """Return the infrared horizon of every thermal band of a model, as plain data.
@@ -59,9 +60,7 @@ def infrared_horizon(
         Camera [m].
     ellipsoid : Ellipsoid
     sun_itrs : array_like, shape (3,)
-        Towards the Sun: the hour of the day on land. As the snow line, it matters where the ground is an "earth".
-    snow_line_deg : float
-        Latitude north of which land is under snow.
+        Towards the Sun: the hour of the day on land. Matters where the ground is an "earth".
     azimuths : int
         Even.
 
@@ -77,8 +76,10 @@ def infrared_horizon(
         - ``half_plateau_height_m`` and ``half_plateau_angle_rad``, the angle of the ray of that lowest height;
         - ``maximum_gradient_height_m`` and ``maximum_gradient_angle_rad``.
 
-        Heights are rounded to 0.1 m and radiances to six digits: rounding differs between machines in the last bit,
-        and truths must not. Empty where the camera is not above the air, nothing absorbs, or an atmosphere file ends
+        Heights are those of the ray's straight line outside the air, over the geometric planet: bent rays come lower
+        (7 m at 40 km, 0.5 km at 10 km). They are rounded to 0.1 m, radiances to six digits: rounding differs between
+        machines in the last bit, and truths must not. Empty where the camera is not above the air, nothing absorbs, or
+        an atmosphere file ends
         below 30 km, where no plateau can be told.
 
     Notes
@@ -89,7 +90,7 @@ def infrared_horizon(
     if not model.thermal:
         return {}
     place, sun = (tuple(np.asarray(v, dtype=np.float64).tolist()) for v in (r_itrs, sun_itrs))
-    request = _HorizonRequest(_digest(model), place, ellipsoid, sun, float(snow_line_deg), azimuths, model)
+    request = _HorizonRequest(_digest(model), place, ellipsoid, sun, azimuths, model)
     return copy.deepcopy(_computed(request))
 
 
@@ -101,16 +102,20 @@ class _HorizonRequest:
     r_itrs: tuple[float, ...]
     ellipsoid: Ellipsoid
     sun_itrs: tuple[float, ...]
-    snow_line_deg: float
     azimuths: int
     model: OpticalModel = field(compare=False)
 
 
 def _digest(model: OpticalModel) -> str:
     digest = hashlib.sha256(repr((model.top_m, model.emission)).encode())
+    if model.refractivity is not None:
+        digest.update(np.ascontiguousarray(model.refractivity).data)
     for band in model.thermal:
         for item in fields(band):
             value = getattr(band, item.name)
+            if isinstance(value, ColumnMap):
+                digest.update(repr((value.axes.tolist(), value.half, value.count)).encode())
+                continue
             digest.update(np.ascontiguousarray(value).data if isinstance(value, np.ndarray) else repr(value).encode())
     return digest.hexdigest()
 
@@ -122,8 +127,10 @@ def _computed(asked: _HorizonRequest) -> dict[str, dict[str, Any]]:
     if float(geodetic_height(r, ellipsoid)) <= model.top_m or model.top_m < _LOWEST_TOP_M:
         return {}
     assert model.emission is not None
-    airs = [BandMedium(band) for band in model.thermal]
-    view = _CameraRays.of(asked, model.top_m, all(air.is_uniform for air in airs))
+    heights = straight_heights(model, ellipsoid.mean_radius_m)
+    airs = [BandMedium(band, heights) for band in model.thermal]
+    zonal = all(air.column_map is None for air in airs)
+    view = _CameraRays.of(asked, heights, all(air.is_uniform for air in airs), zonal)
     return {
         band.name: _plain(view, _located(view, band, air, model.emission))
         for band, air in zip(model.thermal, airs, strict=True)
@@ -133,13 +140,14 @@ def _computed(asked: _HorizonRequest) -> dict[str, dict[str, Any]]:
 
 @dataclass(frozen=True)
 class _CameraRays:
-    """The rays of a camera, the same for all bands.
+    """The rays of a camera, the same for all bands, past the planet raised by ``rise_m``.
 
     ``spread``: matrix from the azimuths that are integrated to all; ``past``, ``down``: rays past and to the ground.
     """
 
     r_itrs: FloatArray
     ellipsoid: Ellipsoid
+    rise_m: float
     azimuth_rad: FloatArray
     height_m: FloatArray
     spread: FloatArray
@@ -148,23 +156,30 @@ class _CameraRays:
     ground: GroundPlaces
 
     @classmethod
-    def of(cls, asked: _HorizonRequest, top_m: float, uniform: bool) -> _CameraRays:
-        r_itrs, ellipsoid, azimuths = np.array(asked.r_itrs), asked.ellipsoid, asked.azimuths
+    def of(cls, asked: _HorizonRequest, air: StraightHeights, uniform: bool, zonal: bool) -> _CameraRays:
+        r_itrs, azimuths, top_m = np.array(asked.r_itrs), asked.azimuths, air.top_m
+        ellipsoid = asked.ellipsoid.raised(air.rise_m)
         azimuth: FloatArray = np.arange(azimuths, dtype=np.float64) * (math.tau / azimuths)
         half = azimuth[: azimuths // 2 + 1]
-        if not uniform:
+        mirrored = np.minimum(np.arange(azimuths), azimuths - np.arange(azimuths))
+        if not zonal:
+            solved, spread, mirrored = azimuth, np.eye(azimuths), np.arange(azimuths)
+        elif not uniform:
             solved, spread = half, np.eye(len(half))
         elif ellipsoid.is_sphere:
             solved, spread = half[:1], np.ones((len(half), 1))
         else:
             solved = np.linspace(0.0, math.pi, _HARMONICS + 1)
             spread = _cosine_series(solved, half)
-        mirrored = np.minimum(np.arange(azimuths), azimuths - np.arange(azimuths))
         heights = profile_heights_m(top_m)
-        down, *past = ray_paths(r_itrs, ellipsoid, solved, np.append(GROUND_RAY_M, heights), top_m)
+        down, *past = ray_paths(
+            r_itrs, ellipsoid, solved, np.append(GROUND_RAY_M, heights), top_m, with_places=not zonal
+        )
         place = ground_points(r_itrs, ellipsoid, azimuth, GROUND_RAY_M)
-        ground = ground_places(r_itrs, place, ellipsoid, np.array(asked.sun_itrs), asked.snow_line_deg)
-        return cls(r_itrs, ellipsoid, azimuth, heights, spread[mirrored], past, down, ground)
+        emission = asked.model.emission
+        assert emission is not None
+        ground = ground_places(r_itrs, place, ellipsoid, np.array(asked.sun_itrs), emission)
+        return cls(r_itrs, asked.ellipsoid, air.rise_m, azimuth, heights, spread[mirrored], past, down, ground)
 
 
 def _located(view: _CameraRays, band: EmittingBand, air: BandMedium, emission: GroundEmission) -> HorizonHeights:
@@ -175,7 +190,9 @@ def _located(view: _CameraRays, band: EmittingBand, air: BandMedium, emission: G
 
 
 def _plain(view: _CameraRays, located: HorizonHeights) -> dict[str, Any]:
-    half, steepest = np.round(located.half_plateau_m, 1), np.round(located.maximum_gradient_m, 1)
+    half, steepest = (
+        np.round(height_m + view.rise_m, 1) for height_m in (located.half_plateau_m, located.maximum_gradient_m)
+    )
     azimuths = len(view.azimuth_rad)
 
     def angles(height_m: FloatArray) -> list[float]:

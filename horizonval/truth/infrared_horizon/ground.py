@@ -13,9 +13,14 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
-from horizonval.earth.surface.ground_emission import GroundEmission, ground_emissivity, ground_k
-from horizonval.earth.surface.land import is_land
-from horizonval.earth.surface.surface import snow_share
+from horizonval.earth.surface.ground_emission import (
+    EmittingPlaces,
+    GroundEmission,
+    emitting_places,
+    ground_emissivity,
+    ground_k,
+)
+from horizonval.earth.weather.column_map import ColumnMap
 from horizonval.geometry.ellipsoid import Ellipsoid, geodetic_from_itrs, surface_normal
 
 _SKY_ROWS, _SKY_STRIDE = 12, 5
@@ -23,50 +28,46 @@ _SKY_ROWS, _SKY_STRIDE = 12, 5
 
 @dataclass(frozen=True)
 class GroundPlaces:
-    """Where rays meet the ground; arrays of shape (n,).
+    """Where rays meet the ground.
 
-    ``cosine``: of the view to the vertical. ``hour_angle``: of the Sun [rad]. ``land``, ``snow``: shares of the place.
+    ``normal``: the ellipsoid's, shape (n, 3). ``cosine``: of the view to the vertical, shape (n,). ``places``: what
+    emits there.
     """
 
-    sin_latitude: FloatArray
+    normal: FloatArray
     cosine: FloatArray
-    hour_angle: FloatArray
-    land: FloatArray
-    snow: FloatArray
+    places: EmittingPlaces
 
 
 def ground_places(
-    r_itrs: FloatArray, place_itrs: FloatArray, ellipsoid: Ellipsoid, sun_itrs: FloatArray, snow_line_deg: float
+    r_itrs: FloatArray, place_itrs: FloatArray, ellipsoid: Ellipsoid, sun_itrs: FloatArray, emission: GroundEmission
 ) -> GroundPlaces:
-    """Return what is at places of shape (n, 3) seen from a camera, with the Sun's direction and the snow line given."""
+    """Return what is at places of shape (n, 3) seen from a camera, with the Sun in a direction."""
     latitude, longitude, _ = geodetic_from_itrs(place_itrs, ellipsoid)
     line = r_itrs - place_itrs
     line = line / np.linalg.norm(line, axis=-1, keepdims=True)
-    cosine = np.einsum("ij,ij->i", surface_normal(place_itrs, ellipsoid), line)
-    sun_longitude = np.arctan2(sun_itrs[1], sun_itrs[0])
-    latitude_deg = np.degrees(latitude)
-    land = is_land(latitude_deg, np.degrees(longitude)).astype(np.float64)
-    snow = land * snow_share(latitude_deg, snow_line_deg)
-    return GroundPlaces(np.sin(latitude), cosine, longitude - sun_longitude, land - snow, snow)
+    normal = surface_normal(place_itrs, ellipsoid)
+    cosine = np.einsum("ij,ij->i", normal, line)
+    sun_longitude = float(np.arctan2(sun_itrs[1], sun_itrs[0]))
+    return GroundPlaces(normal, cosine, emitting_places(emission, latitude, longitude, sun_longitude))
 
 
 def ground_radiance(band: EmittingBand, emission: GroundEmission, at: GroundPlaces) -> FloatArray:
     """Return the radiance [W m-2 sr-1], shape (n, g), of the ground towards the camera."""
-    if emission.kind == "uniform":
-        shares = {"land": np.ones_like(at.land)}
-    else:
-        shares = {"land": at.land, "snow": at.snow, "water": 1.0 - at.land - at.snow}
-    sky = _sky(band, at.sin_latitude) if emission.kind != "uniform" or emission.emissivity < 1.0 else 0.0
-    total = np.zeros((len(at.land), band.count))
-    for kind, share in shares.items():
+    places = at.places
+    sky = _sky(band, at) if emission.kind != "uniform" or emission.emissivity < 1.0 else 0.0
+    total = np.zeros((len(at.cosine), band.count))
+    for kind, share in places.shares.items():
         e = ground_emissivity(emission, kind, band.wavelength_um, at.cosine[:, None])
-        source = band.source(ground_k(emission, kind, at.sin_latitude, at.hour_angle))
+        source = band.source(ground_k(emission, kind, places))
         total += share[:, None] * (e * source + (1.0 - e) * sky)
     return total
 
 
-def _sky(band: EmittingBand, sin_latitude: FloatArray) -> FloatArray:
+def _sky(band: EmittingBand, at: GroundPlaces) -> FloatArray:
     """Return the mean radiance of the sky, shape (n, g)."""
+    if band.column_map is not None:
+        return _sky_of_map(band, band.column_map, at.normal)
     count = len(band.sin_latitude)
     rows = np.unique(np.linspace(0, count - 1, min(count, _SKY_ROWS)).round().astype(int))
     some = replace(
@@ -76,4 +77,19 @@ def _sky(band: EmittingBand, sin_latitude: FloatArray) -> FloatArray:
         ln_extinction=band.ln_extinction[:, rows],
         temperature_k=band.temperature_k[rows],
     )
-    return np.stack([np.interp(sin_latitude, some.sin_latitude, g) for g in some.sky_irradiance()], axis=-1)
+    return np.stack([np.interp(at.places.sin_latitude, some.sin_latitude, g) for g in some.sky_irradiance()], axis=-1)
+
+
+def _sky_of_map(band: EmittingBand, lattice: ColumnMap, normal: FloatArray) -> FloatArray:
+    """Return the same where columns stand on a map: that of the column next to each place."""
+    nearest = np.argmax(normal @ lattice.normals().T, axis=1)
+    columns, owner = np.unique(nearest, return_inverse=True)
+    some = replace(
+        band,
+        altitude_m=np.append(band.altitude_m[:-1:_SKY_STRIDE], band.altitude_m[-1]),
+        sin_latitude=np.arange(len(columns), dtype=np.float64),
+        ln_extinction=band.ln_extinction[:, columns],
+        temperature_k=band.temperature_k[columns],
+        column_map=None,
+    )
+    return some.sky_irradiance()[:, owner].T

@@ -19,6 +19,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.truth.infrared_horizon.bent_rays import StraightHeights
 from horizonval.truth.infrared_horizon.rays import RayPath
 
 SHELL_M = 1000.0
@@ -42,22 +43,26 @@ def shells_m(top_m: float, step_m: float = SHELL_M) -> FloatArray:
     return np.append(shells[shells < top_m], top_m)
 
 
-def layer_edges_m(band: EmittingBand) -> FloatArray:
+def layer_edges_m(band: EmittingBand, altitude_m: FloatArray) -> FloatArray:
     """Return the heights at which paths must be cut besides: where layers of thin cloud begin, bend and end."""
     inside = np.nonzero(band.layer_per_m.any(axis=0))[0] if len(band.layer_per_m) else np.zeros(0, dtype=np.intp)
     if not len(inside):
         return np.zeros(0)
-    return np.asarray(band.altitude_m[np.unique(np.concatenate([inside - 1, inside, inside + 1]))])
+    return np.asarray(altitude_m[np.unique(np.concatenate([inside - 1, inside, inside + 1]))])
 
 
 class BandMedium:
-    """Extinction and source of one band, laid out for rays: g point last."""
+    """Extinction and source of one band, laid out for rays: g point last. ``heights``: None where no light is bent."""
 
-    def __init__(self, band: EmittingBand) -> None:
+    def __init__(self, band: EmittingBand, heights: StraightHeights | None = None) -> None:
         extinction, source = band.columns()
         self.altitude_m = band.altitude_m
+        if heights is not None:
+            self.altitude_m = heights.of(band.altitude_m)
+            extinction = extinction * np.interp(band.altitude_m, heights.altitude_m, heights.stretch)
         self.sin_latitude = band.sin_latitude
-        self.edges_m = layer_edges_m(band)
+        self.edges_m = layer_edges_m(band, self.altitude_m)
+        self.column_map = band.column_map
         self.extinction = np.ascontiguousarray(np.moveaxis(extinction, 0, -1))
         self.source = np.ascontiguousarray(np.moveaxis(source, 0, -1))
 
@@ -73,8 +78,8 @@ class BandMedium:
 
     @property
     def is_uniform(self) -> bool:
-        """Whether the air is the same at every latitude."""
-        return len(self.sin_latitude) == 1
+        """Whether the air is the same everywhere."""
+        return self.column_map is None and len(self.sin_latitude) == 1
 
     def along(self, path: RayPath, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return extinction and source at the points of rays, shape (azimuths, points, g); 1 azimuth if uniform."""
@@ -84,23 +89,44 @@ class BandMedium:
         if self.is_uniform:
             k, s = (c[:, i] * (1.0 - w) + c[:, i + 1] * w for c in (self.extinction, self.source))
             return k, s
-        step = self.sin_latitude[1] - self.sin_latitude[0]
-        row = np.clip((path.sine_at(u) - self.sin_latitude[0]) / step, 0.0, len(self.sin_latitude) - 1)
-        j = np.minimum(row.astype(np.intp), len(self.sin_latitude) - 2)
-        v = (row - j)[..., None]
-        corners = (
-            ((1.0 - v) * (1.0 - w), j, i),
-            ((1.0 - v) * w, j, i + 1),
-            (v * (1.0 - w), j + 1, i),
-            (v * w, j + 1, i + 1),
-        )
+        places = self._rows(path, u) if self.column_map is None else self._columns(path, u)
+        corners = [(share[..., None] * v, j, level) for j, share in places for v, level in ((1.0 - w, i), (w, i + 1))]
         result = []
         for column in (self.extinction, self.source):
-            value = np.zeros((*j.shape, column.shape[-1]))
+            value = np.zeros((*places[0][0].shape, column.shape[-1]))
             for weight, rows, levels in corners:
                 value += weight * column[rows, levels]
             result.append(value)
         return result[0], result[1]
+
+    def _rows(self, path: RayPath, u: FloatArray) -> list[tuple[np.ndarray, FloatArray]]:
+        """Return the two rows of latitude about the points of rays, and their weights."""
+        step = self.sin_latitude[1] - self.sin_latitude[0]
+        row = np.clip((path.sine_at(u) - self.sin_latitude[0]) / step, 0.0, len(self.sin_latitude) - 1)
+        j = np.minimum(row.astype(np.intp), len(self.sin_latitude) - 2)
+        v = row - j
+        return [(j, 1.0 - v), (j + 1, v)]
+
+    def _columns(self, path: RayPath, u: FloatArray) -> list[tuple[np.ndarray, FloatArray]]:
+        """Return the four columns of a map about the points of rays, and their weights.
+
+        Written anew from the map's definition: the truth knows where columns stand, not how others read them.
+        """
+        lattice = self.column_map
+        assert lattice is not None
+        normal = path.normal_at(u)
+        along = normal @ lattice.axes.T
+        plane = along[..., :2] / (1.0 + along[..., 2:])
+        side = np.linspace(-lattice.half, lattice.half, lattice.count)
+        plane = np.clip(plane, side[0], side[-1])
+        low = np.clip(np.searchsorted(side, plane, side="right") - 1, 0, lattice.count - 2)
+        share = (plane - side[low]) / (side[low + 1] - side[low])
+        (i, j), (p, q) = np.moveaxis(low, -1, 0), np.moveaxis(share, -1, 0)
+        return [
+            ((j + b) * lattice.count + i + a, (p if a else 1.0 - p) * (q if b else 1.0 - q))
+            for a in (0, 1)
+            for b in (0, 1)
+        ]
 
 
 def limb_radiance(air: BandMedium, rays: Sequence[RayPath], *, step_m: float = SHELL_M) -> FloatArray:

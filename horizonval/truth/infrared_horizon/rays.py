@@ -67,7 +67,8 @@ class RayPath:
     """Rays of one lowest height at several azimuths, up to ``top_m``, as polynomials in ``x = u / reach``.
 
     ``distance`` and ``sin_latitude``: coefficients, shape (azimuths, k), lowest power first; metres from the lowest
-    point, and sine of the geodetic latitude.
+    point, and sine of the geodetic latitude. ``level``: those of the first two components of the ellipsoid's normal,
+    shape (azimuths, k, 2); None where nobody asked for places.
     """
 
     lowest_m: float
@@ -75,6 +76,7 @@ class RayPath:
     top_m: float
     distance: FloatArray
     sin_latitude: FloatArray
+    level: FloatArray | None = None
 
     def metres_per_u(self, u: FloatArray) -> FloatArray:
         """Return ds/du [m^0.5], shape (azimuths, points)."""
@@ -85,13 +87,26 @@ class RayPath:
         """Return the sine of the geodetic latitude, shape (azimuths, points)."""
         return _polynomial(self.sin_latitude, u / self.reach)
 
+    def normal_at(self, u: FloatArray) -> FloatArray:
+        """Return the ellipsoid's unit normals, shape (azimuths, points, 3): places by which columns are found."""
+        assert self.level is not None
+        x = u / self.reach
+        return np.stack([_polynomial(self.level[..., k], x) for k in (0, 1)] + [self.sine_at(u)], axis=-1)
+
 
 def ray_paths(
-    r_itrs: ArrayLike, ellipsoid: Ellipsoid, azimuth_rad: ArrayLike, height_m: ArrayLike, top_m: float
+    r_itrs: ArrayLike,
+    ellipsoid: Ellipsoid,
+    azimuth_rad: ArrayLike,
+    height_m: ArrayLike,
+    top_m: float,
+    *,
+    with_places: bool = False,
 ) -> list[RayPath]:
     """Return, for every lowest height, the course between the passages of ``top_m`` of one ray per azimuth.
 
-    Azimuths of shape (azimuths,), heights of shape (heights,), below the observer's and the top.
+    Azimuths of shape (azimuths,), heights of shape (heights,), below the observer's and the top. ``with_places``: for
+    air that varies with longitude.
     """
     r = np.asarray(r_itrs, dtype=np.float64)
     heights = np.asarray(height_m, dtype=np.float64)
@@ -103,13 +118,24 @@ def ray_paths(
     node = np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
     along = node * (reach * np.sqrt(2.0 * (ellipsoid.a_m + heights) + reach**2))[:, None]
     place = r + (s[..., None] + along)[..., None] * d[..., None, :]
-    latitude, _, z = geodetic_from_itrs(place, ellipsoid)
+    latitude, longitude, z = geodetic_from_itrs(place, ellipsoid)
     u = np.copysign(np.sqrt(np.maximum(z - lowest[..., None], 0.0)), along)
     matrix = (u / reach[:, None])[..., None] ** np.arange(_NODES)
     values = np.stack([np.broadcast_to(along, z.shape), np.sin(latitude)], axis=-1)
     fitted = np.linalg.solve(matrix, values)
+    level = None
+    if with_places:
+        across = np.stack([np.cos(longitude), np.sin(longitude)], axis=-1) * np.cos(latitude)[..., None]
+        level = np.linalg.solve(matrix, across)
     return [
-        RayPath(float(h), float(reach[n]), float(top_m), fitted[:, n, :, 0], fitted[:, n, :, 1])
+        RayPath(
+            float(h),
+            float(reach[n]),
+            float(top_m),
+            fitted[:, n, :, 0],
+            fitted[:, n, :, 1],
+            None if level is None else level[:, n],
+        )
         for n, h in enumerate(heights.tolist())
     ]
 

@@ -60,5 +60,5 @@ def test_kinds_lie_in_their_measured_ranges() -> None:
 
 
 def test_unknown_kind() -> None:
-    with pytest.raises(UserError, match="unknown kind of ground 'ice'; expected one of land, snow, water, foam"):
+    with pytest.raises(UserError, match="unknown kind of ground 'ice'; expected one of land, desert, snow, water"):
         emissivity("ice", 11.0)

@@ -150,11 +150,15 @@ def test_thermal_bands_emit_like_their_levels() -> None:
     assert planck.band_radiance(14.0, 16.3, 4000.0) < sun < planck.band_radiance(14.0, 16.3, 5800.0)
 
 
-def test_us76_borrows_the_absorption_of_us_standard() -> None:
-    borrowed = optical_model(scene(atmosphere={"profile": "us76"}), camera(TIR))
-    own = optical_model(scene(), camera(TIR))
+def test_us76_absorbs_much_as_us_standard() -> None:
+    borrowed = optical_model(scene(atmosphere={"profile": "us76", "aerosol": "none"}), camera(TIR))
+    own = optical_model(scene(atmosphere={"aerosol": "none"}), camera(TIR))
     (a,), (b,) = borrowed.thermal, own.thermal
-    np.testing.assert_allclose(a.columns()[0], b.columns()[0], rtol=1e-12)
+    # Temperatures differ by 0.8 K and pressures by 3 % up to 47 km, more above.
+    low = a.altitude_m < 47e3
+    ratio = a.columns()[0][..., low] / b.columns()[0][..., low]
+    assert 1e-3 < np.abs(ratio - 1).max() < 0.12
+    assert np.median(np.abs(ratio - 1)) < 0.02
     # 288.15 and 288.2 K, of float32.
     assert borrowed.emission is not None
     assert own.emission is not None

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from horizonval.earth.surface import surface_temperature as st
-from horizonval.earth.surface.land import is_land
+from horizonval.earth.surface.ground_map import height_m, is_land
 
 LATITUDE = np.arange(-89.5, 90.0)
-LAND = is_land(LATITUDE[:, None], np.arange(-179.5, 180.0)[None, :]).mean(axis=1)
+LONGITUDE = np.arange(-179.5, 180.0)
+# NOAA's land has no ice shelves
+SHELF = (LATITUDE[:, None] < -74.0) & (height_m(LATITUDE[:, None], LONGITUDE) < 100.0)
+LAND = (is_land(LATITUDE[:, None], LONGITUDE) & ~SHELF).mean(axis=1)
 AREA = np.cos(np.radians(LATITUDE))
 MONTHS = range(1, 13)
 
@@ -55,5 +58,44 @@ def test_a_year_closes() -> None:
 def test_daily_swing() -> None:
     swing = st.land_daily_swing_k(LATITUDE)
     assert swing.min() >= 0.0
-    assert 14.0 < swing.max() <= 15.0
+    assert 13.0 < swing.max() <= 14.0
     assert swing[[0, -1]].max() < 1.0
+
+
+# Monthly mean air temperatures [C], January first: READER (Turner et al. 2004), Plateau Station 1965 to 1969.
+SOUTH_POLE = (-28.2, -40.9, -54.0, -57.3, -57.9, -58.4, -60.0, -59.7, -59.4, -51.1, -38.3, -27.5)
+VOSTOK = (-32.0, -44.3, -57.9, -64.7, -65.6, -65.2, -66.9, -67.6, -66.0, -57.1, -43.3, -32.1)
+PLATEAU = (-34.3, -44.3, -57.3, -66.8, -66.9, -69.3, -68.2, -71.3, -65.2, -60.2, -44.7, -32.2)
+MCMURDO = (-2.9, -9.5, -18.2, -20.7, -21.7, -23.0, -25.7, -26.1, -24.6, -18.9, -9.7, -3.4)
+
+
+@pytest.mark.parametrize(
+    ("latitude", "height", "station", "worst"),
+    [(-90.0, 2835.0, SOUTH_POLE, 3.0), (-78.46, 3488.0, VOSTOK, 3.5), (-77.85, 24.0, MCMURDO, 3.0),
+     (-79.25, 3625.0, PLATEAU, 5.0)],
+    ids=["Amundsen-Scott", "Vostok", "McMurdo", "Plateau"],
+)  # fmt: skip
+def test_antarctica_is_as_cold_as_its_stations(latitude, height, station, worst):
+    """The first three are among those that the fit was made of; Plateau Station, the coldest, is not."""
+    found = []
+    for month in MONTHS:
+        sea_level, lapse = st.ice_sheet(latitude, month)
+        found.append(float(sea_level - lapse * height) - 273.15)
+    assert np.abs(np.array(found) - station).max() < worst
+    assert np.abs(np.mean(np.array(found) - station)) < 3.0
+
+
+def test_greenland_is_as_cold_as_its_summit():
+    """Monthly means of Summit, 3216 m: K. Steffen and J. Box (2001), 2 K; Nuuk at the coast, -8 C in January."""
+    for month, mean in ((1.0, -41.0), (7.0, -11.5), (10.0, -31.0)):
+        sea_level, lapse = st.ice_sheet(72.58, month)
+        assert float(sea_level - lapse * 3216.0) - 273.15 == pytest.approx(mean, abs=2.0)
+    assert float(st.ice_sheet(64.2, 1.0)[0]) - 273.15 == pytest.approx(-8.0, abs=3.0)
+
+
+def test_sea_ice_is_as_cold_as_published():
+    """Rigor, Colony and Martin (2000), Arctic Ocean north of 85 deg: -32 C in winter, 0 in July; 2 K."""
+    assert float(st.sea_ice_k(88.0, 2.0)) - 273.15 == pytest.approx(-32.0, abs=2.0)
+    assert float(st.sea_ice_k(88.0, 7.0)) - 273.15 == pytest.approx(0.0, abs=1.0)
+    assert st.sea_ice_k(LATITUDE, 6.6).max() <= 273.15
+    assert (st.sea_ice_k([-60.0, -66.0, -72.0], 9.0) > 248.0).all()

@@ -38,7 +38,7 @@ def _view(air: OpticalModel, origin: FloatArray, nodes: int = 256, layer_m: floa
     assert air.emission is not None
     thermal = ThermalAir.of(b, air.emission)
     coordinates = RayCoordinates.of(Planet(WGS84.a_m, WGS84.b_m), origin, thermal.top_m)
-    return ThermalView(thermal, coordinates, columns_for(coordinates, len(b.sin_latitude)), nodes, layer_m)
+    return ThermalView(thermal, coordinates, columns_for(coordinates, b), nodes, layer_m)
 
 
 def _looked(view: Any, o: Any, d: Any, to_ground: bool) -> Any:

@@ -31,7 +31,7 @@ from horizonval.renderer.scattering.source_store import content_key, multiple_sc
 from horizonval.renderer.scattering.sun_angles import sun_angle_cosines, sun_angle_position  # noqa: E402
 from horizonval.renderer.tables import SunTable  # noqa: E402
 
-COARSE = Quality(6, 12, 4, 2, 2, 6, 4, 2, 8, 4)
+COARSE = Quality(6, 12, 4, 2, 2, 6, 4, 2, 8, 4, 4)
 ALTITUDE_M = np.linspace(0.0, 1e5, 101)
 PLANET_M = 6371e3
 

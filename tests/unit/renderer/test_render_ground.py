@@ -13,7 +13,8 @@ from scipy.optimize import brentq
 from horizonval.earth.clouds import relief
 from horizonval.earth.clouds.relief import BASE_M, CloudField
 from horizonval.earth.optical import optical_model
-from horizonval.earth.surface import land, surface
+from horizonval.earth.surface import ground_map, surface
+from horizonval.earth.surface.ground_cover import ground_cover
 from horizonval.frame import Hit
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height, surface_normal
@@ -62,24 +63,39 @@ def _places(n: int, seed: int) -> np.ndarray:
 
 def test_kernel_reflectance_equals_numpy(mi: Any) -> None:
     """1e-6: Dr.Jit's erf."""
-    from horizonval.renderer.kernel.surface import fresnel, glint_brdf
+    from horizonval.earth.surface import snow_reflectance as snow
+    from horizonval.renderer.ground.reflectance import fresnel, glint_brdf, snow_factor
 
     rng = np.random.default_rng(np.random.SeedSequence(8))
     a, b, c = rng.uniform(-0.05, 1.0, 2000), rng.uniform(-0.05, 1.0, 2000), rng.uniform(-1.0, 1.0, 2000)
     ours = np.array(glint_brdf(mi.Float64(a), mi.Float64(b), mi.Float64(c), mi.Float64(0.04)))
     assert ours == pytest.approx(surface.glint_brdf(a, b, c, 0.04), rel=1e-6, abs=1e-12)
+    table = mi.Float64(snow.mean_reflection())
+    ours = np.array(snow_factor(table, mi.Float64(a), mi.Float64(b), mi.Float64(c)))
+    assert ours == pytest.approx(snow.forward_factor(a, b, c), rel=1e-6)
     mu = np.linspace(0.0, 1.0, 101)
     assert np.array(fresnel(mi.Float64(mu))) == pytest.approx(surface.fresnel(mu), rel=1e-12)
 
 
-def test_kernel_land_equals_numpy(mi: Any) -> None:
-    """All but the few places where rounding decides."""
-    from horizonval.renderer.kernel.surface import is_land
+@pytest.mark.parametrize("month", [1.3, 7.5])
+def test_kernel_ground_equals_numpy(mi: Any, month: float) -> None:
+    """Materials to 1e-6 (a place is known to 1e-9 deg), and heights, in all but the few places where rounding decides
+    whether there is land.
+    """
+    from horizonval.renderer.ground.cover import GroundTable, Places, cover, height_m
 
     normal = _places(50_000, 3)
     latitude, longitude = np.degrees(np.arcsin(normal[:, 2])), np.degrees(np.arctan2(normal[:, 1], normal[:, 0]))
-    ours = np.array(is_land(mi.UInt32(land.packed_words()), _vec(mi, normal)))
-    assert np.sum(ours != land.is_land(latitude, longitude)) <= 2
+    table, places = GroundTable.of(month), Places.below(_vec(mi, normal))
+    land, ours = cover(table, places)
+    expected = ground_cover(latitude, longitude, month)
+    same = np.array(land) == expected.land
+    assert np.sum(~same) <= 2
+    assert set(ours) == set(expected.shares)
+    for name, share in ours.items():
+        assert np.array(share)[same] == pytest.approx(expected.shares[name][same], abs=1e-6)
+        assert expected.shares[name].max() > 0.4
+    assert np.array(height_m(table, places)) == pytest.approx(ground_map.height_m(latitude, longitude), abs=0.1)
 
 
 def test_kernel_relief_equals_numpy(mi: Any) -> None:
@@ -97,6 +113,44 @@ def test_kernel_relief_equals_numpy(mi: Any) -> None:
     near /= np.linalg.norm(near, axis=1)[:, None]
     error = np.array(table.top(_vec(mi, near))) - relief.top_m(field, near)
     assert np.sqrt(np.mean(error**2)) < 250.0
+
+
+def test_kernel_clouds_of_the_earth_equal_numpy(mi: Any) -> None:
+    """1 mm of up to 17 km, and the last digits of single precision in the table's albedo at its nodes."""
+    from horizonval.renderer.kernel.clouds import cloud_table, top_at
+    from horizonval.renderer.planet import Planet
+
+    field = CloudField(None, 17e3, 7e3, 300e3, 7, 0.8, "earth", 6)
+    normal = _places(20_000, 4)
+    assert np.array(top_at(field, _vec(mi, normal))) == pytest.approx(relief.top_m(field, normal), abs=1e-3)
+    planet = Planet(WGS84.a_m, WGS84.a_m)
+    table = cloud_table(field, planet, (4e6, 3e6, 4.7e6))
+    up = np.array([4e6, 3e6, 4.7e6]) / np.linalg.norm([4e6, 3e6, 4.7e6])
+    near = up + 0.2 * normal * np.random.default_rng(1).uniform(0, 1, (len(normal), 1))
+    near /= np.linalg.norm(near, axis=1)[:, None]
+    albedo = relief.albedo(field, near)
+    ours = 0.8 * np.array(table.brightness(mi.Float64(2e3), _vec(mi, near)))
+    assert table.translucent
+    # edges are sharper than nodes lie apart
+    assert np.quantile(np.abs(ours - albedo), 0.9) < 0.06
+    assert ours.mean() == pytest.approx(albedo.mean(), abs=2e-3)
+
+
+def test_thin_clouds_hand_on_what_they_do_not_reflect(mi: Any) -> None:
+    """Light to and fro between cloud and ground adds up to the closed form; opaque clouds leave no ground."""
+    from horizonval.renderer.kernel.surface import _through
+
+    cloud, ground = 0.3, np.array([0.0, 0.05, 0.4, 0.85])
+    orders = sum((1.0 - cloud) ** 2 * ground * (cloud * ground) ** k for k in range(60))
+    assert np.array(_through(mi.Float64(cloud), mi.Float64(ground))) == pytest.approx(cloud + orders, rel=1e-12)
+    base = {"atmosphere": {"profile": "none"}, "surface": {"albedo": 0.9}, "sun": {"zenith_deg": 20.0}}
+    snow = render_frame(_scene(**base), _camera()).radiance["vis"]
+    frame = render_frame(_scene(**base, clouds={"seed": 3}), _camera())
+    on_cloud = frame.maps["hit"] == Hit.CLOUD
+    assert on_cloud.any()
+    # no cloud over snow is darker than a black veil would be; opaque grey ones were, by a factor of ten
+    lit = on_cloud & (snow > 0.0) & (frame.maps["tangent_height"] < -1e4)
+    assert np.quantile(frame.radiance["vis"][lit] / snow[lit], 0.02) > 0.5
 
 
 def test_rays_end_where_the_clouds_are(mi: Any) -> None:
@@ -221,7 +275,7 @@ def test_glint_lies_at_the_mirror_point(mi: Any) -> None:
     side = sun - (sun @ up) * up
     side /= np.linalg.norm(side)
     point = radius * (np.cos(psi) * up + np.sin(psi) * side)
-    assert not land.is_land(np.degrees(np.arcsin(point[2] / radius)), np.degrees(np.arctan2(point[1], point[0])))
+    assert not ground_map.is_land(np.degrees(np.arcsin(point[2] / radius)), np.degrees(np.arctan2(point[1], point[0])))
     x, y, z = rotate(np.array(truth.q_cam_from_itrs), point - np.array(truth.r_itrs))
     camera = camera_from_spec(spec.camera)
     assert u == pytest.approx(camera.cx + camera.fx * x / z, abs=1.0)

@@ -8,8 +8,19 @@ from pathlib import Path
 import horizonval
 
 ROOM = Path(horizonval.__file__).parent / "renderer"
-LAYERS = ["reference", "rays", "derivatives", "scene", "plugin", "view_table", "thermal", "kernel", "scattering"]
-LAYERS += ["refraction", ""]
+LAYERS = [
+    "reference",
+    "rays",
+    "derivatives",
+    "scene",
+    "parts",
+    "plugin",
+    "view_table",
+    "thermal",
+    "kernel",
+    "scattering",
+]
+LAYERS += ["refraction", "ground", ""]
 """From top to bottom; the last are the modules of the room itself."""
 
 

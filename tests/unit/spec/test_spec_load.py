@@ -101,7 +101,8 @@ def test_bad_camera(folder, text, parts):
         (SCENE + '[atmosphere]\nprofile = "none"\nco2_ppm = 400.0\n', ["atmosphere:", "co2_ppm applies to"]),
         (SCENE + "[surface]\nwind_speed_m_s = 5.0\n", ["surface", 'wind_speed_m_s applies to kind = "earth" only']),
         (SCENE + '[surface]\nkind = "earth"\nwind_speed_m_s = -1.0\n', ["surface.wind_speed_m_s", "from 0 to 40"]),
-        (SCENE + "[clouds]\n", ["clouds.cover", "missing"]),
+        (SCENE + '[clouds]\npattern = "uniform"\n', ["clouds", "needs a cover"]),
+        (SCENE + "[clouds]\nscale_km = 50.0\n", ["clouds", "mean_top_km and scale_km belong to"]),
         (SCENE + "[clouds]\ncover = 1.5\n", ["clouds.cover", "found 1.5"]),
         (SCENE + "[clouds]\ncover = 0.5\ntop_km = 20.0\n", ["clouds.top_km", "found 20", "from 1 to 17"]),
         (SCENE + "[clouds]\ncover = 0.5\nmean_top_km = 12.0\n", ["clouds", "mean_top_km must be below top_km"]),
@@ -110,7 +111,7 @@ def test_bad_camera(folder, text, parts):
         (SCENE + '[atmosphere]\nfile = "nope.json"\n', ["atmosphere.file", "nope.json", "one of us76"]),
         (SCENE + '[atmosphere]\nprofile_file = "nope.csv"\n', ["atmosphere.profile_file", "nope.csv", "CSV or JSON"]),
         (SCENE + '[atmosphere]\nprofile_file = "a.csv"\nfile = "us76"\n', ["atmosphere:", "file and profile_file"]),
-        (SCENE + '[atmosphere]\naerosol = "dust"\n', ["atmosphere.aerosol", 'found "dust"', '"volcanic_high"']),
+        (SCENE + '[atmosphere]\naerosol = "smoke"\n', ["atmosphere.aerosol", 'found "smoke"', '"volcanic_high"']),
         (SCENE + '[atmosphere]\naerosol = "background"\nfile = "us76"\n', ["atmosphere:", 'set aerosol = "none"']),
         (SCENE + '[atmosphere]\naerosol = "background"\nprofile = "none"\n', ["atmosphere:", 'set aerosol = "none"']),
         (SCENE + "[atmosphere]\nmonth = 13\n", ["atmosphere.month", "found 13", "from 1 to 12"]),
@@ -211,14 +212,18 @@ def test_profile_file_is_looked_for_beside_the_scene(folder, monkeypatch, tmp_pa
 @pytest.mark.parametrize(
     ("table", "aerosol"),
     [
-        ("", "none"),
-        ('profile = "tropical"\naerosol = "background"', "background"),
+        ("", "background"),
+        ('profile = "by_latitude_month"', "background"),
+        ('profile_file = "air.csv"', "background"),
+        ('profile = "tropical"\naerosol = "volcanic_high"', "volcanic_high"),
+        ('profile = "tropical"\naerosol = "none"', "none"),
         ('profile = "none"', "none"),
         ('file = "us76"', "none"),
         ('profile = "none"\naerosol = "none"', "none"),
     ],
 )
-def test_air_is_clean_unless_aerosol_is_asked_for(folder, table, aerosol):
+def test_air_with_gases_has_haze_unless_it_is_told_otherwise(folder, table, aerosol):
+    (folder / "air.csv").write_text("")
     (folder / "s.toml").write_text(SCENE + f"[atmosphere]\n{table}\n")
     scene, _ = load_scene(folder / "s.toml")
     assert scene.atmosphere.aerosol == aerosol

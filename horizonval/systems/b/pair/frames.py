@@ -73,7 +73,10 @@ def glare_optics(scattered: float | None = None, ghost: float | None = None) -> 
 
 
 def scene(name: str, *, air: bool = False, **tables: Any) -> JsonObject:
-    """Return a scene over a sphere without air, or over WGS84 with it; ``tables`` replace or add whole tables."""
+    """Return a scene over a sphere without air, or over WGS84 with it; ``tables`` replace or add whole tables.
+
+    The air is that of a real sky, with the haze that air has by default.
+    """
     made: JsonObject = {
         "scene": {"name": name},
         "platform": {"altitude_km": ALTITUDE_KM, "latitude_deg": 45.0 if air else 0.0},

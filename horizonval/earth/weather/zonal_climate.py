@@ -1,0 +1,65 @@
+"""Zonal mean temperature by latitude, month and height, with the winters of both poles.
+
+The six AFGL climates know no southern winter: their blend is 17 K too warm in the lower stratosphere of the Antarctic
+from April to September, set beside the real states of :mod:`horizonval.earth.weather.real_states`. Here the temperature
+is that of NRLMSISE-00 (J. M. Picone et al., J. Geophys. Res. 107, 1468 (2002)), whose lower and middle atmosphere are
+the zonal means of the Middle Atmosphere Program (J. J. Barnett and M. Corney, 1985, the source of CIRA-86 too) and,
+below 20 km, of the National Meteorological Center; averaged over the hours of the day, by 10 deg, month and 2 km. The
+difference from those states is 2 to 3 K there.
+
+Its tropical tropopause is too warm by 6 K and its humid air is not its own, so that the AFGL blend holds below a height
+that falls from 14 km over the equator to the ground at the poles; over the next 8 km the one passes into the other.
+
+The pressure at sea level is a round 1013 hPa with subtropical highs and the trough around the Antarctic.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.tables import npz
+
+TABLE = "zonal_temperature.npz"
+BLEND_FROM_M, BLEND_OVER_M = 14_000.0, 8_000.0
+_SEA_LEVEL_DEG = (-90, -75, -65, -50, -30, 0, 30, 50, 60, 75, 90)
+_SEA_LEVEL_HPA = (995, 990, 986, 1002, 1017, 1010, 1016, 1013, 1009, 1012, 1013)
+"""Round numbers after the zonal means of any climatology; 1 hPa is 8 m of every height above."""
+
+
+def table_temperature_k(latitude_deg: ArrayLike, month: float, altitude_m: FloatArray) -> FloatArray:
+    """Return the table's temperature, shape (c, k), at latitudes (c,) and heights (k,) up to 100 km.
+
+    Linear between latitudes, months and heights; the table has the middle of every month.
+    """
+    table = npz(TABLE)
+    values = np.asarray(table["temperature_k"], dtype=np.float64)
+    place = (month - 1.0) % 12.0
+    first = int(place)
+    now = values[first % 12] * (1.0 - place + first) + values[(first + 1) % 12] * (place - first)
+    latitudes = np.asarray(table["latitude_deg"], dtype=np.float64)
+    x = np.clip((np.asarray(latitude_deg, dtype=np.float64) - latitudes[0]) / (latitudes[1] - latitudes[0]), 0.0, None)
+    i = np.minimum(x.astype(np.intp), len(latitudes) - 2)
+    w = (x - i)[:, None]
+    levels = np.asarray(table["altitude_m"], dtype=np.float64)
+    at = np.stack([np.interp(altitude_m, levels, row) for row in now])
+    return np.asarray(at[i] * (1.0 - w) + at[i + 1] * w)
+
+
+def temperature_k(
+    latitude_deg: FloatArray, month: float, altitude_m: FloatArray, afgl_blend_k: FloatArray
+) -> FloatArray:
+    """Return the zonal mean temperature, shape (c, k), of latitudes (c,) at heights (k,).
+
+    ``afgl_blend_k``: that of the AFGL climates there, shape (c, k).
+    """
+    start = BLEND_FROM_M * np.cos(np.radians(latitude_deg))[:, None] ** 2
+    x = np.clip((altitude_m - start) / BLEND_OVER_M, 0.0, 1.0)
+    share = x * x * (3.0 - 2.0 * x)
+    return np.asarray(afgl_blend_k + share * (table_temperature_k(latitude_deg, month, altitude_m) - afgl_blend_k))
+
+
+def sea_level_pa(latitude_deg: ArrayLike) -> FloatArray:
+    """Return the mean pressure at height 0."""
+    return 100.0 * np.interp(np.asarray(latitude_deg, dtype=np.float64), _SEA_LEVEL_DEG, _SEA_LEVEL_HPA)

@@ -1,0 +1,1 @@
+"""The ground of a frame as the kernel has it."""

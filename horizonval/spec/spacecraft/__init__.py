@@ -1,0 +1,1 @@
+"""Keys of what the spacecraft itself is."""

@@ -1,0 +1,165 @@
+"""The covered share of pixels against closed forms and against rays, through every kind of lens."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from horizonval.core.errors import UserError
+from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.part.coverage import coverage, polygon_coverage
+from horizonval.geometry.part.outline import Outline, outline_of
+from horizonval.geometry.part.placed import blocked, triangles_cam
+from horizonval.spec.spacecraft.part import SpacecraftPart as Part
+
+AHEAD = (0.0, 0.0, 0.0, 1.0)
+PINHOLE = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5)
+BROWN = CameraModel(64, 48, 50.0, 50.0, 31.5, 23.5, (-0.2, 0.05, 0.001, 0.002, 0.0))
+FISHEYE = CameraModel(64, 64, 22.0, 22.0, 31.5, 31.5, (0.01, 0.0, 0.0, 0.0, 0.0), "fisheye", math.radians(95.0))
+GRID = CameraModel(64, 48, 80.0, 80.0, 31.5, 23.5, projection="equal_angle")
+PARTS = [
+    Part(shape="boom", frame="cam", radius_m=0.1, from_m=(-1.0, -1.0, -1.0), to_m=(0.5, 0.6, 2.0)),
+    Part(
+        shape="panel", frame="cam", width_m=1.0, height_m=0.5, position_m=(0.5, -0.3, 1.0), yaw_deg=20.0, pitch_deg=30.0
+    ),
+    Part(shape="disc", frame="cam", radius_m=0.4, position_m=(-1.2, 0.3, 0.4), pitch_deg=60.0),
+]
+
+
+def _outline(parts: list[Part], camera: CameraModel) -> Outline:
+    return outline_of([triangles_cam(part, AHEAD, "part") for part in parts], camera)
+
+
+def test_a_polygon_by_the_areas_of_its_trapezia() -> None:
+    """A triangle with a level and an upright side: the hypotenuse cuts squares whose areas are known."""
+    corner = np.array([[0.0, 0.0], [4.0, 0.0], [0.0, 2.0]])
+    share = polygon_coverage(corner, np.roll(corner, -1, axis=0), 5, 3)
+    exact = [[1.0, 1.0, 0.75, 0.25, 0.0], [0.75, 0.25, 0.0, 0.0, 0.0], [0.0] * 5]
+    np.testing.assert_allclose(share, exact, atol=1e-14)
+
+
+def test_a_polygon_that_reaches_far_beyond_the_image() -> None:
+    corner = np.array([[-1e6, -1e6], [1e6, -1e6], [1e6, 1.25], [-1e6, 1.25]])
+    share = polygon_coverage(corner, np.roll(corner, -1, axis=0), 4, 3)
+    np.testing.assert_allclose(share, np.repeat([[1.0], [0.25], [0.0]], 4, axis=1), atol=1e-9)
+
+
+def test_a_disc_ahead_is_a_circle_of_its_size() -> None:
+    """Area and, pixel by pixel, the circle's own coverage by a fine sum; 0.05 px is what is asked for."""
+    camera = CameraModel(256, 256, 200.0, 200.0, 127.5, 127.5)
+    disc = Part(shape="disc", frame="cam", radius_m=0.5, position_m=(0.0, 0.0, 1.0))
+    share = coverage(_outline([disc], camera), camera)
+    assert share.sum() == pytest.approx(math.pi * 100.0**2, rel=1e-5)
+    # the upper half of the middle column: how high its edge stands
+    column = share[:128, 127]
+    assert column.sum() == pytest.approx(math.sqrt(100.0**2 - 0.25), abs=0.005)
+
+
+def test_a_boom_sideways_is_as_wide_as_its_tangents() -> None:
+    """Seen from outside a cylinder's edges are tangents: asin(r / d) to either side of its axis."""
+    camera = CameraModel(64, 256, 300.0, 300.0, 31.5, 127.5)
+    boom = Part(shape="boom", frame="cam", radius_m=0.2, from_m=(-3.0, 0.0, 1.0), to_m=(3.0, 0.0, 1.0))
+    share = coverage(_outline([boom], camera), camera)
+    np.testing.assert_allclose(share.sum(axis=0), 2.0 * 300.0 * math.tan(math.asin(0.2)), atol=0.01)
+
+
+@pytest.mark.parametrize("camera", [PINHOLE, BROWN, FISHEYE, GRID], ids=["pinhole", "brown", "fisheye", "grid"])
+def test_shares_are_those_of_rays(camera: CameraModel) -> None:
+    """20 x 20 rays a pixel, met or not by the triangles themselves: neither the outline nor its edges are used."""
+    outline = _outline(PARTS, camera)
+    share = coverage(outline, camera)
+    edge = np.argwhere((share > 0.02) & (share < 0.98))
+    rng = np.random.default_rng(1)
+    chosen = edge[rng.permutation(len(edge))[:16]]
+    step = (np.arange(20) + 0.5) / 20 - 0.5
+    offset = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
+    triangles = np.concatenate([triangles_cam(part, AHEAD, "part") for part in PARTS])
+    compared = 0
+    for row, column in chosen:
+        d = unproject(camera, np.array([column, row]) + offset)
+        if not np.isfinite(d).all():
+            continue
+        compared += 1
+        # an edge through 20 x 20 points: half a step, 0.025 px, at worst, when it runs along the grid
+        assert abs(blocked(triangles, d).mean() - share[row, column]) < 0.03
+    assert compared > 8
+
+
+def test_directions_are_hidden_as_rays_are() -> None:
+    rng = np.random.default_rng(2)
+    for camera in (PINHOLE, FISHEYE):
+        d = unproject(camera, rng.uniform([0.0, 0.0], [63.0, 47.0], (200, 2)))
+        d = d[np.isfinite(d).all(axis=-1)]
+        triangles = np.concatenate([triangles_cam(part, AHEAD, "part") for part in PARTS])
+        outline = Outline.from_dict(_outline(PARTS, camera).to_dict())
+        # a ray in a thousand may pass within a thousandth of a pixel of an edge
+        assert np.mean(outline.covers(d) != blocked(triangles, d)) < 0.005
+
+
+def test_a_tube_round_the_boresight_leaves_a_hole() -> None:
+    camera = CameraModel(128, 128, 60.0, 60.0, 63.5, 63.5)
+    baffle = Part(shape="baffle", frame="cam", radius_m=0.1, length_m=0.2, position_m=(0.0, 0.0, 0.01))
+    share = coverage(_outline([baffle], camera), camera)
+    assert share[64, 64] == 0.0
+    assert 128**2 - share.sum() == pytest.approx(math.pi * (60.0 * 0.1 / 0.21) ** 2, rel=1e-4)
+
+
+def test_parts_turn_in_the_order_of_the_house() -> None:
+    """Yaw, pitch and roll turn the frame's axes into the part's: as a mounting turns body axes into the camera's."""
+    boom = {"shape": "boom", "radius_m": 0.01, "from_m": (0.0, 0.0, 1.0), "to_m": (0.0, 0.0, 2.0)}
+    rolled = triangles_cam(Part(**boom, frame="cam", roll_deg=90.0), AHEAD, "part").reshape(-1, 3)
+    # z of the part is then -y of the frame
+    np.testing.assert_allclose(rolled.mean(axis=0), [0.0, -1.5, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("part", "said"),
+    [
+        (Part(name="lid", shape="disc", frame="cam", radius_m=0.1), "0 mm from the camera"),
+        (
+            Part(name="can", shape="boom", frame="cam", radius_m=0.5, from_m=(0.0, 0.0, -1.0), to_m=(0.0, 0.0, 1.0)),
+            "encloses the camera",
+        ),
+    ],
+)
+def test_parts_on_or_round_the_camera_are_refused(part: Part, said: str) -> None:
+    with pytest.raises(UserError, match=said):
+        triangles_cam(part, AHEAD, "part[1]")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("gone.ply", None, "no such file|not found|does not exist"),
+        ("flat.obj", "v 0 0 1\nv 1 0 1\nv 2 0 1\nf 1 2 3\n", "degenerate"),
+        ("empty.obj", "# nothing\n", "mesh"),
+        ("wrong.ply", "this is no mesh\n", "cannot be read"),
+        ("part.stl", "solid\n", "no mesh can be read"),
+    ],
+)
+def test_meshes_that_cannot_be(tmp_path, name: str, text: str | None, said: str) -> None:
+    path = tmp_path / name
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(UserError, match=f"(?i){said}") as caught:
+        triangles_cam(Part(shape="mesh", file=str(path)), AHEAD, "part[1]")
+    assert "\n" not in caught.value.line()
+
+
+def test_a_mesh_file_is_what_its_triangles_are(tmp_path) -> None:
+    """A cube as OBJ, as PLY and as binary glTF covers what six panels do."""
+    import trimesh
+
+    cube = trimesh.creation.box((0.4, 0.4, 0.4))
+    seen = []
+    for kind in ("obj", "ply", "glb"):
+        path = tmp_path / f"cube.{kind}"
+        cube.export(path)
+        part = Part(shape="mesh", file=str(path), frame="cam", position_m=(0.1, 0.0, 1.0), yaw_deg=30.0, scale=0.8)
+        seen.append(coverage(_outline([part], PINHOLE), PINHOLE))
+    # the front face alone, turned about the boresight
+    assert seen[0].sum() == pytest.approx((50.0 * 0.32 / 0.84) ** 2, rel=1e-3)
+    for other in seen[1:]:
+        np.testing.assert_allclose(seen[0], other, atol=1e-4)
