@@ -1,7 +1,8 @@
 r"""Layers of thin cloud as the air's columns have them.
 
-A layer is a shell of constant extinction between its base and its top. On the columns' grid of step D, between whose
-nodes extinction is linear, node i has the mean of the shell's extinction weighted with the node's own hat function::
+A layer is a shell of constant extinction between its base and its top. On the columns' grid, between whose nodes
+extinction is linear, node i has the mean of the shell's extinction weighted with the node's own hat function; with
+even steps D::
 
     k_i = k [ F(z_i + D) - 2 F(z_i) + F(z_i - D) ] / D^2,        F'' = 1 between base and top, 0 elsewhere
 
@@ -42,19 +43,20 @@ class ThinLayer:
     particle: str
 
     def column(self, altitude_m: FloatArray, raised_m: float = 0.0) -> FloatArray:
-        """Return the extinction at 550 nm [1/m] on an even grid, shape (n,); see the module text."""
+        """Return the extinction at 550 nm [1/m] on a grid, shape (n,); see the module text."""
         z = np.asarray(altitude_m, dtype=np.float64) - raised_m
-        step = float(z[1] - z[0])
+        z = np.concatenate([2.0 * z[:1] - z[1:2], z, 2.0 * z[-1:] - z[-2:-1]])
+        step = np.diff(z)
 
         def twice_integrated(height: FloatArray) -> FloatArray:
             above = np.maximum(height - self.base_m, 0.0) ** 2 - np.maximum(height - self.top_m, 0.0) ** 2
             return np.asarray(0.5 * above)
 
-        hat = twice_integrated(z + step) - 2.0 * twice_integrated(z) + twice_integrated(z - step)
-        return np.maximum(hat, 0.0) * (self.extinction_550_per_m / step**2)
+        slope = np.diff(twice_integrated(z)) / step
+        return np.maximum(np.diff(slope), 0.0) * self.extinction_550_per_m / (0.5 * (step[1:] + step[:-1]))
 
     def infrared_per_m(self, altitude_m: FloatArray, wavelength_um: FloatArray, raised_m: float = 0.0) -> FloatArray:
-        """Return the absorption [1/m] at infrared wavelengths (g,) on an even grid, shape (g, n)."""
+        """Return the absorption [1/m] at infrared wavelengths (g,) on a grid, shape (g, n)."""
         absorbed = layer_optics.infrared_absorption(self.particle, wavelength_um)
         return np.asarray(absorbed[:, None] * self.column(altitude_m, raised_m))
 

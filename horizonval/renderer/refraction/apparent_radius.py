@@ -134,13 +134,16 @@ def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir
     def column(values: FloatArray) -> FloatArray:
         return np.interp(true_height, z, values)
 
+    def layer_columns(layers: FloatArray) -> FloatArray:
+        return np.stack([column(values) * dr_dx for values in layers]) if len(layers) else layers
+
     straight = tuple(
         replace(
             node,
             extinction_per_m=column(node.extinction_per_m) * dr_dx,
             molecular_per_m=column(node.molecular_per_m) * dr_dx,
             particle_per_m=column(node.particle_per_m) * dr_dx,
-            layer_per_m=np.array([column(v) * dr_dx for v in node.layer_per_m]).reshape(len(node.layer_per_m), -1),
+            layer_per_m=layer_columns(node.layer_per_m),
             asymmetry=column(node.asymmetry),
             source=column(node.source),
         )

@@ -114,7 +114,7 @@ def _bands(layers: FloatArray, altitude_m: FloatArray) -> Bands:
     if not len(layers):
         return ()
     heights = [(float(base), float(top)) for base, top in layers]
-    return tuple(merged_bands(heights, float(altitude_m[1] - altitude_m[0])))
+    return tuple(merged_bands(heights, float(np.diff(altitude_m).max())))
 
 
 @dataclass(frozen=True)
