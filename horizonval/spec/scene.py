@@ -11,7 +11,7 @@ from horizonval.spec.base import Model
 from horizonval.spec.earth.atmosphere import Atmosphere
 from horizonval.spec.earth.clouds import Clouds
 from horizonval.spec.earth.ground import Earth, Surface
-from horizonval.spec.earth.layer import Layer
+from horizonval.spec.earth.layer import CloudLayer
 from horizonval.spec.earth.lights import Moon, Night, SunOverride
 from horizonval.spec.numbers import Angle, Finite, FrameName, Listed, PlainName, Whole
 from horizonval.spec.spacecraft.part import SpacecraftPart
@@ -158,7 +158,7 @@ class SceneSpec(Model):
     """The ground."""
     clouds: Clouds | None = None
     """Clouds; none without this table."""
-    layer: Annotated[tuple[Layer, ...], Listed] = ()
+    layer: Annotated[tuple[CloudLayer, ...], Listed] = ()
     """Layers of thin cloud, as many `[[layer]]` tables as there are layers."""
     sun: SunOverride | None = None
     """The Sun placed by hand."""

@@ -36,7 +36,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizonval.earth.clouds.relief import tropopause_m
-from horizonval.spec.earth.layer import Layer
+from horizonval.spec.earth.layer import CloudLayer
 
 SHIFT_DEG, NORTHMOST_MONTH = 8.0, 8.0
 _CIRRUS_DEG = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0, 75.0, 90.0)
@@ -65,7 +65,7 @@ KINDS = {
 }
 
 
-def heights_m(layer: Layer, latitude_deg: float) -> tuple[float, float]:
+def heights_m(layer: CloudLayer, latitude_deg: float) -> tuple[float, float]:
     """Return base and top of a layer; where only one is given the other keeps the kind's thickness."""
     kind = KINDS[layer.kind]
     level = float(tropopause_m(latitude_deg)) if kind.below_tropopause else 0.0

@@ -15,7 +15,7 @@ MAX_ICE_UM, MAX_WATER_UM, MIN_WATER_UM = 60.0, 30.0, 4.0
 FINE_ICE_UM, COARSE_ICE_UM = 0.2, 10.0
 
 
-class Layer(Model):
+class CloudLayer(Model):
     """Thin cloud: a shell of particles that light goes through. Opaque clouds are in `[clouds]`.
 
     Every key but `kind` has a value by the kind (`horizonval.earth.clouds.layer_kinds` has them with their sources),
@@ -43,7 +43,7 @@ class Layer(Model):
     month of the epoch."""
 
     @model_validator(mode="after")
-    def _consistent(self) -> Layer:
+    def _consistent(self) -> CloudLayer:
         if self.base_km is not None and self.top_km is not None and self.top_km < self.base_km + 0.2 - 1e-9:
             raise ValueError("top_km must be at least 0.2 km above base_km")
         if self.occurrence == "climate":
