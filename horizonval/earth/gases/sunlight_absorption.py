@@ -6,7 +6,7 @@ precipitable water W [cm]
 
     T_mixed = exp(-1.41 a_u M / (1 + 118.3 a_u M)^0.45),    T_water = exp(-0.2385 a_w W M / (1 + 20.07 a_w W M)^0.45)
 
-Both are one function of ``x = a M`` each, and that is a sum of exponentials of x (non-negative least squares): so every
+Both are one function of ``x = a M`` each, and that is a sum of exponentials of x (non-negative least squares): every
 wavelength is a mixture of classes with coefficients proportional to a. The classes of all wavelengths of a band are
 drawn together into at most four: oxygen's and water's, each of depths below and above 1 along :data:`REFERENCE`, or
 fewer where that leaves less than 0.6 % of the band's light. They become nodes of their own, each with the coefficient
@@ -15,8 +15,8 @@ that loses less than 3 % along that path keeps its nodes as they are, without ga
 (445 to 755 nm 2 %, red channels 1.5 %).
 
 Along slanted paths and at the limb lines are broader where the pressure is higher (Curtis and Godson in the limit of
-strong lines): columns are weighted with p / p0, for water with p / (0.79 p0), where it lies in the mean. A vertical path
-is SPCTRAL2's. How far off: from air mass 1 to 5 the parts keep SPCTRAL2's transmission of 700 to 800 and 750 to 950 nm
+strong lines): columns are weighted with p / p0, for water with p / (0.79 p0), where it lies in the mean. A vertical
+path is SPCTRAL2's. How far off: from air mass 1 to 5 the parts keep SPCTRAL2's transmission of 700 to 800 and 750 to 950 nm
 to 1.3 %, and SPCTRAL2 that of the direct spectrum of ASTM G173 (by SMARTS, air mass 1.5) to 0.5 %: -7.3 and -13.6 %. A
 third of the loss is uncertain in single features (755 to 770 nm -18 % against -27 %). At the limb nothing has been
 compared: above 30 km, where lines are as narrow as heat makes them, the true absorption is larger.
