@@ -21,9 +21,10 @@ from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.part.outline import Outline
 from horizonval.spec.sensor.camera import CameraSpec
 
-FRAME_SCHEMA = 3
-"""Of the truth's fields. 1: before there was a Moon; 2: before the infrared horizon. Fields that an older truth lacks
-take their defaults. It is part of a scene's identity, hence of its noise; the layout of files has a number of its own.
+FRAME_SCHEMA = 4
+"""Of the truth's fields. 1: before there was a Moon; 2: before the infrared horizon; 3: before the refracted one.
+Fields that an older truth lacks take their defaults. It is part of a scene's identity, hence of its noise; the layout
+of files has a number of its own.
 """
 
 
@@ -112,6 +113,11 @@ class FrameTruth:
         By thermal band, where its radiance drops all round the clear-sky horizon; plain data, as
         :func:`horizonval.truth.frame_truth.with_infrared_horizon` says. Empty without thermal bands, without air, and
         for cameras inside it.
+    horizon_rise_m : float
+        By how much the refracted horizon, the tangent of the apparent ellipsoid, stands above the geometric one, the
+        tangent of the ellipsoid: :mod:`horizonval.earth.refracted_horizon`. 0 where light is not bent.
+    refracted_angular_radius_rad : float
+        As ``angular_radius_rad``, of the refracted horizon; 0 in truths older than this field.
     parts : dict
         Of a scene with parts of the spacecraft, what they hide: ``outline``, plain data of
         :class:`horizonval.geometry.part.outline.Outline`; ``names``; ``hidden_limb``, the share of the horizon in the
@@ -147,6 +153,8 @@ class FrameTruth:
     moon_visible_fraction: float = 0.0
     moon_phase_angle_rad: float = 0.0
     infrared_horizon: dict[str, Any] = field(default_factory=dict)
+    horizon_rise_m: float = 0.0
+    refracted_angular_radius_rad: float = 0.0
     parts: dict[str, Any] = field(default_factory=dict)
 
     @cached_property
@@ -168,6 +176,11 @@ class FrameTruth:
     def ellipsoid(self) -> Ellipsoid:
         """The planet's shape."""
         return Ellipsoid(self.ellipsoid_a_m, self.ellipsoid_b_m)
+
+    @property
+    def apparent_ellipsoid(self) -> Ellipsoid:
+        """Whose outline is the refracted horizon, for cameras above the air; the planet's shape without refraction."""
+        return self.ellipsoid.raised(self.horizon_rise_m)
 
     @property
     def camera_file(self) -> str:

@@ -39,6 +39,7 @@ from horizonval.earth.atmosphere.node_count import choose_rule
 from horizonval.earth.atmosphere.solar_rule import Measure, SolarRule, gauss, rule_with_gases, solar_measure
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.gases import ozone, rayleigh, sunlight_absorption
+from horizonval.earth.refracted_horizon import air_refractivity, file_refractivity
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.surface.emitting_ground import emitting_ground
 from horizonval.spec.scene import SceneSpec
@@ -117,10 +118,7 @@ def optical_model(
             nodes += _solar_nodes(band, air, changed, scene, sun_distance_au, where)
         else:
             thermal.append(emitting.band(band, where))
-    refractivity = None
-    if scene.atmosphere.refraction:
-        wavelengths = [n.wavelength_um for n in nodes] + [float(w) for band in thermal for w in band.wavelength_um]
-        refractivity = rayleigh.refractivity(changed.state.number_density_air, wavelengths)
+    refractivity = air_refractivity(scene, changed.state.number_density_air, camera.band)
     return _model(scene, camera, air.altitude_m, nodes, thermal, ground_k, refractivity)
 
 
@@ -287,7 +285,7 @@ def _from_file(
         node = _solar_node(band, 0, rule, sun_distance_au, scattering + absorption, scattering)
         node = replace(node, wavelength_um=entry.wavelength_nm * 1e-3)
         nodes.append(replace(node, **scatterers))
-    refractivity = None
-    if scene.atmosphere.refraction:
-        refractivity = denser * atmosphere_file.refractivity(file, lower, str(path))
+    refractivity = file_refractivity(scene, file, lower, str(path))
+    if refractivity is not None:
+        refractivity = denser * refractivity
     return _model(scene, camera, z, nodes, thermal, ground_k, refractivity)

@@ -68,6 +68,15 @@ class Ellipsoid:
         """``(a - b) / a``: the difference of the radii is exact, ``1 - b / a`` would lose two digits."""
         return (self.a_m - self.b_m) / self.a_m
 
+    @property
+    def mean_radius_m(self) -> float:
+        """Mean of the three semi-axes."""
+        return (2.0 * self.a_m + self.b_m) / 3.0
+
+    def raised(self, height_m: float) -> Ellipsoid:
+        """Return the ellipsoid whose semi-axes are longer by a height."""
+        return Ellipsoid(self.a_m + height_m, self.b_m + height_m)
+
 
 WGS84 = Ellipsoid(6378137.0, 6378137.0 * (1.0 - 1.0 / 298.257223563))
 

@@ -28,6 +28,7 @@ import numpy as np
 
 from horizonval.earth.atmosphere.air import TOP_M
 from horizonval.earth.atmosphere.climate import BY_LATITUDE_MONTH
+from horizonval.earth.atmosphere.columns import WEATHER
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.frames import inverse, rotate
@@ -170,7 +171,7 @@ def frame_cost(
     solar = sum(count for band, count in spectral.items() if kinds[band] == "solar")
     thermal = sum(count for band, count in spectral.items() if kinds[band] == "thermal")
     evaluations = cells * scene.render.nodes * solar
-    by_latitude = thermal and scene.atmosphere.profile == BY_LATITUDE_MONTH
+    by_latitude = thermal and scene.atmosphere.profile in (BY_LATITUDE_MONTH, WEATHER)
     per_point = THERMAL_S_PER_POINT + THERMAL_S_PER_EVALUATION * scene.render.nodes
     chunks = -(-solar // CHUNK)
     tabulated = scene.render.method == "table"
@@ -226,7 +227,7 @@ def _airless(scene: SceneSpec) -> bool:
 def column_key(scene: SceneSpec, camera: CameraSpec) -> tuple[Any, ...]:
     """Return what the tables of multiple scattering hang on: equal keys share theirs."""
     place: tuple[Any, ...] = ()
-    if scene.atmosphere.profile == "by_latitude_month" and scene.atmosphere.latitude_deg is None:
+    if scene.atmosphere.profile in (BY_LATITUDE_MONTH, WEATHER) and scene.atmosphere.latitude_deg is None:
         place = (scene.scene.name,)
     radius = scene.earth.model_dump_json()
     return scene.atmosphere.model_dump_json(), radius, json_of_bands(camera), scene.render.band_error, place

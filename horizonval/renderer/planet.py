@@ -103,6 +103,13 @@ class Planet:
         per_rho = cp / dr.maximum(rho, 1e-9)
         return height, (p[0] * per_rho, p[1] * per_rho, sp)
 
+    def point(self, height_m: mi.Float64, normal: Vec) -> Vec:
+        """Return the point at a geodetic height above where the ellipsoid has a unit normal."""
+        a2, b2 = self.a_m**2, self.b_m**2
+        x, y, z = normal
+        scale = dr.rsqrt(a2 * (x * x + y * y) + b2 * z * z)
+        return x * dr.fma(a2, scale, height_m), y * dr.fma(a2, scale, height_m), z * dr.fma(b2, scale, height_m)
+
     def shadow_crossings(self, o: Vec, d: Vec, sun: Vec) -> tuple[mi.Float64, mi.Float64, mi.Bool]:
         """Return ``(t1, t2, crosses)``: where a line enters and leaves the umbra of a Sun at infinity.
 

@@ -306,6 +306,14 @@ def _layers(view: CaseView, truth: FrameTruth, estimators: Sequence[str]) -> lis
     return layers
 
 
+def _angular_radius(truth: FrameTruth) -> str:
+    number = formatting.number
+    geometric = f"{number(math.degrees(truth.angular_radius_rad), 4)}°"
+    if truth.horizon_rise_m == 0.0:
+        return geometric
+    return f"{geometric}, refracted {number(math.degrees(truth.refracted_angular_radius_rad), 4)}°"
+
+
 def _facts(expected: Expected, truth: FrameTruth) -> list[tuple[str, str]]:
     number = formatting.number
     sun_side = "above" if expected.sun_limb_distance_deg > 0 else "below"
@@ -316,7 +324,7 @@ def _facts(expected: Expected, truth: FrameTruth) -> list[tuple[str, str]]:
             "roll, pitch, yaw",
             ", ".join(f"{number(math.degrees(a), 4)}°" for a in (truth.roll_rad, truth.pitch_rad, truth.yaw_rad)),
         ),
-        ("Earth's angular radius", f"{number(math.degrees(truth.angular_radius_rad), 4)}°"),
+        ("Earth's angular radius", _angular_radius(truth)),
         ("Sun's zenith angle below the satellite", f"{number(expected.sun_zenith_deg, 4)}°"),
         (
             "Sun",

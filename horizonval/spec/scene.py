@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from horizonval.spec.base import Model
 from horizonval.spec.earth.atmosphere import Atmosphere
@@ -167,9 +167,3 @@ class SceneSpec(Model):
     """Parts of the spacecraft in view, each a table `[[part]]`."""
     render: RenderSettings = RenderSettings()
     """Accuracy of the rendering."""
-
-    @model_validator(mode="after")
-    def _clouds_lie_at_unbent_heights(self) -> SceneSpec:
-        if self.atmosphere.refraction and self.clouds is not None:
-            raise ValueError("clouds do not go with atmosphere.refraction; leave one of them out")
-        return self

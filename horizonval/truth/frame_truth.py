@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from horizonval.earth.optical import OpticalModel, optical_model
+from horizonval.earth.refracted_horizon import horizon_rise_m
 from horizonval.earth.spectral.thermal_accuracy import thermal_accuracy
 from horizonval.frame import FRAME_SCHEMA, FrameTruth
 from horizonval.geometry.camera import camera_from_spec, check_invertible
@@ -94,6 +95,7 @@ def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> 
             math.radians(scene.sun.zenith_deg), math.radians(scene.sun.azimuth_deg), pose.r_itrs, pose.ellipsoid
         )
     radius = float(sun_angular_radius(distance_m))
+    rise = horizon_rise_m(scene, camera, pose.altitude_m, pose.ellipsoid.mean_radius_m)
     moon: dict[str, Any] = {}
     to_moon = None
     place = _moon_place(scene, pose.ellipsoid, pose.r_itrs)
@@ -118,6 +120,8 @@ def truth_of(scene: SceneSpec, camera: CameraSpec, *, infrared: bool = True) -> 
         sun_angular_radius_rad=radius,
         sun_visible_fraction=float(sun_visible_fraction(pose.r_itrs, direction, radius, pose.ellipsoid)),
         angular_radius_rad=angular_radius(pose.r_itrs, pose.ellipsoid),
+        horizon_rise_m=rise,
+        refracted_angular_radius_rad=angular_radius(pose.r_itrs, pose.ellipsoid.raised(rise)),
         **moon,
         **_attitude_fields(scene, camera, pose, direction, to_moon),
     )

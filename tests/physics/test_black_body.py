@@ -71,7 +71,11 @@ def model(names: list[str], **atmosphere: Any) -> OpticalModel:
             shape = {"lo_um": wavelength[0], "hi_um": wavelength[1]}
         bands.append({"name": name, "kind": "thermal"} | shape)
     camera = CameraSpec.model_validate({"camera": {"width": 1, "height": 1, "fov_deg": 1}, "band": bands})
-    scene = {"camera": {"file": "test"}, "platform": {"altitude_km": 500}, "atmosphere": atmosphere}
+    scene = {
+        "camera": {"file": "test"},
+        "platform": {"altitude_km": 500},
+        "atmosphere": {"refraction": False} | atmosphere,
+    }
     return optical_model(SceneSpec.model_validate(scene), camera)
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import csv
+import itertools
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from bent_rays import Air, limb_radiance
+from bent_rays import Air, limb_radiance, shoot
 from scipy.integrate import solve_ivp
 
 from horizonval.core.errors import UserError
@@ -22,6 +23,7 @@ from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.rays.radiance import radiance_along_rays
 from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
 from horizonval.renderer.refraction.bending import BendingField, true_direction
+from horizonval.renderer.refraction.ray_end import ray_end
 from horizonval.renderer.scene.frame import render_frame
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
@@ -300,3 +302,34 @@ def test_sun_setting_behind_the_limb_is_flattened_in_the_frame(mi: Any, tmp_path
     share = np.trapezoid(2.0 * np.sqrt(np.maximum(radius**2 - offset**2, 0.0)), fine) / (np.pi * radius**2)
     assert share < 0.6
     assert area(zenith_deg, True) / area(111.6, False) == pytest.approx(share, rel=3e-2)
+
+
+@pytest.mark.parametrize(
+    ("impact_m", "height_m"),
+    [*itertools.product((-3e6, -3e5, -2e4, -1e3), (0.0, 3e3, 12e3)), (2.5e3, 3e3), (2.5e3, 12e3)],
+)
+def test_rays_end_where_the_ray_equation_ends_them(mi: Any, impact_m: float, height_m: float) -> None:
+    """Place and direction within 1e-5 rad, 60 m, at the ground and at cloud tops, from high above to a grazing ray.
+
+    ``impact_m``: of the straight line, over the ground.
+    """
+    field = _bending_field(_exponential(2.8e-4, 8000.0))
+    impact, d = RADIUS_M + impact_m, np.array([1.0, 0.0, 0.0])
+    o = np.array([-np.sqrt((RADIUS_M + 500e3) ** 2 - impact**2), 0.0, impact])
+    t0 = -float(o[0]) - np.sqrt((RADIUS_M + 100e3) ** 2 - impact**2)
+    _, track = shoot(Air(), (o + (t0 - 1.0) * d)[None], d[None], 1.4e6, 2800)
+    states = np.array(track)[:, 0]
+    height = np.linalg.norm(states[:, :3], axis=-1) - RADIUS_M
+    below = np.flatnonzero(height <= height_m)
+    k = below[0]
+    w = (height[k - 1] - height_m) / (height[k - 1] - height[k])
+    place, arriving = ((1.0 - w) * states[k - 1] + w * states[k])[None, :6].reshape(2, 3)
+    origin, direction = (tuple(mi.Float64(float(v)) for v in vector) for vector in (o, d))
+    apparent = height_m + 2.8e-4 * (np.exp(-height_m / 8000.0) * (RADIUS_M + height_m) - RADIUS_M)
+    middle, half, _ = field.planet.chord(origin, direction, mi.Float64(apparent))
+    end = ray_end(field.planet, field, origin, direction, middle - half)
+    ours = np.array([float(c[0]) for c in end.point])
+    assert float(end.height_m[0]) == pytest.approx(height_m, abs=5.0)
+    assert np.linalg.norm(ours - place) < 100.0
+    theirs = arriving / np.linalg.norm(arriving)
+    assert np.linalg.norm([float(c[0]) for c in end.direction] - theirs) < 1e-5

@@ -63,6 +63,10 @@ DAY: dict[str, Case] = {
         _sunlit(LIMB + 0.5, atmosphere={"refraction": True}),
         camera_of(GREEN, fov_deg=3.0),
     ),
+    "refraction, clouds and coasts": (
+        _sunlit(LIMB - 15.0, atmosphere={"refraction": True}, clouds={"cover": 0.5}, surface={"kind": "earth"}),
+        camera_of(GREEN),
+    ),
     "inside the air": (scene_of(60.0, 20.0, off_nadir_deg=85.0), camera_of(GREEN)),
     "over the pole": (_sunlit(0.0, platform={"latitude_deg": 90.0}), camera_of(GREEN, fov_deg=130.0)),
     "across the date line": (
@@ -100,6 +104,10 @@ TWILIGHT: dict[str, Case] = {
         camera_of(GREEN),
     ),
     "refraction": (scene_of(94.0, atmosphere={"refraction": True}), camera_of(GREEN, fov_deg=40.0)),
+    "refraction and clouds": (
+        scene_of(94.0, azimuth_deg=20.0, atmosphere={"refraction": True}, clouds={"cover": 0.5}),
+        camera_of(GREEN, fov_deg=40.0),
+    ),
     "whole sky": (scene_of(97.0, off_nadir_deg=0.0), camera_of(GREEN, width=96, height=96, **SKY)),
     "moonlit clouds": (
         scene_of(150.0, off_nadir_deg=45.0, moon={"zenith_deg": 20.0, "azimuth_deg": 200.0}, clouds={"cover": 0.4}),

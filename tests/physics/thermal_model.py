@@ -25,7 +25,7 @@ def key(interval: str) -> str:
 def model_of(bands: Mapping[str, tuple[float, float]] | Sequence[str], **tables: Any) -> OpticalModel:
     """Return the optical model of top hats [um] (or intervals by name) in a scene with these tables.
 
-    The air holds no particles unless a table says so: the codes it is compared with have none.
+    The air holds no particles and bends no light unless a table says so: the codes it is compared with do neither.
     """
     limits = bands if isinstance(bands, Mapping) else {key(name): limits_um(name) for name in bands}
     camera = {
@@ -33,7 +33,8 @@ def model_of(bands: Mapping[str, tuple[float, float]] | Sequence[str], **tables:
         "band": [{"name": n, "kind": "thermal", "lo_um": lo, "hi_um": hi} for n, (lo, hi) in limits.items()],
     }
     scene = {"camera": {"file": "test"}, "platform": {"altitude_km": 500}} | tables
-    scene["atmosphere"] = {"aerosol": "none", "halocarbons": False} | tables.get("atmosphere", {})
+    clean = {"aerosol": "none", "halocarbons": False, "refraction": False}
+    scene["atmosphere"] = clean | tables.get("atmosphere", {})
     return optical_model(SceneSpec.model_validate(scene), CameraSpec.model_validate(camera))
 
 

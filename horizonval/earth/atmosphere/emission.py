@@ -13,7 +13,7 @@ varies with longitude too stands in columns on a map (:mod:`horizonval.earth.wea
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -101,6 +101,18 @@ class EmittingBand:
     def is_uniform(self) -> bool:
         """Whether the air is the same everywhere."""
         return self.column_map is None and len(self.sin_latitude) == 1
+
+    def coarser(self) -> EmittingBand:
+        """Return the band with fewer columns where it has a map: for what varies little, such as the sky's mean."""
+        if self.column_map is None:
+            return self
+        place, kept = self.column_map.coarser()
+        return replace(
+            self,
+            ln_extinction=self.ln_extinction[:, kept],
+            temperature_k=self.temperature_k[kept],
+            column_map=place,
+        )
 
     def between(self, values: FloatArray, normal: FloatArray) -> FloatArray:
         """Return what is given at the columns, shape (g, m), at places with unit normals (n, 3), shape (g, n)."""

@@ -34,10 +34,19 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, Place, ShiningNodes, SolarNodes
-from horizonval.renderer.kernel.ray_sources import PARTICLE_STRIDE, EmittingRays, Point, RaySource, State, SunlitRays
+from horizonval.renderer.kernel.ray_sources import (
+    PARTICLE_STRIDE,
+    EmittingRays,
+    Point,
+    RaySource,
+    State,
+    SunlitRays,
+    bent_ray,
+)
 from horizonval.renderer.kernel.surface import SurfaceHit
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, find_path, step_boundary, umbra_edges, warp
+from horizonval.renderer.refraction.bent_ray import refracted_umbra
 from horizonval.renderer.types import Values, Vec
 
 THICK_STEP = 0.5
@@ -188,7 +197,7 @@ def march_to_stations(
 ) -> tuple[Values, Values]:
     """Return radiance and transmittance of the air from the observer to stations along rays, per node.
 
-    Each of shape (stations * rays,), station by station. Without refraction. Parameters as of :func:`march`.
+    Each of shape (stations * rays,), station by station. Parameters as of :func:`march`.
     """
     ends = mi.Bool(to_ground)
     dr.make_opaque(ends)
@@ -199,9 +208,7 @@ def march_to_stations(
         source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration)
     else:
         source = EmittingRays.of(batch, planet, path, o, d, count, concentration)
-    enter, enters, leave, leaves = umbra_edges(planet, o, d, sun)
-    far = dr.inf
-    edges = dr.select(enters, enter, -far), dr.select(leaves, leave, far)
+    edges = _shadow_edges(planet, path, batch, o, d, sun, count, concentration)
     rays = dr.width(path.t_low)
     # as data: frames with other numbers of rays share the kernel
     lane, width = dr.arange(mi.UInt32, rays), dr.opaque(mi.UInt32, rays, 1)
@@ -219,6 +226,26 @@ def march_to_stations(
 
     _integrate(planet, path, batch, source, o, d, count, bound, PARTICLE_STRIDE, note)
     return noted[: batch.width], [dr.exp(-v) for v in noted[batch.width :]]
+
+
+def _shadow_edges(
+    planet: Planet,
+    path: AirPath,
+    batch: SolarNodes | GlowNodes,
+    o: Vec,
+    d: Vec,
+    sun: Vec,
+    count: int,
+    concentration: float,
+) -> tuple[mi.Float64, mi.Float64]:
+    """Return the ray parameters where rays enter and leave the umbra; infinite, or their ends, where they do not."""
+    bent = bent_ray(batch, planet, path, o, d, sun) if isinstance(batch, SolarNodes) else None
+    if bent is not None:
+        crossings = refracted_umbra(planet, path, o, d, bent, batch.grid, count // 2, concentration)
+        entering, leaving = (warp(path, y, concentration) for y in crossings)
+        return entering, leaving
+    enter, enters, leave, leaves = umbra_edges(planet, o, d, sun)
+    return dr.select(enters, enter, -dr.inf), dr.select(leaves, leave, dr.inf)
 
 
 def _step_count(nodes: int, stride: int) -> int:

@@ -25,6 +25,8 @@ from horizonval.renderer.ground.cover import GroundTable, Places, cover
 from horizonval.renderer.ground.reflectance import fresnel, glint_brdf, snow_factor
 from horizonval.renderer.kernel.clouds import CloudTable, cloud_table, first_cloud
 from horizonval.renderer.planet import Planet, along, dot
+from horizonval.renderer.refraction.bending import BendingField
+from horizonval.renderer.refraction.ray_end import ray_end
 from horizonval.renderer.types import Values, Vec
 
 
@@ -59,6 +61,8 @@ class SurfaceHit:
         Reflectance of the sea's facets [1/sr].
     forward : Float64
         Radiance of snow in the Sun's beam over that of a Lambert surface.
+    bending : Float64 or None
+        By how much a ray has turned at its end [rad]; None without refraction.
     albedos : list of Albedos
         Of the spectral nodes at hand; size-1 arrays.
     """
@@ -71,6 +75,7 @@ class SurfaceHit:
     entering: mi.Float64
     glint: mi.Float64
     forward: mi.Float64
+    bending: mi.Float64 | None = None
     albedos: tuple[dict[str, mi.Float64], ...] = ()
 
     def at(self, model: GroundModel, wavelength_um: Sequence[float], width: int) -> SurfaceHit:
@@ -118,38 +123,50 @@ def make_ground(model: GroundModel, planet: Planet, origin: tuple[float, float, 
 
 
 def surface_hits(
-    ground: Ground, planet: Planet, o: Vec, d: Vec, lights: Sequence[Vec], to_ground: bool
+    ground: Ground,
+    planet: Planet,
+    o: Vec,
+    d: Vec,
+    lights: Sequence[Vec],
+    to_ground: bool,
+    bending: BendingField | None = None,
 ) -> list[SurfaceHit]:
     """Find where rays end, under every light.
 
-    ``to_ground``: they all meet the ellipsoid, unless a cloud is before it.
+    ``to_ground``: they all meet the ellipsoid, unless a cloud is before it. ``bending``: with refraction; ``planet``
+    and rays are then the apparent ones. Sunlight on its way past clouds goes straight even so: low Suns shine over
+    edges of clouds by up to their own diameter from elsewhere.
     """
     count = dr.width(d[0])
     cloud, zero = dr.full(mi.Bool, False, count), dr.zeros(mi.Float64, count)
     t = white = zero
     if ground.clouds is not None:
-        cloud, t = first_cloud(ground.clouds, planet, o, d, to_ground)
-        white = dr.select(cloud, ground.clouds.brightness(*planet.height_and_normal(along(o, d, t))), 0.0)
-    dr.eval(cloud, t, white)
+        cloud, t = first_cloud(ground.clouds, planet, o, d, to_ground, bending)
     end = t
     if to_ground:
         mid, half, _ = planet.chord(o, d)
         end = dr.select(cloud, t, mid - half)
+    dr.eval(cloud, t, end)
+    place = ray_end(planet, bending, o, d, end)
+    if ground.clouds is not None:
+        white = dr.select(cloud, ground.clouds.brightness(place.height_m, place.vertical), 0.0)
+    dr.eval(white, place.vertical, place.direction, place.point, place.bending)
     sunlit = [dr.full(mi.Float64, 1.0, count) for _ in lights]
     if ground.clouds is not None:
-        sunlit = [_sunlit(ground.clouds, planet, along(o, d, end), light) for light in lights]
+        true_planet = planet if bending is None else bending.true_planet
+        sunlit = [_sunlit(ground.clouds, true_planet, place.point, light) for light in lights]
         dr.eval(sunlit)
     shares: dict[str, mi.Float64] = {"cloud": white}
     if not to_ground:
-        return [SurfaceHit(cloud, cloud, t, lit, shares, zero, zero, zero) for lit in sunlit]
+        return [SurfaceHit(cloud, cloud, t, lit, shares, zero, zero, zero, place.bending) for lit in sunlit]
     everywhere = dr.full(mi.Bool, True, count)
     # under clouds that let light through the ground is there as well
     bare = dr.select(cloud, mi.Float64(0.0), 1.0)
     clear = mi.Float64(1.0) if ground.clouds is not None and ground.clouds.translucent else bare
     if ground.table is None:
         shares["ground"] = clear
-        return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero, zero) for lit in sunlit]
-    _, normal = planet.height_and_normal(along(o, d, end))
+        return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero, zero, place.bending) for lit in sunlit]
+    normal, arriving = place.vertical, place.direction
     _, below = cover(ground.table, Places.below(normal))
     foam = dr.opaque(mi.Float64, surface.foam_share(ground.model.wind_speed_m_s), 1)
     shares |= {name: clear * share for name, share in below.items()}
@@ -159,11 +176,11 @@ def surface_hits(
     hits = []
     for light, lit in zip(lights, sunlit, strict=True):
         mu_sun = dot(normal, light)
-        mu_view, cosine = -dot(normal, d), -dot(d, light)
+        mu_view, cosine = -dot(normal, arriving), -dot(arriving, light)
         glint = wet * bare * glint_brdf(mu_sun, mu_view, cosine, variance)
         forward = snow_factor(ground.table.snow, mu_sun, mu_view, cosine)
         entering = (1.0 - fresnel(dr.maximum(mu_sun, 0.0))) / (1.0 - surface.water_sky_albedo())
-        hits.append(SurfaceHit(everywhere, cloud, t, lit, shares, entering, glint, forward))
+        hits.append(SurfaceHit(everywhere, cloud, t, lit, shares, entering, glint, forward, place.bending))
     dr.eval(shares, [(hit.entering, hit.glint, hit.forward) for hit in hits])
     return hits
 

@@ -26,6 +26,7 @@ from horizonval.renderer.ground.cover import GroundTable, Places, look_alike
 from horizonval.renderer.kernel.discs import Disc
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, limb_function
 from horizonval.renderer.planet import along, distance_squared, dot
+from horizonval.renderer.refraction.ray_end import ray_end
 from horizonval.renderer.types import Vec, indices_where
 
 EVEN_PIXELS = 25.0
@@ -38,6 +39,10 @@ TWILIGHT_RAD = 0.005
 """Half of what a scale height of the shadow takes in the middle of twilight: the ground's terminator is sharper."""
 NIGHT = -0.33
 """Cosine of the zenith angle of a light that has gone down for good."""
+
+
+ROUGH_BENDING = 8
+"""Evaluations of the bending of rays well inside the limb, to place them on the map to a tenth of their turn."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +143,7 @@ def _coast(view: FrameGeometry, table: GroundTable, pixel: mi.UInt32) -> mi.Bool
     def kind(u: mi.Float64, v: mi.Float64) -> tuple[mi.UInt32, mi.Bool]:
         d = view.rays.direction(u, v)
         mid, half, _ = view.planet.chord(view.origin, d)
-        _, normal = view.planet.height_and_normal(along(view.origin, d, mid - half))
+        normal = ray_end(view.planet, view.bending, view.origin, d, mid - half, ROUGH_BENDING).vertical
         return look_alike(table, Places.below(normal))
 
     def at_cell(i: mi.UInt32, several: mi.Bool) -> tuple[mi.UInt32, mi.Bool]:

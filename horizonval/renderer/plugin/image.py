@@ -7,7 +7,8 @@ A cell is one ray, or on the hard edge two that are mixed by the covered share (
 What the discs of Sun and Moon add is in ``discs``. By night the sky behind shines through, where no cloud is before it.
 Solar bands are marched cell by cell; thermal ones come from tables (``emission_image``).
 
-Clouds have no outline: the one ray (or two) of a cell decides whether it ends on a cloud.
+The outline of clouds above the limb cuts cells as the hard edge does. Before the ground they have none: the ray of a
+cell decides whether it ends on a cloud.
 """
 
 from __future__ import annotations
@@ -142,7 +143,7 @@ def surface_looks(view: FrameGeometry, cells: Cells) -> list[SurfaceLook]:
     def ends(rays: Rays | DiscCells | None, to_ground: bool) -> Sequence[SurfaceHit | None]:
         if view.ground is None or rays is None or not rays.count or not (to_ground or view.ground.clouds):
             return [None] * len(lights)
-        return surface_hits(view.ground, view.planet, view.origin, rays.direction, lights, to_ground)
+        return surface_hits(view.ground, view.planet, view.origin, rays.direction, lights, to_ground, view.bending)
 
     groups = (ends(cells.ground, True), ends(cells.limb, False), ends(cells.sun, False), ends(cells.moon, False))
     return [SurfaceLook(*under) for under in zip(*groups, strict=True)]

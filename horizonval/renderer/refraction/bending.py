@@ -1,4 +1,4 @@
-"""Bending angles: directions behind the air, and where sunlight comes from.
+"""Bending angles: directions behind the air, places along bent rays, and where sunlight comes from.
 
 A ray that grazes the ground turns by 1.1 deg between space and space, so that a setting Sun seen from space is lifted
 and flattened.
@@ -7,7 +7,7 @@ and flattened.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -27,18 +27,24 @@ BENDING_NODES = 128
 
 @dataclass(frozen=True)
 class BendingField:
-    """The apparent planet and how fast light bends above it: ``per_m`` [rad/m] on ``grid``."""
+    """The apparent planet and how fast light bends above it.
+
+    ``per_m`` [rad/m] and ``true_m``, the height above ``true_planet``, on ``grid``.
+    """
 
     planet: Planet
+    true_planet: Planet
     top_m: float
     grid: AltitudeGrid
     per_m: mi.Float64
+    true_m: mi.Float64
 
     @classmethod
     def of(cls, air: ApparentRadiusAir) -> BendingField:
         """Build from air in apparent-radius coordinates."""
         grid = AltitudeGrid.of(air.model.altitude_m)
-        return cls(air.planet, air.model.top_m, grid, table_of(mi.Float64, air.bending_per_m))
+        per_m, true_m = (table_of(mi.Float64, column) for column in (air.bending_per_m, air.height_m))
+        return cls(air.planet, air.true_planet, air.model.top_m, grid, per_m, true_m)
 
     def up(self, o: Vec, d: Vec) -> Vec:
         """Return the unit vector across a ray in its vertical plane."""
@@ -49,21 +55,46 @@ class BendingField:
         scale = dr.rsqrt(dr.maximum(dot(up, up), 1e-12))
         return up[0] * scale, up[1] * scale, up[2] * scale
 
-    def angle(self, o: Vec, d: Vec, nodes: int = BENDING_NODES) -> mi.Float64:
+    def rate(self, o: Vec, d: Vec, up: Vec, t: mi.Float64) -> mi.Float64:
+        """Return how fast rays turn [rad/m] at parameters ``t``; ``up``: :meth:`up`."""
+        height, normal = self.planet.height_and_normal(along(o, d, t))
+        i, w, inside = self.grid.locate(height)
+        return dr.select(inside, interpolate(self.per_m, i, w, 1)[0] * dot(normal, up), 0.0)
+
+    def turned(self, o: Vec, d: Vec, angle: mi.Float64) -> Vec:
+        """Return the direction of bent rays that are seen in direction ``d`` where they have turned by an angle."""
+        sine, cosine = dr.sincos(angle)
+        up = self.up(o, d)
+        return d[0] * cosine - up[0] * sine, d[1] * cosine - up[1] * sine, d[2] * cosine - up[2] * sine
+
+    def place(self, o: Vec, d: Vec, t: mi.Float64, angle: mi.Float64) -> tuple[mi.Float64, Vec]:
+        """Return height and vertical, on the planet as it is, where rays have turned by an angle at ``t``, in the air.
+
+        By Bouguer's law a bent ray makes the angle with the vertical that the straight one makes at the same apparent
+        height; as it has turned downwards, its vertical is turned forwards.
+        """
+        apparent, normal = self.planet.height_and_normal(along(o, d, t))
+        i, w, _ = self.grid.locate(apparent)
+        slope = dot(normal, d)
+        forward = (d[0] - slope * normal[0], d[1] - slope * normal[1], d[2] - slope * normal[2])
+        sine, cosine = dr.sincos(angle)
+        sine = sine * dr.rsqrt(dr.maximum(dot(forward, forward), 1e-12))
+        x, y, z = (dr.fma(cosine, normal[k], sine * forward[k]) for k in range(3))
+        return interpolate(self.true_m, i, w, 1)[0], (x, y, z)
+
+    def angle(self, o: Vec, d: Vec, nodes: int = BENDING_NODES, end: mi.Float64 | None = None) -> mi.Float64:
         """Return the bending angle [rad] of light that is seen in direction ``d``, on its way through all the air.
 
         Rays that meet the ground are followed through it, in air like that at the ground, so that the answer is smooth
-        across the limb.
+        across the limb. ``end``: where rays end before they have left the air.
         """
-        path = find_path(self.planet, self.top_m, o, d, mi.Bool(False))
+        path = find_path(self.planet, self.top_m, o, d, mi.Bool(False), None if end is None else (mi.Bool(True), end))
         up = self.up(o, d)
         count = nodes // 2
         offset = 0.5 / math.sqrt(3.0)
 
         def rate(t: mi.Float64) -> mi.Float64:
-            height, normal = self.planet.height_and_normal(along(o, d, t))
-            i, w, inside = self.grid.locate(height)
-            return dr.select(inside, interpolate(self.per_m, i, w, 1)[0] * dot(normal, up), 0.0)
+            return self.rate(o, d, up, t)
 
         zero = dr.zeros(mi.Float64, dr.width(path.t_low))
         step = (path.y1 - path.y0) / count
@@ -80,7 +111,7 @@ class BendingField:
         """Return the bending angle [rad] of light that grazes the ground, between space and space."""
         zero, radius = mi.Float64(0.0), self.planet.mean_radius_m
         o = (mi.Float64(-2.0 * radius), zero, mi.Float64(radius))
-        sphere = BendingField(Planet(radius, radius), self.top_m, self.grid, self.per_m)
+        sphere = replace(self, planet=Planet(radius, radius))
         return float(sphere.angle(o, (mi.Float64(1.0), zero, zero))[0])
 
 
@@ -89,9 +120,7 @@ def true_direction(field: BendingField, o: Vec, d: Vec) -> Vec:
 
     ``o`` stands among the straight rays: :meth:`ApparentRadiusAir.apparent_position`.
     """
-    sine, cosine = dr.sincos(field.angle(o, d))
-    up = field.up(o, d)
-    return d[0] * cosine - up[0] * sine, d[1] * cosine - up[1] * sine, d[2] * cosine - up[2] * sine
+    return field.turned(o, d, field.angle(o, d))
 
 
 def refracted_sun_table(
@@ -103,7 +132,7 @@ def refracted_sun_table(
     true ones.
     """
     radius = field.planet.mean_radius_m
-    sphere = BendingField(Planet(radius, radius), field.top_m, field.grid, field.per_m)
+    sphere = replace(field, planet=Planet(radius, radius))
     height, cosine = SunTable.nodes(n_height, n_mu, radius, field.top_m)
     zero = mi.Float64(0.0)
     o = (zero, zero, mi.Float64(np.repeat(height, n_mu) + radius))

@@ -22,8 +22,8 @@ from horizonval.renderer.kernel.discs import DiscCells
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.kernel.surface import Ground
-from horizonval.renderer.planet import along
 from horizonval.renderer.ray_path import way_through
+from horizonval.renderer.refraction.ray_end import ray_end
 from horizonval.renderer.thermal.emission_table import (
     ABOVE_TOPS_M,
     BandTables,
@@ -202,11 +202,11 @@ def _ends(view: FrameGeometry, rays: Rays | DiscCells, emission: GroundEmission,
     """Look where rays end: on which kind of ground, how warm, and on which cloud before it."""
     cloud = t = None
     if view.ground is not None and view.ground.clouds is not None:
-        cloud, t = first_cloud(view.ground.clouds, view.planet, view.origin, rays.direction, to_ground)
+        cloud, t = first_cloud(view.ground.clouds, view.planet, view.origin, rays.direction, to_ground, view.bending)
     if not to_ground:
         return RayEnds(cloud, t, {}, {})
     mid, half, _ = view.planet.chord(view.origin, rays.direction)
-    _, normal = view.planet.height_and_normal(along(view.origin, rays.direction, mid - half))
+    normal = ray_end(view.planet, view.bending, view.origin, rays.direction, mid - half).vertical
     return RayEnds(cloud, t, *_warm_ground(view.ground, emission, normal, view.sun))
 
 

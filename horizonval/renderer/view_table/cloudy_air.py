@@ -30,10 +30,7 @@ root in its height."""
 
 
 def cloudy_air(light: Light, coordinates: RayCoordinates, to_ground: bool, top_m: float) -> PatchTable:
-    """Return an empty table of a light's air before clouds whose highest top is at ``top_m``; as :func:`sunlit_air`.
-
-    Without refraction, with which there are no clouds.
-    """
+    """Return an empty table of a light's air before clouds whose highest top is at ``top_m``; as :func:`sunlit_air`."""
     o = vectors(coordinates.origin[None, :])
     axis = coordinates.ground if to_ground else coordinates.limb
     packets = 2 * len(light.batches)

@@ -167,8 +167,11 @@ class FrameTables:
         self, light: Light, coordinates: RayCoordinates, to_ground: bool, cloud_top_m: float | None = None
     ) -> PatchTable:
         """Return the table of a light's air, or of that before clouds, made so far."""
-        bends = to_ground and any(
-            isinstance(b, SolarNodes) and isinstance(b.sunlight, RefractionTables) for b in light.batches
+        # rays that end on a map or a cloud know themselves by how much they have turned
+        bends = (
+            to_ground
+            and self.view.ground is None
+            and any(isinstance(b, SolarNodes) and isinstance(b.sunlight, RefractionTables) for b in light.batches)
         )
         key = content_digest(
             "sunlit air",
@@ -179,6 +182,7 @@ class FrameTables:
             light.nodes,
             tuple(b is not None for b in light.batches),
             to_ground,
+            bends,
             cloud_top_m,
             mi.variant(),
         )
@@ -209,6 +213,7 @@ class FrameTables:
         first = radiance_packet(batch)
         ends = rays.to_ground or hit is not None
         bends = isinstance(nodes, SolarNodes) and isinstance(nodes.sunlight, RefractionTables) and rays.to_ground
+        bends = bends and hit is None
         packets = [first, first + 1, *([bending_packet(len(looked.light.batches))] if bends else [])]
         values = looked.table.look(looked.x, looked.azimuth, packets)
         radiance, transmittance = values[: nodes.width], values[PACKET : PACKET + nodes.width]
@@ -223,7 +228,7 @@ class FrameTables:
             self._march(looked, nodes, rays, hit, found)
         if not ends:
             return radiance, transmittance
-        ground = self._ends(looked.light, nodes, rays, hit, bending)
+        ground = self._ends(looked.light, nodes, rays, hit, bending if hit is None else hit.bending)
         counts = mi.Bool(True) if hit is None else hit.ends
         lit = zip(radiance, ground, transmittance, strict=True)
         return [r + dr.select(counts, g * t, 0.0) for r, g, t in lit], transmittance

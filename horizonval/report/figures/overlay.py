@@ -26,8 +26,8 @@ _POINTS_PER_LINE = 160
 
 
 def horizon_path(truth: FrameTruth) -> str:
-    """Return the exact horizon inside the image; empty if there is none."""
-    ellipsoid = truth.ellipsoid
+    """Return the exact horizon inside the image, refracted where light is bent; empty if there is none."""
+    ellipsoid = truth.apparent_ellipsoid
     lines = horizon_pixels(truth.camera_model, truth.q_cam_from_itrs, truth.r_itrs, ellipsoid, _POINTS_PER_LINE)
     return "".join(_line(line) for line in lines)
 

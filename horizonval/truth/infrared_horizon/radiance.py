@@ -13,12 +13,15 @@ which is exact for thin pieces and tends to S0 for thick ones.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.truth.infrared_horizon.bent_rays import StraightHeights
 from horizonval.truth.infrared_horizon.rays import RayPath
 
 SHELL_M = 1000.0
@@ -43,15 +46,19 @@ def shells_m(top_m: float, step_m: float = SHELL_M) -> FloatArray:
 
 
 class BandMedium:
-    """Extinction and source of one band, laid out for rays: g point last."""
+    """Extinction and source of one band, laid out for rays: g point last. ``heights``: None where no light is bent."""
 
-    def __init__(self, band: EmittingBand) -> None:
+    def __init__(self, band: EmittingBand, heights: StraightHeights | None = None) -> None:
         extinction, source = band.columns()
         self.altitude_m = band.altitude_m
+        if heights is not None:
+            self.altitude_m = heights.of(band.altitude_m)
+            extinction = extinction * np.interp(band.altitude_m, heights.altitude_m, heights.stretch)
         self.sin_latitude = band.sin_latitude
         self.column_map = band.column_map
         self.extinction = np.ascontiguousarray(np.moveaxis(extinction, 0, -1))
         self.source = np.ascontiguousarray(np.moveaxis(source, 0, -1))
+        self._both = None if band.column_map is None else self._flat()
 
     @property
     def top_m(self) -> float:
@@ -76,7 +83,9 @@ class BandMedium:
         if self.is_uniform:
             k, s = (c[:, i] * (1.0 - w) + c[:, i + 1] * w for c in (self.extinction, self.source))
             return k, s
-        places = self._rows(path, u) if self.column_map is None else self._columns(path, u)
+        if self._both is not None:
+            return self._on_the_map(path, u, i, w[:, 0])
+        places = self._rows(path, u)
         corners = [(share[..., None] * v, j, level) for j, share in places for v, level in ((1.0 - w, i), (w, i + 1))]
         result = []
         for column in (self.extinction, self.source):
@@ -93,6 +102,32 @@ class BandMedium:
         j = np.minimum(row.astype(np.intp), len(self.sin_latitude) - 2)
         v = row - j
         return [(j, 1.0 - v), (j + 1, v)]
+
+    def _flat(self) -> FloatArray:
+        """Return extinction and source side by side, shape (columns x heights, 2 g)."""
+        return np.concatenate([self.extinction, self.source], axis=-1).reshape(-1, 2 * self.source.shape[-1])
+
+    def _on_the_map(self, path: RayPath, u: FloatArray, i: np.ndarray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what :meth:`along` does; eight neighbours of each point by one product with a sparse matrix."""
+        assert self._both is not None
+        heights = len(self.altitude_m)
+        index, weight = [], []
+        for j, share in self._columns(path, u):
+            index += [j * heights + i, j * heights + i + 1]
+            weight += [share * (1.0 - w), share * w]
+        shape = index[0].shape
+        points = math.prod(shape)
+        matrix = csr_array(
+            (
+                np.stack(weight, axis=-1).ravel(),
+                np.stack(index, axis=-1).ravel(),
+                np.arange(0, 8 * points + 1, 8),
+            ),
+            shape=(points, len(self._both)),
+        )
+        both = np.asarray(matrix @ self._both).reshape(*shape, -1)
+        g = both.shape[-1] // 2
+        return both[..., :g], both[..., g:]
 
     def _columns(self, path: RayPath, u: FloatArray) -> list[tuple[np.ndarray, FloatArray]]:
         """Return the four columns of a map about the points of rays, and their weights.
