@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -113,11 +114,13 @@ def optical_model(
     for i, band in enumerate(camera.band):
         where = f"{scene.camera.file}: band[{i}]"
         if band.kind == "solar":
-            nodes += _solar_nodes(band, air, changed, scene, sun_distance_au, where)
+            nodes += _solar_nodes(band, air, changed, scene, sun_distance_au, where, change)
         else:
             thermal.append(emitting.band(band, where))
     refractivity = air_refractivity(scene, changed.state.number_density_air, camera.band)
-    return _model(scene, camera, air.altitude_m, nodes, thermal, ground_k, refractivity)
+    model = _model(scene, camera, air.altitude_m, nodes, thermal, ground_k, refractivity)
+    raised = change.raised_m
+    return replace(model, layers=tuple((v.base_m + raised, v.top_m + raised) for v in air.layers))
 
 
 def _model(
@@ -171,7 +174,7 @@ def _solar_node(
 
 
 def _solar_nodes(
-    band: Band, air: Air, changed: Air, scene: SceneSpec, sun_distance_au: float, where: str
+    band: Band, air: Air, changed: Air, scene: SceneSpec, sun_distance_au: float, where: str, change: AirChange
 ) -> list[SpectralNode]:
     """Return the nodes that the air of the scene asks for, of ``changed`` air."""
     lo, hi = bands.limits_um(band)
@@ -208,9 +211,26 @@ def _solar_nodes(
                 molecular_cos2=float(rayleigh.cos2(wavelength)),
                 particle_per_m=scattered,
                 asymmetry=asymmetry,
+                **_layers(changed, float(wavelength), change.raised_m),
             )
         )
     return nodes
+
+
+def _layers(air: Air, wavelength_um: float, raised_m: float) -> dict[str, Any]:
+    """Return what a node keeps of each layer of thin cloud."""
+    if not air.layers:
+        return {}
+    optics = [aerosol.optics(layer.particle, wavelength_um) for layer in air.layers]
+    columns = [
+        float(v.extinction) * layer.column(air.altitude_m, raised_m)
+        for v, layer in zip(optics, air.layers, strict=True)
+    ]
+    return {
+        "layer_per_m": np.array(columns),
+        "layer_albedo": tuple(float(v.scattering / v.extinction) for v in optics),
+        "layer_asymmetry": tuple(float(v.asymmetry) for v in optics),
+    }
 
 
 def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> OpticalModel:
