@@ -29,6 +29,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.frames import rotate
+from horizonval.geometry.part.coverage import coverage
 
 GM_M3_PER_S2 = 3.986004418e14
 STILL_PX = 0.01
@@ -93,6 +94,26 @@ def mean_over_instants(
     """
     path = _Path.of(camera, rate_cam_rad_s, float(np.abs(time_s).max()))
     return image if path is None else path.mean(image, time_s, weight)
+
+
+def behind_still_parts(
+    still: FloatArray, behind: FloatArray, moved_behind: FloatArray, truth: FrameTruth, camera: CameraModel
+) -> FloatArray:
+    """Return what a turning camera sees that has parts of the spacecraft in view: they turn with it, shape (H, W).
+
+    Only what lies behind them moves, and it shows where they do not cover. The lens has spread all images already; that
+    it does so after the parts have covered what they cover matters within its spread of their edges only.
+
+    Parameters
+    ----------
+    still : ndarray, shape (H, W)
+        With the parts, the camera at rest.
+    behind, moved_behind : ndarray, shape (H, W)
+        Without them, the camera at rest and turning.
+    """
+    if truth.part_outline is None:
+        return still
+    return np.asarray(still + (1.0 - coverage(truth.part_outline, camera)) * (moved_behind - behind))
 
 
 @dataclass(frozen=True)

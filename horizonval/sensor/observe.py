@@ -64,12 +64,18 @@ def observe(
     def radiance(of: Band) -> FloatArray:
         return _radiance(frame, camera, of.name)
 
+    def behind(of: Band) -> FloatArray:
+        return np.asarray(frame.behind[of.name], dtype=np.float64)
+
+    parts = behind if frame.behind else None
+
     if isinstance(camera.detector, Cmos):
         _require_kind(spec, "solar", camera.detector.kind)
-        dn, settings = cmos.respond(radiance, frame.truth, geometry, camera, camera.detector, spec, rng)
+        dn, settings = cmos.respond(radiance, frame.truth, geometry, camera, camera.detector, spec, rng, parts)
     elif isinstance(camera.detector, ThermalDetector):
         _require_kind(spec, "thermal", camera.detector.kind)
-        dn, settings = thermal.respond(radiance(spec), frame.truth, geometry, camera, camera.detector, spec, rng)
+        back = None if parts is None else parts(spec)
+        dn, settings = thermal.respond(radiance(spec), frame.truth, geometry, camera, camera.detector, spec, rng, back)
     else:
         raise UserError("the camera has no detector", where="detector", expected="a [detector] table")
     return DetectorImage(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
 from horizonval.earth.atmosphere.air import NO_ATMOSPHERE
 from horizonval.renderer.derivatives.parameters import AIR_STEPS, GAIN, POSE, changed_air
@@ -35,8 +36,15 @@ def frame_derivatives(
     Raises
     ------
     UserError
-        As :func:`horizonval.renderer.scene.frame.render_frame`.
+        For a scene with parts, whose light would change too; else as
+        :func:`horizonval.renderer.scene.frame.render_frame`.
     """
+    if scene.part:
+        raise UserError(
+            "derivatives of frames with parts of the spacecraft in view are not known",
+            where="part",
+            expected="a scene without [[part]]",
+        )
     described = describe(scene, camera)
     out: dict[str, Images] = {}
     left_out: tuple[str, ...] = ()

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from horizonval.renderer.reference.reference_scene import Placement
 
 HOLDS = "molecules, ozone, particles, uniform Lambert ground, Sun as a point"
-LEAVES_OUT = "Sun's disc and glare, surface map, clouds"
+LEAVES_OUT = "Sun's disc and glare, surface map, clouds, parts of the spacecraft"
 STANDARD_ERROR = "standard_error"
 """Map ``standard_error.<band>`` [W m-2 sr-1]: of each pixel's radiance, Monte Carlo noise alone."""
 DEFAULT_SPP = 256

@@ -49,6 +49,7 @@ def respond(
     detector: Cmos,
     band: Band,
     rng: Streams,
+    behind: Callable[[Band], FloatArray] | None = None,
 ) -> tuple[NDArray[np.uint16], dict[str, Any]]:
     """Return digital numbers, shape (H, W), and the settings that an image carries.
 
@@ -61,6 +62,8 @@ def respond(
     geometry, camera, detector
     band : Band
         The one asked for; a mosaic needs the other colours too.
+    behind : callable, optional
+        Gives the radiance of a band without parts of the spacecraft, where the frame has some.
     rng : callable
         See :data:`Streams`. Without noise the pixels do not differ either.
     """
@@ -80,9 +83,15 @@ def respond(
         seconds = auto_exposure.exposure_s(rate, full_well, detector.auto_exposure)
     turn = motion.rate_cam_rad_s(truth)
     row_time_s = detector.row_time_s if detector.shutter == "rolling" and detector.row_time_s is not None else 0.0
-    moved_w = {
-        letter: motion.blur_by_motion(power, geometry, turn, seconds, row_time_s) for letter, power in power_w.items()
-    }
+
+    def moved(power: FloatArray, one: Band) -> FloatArray:
+        if behind is None or not turn.any():
+            return motion.blur_by_motion(power, geometry, turn, seconds, row_time_s)
+        still = image_plane.pixel_power_w(behind(one), geometry, camera.optics, pitch_m, one, sun_of(truth))
+        blurred = motion.blur_by_motion(still, geometry, turn, seconds, row_time_s)
+        return motion.behind_still_parts(power, still, blurred, truth, geometry)
+
+    moved_w = {letter: moved(power, colours[letter]) for letter, power in power_w.items()}
     electrons = _electrons(moved_w, colours, detector, seconds)
     if detector.shutter == "frame_transfer" and detector.row_time_s is not None:
         electrons = electrons + charge.smear_e(electrons / seconds, detector.row_time_s)

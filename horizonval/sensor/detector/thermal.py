@@ -48,11 +48,21 @@ def respond(
     detector: ThermalDetector,
     band: Band,
     rng: Callable[[str], np.random.Generator | None],
+    behind: FloatArray | None = None,
 ) -> tuple[NDArray[np.uint16], dict[str, Any]]:
-    """Return digital numbers, shape (H, W), and the settings that an image carries."""
+    """Return digital numbers, shape (H, W), and the settings that an image carries.
+
+    ``behind``: the radiance without parts of the spacecraft, where the frame has some.
+    """
     pitch_m = detector.pixel_pitch_um * 1e-6
     signal = image_plane.radiance_on_axis(radiance, geometry, camera.optics, pitch_m, band, sun_of(truth))
-    signal = lag_by_time_constant(signal, geometry, motion.rate_cam_rad_s(truth), detector.time_constant_s)
+    turn = motion.rate_cam_rad_s(truth)
+    if behind is None or not turn.any():
+        signal = lag_by_time_constant(signal, geometry, turn, detector.time_constant_s)
+    else:
+        still = image_plane.radiance_on_axis(behind, geometry, camera.optics, pitch_m, band, sun_of(truth))
+        dragged = lag_by_time_constant(still, geometry, turn, detector.time_constant_s)
+        signal = motion.behind_still_parts(signal, still, dragged, truth, geometry)
     signal = point_spread.blur(signal, detector.response_fwhm_px * SIGMA_PER_FWHM)
     measured_in = next((one for one in camera.band if one.name == detector.netd_band), band)
     sigma = noise_radiance(measured_in, detector, camera)
