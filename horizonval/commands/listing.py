@@ -16,6 +16,7 @@ ATMOSPHERES = {
     "us_standard": "US standard climate (AFGL 1986); the default.",
     "us76": "US Standard Atmosphere 1976 with the gases of AFGL 1986.",
     "by_latitude_month": "Zonal mean climate: every latitude's own air, in the month of the epoch.",
+    "weather": "The air of one day, drawn from a seed: it varies with latitude, longitude and height.",
     "none": "No air.",
 }
 
@@ -53,9 +54,12 @@ def _estimators() -> dict[str, str]:
 
 
 def _atmospheres() -> dict[str, str]:
-    from horizonval.earth.atmosphere import climate, profiles
+    from horizonval.earth.atmosphere import climate, columns, profiles
+    from horizonval.earth.weather import real_states
 
-    return {name: ATMOSPHERES[name] for name in (*profiles.names(), climate.BY_LATITUDE_MONTH, "none")}
+    known = (*profiles.names(), climate.BY_LATITUDE_MONTH, columns.WEATHER, "none")
+    states = {f"{real_states.PREFIX}{name}": real_states.description(name) for name in real_states.names()}
+    return {name: ATMOSPHERES[name] for name in known} | states
 
 
 def _detectors() -> dict[str, str]:

@@ -28,6 +28,7 @@ import numpy as np
 
 from horizonval.earth.atmosphere.air import TOP_M
 from horizonval.earth.atmosphere.climate import BY_LATITUDE_MONTH
+from horizonval.earth.atmosphere.columns import WEATHER
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.frames import inverse, rotate
@@ -170,7 +171,7 @@ def frame_cost(
     solar = sum(count for band, count in spectral.items() if kinds[band] == "solar")
     thermal = sum(count for band, count in spectral.items() if kinds[band] == "thermal")
     evaluations = cells * scene.render.nodes * solar
-    by_latitude = thermal and scene.atmosphere.profile == BY_LATITUDE_MONTH
+    by_latitude = thermal and scene.atmosphere.profile in (BY_LATITUDE_MONTH, WEATHER)
     per_point = THERMAL_S_PER_POINT + THERMAL_S_PER_EVALUATION * scene.render.nodes
     chunks = -(-solar // CHUNK)
     tabulated = scene.render.method == "table"
@@ -180,13 +181,15 @@ def frame_cost(
     render_s += SOLAR_FRAME_S if solar else 0.0
     render_s += per_point * thermal * (BY_LATITUDE if by_latitude else 1.0) if cells else 0.0
     tables = solar if scene.render.orders == "all" and not _airless(scene) else 0
-    particles = scene.atmosphere.aerosol != "none" or scene.atmosphere.file is not None
+    particles = scene.atmosphere.aerosol != "none" or scene.atmosphere.file is not None or bool(scene.layer)
     images = 0 if camera.detector is None else len(camera.band)
     return FrameCost(
         cells=cells,
         evaluations=evaluations,
         tables=tables,
-        tables_s=tables * (PARTICLE_TABLE_S if particles else SCATTERING_TABLE_S),
+        tables_s=tables
+        * (PARTICLE_TABLE_S if particles else SCATTERING_TABLE_S)
+        * (LAYERED_TABLES if scene.layer else 1.0),
         render_s=render_s,
         view_tables_s=_view_tables_s(truth, scene.render.nodes * chunks, cover > 0.0) if tabulated and cells else 0.0,
         observe_s=OBSERVE_S_PER_PIXEL * pixels * images,
@@ -195,6 +198,10 @@ def frame_cost(
         frame_bytes=FRAME_BYTES + pixels * _bytes_per_pixel(scene, camera),
         image_bytes=(IMAGE_BYTES + _image_bytes_per_pixel(camera) * pixels) * images,
     )
+
+
+LAYERED_TABLES = 5.0
+"""How much longer light scattered more than once takes with layers of thin cloud than with haze."""
 
 
 def _view_tables_s(truth: FrameTruth, nodes: int, clouds: bool) -> float:
@@ -226,7 +233,7 @@ def _airless(scene: SceneSpec) -> bool:
 def column_key(scene: SceneSpec, camera: CameraSpec) -> tuple[Any, ...]:
     """Return what the tables of multiple scattering hang on: equal keys share theirs."""
     place: tuple[Any, ...] = ()
-    if scene.atmosphere.profile == "by_latitude_month" and scene.atmosphere.latitude_deg is None:
+    if scene.atmosphere.profile in (BY_LATITUDE_MONTH, WEATHER) and scene.atmosphere.latitude_deg is None:
         place = (scene.scene.name,)
     radius = scene.earth.model_dump_json()
     return scene.atmosphere.model_dump_json(), radius, json_of_bands(camera), scene.render.band_error, place

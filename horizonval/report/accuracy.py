@@ -31,7 +31,7 @@ def accuracy_of(truths: Iterable[FrameTruth]) -> list[str]:
         sentences.append(SUNLIGHT)
     if any(air.get("aerosol", "none") != "none" or air["file"] is not None for air in airs):
         sentences.append(PARTICLES)
-    if any(t.horizon_rise_m > 0.0 for t in solar):
+    if any(t.horizon_rise_m > 0.0 or air.get("refraction") for t, air in zip(solar, airs, strict=True)):
         sentences.append(REFRACTION)
     if any(t.sun_visible_fraction == 0.0 for t in solar):
         sentences.append(NIGHT)

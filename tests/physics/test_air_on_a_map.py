@@ -189,6 +189,7 @@ def test_a_map_has_no_seams() -> None:
         n = place.axes[2] + 0.5 * rng.normal(size=(400, 3)) / math.sqrt(3.0)
         n = n / np.linalg.norm(n, axis=1, keepdims=True)
         n = n[n @ place.axes[2] > math.cos(math.radians(39.0))]
+        assert (place.count - 1) % 4 == 0
         x, y = place.plane(n)
         read = sum(smooth(place.normals())[i] * w for i, w in place.corners(x, y))
         # (3 deg)^2 / 8 of a second derivative of up to 6

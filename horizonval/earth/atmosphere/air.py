@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,14 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.suggest import nearest
-from horizonval.earth.atmosphere import climate, climate_rows, profile_file
+from horizonval.earth.atmosphere import climate, climate_rows, columns, profile_file
 from horizonval.earth.atmosphere.aerosol import Aerosol, aerosol
 from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile, names, profile
+from horizonval.earth.clouds.layers import ThinLayer, layers_of
 from horizonval.earth.gases import afgl
+from horizonval.earth.gases.gas_state import GasState
+from horizonval.earth.weather import real_states
 from horizonval.spec.scene import SceneSpec
 
 NO_ATMOSPHERE = "none"
@@ -25,7 +29,7 @@ STEP_M = 100.0
 
 @dataclass(frozen=True)
 class Air:
-    """Gases and particles of a scene: one column, for ``by_latitude_month`` that below the satellite.
+    """Gases and particles of a scene: one column, where they vary that of one place.
 
     Attributes
     ----------
@@ -34,15 +38,22 @@ class Air:
     climates : mapping of str to float
         The AFGL climates that it is a blend of, with weights; empty for ``us76`` and a profile from a file.
     aerosol : Aerosol
-        On the same altitudes; without kinds for none.
+        On the same altitudes, thin cloud among it; without kinds for none.
     with_ozone : bool
         Whether ozone absorbs sunlight.
+    columns : callable or None
+        Of air that varies with longitude: from latitudes and longitudes (c,) [deg] and heights (k,) [m] to the gases
+        there.
+    layers : tuple of ThinLayer
+        Of thin cloud.
     """
 
     state: AtmosphereProfile
     climates: Mapping[str, float]
     aerosol: Aerosol
     with_ozone: bool
+    columns: Callable[[FloatArray, FloatArray, FloatArray], GasState] | None = None
+    layers: tuple[ThinLayer, ...] = ()
 
     @property
     def altitude_m(self) -> FloatArray:
@@ -80,17 +91,25 @@ def air_of(
     atmosphere = scene.atmosphere
     place = (scene.platform.latitude_deg, scene.platform.longitude_deg) if place_deg is None else place_deg
     z = np.linspace(0.0, TOP_M, round(TOP_M / STEP_M) + 1)
-    climates: Mapping[str, float]
+    climates: Mapping[str, float] = {}
+    many: Callable[[FloatArray, FloatArray, FloatArray], GasState] | None = None
+    weather = columns.weather_of(scene)
     if atmosphere.profile_file is not None:
         path = (base_dir or Path()) / atmosphere.profile_file
         state, climates = profile_file.read_profile(path, co2_ppm=atmosphere.co2_ppm), {}
+    elif weather is not None:
+        many = partial(columns.weather_columns, weather, co2_ppm=atmosphere.co2_ppm)
+        state = columns.as_profile(many(np.array([place[0]]), np.array([place[1]]), z), columns.WEATHER)
+    elif atmosphere.profile.startswith(real_states.PREFIX):
+        name = atmosphere.profile.removeprefix(real_states.PREFIX)
+        state = columns.real_profile(name, where=f"{scene.scene.name}: atmosphere.profile")
     elif atmosphere.profile == climate.BY_LATITUDE_MONTH:
         latitude = atmosphere.latitude_deg
         latitude = place[0] if latitude is None else latitude
         climates = climate.climate_weights(latitude, climate_rows.month(scene))
         state = climate.blended(climates)
     else:
-        known = [*names(), climate.BY_LATITUDE_MONTH, NO_ATMOSPHERE]
+        known = [*names(), climate.BY_LATITUDE_MONTH, columns.WEATHER, NO_ATMOSPHERE]
         if atmosphere.profile not in known:
             raise UserError(
                 f"unknown atmosphere profile {atmosphere.profile!r}",
@@ -99,9 +118,18 @@ def air_of(
             )
         state = profile(atmosphere.profile)
         climates = {state.name: 1.0} if state.name in afgl.names() else {}
-    if atmosphere.profile_file is None:
+    if atmosphere.profile_file is None and many is None:
         state = replace(state, number_density_co2=state.number_density_co2 * (atmosphere.co2_ppm / afgl.CO2_PPM))
     lower = np.clip(z - change.raised_m, state.altitude_m[0], state.altitude_m[-1])
     particles = aerosol(atmosphere.aerosol, np.minimum(lower, TOP_M), where=f"{scene.scene.name}: atmosphere.aerosol")
     gases = replace(state.at(lower), altitude_m=z)
-    return Air(change.state(gases), climates, change.particles(particles), atmosphere.ozone)
+    layers = layers_of(scene)
+    particles = _with_layers(change.particles(particles), layers, z, change.raised_m)
+    return Air(change.state(gases), climates, particles, atmosphere.ozone, many, layers)
+
+
+def _with_layers(particles: Aerosol, layers: tuple[ThinLayer, ...], altitude_m: FloatArray, raised_m: float) -> Aerosol:
+    """Return particles with those of thin cloud among them."""
+    columns = [layer.column(altitude_m, raised_m) for layer in layers]
+    kinds = (*particles.kinds, *(layer.particle for layer in layers))
+    return Aerosol(kinds, np.concatenate([particles.extinction_550_per_m, *(c[None, :] for c in columns)]))

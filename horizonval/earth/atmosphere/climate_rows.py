@@ -46,12 +46,17 @@ def rows_in_sight(latitude_deg: float, height_m: float) -> FloatArray:
     ndarray, shape (m,)
         Part of :func:`all_rows`, at least two.
     """
-    reach = math.acos(_RADIUS_M / (_RADIUS_M + height_m)) + math.acos(_RADIUS_M / (_RADIUS_M + _TOP_M)) + _MARGIN
+    reach = reach_rad(height_m)
     latitude = math.radians(latitude_deg)
     south, north = max(latitude - reach, -math.pi / 2), min(latitude + reach, math.pi / 2)
     # The far side of a pole has no latitudes that the near side lacks.
     first, last = math.floor(math.sin(south) * STEPS), math.ceil(math.sin(north) * STEPS)
     return np.arange(max(first, -STEPS), min(last, STEPS) + 1) / STEPS
+
+
+def reach_rad(height_m: float) -> float:
+    """Return how far from the point below rays from a height can meet air or ground, as an angle at the centre."""
+    return math.acos(_RADIUS_M / (_RADIUS_M + height_m)) + math.acos(_RADIUS_M / (_RADIUS_M + _TOP_M)) + _MARGIN
 
 
 def month(scene: SceneSpec) -> float:

@@ -5,7 +5,9 @@ What the air is decides where its levels are:
 
 - the AFGL climates and their blends by latitude and month: those of :func:`horizonval.earth.gases.afgl.levels_m`. A
   blend by latitude has a row for every latitude in sight, see :mod:`horizonval.earth.atmosphere.climate_rows`; its
-  state is blended, not its absorption; all else is the same everywhere;
+  state is blended, not its absorption;
+- weather and a list of profiles: columns on a map of what is in sight (:mod:`horizonval.earth.weather.column_map`), on
+  fewer levels and marched on 250 m to 1 km. All else is the same everywhere;
 - any other profile: 100 m;
 - an atmosphere file: its own absorption, the same throughout a band (grey), on its own nodes;
 - none: nothing absorbs.
@@ -19,8 +21,10 @@ absorb as at 18.5 um.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -30,12 +34,33 @@ from horizonval.earth.atmosphere.air import TOP_M, Air
 from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.solar_rule import check_sunlight
+from horizonval.earth.clouds.layers import ThinLayer
 from horizonval.earth.gases import afgl
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral import bands, sunlight, thermal_absorption
+from horizonval.earth.weather.column_map import ColumnMap, latitude_longitude_deg
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band
 
+MAP_STEP_DEG = 3.0
+"""Between columns of weather. In the middle of four, where that is worst, the error against the weather drawn there is
+0.14 K rms (1.2 K at most) of temperature, 0.2 % rms (1.1 %) of radiance in 14.0 to 16.3 um and 30 m rms (210 m) of the
+height of half of it (three winter days from 20 and 65 N). With 2.5 deg it is 0.09 K, 0.15 % and 20 m rms, with 3.5 deg
+0.2 K, 0.3 % and 40 m, with 5 deg 0.3 K, 0.6 % and 60 m."""
+MOST_ALONG_A_SIDE = 37
+"""Columns; from far away they stand farther apart: 6.5 deg below a geostationary camera, 3.8 deg at its limb."""
+MAP_LEVEL_M = np.concatenate(
+    [
+        np.arange(0.0, 14e3, 1e3),
+        np.arange(14e3, 18e3, 250.0),
+        np.arange(18e3, 50e3, 1e3),
+        np.arange(50e3, 1e5 + 1.0, 2e3),
+    ]
+)
+"""Levels of columns on a map: fine where the absorption jumps, see :func:`horizonval.earth.gases.afgl.levels_m`."""
+MAP_GRID_M = np.concatenate(
+    [np.arange(0.0, 20e3, 250.0), np.arange(20e3, 60e3, 500.0), np.arange(60e3, TOP_M + 1.0, 1e3)]
+)
 LEAST_PER_M = 1e-300
 """Extinction that stands for none where a logarithm is needed."""
 
@@ -49,12 +74,17 @@ class EmittingAir:
     altitude_m : ndarray, shape (n,)
         The grid to march on.
     sin_latitude : ndarray, shape (m,)
+        One value where there is a ``column_map``.
     state : GasState
         On the levels (k,) of height, arrays of shape (m, k).
     particles : Aerosol
         On the same levels.
     change : AirChange
         How the bands' air differs; absorption per molecule stays that of ``state``.
+    column_map : ColumnMap or None
+        Where the columns of ``state`` stand if they vary with longitude.
+    layers : tuple of ThinLayer
+        Of thin cloud.
     """
 
     altitude_m: FloatArray
@@ -62,6 +92,8 @@ class EmittingAir:
     state: GasState
     particles: aerosol.Aerosol
     change: AirChange = AS_IT_IS
+    column_map: ColumnMap | None = None
+    layers: tuple[ThinLayer, ...] = ()
 
     def band(self, band: Band, where: str) -> EmittingBand:
         """Return a thermal band; errors as :func:`horizonval.earth.spectral.thermal_absorption.g_points`."""
@@ -79,7 +111,18 @@ class EmittingAir:
             source_wavenumber_per_cm=points.wavenumber_per_cm,
             source_weight_per_cm=points.weight_per_cm,
             sun_radiance=points.sun_radiance(),
+            column_map=self.column_map,
+            **self._layers(points.wavelength_um),
         )
+
+    def _layers(self, wavelength_um: FloatArray) -> dict[str, Any]:
+        """Return what a band keeps of thin cloud."""
+        if not self.layers:
+            return {}
+        raised = self.change.raised_m
+        absorbed = [layer.infrared_per_m(self.altitude_m, wavelength_um, raised) for layer in self.layers]
+        heights = np.array([(layer.base_m + raised, layer.top_m + raised) for layer in self.layers])
+        return {"layer_per_m": np.sum(absorbed, axis=0), "layers": heights}
 
     def _with_particles(self, ln_gas: FloatArray, wavelength_um: FloatArray) -> FloatArray:
         if not self.particles.kinds:
@@ -94,8 +137,8 @@ class EmittingAir:
 def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> EmittingAir:
     """Return the air of a scene that has gases of its own (neither ``none`` nor an atmosphere file).
 
-    For ``by_latitude_month`` without a latitude of its own there is a row of air for every latitude in sight; else one
-    row serves the whole frame.
+    For ``by_latitude_month`` without a latitude of its own there is a row of air for every latitude in sight, for
+    weather and a list of profiles columns on a map; else one row serves the whole frame.
 
     Parameters
     ----------
@@ -106,7 +149,12 @@ def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> Em
         How the bands' air differs from it.
     """
     rows, grid = np.zeros(1), air.altitude_m
-    if air.climates:
+    place = None
+    if air.columns is not None:
+        place = map_in_sight(scene)
+        state = air.columns(*latitude_longitude_deg(place.normals()), MAP_LEVEL_M)
+        grid = MAP_GRID_M
+    elif air.climates:
         climates: tuple[Mapping[str, float], ...] = (air.climates,)
         if climate_rows.varies(scene):
             rows = climate_rows.rows_in_sight(scene.platform.latitude_deg, scene.platform.altitude_km * 1e3)
@@ -122,7 +170,18 @@ def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> Em
         state=state,
         particles=change.particles(aerosol.aerosol(scene.atmosphere.aerosol, state.altitude_m)),
         change=change,
+        column_map=place,
+        layers=air.layers,
     )
+
+
+def map_in_sight(scene: SceneSpec) -> ColumnMap:
+    """Return where columns stand that a satellite's rays can meet, :data:`MAP_STEP_DEG` apart or more from far."""
+    latitude, longitude = math.radians(scene.platform.latitude_deg), math.radians(scene.platform.longitude_deg)
+    below = math.cos(latitude) * np.array([math.cos(longitude), math.sin(longitude), math.tan(latitude)])
+    reach = climate_rows.reach_rad(scene.platform.altitude_km * 1e3)
+    widest = 2.0 * math.atan(2.0 * math.tan(0.5 * reach) / (MOST_ALONG_A_SIDE - 1))
+    return ColumnMap.around(below, reach, max(math.radians(MAP_STEP_DEG), widest))
 
 
 def grey_band(

@@ -2,7 +2,7 @@
 :class:`horizonval.earth.surface.ground_emission.GroundEmission`.
 
 A ``uniform`` ground is as warm as ``surface.temperature_k`` says, or else as the lowest air: one temperature, or with
-``by_latitude_month`` that of every latitude. An ``earth`` has the climate of
+``by_latitude_month`` and ``weather`` that of the AFGL climates at every latitude. An ``earth`` has the climate of
 :mod:`horizonval.earth.surface.surface_temperature` for the month of the air (or of the epoch), whatever the profile of
 the air above it, unless ``surface.temperature_k`` puts one temperature in place of everything.
 
@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.atmosphere import climate_rows
+from horizonval.earth.atmosphere import climate_rows, columns
 from horizonval.earth.gases import afgl
 from horizonval.earth.surface import ground_map, surface_temperature
 from horizonval.earth.surface.ground_emission import GroundEmission, uniform_ground
@@ -37,7 +37,8 @@ def emitting_ground(scene: SceneSpec, lowest_air_k: float) -> GroundEmission:
     month = climate_rows.month(scene)
     if surface.kind == "earth" and fixed is None:
         return _climate(rows, month, cloud)
-    if surface.kind == "uniform" and fixed is None and climate_rows.varies(scene):
+    by_latitude = climate_rows.varies(scene) or columns.weather_of(scene) is not None
+    if surface.kind == "uniform" and fixed is None and by_latitude:
         air = afgl.blended(climate_rows.weights(rows, month), np.zeros(1)).temperature_k[:, 0]
         return uniform_ground(air, surface.emissivity, cloud)
     return uniform_ground(lowest_air_k if fixed is None else fixed, surface.emissivity, cloud, surface.kind, month)

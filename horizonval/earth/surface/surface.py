@@ -53,6 +53,8 @@ class GroundModel:
         Over the ocean of an "earth".
     month : float
         0.5 to 12.5, 7.0 the middle of July: of snow and sea ice on an "earth".
+    city_lights : bool
+        Whether its cities shine by night.
     clouds : CloudField or None
     """
 
@@ -60,6 +62,7 @@ class GroundModel:
     albedo: float
     wind_speed_m_s: float
     month: float
+    city_lights: bool
     clouds: CloudField | None
 
     @property
@@ -91,7 +94,9 @@ def ground_model(scene: SceneSpec) -> GroundModel:
     """Return what a scene says of ground and clouds."""
     surface = scene.surface
     wind = WIND_SPEED_M_S if surface.wind_speed_m_s is None else surface.wind_speed_m_s
-    return GroundModel(surface.kind, surface.albedo, wind, climate_rows.month(scene), cloud_field(scene))
+    return GroundModel(
+        surface.kind, surface.albedo, wind, climate_rows.month(scene), surface.city_lights, cloud_field(scene)
+    )
 
 
 def foam_share(wind_speed_m_s: float) -> float:

@@ -20,6 +20,9 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.directions import perpendicular
 
+COARSER = 4
+"""What varies little needs a column in so many each way; maps have a whole number of them along a side."""
+
 
 @dataclass(frozen=True)
 class ColumnMap:
@@ -34,15 +37,20 @@ class ColumnMap:
         """Return the map of all places within ``reach_rad`` of a unit normal, columns ``step_rad`` apart at most."""
         half = math.tan(0.5 * min(reach_rad, 0.95 * math.pi))
         # a step of the map is widest at its centre: 2 dx
-        count = 1 + math.ceil(2.0 * half / math.tan(0.5 * step_rad) - 1e-9)
+        count = 1 + COARSER * math.ceil(2.0 * half / (COARSER * math.tan(0.5 * step_rad)) - 1e-9)
         c = centre / np.linalg.norm(centre)
         e = perpendicular(c)
-        return cls(np.stack([e, np.cross(c, e), c]), half, max(count, 2))
+        return cls(np.stack([e, np.cross(c, e), c]), half, count)
 
     @property
     def columns(self) -> int:
         """How many columns there are; those of a row of equal y lie side by side."""
         return self.count**2
+
+    def coarser(self) -> tuple[ColumnMap, np.ndarray]:
+        """Return the map of every :data:`COARSER` th column each way, and which columns those are."""
+        side = np.arange(0, self.count, COARSER)
+        return ColumnMap(self.axes, self.half, len(side)), (side[:, None] * self.count + side).ravel()
 
     def plane(self, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return x and y of unit normals (..., 3)."""

@@ -47,7 +47,10 @@ _SURFACE_DEG, _SURFACE_HPA = (0.0, 15.0, 30.0, 55.0, 90.0), (2.0, 2.5, 5.0, 10.0
 
 @dataclass(frozen=True)
 class Deviations:
-    """From the climate, at places (c,) and log-pressure heights (k,): arrays (c, k), the pressure's (c,)."""
+    """From the climate, at places (c,) and log-pressure heights (k,): arrays (c, k), the pressure's (c,).
+
+    Logarithms have half their variance taken off, so that the mean amount of a gas is the climate's.
+    """
 
     temperature_k: FloatArray
     ln_ozone: FloatArray
@@ -89,6 +92,8 @@ class WeatherField:
             part = self._waves(coefficients[c], shares(name, height), modes[c], latitude, longitude, height)
             total += np.sqrt(weights[c])[:, None] * spread[c].ravel() * part
         kelvin, ozone, water = np.moveaxis(total.reshape(len(latitude), 3, len(height)), 1, 0)
+        half = 0.5 * np.einsum("cn,cqk->qnk", weights, spread[:, 1:] ** 2)
+        ozone, water = ozone - half[0], water - half[1]
         amplitude, pole, origin = self.warming()
         if amplitude:
             kelvin = kelvin + warming.warmer_k(amplitude, pole, origin, latitude, longitude, height)

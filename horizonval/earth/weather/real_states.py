@@ -110,3 +110,11 @@ def real_state(name: str, where: str = "") -> RealState:
         ozone_share=ozone,
         known_water=~floor,
     )
+
+
+def description(name: str) -> str:
+    """Return a line that says when and where a state was."""
+    s = real_state(name)
+    north, east = "N" if s.latitude_deg >= 0.0 else "S", "E" if s.longitude_deg >= 0.0 else "W"
+    place = f"{abs(s.latitude_deg):.0f} {north}, {abs(s.longitude_deg):.0f} {east}"
+    return f"The air over {place} on {s.date.isoformat()} (ECMWF)."

@@ -66,7 +66,7 @@ class PoseFrame:
     def of(cls, integrator: Any, camera: CameraSettings, ellipsoid: Ellipsoid) -> PoseFrame:
         """Build from the integrator of a frame and its camera."""
         view = integrator.apparent_view(_sensor(camera))
-        cells = group_cells(view)
+        cells = group_cells(view, outlines=False)
         settings = integrator.settings
         digest = settings.tables_digest if settings.method == "table" else None
         rays = FrameRays(integrator.prepared, view, cells, settings.nodes, digest)

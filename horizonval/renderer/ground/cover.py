@@ -6,12 +6,14 @@ ray, and blended; the ice of the sea in the latitudes of its edges in the month 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from horizonval.earth.surface import city_lights as city_lights_map
 from horizonval.earth.surface import ground_cover, ground_map, sea_ice
 from horizonval.earth.surface.materials import DRY
 from horizonval.earth.surface.snow_reflectance import mean_reflection
@@ -22,7 +24,8 @@ from horizonval.renderer.types import Vec
 class GroundTable:
     """The ground of a month. ``words``: the map; ``mixtures``: of kinds, one behind the other; ``edges``: of sea ice,
     north and then south [deg]; ``heights`` [m];
-    ``snow``: what the reflectance of snow is divided by.
+    ``snow``: what the reflectance of snow is divided by;
+    ``inhabitants``: per square metre, where cities shine.
     """
 
     words: mi.UInt32
@@ -33,9 +36,10 @@ class GroundTable:
     white_north: mi.Float64
     white_south: mi.Float64
     snow: mi.Float64
+    inhabitants: mi.Float32 | None = None
 
     @classmethod
-    def of(cls, month: float) -> GroundTable:
+    def of(cls, month: float, city_lights: bool = False) -> GroundTable:
         """Return the ground of a month."""
         edges = np.concatenate(sea_ice.edges_deg(month))
         north, south = sea_ice.white_shares(month)
@@ -48,6 +52,7 @@ class GroundTable:
             dr.opaque(mi.Float64, north, 1),
             dr.opaque(mi.Float64, south, 1),
             mi.Float64(mean_reflection()),
+            mi.Float32(city_lights_map.inhabitants_per_m2().ravel()) if city_lights else None,
         )
 
 
@@ -170,6 +175,23 @@ def height_m(table: GroundTable, places: Places) -> mi.Float64:
     for row, column, weight in zip(rows, columns, weights, strict=True):
         total = dr.fma(weight, mi.Float64(dr.gather(mi.Float32, table.heights, row * 360 + column)), total)
     return total
+
+
+def luminance(table: GroundTable, places: Places, mu_sun: mi.Float64, mu_view: mi.Float64) -> mi.Float64:
+    """Return what cities shine [lm m-2 sr-1]; :mod:`horizonval.earth.surface.city_lights`, written again."""
+    assert table.inhabitants is not None
+    per_degree = city_lights_map.PER_DEGREE
+    rows, columns, weights = _around(places, float(per_degree), 180 * per_degree, 360 * per_degree)
+    density = mi.Float64(0.0)
+    for row, column, weight in zip(rows, columns, weights, strict=True):
+        cell = row * (360 * per_degree) + column
+        density = dr.fma(weight, mi.Float64(dr.gather(mi.Float32, table.inhabitants, cell)), density)
+    c = dr.clip(mu_view, city_lights_map.LEAST_COSINE, 1.0)
+    z = dr.acos(c)
+    down = 2.0 * city_lights_map.GROUND_REFLECTANCE * (1.0 - city_lights_map.UPWARD_SHARE) * c
+    per_head = (down + 0.554 * city_lights_map.UPWARD_SHARE * z * z * z * z) / c
+    burning = dr.clip(-mu_sun / city_lights_map.ALL_ON_SINE, 0.0, 1.0)
+    return density * burning * per_head * (city_lights_map.LUMENS_PER_HEAD / (2.0 * math.pi))
 
 
 def _around(

@@ -2,8 +2,9 @@
 
 Pixels with an edge in them are cut into k x k cells (``whole_pixels`` tells which). A cell whose outline test is clear
 is one ray through its centre. A cell on the hard edge is two: one through the middle of its covered part, ending at the
-ground, one through the middle of the rest, passing it (see ``coverage``). A whole pixel is one ray. Rays above the
-atmosphere are not marched at all.
+ground, one through the middle of the rest, passing it (see ``coverage``). Where the outline of clouds cuts what lies
+above the limb, that is two as well, one below the outline and one above (``cloud_outline``). A whole pixel is one ray.
+Rays above the atmosphere are not marched at all.
 
 Cells and whole pixels are grouped by what they see before any light is looked up, so no lane idles and every sum has a
 fixed order: the same bytes for any number of threads. Both have slots in one array: first the cells, those of a pixel
@@ -13,11 +14,13 @@ side by side, then the whole pixels.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
 
+from horizonval.renderer.kernel.cloud_outline import near_clouds, outline_cells, outlined_clouds
+from horizonval.renderer.kernel.clouds import CloudTable
 from horizonval.renderer.kernel.coverage import cell_coverage
 from horizonval.renderer.kernel.discs import SPLIT_HEIGHT_M, Disc, DiscCells, disc_cells
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, limb_function
@@ -44,7 +47,8 @@ class Rays:
 class Cells:
     """All slots of a frame, grouped. ``space``: slots that see neither Earth nor air.
 
-    The last rays of ``ground`` are those of whole pixels.
+    The last rays of ``ground`` are those of whole pixels. ``second``: the cells with two rays in ``limb``, one that
+    ends on a cloud and one above it. The second one has a slot of its own, behind all others.
     """
 
     view: FrameGeometry
@@ -54,16 +58,26 @@ class Cells:
     space: mi.UInt32
     sun: DiscCells | None
     moon: DiscCells | None
+    second: mi.UInt32 | None = None
 
     @property
     def count(self) -> int:
         """Slots."""
+        return self._first_second + (0 if self.second is None else int(dr.width(self.second)))
+
+    @property
+    def _first_second(self) -> int:
         kinds = self.kinds
         return _cell_count(self.view, kinds) + int(dr.width(kinds.ground) + dr.width(kinds.space))
 
     def image(self, values: mi.Float64) -> mi.Float64:
         """Return pixels in row order from the values of all slots; a pixel that was cut is the mean of its cells."""
         k2, kinds = self.view.subsamples**2, self.kinds
+        if self.second is not None:
+            first, more = self._first_second, dr.width(self.second)
+            added = dr.gather(mi.Float64, values, numbers_from(first, more))
+            values = dr.gather(mi.Float64, values, dr.arange(mi.UInt32, first))
+            dr.scatter_add(values, added, self.second, mode=dr.ReduceMode.NoConflicts)
         if kinds.all_cut:
             return dr.block_sum(values, k2) / k2
         image = dr.zeros(mi.Float64, self.view.width * self.view.height)
@@ -116,8 +130,11 @@ class CutPixels:
 _NOTHING, _SPACE, _LIMB, _GROUND, _EDGE = range(5)
 
 
-def group_cells(view: FrameGeometry) -> Cells:
-    """Find out what every pixel sees, and every cell of those that are cut."""
+def group_cells(view: FrameGeometry, outlines: bool = True) -> Cells:
+    """Find out what every pixel sees, and every cell of those that are cut.
+
+    ``outlines``: of clouds; without, one ray decides for all of a cell above the limb.
+    """
     kinds = sort_pixels(view)
     count, cut = _cell_count(view, kinds), CutPixels(view, kinds)
     whole = _whole_rays(view, kinds.ground, count)
@@ -142,17 +159,69 @@ def group_cells(view: FrameGeometry) -> Cells:
     near = [near_disc(view, disc, centre, reach) for disc in discs]
     dr.eval(sees, near)
     ground = [cut.rays(indices_where(sees == _GROUND))]
-    limb = [cut.rays(indices_where(sees == _LIMB))]
+    clouds = outlined_clouds(view) if outlines else None
+    second = _SecondRays(count + dr.width(kinds.ground) + dr.width(kinds.space))
+    above = sees == _LIMB
+    below_tops = None if clouds is None else above & near_clouds(view, clouds, centre, reach)
+    limb = [cut.rays(indices_where(above if below_tops is None else above & ~below_tops))]
+    if clouds is not None and below_tops is not None:
+        limb += second.of(view, clouds, cut, indices_where(below_tops))
     space = joined([indices_where(sees == _SPACE), whole_space])
     edge_cells = indices_where(sees == _EDGE)
     if dr.width(edge_cells):
         inner, outer = _edge_cells(view, cut, edge_cells)
         ground.append(inner)
-        limb.append(outer)
+        limb += [outer] if clouds is None else second.of(view, clouds, cut, outer.slot, outer)
     ground.append(whole)
     seen = [indices_where(touching & (sees != _NOTHING)) for touching in near]
     split = [_disc_cells(view, cut, disc, cells) for disc, cells in zip(discs, seen, strict=True)]
-    return Cells(view, kinds, _joined(ground), _joined(limb), space, split[0], None if view.moon is None else split[1])
+    moon = None if view.moon is None else split[1]
+    return Cells(view, kinds, _joined(ground), _joined(limb), space, split[0], moon, second.cells())
+
+
+class _SecondRays:
+    """The second rays of cells that the outline of clouds cuts, and the slots that they get."""
+
+    def __init__(self, first_slot: int) -> None:
+        self._first_slot = first_slot
+        self._cells: list[mi.UInt32] = []
+
+    def cells(self) -> mi.UInt32 | None:
+        """Return the cells with two rays, None without any."""
+        return joined(self._cells) if self._cells else None
+
+    def of(
+        self, view: FrameGeometry, clouds: CloudTable, cut: CutPixels, cell: mi.UInt32, whole: Rays | None = None
+    ) -> list[Rays]:
+        """Return the rays of cells above the limb, or of the parts above it of cells on the hard edge.
+
+        ``whole``: the rays of these parts if no cloud cuts them; the cells' centres without it.
+        """
+        if not dr.width(cell):
+            return []
+        if whole is None:
+            whole = cut.rays(cell)
+        seen = outline_cells(view, clouds, *cut.centre(cell), 1.0 - whole.share)
+        cloudy, free = seen.cloud > 0.0, seen.free > 0.0
+        mixed = indices_where(cloudy & free)
+        rays = [_picked(whole, indices_where(~(cloudy & free)))]
+        if dr.width(mixed):
+            above = Rays(whole.slot, seen.to_free, seen.free, whole.count)
+            on_clouds = Rays(whole.slot, seen.to_cloud, seen.cloud, whole.count)
+            below = _picked(on_clouds, mixed)
+            slot = numbers_from(self._first_slot, below.count)
+            self._first_slot += below.count
+            self._cells.append(below.slot)
+            rays += [_picked(above, mixed), replace(below, slot=slot)]
+        return rays
+
+
+def _picked(rays: Rays, index: mi.UInt32) -> Rays:
+    """Return some of a group of rays."""
+    if not dr.width(index):
+        return _no_rays(index)
+    x, y, z, share = (dr.gather(mi.Float64, c, index) for c in (*rays.direction, rays.share))
+    return Rays(dr.gather(mi.UInt32, rays.slot, index), (x, y, z), share, dr.width(index))
 
 
 def _whole_rays(view: FrameGeometry, pixel: mi.UInt32, first_slot: int) -> Rays:

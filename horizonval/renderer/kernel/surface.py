@@ -21,7 +21,7 @@ import mitsuba as mi
 
 from horizonval.earth.surface import surface
 from horizonval.earth.surface.surface import Albedos, GroundModel
-from horizonval.renderer.ground.cover import GroundTable, Places, cover
+from horizonval.renderer.ground.cover import GroundTable, Places, cover, luminance
 from horizonval.renderer.ground.reflectance import fresnel, glint_brdf, snow_factor
 from horizonval.renderer.kernel.clouds import CloudTable, cloud_table, first_cloud
 from horizonval.renderer.planet import Planet, along, dot
@@ -63,6 +63,8 @@ class SurfaceHit:
         Radiance of snow in the Sun's beam over that of a Lambert surface.
     bending : Float64 or None
         By how much a ray has turned at its end [rad]; None without refraction.
+    lamps : Float64 or None
+        Luminance of cities [lm m-2 sr-1], under the Sun; None where none shine.
     albedos : list of Albedos
         Of the spectral nodes at hand; size-1 arrays.
     """
@@ -76,6 +78,7 @@ class SurfaceHit:
     glint: mi.Float64
     forward: mi.Float64
     bending: mi.Float64 | None = None
+    lamps: mi.Float64 | None = None
     albedos: tuple[dict[str, mi.Float64], ...] = ()
 
     def at(self, model: GroundModel, wavelength_um: Sequence[float], width: int) -> SurfaceHit:
@@ -118,7 +121,7 @@ def make_ground(model: GroundModel, planet: Planet, origin: tuple[float, float, 
     """Return kernel data of a ground seen from ``origin``; None for a Lambert ground, which needs none."""
     if model.plain:
         return None
-    table = GroundTable.of(model.month) if model.kind == "earth" else None
+    table = GroundTable.of(model.month, model.city_lights) if model.kind == "earth" else None
     return Ground(model, table, cloud_table(model.clouds, planet, origin) if model.clouds else None)
 
 
@@ -167,7 +170,8 @@ def surface_hits(
         shares["ground"] = clear
         return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero, zero, place.bending) for lit in sunlit]
     normal, arriving = place.vertical, place.direction
-    _, below = cover(ground.table, Places.below(normal))
+    places = Places.below(normal)
+    _, below = cover(ground.table, places)
     foam = dr.opaque(mi.Float64, surface.foam_share(ground.model.wind_speed_m_s), 1)
     shares |= {name: clear * share for name, share in below.items()}
     wet = shares["water"] * (1.0 - foam)
@@ -181,6 +185,10 @@ def surface_hits(
         forward = snow_factor(ground.table.snow, mu_sun, mu_view, cosine)
         entering = (1.0 - fresnel(dr.maximum(mu_sun, 0.0))) / (1.0 - surface.water_sky_albedo())
         hits.append(SurfaceHit(everywhere, cloud, t, lit, shares, entering, glint, forward, place.bending))
+    if ground.table.inhabitants is not None:
+        lamps = bare * luminance(ground.table, places, dot(normal, lights[0]), -dot(normal, arriving))
+        dr.eval(lamps)
+        hits[0] = replace(hits[0], lamps=lamps)
     dr.eval(shares, [(hit.entering, hit.glint, hit.forward) for hit in hits])
     return hits
 

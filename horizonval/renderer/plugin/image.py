@@ -7,7 +7,8 @@ A cell is one ray, or on the hard edge two that are mixed by the covered share (
 What the discs of Sun and Moon add is in ``discs``. By night the sky behind shines through, where no cloud is before it.
 Solar bands are marched cell by cell; thermal ones come from tables (``emission_image``).
 
-Clouds have no outline: the one ray (or two) of a cell decides whether it ends on a cloud.
+The outline of clouds above the limb cuts cells as the hard edge does. Before the ground they have none: the ray of a
+cell decides whether it ends on a cloud.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.earth.column import SpectralNode
+from horizonval.earth.surface import city_lights
 from horizonval.earth.surface.ground_emission import GroundEmission
 from horizonval.renderer.kernel.cells import Cells, Rays, group_cells
 from horizonval.renderer.kernel.discs import DiscCells
@@ -31,7 +33,7 @@ from horizonval.renderer.kernel.surface import SurfaceHit, surface_hits
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
 from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_table import ThermalAir
-from horizonval.renderer.types import Values, Vec
+from horizonval.renderer.types import Values, Vec, constant
 from horizonval.renderer.view_table.frame_tables import FrameTables, LitRays
 
 NodePart: TypeAlias = "tuple[mi.UInt32, mi.Float64, Values]"
@@ -225,7 +227,12 @@ def node_parts(
     if cells.ground.count:
         hits_under = [under.ground for under in hits]
         seen = None if tables is None else tables.ground
-        yield cells.ground.slot, cells.ground.share, through(cells.ground, True, hits_under, seen)[0]
+        radiance, transmittance = through(cells.ground, True, hits_under, seen)
+        under = hits_under[0]
+        if under is not None and under.lamps is not None:
+            lamps = [constant(city_lights.radiance_per_luminance(n.wavelength_um)) * under.lamps for n in group]
+            radiance = [r + t * lit for r, t, lit in zip(radiance, transmittance, lamps, strict=False)]
+        yield cells.ground.slot, cells.ground.share, radiance
     if cells.limb.count:
         seen = None if tables is None else tables.limb
         radiance, transmittance = through(cells.limb, False, [under.limb for under in hits], seen)

@@ -174,7 +174,8 @@ class _Sum:
         moments = self.moments.copy()
         moments[..., : self.last.moments.shape[-1]] += self.last.moments * (rest / (1.0 - rest))[..., None]
         irradiance = self.irradiance + self.last.irradiance * rest[0] / (1.0 - rest[0])
-        return DiffuseField(column.top_m, column.planet_m, column.degree, moments, irradiance)
+        heights = column.heights if column.bands else None
+        return DiffuseField(column.top_m, column.planet_m, column.degree, moments, irradiance, heights)
 
 
 def _padded(moments: FloatArray, count: int) -> FloatArray:

@@ -97,7 +97,8 @@ def mirrored(planet: Planet, o: Vec, d: Vec) -> tuple[Vec, Vec, Vec]:
 class GroundSource:
     """What the ground of a band emits and reflects.
 
-    ``sky``: shape (g, m), of everything but water; computed when first asked for, black ground needs none.
+    ``sky``: shape (g, m), of everything but water, at the columns of ``coarse``; computed when first asked for, black
+    ground needs none.
     """
 
     def __init__(self, band: EmittingBand, emission: GroundEmission) -> None:
@@ -105,10 +106,20 @@ class GroundSource:
         self.spline = band.source_spline()
 
     @cached_property
+    def coarse(self) -> EmittingBand:
+        """Return the band with as many columns as the sky needs: where there is a map, every fourth.
+
+        The sky is a twentieth of what leaves the ground, and ten degrees of weather change it by a few per cent.
+        """
+        return self.band.coarser()
+
+    @cached_property
     def sky(self) -> FloatArray:
         """Return the mean radiance of the air above, on a grid that is fine at the ground."""
-        band = self.band
+        band = self.coarse
         z = band.altitude_m[-1] * np.linspace(0.0, 1.0, SKY_LAYERS + 1) ** 2
+        if len(band.layers):
+            z = np.union1d(z, band.altitude_m[band.layer_per_m.any(axis=0)])
         return sky_radiance(band.extinction_at(z), np.moveaxis(self.spline(band.air_k(z)), 2, 0), z)
 
     @property
@@ -129,4 +140,4 @@ class GroundSource:
         """Return the sky's mean radiance over places of unit normals (n, 3) for some g points, shape (g, n)."""
         if self.emission.kind != "earth" and self.emission.emissivity == 1.0:
             return np.zeros((len(self.band.wavelength_um[part]), len(normal)))
-        return self.band.between(self.sky[part], normal)
+        return self.coarse.between(self.sky[part], normal)

@@ -55,6 +55,9 @@ COLUMNS_ALIKE, FEWEST_COLUMNS = 13, 33
 """Azimuths over half a circle: through air that is the same everywhere, and through air that is not."""
 COLUMNS_PER_RAD = 82.0
 """The same for each radian from the point below the camera to its horizon: the wider the circle, the more air."""
+MAP_COLUMNS = 3
+"""Azimuths all round through columns on a map, by those of half a circle: three halves as dense as these, since the air
+bends at every column. With two, rays at random are off by up to 0.4 %, with three by 0.1 %."""
 ABOVE_TOPS_M = 3000.0
 """The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
 root in its height."""
@@ -129,7 +132,7 @@ def columns_for(coordinates: RayCoordinates, band: EmittingBand) -> int:
         return COLUMNS_ALIKE
     horizon_rad = math.acos(min(coordinates.planet.a_m / coordinates.distance_m, 1.0))
     half = max(1 + math.ceil(COLUMNS_PER_RAD * horizon_rad), FEWEST_COLUMNS)
-    return half if band.column_map is None else 2 * (half - 1)
+    return half if band.column_map is None else MAP_COLUMNS * (half - 1)
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,20 @@ from horizonval.spec.units import unit
 class Atmosphere(Model):
     """What the air is made of."""
 
-    later_keys: ClassVar[frozenset[str]] = frozenset({"halocarbons"})
+    later_keys: ClassVar[frozenset[str]] = frozenset({"gases_in_sunlight", "halocarbons"})
 
     profile: str = "us_standard"
     """Temperature and gases by name (`horizonval list atmospheres`). `none` is no atmosphere at all.
     `by_latitude_month` blends the AFGL climates by latitude and month: thermal bands then have the air of every
     latitude in sight, solar bands one column for the whole frame, that of the point below the satellite.
+    `weather` draws the temperature, ozone and water vapour of one day over latitude, longitude and height, around the
+    climate of the month; `weather:ec2008-12` and the like are real states, the same everywhere.
+    """
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1), unit("1")] | None = None
+    """Draws the weather; without the key the scene's name (or its `draw`) and seed do. For `profile = "weather"`."""
+    warming_k: Annotated[float, Field(ge=0, le=80), unit("K")] | None = None
+    """A sudden warming of the polar stratosphere in the winter hemisphere, by so much over the polar cap near 10 hPa; 0
+    for none. Without the key it is drawn: one northern winter day in ten has one. For `profile = "weather"`.
     """
     profile_file: str | None = None
     """Temperature and gases from a CSV or JSON file beside this one, in place of `profile`; see
@@ -31,7 +39,7 @@ class Atmosphere(Model):
     latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
     """The climate of this latitude serves everywhere in all bands; for `profile = "by_latitude_month"`."""
     month: Annotated[int, Field(ge=1, le=12), unit("1")] | None = None
-    """Month, 1 to 12, in place of the epoch's; for `profile = "by_latitude_month"`."""
+    """Month, 1 to 12, in place of the epoch's; for `profile = "by_latitude_month"` and `"weather"`."""
     aerosol: Literal["none", "background", "volcanic_moderate", "volcanic_high", "polar", "dust"] = "background"
     """Particles, by models of LOWTRAN7: `background` is haze of 23 km visibility at the ground below a quiet
     stratosphere, `volcanic_moderate` and `volcanic_high` have a stratosphere after an eruption, `polar` is clean air,
@@ -40,6 +48,11 @@ class Atmosphere(Model):
     """
     ozone: bool = True
     """Whether ozone absorbs sunlight."""
+    gases_in_sunlight: bool = True
+    """Whether oxygen and water vapour absorb sunlight in bands that lose 3 % and more to them (red and near infrared):
+    -7 % of 700 to 800 nm and -14 % of 750 to 950 nm on the way to the ground. Such bands get up to four spectral nodes
+    more. See `horizonval.earth.gases.sunlight_absorption`.
+    """
     co2_ppm: Annotated[float, Field(ge=280, le=560)] = 420.0
     """Carbon dioxide of the lower atmosphere, for thermal bands only; the file of a `profile_file` may have its own."""
     halocarbons: bool = True
@@ -73,9 +86,15 @@ class Atmosphere(Model):
         by_place = self.profile == "by_latitude_month" and self.profile_file is None and self.file is None
         if not self.halocarbons and (self.file is not None or self._airless):
             raise ValueError('halocarbons applies to air with gases of its own, not to file or profile = "none"')
-        for key in ("latitude_deg", "month"):
-            if getattr(self, key) is not None and not by_place:
-                raise ValueError(f'{key} applies to profile = "by_latitude_month" only')
+        own = self.profile_file is None and self.file is None
+        weather = own and self.profile == "weather"
+        if self.latitude_deg is not None and not by_place:
+            raise ValueError('latitude_deg applies to profile = "by_latitude_month" only')
+        if self.month is not None and not (by_place or weather):
+            raise ValueError('month applies to profile = "by_latitude_month" and "weather" only')
+        for key in ("seed", "warming_k"):
+            if getattr(self, key) is not None and not weather:
+                raise ValueError(f'{key} applies to profile = "weather" only')
         return self
 
     @property

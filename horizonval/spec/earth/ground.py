@@ -28,9 +28,10 @@ class Earth(Model):
 class Surface(Model):
     """The ground.
 
-    `uniform` is a Lambert ground of one albedo and one emissivity. `earth` has land, seasonal snow and an ocean that
-    glints in the Sun, each with its own spectrum of albedo and emissivity, as warm as their latitude and month say,
-    land with its day and night (`horizonval.earth.surface.surface_temperature`).
+    `uniform` is a Lambert ground of one albedo and one emissivity. `earth` has fifteen kinds of land from a map of 0.05
+    degrees, snow and sea ice by month, ice sheets, and an ocean that glints in the Sun, each with its own spectrum of
+    albedo and emissivity, as warm as their latitude, height and month say, land with its day and night
+    (`horizonval.earth.surface.surface_temperature`).
     """
 
     kind: Literal["uniform", "earth"] = "uniform"
@@ -39,6 +40,10 @@ class Surface(Model):
     """Share of the sunlight that the uniform ground reflects."""
     wind_speed_m_s: Annotated[float, Field(ge=0, le=40)] | None = None
     """Wind that roughens the ocean of `earth` for sunlight; 7 without the key."""
+    city_lights: bool = False
+    """Whether cities of `earth` shine by night: the thousand largest, right to a factor of two or three
+    (`horizonval.earth.surface.city_lights`).
+    """
     emissivity: Fraction = 1.0
     """Of the uniform ground, in thermal bands."""
     temperature_k: Positive | None = None
@@ -54,4 +59,6 @@ class Surface(Model):
             raise ValueError('emissivity applies to kind = "uniform" only')
         if self.kind == "uniform" and self.wind_speed_m_s is not None:
             raise ValueError('wind_speed_m_s applies to kind = "earth" only')
+        if self.kind == "uniform" and self.city_lights:
+            raise ValueError('city_lights applies to kind = "earth" only')
         return self

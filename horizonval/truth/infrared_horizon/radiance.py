@@ -13,9 +13,11 @@ which is exact for thin pieces and tends to S0 for thick ones.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
@@ -43,6 +45,14 @@ def shells_m(top_m: float, step_m: float = SHELL_M) -> FloatArray:
     return np.append(shells[shells < top_m], top_m)
 
 
+def layer_edges_m(band: EmittingBand, altitude_m: FloatArray) -> FloatArray:
+    """Return the heights at which paths must be cut besides: where layers of thin cloud begin, bend and end."""
+    inside = np.nonzero(band.layer_per_m.any(axis=0))[0] if len(band.layer_per_m) else np.zeros(0, dtype=np.intp)
+    if not len(inside):
+        return np.zeros(0)
+    return np.asarray(altitude_m[np.unique(np.concatenate([inside - 1, inside, inside + 1]))])
+
+
 class BandMedium:
     """Extinction and source of one band, laid out for rays: g point last. ``heights``: None where no light is bent."""
 
@@ -53,9 +63,11 @@ class BandMedium:
             self.altitude_m = heights.of(band.altitude_m)
             extinction = extinction * np.interp(band.altitude_m, heights.altitude_m, heights.stretch)
         self.sin_latitude = band.sin_latitude
+        self.edges_m = layer_edges_m(band, self.altitude_m)
         self.column_map = band.column_map
         self.extinction = np.ascontiguousarray(np.moveaxis(extinction, 0, -1))
         self.source = np.ascontiguousarray(np.moveaxis(source, 0, -1))
+        self._both = None if band.column_map is None else self._flat()
 
     @property
     def top_m(self) -> float:
@@ -80,7 +92,9 @@ class BandMedium:
         if self.is_uniform:
             k, s = (c[:, i] * (1.0 - w) + c[:, i + 1] * w for c in (self.extinction, self.source))
             return k, s
-        places = self._rows(path, u) if self.column_map is None else self._columns(path, u)
+        if self._both is not None:
+            return self._on_the_map(path, u, i, w[:, 0])
+        places = self._rows(path, u)
         corners = [(share[..., None] * v, j, level) for j, share in places for v, level in ((1.0 - w, i), (w, i + 1))]
         result = []
         for column in (self.extinction, self.source):
@@ -97,6 +111,32 @@ class BandMedium:
         j = np.minimum(row.astype(np.intp), len(self.sin_latitude) - 2)
         v = row - j
         return [(j, 1.0 - v), (j + 1, v)]
+
+    def _flat(self) -> FloatArray:
+        """Return extinction and source side by side, shape (columns x heights, 2 g)."""
+        return np.concatenate([self.extinction, self.source], axis=-1).reshape(-1, 2 * self.source.shape[-1])
+
+    def _on_the_map(self, path: RayPath, u: FloatArray, i: np.ndarray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what :meth:`along` does; eight neighbours of each point by one product with a sparse matrix."""
+        assert self._both is not None
+        heights = len(self.altitude_m)
+        index, weight = [], []
+        for j, share in self._columns(path, u):
+            index += [j * heights + i, j * heights + i + 1]
+            weight += [share * (1.0 - w), share * w]
+        shape = index[0].shape
+        points = math.prod(shape)
+        matrix = csr_array(
+            (
+                np.stack(weight, axis=-1).ravel(),
+                np.stack(index, axis=-1).ravel(),
+                np.arange(0, 8 * points + 1, 8),
+            ),
+            shape=(points, len(self._both)),
+        )
+        both = np.asarray(matrix @ self._both).reshape(*shape, -1)
+        g = both.shape[-1] // 2
+        return both[..., :g], both[..., g:]
 
     def _columns(self, path: RayPath, u: FloatArray) -> list[tuple[np.ndarray, FloatArray]]:
         """Return the four columns of a map about the points of rays, and their weights.
@@ -133,7 +173,7 @@ def limb_radiance(air: BandMedium, rays: Sequence[RayPath], *, step_m: float = S
     """
     columns = []
     for path in rays:
-        u = _cuts(path, path.lowest_m, step_m)
+        u = _cuts(path, path.lowest_m, step_m, air.edges_m)
         columns.append(_integrate(air, path, np.concatenate([-u[:0:-1], u]))[0].sum(axis=-1))
     return np.stack(columns, axis=-1)
 
@@ -143,18 +183,20 @@ def ground_ray(air: BandMedium, path: RayPath, *, step_m: float = SHELL_M) -> tu
 
     The rays' lowest height is negative: the depth of the chord.
     """
-    return _integrate(air, path, -_cuts(path, 0.0, step_m)[::-1])
+    return _integrate(air, path, -_cuts(path, 0.0, step_m, air.edges_m)[::-1])
 
 
-def _cuts(path: RayPath, start_m: float, step_m: float) -> FloatArray:
+def _cuts(path: RayPath, start_m: float, step_m: float, edges_m: FloatArray) -> FloatArray:
     """Return u at the shells between ``start_m`` and the top, with the middles (in u) between: odd in number."""
     shells = shells_m(path.top_m, step_m)
     # Most of the air on a ray lies just above its lowest point. Shells of the same thickness there for all rays keep
     # their errors alike, which the slope of a profile needs more than its value.
     near = 0.5 * step_m * np.ceil(start_m / (0.5 * step_m)) + np.arange(8) * 0.5 * step_m
     shells = np.union1d(shells, near[near < path.top_m])
+    shells = np.union1d(shells, edges_m[edges_m < path.top_m])
     # A sliver of a shell costs as much as a whole one.
-    ends = np.append(start_m, shells[shells > start_m + 0.05 * step_m])
+    sliver = 0.05 * step_m if not len(edges_m) else 1.0
+    ends = np.append(start_m, shells[shells > start_m + sliver])
     u = np.sqrt(ends - path.lowest_m)
     both = np.empty(2 * len(u) - 1)
     both[::2] = u

@@ -26,6 +26,7 @@ activate()
 CO2 = {"name": "b", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}
 WINDOW = {"name": "b", "kind": "thermal", "lo_um": 10.5, "hi_um": 12.5}
 VARYING = {"atmosphere": {"profile": "by_latitude_month"}}
+WEATHER = {"atmosphere": {"profile": "weather", "seed": 3}}
 CLOUDS = {"cover": 0.6, "top_km": 12.0, "mean_top_km": 8.0}
 
 
@@ -56,7 +57,7 @@ def _looked(view: Any, o: Any, d: Any, to_ground: bool) -> Any:
     return mixed(table.look(row, angle), view.air.kinds, ends)
 
 
-@pytest.mark.parametrize("table", [{}, VARYING], ids=["one_row", "many_rows"])
+@pytest.mark.parametrize("table", [{}, VARYING, WEATHER], ids=["one_row", "many_rows", "weather"])
 @pytest.mark.parametrize(
     ("altitude_m", "most"),
     [
@@ -80,7 +81,7 @@ def test_tables_say_what_the_march_says(
     from horizonval.renderer.rays.thermal_radiance import thermal_radiance
     from horizonval.renderer.tables import vectors
 
-    air = optical_model(scene(**table), camera(spectrum))
+    air = replace(optical_model(scene(**table), camera(spectrum)), refractivity=None)
     latitude = np.radians(20.0)
     origin = (WGS84.a_m - 2e3 + altitude_m) * np.array([np.cos(latitude), 0.0, np.sin(latitude)])
     view = _view(air, origin)
