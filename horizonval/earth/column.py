@@ -67,6 +67,13 @@ class SpectralNode:
     glow_per_m : ndarray, shape (m,)
         Emission of the air itself, whatever its temperature and the Sun's height (airglow), on the model's
         ``glow_altitude_m``: W m-3 sr-1 um-1, the node radiance per metre. Empty for none.
+    layer_per_m : ndarray, shape (m, n)
+        Extinction of each of the model's ``layers``, which ``extinction_per_m`` has in it.
+    layer_albedo, layer_asymmetry : tuple of float
+        Single-scattering albedo and asymmetry of each layer's particles.
+    forward_per_m : ndarray, shape (n,)
+        What of ``particle_per_m`` scatters straight on and is not in ``extinction_per_m``, see
+        :mod:`horizonval.renderer.scattering.forward_peak`; empty for nothing.
     energy_ratio : float
         Of solar bands, whose weights count photons: a band's energy radiance is the sum over nodes of ``weight`` *
         ``energy_ratio`` * node radiance. Not a number where nobody asks for it.
@@ -89,6 +96,10 @@ class SpectralNode:
     moon_irradiance: float = 0.0
     sky_radiance: float = 0.0
     glow_per_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+    layer_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    layer_albedo: tuple[float, ...] = ()
+    layer_asymmetry: tuple[float, ...] = ()
+    forward_per_m: FloatArray = field(default_factory=lambda: np.zeros(0))
     energy_ratio: float = math.nan
 
     @property
@@ -123,6 +134,8 @@ class OpticalModel:
         The thermal bands of a scene, each with its own air over height and latitude.
     emission : GroundEmission or None
         What ground and clouds emit in them; None where there are no thermal bands.
+    layers : tuple of (float, float)
+        Base and top of the layers of thin cloud: the air's columns bend sharply there.
     band_order : tuple of str
         Names of all bands in the camera's order; empty for that of ``nodes`` and then ``thermal``.
     """
@@ -137,6 +150,7 @@ class OpticalModel:
     refractivity: FloatArray | None = None
     thermal: tuple[EmittingBand, ...] = ()
     emission: GroundEmission | None = None
+    layers: tuple[tuple[float, float], ...] = ()
     band_order: tuple[str, ...] = ()
 
     @property

@@ -12,15 +12,18 @@ scatters at each altitude. Thermal bands become :class:`horizonval.earth.atmosph
 :mod:`horizonval.earth.atmosphere.emitting_air`, and what is behind them
 :class:`horizonval.earth.surface.ground_emission.GroundEmission`.
 
-Left out: cloud; absorption of sunlight by O2, H2O and NO2 (the O2 A band at 760 nm takes a few per cent of 700 to
-800 nm at the ground) and by ozone beyond 1000 nm (less than 0.3 % of the limb); sunlight reflected in thermal bands
-(0.02 of 30 W m-2 sr-1 in 8 to 14 um off a ground of emissivity 0.95).
+Oxygen and water vapour absorb in bands from 570 nm on, by a few nodes more; see
+:mod:`horizonval.earth.gases.sunlight_absorption`.
+
+Left out: cloud; absorption of sunlight by NO2 and by ozone beyond 1000 nm (less than 0.3 % of the limb); sunlight
+reflected in thermal bands (0.02 of 30 W m-2 sr-1 in 8 to 14 um off a ground of emissivity 0.95).
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -34,9 +37,9 @@ from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.emitting_air import emitting_air, grey_band, no_air_band
 from horizonval.earth.atmosphere.node_count import choose_rule
-from horizonval.earth.atmosphere.solar_rule import SolarRule, gauss, solar_measure
+from horizonval.earth.atmosphere.solar_rule import Measure, SolarRule, gauss, rule_with_gases, solar_measure
 from horizonval.earth.column import OpticalModel, SpectralNode
-from horizonval.earth.gases import ozone, rayleigh
+from horizonval.earth.gases import ozone, rayleigh, sunlight_absorption
 from horizonval.earth.refracted_horizon import air_refractivity, file_refractivity
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.surface.emitting_ground import emitting_ground
@@ -113,11 +116,13 @@ def optical_model(
     for i, band in enumerate(camera.band):
         where = f"{scene.camera.file}: band[{i}]"
         if band.kind == "solar":
-            nodes += _solar_nodes(band, air, changed, scene, sun_distance_au, where)
+            nodes += _solar_nodes(band, air, changed, scene, sun_distance_au, where, change)
         else:
             thermal.append(emitting.band(band, where))
     refractivity = air_refractivity(scene, changed.state.number_density_air, camera.band)
-    return _model(scene, camera, air.altitude_m, nodes, thermal, ground_k, refractivity)
+    model = _model(scene, camera, air.altitude_m, nodes, thermal, ground_k, refractivity)
+    raised = change.raised_m
+    return replace(model, layers=tuple((v.base_m + raised, v.top_m + raised) for v in air.layers))
 
 
 def _model(
@@ -171,7 +176,7 @@ def _solar_node(
 
 
 def _solar_nodes(
-    band: Band, air: Air, changed: Air, scene: SceneSpec, sun_distance_au: float, where: str
+    band: Band, air: Air, changed: Air, scene: SceneSpec, sun_distance_au: float, where: str, change: AirChange
 ) -> list[SpectralNode]:
     """Return the nodes that the air of the scene asks for, of ``changed`` air."""
     lo, hi = bands.limits_um(band)
@@ -190,16 +195,25 @@ def _solar_nodes(
             fix='or set atmosphere.aerosol = "none"',
         )
     measure = solar_measure(band, where)
-    if band.nodes is None:
-        rule = choose_rule(measure, air, scene.surface.albedo, scene.render.band_error, where)
-    else:
-        rule = gauss(measure, band.nodes, with_ozone=air.with_ozone)
+
+    def clear_rule(of: Measure) -> SolarRule:
+        if band.nodes is None:
+            return choose_rule(of, air, scene.surface.albedo, scene.render.band_error, where)
+        return gauss(of, band.nodes, with_ozone=air.with_ozone)
+
+    with_gases = scene.atmosphere.gases_in_sunlight
+    rule = rule_with_gases(measure, clear_rule, with_ozone=air.with_ozone) if with_gases else clear_rule(measure)
+    gases = changed.state
+    mixed = sunlight_absorption.air_mass_per_m(gases.pressure_pa, gases.number_density_air)
+    water = sunlight_absorption.water_cm_per_m(gases.pressure_pa, gases.number_density_h2o)
     nodes = []
     for i, wavelength in enumerate(rule.wavelength_um):
         molecular = changed.state.number_density_air * rayleigh.cross_section_m2(wavelength)
         absorption = changed.state.number_density_o3 * ozone.at_temperature_m2(
             rule.ozone_cold_m2[i], rule.ozone_warm_m2[i], changed.state.temperature_k
         )
+        if rule.mixed_gases[i] or rule.water_vapour[i]:
+            absorption = absorption + rule.mixed_gases[i] * mixed + rule.water_vapour[i] * water
         particles, scattered, asymmetry = changed.aerosol.at(float(wavelength))
         node = _solar_node(band, i, rule, sun_distance_au, molecular + absorption + particles, molecular)
         nodes.append(
@@ -208,9 +222,26 @@ def _solar_nodes(
                 molecular_cos2=float(rayleigh.cos2(wavelength)),
                 particle_per_m=scattered,
                 asymmetry=asymmetry,
+                **_layers(changed, float(wavelength), change.raised_m),
             )
         )
     return nodes
+
+
+def _layers(air: Air, wavelength_um: float, raised_m: float) -> dict[str, Any]:
+    """Return what a node keeps of each layer of thin cloud."""
+    if not air.layers:
+        return {}
+    optics = [aerosol.optics(layer.particle, wavelength_um) for layer in air.layers]
+    columns = [
+        float(v.extinction) * layer.column(air.altitude_m, raised_m)
+        for v, layer in zip(optics, air.layers, strict=True)
+    ]
+    return {
+        "layer_per_m": np.array(columns),
+        "layer_albedo": tuple(float(v.scattering / v.extinction) for v in optics),
+        "layer_asymmetry": tuple(float(v.asymmetry) for v in optics),
+    }
 
 
 def _bare(scene: SceneSpec, camera: CameraSpec, sun_distance_au: float) -> OpticalModel:

@@ -181,13 +181,15 @@ def frame_cost(
     render_s += SOLAR_FRAME_S if solar else 0.0
     render_s += per_point * thermal * (BY_LATITUDE if by_latitude else 1.0) if cells else 0.0
     tables = solar if scene.render.orders == "all" and not _airless(scene) else 0
-    particles = scene.atmosphere.aerosol != "none" or scene.atmosphere.file is not None
+    particles = scene.atmosphere.aerosol != "none" or scene.atmosphere.file is not None or bool(scene.layer)
     images = 0 if camera.detector is None else len(camera.band)
     return FrameCost(
         cells=cells,
         evaluations=evaluations,
         tables=tables,
-        tables_s=tables * (PARTICLE_TABLE_S if particles else SCATTERING_TABLE_S),
+        tables_s=tables
+        * (PARTICLE_TABLE_S if particles else SCATTERING_TABLE_S)
+        * (LAYERED_TABLES if scene.layer else 1.0),
         render_s=render_s,
         view_tables_s=_view_tables_s(truth, scene.render.nodes * chunks, cover > 0.0) if tabulated and cells else 0.0,
         observe_s=OBSERVE_S_PER_PIXEL * pixels * images,
@@ -196,6 +198,10 @@ def frame_cost(
         frame_bytes=FRAME_BYTES + pixels * _bytes_per_pixel(scene, camera),
         image_bytes=(IMAGE_BYTES + _image_bytes_per_pixel(camera) * pixels) * images,
     )
+
+
+LAYERED_TABLES = 5.0
+"""How much longer light scattered more than once takes with layers of thin cloud than with haze."""
 
 
 def _view_tables_s(truth: FrameTruth, nodes: int, clouds: bool) -> float:

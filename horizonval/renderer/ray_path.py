@@ -94,6 +94,13 @@ class Steps:
     y1: mi.Float64
     y2: mi.Float64
 
+    def boundary(self, path: AirPath, i: mi.Float64, count: int) -> mi.Float64:
+        """Return ``y`` at step boundary ``i``: linear between the shared-out boundaries."""
+        first = path.y0 + (self.y1 - path.y0) * (i / dr.maximum(self.n1, 1.0))
+        middle = self.y1 + (self.y2 - self.y1) * ((i - self.n1) / dr.maximum(self.n2 - self.n1, 1.0))
+        last = self.y2 + (path.y1 - self.y2) * ((i - self.n2) / dr.maximum(count - self.n2, 1.0))
+        return dr.select(i < self.n1, first, dr.select(i < self.n2, middle, last))
+
 
 def umbra_edges(planet: Planet, o: Vec, d: Vec, sun: Vec) -> tuple[mi.Float64, mi.Bool, mi.Float64, mi.Bool]:
     """Return the ray parameters where lines enter and leave the umbra, each with whether they do."""
@@ -151,14 +158,6 @@ def glow_steps(planet: Planet, path: AirPath, o: Vec, d: Vec, layer_m: float, co
     n1 = dr.select(y1 > path.y0 + tiny, mi.Float64(layer_steps), 0.0)
     n2 = dr.select(y2 < path.y1 - tiny, mi.Float64(count - layer_steps), float(count))
     return Steps(n1, n2, dr.select(n1 > 0.0, y1, path.y0), dr.select(n2 < count, y2, path.y1))
-
-
-def step_boundary(path: AirPath, steps: Steps, i: mi.Float64, count: int) -> mi.Float64:
-    """Return ``y`` at step boundary ``i``: linear between the shared-out boundaries."""
-    first = path.y0 + (steps.y1 - path.y0) * (i / dr.maximum(steps.n1, 1.0))
-    middle = steps.y1 + (steps.y2 - steps.y1) * ((i - steps.n1) / dr.maximum(steps.n2 - steps.n1, 1.0))
-    last = steps.y2 + (path.y1 - steps.y2) * ((i - steps.n2) / dr.maximum(count - steps.n2, 1.0))
-    return dr.select(i < steps.n1, first, dr.select(i < steps.n2, middle, last))
 
 
 def way_through(

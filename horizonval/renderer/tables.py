@@ -106,10 +106,37 @@ def interpolate(table: Real, i: mi.UInt32, w: Real, width: int, stride: int = 1)
 
 
 @dataclass(frozen=True)
+class SunShell:
+    """A layer of thin cloud that sunlight comes through: between two heights, with an extinction [1/m] per node.
+
+    Its edges are too sharp for tables over height; the length of a straight way through it is found exactly.
+    """
+
+    base_m: mi.Float64
+    top_m: mi.Float64
+    per_m: Values
+
+    def depth(self, height_m: mi.Float64, mu: mi.Float64, radius_m: float) -> Values:
+        """Return the optical depth per node from points outwards, towards a zenith cosine, over a sphere."""
+        r = radius_m + height_m
+        forth = r * mu
+        miss2 = dr.fma(-forth, forth, r * r)
+
+        def inside(edge_m: mi.Float64) -> mi.Float64:
+            x = radius_m + edge_m
+            half = dr.sqrt(dr.maximum(dr.fma(x, x, -miss2), 0.0))
+            return dr.maximum(half - dr.maximum(forth, -half), 0.0)
+
+        length = inside(self.top_m) - inside(self.base_m)
+        return [k * length for k in self.per_m]
+
+
+@dataclass(frozen=True)
 class SunTable:
     """``ln(tau + tau_0)`` of a node batch, shape (n_height, n_mu, width) flattened.
 
-    Values in Float32 are interpolated in it, which costs half as much and 1e-6 of the optical depth.
+    ``shells``: layers of thin cloud, which the table leaves out. Values in Float32 are interpolated in it, which costs
+    half as much and 1e-6 of the optical depth.
     """
 
     values: mi.Float64 | mi.Float32
@@ -117,6 +144,7 @@ class SunTable:
     n_mu: int
     radius_m: float
     top_m: float
+    shells: tuple[SunShell, ...] = ()
 
     @staticmethod
     def nodes(n_height: int, n_mu: int, radius_m: float, top_m: float) -> tuple[FloatArray, FloatArray]:
@@ -140,4 +168,15 @@ class SunTable:
         row = i * self.n_mu + j
         near = interpolate(values, row, wy, width)
         far = interpolate(values, row + self.n_mu, wy, width)
-        return [mi.Float64(dr.exp(TAU_FLOOR - dr.exp(dr.fma(b - a, wx, a)))) for a, b in zip(near, far, strict=True)]
+        found = [mi.Float64(dr.exp(TAU_FLOOR - dr.exp(dr.fma(b - a, wx, a)))) for a, b in zip(near, far, strict=True)]
+        return through_shells(found, self.shells, h, dr.maximum(mu, mu_h), self.radius_m)
+
+
+def through_shells(
+    transmittance: Values, shells: tuple[SunShell, ...], height_m: mi.Float64, mu: mi.Float64, radius_m: float
+) -> Values:
+    """Return transmittances towards the Sun with those of layers; arguments as of :meth:`SunShell.depth`."""
+    for shell in shells:
+        depth = shell.depth(height_m, mu, radius_m)
+        transmittance = [t * dr.exp(-v) for t, v in zip(transmittance, depth, strict=True)]
+    return transmittance

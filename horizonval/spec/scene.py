@@ -5,12 +5,13 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from horizonval.spec.base import Model
 from horizonval.spec.earth.atmosphere import Atmosphere
 from horizonval.spec.earth.clouds import Clouds
 from horizonval.spec.earth.ground import Earth, Surface
+from horizonval.spec.earth.layer import CloudLayer
 from horizonval.spec.earth.lights import Moon, Night, SunOverride
 from horizonval.spec.numbers import Angle, Finite, FrameName, Listed, PlainName, Whole
 from horizonval.spec.spacecraft.part import SpacecraftPart
@@ -137,7 +138,7 @@ class RenderSettings(Model):
 class SceneSpec(Model):
     """One scene file: one camera, one pose, one planet, one instant."""
 
-    later_keys: ClassVar[frozenset[str]] = frozenset({"part"})
+    later_keys: ClassVar[frozenset[str]] = frozenset({"layer", "part"})
 
     scene: SceneName = SceneName()
     """Name and seed."""
@@ -157,6 +158,8 @@ class SceneSpec(Model):
     """The ground."""
     clouds: Clouds | None = None
     """Clouds; none without this table."""
+    layer: Annotated[tuple[CloudLayer, ...], Listed] = ()
+    """Layers of thin cloud, as many `[[layer]]` tables as there are layers."""
     sun: SunOverride | None = None
     """The Sun placed by hand."""
     moon: Moon = Moon()
@@ -167,3 +170,10 @@ class SceneSpec(Model):
     """Parts of the spacecraft in view, each a table `[[part]]`."""
     render: RenderSettings = RenderSettings()
     """Accuracy of the rendering."""
+
+    @model_validator(mode="after")
+    def _layers_float_in_air(self) -> SceneSpec:
+        air = self.atmosphere
+        if self.layer and (air.file is not None or (air.profile == "none" and air.profile_file is None)):
+            raise ValueError('layer needs air with a profile, not atmosphere.file or profile = "none"; leave one out')
+        return self

@@ -45,6 +45,7 @@ from numpy.typing import ArrayLike
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.suggest import nearest
+from horizonval.earth.clouds import layer_optics
 from horizonval.earth.tables import json_object
 
 _TABLE = "aerosol.json"
@@ -159,7 +160,7 @@ def optics(kind: str, wavelength_um: ArrayLike) -> AerosolOptics:
     Parameters
     ----------
     kind : str
-        One of :func:`kinds`.
+        One of :func:`kinds`, or a particle of thin cloud (:mod:`horizonval.earth.clouds.layer_optics`).
     wavelength_um : array_like
 
     Raises
@@ -167,6 +168,8 @@ def optics(kind: str, wavelength_um: ArrayLike) -> AerosolOptics:
     UserError
         Wavelength outside 0.2 to 18.5 um.
     """
+    if layer_optics.is_particle(kind):
+        return AerosolOptics(*layer_optics.sunlit(kind, wavelength_um))
     wavelength = np.asarray(wavelength_um, dtype=np.float64)
     tolerance = 1e-12
     if wavelength.size and not (wavelength.min() >= MIN_UM - tolerance and wavelength.max() <= MAX_UM + tolerance):

@@ -16,6 +16,7 @@ from horizonval.earth.atmosphere import climate, climate_rows, columns, profile_
 from horizonval.earth.atmosphere.aerosol import Aerosol, aerosol
 from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile, names, profile
+from horizonval.earth.clouds.layers import ThinLayer, layers_of
 from horizonval.earth.gases import afgl
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.weather import real_states
@@ -37,12 +38,14 @@ class Air:
     climates : mapping of str to float
         The AFGL climates that it is a blend of, with weights; empty for ``us76`` and a profile from a file.
     aerosol : Aerosol
-        On the same altitudes; without kinds for none.
+        On the same altitudes, thin cloud among it; without kinds for none.
     with_ozone : bool
         Whether ozone absorbs sunlight.
     columns : callable or None
         Of air that varies with longitude: from latitudes and longitudes (c,) [deg] and heights (k,) [m] to the gases
         there.
+    layers : tuple of ThinLayer
+        Of thin cloud.
     """
 
     state: AtmosphereProfile
@@ -50,6 +53,7 @@ class Air:
     aerosol: Aerosol
     with_ozone: bool
     columns: Callable[[FloatArray, FloatArray, FloatArray], GasState] | None = None
+    layers: tuple[ThinLayer, ...] = ()
 
     @property
     def altitude_m(self) -> FloatArray:
@@ -119,4 +123,13 @@ def air_of(
     lower = np.clip(z - change.raised_m, state.altitude_m[0], state.altitude_m[-1])
     particles = aerosol(atmosphere.aerosol, np.minimum(lower, TOP_M), where=f"{scene.scene.name}: atmosphere.aerosol")
     gases = replace(state.at(lower), altitude_m=z)
-    return Air(change.state(gases), climates, change.particles(particles), atmosphere.ozone, many)
+    layers = layers_of(scene)
+    particles = _with_layers(change.particles(particles), layers, z, change.raised_m)
+    return Air(change.state(gases), climates, particles, atmosphere.ozone, many, layers)
+
+
+def _with_layers(particles: Aerosol, layers: tuple[ThinLayer, ...], altitude_m: FloatArray, raised_m: float) -> Aerosol:
+    """Return particles with those of thin cloud among them."""
+    columns = [layer.column(altitude_m, raised_m) for layer in layers]
+    kinds = (*particles.kinds, *(layer.particle for layer in layers))
+    return Aerosol(kinds, np.concatenate([particles.extinction_550_per_m, *(c[None, :] for c in columns)]))

@@ -13,7 +13,7 @@ varies with longitude too stands in columns on a map (:mod:`horizonval.earth.wea
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,6 +81,10 @@ class EmittingBand:
         ``S_g(T) = sum_q weight[g, q] B_nu(wavenumber[q], T)``, W m-2 sr-1.
     sun_radiance : ndarray, shape (g,)
         Mean radiance of the Sun's disc outside the atmosphere [W m-2 sr-1].
+    layer_per_m : ndarray, shape (g, n)
+        What thin cloud adds to the extinction, on ``altitude_m``; of shape (0, 0) for none.
+    layers : ndarray, shape (k, 2)
+        Base and top of its layers [m].
     column_map : ColumnMap or None
         Where the columns of air stand that varies with longitude.
     """
@@ -96,6 +100,8 @@ class EmittingBand:
     source_weight_per_cm: FloatArray
     sun_radiance: FloatArray
     column_map: ColumnMap | None = None
+    layer_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    layers: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
     def is_uniform(self) -> bool:
@@ -169,7 +175,11 @@ class EmittingBand:
     def extinction_at(self, altitude_m: ArrayLike) -> FloatArray:
         """Return the extinction [1/m] at heights (n,), shape (g, m, n)."""
         i, w = self._locate(altitude_m)
-        return np.exp(self.ln_extinction[..., i] * (1.0 - w) + self.ln_extinction[..., i + 1] * w)
+        gas = np.exp(self.ln_extinction[..., i] * (1.0 - w) + self.ln_extinction[..., i + 1] * w)
+        if not len(self.layers):
+            return gas
+        z = np.asarray(altitude_m, dtype=np.float64)
+        return gas + np.stack([np.interp(z, self.altitude_m, row) for row in self.layer_per_m])[:, None, :]
 
     def air_k(self, altitude_m: ArrayLike) -> FloatArray:
         """Return the temperature at heights (n,), shape (m, n)."""

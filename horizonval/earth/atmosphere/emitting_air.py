@@ -24,6 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from horizonval.earth.atmosphere.air import TOP_M, Air
 from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.solar_rule import check_sunlight
+from horizonval.earth.clouds.layers import ThinLayer
 from horizonval.earth.gases import afgl
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral import bands, sunlight, thermal_absorption
@@ -81,6 +83,8 @@ class EmittingAir:
         How the bands' air differs; absorption per molecule stays that of ``state``.
     column_map : ColumnMap or None
         Where the columns of ``state`` stand if they vary with longitude.
+    layers : tuple of ThinLayer
+        Of thin cloud.
     """
 
     altitude_m: FloatArray
@@ -89,6 +93,7 @@ class EmittingAir:
     particles: aerosol.Aerosol
     change: AirChange = AS_IT_IS
     column_map: ColumnMap | None = None
+    layers: tuple[ThinLayer, ...] = ()
 
     def band(self, band: Band, where: str) -> EmittingBand:
         """Return a thermal band; errors as :func:`horizonval.earth.spectral.thermal_absorption.g_points`."""
@@ -107,7 +112,17 @@ class EmittingAir:
             source_weight_per_cm=points.weight_per_cm,
             sun_radiance=points.sun_radiance(),
             column_map=self.column_map,
+            **self._layers(points.wavelength_um),
         )
+
+    def _layers(self, wavelength_um: FloatArray) -> dict[str, Any]:
+        """Return what a band keeps of thin cloud."""
+        if not self.layers:
+            return {}
+        raised = self.change.raised_m
+        absorbed = [layer.infrared_per_m(self.altitude_m, wavelength_um, raised) for layer in self.layers]
+        heights = np.array([(layer.base_m + raised, layer.top_m + raised) for layer in self.layers])
+        return {"layer_per_m": np.sum(absorbed, axis=0), "layers": heights}
 
     def _with_particles(self, ln_gas: FloatArray, wavelength_um: FloatArray) -> FloatArray:
         if not self.particles.kinds:
@@ -156,6 +171,7 @@ def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> Em
         particles=change.particles(aerosol.aerosol(scene.atmosphere.aerosol, state.altitude_m)),
         change=change,
         column_map=place,
+        layers=air.layers,
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.progress import Progress
+from horizonval.earth.clouds.layers import merged_bands
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.renderer.kernel.march import march, optical_depth
 from horizonval.renderer.kernel.node_batches import (
@@ -23,18 +24,20 @@ from horizonval.renderer.kernel.node_batches import (
     SolarNodes,
     ThermalNodes,
 )
+from horizonval.renderer.layer_steps import Bands
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.refraction.bending import BendingField, refracted_sun_table
 from horizonval.renderer.refraction.bent_ray import RefractedSunTable, RefractionTables
 from horizonval.renderer.scattering.diffuse_field import DiffuseField, MultipleScattering
+from horizonval.renderer.scattering.forward_peak import without_peaks
 from horizonval.renderer.scattering.horizontal_transfer import HorizontalTransfer
 from horizonval.renderer.scattering.quality import Quality
 from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER
 from horizonval.renderer.scattering.source_store import content_key, multiple_scattering
 from horizonval.renderer.scattering.source_table import SourceTable
-from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunTable, packet_type, table_of
+from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunShell, SunTable, packet_type, table_of
 from horizonval.renderer.types import Values, constant
 
 SKY_POLAR_NODES = 24
@@ -85,12 +88,16 @@ def make_batches(
         Refraction: model and planet are those over apparent heights. Light scattered more than once is that of the
         model as it was, without refraction.
     """
+    if scattering is not None:
+        model = without_peaks(model, scattering.particle_degree)
     solar = [n for n in model.nodes if n.solar_irradiance > 0.0]
     thermal = [n for n in model.nodes if n.solar_irradiance <= 0.0]
     refraction = None
     true_model, true_planet = model, planet
     if air is not None:
         true_model, true_planet = air.true_model, air.true_planet
+        if scattering is not None:
+            true_model = without_peaks(true_model, scattering.particle_degree)
         if solar:
             field = BendingField.of(air)
             sun = refracted_sun_table(field, size.n_height, size.n_mu, size.path_nodes)
@@ -125,8 +132,9 @@ def _diffuse_fields(
     progress: Progress | None,
 ) -> list[MultipleScattering]:
     def sun_table(missing: Sequence[SpectralNode]) -> SunTable:
-        extinction = _interleave([n.extinction_per_m for n in missing], SOLVED_TOGETHER)
-        return _fill_sun_table(planet, model.top_m, grid, extinction, SOLVED_TOGETHER, IMAGE_TABLE)
+        shells = _sun_shells(missing, model, SOLVED_TOGETHER)
+        gas = _without_layers(missing, SOLVED_TOGETHER)
+        return _fill_sun_table(planet, model.top_m, grid, gas, SOLVED_TOGETHER, IMAGE_TABLE, shells)
 
     return multiple_scattering(nodes, model.altitude_m, planet.mean_radius_m, quality, sun_table, progress)
 
@@ -187,20 +195,27 @@ def _solar_nodes(
     width = _width(nodes)
     extinction = _interleave([n.extinction_per_m for n in nodes], width)
     molecular = _interleave([n.molecular_per_m for n in nodes], width)
+    gas, shells = _without_layers(nodes, width), _sun_shells(nodes, model, width)
     sunlight: SunTable | RefractionTables
     if refraction is None:
-        sunlight = _fill_sun_table(planet, model.top_m, grid, extinction, width, size)
+        sunlight = _fill_sun_table(planet, model.top_m, grid, gas, width, size, shells)
     else:
         r = refraction
-        depth = _sun_depth(planet, model.top_m, grid, extinction, width, r.height_m, r.cosine, size.path_nodes)
-        sunlight = RefractionTables(r.bending_per_m, r.true_height, r.sun, depth)
+        depth = _sun_depth(planet, model.top_m, grid, gas, width, r.height_m, r.cosine, size.path_nodes)
+        sunlight = RefractionTables(r.bending_per_m, r.true_height, r.sun, depth, shells)
     particles = None
     irradiance = _padded([n.solar_irradiance for n in nodes], width)
     reflectance = [constant(model.albedo / math.pi)] * width
     cos2 = _padded([n.molecular_cos2 for n in nodes], width)
     if any(n.particle_per_m.any() for n in nodes):
+        asymmetry, forward = [n.asymmetry for n in nodes], None
+        if model.layers:
+            asymmetry = [_nearest(n.asymmetry, n.particle_per_m) for n in nodes]
+        if any(len(n.forward_per_m) for n in nodes):
+            shares = [_nearest(n.forward_per_m / np.maximum(n.particle_per_m, 1e-300), n.particle_per_m) for n in nodes]
+            forward = _interleave(shares, width)
         particles = Particles(
-            _interleave([n.particle_per_m for n in nodes], width), _interleave([n.asymmetry for n in nodes], width)
+            _interleave([n.particle_per_m for n in nodes], width), _interleave(asymmetry, width), forward
         )
     moonlight = None
     glow = _glow_nodes(nodes, model, planet, width, size)
@@ -218,7 +233,43 @@ def _solar_nodes(
         sunlight,
         glow=glow,
         moonlight=moonlight,
+        bands=_bands(model),
     )
+
+
+def _bands(model: OpticalModel, more: Sequence[tuple[float, float]] = ()) -> Bands:
+    """Return the heights of a model's layers with the softened edges, and of others."""
+    if not model.layers:
+        return ()
+    return tuple(merged_bands([*model.layers, *more], float(model.altitude_m[1] - model.altitude_m[0])))
+
+
+def _nearest(values: FloatArray, scattering: FloatArray) -> FloatArray:
+    """Return a column of what scatters, where nothing does as at the nearest height at which something does.
+
+    Sources at the edges of layers are looked up there and interpolated to places within.
+    """
+    where = np.nonzero(scattering > 0.0)[0]
+    if not len(where):
+        return values
+    after = np.clip(np.searchsorted(where, np.arange(len(values))), 0, len(where) - 1)
+    before = np.maximum(after - 1, 0)
+    here = np.arange(len(values))
+    nearer = np.abs(where[before] - here) < np.abs(where[after] - here)
+    return np.asarray(values[np.where(nearer, where[before], where[after])])
+
+
+def _without_layers(nodes: Sequence[SpectralNode], width: int) -> mi.Float64:
+    gas = [n.extinction_per_m - n.layer_per_m.sum(axis=0) if len(n.layer_per_m) else n.extinction_per_m for n in nodes]
+    return _interleave([np.maximum(k, 0.0) for k in gas], width)
+
+
+def _sun_shells(nodes: Sequence[SpectralNode], model: OpticalModel, width: int) -> tuple[SunShell, ...]:
+    shells = []
+    for i, (base, top) in enumerate(model.layers):
+        per_m = [float(np.trapezoid(n.layer_per_m[i], model.altitude_m)) / (top - base) for n in nodes]
+        shells.append(SunShell(constant(base), constant(top), _padded(per_m, width)))
+    return tuple(shells)
 
 
 def _glow_nodes(
@@ -240,6 +291,7 @@ def _glow_nodes(
         _interleave(glow, width),
         [constant(0.0)] * width,
         float(z[max(lowest - 1, 0)]),
+        bands=_bands(model, [(float(z[max(lowest - 1, 0)]), float(z[-1]))] if glowing else ()),
     )
     sky = _downwelling(planet, float(z[-1]), over_black, size.path_nodes, behind)
     ground = [model.albedo / math.pi * s for s in sky[: len(nodes)]] + [0.0] * (width - len(nodes))
@@ -254,12 +306,18 @@ def _interleave(columns: Sequence[FloatArray], width: int) -> mi.Float64:
 
 
 def _fill_sun_table(
-    planet: Planet, top_m: float, grid: AltitudeGrid, extinction: mi.Float64, width: int, size: TableSize
+    planet: Planet,
+    top_m: float,
+    grid: AltitudeGrid,
+    extinction: mi.Float64,
+    width: int,
+    size: TableSize,
+    shells: tuple[SunShell, ...] = (),
 ) -> SunTable:
     radius = planet.mean_radius_m
     h, mu = SunTable.nodes(size.n_height, size.n_mu, radius, top_m)
     values = _sun_depth(planet, top_m, grid, extinction, width, h, mu, size.path_nodes)
-    return SunTable(values, size.n_height, size.n_mu, radius, top_m)
+    return SunTable(values, size.n_height, size.n_mu, radius, top_m, shells)
 
 
 def _sun_depth(

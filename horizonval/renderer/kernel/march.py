@@ -44,8 +44,9 @@ from horizonval.renderer.kernel.ray_sources import (
     bent_ray,
 )
 from horizonval.renderer.kernel.surface import SurfaceHit
+from horizonval.renderer.layer_steps import LayeredSteps
 from horizonval.renderer.planet import Planet
-from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, find_path, step_boundary, umbra_edges, warp
+from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, find_path, umbra_edges, warp
 from horizonval.renderer.refraction.bent_ray import refracted_umbra
 from horizonval.renderer.types import Values, Vec
 
@@ -151,11 +152,12 @@ def march_air(
     path = find_path(planet, top_m, o, d, to_ground, cloud)
     source: RaySource
     if isinstance(batch, SolarNodes):
-        source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration, steady)
+        source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration, steady, to_ground)
     else:
-        source = EmittingRays.of(batch, planet, path, o, d, count, concentration)
+        source = EmittingRays.of(batch, planet, path, o, d, count, concentration, to_ground)
     bound = _bounds(path, source, count, concentration)
-    tau, radiance, state = _integrate(planet, path, batch, source, o, d, count, bound, stride)
+    steps = source.steps.count if isinstance(source.steps, LayeredSteps) else count
+    tau, radiance, state = _integrate(planet, path, batch, source, o, d, steps, bound, stride)
     width = batch.width
     return AirMarch(radiance[:width], radiance[width:], [dr.exp(-v) for v in tau], path, source, state)
 
@@ -286,7 +288,7 @@ Bound: TypeAlias = "Callable[[mi.Float64], mi.Float64]"
 
 def _bounds(path: AirPath, source: RaySource, count: int, concentration: float) -> Bound:
     def bound(i: mi.Float64) -> mi.Float64:
-        return warp(path, step_boundary(path, source.steps, i, count), concentration)
+        return warp(path, source.steps.boundary(path, i, count), concentration)
 
     return bound
 
@@ -298,7 +300,7 @@ def _integrate(
     source: RaySource,
     o: Vec,
     d: Vec,
-    count: int,
+    count: int | mi.UInt32,
     bound: Bound,
     stride: int,
     note: Callable[[mi.UInt32, Values, Values, State], None] | None = None,

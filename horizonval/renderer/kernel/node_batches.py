@@ -12,12 +12,13 @@ one kind share compiled kernels. There is one type per kind of source:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import drjit as dr
 import mitsuba as mi
 
+from horizonval.renderer.layer_steps import Bands
 from horizonval.renderer.planet import Planet, along
 from horizonval.renderer.refraction.bent_ray import RefractionTables
 from horizonval.renderer.scattering.horizontal_transfer import HorizontalTransfer
@@ -57,11 +58,15 @@ class Place:
 
 @dataclass(frozen=True)
 class _Air:
-    """Extinction of a batch: ``extinction``, shape (n_altitude * width,), over ``grid``; ``width`` counts padding."""
+    """Extinction of a batch: ``extinction``, shape (n_altitude * width,), over ``grid``; ``width`` counts padding.
+
+    ``bands``: the heights between which layers of thin cloud lie.
+    """
 
     width: int
     grid: AltitudeGrid
     extinction: mi.Float64
+    bands: Bands = field(default=(), kw_only=True)
 
     def extinction_at(self, place: Place) -> Values:
         """Return the extinction [1/m] per node; 0 above the top."""
@@ -123,10 +128,14 @@ class GlowNodes(_Air):
 
 @dataclass(frozen=True)
 class Particles:
-    """Scattering coefficient and Henyey-Greenstein asymmetry of particles, each of shape (n_altitude * width,)."""
+    """Scattering coefficient and Henyey-Greenstein asymmetry of particles, each of shape (n_altitude * width,).
+
+    ``forward``: which share of the scattering is not in the extinction; None for nothing.
+    """
 
     scattering: mi.Float64
     asymmetry: mi.Float64
+    forward: mi.Float64 | None = None
 
 
 @dataclass(frozen=True)

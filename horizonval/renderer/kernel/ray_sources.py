@@ -30,6 +30,7 @@ from horizonval.renderer.kernel.node_batches import (
     SolarNodes,
 )
 from horizonval.renderer.kernel.surface import SurfaceHit
+from horizonval.renderer.layer_steps import LayeredSteps, layered_steps
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, Steps, even_steps, glow_steps, lit_steps, umbra
 from horizonval.renderer.refraction.bent_ray import BentRay, RefractionTables, bending_over_step, refracted_umbra
@@ -62,7 +63,7 @@ class RaySource(Protocol):
     """The source of light along rays, for the march."""
 
     @property
-    def steps(self) -> Steps:
+    def steps(self) -> Steps | LayeredSteps:
         """Where the steps go."""
 
     def state_at(self, t: mi.Float64, bending: mi.Float64 | None) -> State:
@@ -83,7 +84,7 @@ class EmittingRays:
     """Rays through air whose emission depends on the place alone."""
 
     batch: EmittingNodes
-    steps: Steps
+    steps: Steps | LayeredSteps
 
     @classmethod
     def of(
@@ -95,10 +96,13 @@ class EmittingRays:
         d: Vec,
         count: int,
         concentration: float,
+        to_ground: mi.Bool | None = None,
     ) -> EmittingRays:
-        """Share ``count`` steps out: evenly, but densely in a glowing layer."""
-        steps = even_steps(path, count)
-        if isinstance(batch, GlowNodes):
+        """Share ``count`` steps out: evenly, but densely in a glowing layer, and piece by piece through thin cloud."""
+        steps: Steps | LayeredSteps = even_steps(path, count)
+        if batch.bands and to_ground is not None:
+            steps = layered_steps(planet, path, o, d, to_ground, batch.bands, count, concentration)
+        elif isinstance(batch, GlowNodes):
             steps = glow_steps(planet, path, o, d, batch.layer_m, count, concentration)
         return cls(batch, steps)
 
@@ -133,7 +137,7 @@ class SunlitRays:
     o: Vec
     d: Vec
     sun: Vec
-    steps: Steps
+    steps: Steps | LayeredSteps
     bent: BentRay | None
     molecular: Values
 
@@ -149,14 +153,22 @@ class SunlitRays:
         count: int,
         concentration: float,
         steady: bool = False,
+        to_ground: mi.Bool | None = None,
     ) -> SunlitRays:
-        """Share ``count`` steps out among the pieces between the umbra's edges, so that no step straddles one."""
+        """Share ``count`` steps out among the pieces between the umbra's edges, so that no step straddles one.
+
+        With ``to_ground`` also among those between the edges of layers of thin cloud.
+        """
         bent = bent_ray(batch, planet, path, o, d, sun)
         if bent is not None:
             edges = refracted_umbra(planet, path, o, d, bent, batch.grid, count // 2, concentration)
         else:
             edges = umbra(planet, path, o, d, sun, concentration)
-        steps = lit_steps(path, *edges, count, steady)
+        steps: Steps | LayeredSteps
+        if batch.bands and to_ground is not None:
+            steps = layered_steps(planet, path, o, d, to_ground, batch.bands, count, concentration, edges)
+        else:
+            steps = lit_steps(path, *edges, count, steady)
         molecular = batch.molecular_light(dot(d, sun)) if bent is None else []
         return cls(batch, planet, o, d, sun, steps, bent, molecular)
 
@@ -169,14 +181,16 @@ class SunlitRays:
         x, y, z = (mi.Float32(v) for v in along(self.o, self.d, t))
         height, normal = self.planet.height_and_normal((x, y, z))
         i, w, _ = batch.grid.locate(mi.Float64(height))
-        asymmetry = None
+        asymmetry = forward = None
         if batch.particles is not None:
             asymmetry = interpolate(batch.particles.asymmetry, i, w, batch.width)
+            if batch.particles.forward is not None:
+                forward = interpolate(batch.particles.forward, i, w, batch.width)
         sun = self.sun
         if self.bent is not None and bending is not None:
             height, sun = mi.Float32(self.bent.true_height(i, w)), self.bent.sun_at(bending)
         fields = [batch.diffuse] if batch.bounce is None else [batch.diffuse, batch.bounce.field]
-        looked = [field.log_sources(height, normal, self.d, sun, batch.cos2, asymmetry) for field in fields]
+        looked = [field.log_sources(height, normal, self.d, sun, batch.cos2, asymmetry, forward) for field in fields]
         return [source for sources in looked for source in sources], bending
 
     def over_steps(self, bounds: list[mi.Float64], state: State) -> tuple[list[tuple[Point, Point]], State]:

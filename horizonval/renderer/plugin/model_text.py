@@ -19,7 +19,15 @@ from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.surface.ground_emission import GroundEmission
 from horizonval.earth.weather.column_map import ColumnMap
 
-_ARRAYS = ("extinction_per_m", "molecular_per_m", "particle_per_m", "asymmetry", "source", "glow_per_m")
+_ARRAYS = (
+    "extinction_per_m",
+    "molecular_per_m",
+    "particle_per_m",
+    "asymmetry",
+    "source",
+    "glow_per_m",
+    "forward_per_m",
+)
 
 
 def dump_model(model: OpticalModel) -> str:
@@ -31,6 +39,7 @@ def dump_model(model: OpticalModel) -> str:
     data["thermal"] = [_dump_band(band) for band in model.thermal]
     for node in data["nodes"]:
         node.update({key: _pack(node[key]) for key in _ARRAYS})
+        node["layer_per_m"] = [_pack(column) for column in node["layer_per_m"]]
     return json.dumps(data, sort_keys=True)
 
 
@@ -43,13 +52,17 @@ def load_model(text: str) -> OpticalModel:
                 **n,
                 **{key: _unpack(n[key]) for key in _ARRAYS},
                 "limb_darkening": tuple(n["limb_darkening"]),
+                "layer_per_m": _unpack_rows(n["layer_per_m"]),
+                "layer_albedo": tuple(n["layer_albedo"]),
+                "layer_asymmetry": tuple(n["layer_asymmetry"]),
             }
         )
         for n in data["nodes"]
     )
     grids: dict[str, FloatArray | None] = {key: _unpack(data[key]) for key in ("altitude_m", "glow_altitude_m")}
     grids["refractivity"] = None if data["refractivity"] is None else _unpack(data["refractivity"])
-    tuples = {key: tuple(data[key]) for key in ("band_order",)}
+    tuples: dict[str, Any] = {key: tuple(data[key]) for key in ("band_order",)}
+    tuples["layers"] = tuple((base, top) for base, top in data["layers"])
     thermal = tuple(_load_band(band) for band in data["thermal"])
     emission = None
     if data["emission"] is not None:
@@ -80,6 +93,11 @@ def _load_band(data: dict[str, Any]) -> EmittingBand:
 
 def _pack(values: ArrayLike) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f8").tobytes()).decode("ascii")
+
+
+def _unpack_rows(texts: list[str]) -> FloatArray:
+    rows = [_unpack(text) for text in texts]
+    return np.stack(rows) if rows else np.zeros((0, 0))
 
 
 def _unpack(text: str) -> FloatArray:

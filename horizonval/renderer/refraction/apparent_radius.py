@@ -134,12 +134,16 @@ def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir
     def column(values: FloatArray) -> FloatArray:
         return np.interp(true_height, z, values)
 
+    def layer_columns(layers: FloatArray) -> FloatArray:
+        return np.stack([column(values) * dr_dx for values in layers]) if len(layers) else layers
+
     straight = tuple(
         replace(
             node,
             extinction_per_m=column(node.extinction_per_m) * dr_dx,
             molecular_per_m=column(node.molecular_per_m) * dr_dx,
             particle_per_m=column(node.particle_per_m) * dr_dx,
+            layer_per_m=layer_columns(node.layer_per_m),
             asymmetry=column(node.asymmetry),
             source=column(node.source),
         )
@@ -158,6 +162,7 @@ def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir
             nodes=straight,
             refractivity=None,
             glow_altitude_m=glow,
+            layers=tuple((float(apparent(np.array(a))), float(apparent(np.array(b)))) for a, b in model.layers),
         ),
         planet=Planet(planet.a_m + rise_at_ground, planet.b_m + rise_at_ground),
         bending_per_m=-excess(true_height, 1) / (1.0 + excess(true_height)) * dr_dx,

@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, warp
-from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, interpolate
+from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunShell, interpolate, through_shells
 from horizonval.renderer.types import Values, Vec
 
 
@@ -65,13 +65,16 @@ class RefractionTables:
         g and the true height on the batch's grid.
     sun : RefractedSunTable
     depth : Float64, shape (n_height * n_mu * width,)
-        ``ln(tau + tau_0)`` towards the Sun on the nodes of ``sun``.
+        ``ln(tau + tau_0)`` towards the Sun on the nodes of ``sun``, layers of thin cloud left out.
+    shells : tuple of SunShell
+        These layers, over apparent heights.
     """
 
     bending_per_m: mi.Float64
     height: mi.Float64
     sun: RefractedSunTable
     depth: mi.Float64
+    shells: tuple[SunShell, ...] = ()
 
     def sunlight(self, height_m: mi.Float64, mu: mi.Float64, width: int) -> tuple[Values, mi.Bool, mi.Float64]:
         """Return ``(share of the Sun's irradiance across the ray, whether it shines, local cosine)``.
@@ -91,7 +94,9 @@ class RefractionTables:
 
         lift, spread = look(sun.values, 2)
         share = [spread * dr.exp(TAU_FLOOR - dr.exp(v)) for v in look(self.depth, width)]
-        return share, mu > lowest, dr.minimum(mu + lift, 1.0)
+        local = dr.minimum(mu + lift, 1.0)
+        share = through_shells(share, self.shells, dr.maximum(height_m, 0.0), local, sun.radius_m)
+        return share, mu > lowest, local
 
 
 @dataclass(frozen=True)

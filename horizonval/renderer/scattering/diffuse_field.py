@@ -22,6 +22,8 @@ class DiffuseField:
         ``I_lm`` in the order of :func:`harmonics.pairs`.
     irradiance : ndarray, shape (n_sun,)
         Diffuse irradiance on the ground.
+    heights : ndarray, shape (n_height,), or None
+        Where they are not those.
     """
 
     top_m: float
@@ -29,6 +31,7 @@ class DiffuseField:
     degree: int
     moments: FloatArray
     irradiance: FloatArray
+    heights: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -48,4 +51,5 @@ class MultipleScattering:
             self.air.degree,
             self.air.moments + factor * self.bounce.moments,
             self.air.irradiance + factor * self.bounce.irradiance,
+            self.air.heights,
         )

@@ -87,6 +87,9 @@ class DiffuseMarch:
         step = max(1, _SLAB // values)
         factors = np.stack([self._factors(c, r) for c, r in zip(columns, rays, strict=True)], axis=-2)
         position = np.sqrt((geometry.node_radius_m - column.planet_m).clip(0.0) / column.top_m) * (n_height - 1)
+        if column.bands:
+            height = geometry.node_radius_m - column.planet_m
+            position = np.interp(height, column.heights, np.arange(n_height))
         level = np.minimum(position.astype(np.uint32), n_height - 2)
         start = np.broadcast_to(geometry.radius_m[:, None, None], position.shape)
         zero = np.zeros_like(position)
@@ -117,7 +120,8 @@ class DiffuseMarch:
         asymmetry = column.at(node.asymmetry, rays.node_radius_m)
         chi = {0: 1.0, 2: 2.0 * node.molecular_cos2 / 15.0}
         polar = polar_parts(degree, rays.node_up, np.sqrt(np.maximum(1.0 - rays.node_up**2, 0.0)))
-        scattering = [molecular * chi.get(n, 0.0) + particle * asymmetry**n for n in range(degree + 1)]
+        forward = column.at(node.forward_per_m, rays.node_radius_m) if len(node.forward_per_m) else 0.0
+        scattering = [molecular * chi.get(n, 0.0) + particle * asymmetry**n - forward for n in range(degree + 1)]
         factors = np.zeros((*rays.node_up.shape, self.slots), dtype=np.float32)
         for p, (n, m) in enumerate(self.used):
             factors[..., p] = polar[n, m] * scattering[n]

@@ -67,6 +67,8 @@ def single_scattering(
     if with_particles:
         particle = weighted("particle_per_m")
         asymmetry = table([c.at(c.node.asymmetry, r) for c in columns])
+    peaks = any(len(c.node.forward_per_m) for c in columns)
+    forward = weighted("forward_per_m") if peaks else mi.Float64(0.0)
     mu_s = dr.gather(mi.Float64, table_of(mi.Float64, first.sun_cosines), k)
     mu = dr.gather(mi.Float64, table_of(mi.Float64, geometry.cosine), ray)
     nu = _along_sun(mu_s, mu, (mi.Float64(azimuth) + 0.5) * (math.pi / n_azimuth))
@@ -75,6 +77,7 @@ def single_scattering(
     sun_table = replace(sun_table, values=mi.Float32(sun_table.values))
     dr.eval(sun_table.values)
     ground2 = constant(first.planet_m**2)
+    peak = _cut_peak(nu, first.degree) if peaks else nu
 
     def body(n: mi.UInt32, radiance: Values) -> tuple[mi.UInt32, Values]:
         at = ray * n_nodes + n
@@ -91,6 +94,9 @@ def single_scattering(
                 base = 1.0 + g * g - 2.0 * g * nu
                 phase = (1.0 - g * g) / (base * dr.sqrt(base)) * (0.25 / math.pi)
                 emitted[c] = emitted[c] + scattering[c] * phase
+            if peaks:
+                ahead = dr.gather(packet, forward, at)
+                emitted = [e - ahead[c] * peak for c, e in enumerate(emitted)]
         through = sun_table.transmittance(h_n, mu_n, len(columns))
         gain = [dr.select(lit, e * t, 0.0) for e, t in zip(emitted, through, strict=True)]
         return n + 1, [v + g for v, g in zip(radiance, gain, strict=True)]
@@ -100,6 +106,19 @@ def single_scattering(
     _, radiance = dr.while_loop((mi.UInt32(0), nothing), lambda n, _: n < n_nodes, body, label="single scattering")
     dr.eval(radiance)
     return [np.array(v).reshape(shape) for v in radiance]
+
+
+def _cut_peak(cosine: mi.Float64, degree: int) -> mi.Float64:
+    """Return a peak straight on as moments up to a degree have it: ``sum of (2 l + 1) P_l / 4 pi``.
+
+    What scatters so has not left the beam (:mod:`.forward_peak`).
+    """
+    before, now = mi.Float64(1.0), cosine
+    total = before + 3.0 * now
+    for n in range(2, degree + 1):
+        before, now = now, ((2.0 * n - 1.0) * cosine * now - (n - 1.0) * before) * (1.0 / n)
+        total = dr.fma(2.0 * n + 1.0, now, total)
+    return total * (0.25 / math.pi)
 
 
 def ground_light(column: ShellColumn, rays: ShellRays, n_azimuth: int, lit: FloatArray) -> FloatArray:

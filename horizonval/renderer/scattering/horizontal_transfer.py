@@ -51,10 +51,13 @@ class HorizontalTransfer:
         """Solve the equation of the module text for a column."""
         z, mu, weight = _heights(), *_cosines()
         width = np.diff(_EDGES_M)
-        forward = node.particle_per_m * np.clip(node.asymmetry, 0.0, 1.0)
-        scattering = np.interp(z, altitude_m, node.scattering_per_m - forward, right=0.0)
+        sideways = node.scattering_per_m - node.particle_per_m * np.clip(node.asymmetry, 0.0, 1.0)
+        # a forward peak may be out of the extinction, but not of the scattering
+        peak = node.forward_per_m if len(node.forward_per_m) else 0.0
+        absorption = np.maximum(node.extinction_per_m - node.scattering_per_m + peak, 0.0)
+        scattering = np.interp(z, altitude_m, sideways, right=0.0)
         fine = np.linspace(0.0, _EDGES_M[-1], 1201)
-        k = np.interp(fine, altitude_m, node.extinction_per_m - forward, right=0.0)
+        k = np.interp(fine, altitude_m, absorption + sideways, right=0.0)
         depth = np.concatenate([[0.0], np.cumsum(0.5 * (k[1:] + k[:-1]) * np.diff(fine))])
         tau, tau_edge = np.interp(z, fine, depth), np.interp(_EDGES_M, fine, depth)
         levels = np.array(LEVELS_M)

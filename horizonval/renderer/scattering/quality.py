@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from horizonval.earth.column import SpectralNode
 
@@ -37,6 +37,9 @@ the Sun up, 0.3 % until it is 8 deg below the horizon, 0.8 % (850 nm: 3 %) until
 FINE = Quality(32, 160, 24, 4, 8, 48, 32, 16, 96, 12, 6)
 """For single rays: 0.02 %, 0.3 % and 0.4 % (850 nm: 1.1 %)."""
 
+
+LAYERED = replace(STANDARD, particle_degree=12, first_azimuth=16)
+"""For images with layers of thin cloud, whose particles scatter further forward than haze."""
 
 MOLECULAR_DEGREE = 2
 """Of the moments that molecules scatter by."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.earth.clouds.layers import merged_bands
 from horizonval.earth.column import SpectralNode
 from horizonval.renderer.scattering.harmonics import pairs
 from horizonval.renderer.scattering.quality import Quality, degree_of
@@ -53,9 +55,14 @@ class ShellColumn:
         return pairs(self.degree)
 
     @cached_property
+    def bands(self) -> list[tuple[float, float]]:
+        """Heights of layers of thin cloud with their softened edges, rising, without overlaps."""
+        return layer_bands(self.node, self.altitude_m)
+
+    @cached_property
     def heights(self) -> FloatArray:
         """Heights of the field, shape (n_height,)."""
-        return self.top_m * np.linspace(0.0, 1.0, self.quality.n_height) ** 2
+        return field_heights(self.top_m, self.quality.n_height, self.bands)
 
     @cached_property
     def sun_cosines(self) -> FloatArray:
@@ -69,5 +76,29 @@ class ShellColumn:
     def rays(self, n_up: int, n_down: int, n_nodes: int) -> ShellRays:
         """Return rays from every height in every polar direction."""
         return shell_rays(
-            self.altitude_m, self.node.extinction_per_m, self.planet_m, self.heights, n_up, n_down, n_nodes
+            self.altitude_m, self.node.extinction_per_m, self.planet_m, self.heights, n_up, n_down, n_nodes, self.bands
         )
+
+
+HEIGHTS_IN_LAYER = 5
+
+
+def layer_bands(node: SpectralNode, altitude_m: FloatArray) -> list[tuple[float, float]]:
+    """Return the heights between which a node's layers are, rising, without overlaps."""
+    bands = []
+    for column in node.layer_per_m:
+        inside = np.nonzero(column > 0.0)[0]
+        if len(inside):
+            last = len(altitude_m) - 1
+            bands.append((float(altitude_m[max(inside[0] - 1, 0)]), float(altitude_m[min(inside[-1] + 1, last)])))
+    return merged_bands(bands, 0.0)
+
+
+def field_heights(top_m: float, n_height: int, bands: Sequence[tuple[float, float]] = ()) -> FloatArray:
+    """Return the heights of a field: even in their roots, and :data:`HEIGHTS_IN_LAYER` in each sharp layer."""
+    heights = top_m * np.linspace(0.0, 1.0, n_height) ** 2
+    for base, top in bands:
+        near = 0.1 * (top - base)
+        outside = (heights < base - near) | (heights > top + near) | (heights == 0.0) | (heights == top_m)
+        heights = np.union1d(heights[outside], np.linspace(base, top, HEIGHTS_IN_LAYER))
+    return heights

@@ -18,7 +18,7 @@ it and squared below, because the sky changes fastest just above the horizon.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,6 +80,7 @@ def shell_rays(
     n_up: int,
     n_down: int,
     n_nodes: int,
+    bands: Sequence[tuple[float, float]] = (),
 ) -> ShellRays:
     """Return the rays of a shell with extinction linear in altitude.
 
@@ -92,7 +93,9 @@ def shell_rays(
     height_m : ndarray, shape (n_r,)
         Where rays start, the ground included.
     n_up, n_down, n_nodes : int
-        Directions above and below the horizon, nodes on every ray.
+        Directions above and below the horizon, nodes on every ray; with ``bands`` about twice as many.
+    bands : sequence of (float, float)
+        Heights of sharp layers, rising: rays are cut at their edges, and every piece has nodes of its own.
     """
     top = planet_m + altitude_m[-1]
     cosine, solid_angle = polar_directions(height_m, planet_m, n_up, n_down)
@@ -121,16 +124,24 @@ def shell_rays(
     def extinction(r: FloatArray) -> FloatArray:
         return np.interp(r - planet_m, altitude_m, extinction_per_m)
 
-    x, w = np.polynomial.legendre.leggauss(n_nodes)
-    half = (0.5 * (y1 - y0))[..., None]
-    y = (0.5 * (y0 + y1))[..., None] + half * x
-    edges = np.concatenate([y0[..., None], y, y1[..., None]], axis=-1)
+    edge_m = [height for band in bands for height in band]
+    reach = [np.sqrt(np.maximum(planet_m + height - base, 0.0) / np.maximum(depth, 1e-9)) for height in edge_m]
+    cuts = np.stack([y0, *(np.clip(-v, y0, y1) for v in reversed(reach)), *(np.clip(v, y0, y1) for v in reach), y1], -1)
+    pieces = cuts.shape[-1] - 1
+    x, w = np.polynomial.legendre.leggauss(n_nodes if pieces == 1 else -(-2 * n_nodes // pieces))
+    halves = 0.5 * np.diff(cuts, axis=-1)
+    inner = 0.5 * (cuts[..., 1:] + cuts[..., :-1])[..., None] + halves[..., None] * x
+    edges = np.concatenate([cuts[..., :-1, None], inner], axis=-1).reshape(*mu.shape, -1)
+    edges = np.concatenate([edges, y1[..., None]], axis=-1)
+    y, half, w = inner.reshape(*mu.shape, -1), np.repeat(halves, len(x), axis=-1), np.tile(w, pieces)
     tau = np.cumsum(_optical_depth(edges, place, extinction), axis=-1)
+    end_tau = tau[..., -1]
+    tau = tau[..., np.arange(tau.shape[-1]) % (len(x) + 1) != len(x)]
     r, s, slope = place(y)
     start = place(y0[..., None])[1]
     # a ray straight up from the ground has s = r0 mu at its start, not 0
     start = np.where(up[..., None], (r0 * mu)[..., None], start)
-    weight = w * half * slope * np.exp(-tau[..., :-1])
+    weight = w * half * slope * np.exp(-tau)
     end = place(y1[..., None])[1] - start
     return ShellRays(
         planet_m + height_m,
@@ -138,7 +149,7 @@ def shell_rays(
         solid_angle,
         ground,
         end[..., 0],
-        np.exp(-tau[..., -1]),
+        np.exp(-end_tau),
         r,
         s - start,
         s / r,

@@ -25,7 +25,7 @@ from horizonval.earth.column import SpectralNode
 from horizonval.renderer.scattering.diffuse_field import DiffuseField, MultipleScattering
 from horizonval.renderer.scattering.multiple_scattering import solve
 from horizonval.renderer.scattering.quality import Quality, degree_of
-from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER
+from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER, field_heights, layer_bands
 from horizonval.renderer.tables import SunTable
 
 METHOD = 3
@@ -41,6 +41,9 @@ def content_key(node: SpectralNode, altitude_m: FloatArray, planet_m: float, qua
     digest.update(repr((METHOD, planet_m, node.molecular_cos2, astuple(quality))).encode())
     for column in (altitude_m, node.extinction_per_m, node.molecular_per_m, node.particle_per_m, node.asymmetry):
         digest.update(np.ascontiguousarray(column, dtype="<f8").tobytes())
+    if len(node.layer_per_m):
+        digest.update(np.ascontiguousarray(node.layer_per_m, dtype="<f8").tobytes())
+        digest.update(np.ascontiguousarray(node.forward_per_m, dtype="<f8").tobytes())
     return digest.hexdigest()[:32]
 
 
@@ -61,7 +64,9 @@ def multiple_scattering(
     missing: dict[int, dict[str, SpectralNode]] = {}
     for key, node in zip(keys, nodes, strict=True):
         degree = degree_of(node, quality)
-        solution = _memory.get(key) or _read(_path(key), key, float(altitude_m[-1]), planet_m, degree)
+        top_m, bands = float(altitude_m[-1]), layer_bands(node, altitude_m)
+        heights = field_heights(top_m, quality.n_height, bands) if bands else None
+        solution = _memory.get(key) or _read(_path(key), key, top_m, planet_m, degree, heights)
         if solution is None:
             missing.setdefault(degree, {})[key] = node
         else:
@@ -100,7 +105,9 @@ def _write(path: Path, key: str, solution: MultipleScattering) -> None:
     keep_arrays(path, arrays)
 
 
-def _read(path: Path, key: str, top_m: float, planet_m: float, degree: int) -> MultipleScattering | None:
+def _read(
+    path: Path, key: str, top_m: float, planet_m: float, degree: int, heights: FloatArray | None
+) -> MultipleScattering | None:
     data = cached_arrays(path)
     if data is None:
         return None
@@ -108,6 +115,7 @@ def _read(path: Path, key: str, top_m: float, planet_m: float, degree: int) -> M
         log_damage(DamagedFileError("holds the solution of another column of air", where=str(path)))
         return None
     fields = [
-        DiffuseField(top_m, planet_m, degree, data[name], data[f"{name}_irradiance"]) for name in ("air", "bounce")
+        DiffuseField(top_m, planet_m, degree, data[name], data[f"{name}_irradiance"], heights)
+        for name in ("air", "bounce")
     ]
     return MultipleScattering(fields[0], fields[1], float(data["spherical_albedo"]))

@@ -20,12 +20,15 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from horizonval.core.arrays import FloatArray
 from horizonval.renderer.planet import dot
 from horizonval.renderer.scattering.diffuse_field import SMALLEST, DiffuseField
 from horizonval.renderer.scattering.harmonics import cosines, pairs, polar_parts
 from horizonval.renderer.scattering.sun_angles import sun_angle_position
 from horizonval.renderer.tables import interpolate, table_of
 from horizonval.renderer.types import Values, Vec, Vec3
+
+ROW_STEP_M = 50.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,8 @@ class SourceTable:
         ``ln`` of the diffuse irradiance on the ground.
     used : list of (int, int)
         Harmonics (l, m) stored; the first is (0, 0).
+    row_of_height : Float32, or None
+        Rows, and parts of rows, at heights :data:`ROW_STEP_M` apart, where the fields' heights are not ``top x^2``.
     """
 
     moments: mi.Float32
@@ -48,6 +53,7 @@ class SourceTable:
     n_sun: int
     top_m: float
     width: int
+    row_of_height: mi.Float32 | None = None
 
     @classmethod
     def of(cls, fields: Sequence[DiffuseField], width: int, with_particles: bool) -> SourceTable:
@@ -73,6 +79,7 @@ class SourceTable:
             n_sun,
             first.top_m,
             width,
+            None if first.heights is None else _rows(first.heights),
         )
 
     def log_sources(
@@ -83,6 +90,7 @@ class SourceTable:
         sun: Vec,
         cos2: Values,
         asymmetry: Values | None,
+        forward: Values | None = None,
     ) -> list[mi.Float32]:
         """Return ``ln`` of the source per scattering coefficient and irradiance [1/sr], Float32.
 
@@ -96,6 +104,8 @@ class SourceTable:
             The ray's direction and the direction to the Sun.
         cos2, asymmetry : sequences of Float64
             Phase functions of the nodes at the point; without ``asymmetry`` there are no particles.
+        forward : sequence of Float64, optional
+            Share of what particles scatter that goes straight on (:mod:`.forward_peak`).
         """
         degree = self.used[-1][0]
         zenith, ray, light = normal, _single(d), _single(sun)
@@ -119,6 +129,8 @@ class SourceTable:
             total = by_degree[degree][k]
             for n in range(degree - 1, -1, -1):
                 total = dr.fma(total, g, by_degree[n][k])
+            if forward is not None:
+                total = dr.fma(-mi.Float32(forward[k]), sum(by_degree[n][k] for n in range(degree + 1)), total)
             shapes.append(total)
         # cut short, the series may fall below zero where there is next to no light
         return [stored[0][n % width] + dr.log(dr.maximum(shape, 1e-6)) for n, shape in enumerate(shapes)]
@@ -136,7 +148,13 @@ class SourceTable:
         return [mi.Float64(dr.exp(v)) for v in values]
 
     def _locate(self, height_m: mi.Float32, mu_s: mi.Float32) -> tuple[mi.UInt32, mi.Float32, mi.Float32]:
-        x = dr.sqrt(dr.clip(height_m * (1.0 / self.top_m), 0.0, 1.0)) * (self.n_height - 1)
+        if self.row_of_height is None:
+            x = dr.sqrt(dr.clip(height_m * (1.0 / self.top_m), 0.0, 1.0)) * (self.n_height - 1)
+        else:
+            steps = dr.clip(height_m, 0.0, self.top_m) * (1.0 / ROW_STEP_M)
+            k = dr.minimum(mi.UInt32(steps), int(self.top_m / ROW_STEP_M) - 1)
+            low, high = (dr.gather(mi.Float32, self.row_of_height, k + j) for j in (0, 1))
+            x = dr.fma(high - low, steps - mi.Float32(k), low)
         y = sun_angle_position(mu_s, self.n_sun)
         i = dr.minimum(mi.UInt32(x), self.n_height - 2)
         j = dr.minimum(mi.UInt32(y), self.n_sun - 2)
@@ -150,6 +168,11 @@ class SourceTable:
 
         near, far = at(row), at(row + self.n_sun)
         return [dr.fma(b - a, wx, a) for a, b in zip(near, far, strict=True)]
+
+
+def _rows(heights: FloatArray) -> mi.Float32:
+    z = ROW_STEP_M * np.arange(int(heights[-1] / ROW_STEP_M) + 1)
+    return table_of(mi.Float32, np.interp(z, heights, np.arange(len(heights))))
 
 
 def _single(v: Vec) -> Vec3[mi.Float32]:

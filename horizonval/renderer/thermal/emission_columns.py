@@ -17,7 +17,9 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.clouds.layers import merged_bands
 from horizonval.earth.weather.column_map import ColumnMap
+from horizonval.renderer.layer_steps import Bands
 from horizonval.renderer.planet import dot
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.tables import AltitudeGrid, gather_row, table_of
@@ -37,6 +39,8 @@ class AirColumns:
     sin_latitude : ndarray, shape (m,)
     extinction, source : ndarray, shape (g, m, n)
         1/m and W m-2 sr-1.
+    bands : sequence of (float, float)
+        Heights between which layers of thin cloud lie.
     column_map : ColumnMap or None
         Where the m columns stand, in place of ``sin_latitude``.
     """
@@ -46,13 +50,15 @@ class AirColumns:
     extinction: FloatArray
     source: FloatArray
     column_map: ColumnMap | None = None
+    bands: Bands = ()
 
     @classmethod
     def of(cls, band: EmittingBand, air: ApparentRadiusAir | None = None) -> AirColumns:
         """Build from a band; with refraction (``air``) per metre of the straight line, over apparent heights."""
         extinction, source = band.columns()
         if air is None:
-            return cls(band.altitude_m, band.sin_latitude, extinction, source, band.column_map)
+            bands = _bands(band.layers, band.altitude_m)
+            return cls(band.altitude_m, band.sin_latitude, extinction, source, band.column_map, bands)
         i = np.clip(np.searchsorted(band.altitude_m, air.height_m, side="right") - 1, 0, len(band.altitude_m) - 2)
         w = (air.height_m - band.altitude_m[i]) / (band.altitude_m[i + 1] - band.altitude_m[i])
         w = np.clip(w, 0.0, 1.0)
@@ -61,12 +67,14 @@ class AirColumns:
             return values[..., i] * (1.0 - w) + values[..., i + 1] * w
 
         inside = air.height_m <= band.altitude_m[-1] * (1.0 + 1e-12)
+        apparent = air.model.altitude_m
         return cls(
-            air.model.altitude_m,
+            apparent,
             band.sin_latitude,
             at(extinction) * np.where(inside, air.dr_dx, 0.0),
             at(source),
             band.column_map,
+            _bands(np.interp(band.layers, air.height_m, apparent), apparent),
         )
 
     @property
@@ -98,7 +106,15 @@ class AirColumns:
                 dr.opaque(mi.Float64, low, 1),
                 dr.opaque(mi.Float64, per_row, 1),
                 lattice,
+                self.bands,
             )
+
+
+def _bands(layers: FloatArray, altitude_m: FloatArray) -> Bands:
+    if not len(layers):
+        return ()
+    heights = [(float(base), float(top)) for base, top in layers]
+    return tuple(merged_bands(heights, float(np.diff(altitude_m).max())))
 
 
 @dataclass(frozen=True)
@@ -153,6 +169,7 @@ class ColumnBatch:
     low: mi.Float64
     per_row: mi.Float64
     lattice: Lattice | None = None
+    bands: Bands = ()
 
     def at(self, height_m: mi.Float64, normal: Vec) -> tuple[Values, Values]:
         """Return extinction and source per g point at heights above places of unit normals; none above the top."""

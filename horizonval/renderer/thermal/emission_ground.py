@@ -118,6 +118,8 @@ class GroundSource:
         """Return the mean radiance of the air above, on a grid that is fine at the ground."""
         band = self.coarse
         z = band.altitude_m[-1] * np.linspace(0.0, 1.0, SKY_LAYERS + 1) ** 2
+        if len(band.layers):
+            z = np.union1d(z, band.altitude_m[band.layer_per_m.any(axis=0)])
         return sky_radiance(band.extinction_at(z), np.moveaxis(self.spline(band.air_k(z)), 2, 0), z)
 
     @property

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from horizonval.renderer.layer_steps import LayeredSteps, layered_steps
 from horizonval.renderer.planet import Planet, along
 from horizonval.renderer.ray_path import GAUSS_LOW, THERMAL_CONCENTRATION, AirPath, find_path, warp
 from horizonval.renderer.thermal.emission_columns import ColumnBatch
@@ -77,9 +78,14 @@ def march_emission(
     """
     path = find_path(planet, top_m, o, d, to_ground)
     count = max(nodes // 2, 3)
+    layered = None
+    if batch.bands and stations is None:
+        layered = layered_steps(planet, path, o, d, to_ground, batch.bands, count, THERMAL_CONCENTRATION)
     rays = dr.width(path.t_low)
     zero = dr.zeros(mi.Float64, rays)
-    total = count if stations is None else count + (stations.count - 1) * stations.steps
+    total: int | mi.UInt32 = count if stations is None else count + (stations.count - 1) * stations.steps
+    if layered is not None:
+        total = layered.count
     # as data: frames with other numbers of rays share the kernel
     lane, width = dr.arange(mi.UInt32, rays), dr.opaque(mi.UInt32, rays, 1)
     at_stations = None
@@ -87,7 +93,7 @@ def march_emission(
         at_stations = dr.zeros(mi.Float64, rays * stations.count), dr.zeros(mi.Float64, rays * stations.count)
 
     def boundary(i: mi.UInt32) -> mi.Float64:
-        return _boundary(path, mi.Float64(i), count, stations)
+        return _boundary(path, mi.Float64(i), count, stations, layered)
 
     def air_at(t: mi.Float64) -> tuple[Values, Values]:
         height, normal = planet.height_and_normal(along(o, d, t))
@@ -154,8 +160,12 @@ def step_emission(
     return dr.select(step < THICK_STEP, thin, dr.maximum(thick, 0.0)), escaped
 
 
-def _boundary(path: AirPath, i: mi.Float64, count: int, stations: Stations | None) -> mi.Float64:
+def _boundary(
+    path: AirPath, i: mi.Float64, count: int, stations: Stations | None, layered: LayeredSteps | None
+) -> mi.Float64:
     """Return the ray parameter of step boundary ``i``."""
+    if layered is not None:
+        return warp(path, layered.boundary(path, i, count), THERMAL_CONCENTRATION)
     if stations is None:
         return warp(path, path.y0 + (path.y1 - path.y0) * (i / count), THERMAL_CONCENTRATION)
     start = path.t_low - path.length_before

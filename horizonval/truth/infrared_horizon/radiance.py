@@ -45,6 +45,14 @@ def shells_m(top_m: float, step_m: float = SHELL_M) -> FloatArray:
     return np.append(shells[shells < top_m], top_m)
 
 
+def layer_edges_m(band: EmittingBand, altitude_m: FloatArray) -> FloatArray:
+    """Return the heights at which paths must be cut besides: where layers of thin cloud begin, bend and end."""
+    inside = np.nonzero(band.layer_per_m.any(axis=0))[0] if len(band.layer_per_m) else np.zeros(0, dtype=np.intp)
+    if not len(inside):
+        return np.zeros(0)
+    return np.asarray(altitude_m[np.unique(np.concatenate([inside - 1, inside, inside + 1]))])
+
+
 class BandMedium:
     """Extinction and source of one band, laid out for rays: g point last. ``heights``: None where no light is bent."""
 
@@ -55,6 +63,7 @@ class BandMedium:
             self.altitude_m = heights.of(band.altitude_m)
             extinction = extinction * np.interp(band.altitude_m, heights.altitude_m, heights.stretch)
         self.sin_latitude = band.sin_latitude
+        self.edges_m = layer_edges_m(band, self.altitude_m)
         self.column_map = band.column_map
         self.extinction = np.ascontiguousarray(np.moveaxis(extinction, 0, -1))
         self.source = np.ascontiguousarray(np.moveaxis(source, 0, -1))
@@ -164,7 +173,7 @@ def limb_radiance(air: BandMedium, rays: Sequence[RayPath], *, step_m: float = S
     """
     columns = []
     for path in rays:
-        u = _cuts(path, path.lowest_m, step_m)
+        u = _cuts(path, path.lowest_m, step_m, air.edges_m)
         columns.append(_integrate(air, path, np.concatenate([-u[:0:-1], u]))[0].sum(axis=-1))
     return np.stack(columns, axis=-1)
 
@@ -174,18 +183,20 @@ def ground_ray(air: BandMedium, path: RayPath, *, step_m: float = SHELL_M) -> tu
 
     The rays' lowest height is negative: the depth of the chord.
     """
-    return _integrate(air, path, -_cuts(path, 0.0, step_m)[::-1])
+    return _integrate(air, path, -_cuts(path, 0.0, step_m, air.edges_m)[::-1])
 
 
-def _cuts(path: RayPath, start_m: float, step_m: float) -> FloatArray:
+def _cuts(path: RayPath, start_m: float, step_m: float, edges_m: FloatArray) -> FloatArray:
     """Return u at the shells between ``start_m`` and the top, with the middles (in u) between: odd in number."""
     shells = shells_m(path.top_m, step_m)
     # Most of the air on a ray lies just above its lowest point. Shells of the same thickness there for all rays keep
     # their errors alike, which the slope of a profile needs more than its value.
     near = 0.5 * step_m * np.ceil(start_m / (0.5 * step_m)) + np.arange(8) * 0.5 * step_m
     shells = np.union1d(shells, near[near < path.top_m])
+    shells = np.union1d(shells, edges_m[edges_m < path.top_m])
     # A sliver of a shell costs as much as a whole one.
-    ends = np.append(start_m, shells[shells > start_m + 0.05 * step_m])
+    sliver = 0.05 * step_m if not len(edges_m) else 1.0
+    ends = np.append(start_m, shells[shells > start_m + sliver])
     u = np.sqrt(ends - path.lowest_m)
     both = np.empty(2 * len(u) - 1)
     both[::2] = u

@@ -51,7 +51,7 @@ def test_stations_tell_what_marches_find_that_end_there(
     sun = constant_vector(sun_itrs)
     first, last = way_through(PLANET, o, d, 18e3, to_ground)
     stations = SunlitStations(first, last, count=5, steps=48, before=192)
-    radiance, transmittance = march_to_stations(
+    radiance, _, transmittance = march_to_stations(
         PLANET, top_m, batch, o, d, sun, to_ground, SOLAR_CONCENTRATION, stations
     )
     radiance, transmittance = (np.array(v[0]).reshape(5, 3) for v in (radiance, transmittance))

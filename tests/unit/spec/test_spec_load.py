@@ -91,7 +91,10 @@ def test_bad_camera(folder, text, parts):
         (SCENE + "[earth]\nradius_km = 6000.0\n", ["earth", "sphere"]),
         (SCENE + "[render]\nnodes = 4\n", ["render.nodes", "found 4", "from 8 to 4096"]),
         (SCENE + '[surface]\nkind = "erth"\n', ["surface.kind", 'found "erth"', '"uniform" or "earth"']),
-        (SCENE + '[surface]\nkind = "earth"\nalbedo = 0.2\n', ["surface", 'albedo applies to kind = "uniform" and "chequered" only']),
+        (
+            SCENE + '[surface]\nkind = "earth"\nalbedo = 0.2\n',
+            ["surface", 'albedo applies to kind = "uniform" and "chequered" only'],
+        ),
         (
             SCENE + '[surface]\nkind = "earth"\nemissivity = 0.9\n',
             ["surface", 'emissivity applies to kind = "uniform"'],

@@ -1,0 +1,113 @@
+r"""Steps along rays through layers of thin cloud: no step straddles a layer's edge.
+
+A ray is cut where it enters and leaves each layer's heights, on its way down and on its way up. Every piece has a
+number of steps of its own, whether the ray meets the layer or passes above it, so that neighbouring rays differ
+smoothly: :data:`LAYER_STEPS` in a layer, half the march's outside the highest and below the lowest one, a quarter
+between two.
+Within a piece steps are even in the ray parameter of :mod:`horizonval.renderer.ray_path`; where the umbra's edge
+crosses the ray, a third of them lies before, in and behind it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from horizonval.renderer.planet import Planet
+from horizonval.renderer.ray_path import AirPath, unwarp
+from horizonval.renderer.types import Vec, constant
+
+LAYER_STEPS = 24
+Bands = Sequence[tuple[float, float]]
+"""Heights [m] of layers, from the lowest on, without overlaps."""
+
+
+@dataclass(frozen=True)
+class LayeredSteps:
+    """Pieces of rays: ``cuts`` in y, and the number of the step at each; ``umbra``: y where rays enter and leave it."""
+
+    cuts: tuple[mi.Float64, ...]
+    starts: tuple[mi.Float64, ...]
+    umbra: tuple[mi.Float64, mi.Float64] | None
+    crossed: mi.Bool
+
+    @property
+    def count(self) -> mi.UInt32:
+        """Steps of a ray."""
+        return mi.UInt32(self.starts[-1])
+
+    def boundary(self, path: AirPath, i: mi.Float64, count: int) -> mi.Float64:
+        """Return ``y`` at step boundary ``i``."""
+        low, high, first, last = self.cuts[0], self.cuts[1], self.starts[0], self.starts[1]
+        for k in range(1, len(self.cuts) - 1):
+            past = i >= self.starts[k]
+            low, high = dr.select(past, self.cuts[k], low), dr.select(past, self.cuts[k + 1], high)
+            first, last = dr.select(past, self.starts[k], first), dr.select(past, self.starts[k + 1], last)
+        share = (i - first) / dr.maximum(last - first, 1.0)
+        if self.umbra is None:
+            return dr.fma(high - low, share, low)
+        a, b = (dr.clip(edge, low, high) for edge in self.umbra)
+        third = dr.minimum(dr.floor(3.0 * share + 1e-9), 2.0)
+        within = 3.0 * share - third
+        begin = dr.select(third < 0.5, low, dr.select(third < 1.5, a, b))
+        end = dr.select(third < 0.5, a, dr.select(third < 1.5, b, high))
+        return dr.select(self.crossed, dr.fma(end - begin, within, begin), dr.fma(high - low, share, low))
+
+
+def layered_steps(
+    planet: Planet,
+    path: AirPath,
+    o: Vec,
+    d: Vec,
+    to_ground: mi.Bool,
+    bands: Bands,
+    count: int,
+    concentration: float,
+    umbra: tuple[mi.Float64, mi.Float64] | None = None,
+) -> LayeredSteps:
+    """Return the steps of rays through layers.
+
+    Parameters
+    ----------
+    to_ground : Bool
+        Whether rays end at the ground: they then have no way up.
+    bands : sequence of (float, float)
+        Heights between which layers lie; :data:`Bands`.
+    count : int
+        Steps of the march without layers.
+    umbra : tuple of Float64, optional
+        ``y`` where rays enter and leave the umbra; their ends where they do not.
+    """
+    begin, end = path.t_low - path.length_before, path.t_low + path.length_after
+    down: list[mi.Float64] = []
+    up: list[mi.Float64] = []
+    steps_down: list[int] = []
+    outer, inner = _six(count / 2), _six(count / 4)
+    for n, (base, top) in enumerate(reversed(bands)):
+        steps_down += [outer if n == 0 else inner, LAYER_STEPS]
+        for height in (top, base):
+            mid, half, _ = planet.chord(o, d, constant(height))
+            down.append(mid - half)
+            up.insert(0, mid + half)
+    cuts = [begin]
+    for t in [*down, *up]:
+        cuts.append(dr.maximum(dr.clip(t, begin, end), cuts[-1]))
+    cuts.append(end)
+    # a ray to the ground has its lowest point there: everything past it has no length
+    limb = [*steps_down, outer, *reversed(steps_down)]
+    ground = [*steps_down, outer, *[0] * len(steps_down)]
+    starts = [
+        dr.select(to_ground, *(constant(float(sum(n[:k]))) for n in (ground, limb))) for k in range(len(limb) + 1)
+    ]
+    y = [path.y0, *(dr.clip(unwarp(path, t, concentration), path.y0, path.y1) for t in cuts[1:-1]), path.y1]
+    crossed = mi.Bool(False) if umbra is None else (umbra[0] > path.y0) | (umbra[1] < path.y1)
+    ends = None if umbra is None else (umbra[0], dr.maximum(umbra[1], umbra[0]))
+    return LayeredSteps(tuple(y), tuple(starts), ends, crossed)
+
+
+def _six(steps: float) -> int:
+    """Return a number of steps as a multiple of six: for pairs of steps, and thirds of pieces."""
+    return 6 * max(1, round(steps / 6.0))

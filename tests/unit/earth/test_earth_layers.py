@@ -1,0 +1,163 @@
+"""Layers of thin cloud: their columns, optics and climate, and what a scene may say of them."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from horizonval.core.errors import UserError
+from horizonval.earth.atmosphere.air import air_of
+from horizonval.earth.atmosphere.air_change import AirChange
+from horizonval.earth.clouds import layer_kinds, layer_optics
+from horizonval.earth.clouds.layers import ThinLayer, layers_of, merged_bands
+from horizonval.spec.scene import SceneSpec
+
+GRID_M = np.linspace(0.0, 100e3, 1001)
+KINDS = sorted(layer_kinds.KINDS)
+
+
+def scene(*layers: dict[str, Any], latitude_deg: float = 37.0, month: int = 7, **tables: Any) -> SceneSpec:
+    platform = {"altitude_km": 500.0, "latitude_deg": latitude_deg, "epoch_utc": f"2026-{month:02}-15T12:00:00Z"}
+    return SceneSpec.model_validate({"camera": {"file": "x"}, "platform": platform, "layer": list(layers), **tables})
+
+
+@pytest.mark.parametrize(("base_m", "top_m"), [(9000.0, 11_000.0), (15_030.0, 15_230.0), (82_345.0, 84_020.0)])
+@pytest.mark.parametrize("raised_m", [0.0, 37.0])
+def test_columns_keep_optical_depth_and_mean_height(base_m, top_m, raised_m):
+    layer = ThinLayer(base_m, top_m, 0.3 / (top_m - base_m), "ice 30")
+    column = layer.column(GRID_M, raised_m)
+    assert np.trapezoid(column, GRID_M) == pytest.approx(0.3, rel=1e-6)
+    middle = np.trapezoid(column * GRID_M, GRID_M) / 0.3
+    assert middle == pytest.approx(0.5 * (base_m + top_m) + raised_m, abs=0.5)
+    outside = (base_m + raised_m - 100.0 >= GRID_M) | (top_m + raised_m + 100.0 <= GRID_M)
+    assert not column[outside].any()
+
+
+def test_air_scatters_by_its_layers():
+    clear, cloudy = (air_of(scene(*layers)) for layers in ((), ({"kind": "cirrus", "base_km": 9, "top_km": 11},)))
+    added = cloudy.aerosol.at(0.55)[0] - (clear.aerosol.at(0.55)[0] if clear.aerosol.kinds else 0.0)
+    assert np.trapezoid(added, GRID_M) == pytest.approx(0.2, rel=1e-6)
+    assert cloudy.aerosol.at(0.55)[2][100] == pytest.approx(0.7988, abs=0.005)
+
+
+def test_dustier_air_has_the_same_cloud():
+    changed = air_of(scene({"kind": "cirrus"}), change=AirChange(dustier=1.0))
+    assert np.trapezoid(changed.aerosol.extinction_550_per_m[-1], GRID_M) == pytest.approx(0.2, rel=1e-6)
+
+
+def test_optics_are_the_tables():
+    table = json.loads((files("horizonval.earth") / "data" / "cloud_optics.json").read_text(encoding="utf-8"))
+    for phase in ("ice", "water"):
+        rows = table[phase]
+        for i, radius in enumerate(rows["effective_radius_um"]):
+            kind = layer_optics.particle(phase, radius)
+            mass = np.array(rows["mass_extinction_m2_kg"][i])
+            extinction, scattering, g = layer_optics.sunlit(kind, rows["wavelength_um"])
+            np.testing.assert_allclose(extinction, mass / mass[1], rtol=1e-12)
+            np.testing.assert_allclose(1 - scattering / extinction, rows["one_minus_ssa"][i], atol=1e-9)
+            np.testing.assert_allclose(g, rows["asymmetry"][i], rtol=1e-12)
+            absorbed = layer_optics.infrared_absorption(kind, [1e4 / 900.0, 1e4 / 660.0])
+            expected = np.array(rows["infrared_absorption_m2_kg"][i])[[3, 1]] / mass[1]
+            np.testing.assert_allclose(absorbed, expected, rtol=1e-12)
+
+
+def test_infrared_depth_is_about_half_the_visible_one():
+    """Both are near geometric optics, where extinction is twice the cross section and absorption once."""
+    for kind in ("ice 30", "ice 50", "water 10"):
+        assert 0.4 < layer_optics.infrared_absorption(kind, [11.0])[0] < 0.56
+
+
+def test_finest_ice_scatters_as_rayleigh():
+    extinction, _, g = layer_optics.sunlit("ice 0.02", [0.45, 0.9])
+    assert np.log(extinction[0] / extinction[1]) / np.log(2.0) == pytest.approx(4.0, abs=0.15)
+    assert (g < 0.05).all()
+    assert not layer_optics.infrared_absorption("ice 0.05", [11.0]).any()
+
+
+def test_wavelengths_beyond_the_tables_are_refused():
+    with pytest.raises(UserError, match="no optical properties of thin cloud"):
+        layer_optics.sunlit("ice 30", [1.3])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_has_a_layer_of_its_own(kind):
+    (layer,) = layers_of(scene({"kind": kind}))
+    assert layer.top_m - layer.base_m >= 400.0
+    depth = layer.extinction_550_per_m * (layer.top_m - layer.base_m)
+    assert depth == pytest.approx(layer_kinds.KINDS[kind].optical_depth)
+    if kind != "noctilucent":
+        layer_optics.sunlit(layer.particle, [0.45, 1.0])
+
+
+def test_cirrus_follows_the_tropopause():
+    tops = [layers_of(scene({"kind": "cirrus"}, latitude_deg=v))[0].top_m for v in (0.0, 40.0, 80.0)]
+    np.testing.assert_allclose(tops, [15_500.0, 11_500.0, 7500.0], atol=30.0)
+
+
+def test_cover_spreads_the_particles():
+    (whole,) = layers_of(scene({"kind": "cirrus"}))
+    (half,) = layers_of(scene({"kind": "cirrus", "cover": 0.5}))
+    assert half.extinction_550_per_m == 0.5 * whole.extinction_550_per_m
+    assert layers_of(scene({"kind": "cirrus", "cover": 0.0})) == ()
+
+
+def test_occurrence_means_over_the_globe():
+    latitude = np.degrees(np.arcsin(np.linspace(-0.999, 0.999, 1001)))
+
+    def mean(kind: str) -> float:
+        return float(np.mean([[layer_kinds.occurrence(kind, v, m) for v in latitude[::10]] for m in range(1, 13)]))
+
+    # Sassen, Wang and Liu (2008): 16.7 % of the globe, from 10 to 35 %
+    assert mean("cirrus") == pytest.approx(0.167, abs=0.02)
+    assert 0.1 < mean("subvisible_cirrus") < 0.25
+
+
+@pytest.mark.parametrize("month", range(1, 13))
+def test_polar_clouds_keep_their_seasons(month):
+    at = {v: layer_kinds.occurrence("polar_stratospheric", v, month) for v in (-80.0, -50.0, 80.0)}
+    assert at[-50.0] == 0.0
+    assert (at[-80.0] > 0.4) == (month in (6, 7, 8, 9))
+    assert (at[80.0] > 0.0) == (month in (11, 12, 1, 2, 3))
+    assert (layer_kinds.occurrence("noctilucent", 80.0, month) > 0.5) == (month in (6, 7))
+    assert layer_kinds.occurrence("noctilucent", 50.0, month) == 0.0
+
+
+def test_climate_decides_the_cover():
+    (layer,) = layers_of(scene({"kind": "noctilucent", "occurrence": "climate"}, latitude_deg=80.0, month=7))
+    assert layer.extinction_550_per_m * 2000.0 == pytest.approx(0.8e-4)
+    assert layers_of(scene({"kind": "noctilucent", "occurrence": "climate"}, latitude_deg=80.0, month=1)) == ()
+
+
+@pytest.mark.parametrize(
+    ("layer", "message"),
+    [
+        ({"kind": "fog"}, "Input should be"),
+        ({"kind": "cirrus", "base_km": 9, "top_km": 9.1}, "at least 0.2 km above base_km"),
+        ({"kind": "cirrus", "optical_depth": -1}, "greater than or equal to 0"),
+        ({"kind": "cirrus", "cover": 0.5, "occurrence": "climate"}, "leave one of them out"),
+        ({"kind": "thin_water", "occurrence": "climate"}, "does not know thin_water"),
+        ({"kind": "cirrus", "effective_radius_um": 3}, "10 or more, or 0.2 or less"),
+        ({"kind": "thin_water", "effective_radius_um": 40}, "4 to 30"),
+    ],
+)
+def test_mistakes_are_named(layer, message):
+    with pytest.raises(ValidationError, match=message):
+        scene(layer)
+
+
+def test_layers_need_air_with_a_profile():
+    with pytest.raises(ValidationError, match="needs air with a profile"):
+        scene({"kind": "cirrus"}, atmosphere={"profile": "none"})
+
+
+def test_scenes_without_layers_keep_their_identity():
+    assert "layer" not in scene().model_dump()
+
+
+def test_bands_are_merged():
+    assert merged_bands([(9e3, 11e3), (10.9e3, 12e3), (15e3, 16e3)], 100.0) == [(8.9e3, 12.1e3), (14.9e3, 16.1e3)]
