@@ -11,8 +11,8 @@ from horizonval.renderer.rays.thermal_radiance import thermal_radiance
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
-# Monthly mean air temperature, K: South Pole in September (READER), Arctic Ocean in June and February (Rigor, Colony and
-# Martin 2000). The South Pole in January is left out: under the subarctic summer of that air it reads 253 K over ground
+# Monthly mean air temperature, K: South Pole in September (READER), Arctic Ocean in June and February (Rigor and
+# others 2000). The South Pole in January is left out: under the subarctic summer of that air it reads 253 K over ground
 # of 246 K (245 K published).
 PLACES = [(-90.0, "2026-09-16", 213.8), (90.0, "2026-06-16", 271.4), (90.0, "2026-02-14", 241.2)]
 
