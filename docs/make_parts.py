@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import cv2
+import make_limbs
 import numpy as np
 from make_limbs import GAP, HEIGHT, WIDTH, infrared, visible
 
@@ -17,7 +18,8 @@ INFRARED = ("part-hot-panel", "lwir")
 
 
 def main(path: Path) -> None:
-    """Write the picture."""
+    """Write the picture; single scattering and few rays on the parts serve."""
+    make_limbs.QUICK |= {"orders": "single", "part_samples": 16}
     pictures = [visible(name) for name in VISIBLE] + [infrared(*INFRARED)]
     whole = np.full((2 * HEIGHT + GAP, 2 * WIDTH + GAP, 3), 255, np.uint8)
     for i, picture in enumerate(pictures):

@@ -12,9 +12,11 @@ scatters at each altitude. Thermal bands become :class:`horizonval.earth.atmosph
 :mod:`horizonval.earth.atmosphere.emitting_air`, and what is behind them
 :class:`horizonval.earth.surface.ground_emission.GroundEmission`.
 
-Left out: cloud; absorption of sunlight by O2, H2O and NO2 (the O2 A band at 760 nm takes a few per cent of 700 to
-800 nm at the ground) and by ozone beyond 1000 nm (less than 0.3 % of the limb); sunlight reflected in thermal bands
-(0.02 of 30 W m-2 sr-1 in 8 to 14 um off a ground of emissivity 0.95).
+Oxygen and water vapour absorb in bands from 570 nm on, by a few nodes more; see
+:mod:`horizonval.earth.gases.sunlight_absorption`.
+
+Left out: cloud; absorption of sunlight by NO2 and by ozone beyond 1000 nm (less than 0.3 % of the limb); sunlight
+reflected in thermal bands (0.02 of 30 W m-2 sr-1 in 8 to 14 um off a ground of emissivity 0.95).
 """
 
 from __future__ import annotations
@@ -35,9 +37,9 @@ from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
 from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.emitting_air import emitting_air, grey_band, no_air_band
 from horizonval.earth.atmosphere.node_count import choose_rule
-from horizonval.earth.atmosphere.solar_rule import SolarRule, gauss, solar_measure
+from horizonval.earth.atmosphere.solar_rule import Measure, SolarRule, gauss, rule_with_gases, solar_measure
 from horizonval.earth.column import OpticalModel, SpectralNode
-from horizonval.earth.gases import ozone, rayleigh
+from horizonval.earth.gases import ozone, rayleigh, sunlight_absorption
 from horizonval.earth.refracted_horizon import air_refractivity, file_refractivity
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.surface.emitting_ground import emitting_ground
@@ -193,16 +195,25 @@ def _solar_nodes(
             fix='or set atmosphere.aerosol = "none"',
         )
     measure = solar_measure(band, where)
-    if band.nodes is None:
-        rule = choose_rule(measure, air, scene.surface.albedo, scene.render.band_error, where)
-    else:
-        rule = gauss(measure, band.nodes, with_ozone=air.with_ozone)
+
+    def clear_rule(of: Measure) -> SolarRule:
+        if band.nodes is None:
+            return choose_rule(of, air, scene.surface.albedo, scene.render.band_error, where)
+        return gauss(of, band.nodes, with_ozone=air.with_ozone)
+
+    with_gases = scene.atmosphere.gases_in_sunlight
+    rule = rule_with_gases(measure, clear_rule, with_ozone=air.with_ozone) if with_gases else clear_rule(measure)
+    gases = changed.state
+    mixed = sunlight_absorption.air_mass_per_m(gases.pressure_pa, gases.number_density_air)
+    water = sunlight_absorption.water_cm_per_m(gases.pressure_pa, gases.number_density_h2o)
     nodes = []
     for i, wavelength in enumerate(rule.wavelength_um):
         molecular = changed.state.number_density_air * rayleigh.cross_section_m2(wavelength)
         absorption = changed.state.number_density_o3 * ozone.at_temperature_m2(
             rule.ozone_cold_m2[i], rule.ozone_warm_m2[i], changed.state.temperature_k
         )
+        if rule.mixed_gases[i] or rule.water_vapour[i]:
+            absorption = absorption + rule.mixed_gases[i] * mixed + rule.water_vapour[i] * water
         particles, scattered, asymmetry = changed.aerosol.at(float(wavelength))
         node = _solar_node(band, i, rule, sun_distance_au, molecular + absorption + particles, molecular)
         nodes.append(

@@ -11,8 +11,8 @@ SUNLIGHT = (
     "molecules and ozone; tables of multiple scattering read over the ellipsoid add less than 0.5 %."
 )
 PARTICLES = (
-    "Particles: 1 % by day (1.5 % in dense layers with sharp edges), 1 % until the Sun is 2° below the horizon and 5 % "
-    "until 5°, in the dark rays towards it; below that not checked."
+    "Particles: 1 % by day (1.5 % in dense layers with sharp edges), 1 % until the Sun is 2° below the horizon; 5 % in "
+    "dark rays until 12°, after an eruption 8 %."
 )
 REFRACTION = (
     "Refraction: single rays 0.1 % for light scattered once; frames of 128 nodes 0.5 % in bright pixels with the Sun "
@@ -31,7 +31,7 @@ def accuracy_of(truths: Iterable[FrameTruth]) -> list[str]:
         sentences.append(SUNLIGHT)
     if any(air.get("aerosol", "none") != "none" or air["file"] is not None for air in airs):
         sentences.append(PARTICLES)
-    if any(t.horizon_rise_m > 0.0 for t in solar):
+    if any(t.horizon_rise_m > 0.0 or air.get("refraction") for t, air in zip(solar, airs, strict=True)):
         sentences.append(REFRACTION)
     if any(t.sun_visible_fraction == 0.0 for t in solar):
         sentences.append(NIGHT)

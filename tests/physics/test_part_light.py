@@ -52,8 +52,8 @@ def test_a_lambert_panel_in_sunlight(zenith_deg: float) -> None:
     band, truth = frame.truth.camera_spec.band[0], frame.truth
     expected = band_irradiance(band, truth.sun_angular_radius_rad) * math.cos(math.radians(zenith_deg)) * 0.5 / math.pi
     assert (frame.maps["part"] == 1.0).all()
-    # 1e-3: the band's nodes and the table of sunlight count its energy apart
-    np.testing.assert_allclose(frame.radiance["vis"].mean(), expected, rtol=1e-3)
+    # single precision, and the mean of the noise below over 576 pixels
+    np.testing.assert_allclose(frame.radiance["vis"].mean(), expected, rtol=2e-5)
     # cos(theta) over half a degree of Sun, from 64 rays
     assert frame.radiance["vis"].std() < 3e-4 * expected
 
@@ -78,9 +78,9 @@ def test_a_panel_over_an_evenly_warm_earth(tilt_deg: float) -> None:
     covered = frame.maps["part"] == 1.0
     assert covered.sum() > 100
     light = frame.radiance["lwir"][covered]
-    assert light.mean() == pytest.approx(expected, rel=0.005)
+    assert light.mean() == pytest.approx(expected, rel=0.002)
     # noise of single pixels with 256 rays, as the docs say
-    assert light.std() < 0.03 * expected
+    assert light.std() < 0.015 * expected
 
 
 def test_a_panel_in_earthshine_by_sunlight() -> None:
@@ -95,7 +95,7 @@ def test_a_panel_in_earthshine_by_sunlight() -> None:
     # cos at the plate, cos of emission, cos of the Sun; area 2 pi d(cosine)
     integrand = (h - cosine) * (h * cosine - 1.0) * cosine / distance2**2
     on_plate = 2.0 * math.pi * np.trapezoid(integrand, cosine) * irradiance * 0.3 / math.pi
-    assert frame.radiance["vis"].mean() == pytest.approx(on_plate * 0.5 / math.pi, rel=0.01)
+    assert frame.radiance["vis"].mean() == pytest.approx(on_plate * 0.5 / math.pi, rel=0.003)
 
 
 def test_parts_throw_shadows_on_each_other() -> None:

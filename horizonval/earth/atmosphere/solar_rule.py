@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.earth.gases import ozone
+from horizonval.earth.gases import ozone, sunlight_absorption
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.spectral.quadrature import Orthonormal
 from horizonval.spec.sensor.camera import Band
@@ -57,6 +58,8 @@ class SolarRule:
         integral over wavelength, exact for reflectances that are polynomials of degree n - 1 in wavelength.
     ozone_cold_m2, ozone_warm_m2 : ndarray, shape (n,)
         The cross sections of ozone at 220 and 280 K that the nodes shall use, smoothed; 0 without ozone.
+    mixed_gases, water_vapour : ndarray, shape (n,)
+        Absorption per air mass and per cm of precipitable water; 0 without gases in sunlight.
     """
 
     wavelength_um: FloatArray
@@ -65,6 +68,8 @@ class SolarRule:
     energy_ratio: FloatArray
     ozone_cold_m2: FloatArray
     ozone_warm_m2: FloatArray
+    mixed_gases: FloatArray
+    water_vapour: FloatArray
 
 
 class RuleFamily:
@@ -93,7 +98,7 @@ class RuleFamily:
         if self._ozone is not None:
             cold, warm = (self._polynomials.smoothed(moments, nodes) for moments in self._ozone)
         ratio = self._polynomials.smoothed(self._ratio, nodes)
-        return SolarRule(nodes, energy / mean, mean, ratio, cold, warm)
+        return SolarRule(nodes, energy / mean, mean, ratio, cold, warm, np.zeros(n), np.zeros(n))
 
 
 def check_sunlight(band: Band, where: str) -> None:
@@ -128,3 +133,45 @@ def solar_measure(band: Band, where: str) -> Measure:
 def gauss(measure: Measure, n: int, *, with_ozone: bool = False) -> SolarRule:
     """Return Gauss's rule of n nodes for a measure."""
     return RuleFamily(measure, n, with_ozone=with_ozone).rule(n)
+
+
+def rule_with_gases(
+    measure: Measure, clear_rule: Callable[[Measure], SolarRule], *, with_ozone: bool = False
+) -> SolarRule:
+    """Return the rule of a band in which oxygen and water vapour absorb, or the plain one where they hardly do.
+
+    What they leave alone has a rule for its own measure; every absorbing part of
+    :func:`horizonval.earth.gases.sunlight_absorption.parts` is one node at its mean wavelength. All nodes carry the
+    band's mean irradiance.
+
+    Parameters
+    ----------
+    measure : Measure
+    clear_rule : callable
+        Finds the rule of a measure.
+    with_ozone : bool
+    """
+    parts = sunlight_absorption.parts(measure.wavelength_um, measure.energy)
+    if not parts:
+        return clear_rule(measure)
+    clear = parts[0]
+    rule = clear_rule(replace(measure, energy=clear.energy))
+    mean = float(measure.energy.sum() / measure.width_um)
+    cold, warm = measure.ozone() if with_ozone else (np.zeros_like(measure.energy),) * 2
+    absorbing = [part.energy / part.energy.sum() for part in parts[1:]]
+    share = np.array([part.energy.sum() / measure.energy.sum() for part in parts[1:]])
+
+    def joined(of_rule: FloatArray, samples: FloatArray) -> FloatArray:
+        return np.concatenate([of_rule, [float(each @ samples) for each in absorbing]])
+
+    count = len(rule.wavelength_um)
+    return SolarRule(
+        wavelength_um=joined(rule.wavelength_um, measure.wavelength_um),
+        weight_um=np.concatenate([rule.weight_um * (rule.mean_irradiance / mean), share * measure.width_um]),
+        mean_irradiance=mean,
+        energy_ratio=joined(rule.energy_ratio, measure.reference_um / measure.wavelength_um),
+        ozone_cold_m2=joined(rule.ozone_cold_m2, cold),
+        ozone_warm_m2=joined(rule.ozone_warm_m2, warm),
+        mixed_gases=np.array([clear.mixed] * count + [part.mixed for part in parts[1:]]),
+        water_vapour=np.array([clear.water] * count + [part.water for part in parts[1:]]),
+    )

@@ -8,7 +8,8 @@ all clouds when::
     delta = max over i of (z_i - h_i) / (t_i cos e_i)
 
 and the line crosses the outline as far from its middle as that angle is worth. A turn within a cell moves the points by
-nothing else. Points lie as densely as those of the search for clouds (:func:`.clouds.first_cloud`).
+nothing else. With refraction the points are those of the bent ray, which turned bends otherwise: a second ray starts
+where the first found the outline. Points lie as densely as those of the search for clouds (:mod:`.clouds`).
 
 Clouds have no gaps below, so a line is covered from the outline inwards, down to the hard edge if that cuts it. The
 share of a cell is the mean of its lines.
@@ -29,6 +30,9 @@ from horizonval.renderer.types import Vec
 
 LINES = 4
 """Across a cell. A straight outline of any slope is off by 1/128 of a cell at most."""
+BENT_PASSES = 2
+"""With refraction a turned ray bends otherwise: the outline is looked for again from where it was found."""
+BENDING_NODES_ABOVE = 32
 LEAST_SHARE = 1.0 / 256.0
 """Of a cell, to have a ray of its own."""
 
@@ -44,8 +48,8 @@ class OutlineCells:
 
 
 def outlined_clouds(view: FrameGeometry) -> CloudTable | None:
-    """Return the clouds of a frame if they have an outline: seen from above them, without refraction."""
-    if view.ground is None or view.ground.clouds is None or view.bending is not None:
+    """Return the clouds of a frame if they have an outline: seen from above them."""
+    if view.ground is None or view.ground.clouds is None:
         return None
     highest = view.planet.a_m + float(view.ground.clouds.layer_m[0])
     return view.ground.clouds if float(dot(view.origin, view.origin)[0]) > highest**2 else None
@@ -83,12 +87,17 @@ def outline_cells(
 
     middle, outer, inner = (limb(*place(cell, across, mi.Float64(t))) for t in (0.0, -0.5, 0.5))
     per_line = dr.maximum(inner - outer, 1e-15)
-    direction = view.rays.direction(*place(cell, across, mi.Float64(0.0)))
-    dr.eval(middle, per_line, direction, inner)
-    turn = _turn(view, clouds, direction, inner)
     hard = dr.clip(-middle / per_line, -0.5, 0.5)
-    top = dr.minimum(dr.clip(-turn / per_line, -0.5, 0.5), hard)
-    dr.eval(top, hard)
+    dr.eval(per_line, hard, inner)
+    top = dr.zeros(mi.Float64, count * LINES)
+    for _ in range(1 if view.bending is None else BENT_PASSES):
+        direction = view.rays.direction(*place(cell, across, top))
+        dr.eval(direction)
+        turn = _turn(view, clouds, direction, inner)
+        top = dr.clip(top - turn / per_line, -0.5, 0.5)
+        dr.eval(top)
+    top = dr.minimum(top, hard)
+    dr.eval(top)
 
     none, first_line = dr.zeros(mi.Float64, count), dr.zeros(mi.UInt32, count)
     covered = longest = longest_free = cloud_at = free_at = none
@@ -127,21 +136,29 @@ def _turn(view: FrameGeometry, table: CloudTable, d: Vec, inner: mi.Float64) -> 
     start = dr.maximum(nearest - half, table.step_m)
     count = dr.select(half > 0.0, dr.ceil((nearest + half - start) / table.step_m), -1.0)
 
-    def look(i: mi.Float64, highest: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
+    bending = view.bending
+    up = None if bending is None else bending.up(o, d)
+
+    def look(i: mi.Float64, angle: mi.Float64, highest: mi.Float64) -> tuple[mi.Float64, mi.Float64, mi.Float64]:
         t = dr.fma(i, table.step_m, start)
-        height, normal = planet.height_and_normal(along(o, d, t))
+        if bending is None or up is None:
+            height, normal = planet.height_and_normal(along(o, d, t))
+        else:
+            height, normal = bending.place(o, d, t, angle)
+            angle = dr.fma(bending.rate(o, d, up, t), table.step_m, angle)
         top, rise = table.top(normal), dr.minimum(dot(normal, d), 0.9)
         turn = (top - height) * dr.rsqrt(1.0 - rise * rise) / t
-        return i + 1.0, dr.select(top > BASE_M, dr.maximum(highest, turn), highest)
+        return i + 1.0, angle, dr.select(top > BASE_M, dr.maximum(highest, turn), highest)
 
     none = dr.full(mi.Float64, -1.0, dr.width(d[0]))
+    at_start = 0.0 * start if bending is None else bending.angle(o, d, BENDING_NODES_ABOVE, start)
     return dr.while_loop(
-        (dr.zeros(mi.Float64, dr.width(d[0])), none),
-        lambda i, highest: i <= count,
+        (dr.zeros(mi.Float64, dr.width(d[0])), at_start, none),
+        lambda i, angle, highest: i <= count,
         look,
-        labels=("i", "highest"),
+        labels=("i", "angle", "highest"),
         label="cloud outline",
-    )[1]
+    )[2]
 
 
 def near_clouds(view: FrameGeometry, clouds: CloudTable, direction: Vec, reach: mi.Float64) -> mi.Bool:

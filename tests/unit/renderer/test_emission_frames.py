@@ -81,7 +81,7 @@ def test_tables_say_what_the_march_says(
     from horizonval.renderer.rays.thermal_radiance import thermal_radiance
     from horizonval.renderer.tables import vectors
 
-    air = optical_model(scene(**table), camera(spectrum))
+    air = replace(optical_model(scene(**table), camera(spectrum)), refractivity=None)
     latitude = np.radians(20.0)
     origin = (WGS84.a_m - 2e3 + altitude_m) * np.array([np.cos(latitude), 0.0, np.sin(latitude)])
     view = _view(air, origin)

@@ -43,7 +43,7 @@ def _kernels(changes: Mapping[str, Any], band: Mapping[str, Any], geometry: Mapp
             {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65},
             CLOUDS,
             OTHER_CLOUDS,
-            65,
+            80,
             2,
         ),
         (

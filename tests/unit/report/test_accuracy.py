@@ -22,7 +22,7 @@ def test_only_what_is_there_is_spoken_of(make_truth: Callable[..., FrameTruth]) 
     assert accuracy.accuracy_of([_truth(make_truth, profile="none")]) == []
     hazy = _truth(make_truth, aerosol="background")
     assert accuracy.accuracy_of([_truth(make_truth), hazy]) == [accuracy.SUNLIGHT, accuracy.PARTICLES]
-    bent = replace(_truth(make_truth, refraction=True), sun_visible_fraction=0.0)
+    bent = replace(_truth(make_truth), sun_visible_fraction=0.0, horizon_rise_m=1770.0)
     assert accuracy.accuracy_of([bent]) == [accuracy.SUNLIGHT, accuracy.REFRACTION, accuracy.NIGHT]
     infrared = replace(hazy, camera={**hazy.camera, "band": [{"kind": "thermal"}]})
     assert accuracy.accuracy_of([infrared]) == []

@@ -240,7 +240,7 @@ def test_a_thermal_limb_stands_before_cold_space() -> None:
         ({"surface": {"albedo": 0.1}, "clouds": {"cover": 0.3, "albedo": 0.5}}, (True, 0.1, 0.5)),
         ({"surface": {"albedo": 0.6}, "clouds": {"cover": 0.3, "albedo": 0.5}}, (True, 0.6, 0.6)),
         ({"surface": {"albedo": 0.1}, "clouds": {"cover": 0.0}}, (True, 0.1, 0.1)),
-        ({"surface": {"albedo": 0.1}, "clouds": {}}, (True, 0.1, 0.1)),
+        ({"surface": {"albedo": 0.1}, "clouds": {}}, (True, 0.1, limits.ALBEDO_OF_CLOUDS)),
     ],
 )
 def test_what_a_scene_has_that_shines(scene: dict[str, Any], expected: tuple[bool, float, float]) -> None:
