@@ -11,8 +11,8 @@ SUNLIGHT = (
     "molecules and ozone; tables of multiple scattering read over the ellipsoid add less than 0.5 %."
 )
 PARTICLES = (
-    "Particles: 1 % by day (1.5 % in dense layers with sharp edges), 1 % until the Sun is 2° below the horizon and 5 % "
-    "until 5°, in the dark rays towards it; below that not checked."
+    "Particles: 1 % by day (1.5 % in dense layers with sharp edges), 1 % until the Sun is 2° below the horizon; 5 % in "
+    "dark rays until 12°, after an eruption 8 %."
 )
 REFRACTION = (
     "Refraction: single rays 0.1 % for light scattered once; frames of 128 nodes 0.5 % in bright pixels with the Sun "
