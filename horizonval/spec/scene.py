@@ -124,7 +124,7 @@ class RenderSettings(Model):
     """Points along each ray at which air is looked up."""
     orders: Literal["single", "all"] = "all"
     """Orders of scattering of sunlight: `single`, or `all`."""
-    part_samples: Annotated[int, Field(ge=1, le=4096), unit("1")] = 256
+    part_samples: Annotated[int, Field(ge=1, le=4096), unit("1")] = 64
     """Random rays per pixel on parts of the spacecraft, rounded up to a square, for the light of the Earth on them.
     """
     band_error: Annotated[float, Field(ge=1e-4, le=0.1), unit("1")] = 0.012

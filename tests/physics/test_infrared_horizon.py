@@ -49,7 +49,7 @@ def scene(profile: str, **platform: Any) -> SceneSpec:
         {
             "camera": {"file": "t"},
             "platform": {"altitude_km": 500.0} | platform,
-            "atmosphere": {"profile": profile, "aerosol": "none", "refraction": False},
+            "atmosphere": {"profile": profile, "aerosol": "none", "halocarbons": False, "refraction": False},
         }
     )
 

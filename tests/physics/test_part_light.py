@@ -25,6 +25,7 @@ def _frame(band: list[dict], part: list[dict], size: int = 24, **keywords: objec
         "atmosphere": {"profile": "none"},
         "surface": {"kind": "uniform", "albedo": 0.3, "emissivity": 1.0},
         "moon": {"enabled": False},
+        "render": {"part_samples": 256},
     }
     return hv.render(hv.Scene(camera, part=part, **scene | keywords))
 

@@ -61,8 +61,8 @@ _BANDS_NADIR_K = {"3": 1.3, "4": 1.1, "5": 3.4, "6": 0.5, "7": 0.6, "8": 0.6, "9
 
 _LEFT_OUT = (
     "Emission is that of local thermodynamic equilibrium, which fails above about 75 km.",
-    "Left out: absorption by CFCs and other halocarbons, scattering, refraction unless the scene asks for it, and all "
-    "structure of a response finer than 20 cm-1.",
+    "Left out: scattering, and all structure of a response finer than 20 cm-1. Halocarbons are those of today; the "
+    "comparisons had none.",
     "The figures are those of the spectroscopy for a given profile; weather, season and stratospheric warmings move "
     "the horizon by more.",
 )

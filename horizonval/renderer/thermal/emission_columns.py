@@ -59,22 +59,28 @@ class AirColumns:
         if air is None:
             bands = _bands(band.layers, band.altitude_m)
             return cls(band.altitude_m, band.sin_latitude, extinction, source, band.column_map, bands)
-        i = np.clip(np.searchsorted(band.altitude_m, air.height_m, side="right") - 1, 0, len(band.altitude_m) - 2)
-        w = (air.height_m - band.altitude_m[i]) / (band.altitude_m[i + 1] - band.altitude_m[i])
+        kept = np.arange(len(air.height_m))
+        if band.column_map is not None:
+            # hundreds of columns: only as many heights as the band itself has
+            kept = np.searchsorted(air.model.altitude_m, band.altitude_m)
+            kept = np.unique(np.clip(np.concatenate([[0], kept, [len(air.height_m) - 1]]), 0, len(air.height_m) - 1))
+        height, dr_dx = air.height_m[kept], air.dr_dx[kept]
+        i = np.clip(np.searchsorted(band.altitude_m, height, side="right") - 1, 0, len(band.altitude_m) - 2)
+        w = (height - band.altitude_m[i]) / (band.altitude_m[i + 1] - band.altitude_m[i])
         w = np.clip(w, 0.0, 1.0)
 
         def at(values: FloatArray) -> FloatArray:
             return values[..., i] * (1.0 - w) + values[..., i + 1] * w
 
-        inside = air.height_m <= band.altitude_m[-1] * (1.0 + 1e-12)
-        apparent = air.model.altitude_m
+        inside = height <= band.altitude_m[-1] * (1.0 + 1e-12)
+        apparent = air.model.altitude_m[kept]
         return cls(
             apparent,
             band.sin_latitude,
-            at(extinction) * np.where(inside, air.dr_dx, 0.0),
+            at(extinction) * np.where(inside, dr_dx, 0.0),
             at(source),
             band.column_map,
-            _bands(np.interp(band.layers, air.height_m, apparent), apparent),
+            _bands(np.interp(band.layers, air.height_m, air.model.altitude_m), apparent),
         )
 
     @property

@@ -1,4 +1,5 @@
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -226,3 +227,36 @@ def test_a_scene_with_a_profile_of_its_own(written: Callable[..., Path]) -> None
     for own, table, tolerance in zip(a.columns(), b.columns(), (0.05, 0.01), strict=True):
         np.testing.assert_allclose(own[..., away], table[..., away], rtol=tolerance)
         assert np.median(np.abs(own[..., away] / table[..., away] - 1)) < 1e-3
+
+
+def test_gases_of_its_own(written: Callable[..., Path]) -> None:
+    table = columns("tropical")
+    own = {"water_vapour_ppmv": 5.0, "carbon_dioxide_ppmv": 700.0, "nitrous_oxide_ppmv": 0.0, "methane_ppmv": 3.0}
+    found = read_profile(written(table | {key: [value] * len(KM) for key, value in own.items()}))
+    shares = [found.number_density_h2o, found.number_density_co2, found.number_density_n2o, found.number_density_ch4]
+    for share, ppmv in zip(shares, own.values(), strict=True):
+        np.testing.assert_allclose(share / found.number_density_air, 1e-6 * ppmv, atol=1e-20)
+
+
+def test_missing_gases_are_those_of_the_nearest_climate(written: Callable[..., Path]) -> None:
+    for name in ("tropical", "subarctic_winter"):
+        found, own = read_profile(written(columns(name)), co2_ppm=840.0), profile(name)
+        low = found.altitude_m <= 25e3
+        z = found.altitude_m[low]
+        for key in ("h2o", "n2o", "ch4", "hno3"):
+            expected = getattr(own.at(z), f"number_density_{key}")
+            np.testing.assert_allclose(getattr(found, f"number_density_{key}")[low], expected, rtol=2e-3)
+        co2 = found.number_density_co2[low] / found.number_density_air[low]
+        np.testing.assert_allclose(co2, 840e-6, rtol=1e-3)
+
+
+def test_carbon_dioxide_of_two_kinds(written: Callable[..., Path]) -> None:
+    path = written(columns() | {"carbon_dioxide_ppmv": [400.0] * len(KM)})
+    with pytest.raises(UserError, match=r"carbon_dioxide_ppmv: .* the scene asks for 500 ppm"):
+        read_profile(path, co2_ppm=500.0)
+
+
+@pytest.mark.parametrize("value", [-1.0, math.nan])
+def test_gases_out_of_range(written: Callable[..., Path], value: float) -> None:
+    with pytest.raises(UserError, match=r"line 5, column methane_ppmv: .* 0 or more"):
+        read_profile(written(columns() | {"methane_ppmv": [1.8] * 3 + [value] + [1.8] * (len(KM) - 4)}))

@@ -146,7 +146,7 @@ def test_warmer_air_is_in_hydrostatic_balance_over_the_same_pressure() -> None:
 
 def test_derivatives_by_the_air_have_the_signs_of_physics() -> None:
     """A denser, thin limb scatters more; raised air shines more above where it was; without particles none count."""
-    scene = _visible()
+    scene = _visible(atmosphere={"aerosol": "none"})
     scene = scene.changed(camera=scene.camera.changed(camera={"fov_deg": 6.0}), mount_roll_deg=68.0)
     scene = scene.changed(attitude={"yaw_deg": 1.0, "pitch_deg": 1.0})
     names = ("density", "limb_height", "aerosol", "gain")
