@@ -71,6 +71,11 @@ def _bending_field(model: OpticalModel, planet: Planet | None = None) -> Bending
     return BendingField.of(to_apparent_radius(model, planet or Planet(RADIUS_M, RADIUS_M)))
 
 
+def _scale(field: BendingField, refractivity: float) -> float:
+    """Return by how much lengths are multiplied among the straight rays."""
+    return field.planet.a_m / (RADIUS_M * (1.0 + refractivity))
+
+
 def _limb(sza_deg: float, azimuth_deg: float, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     impact, distance = RADIUS_M + height_m, RADIUS_M + 500e3
     z, a = np.radians([sza_deg, azimuth_deg])
@@ -97,7 +102,7 @@ def _bending_by_ode(ground: float, scale_m: float, lowest_m: float) -> tuple[flo
 
 
 def _bending(mi: Any, field: BendingField, impact_m: float) -> float:
-    o = tuple(mi.Float64(v) for v in (-2e7, 0.0, impact_m))
+    o = tuple(mi.Float64(v) for v in (-2e7, 0.0, impact_m * _scale(field, 2.8e-4)))
     return float(field.angle(o, tuple(mi.Float64(v) for v in (1.0, 0.0, 0.0)))[0])
 
 
@@ -156,7 +161,7 @@ def test_disc_behind_the_air_is_where_the_ray_equation_puts_it(mi: Any) -> None:
     impact, bending = np.array([_bending_by_ode(2.8e-4, 8000.0, h) for h in (2e3, 8e3, 20e3, 40e3)]).T
     dip = np.arccos(impact / distance)
     zero = mi.Float64(np.zeros(4))
-    o = (zero, zero, zero + distance)
+    o = (zero, zero, zero + distance * _scale(field, 2.8e-4))
     d = (mi.Float64(np.cos(dip)), zero, mi.Float64(-np.sin(dip)))
     x, _, z = (np.array(v) for v in true_direction(field, o, d))
     assert np.abs(np.arctan2(-z, x) - (dip + bending)).max() < 1e-4 * 32.0 * ARCMIN
@@ -324,9 +329,10 @@ def test_rays_end_where_the_ray_equation_ends_them(mi: Any, impact_m: float, hei
     k = below[0]
     w = (height[k - 1] - height_m) / (height[k - 1] - height[k])
     place, arriving = ((1.0 - w) * states[k - 1] + w * states[k])[None, :6].reshape(2, 3)
-    origin, direction = (tuple(mi.Float64(float(v)) for v in vector) for vector in (o, d))
+    scale = _scale(field, 2.8e-4)
+    origin, direction = (tuple(mi.Float64(float(v)) for v in vector) for vector in (scale * o, d))
     apparent = height_m + 2.8e-4 * (np.exp(-height_m / 8000.0) * (RADIUS_M + height_m) - RADIUS_M)
-    middle, half, _ = field.planet.chord(origin, direction, mi.Float64(apparent))
+    middle, half, _ = field.planet.chord(origin, direction, mi.Float64(scale * apparent))
     end = ray_end(field.planet, field, origin, direction, middle - half)
     ours = np.array([float(c[0]) for c in end.point])
     assert float(end.height_m[0]) == pytest.approx(height_m, abs=5.0)

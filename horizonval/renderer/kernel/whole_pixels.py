@@ -27,7 +27,7 @@ from horizonval.renderer.kernel.discs import Disc
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, limb_function
 from horizonval.renderer.planet import along, distance_squared, dot
 from horizonval.renderer.refraction.ray_end import ray_end
-from horizonval.renderer.types import Vec, indices_where
+from horizonval.renderer.types import Vec, constant, indices_where
 
 EVEN_PIXELS = 25.0
 """Pixels to the angle over which light changes, for a pixel to be whole."""
@@ -102,7 +102,7 @@ def sun_disc(view: FrameGeometry) -> Disc:
 
 def near_disc(view: FrameGeometry, disc: Disc, centre: Vec, reach: mi.Float64) -> mi.Bool:
     """Return whether squares of a frame may touch a disc, lifted by refraction at most."""
-    lift = 0.0 if view.bending is None else view.bending.largest_angle()
+    lift = 0.0 if view.bending is None else constant(view.bending.largest_angle())
     return dr.sqrt(distance_squared(centre, disc.direction)) < disc.radius + reach + lift
 
 
@@ -120,7 +120,7 @@ def _even_ground(view: FrameGeometry, centre: Vec, reach: mi.Float64) -> mi.Bool
     mid, half, _ = view.planet.chord(view.origin, centre)
     # seen from the Earth's centre, along the ray's trace on the ground
     needed *= (mid - half) / dr.maximum(half, 1.0)
-    size, lift = needed / EVEN_PIXELS, 0.0 if view.bending is None else view.bending.largest_angle()
+    size, lift = needed / EVEN_PIXELS, 0.0 if view.bending is None else constant(view.bending.largest_angle())
     point = along(view.origin, centre, mid - half)
     lights = [view.sun]
     if view.moon is not None and view.moon.lights_earth:

@@ -21,6 +21,11 @@ theta = Theta - psi: tables give per height the cosine of the lowest Sun that st
 Radiance goes with n^2 as well, so that scattered light leaves the air without any n^2; it is left out throughout (a
 camera inside the air would see 5e-4 more at the ground).
 
+**One scale for all air.** Lines stay straight when all lengths are multiplied by the same number. Apparent radii are
+multiplied by ``s = (R + w) / (n(0) R)``, w whole kilometres (2 km for all the Earth's air), so that the apparent planet
+and the top of the air are the same whatever the air: they are constants of the kernels, and all scenes share theirs.
+Cameras move by that, some 4e-5 of their distance; directions stay.
+
 Approximations: one index for all wavelengths of a model, the mean of its nodes (1 % of the bending at either end of the
 visible; 20 m at the ground, 5 m at 10 km); one radius of curvature, the mean (N dR: 10 m at the ground in places of the
 Earth's ellipsoid, 3 m at 10 km, less above); geodetic verticals turn with the ray as if the planet were a sphere
@@ -31,6 +36,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -39,11 +45,13 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.earth.column import OpticalModel
 from horizonval.renderer.planet import Planet
-from horizonval.renderer.types import Vec
+from horizonval.renderer.types import Vec, constant
 
 STEP_M = 100.0
 """Largest distance of the nodes of a model over apparent heights."""
 _FINE = 10
+WHOLE_M = 1000.0
+"""In whole numbers of which the apparent planet is larger than the planet, in the scale that all air shares."""
 LEAST_SLOPE = 0.05
 """Least ``dx/dr``: below 0 a level ray would be held by the air for ever."""
 
@@ -55,7 +63,7 @@ class ApparentRadiusAir:
     Attributes
     ----------
     model : OpticalModel
-        Over apparent heights ``x - n(0) R``, coefficients per metre of the straight line.
+        Over apparent heights ``s (x - n(0) R)``, coefficients per metre of the straight line.
     planet : Planet
         The apparent planet.
     bending_per_m : ndarray, shape (n,)
@@ -66,6 +74,8 @@ class ApparentRadiusAir:
         ``dr/dx``: metres of the bent ray per metre of the straight one, by which the coefficients are multiplied.
     altitude_m, rise_m : ndarray
         True heights, and by how much the apparent radius is larger than the radius.
+    scale : float
+        The s of the module text.
     true_model : OpticalModel
         The model as it was.
     true_planet : Planet
@@ -79,14 +89,18 @@ class ApparentRadiusAir:
     dr_dx: FloatArray
     altitude_m: FloatArray
     rise_m: FloatArray
+    scale: float
     true_model: OpticalModel
     true_planet: Planet
 
     def apparent_position(self, observer: Vec) -> Vec:
-        """Return where observers stand among the straight rays: inside the air they are raised, outside they stay."""
+        """Return where observers stand among the straight rays: inside the air they are raised, and all are scaled."""
         height, normal = self.true_planet.height_and_normal(observer)
         rise = mi.Float64(np.interp(np.array(height), self.altitude_m, self.rise_m, right=0.0))
-        return observer[0] + rise * normal[0], observer[1] + rise * normal[1], observer[2] + rise * normal[2]
+        scale = constant(self.scale)
+        dr.make_opaque(rise)
+        x, y, z = (scale * (observer[k] + rise * normal[k]) for k in range(3))
+        return x, y, z
 
 
 def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir:
@@ -105,8 +119,14 @@ def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir
     nodes = np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in zip(z, z[1:], cells, strict=False)])
     nodes = np.append(nodes, z[-1])
 
+    rise_at_ground = float(excess(0.0)) * radius
+    whole = WHOLE_M * round(rise_at_ground / WHOLE_M)
+    scale = (radius + whole) / (radius + rise_at_ground)
+    # at or above the top of the air, and the same for all air: what is left is empty
+    top = float(z[-1]) - whole + (0.5 * WHOLE_M if whole else 0.0)
+
     def apparent(height: FloatArray) -> FloatArray:
-        return height + excess(height) * (radius + height) - excess(0.0) * radius
+        return scale * (height + excess(height) * (radius + height) - rise_at_ground)
 
     def slope(height: FloatArray) -> FloatArray:
         return 1.0 + excess(height) + (radius + height) * excess(height, 1)
@@ -123,16 +143,21 @@ def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir
     true_height = nodes
     if np.all(np.abs(steps - steps[0]) <= 1e-9 * z[-1]):
         # equal steps in apparent height, so that the march need not search
-        apparent_height = np.linspace(0.0, float(apparent(z[-1:])[0]), len(nodes))
+        apparent_height = np.linspace(0.0, top, len(nodes))
         true_height = np.interp(apparent_height, apparent(fine), fine)
-        true_height[-1] = z[-1]
     else:
-        apparent_height = apparent(nodes)
-    apparent_height[0], apparent_height[-1] = 0.0, round(float(apparent_height[-1]), 6)
-    dr_dx = 1.0 / slope(true_height)
+        beyond = [top] if whole else []
+        apparent_height = np.append(apparent(nodes), beyond)
+        true_height = np.append(nodes, [z[-1]] * len(beyond))
+    apparent_height[0] = 0.0
+    air = apparent_height <= apparent(z[-1:])[0] * (1.0 + 1e-12)
+    dr_dx = 1.0 / (scale * slope(true_height))
 
     def column(values: FloatArray) -> FloatArray:
         return np.interp(true_height, z, values)
+
+    def per_metre(values: FloatArray) -> FloatArray:
+        return np.where(air, column(values) * dr_dx, 0.0)
 
     def layer_columns(layers: FloatArray) -> FloatArray:
         return np.stack([column(values) * dr_dx for values in layers]) if len(layers) else layers
@@ -140,20 +165,17 @@ def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir
     straight = tuple(
         replace(
             node,
-            extinction_per_m=column(node.extinction_per_m) * dr_dx,
-            molecular_per_m=column(node.molecular_per_m) * dr_dx,
-            particle_per_m=column(node.particle_per_m) * dr_dx,
+            extinction_per_m=per_metre(node.extinction_per_m),
+            molecular_per_m=per_metre(node.molecular_per_m),
+            particle_per_m=per_metre(node.particle_per_m),
             layer_per_m=layer_columns(node.layer_per_m),
             asymmetry=column(node.asymmetry),
             source=column(node.source),
         )
         for node in model.nodes
     )
-    # Whole micrometres: lengths are constants of the kernels, their last bits would make every frame compile its own.
-    rise_at_ground = round(float(excess(0.0)) * radius, 6)
-    # above the top the air goes on shining but no longer bends
-    glow = np.minimum(model.glow_altitude_m, z[-1])
-    glow = np.round(np.where(glow > 0.0, apparent(glow), 0.0) + model.glow_altitude_m - glow, 6)
+    # the air that glows no longer bends
+    glow = np.where(model.glow_altitude_m > 0.0, model.glow_altitude_m - whole, 0.0)
     return ApparentRadiusAir(
         model=replace(
             model,
@@ -164,12 +186,13 @@ def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir
             glow_altitude_m=glow,
             layers=tuple((float(apparent(np.array(a))), float(apparent(np.array(b)))) for a, b in model.layers),
         ),
-        planet=Planet(planet.a_m + rise_at_ground, planet.b_m + rise_at_ground),
+        planet=Planet(planet.a_m + whole, planet.b_m + whole),
         bending_per_m=-excess(true_height, 1) / (1.0 + excess(true_height)) * dr_dx,
         height_m=true_height,
         dr_dx=dr_dx,
         altitude_m=fine,
         rise_m=excess(fine) * (radius + fine),
+        scale=scale,
         true_model=model,
         true_planet=planet,
     )
