@@ -119,7 +119,7 @@ def optical_model(
             nodes += _solar_nodes(band, air, changed, scene, sun_distance_au, where, change)
         else:
             thermal.append(emitting.band(band, where))
-    refractivity = air_refractivity(scene, changed.state.number_density_air, camera.band)
+    refractivity = air_refractivity(scene, change.state(air.state).number_density_air, camera.band)
     model = _model(scene, camera, air.altitude_m, nodes, thermal, ground_k, refractivity)
     raised = change.raised_m
     return replace(model, layers=tuple((v.base_m + raised, v.top_m + raised) for v in air.layers))
@@ -305,7 +305,7 @@ def _from_file(
         node = _solar_node(band, 0, rule, sun_distance_au, scattering + absorption, scattering)
         node = replace(node, wavelength_um=entry.wavelength_nm * 1e-3)
         nodes.append(replace(node, **scatterers))
-    refractivity = file_refractivity(scene, file, lower, str(path))
+    refractivity = file_refractivity(scene, file, z, str(path))
     if refractivity is not None:
         refractivity = denser * refractivity
     return _model(scene, camera, z, nodes, thermal, ground_k, refractivity)

@@ -11,8 +11,8 @@ Derivatives of frames are made of such air. What each change means:
   Ozone's cross section for sunlight follows the temperature; in thermal bands absorption per molecule stays as it was;
 - denser: all gases by the same factor, temperature as it was;
 - dustier: all particles by the same factor;
-- raised: what was at height z is at z + e; below e the air is as it was at the ground. The ground stays, its
-  temperature too.
+- raised: what was at height z is at z + e; below e the air is as it was at the ground; light is bent as it was.
+  The ground stays, its temperature too.
 """
 
 from __future__ import annotations

@@ -27,7 +27,10 @@ MORE_NODES = 4
 TOLERANCE, TOLERANCE_IN_TWILIGHT = 5e-4, 2e-3
 """Of the prediction (:mod:`horizonval.renderer.view_table.patch_table`), as a share of the radiance: with the Sun up
 where the camera is, and for a low Sun, the Moon and airglow."""
-HIGH_SUN = math.cos(math.radians(85.5))
+TOLERANCE_IN_HAZE = 1.7e-4
+"""With the Sun up, but lower than 75 deg from the zenith, in air with particles; with 5e-4 and 2.5e-4 the median of a
+frame under a Sun at 85 deg was 2.8e-5 and 2.1e-5."""
+HIGH_SUN, LOW_SUN = math.cos(math.radians(85.5)), math.cos(math.radians(75.0))
 FAINTEST = 1e-6
 """Radiances below this share of the brightest may have its error."""
 OPAQUE = 0.05
@@ -56,10 +59,14 @@ class Light:
         """Whether the ground's part of the light is kept apart."""
         return any(isinstance(b, SolarNodes) and b.bounce is not None for b in self.batches)
 
-    def stands_high(self, coordinates: RayCoordinates) -> bool:
-        """Return whether this is the Sun, and up where the camera is."""
+    def tolerance(self, coordinates: RayCoordinates) -> float:
+        """Return what the light's tables may be off, as a share of the radiance."""
         up = coordinates.origin / np.linalg.norm(coordinates.origin)
-        return self.name == "sun" and float(up @ np.array([float(c[0]) for c in self.direction])) > HIGH_SUN
+        cosine = float(up @ np.array([float(c[0]) for c in self.direction]))
+        if self.name != "sun" or cosine <= HIGH_SUN:
+            return TOLERANCE_IN_TWILIGHT
+        hazy = any(isinstance(batch, SolarNodes) and batch.particles is not None for batch in self.batches)
+        return TOLERANCE_IN_HAZE if hazy and cosine < LOW_SUN else TOLERANCE
 
     def march(
         self,
@@ -185,7 +192,7 @@ def air_table(
     scale = np.where(ground, scale, np.arange(len(packet)))
     floor = np.tile(floor[scale], stations)
     scale = (np.arange(stations)[:, None] * len(packet) + scale).ravel()
-    tolerance = TOLERANCE if light.stands_high(coordinates) else TOLERANCE_IN_TWILIGHT
+    tolerance = light.tolerance(coordinates)
 
     def allowed(known: FloatArray) -> FloatArray:
         size = np.abs(known)

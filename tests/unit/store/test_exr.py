@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.errors import DamagedFileError, UserError
-from horizonval.frame import FrameTruth
+from horizonval.frame import FRAME_SCHEMA, FrameTruth
 from horizonval.store import exr
 
 
@@ -247,7 +247,7 @@ def test_the_infrared_horizon_survives(tmp_path, make_frame):
     again = exr.read_frame(tmp_path / "a.exr").truth
     assert again == frame.truth
     assert again.infrared_horizon == INFRARED
-    assert again.schema == 3
+    assert again.schema == FRAME_SCHEMA
 
 
 def test_files_from_before_the_infrared_horizon_still_read(tmp_path, make_frame, monkeypatch):
