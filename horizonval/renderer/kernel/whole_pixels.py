@@ -41,10 +41,6 @@ NIGHT = -0.33
 """Cosine of the zenith angle of a light that has gone down for good."""
 
 
-ROUGH_BENDING = 8
-"""Evaluations of the bending of rays well inside the limb, to place them on the map to a tenth of their turn."""
-
-
 @dataclass(frozen=True)
 class PixelKinds:
     """Pixels of a frame by what is to be done with them, each rising. Pixels that see nothing are in none.
@@ -143,7 +139,7 @@ def _coast(view: FrameGeometry, table: GroundTable, pixel: mi.UInt32) -> mi.Bool
     def kind(u: mi.Float64, v: mi.Float64) -> tuple[mi.UInt32, mi.Bool]:
         d = view.rays.direction(u, v)
         mid, half, _ = view.planet.chord(view.origin, d)
-        normal = ray_end(view.planet, view.bending, view.origin, d, mid - half, ROUGH_BENDING).vertical
+        normal = ray_end(view.planet, view.bending, view.origin, d, mid - half).vertical
         return look_alike(table, Places.below(normal))
 
     def at_cell(i: mi.UInt32, several: mi.Bool) -> tuple[mi.UInt32, mi.Bool]:

@@ -35,9 +35,7 @@ class RayEnd:
     bending: mi.Float64 | None
 
 
-def ray_end(
-    planet: Planet, bending: BendingField | None, o: Vec, d: Vec, t: mi.Float64, nodes: int = BENDING_NODES
-) -> RayEnd:
+def ray_end(planet: Planet, bending: BendingField | None, o: Vec, d: Vec, t: mi.Float64) -> RayEnd:
     """Return where rays end that are cut at parameters ``t``.
 
     Parameters
@@ -50,14 +48,12 @@ def ray_end(
         Origins and unit directions of the straight rays.
     t : Float64
         Inside the air.
-    nodes : int
-        Evaluations along a ray.
     """
     if bending is None:
         point = along(o, d, t)
         height, vertical = planet.height_and_normal(point)
         return RayEnd(height, vertical, d, point, None)
-    angle = bending.angle(o, d, nodes, t)
+    angle = bending.angle(o, d, BENDING_NODES, t)
     height, vertical = bending.place(o, d, t, angle)
     point = bending.true_planet.point(height, vertical)
     return RayEnd(height, vertical, bending.turned(o, d, angle), point, angle)
