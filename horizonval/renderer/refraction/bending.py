@@ -135,8 +135,8 @@ def refracted_sun_table(
     sphere = replace(field, planet=Planet(radius, radius))
     height, cosine = SunTable.nodes(n_height, n_mu, radius, field.top_m)
     zero = mi.Float64(0.0)
-    o = (zero, zero, mi.Float64(np.repeat(height, n_mu) + radius))
-    mu = mi.Float64(cosine.ravel())
+    o = (zero, zero, table_of(mi.Float64, np.repeat(height, n_mu) + radius))
+    mu = table_of(mi.Float64, cosine)
     angle = np.array(sphere.angle(o, (dr.sqrt(dr.maximum(1.0 - mu * mu, 0.0)), zero, mu), nodes)).reshape(cosine.shape)
     true = cosine * np.cos(angle) - np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) * np.sin(angle)
     lowest, lowest_local = true[:, :1], cosine[:, :1]
