@@ -36,7 +36,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -45,6 +44,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.earth.column import OpticalModel
 from horizonval.renderer.planet import Planet
+from horizonval.renderer.tables import table_of
 from horizonval.renderer.types import Vec, constant
 
 STEP_M = 100.0
@@ -96,9 +96,8 @@ class ApparentRadiusAir:
     def apparent_position(self, observer: Vec) -> Vec:
         """Return where observers stand among the straight rays: inside the air they are raised, and all are scaled."""
         height, normal = self.true_planet.height_and_normal(observer)
-        rise = mi.Float64(np.interp(np.array(height), self.altitude_m, self.rise_m, right=0.0))
+        rise = table_of(mi.Float64, np.interp(np.array(height), self.altitude_m, self.rise_m, right=0.0))
         scale = constant(self.scale)
-        dr.make_opaque(rise)
         x, y, z = (scale * (observer[k] + rise * normal[k]) for k in range(3))
         return x, y, z
 
