@@ -356,7 +356,8 @@ def test_truths_of_thermal_cameras_have_it() -> None:
     plain = truth_of(scene("us_standard"), spec, infrared=False)
     assert plain.infrared_horizon == {}
     assert plain == replace(truth, infrared_horizon={})
-    airless = SceneSpec.model_validate(scene("us_standard").model_dump() | {"atmosphere": {"profile": "none"}})
+    tables = {"camera": {"file": "t"}, "platform": {"altitude_km": 500.0}, "atmosphere": {"profile": "none"}}
+    airless = SceneSpec.model_validate(tables)
     assert truth_of(airless, spec).infrared_horizon == {}
     solar = {"name": "v", "kind": "solar", "lo_um": 0.5, "hi_um": 0.6}
     visible = CameraSpec.model_validate({"camera": {"width": 1, "height": 1, "fov_deg": 1}, "band": [solar]})

@@ -303,7 +303,9 @@ def test_the_moonless_limb_glows_with_kilorayleighs(mi: Any) -> None:
     Mende et al. (1993) and later cameras on the Space Station see this order. Against a sum along the line: 1 %.
     """
     line = {"name": "line", "kind": "solar", "lo_um": 0.555, "hi_um": 0.560, "nodes": 1}
-    scene = _night(night={"sky_background": False}, earth={"shape": "sphere", "radius_km": 6371.0})
+    clear = {"aerosol": "none", "refraction": False}
+    sphere = {"shape": "sphere", "radius_km": 6371.0}
+    scene = _night(night={"sky_background": False}, earth=sphere, atmosphere=clear)
     camera = _camera(LIMB_CAMERA, line)
     frame = render_frame(scene, camera)
     radiance, height = frame.radiance["line"][4].astype(float), frame.maps["tangent_height"][4]
