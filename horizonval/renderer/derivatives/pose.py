@@ -134,7 +134,7 @@ class PoseFrame:
         value, gradient = slopes(partial(self.rays.looked, to_ground=to_ground), view.origin, d, gradient_by)
         cut = indices_where((rays.share > 0.0) & (rays.share < 1.0))
         motions = self._motions(dr.gather(mi.UInt32, rays.slot, cut)) if dr.width(cut) else {}
-        axes = level_axes(self.camera.r_itrs, self.ellipsoid)
+        axes = self._steps()
         for k, parameter in enumerate(POSE):
             turn = parameter in ROTATIONS
             if turn:
@@ -169,6 +169,11 @@ class PoseFrame:
         origin = np.array([float(c[0]) for c in self.view.origin])
         return RayCoordinates.of(self.view.planet, origin, self.view.highest_m)
 
+    def _steps(self) -> FloatArray:
+        """Return how far the rays start from where they did, a metre east, north and up; among straight rays."""
+        air = self.integrator.prepared.air
+        return level_axes(self.camera.r_itrs, self.ellipsoid) * (1.0 if air is None else air.scale)
+
     def _slow(self, d: Vec, to_ground: bool, scale: Sequence[float]) -> Values:
         """Return S of rays: by direction of motion, then by band; ``scale``: the largest derivative of every band."""
         coordinates, view = self._coordinates(), self.view
@@ -176,7 +181,7 @@ class PoseFrame:
         place, azimuth = coordinates.place(view.origin, d, to_ground)
         x = place * (1.0 / (axis.count - 1))
         dr.eval(x, azimuth)
-        steps = level_axes(self.camera.r_itrs, self.ellipsoid)
+        steps = self._steps()
 
         def along(directions: Vec) -> list[Values]:
             inside = self._inside(to_ground)
