@@ -64,6 +64,12 @@ def ground_radiance(band: EmittingBand, emission: GroundEmission, at: GroundPlac
     return total
 
 
+def _thinned(columns: FloatArray) -> FloatArray:
+    """Return every so many heights of columns, and the highest; thin cloud is then right to the share that it is of a
+    few steps, in the little that a ground reflects."""
+    return np.concatenate([columns[..., :-1:_SKY_STRIDE], columns[..., -1:]], axis=-1)
+
+
 def _sky(band: EmittingBand, at: GroundPlaces) -> FloatArray:
     """Return the mean radiance of the sky, shape (n, g)."""
     if band.column_map is not None:
@@ -72,7 +78,8 @@ def _sky(band: EmittingBand, at: GroundPlaces) -> FloatArray:
     rows = np.unique(np.linspace(0, count - 1, min(count, _SKY_ROWS)).round().astype(int))
     some = replace(
         band,
-        altitude_m=np.append(band.altitude_m[:-1:_SKY_STRIDE], band.altitude_m[-1]),
+        altitude_m=_thinned(band.altitude_m),
+        layer_per_m=_thinned(band.layer_per_m),
         sin_latitude=band.sin_latitude[rows],
         ln_extinction=band.ln_extinction[:, rows],
         temperature_k=band.temperature_k[rows],
@@ -86,7 +93,8 @@ def _sky_of_map(band: EmittingBand, lattice: ColumnMap, normal: FloatArray) -> F
     columns, owner = np.unique(nearest, return_inverse=True)
     some = replace(
         band,
-        altitude_m=np.append(band.altitude_m[:-1:_SKY_STRIDE], band.altitude_m[-1]),
+        altitude_m=_thinned(band.altitude_m),
+        layer_per_m=_thinned(band.layer_per_m),
         sin_latitude=np.arange(len(columns), dtype=np.float64),
         ln_extinction=band.ln_extinction[:, columns],
         temperature_k=band.temperature_k[columns],
