@@ -30,24 +30,8 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import distance_transform_edt
 
-ROWS, COLUMNS = 3600, 7200
-KINDS = (
-    "sea",
-    "ice sheet",
-    "boreal forest",
-    "tropical forest",
-    "temperate forest",
-    "woodland",
-    "savannah",
-    "grassland",
-    "cropland",
-    "shrubland",
-    "tundra",
-    "desert",
-    "rock",
-    "wetland",
-    "town",
-)
+from horizonval.earth.surface.ground_map import COLUMNS, HEIGHT_STEP_M, KINDS, ROWS
+
 OF_IGBP = (0, 2, 3, 2, 4, 4, 9, 9, 5, 6, 7, 13, 8, 14, 8, 1, 11)
 TUNDRA_DEG, ROCK_DEG = 58.0, 52.0
 SHELVES = ((-85.0, -28.0, -75.0, -77.8), (160.0, 212.0, -77.6, -78.3))
@@ -56,7 +40,6 @@ POLE_DEG = -84.0
 """South of it the source has nothing but ice and, at the pole itself, gaps."""
 POLE_M = 2835.0
 """Height of the South Pole; between it and the last row of the source heights are linear."""
-METRES_A_STEP = 25.0
 SUMMIT_M, HALF_WIDTH_KM = 3250.0, 400.0
 
 
@@ -92,7 +75,7 @@ def without_specks(kind: np.ndarray) -> np.ndarray:
 
 
 def heights(path: Path, kind: np.ndarray) -> np.ndarray:
-    """Return heights of land, shape (180, 360), in steps of METRES_A_STEP."""
+    """Return heights of land, shape (180, 360), in steps of HEIGHT_STEP_M."""
     with h5py.File(path, "r") as file:
         steps = np.flipud(file["Altitude"][...]).astype(float)
     metres = np.where(steps == 255.0, 0.0, np.maximum(28.0 * steps - 450.0, 0.0))
@@ -115,7 +98,7 @@ def heights(path: Path, kind: np.ndarray) -> np.ndarray:
         distance[row] = 111.2 * distance_transform_edt(inside, sampling=(1.0, scale))[row]
     x = np.clip(1.0 - distance / HALF_WIDTH_KM, 0.0, 1.0)
     mean = np.where(inside, SUMMIT_M * (1.0 - x ** (4.0 / 3.0)) ** 0.375, mean)
-    return np.round(np.clip(mean / METRES_A_STEP, 0, 255)).astype(np.uint8)
+    return np.round(np.clip(mean / HEIGHT_STEP_M, 0, 255)).astype(np.uint8)
 
 
 if __name__ == "__main__":

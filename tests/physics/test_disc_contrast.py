@@ -68,16 +68,28 @@ def disc() -> tuple[dict[str, FloatArray], FloatArray]:
     return {name: frame.radiance[name].astype(float) for name in CHANNELS}, radius
 
 
-def test_contrast_and_centre_to_limb(disc: tuple[dict[str, FloatArray], FloatArray]) -> None:
-    """Contrast within 25 %: 7.9, 4.6 and 2.7 in red, green and blue with a power of 0.65. It is not fitted by the seed.
+@pytest.fixture(scope="module")
+def power(disc: tuple[dict[str, FloatArray], FloatArray]) -> float:
+    """The power of radiance that brings the three contrasts nearest to the photograph's: its tone curve is unknown."""
+    images, radius = disc
+    ours = np.log([contrast(images[name], radius) for name in CHANNELS])
+    theirs = np.log([CONTRAST[name] for name in CHANNELS])
+    return float(np.sum(theirs * ours) / np.sum(ours**2))
 
-    Limb over centre within 20 %, by the same power: 0.65 against 0.78 and 0.74. The middle of a disc holds few weather
-    systems, the two photographs differ by 5 %, and haze, left out here, makes limbs brighter.
+
+def test_contrast_of_the_channels(disc: tuple[dict[str, FloatArray], FloatArray], power: float) -> None:
+    """Within 25 %: 7.9, 4.6 and 2.7 in red, green and blue with a power of 0.65.
+
+    The power is fitted to these three ratios, so that two of them are judged, and the power itself: display curves have
+    0.4 to 0.8.
     """
     images, radius = disc
     ours = np.array([contrast(images[name], radius) for name in CHANNELS])
-    theirs = np.array([CONTRAST[name] for name in CHANNELS])
-    power = float(np.sum(np.log(theirs) * np.log(ours)) / np.sum(np.log(ours) ** 2))
     assert 0.4 < power < 0.8
-    assert ours**power == pytest.approx(theirs, rel=0.25)
-    assert limb_over_centre(images["green"], radius) ** power == pytest.approx(np.mean(CENTRE_TO_LIMB), rel=0.2)
+    assert ours**power == pytest.approx([CONTRAST[name] for name in CHANNELS], rel=0.25)
+
+
+def test_centre_to_limb(disc: tuple[dict[str, FloatArray], FloatArray], power: float) -> None:
+    """Limb over centre within 15 % of two photographs' mean, by the power of the contrasts. Haze is left out here."""
+    images, radius = disc
+    assert limb_over_centre(images["green"], radius) ** power == pytest.approx(np.mean(CENTRE_TO_LIMB), rel=0.15)

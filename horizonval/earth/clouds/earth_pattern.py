@@ -54,7 +54,7 @@ CELL_OCTAVES = (5, 6)
 PER_DEGREE = 1
 MAP_ROWS, MAP_COLUMNS, CHANNELS = 180 * PER_DEGREE + 1, 360 * PER_DEGREE + 1, 8
 CALIBRATION_POINTS = 400_000
-MEAN_STEPS, MEAN_POINTS = 50, 20_000
+MEAN_POINTS = 20_000
 RANK_STEPS = 512
 TWO_STREAM = 0.15 * math.sqrt(3.0) / 2.0
 LARGEST_LOGIT = 40.0
@@ -178,13 +178,6 @@ def albedo(s: Any, at: Local, a: Arithmetic) -> Any:
     median: Any = sum(math.log(TWO_STREAM * THICKNESS[kind]) * at.shares[kind] for kind in KINDS)
     scaled = a.module.exp(median + spread * a.module.log(inside / (1.0 - inside)))
     return a.where(s > 0.0, scaled / (1.0 + scaled), 0.0 * s)
-
-
-def mean_albedo(at: Local, largest: float) -> FloatArray:
-    """Return the mean albedo of the clouds at places."""
-    s = (np.arange(MEAN_STEPS) + 0.5) / MEAN_STEPS
-    wide = Local(at.shift, at.lift, at.fraction, {k: np.asarray(v)[:, None] for k, v in at.shares.items()})
-    return np.asarray(np.minimum(albedo(s, wide, numpy_arithmetic()), largest).mean(axis=1))
 
 
 @cache

@@ -90,11 +90,6 @@ class CloudField:
         return (self.top_m - BASE_M) / (self.mean_top_m - BASE_M) - 1.0
 
     @property
-    def mean_albedo(self) -> float:
-        """Mean albedo of the clouds."""
-        return self.albedo * (BASE_BRIGHTNESS + (1.0 - BASE_BRIGHTNESS) / (self.exponent + 1.0))
-
-    @property
     def octaves(self) -> int:
         """Octaves of noise, from ``scale_m`` down to about 3 km."""
         return max(1, 1 + math.floor(math.log2(self.scale_m / FINEST_M) + 1e-9))
@@ -179,17 +174,3 @@ def albedo(field: CloudField, position: FloatArray) -> FloatArray:
     """Return the albedo of clouds of the pattern of the Earth at unit normals, shape (n, 3); 0 between them."""
     s, at = earth_pattern.depth_at(field.coarse(), field.seed, position)
     return np.minimum(earth_pattern.albedo(s, at, earth_pattern.numpy_arithmetic()), field.albedo)
-
-
-def cover_and_albedo(
-    field: CloudField, latitude_deg: ArrayLike, longitude_deg: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """Return the share of places under clouds, to be expected around them, and the mean albedo of those clouds."""
-    latitude, longitude = np.broadcast_arrays(np.asarray(latitude_deg, float), np.asarray(longitude_deg, float))
-    if field.pattern == "uniform":
-        return np.full(latitude.shape, field.share), np.full(latitude.shape, field.mean_albedo)
-    a, b = np.radians(latitude.ravel()), np.radians(longitude.ravel())
-    position = np.stack([np.cos(a) * np.cos(b), np.cos(a) * np.sin(b), np.sin(a)], axis=1)
-    at = earth_pattern.at_places(field.coarse(), position)
-    mean = earth_pattern.mean_albedo(at, field.albedo)
-    return np.asarray(at.fraction).reshape(latitude.shape), mean.reshape(latitude.shape)

@@ -176,7 +176,7 @@ def surface_hits(
     if ground.table is None:
         shares["ground"] = clear
         if ground.pieces is not None:
-            shares["ground"] = dr.select(_is_first_square(ground.pieces, place.vertical), clear, 0.0)
+            shares["ground"] = dr.select(is_first_square(ground.pieces, place.vertical), clear, 0.0)
             shares["other"] = clear - shares["ground"]
             dr.eval(shares)
         return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero, zero, place.bending) for lit in sunlit]
@@ -217,7 +217,7 @@ def _sunlit(clouds: CloudTable, planet: Planet, p: Vec, sun: Vec) -> mi.Float64:
     return dr.select(shaded, 1.0 - clouds.field.albedo * white, 1.0)
 
 
-def _is_first_square(pieces: mi.Float64, normal: Vec) -> mi.Bool:
+def is_first_square(pieces: mi.Float64, normal: Vec) -> mi.Bool:
     """Return whether unit normals stand on a square of the first kind (:mod:`horizonval.earth.surface.squares`)."""
     # as data: any number of belts shares the kernel
     belts = constant(dr.width(pieces))

@@ -84,4 +84,3 @@ def test_clouds_of_a_scene():
     assert named.seed != field(clouds={"cover": 0.5}, scene={"name": "b"}).seed
     assert named.seed != field(clouds={"cover": 0.5}, scene={"name": "a", "seed": 1}).seed
     assert field(clouds={"cover": 0.5, "seed": 3}).seed == 3
-    assert named.mean_albedo == pytest.approx(0.8 * (0.6 + 0.4 * (named.mean_top_m - 500.0) / 11_500.0))

@@ -86,5 +86,5 @@ def test_clouds_are_black_unless_they_are_not() -> None:
 
 
 def test_an_earth_has_no_one_emissivity() -> None:
-    with pytest.raises(ValueError, match='emissivity applies to kind = "uniform" only'):
+    with pytest.raises(ValueError, match='emissivity applies to kind = "uniform" and "chequered" only'):
         scene(surface={"kind": "earth", "emissivity": 0.95})

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from horizonval.earth.surface import surface
-from horizonval.earth.surface.diffuse_albedo import mean_albedo, region
 from horizonval.earth.surface.ground_cover import snow_line_deg, snow_share
 from horizonval.earth.surface.ground_map import is_land
 from horizonval.earth.surface.materials import NAMES, spectrum
@@ -153,27 +152,6 @@ def test_the_sea_reflects_no_more_than_it_gets(wind, zenith):
     if zenith == 0.0:
         assert glint == pytest.approx(float(surface.fresnel(1.0)), rel=0.03)
     assert glint < 2.0 * surface.fresnel(sun[2])
-
-
-def test_mean_albedo_of_a_region():
-    assert mean_albedo(_scene(surface={"albedo": 0.17}), 0.55) == 0.17
-    ocean = _scene(platform={"altitude_km": 500.0, "longitude_deg": -140.0}, surface={"kind": "earth"})
-    assert mean_albedo(ocean, 0.65) == pytest.approx(surface.water_sky_albedo(), abs=0.005)
-    snow = _scene(platform={"altitude_km": 30.0, "latitude_deg": -88.0}, surface={"kind": "earth"})
-    assert mean_albedo(snow, 0.55) > 0.75
-    clouds = {"cover": 0.5, "albedo": 0.8, "top_km": 10.5, "mean_top_km": 5.5}
-    covered = _scene(surface={"albedo": 0.1}, clouds=clouds)
-    assert mean_albedo(covered, 0.55) == pytest.approx(0.5 * 0.1 + 0.5 * 0.8 * 0.8)
-
-
-def test_region_is_what_is_in_sight():
-    """Even over a cap whose edge is the horizon."""
-    latitude, longitude = region(_scene(platform={"altitude_km": 700.0, "latitude_deg": 40.0}))
-    a, b = np.radians(latitude), np.radians(longitude)
-    mu = np.cos(np.radians(40.0)) * np.cos(a) * np.cos(b) + np.sin(np.radians(40.0)) * np.sin(a)
-    edge = 6371.0 / 7071.0
-    assert mu.min() == pytest.approx(edge, abs=1e-4)
-    assert mu.mean() == pytest.approx(0.5 * (1.0 + edge), abs=1e-4)
 
 
 def test_what_water_reflects_of_the_sky_is_integrated_once(monkeypatch):

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from horizonval.earth.clouds import relief
 from horizonval.earth.clouds.relief import BASE_M, CloudField
 from horizonval.earth.optical import optical_model
-from horizonval.earth.surface import ground_map, surface
+from horizonval.earth.surface import ground_map, squares, surface
 from horizonval.earth.surface.ground_cover import ground_cover
 from horizonval.frame import Hit
 from horizonval.geometry.camera import camera_from_spec, unproject
@@ -96,6 +96,18 @@ def test_kernel_ground_equals_numpy(mi: Any, month: float) -> None:
         assert np.array(share)[same] == pytest.approx(expected.shares[name][same], abs=1e-6)
         assert expected.shares[name].max() > 0.4
     assert np.array(height_m(table, places)) == pytest.approx(ground_map.height_m(latitude, longitude), abs=0.1)
+
+
+@pytest.mark.parametrize("square_km", [50.0, 1000.0, 15_000.0])
+def test_kernel_squares_equal_numpy(mi: Any, square_km: float) -> None:
+    """Of 20 000 places none is on the other side of a border."""
+    from horizonval.renderer.kernel.surface import is_first_square
+
+    normal = _places(20_000, 9)
+    latitude, longitude = np.degrees(np.arcsin(normal[:, 2])), np.degrees(np.arctan2(normal[:, 1], normal[:, 0]))
+    ours = np.array(is_first_square(mi.Float64(squares.piece_counts(square_km)), _vec(mi, normal)))
+    assert np.array_equal(ours, squares.first_squares(square_km, latitude, longitude))
+    assert 0.45 < ours.mean() < 0.55
 
 
 def test_kernel_relief_equals_numpy(mi: Any) -> None:
