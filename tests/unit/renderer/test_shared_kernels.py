@@ -37,7 +37,7 @@ def _kernels(changes: Mapping[str, Any], band: Mapping[str, Any], geometry: Mapp
 @pytest.mark.parametrize(
     ("band", "other_band", "changes", "other_changes", "most", "marches"),
     [
-        ({**VISIBLE, "lo_um": 0.45, "hi_um": 0.75}, {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65}, {}, {}, 50, 1),
+        ({**VISIBLE, "lo_um": 0.45, "hi_um": 0.75}, {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65}, {}, {}, 55, 1),
         (
             {**VISIBLE, "lo_um": 0.45, "hi_um": 0.75},
             {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65},

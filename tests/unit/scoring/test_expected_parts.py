@@ -39,7 +39,8 @@ def test_clouds_count_in_their_own_part_of_the_spectrum_and_where_there_are_some
     clear, cloudy = determined(camera), determined(camera, CLOUDS)
     assert cloudy > clear
     assert determined(camera, {"clouds": {"cover": 0.0}}) == clear
-    assert determined(camera, {"clouds": {}}) == clear
+    # without a cover they are those of the climate
+    assert determined(camera, {"clouds": {}}) == cloudy
     monkeypatch.setattr(module, foreign, Relief(50e3, 0.5))
     assert determined(camera, CLOUDS) == cloudy
     monkeypatch.setattr(module, own, Relief(60e3, 0.3))
