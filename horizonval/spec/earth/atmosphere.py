@@ -29,8 +29,9 @@ class Atmosphere(Model):
     for none. Without the key it is drawn: one northern winter day in ten has one. For `profile = "weather"`.
     """
     profile_file: str | None = None
-    """Temperature and gases from a CSV or JSON file beside this one, in place of `profile`; see
-    `horizonval.earth.atmosphere.profile_file`.
+    """Temperature and gases from a CSV or JSON file beside this one, in place of `profile`: one profile for everywhere,
+    or with columns `latitude_deg` and `longitude_deg` those of up to 1000 places, blended between them. Thermal bands
+    then have the air of every place in sight. See `horizonval.earth.atmosphere.profile_file`.
     """
     file: str | None = None
     """Optical properties from a file in the format of the `radiance` command, in place of everything else here; a
