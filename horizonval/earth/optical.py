@@ -42,7 +42,7 @@ from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.gases import ozone, rayleigh, sunlight_absorption
 from horizonval.earth.refracted_horizon import air_refractivity, file_refractivity
 from horizonval.earth.spectral import bands, sunlight
-from horizonval.earth.surface.emitting_ground import emitting_ground
+from horizonval.earth.surface.emitting_ground import emitting_ground, lowest_air_k
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band, CameraSpec
 
@@ -110,7 +110,9 @@ def optical_model(
     air = air_of(scene, base_dir)
     changed = air_of(scene, base_dir, change)
     emitting = emitting_air(air, scene, change)
-    ground_k = float(emitting.state.temperature_k[0, 0])
+    ground_k: float | FloatArray = float(emitting.state.temperature_k[0, 0])
+    if air.columns is not None and scene.atmosphere.profile_file is not None:
+        ground_k = lowest_air_k(air.columns)
     nodes: list[SpectralNode] = []
     thermal: list[EmittingBand] = []
     for i, band in enumerate(camera.band):
@@ -131,7 +133,7 @@ def _model(
     altitude_m: FloatArray,
     nodes: list[SpectralNode],
     thermal: list[EmittingBand],
-    lowest_air_k: float,
+    lowest_air_k: float | FloatArray,
     refractivity: FloatArray | None = None,
 ) -> OpticalModel:
     return OpticalModel(
