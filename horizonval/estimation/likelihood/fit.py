@@ -27,7 +27,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE, EdgeProfile, edge_profile
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
-from horizonval.estimation.likelihood.light import Light, solved, weighed
+from horizonval.estimation.likelihood.light import LimbLight, solved, weighed
 from horizonval.estimation.likelihood.limb_angle import LimbAngle, limb_angle
 from horizonval.estimation.likelihood.limb_pixels import LimbPixels, limb_pixels
 from horizonval.estimation.likelihood.pixels import image_scale
@@ -269,7 +269,7 @@ def _motion(model: _Model, step: FloatArray) -> FloatArray:
     return np.asarray(moved / model.scale)
 
 
-def _by_sector(near: LimbPixels, model: _Model, light: Light, relief: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _by_sector(near: LimbPixels, model: _Model, light: LimbLight, relief: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return a place on the limb for every sector and how far inside of it the sector shows the limb [rad]."""
     slope = light.of_pixel[1] * model.edge.slope / model.scale
     weights = light.weights * slope

@@ -27,7 +27,7 @@ ROUNDS = 2
 
 
 @dataclass(frozen=True)
-class Light:
+class LimbLight:
     """Of n pixels in m sectors.
 
     Attributes
@@ -48,7 +48,7 @@ class Light:
     variance: tuple[float, float]
 
 
-def weighed(basis: FloatArray, values: FloatArray, starts: NDArray[np.intp]) -> Light:
+def weighed(basis: FloatArray, values: FloatArray, starts: NDArray[np.intp]) -> LimbLight:
     """Return the light with noise, outliers and the spread of the sectors estimated.
 
     Parameters
@@ -76,12 +76,12 @@ def solved(
     weights: FloatArray,
     variance: tuple[float, float],
     spread_information: FloatArray | None = None,
-) -> Light:
+) -> LimbLight:
     """Return the light with its weights given; parameters as for :func:`weighed` and :func:`.sectors.solve_levels`."""
     levels = solve_levels(basis, values, weights, starts, spread_information)
     of_pixel = np.repeat(levels.of_sector, np.diff(starts), axis=0).T
     residuals = values - np.einsum("ij,ij->j", basis, of_pixel)
-    return Light(levels, of_pixel, residuals, weights, variance)
+    return LimbLight(levels, of_pixel, residuals, weights, variance)
 
 
 def _noise(residuals: FloatArray, edge: FloatArray, sectors: int) -> tuple[float, float]:
