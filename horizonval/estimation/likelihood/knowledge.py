@@ -76,6 +76,8 @@ class LimbKnowledge:
     scale_log_sigma : float
     reliefs : tuple of Relief
         How the height of the limb varies along it.
+    flattened_m : float
+        Flattening times radius of the planet where ``ellipsoid`` is a sphere in its place.
     """
 
     ellipsoid: Ellipsoid
@@ -86,6 +88,7 @@ class LimbKnowledge:
     scale_height_m: float = 0.0
     scale_log_sigma: float = 0.7
     reliefs: tuple[Relief, ...] = ()
+    flattened_m: float = 0.0
 
 
 def sphere_knowledge(

@@ -91,7 +91,8 @@ def limb_pixels(
     uv = np.column_stack([pixels.columns[some], pixels.rows[some]]).astype(float)
     bend = limb_bend(camera, uv, pose.cam_from_itrs, pose.r_itrs, axes)
     seen = np.isfinite(bend)
-    nodes, modes = relief_modes(float(azimuth[-1]), knowledge.reliefs)
+    rho = float(np.arctan2(axes[0], to_limb))
+    nodes, modes = relief_modes(float(azimuth[-1]), knowledge.reliefs, knowledge.flattened_m, rho)
     return LimbPixels(
         pixels=pixels,
         values=np.asarray(image[pixels.rows, pixels.columns], dtype=float),
