@@ -9,8 +9,8 @@ from horizonval.estimation.observation import Observation
 
 SCALE_HEIGHT_M = 7e3
 """Of the air's density from the ground to 60 km: 6 to 8.5 km."""
-SCALE_LOG_SIGMA = 0.35
-"""Of the light's: half of it where light comes from two gases together, half as much more under haze."""
+SCALE_SIGMA_M = 4e3
+"""Of the light's: a bare planet has none, haze and ozone stretch it by half."""
 
 
 def limb_height_prior(observation: Observation) -> tuple[float, float]:

@@ -16,7 +16,7 @@ import numpy as np
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard.guard_limits import reliefs
-from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_LOG_SIGMA, limb_height_prior
+from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_SIGMA_M, limb_height_prior
 from horizonval.estimation.likelihood.claim import claim
 from horizonval.estimation.likelihood.closed_form import position_from_limb
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose, sphere_knowledge
@@ -57,7 +57,7 @@ def run(observation: Observation) -> Fit | Refusal:
         mean,
         information,
         scale_height_m=SCALE_HEIGHT_M,
-        scale_log_sigma=SCALE_LOG_SIGMA,
+        scale_sigma_m=SCALE_SIGMA_M,
         reliefs=reliefs(observation.band_kind),
         flattened_m=flattened,
     )
