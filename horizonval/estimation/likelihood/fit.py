@@ -40,8 +40,7 @@ MOST_STEPS = 30
 """Gauss-Newton takes 3 to 6 from within a pixel; where blur and softness are hard to tell apart, twice as many."""
 SETTLING_STEPS = 2
 """After which noise, outliers and the spread of the light are held: a pixel at the edge of being left out would else be
-left out at every second step. From then on a step that makes the pixels less probable is taken back and shortened
-(Levenberg and Marquardt)."""
+left out at every second step. From then on a step that makes the pixels less probable is halved."""
 CONVERGED = 1e-2
 """Square of a step over its own covariance: a tenth of a standard deviation, and it is still taken."""
 RESELECT_PX = 0.5
@@ -50,8 +49,8 @@ LARGEST_MOTION_PX, LARGEST_LOG_STEP, LARGEST_SCALE_STEP_M = 2.0, 0.5, 4e3
 """Of the limb, the logarithm of the blur and the scale height: a step beyond is beyond the reach of the derivatives."""
 LEAST_SAG = 0.5
 """Of a height by its tangent: far above any air; keeps what is seen there of a soft limb falling."""
-FIRST_DAMPING, DAMPING_FACTOR = 1e-2, 10.0
-"""Of the diagonal of the normal matrix."""
+MOST_HALVINGS = 10
+"""Of a step that makes the pixels less probable: to a thousandth of it."""
 
 
 @dataclass(frozen=True)
@@ -201,7 +200,7 @@ class _Search:
         numpy.linalg.LinAlgError
             No convergence.
         """
-        damping, settled = 0.0, 0
+        settled = 0
         merit = self._merit()
         for _ in range(MOST_STEPS):
             matrix, right = self._equations()
@@ -211,21 +210,22 @@ class _Search:
                 self.steps.append(full[:POSE])
                 self.now = self.now.moved(full)
                 return self
-            before = (self.now, self.model, self.light)
-            while True:
-                damped = _inverse(matrix + damping * np.diag(np.diag(matrix))) if damping > 0.0 else self.covariance
-                step = self._bounded(damped @ right, damped)
-                moved_px = float(np.abs(_motion(self.model, step[:POSE])).max())
+            before, step = (self.now, self.model, self.light), full
+            moved_px = float(np.abs(_motion(self.model, step[:POSE])).max())
+            held = settled >= SETTLING_STEPS
+            for _ in range(MOST_HALVINGS):
                 self.now = before[0].moved(step)
-                held = settled >= SETTLING_STEPS
                 self.model, self.light = self._look(before[2] if held else None)
                 new = self._merit()
-                if not held or new <= merit or damping > 1.0 / FIRST_DAMPING:
+                if not held or new <= merit:
                     break
+                step = 0.5 * step
+            else:
+                # Nothing on the way is better: the best place is this one, to rounding.
                 self.now, self.model, self.light = before
-                damping = max(damping * DAMPING_FACTOR, FIRST_DAMPING)
+                self.steps.append(np.zeros(POSE))
+                return self
             self.steps.append(step[:POSE])
-            damping = damping / DAMPING_FACTOR if damping > FIRST_DAMPING else 0.0
             settled += 1
             if moved_px > RESELECT_PX:
                 self._reselect()
@@ -259,6 +259,7 @@ class _Search:
         return normal + information, right + information @ wanted
 
     def _bounded(self, step: FloatArray, covariance: FloatArray) -> FloatArray:
+        """Return a step within the reach of the derivatives."""
         scale = self.now.state.scale_m
         if step[POSE + 1] < -scale:
             # A scale height of less than nothing is a hard limb: the most probable step to that one.

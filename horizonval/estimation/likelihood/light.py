@@ -140,7 +140,10 @@ def _noise(residuals: FloatArray, edge: FloatArray, sectors: int) -> tuple[float
     if len(share) <= FEWEST_PIXELS:
         return line[0], line[1], 0.0
     expected = _expected(share, (*line, 0.0))
-    beyond = float((residuals[between] ** 2 - expected).sum())
+    squares = residuals[between] ** 2
+    inside = squares <= OUTLIER**2 * float(np.median(squares / expected)) / NORMAL_QUARTILE**2 * expected
+    squares, expected, share = squares[inside], expected[inside], share[inside]
+    beyond = float((squares - expected).sum())
     # The square of a normal number has twice its variance squared for a variance.
     if beyond < SIGNIFICANT * float(np.sqrt(2.0 * (expected**2).sum())):
         return line[0], line[1], 0.0
