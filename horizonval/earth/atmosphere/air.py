@@ -127,7 +127,12 @@ def air_of(
     if atmosphere.profile_file is None and many is None:
         state = replace(state, number_density_co2=state.number_density_co2 * (atmosphere.co2_ppm / afgl.CO2_PPM))
     lower = np.clip(z - change.raised_m, state.altitude_m[0], state.altitude_m[-1])
-    particles = aerosol(atmosphere.aerosol, np.minimum(lower, TOP_M), where=f"{scene.scene.name}: atmosphere.aerosol")
+    particles = aerosol(
+        atmosphere.aerosol,
+        np.minimum(lower, TOP_M),
+        depth_below_10_km=atmosphere.aerosol_optical_depth_550nm,
+        where=f"{scene.scene.name}: atmosphere.aerosol",
+    )
     gases = replace(state.at(lower), altitude_m=z)
     layers = layers_of(scene)
     particles = _with_layers(change.particles(particles), layers, z, change.raised_m)

@@ -165,11 +165,15 @@ def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> Em
         state = air.state.gas_state().columns()
     if scene.atmosphere.halocarbons:
         state = state.with_halocarbons()
+    atmosphere = scene.atmosphere
+    haze = aerosol.aerosol(
+        atmosphere.aerosol, state.altitude_m, depth_below_10_km=atmosphere.aerosol_optical_depth_550nm
+    )
     return EmittingAir(
         altitude_m=grid,
         sin_latitude=rows,
         state=state,
-        particles=change.particles(aerosol.aerosol(scene.atmosphere.aerosol, state.altitude_m)),
+        particles=change.particles(haze),
         change=change,
         column_map=place,
         layers=air.layers,
