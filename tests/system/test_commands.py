@@ -21,8 +21,8 @@ from horizonval.store import exr
 NAME = "altitude-free"
 CONTRACT_KEYS = [
     "estimator", "status", "reason", "nadir_cam", "roll_deg", "pitch_deg", "altitude_km", "angular_radius_deg",
-    "sigma_nadir_arcsec", "n_points", "seconds", "nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec",
-    "altitude_error_km", "false_valid",
+    "sigma_nadir_arcsec", "n_points", "seconds", "assumed", "nadir_error_arcsec", "roll_error_arcsec",
+    "pitch_error_arcsec", "altitude_error_km", "false_valid",
 ]  # fmt: skip
 
 MINI_SCENE = """
