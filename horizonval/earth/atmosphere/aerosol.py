@@ -15,8 +15,8 @@ model                 depth, 550 nm above 11 km what it stands for
 ``dust``              0.454         0.0069      desert dust, well mixed up to 5 km, below the quiet stratosphere
 ===================== ============= =========== ==================================================================
 
-LOWTRAN7 fills the first three below 10 km with haze of 23 km visibility, whose optical depth there is 0.316: an ordinary
-day over inhabited land, more than twice the Earth's mean. Here that part is thinned by one factor to 0.14
+LOWTRAN7 fills the first three below 10 km with haze of 23 km visibility, whose optical depth there is 0.316: an
+ordinary day over inhabited land, more than twice the Earth's mean. Here that part is thinned by one factor to 0.14
 (:data:`MEAN_DEPTH_BELOW_10_KM`): MODIS on Aqua has 0.13 over the sea and 0.19 over land (Remer et al. 2008, J. Geophys.
 Res. 113, D14S07), by their areas 0.147 for the whole column, 0.007 of which the stratosphere holds. The shape in height
 stays: 65 % of it lies below 2 km; CALIOP has 62 to 69 % in the boundary layer (Gui et al. 2021, Atmos. Chem. Phys. 21,
@@ -38,8 +38,8 @@ In wavelength, between the 36 entries of the table, the extinction is linear in 
 asymmetry are linear in the logarithm of the wavelength.
 
 Neglected: humidity, season and place (one model serves the whole frame, and nothing chooses it by the latitude; over
-the sea nature's particles are coarser, less blue and absorb less than the rural ones that stand for all here), and phase
-functions other than Henyey and Greenstein's: single scattering towards the Sun and straight back from it may be
+the sea nature's particles are coarser, less blue and absorb less than the rural ones that stand for all here), and
+phase functions other than Henyey and Greenstein's: single scattering towards the Sun and straight back from it may be
 wrong by tens of per cent, more for dust, whose grains are no spheres.
 """
 

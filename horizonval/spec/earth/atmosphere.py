@@ -55,9 +55,9 @@ class Atmosphere(Model):
     ozone: bool = True
     """Whether ozone absorbs sunlight."""
     gases_in_sunlight: bool = True
-    """Whether oxygen and water vapour absorb sunlight in bands that lose 3 % and more to them (red and near infrared):
-    -7 % of 700 to 800 nm and -14 % of 750 to 950 nm on the way to the ground. Such bands get up to four spectral nodes
-    more. See `horizonval.earth.gases.sunlight_absorption`.
+    """Whether nitrogen dioxide absorbs sunlight, and oxygen and water vapour in bands that lose 3 % and more to them
+    (red and near infrared): -7 % of 700 to 800 nm and -14 % of 750 to 950 nm on the way to the ground. Such bands get
+    up to four spectral nodes more. See `horizonval.earth.gases.sunlight_absorption` and `nitrogen_dioxide`.
     """
     co2_ppm: Annotated[float, Field(ge=280, le=560)] = 420.0
     """Carbon dioxide of the lower atmosphere, for thermal bands only; the file of a `profile_file` may have its own."""
