@@ -46,7 +46,7 @@ _LEAST_DEPTH = 1e-12
 """Air above a height that dims less has the ratio of the next lower level."""
 
 
-class Places(Protocol):
+class ColumnsAround(Protocol):
     """Where columns stand."""
 
     def corners(self, normal: Vec) -> list[tuple[mi.UInt32, mi.Float64]]:
@@ -120,8 +120,8 @@ class ColumnAir:
     values : Float32, shape (m * levels * 4 * width,)
         Of every column, level and node: extinction and scattering of molecules that it has more [1/m], and the ratios
         of the optical depths straight up and level.
-    places : Places
-        Of the m columns.
+    places : ColumnsAround
+        Where the m columns stand.
     levels, width : int
     per_m : Float64, size 1
         Levels per metre.
@@ -130,7 +130,7 @@ class ColumnAir:
     """
 
     values: mi.Float32
-    places: Places
+    places: ColumnsAround
     levels: int
     width: int
     per_m: mi.Float64
@@ -156,7 +156,7 @@ class ColumnAir:
             own = np.interp(places.altitude_m, altitude_m, np.maximum(gas, 0.0))
             for part, weights in ((_UP, up), (_LEVEL, level)):
                 packed[:, :, part, k] = _depth_ratio(own, node.more_extinction_per_m, weights)
-        where: Places
+        where: ColumnsAround
         where = LatitudeRows.of(places.sin_latitude) if places.column_map is None else Lattice.of(places.column_map)
         per_m = (shape[1] - 1) / float(places.altitude_m[-1])
         return cls(table_of(mi.Float32, packed), where, shape[1], width, constant(per_m), radius_m)

@@ -1,8 +1,9 @@
 """Two airs side by side, and the light that they scatter once, summed straight along rays in double precision.
 
-Which share of the air at a place is the second one is a function of the place's unit vector. Both airs are closed forms: molecules fall off exponentially, ozone is a Gaussian layer. Points along a ray
-and along the way from each of them to the Sun are even in the ray parameter; sums are trapezoids. There is a sphere
-without refraction and a black ground. No code is shared with the renderer.
+Which share of the air at a place is the second one is a function of the place's unit vector. Both airs are closed
+forms: molecules fall off exponentially, ozone is a Gaussian layer. Points along a ray are even in its length, those on
+the way from each of them to the Sun dense where that is lowest; sums are trapezoids. There is a sphere without
+refraction. No code is shared with the renderer.
 """
 
 from __future__ import annotations

@@ -35,6 +35,8 @@ from horizonval.earth.weather.column_map import latitude_longitude_deg
 from horizonval.spec.scene import SceneSpec
 
 STEP_M = 500.0
+MAP_STEP_DEG = 6.0
+"""Between columns on a map, twice that of thermal bands: sunlight feels densities, not temperatures."""
 ALIKE = 1e-4
 """Columns whose densities of air and ozone differ by less, relative, at all heights count as one."""
 
@@ -107,7 +109,7 @@ def gases_in_sight(air: Air, scene: SceneSpec, change: AirChange) -> GasesInSigh
     z = np.linspace(0.0, TOP_M, round(TOP_M / STEP_M) + 1)
     rows, place = np.zeros(0), None
     if air.columns is not None:
-        place = map_in_sight(scene)
+        place = map_in_sight(scene, MAP_STEP_DEG)
         states = _profiles(air.columns(*latitude_longitude_deg(place.normals()), z))
     elif climate_rows.varies(scene):
         rows = climate_rows.rows_in_sight(scene.platform.latitude_deg, scene.platform.altitude_km * 1e3)
