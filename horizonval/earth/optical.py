@@ -13,10 +13,11 @@ scatters at each altitude. Thermal bands become :class:`horizonval.earth.atmosph
 :class:`horizonval.earth.surface.ground_emission.GroundEmission`.
 
 Oxygen and water vapour absorb in bands from 570 nm on, by a few nodes more; see
-:mod:`horizonval.earth.gases.sunlight_absorption`.
+:mod:`horizonval.earth.gases.sunlight_absorption`. Nitrogen dioxide absorbs below 700 nm, at the nodes as they are; see
+:mod:`horizonval.earth.gases.nitrogen_dioxide`.
 
-Left out: cloud; absorption of sunlight by NO2 and by ozone beyond 1000 nm (less than 0.3 % of the limb); sunlight
-reflected in thermal bands (0.02 of 30 W m-2 sr-1 in 8 to 14 um off a ground of emissivity 0.95).
+Left out: cloud; absorption of sunlight by ozone beyond 1000 nm (less than 0.3 % of the limb); sunlight reflected in
+thermal bands (0.02 of 30 W m-2 sr-1 in 8 to 14 um off a ground of emissivity 0.95).
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.earth.gases import ozone, rayleigh
 from horizonval.earth.refracted_horizon import air_refractivity, file_refractivity
 from horizonval.earth.spectral import bands, sunlight
-from horizonval.earth.surface.emitting_ground import emitting_ground
+from horizonval.earth.surface.emitting_ground import emitting_ground, lowest_air_k
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band, CameraSpec
 
@@ -110,7 +111,9 @@ def optical_model(
     air = air_of(scene, base_dir)
     changed = air_of(scene, base_dir, change)
     emitting = emitting_air(air, scene, change)
-    ground_k = float(emitting.state.temperature_k[0, 0])
+    ground_k: float | FloatArray = float(emitting.state.temperature_k[0, 0])
+    if air.columns is not None and scene.atmosphere.profile_file is not None:
+        ground_k = lowest_air_k(air.columns)
     sight = gases_in_sight(air, scene, change) if any(band.kind == "solar" for band in camera.band) else None
     nodes: list[SpectralNode] = []
     thermal: list[EmittingBand] = []
@@ -133,7 +136,7 @@ def _model(
     altitude_m: FloatArray,
     nodes: list[SpectralNode],
     thermal: list[EmittingBand],
-    lowest_air_k: float,
+    lowest_air_k: float | FloatArray,
     refractivity: FloatArray | None = None,
 ) -> OpticalModel:
     return OpticalModel(
@@ -212,7 +215,7 @@ def _solar_nodes(
 
     with_gases = scene.atmosphere.gases_in_sunlight
     rule = rule_with_gases(measure, clear_rule, with_ozone=air.with_ozone) if with_gases else clear_rule(measure)
-    gases = SunlitGases.of(changed.state)
+    gases = SunlitGases.of(changed.state, change.raised_m, with_gases=with_gases)
     nodes = []
     for i, wavelength in enumerate(rule.wavelength_um):
         molecular, absorption = gases.molecular_per_m(wavelength), gases.absorption_per_m(rule, i)

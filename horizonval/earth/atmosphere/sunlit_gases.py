@@ -3,7 +3,7 @@ r"""Gases as solar bands see them, in one column and in all that stand around it
 At a wavelength, with number densities n, cross sections s, and absorption per air mass and per cm of water::
 
     k_molecules  = n_air s_Rayleigh
-    k_absorption = n_ozone s_ozone(T) + a_mixed (air mass per metre) + a_water (water per metre)
+    k_absorption = n_ozone s_ozone(T) + n_NO2 s_NO2 + a_mixed (air mass per metre) + a_water (water per metre)
 
 Where the air varies, its columns stand as those of the thermal bands do
 (:mod:`horizonval.earth.atmosphere.emitting_air`): on rows of equal latitude, or on a map of what is in sight. They are
@@ -17,7 +17,7 @@ Particles are the same everywhere.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from horizonval.earth.atmosphere.emitting_air import map_in_sight
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile
 from horizonval.earth.atmosphere.solar_rule import SolarRule
 from horizonval.earth.column import ColumnPlaces
-from horizonval.earth.gases import ozone, rayleigh, sunlight_absorption
+from horizonval.earth.gases import nitrogen_dioxide, ozone, rayleigh, sunlight_absorption
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.weather.column_map import latitude_longitude_deg
 from horizonval.spec.scene import SceneSpec
@@ -50,16 +50,20 @@ class SunlitGases:
 
     number_density_air: FloatArray
     number_density_o3: FloatArray
+    number_density_no2: FloatArray
     temperature_k: FloatArray
     mixed: FloatArray
     water: FloatArray
 
     @classmethod
-    def of(cls, state: AtmosphereProfile) -> SunlitGases:
-        """Return those of one column."""
+    def of(cls, state: AtmosphereProfile, raised_m: float, *, with_gases: bool) -> SunlitGases:
+        """Return those of one column, raised over the ground; without nitrogen dioxide unless ``with_gases``."""
+        air = state.number_density_air
+        no2 = nitrogen_dioxide.number_density_per_m3(state.altitude_m - raised_m, air)
         return cls(
-            state.number_density_air,
+            air,
             state.number_density_o3,
+            no2 if with_gases else np.zeros_like(air),
             state.temperature_k,
             sunlight_absorption.air_mass_per_m(state.pressure_pa, state.number_density_air),
             sunlight_absorption.water_cm_per_m(state.pressure_pa, state.number_density_h2o),
@@ -71,9 +75,11 @@ class SunlitGases:
 
     def absorption_per_m(self, rule: SolarRule, index: int) -> FloatArray:
         """Return the absorption of a rule's node."""
+        no2_m2 = nitrogen_dioxide.cross_section_m2(float(rule.wavelength_um[index]))
         absorption = self.number_density_o3 * ozone.at_temperature_m2(
             rule.ozone_cold_m2[index], rule.ozone_warm_m2[index], self.temperature_k
         )
+        absorption = absorption + self.number_density_no2 * no2_m2
         if rule.mixed_gases[index] or rule.water_vapour[index]:
             absorption = absorption + rule.mixed_gases[index] * self.mixed + rule.water_vapour[index] * self.water
         return np.asarray(absorption)
@@ -120,15 +126,11 @@ def gases_in_sight(air: Air, scene: SceneSpec, change: AirChange) -> GasesInSigh
     def changed(state: AtmosphereProfile) -> SunlitGases:
         lower = np.clip(z - change.raised_m, state.altitude_m[0], state.altitude_m[-1])
         there = state if np.array_equal(lower, state.altitude_m) else replace(state.at(lower), altitude_m=z)
-        return SunlitGases.of(change.state(there))
+        return SunlitGases.of(change.state(there), change.raised_m, with_gases=scene.atmosphere.gases_in_sunlight)
 
     below, all_gases = changed(air.state), [changed(state) for state in states]
-    gases = SunlitGases(
-        *(
-            np.stack([getattr(each, name) for each in all_gases])
-            for name in ("number_density_air", "number_density_o3", "temperature_k", "mixed", "water")
-        )
-    )
+    names = [field.name for field in fields(SunlitGases)]
+    gases = SunlitGases(*(np.stack([getattr(each, name) for each in all_gases]) for name in names))
     pairs = ((gases.number_density_air, below.number_density_air), (gases.number_density_o3, below.number_density_o3))
     if all(np.allclose(a, b, rtol=ALIKE, atol=0.0) for a, b in pairs):
         return None
