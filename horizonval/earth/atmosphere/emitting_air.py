@@ -144,7 +144,7 @@ def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> Em
     Parameters
     ----------
     air : Air
-        Of the scene, as it is: what its solar bands see, the column below the satellite.
+        Of the scene, as it is: the column below the satellite.
     scene : SceneSpec
     change : AirChange
         How the bands' air differs from it.
