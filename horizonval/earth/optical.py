@@ -122,7 +122,11 @@ def optical_model(
     refractivity = air_refractivity(scene, change.state(air.state).number_density_air, camera.band)
     model = _model(scene, camera, air.altitude_m, nodes, thermal, ground_k, refractivity)
     raised = change.raised_m
-    return replace(model, layers=tuple((v.base_m + raised, v.top_m + raised) for v in air.layers))
+    return replace(
+        model,
+        layers=tuple((v.base_m + raised, v.top_m + raised) for v in air.layers),
+        gaps=tuple(v.gaps for v in air.layers),
+    )
 
 
 def _model(

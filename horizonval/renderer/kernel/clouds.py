@@ -160,11 +160,11 @@ def earth_clouds(field: CloudField, normal: Vec) -> tuple[mi.Float64, Local]:
     channels = [dr.lerp(dr.lerp(a, b, wx), dr.lerp(c, d, wx), wy) for a, b, c, d in zip(*corners, strict=True)]
     at = earth_pattern.local(channels, arithmetic)
     noise = earth_pattern.noise(normal, at, dr.opaque(mi.UInt32, field.seed, 1), arithmetic)
-    rank = _rank(noise, coarse.lowest, coarse.highest, coarse.rank)
+    rank = rank_of(noise, coarse.lowest, coarse.highest, coarse.rank)
     return earth_pattern.depth(rank, at, arithmetic), at
 
 
-def _rank(noise: mi.Float64, lowest: float, highest: float, rank: FloatArray) -> mi.Float64:
+def rank_of(noise: mi.Float64, lowest: float, highest: float, rank: FloatArray) -> mi.Float64:
     """Return the rank of noise by its table."""
     steps = len(rank) - 1
     table = table_of(mi.Float64, rank)
@@ -183,7 +183,7 @@ def top_at(field: CloudField, normal: Vec) -> mi.Float64:
         ceiling = _tropopause(normal[2])
         return earth_pattern.top_m(depth, at, ceiling, constant(field.top_m), kernel_arithmetic())
     cover = constant(field.share)
-    u = _rank(relief.noise(normal, field, _split, mi.Float64), *relief.rank_table(field))
+    u = rank_of(relief.noise(normal, field, _split, mi.Float64), *relief.rank_table(field))
     s = (u - (1.0 - cover)) / cover
     risen = dr.exp(dr.log(dr.maximum(s, 1e-12)) * constant(field.exponent))
     return BASE_M + (_ceiling(field, normal) - BASE_M) * dr.select(s > 0.0, risen, s)
