@@ -129,7 +129,7 @@ def green_radiance(
 def test_mean_over_the_globe_is_the_cover(cover: float, scale_km: float) -> None:
     gaps = LayerGaps(cover, scale_km * 1e3, 7)
     f = layer_gaps.cloudiness(gaps, even_points(60_000))
-    assert f.min() == 0.0
+    assert f.min() < 1e-3
     assert f.max() == 1.0
     # 60 000 places, and as many cells as the globe has
     assert f.mean() == pytest.approx(cover, abs=0.01 if scale_km < 1000.0 else 0.03)

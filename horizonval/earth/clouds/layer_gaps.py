@@ -4,7 +4,7 @@ Gradient noise of two octaves, cells of the given scale and of half of it, ampli
 (:mod:`.lattice_noise`). u is its rank among its values over the globe, uniform from 0 to 1. With cover c the cloud's
 share of its full optical depth is::
 
-    f = min(1, max(0, (u - (1 - c)) / w + 1/2)),        w = min(0.3, 2 c, 2 (1 - c))
+    f = min(1, max(0, (u - (1 - c)) / w + 1/2)),        w = min(0.3, c, 1 - c)
 
 whose mean over the globe is c exactly. From 0 to 1 it takes a sixth of the scale or so: cloud thins out towards its
 edges. The layer's mean column times ``f / c`` is its column at a place; base and top are the same everywhere.
@@ -51,7 +51,7 @@ class LayerGaps:
     @property
     def softness(self) -> float:
         """Ranks over which cloud thins out."""
-        return min(SOFT, 2.0 * self.cover, 2.0 * (1.0 - self.cover))
+        return min(SOFT, self.cover, 1.0 - self.cover)
 
 
 def seed_of(scene: SceneSpec, index: int) -> int:
