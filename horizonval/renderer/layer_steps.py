@@ -22,7 +22,7 @@ from horizonval.renderer.planet import Planet
 from horizonval.renderer.ray_path import AirPath, unwarp
 from horizonval.renderer.types import Vec, constant
 
-LAYER_STEPS = 24
+LAYER_STEPS = 36
 STEPS_PER_SCALE, MOST_STEPS = 12, 240
 """In a layer with gaps: steps per scale of the gaps on the longest passage, so that a softened edge, a sixth of the
 scale, has four points; and at most."""
