@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from horizonval.core.outcome import Outcome
     from horizonval.core.refusal import Refusal
     from horizonval.estimation.observation import Estimator, Fit, Observation
+    from horizonval.estimation.prior import Prior
     from horizonval.scoring.row import Score
 
 __version__ = "0.1.0"
@@ -50,6 +51,7 @@ __all__ = [
     "Image",
     "Observation",
     "Outcome",
+    "Prior",
     "Refusal",
     "Run",
     "Scene",
@@ -89,6 +91,7 @@ _HOMES = {
     "core.outcome": ("Outcome",),
     "core.refusal": ("Refusal",),
     "estimation.observation": ("Estimator", "Fit", "Observation"),
+    "estimation.prior": ("Prior",),
     "scoring.row": ("Score",),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

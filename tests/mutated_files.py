@@ -33,6 +33,7 @@ fov_deg = 60.0
 distortion = [-0.02, 0.0, 0.0, 0.0, 0.0]
 [platform]
 altitude_km = 500.0
+altitude_sigma_km = 1.0
 [optics]
 f_number = 4.0
 transmission = 0.8

@@ -16,11 +16,18 @@ from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
 from horizonval.estimation import installed, registry
 from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.scoring.errors import ARCSEC, score, sigma_nadir_rad
 from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.suites.observation import method_radius_m, observation_of, observation_of_heads
+from horizonval.suites.observation import (
+    method_radius_m,
+    observation_of,
+    observation_of_heads,
+    prior_of_scene,
+    with_altitude_of,
+)
 
 ERRORS = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec", "altitude_error_km", "false_valid")
 """What is said of an answer whose image carries the truth, named as the columns of the results."""
@@ -174,15 +181,13 @@ def observation_from(
     intrinsics = camera_from_spec(camera.camera)
     check_invertible(intrinsics, where=camera_file)
     recorded = None if picture.source is None else observation_of(picture.source, estimator)
-    prior = camera.platform.altitude_km
+    prior = Prior() if picture.source is None else prior_of_scene(picture.source.truth)
     return Observation(
         image=picture.grey,
         camera=intrinsics,
         q_cam_from_body=np.array([0.0, 0.0, 0.0, 1.0]) if recorded is None else recorded.q_cam_from_body,
         full_scale=_full_scale(picture, camera),
-        altitude_m=None if prior is None else prior * 1e3,
-        earth_radius_m=Observation.earth_radius_m if recorded is None else recorded.earth_radius_m,
-        flattening=Observation.flattening if recorded is None else recorded.flattening,
+        prior=with_altitude_of(camera, prior),
         band_kind=_band_kind(camera) if recorded is None else recorded.band_kind,
         oracle=None if recorded is None else recorded.oracle,
     )

@@ -13,10 +13,11 @@ scatters at each altitude. Thermal bands become :class:`horizonval.earth.atmosph
 :class:`horizonval.earth.surface.ground_emission.GroundEmission`.
 
 Oxygen and water vapour absorb in bands from 570 nm on, by a few nodes more; see
-:mod:`horizonval.earth.gases.sunlight_absorption`.
+:mod:`horizonval.earth.gases.sunlight_absorption`. Nitrogen dioxide absorbs below 700 nm, at the nodes as they are; see
+:mod:`horizonval.earth.gases.nitrogen_dioxide`.
 
-Left out: cloud; absorption of sunlight by NO2 and by ozone beyond 1000 nm (less than 0.3 % of the limb); sunlight
-reflected in thermal bands (0.02 of 30 W m-2 sr-1 in 8 to 14 um off a ground of emissivity 0.95).
+Left out: cloud; absorption of sunlight by ozone beyond 1000 nm (less than 0.3 % of the limb); sunlight reflected in
+thermal bands (0.02 of 30 W m-2 sr-1 in 8 to 14 um off a ground of emissivity 0.95).
 """
 
 from __future__ import annotations
@@ -39,10 +40,10 @@ from horizonval.earth.atmosphere.emitting_air import emitting_air, grey_band, no
 from horizonval.earth.atmosphere.node_count import choose_rule
 from horizonval.earth.atmosphere.solar_rule import Measure, SolarRule, gauss, rule_with_gases, solar_measure
 from horizonval.earth.column import OpticalModel, SpectralNode
-from horizonval.earth.gases import ozone, rayleigh, sunlight_absorption
+from horizonval.earth.gases import nitrogen_dioxide, ozone, rayleigh, sunlight_absorption
 from horizonval.earth.refracted_horizon import air_refractivity, file_refractivity
 from horizonval.earth.spectral import bands, sunlight
-from horizonval.earth.surface.emitting_ground import emitting_ground
+from horizonval.earth.surface.emitting_ground import emitting_ground, lowest_air_k
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band, CameraSpec
 
@@ -110,7 +111,9 @@ def optical_model(
     air = air_of(scene, base_dir)
     changed = air_of(scene, base_dir, change)
     emitting = emitting_air(air, scene, change)
-    ground_k = float(emitting.state.temperature_k[0, 0])
+    ground_k: float | FloatArray = float(emitting.state.temperature_k[0, 0])
+    if air.columns is not None and scene.atmosphere.profile_file is not None:
+        ground_k = lowest_air_k(air.columns)
     nodes: list[SpectralNode] = []
     thermal: list[EmittingBand] = []
     for i, band in enumerate(camera.band):
@@ -135,7 +138,7 @@ def _model(
     altitude_m: FloatArray,
     nodes: list[SpectralNode],
     thermal: list[EmittingBand],
-    lowest_air_k: float,
+    lowest_air_k: float | FloatArray,
     refractivity: FloatArray | None = None,
 ) -> OpticalModel:
     return OpticalModel(
@@ -210,12 +213,15 @@ def _solar_nodes(
     gases = changed.state
     mixed = sunlight_absorption.air_mass_per_m(gases.pressure_pa, gases.number_density_air)
     water = sunlight_absorption.water_cm_per_m(gases.pressure_pa, gases.number_density_h2o)
+    no2 = nitrogen_dioxide.number_density_per_m3(changed.altitude_m - change.raised_m, gases.number_density_air)
     nodes = []
     for i, wavelength in enumerate(rule.wavelength_um):
         molecular = changed.state.number_density_air * rayleigh.cross_section_m2(wavelength)
         absorption = changed.state.number_density_o3 * ozone.at_temperature_m2(
             rule.ozone_cold_m2[i], rule.ozone_warm_m2[i], changed.state.temperature_k
         )
+        if with_gases:
+            absorption = absorption + no2 * nitrogen_dioxide.cross_section_m2(float(wavelength))
         if rule.mixed_gases[i] or rule.water_vapour[i]:
             absorption = absorption + rule.mixed_gases[i] * mixed + rule.water_vapour[i] * water
         particles, scattered, asymmetry = changed.aerosol.at(float(wavelength))

@@ -16,8 +16,8 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.ellipsoid import WGS84
 
 
 @dataclass(frozen=True)
@@ -46,17 +46,14 @@ class Observation:
         Mounting, scalar last. Identity when camera and body axes coincide.
     full_scale : float or None
         Digital number at which the converter saturates, if known.
-    altitude_m : float or None
-        Prior altitude, if the user has one. Altitude-free methods ignore it.
-    earth_radius_m : float
-        Radius of the spherical Earth that the method assumes.
-    flattening : float
-        Of the planet that is looked at; 0 for a sphere. What a spherical method leaves out, for covariances.
+    prior : Prior
+        What is known before the image is looked at: shape of the planet, altitude, position, attitude, time, air, each
+        with the sigma of its error. Methods use of it what they can.
     band_kind : {"solar", "thermal"} or None
         What the camera sees: scattered sunlight or the Earth's own heat; None if that is not known.
     sun_cam : ndarray, shape (3,), or None
-        Direction to the Sun in camera axes as a coarse Sun sensor gives it, right to a degree; None where there is no
-        such sensor or it sees no Sun.
+        Direction to the Sun in camera axes as a Sun sensor gives it, right to ``prior.sun_sigma_rad``, or without that
+        to a degree; None where there is no such sensor or it sees no Sun.
     oracle : OraclePose or None
         Only for estimators with ``needs = "pose"``.
     heads : mapping of str to Observation
@@ -77,9 +74,7 @@ class Observation:
     camera: CameraModel
     q_cam_from_body: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 0.0, 1.0]))
     full_scale: float | None = None
-    altitude_m: float | None = None
-    earth_radius_m: float = 6371008.8
-    flattening: float = WGS84.flattening
+    prior: Prior = field(default_factory=Prior)
     band_kind: Literal["solar", "thermal"] | None = None
     sun_cam: FloatArray | None = None
     oracle: OraclePose | None = None

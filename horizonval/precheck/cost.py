@@ -29,6 +29,7 @@ import numpy as np
 from horizonval.earth.atmosphere.air import TOP_M
 from horizonval.earth.atmosphere.climate import BY_LATITUDE_MONTH
 from horizonval.earth.atmosphere.columns import WEATHER
+from horizonval.earth.atmosphere.profile_file import has_places
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import camera_from_spec, unproject
 from horizonval.geometry.frames import inverse, rotate
@@ -171,7 +172,7 @@ def frame_cost(
     solar = sum(count for band, count in spectral.items() if kinds[band] == "solar")
     thermal = sum(count for band, count in spectral.items() if kinds[band] == "thermal")
     evaluations = cells * scene.render.nodes * solar
-    by_latitude = thermal and scene.atmosphere.profile in (BY_LATITUDE_MONTH, WEATHER)
+    by_latitude = thermal and _by_place(scene)
     per_point = THERMAL_S_PER_POINT + THERMAL_S_PER_EVALUATION * scene.render.nodes
     chunks = -(-solar // CHUNK)
     tabulated = scene.render.method == "table"
@@ -230,10 +231,18 @@ def _airless(scene: SceneSpec) -> bool:
     return atmosphere.file is None and atmosphere.profile_file is None and atmosphere.profile == "none"
 
 
+def _by_place(scene: SceneSpec) -> bool:
+    """Return whether the air differs from place to place: profiles of many places cost as much as weather."""
+    atmosphere = scene.atmosphere
+    if atmosphere.profile_file is not None:
+        return has_places(atmosphere.profile_file)
+    return atmosphere.file is None and atmosphere.profile in (BY_LATITUDE_MONTH, WEATHER)
+
+
 def column_key(scene: SceneSpec, camera: CameraSpec) -> tuple[Any, ...]:
     """Return what the tables of multiple scattering hang on: equal keys share theirs."""
     place: tuple[Any, ...] = ()
-    if scene.atmosphere.profile in (BY_LATITUDE_MONTH, WEATHER) and scene.atmosphere.latitude_deg is None:
+    if _by_place(scene) and scene.atmosphere.latitude_deg is None:
         place = (scene.scene.name,)
     radius = scene.earth.model_dump_json()
     return scene.atmosphere.model_dump_json(), radius, json_of_bands(camera), scene.render.band_error, place

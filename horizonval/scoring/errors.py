@@ -47,7 +47,7 @@ def score(
         Only ``estimates`` is used: which nadir is claimed. None for what the fit itself says.
     result : Fit or Refusal
     earth_radius_m : float, optional
-        Radius that the method was given (``Observation.earth_radius_m``), for ``altitude_error_km``.
+        Radius that the method was given (``Prior.sphere_radius_m``), for ``altitude_error_km``.
 
     Returns
     -------

@@ -10,9 +10,9 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.observation import Estimator, Observation, OraclePose
+from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
-
-EARTH_RADIUS_M = Observation.earth_radius_m
+from horizonval.spec.sensor.camera import CameraSpec
 
 
 def observation_of(
@@ -30,15 +30,12 @@ def observation_of(
         grey, full_scale = source.dn.astype(np.float64), float(source.full_scale)
     else:
         grey, full_scale = source.radiance[name].astype(np.float64), None
-    prior = spec.platform.altitude_km
     return Observation(
         image=grey,
         camera=truth.camera_model,
         q_cam_from_body=np.array(truth.q_cam_from_body),
         full_scale=full_scale,
-        altitude_m=None if prior is None else prior * 1e3,
-        earth_radius_m=method_radius_m(truth),
-        flattening=truth.ellipsoid.flattening,
+        prior=prior_of(truth),
         band_kind=next((one.kind for one in spec.band if one.name == name), None),
         sun_cam=coarse_sun_cam(truth),
         oracle=oracle_pose(truth) if estimator.needs == "pose" else None,
@@ -74,8 +71,27 @@ def coarse_sun_cam(truth: FrameTruth) -> FloatArray | None:
 
 
 def method_radius_m(truth: FrameTruth) -> float:
-    """Return the radius a spherical method assumes: the sphere's own, or the mean radius of the ellipsoid's Earth."""
-    return truth.ellipsoid_a_m if truth.ellipsoid_a_m == truth.ellipsoid_b_m else EARTH_RADIUS_M
+    """Return the radius that a spherical method is given."""
+    return prior_of(truth).sphere_radius_m
+
+
+def prior_of(truth: FrameTruth) -> Prior:
+    """Return what is known of a frame beside the image: the planet's shape, and what the camera file says."""
+    return with_altitude_of(truth.camera_spec, prior_of_scene(truth))
+
+
+def prior_of_scene(truth: FrameTruth) -> Prior:
+    """Return what is known whatever camera looks."""
+    planet = truth.ellipsoid
+    return Prior(shape="sphere", radius_m=planet.a_m) if planet.is_sphere else Prior(shape="wgs84")
+
+
+def with_altitude_of(camera: CameraSpec, prior: Prior) -> Prior:
+    """Return a prior with the altitude of the camera file, if it has none of its own and the file has one."""
+    known = camera.platform
+    if known.altitude_km is None or known.altitude_sigma_km is None or prior.altitude_m is not None:
+        return prior
+    return replace(prior, altitude_m=1e3 * known.altitude_km, altitude_sigma_m=1e3 * known.altitude_sigma_km)
 
 
 def oracle_pose(truth: FrameTruth) -> OraclePose:

@@ -9,10 +9,11 @@ from hard_limb import hard_limb_image
 from horizonval.estimation.methods.altitude_free import ESTIMATOR
 from horizonval.estimation.methods.altitude_free_published import ESTIMATOR as PUBLISHED
 from horizonval.estimation.observation import Fit, Observation
+from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.frames import nadir_of_roll_pitch
 
-RADIUS_M = Observation.earth_radius_m
+RADIUS_M = MEAN_RADIUS_M
 NEWTON_RAD = 1e-6
 """0.2 arcsec: a hundredth of what the points allow at best, so the iteration is done."""
 

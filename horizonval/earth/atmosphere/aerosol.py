@@ -1,19 +1,27 @@
 """Particles of LOWTRAN7: models of the whole column, by their extinction at 550 nm and by spectra of six kinds.
 
 Every model gives the extinction at 550 nm on levels from 0 to 100 km and says which kind of particle fills which
-altitudes: in the first three rural air of 23 km visibility and 70 % humidity below 2 km, tropospheric background to
-10 km, stratospheric (background, or aged volcanic) to 30 km, meteoric dust above.
+altitudes: in the first three rural air of 70 % humidity below 2 km, tropospheric background to 10 km, stratospheric
+(background, or aged volcanic) to 30 km, meteoric dust above.
 
 ===================== ============= =========== ==================================================================
 model                 depth, 550 nm above 11 km what it stands for
 ===================== ============= =========== ==================================================================
 ``none``              0             0           molecules alone
-``background``        0.324         0.0069      quiet stratosphere; below it haze, about twice the Earth's mean
-``volcanic_moderate`` 0.344         0.027       one to two years after a large eruption
-``volcanic_high``     0.411         0.094       the year after one such as Pinatubo's
+``background``        0.148         0.0069      the Earth's mean haze below a quiet stratosphere
+``volcanic_moderate`` 0.168         0.027       one to two years after a large eruption
+``volcanic_high``     0.235         0.094       the year after one such as Pinatubo's
 ``polar``             0.137         0.0074      clean air of 50 km visibility in a cold season, a low tropopause
 ``dust``              0.454         0.0069      desert dust, well mixed up to 5 km, below the quiet stratosphere
 ===================== ============= =========== ==================================================================
+
+LOWTRAN7 fills the first three below 10 km with haze of 23 km visibility, whose optical depth there is 0.316: an
+ordinary day over inhabited land, more than twice the Earth's mean. Here that part is thinned by one factor to 0.14
+(:data:`MEAN_DEPTH_BELOW_10_KM`): MODIS on Aqua has 0.13 over the sea and 0.19 over land (Remer et al. 2008, J. Geophys.
+Res. 113, D14S07), by their areas 0.147 for the whole column, 0.007 of which the stratosphere holds. The shape in height
+stays: 65 % of it lies below 2 km; CALIOP has 62 to 69 % in the boundary layer (Gui et al. 2021, Atmos. Chem. Phys. 21,
+15309; Bourgeois et al. 2018, Atmos. Chem. Phys. 18, 7709). Other amounts are for the scene to say: open ocean far from
+any land has 0.05 to 0.1, industry and smoke 0.3 to 1.
 
 ``polar`` is LOWTRAN7's tropospheric haze of 50 km visibility with the fall and winter set, whose stratospheric
 particles lie lower (0.0006 per km from 12 to 17 km); chosen here is that they begin above 8 km, the tropopause of high
@@ -29,7 +37,8 @@ region to 0 at the next level, 1 km higher (5 km above 30 km): extinction, scatt
 In wavelength, between the 36 entries of the table, the extinction is linear in logarithms, single-scattering albedo and
 asymmetry are linear in the logarithm of the wavelength.
 
-Neglected: humidity, season and place (one model serves the whole frame, and nothing chooses it by the latitude), and
+Neglected: humidity, season and place (one model serves the whole frame, and nothing chooses it by the latitude; over
+the sea nature's particles are coarser, less blue and absorb less than the rural ones that stand for all here), and
 phase functions other than Henyey and Greenstein's: single scattering towards the Sun and straight back from it may be
 wrong by tens of per cent, more for dust, whose grains are no spheres.
 """
@@ -51,6 +60,11 @@ from horizonval.earth.tables import json_object
 _TABLE = "aerosol.json"
 NONE = "none"
 MIN_UM, MAX_UM = 0.2, 18.5
+MEAN_DEPTH_BELOW_10_KM = 0.14
+"""Optical depth of the Earth's mean haze at 550 nm."""
+_HAZY = ("background", "volcanic_moderate", "volcanic_high")
+"""Models that have LOWTRAN7's haze of 23 km visibility."""
+_TROPOSPHERE_KM = 10.0
 
 
 @dataclass(frozen=True)
@@ -113,7 +127,7 @@ def names() -> list[str]:
     return [NONE, *json_object(_TABLE)["profiles"]]
 
 
-def aerosol(name: str, altitude_m: ArrayLike, *, where: str = "") -> Aerosol:
+def aerosol(name: str, altitude_m: ArrayLike, *, depth_below_10_km: float | None = None, where: str = "") -> Aerosol:
     """Return a model on altitudes.
 
     Parameters
@@ -122,6 +136,9 @@ def aerosol(name: str, altitude_m: ArrayLike, *, where: str = "") -> Aerosol:
         One of :func:`names`.
     altitude_m : array_like, shape (n,)
         Nothing is left above 100 km (1e-11 of the ground's extinction); below 0 counts as 0.
+    depth_below_10_km : float, optional
+        Optical depth at 550 nm of what lies below 10 km, in place of the model's own; what lies above 11 km
+        stays.
     where : str, optional
         File and key that gave the name, for the error message.
 
@@ -143,10 +160,25 @@ def aerosol(name: str, altitude_m: ArrayLike, *, where: str = "") -> Aerosol:
     values = np.array(model["extinction_550_per_km"], dtype=np.float64) * 1e-3
     total = np.exp(np.interp(z, levels, np.log(values)))
     total[z > levels[-1]] = 0.0
+    depth = MEAN_DEPTH_BELOW_10_KM if depth_below_10_km is None and name in _HAZY else depth_below_10_km
+    if depth is not None:
+        # as if the levels up to 10 km were so many times larger
+        total *= (depth / _depth(levels, values)) ** np.interp(z, [_TROPOSPHERE_KM, _TROPOSPHERE_KM + 1.0], [1.0, 0.0])
     regions = model["regions"]
     owner = np.searchsorted([region["altitude_km"][1] for region in regions], levels)
     shares = [np.interp(z, levels, owner == i) for i in range(len(regions))]
     return Aerosol(tuple(region["spectrum"] for region in regions), np.array(shares) * total)
+
+
+def _depth(levels_km: FloatArray, extinction_per_m: FloatArray) -> float:
+    """Return the optical depth below 10 km of what is exponential between levels."""
+    below = extinction_per_m[levels_km <= _TROPOSPHERE_KM]
+    lower, upper = below[:-1], below[1:]
+    changes = lower != upper
+    # the logarithmic mean; of two that agree, their value
+    ratio = np.where(changes, lower / upper, np.e)
+    mean = np.where(changes, (lower - upper) / np.log(ratio), lower)
+    return float(np.sum(mean * np.diff(levels_km[levels_km <= _TROPOSPHERE_KM]) * 1e3))
 
 
 def kinds() -> list[str]:

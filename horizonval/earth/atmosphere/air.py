@@ -15,6 +15,7 @@ from horizonval.core.suggest import nearest
 from horizonval.earth.atmosphere import climate, climate_rows, columns, profile_file
 from horizonval.earth.atmosphere.aerosol import Aerosol, aerosol
 from horizonval.earth.atmosphere.air_change import AS_IT_IS, AirChange
+from horizonval.earth.atmosphere.placed_profiles import PlacedProfiles
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile, names, profile
 from horizonval.earth.clouds.layers import ThinLayer, layers_of
 from horizonval.earth.gases import afgl
@@ -25,6 +26,8 @@ from horizonval.spec.scene import SceneSpec
 NO_ATMOSPHERE = "none"
 TOP_M = 100_000.0
 STEP_M = 100.0
+Columns = Callable[[FloatArray, FloatArray, FloatArray], GasState]
+"""From latitudes and longitudes (c,) [deg] and heights (k,) [m] to the gases there."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +45,7 @@ class Air:
     with_ozone : bool
         Whether ozone absorbs sunlight.
     columns : callable or None
-        Of air that varies with longitude: from latitudes and longitudes (c,) [deg] and heights (k,) [m] to the gases
-        there.
+        Of weather, and of profiles of many places from a file.
     layers : tuple of ThinLayer
         Of thin cloud.
     """
@@ -52,7 +54,7 @@ class Air:
     climates: Mapping[str, float]
     aerosol: Aerosol
     with_ozone: bool
-    columns: Callable[[FloatArray, FloatArray, FloatArray], GasState] | None = None
+    columns: Columns | None = None
     layers: tuple[ThinLayer, ...] = ()
 
     @property
@@ -92,11 +94,15 @@ def air_of(
     place = (scene.platform.latitude_deg, scene.platform.longitude_deg) if place_deg is None else place_deg
     z = np.linspace(0.0, TOP_M, round(TOP_M / STEP_M) + 1)
     climates: Mapping[str, float] = {}
-    many: Callable[[FloatArray, FloatArray, FloatArray], GasState] | None = None
+    many: Columns | None = None
     weather = columns.weather_of(scene)
     if atmosphere.profile_file is not None:
         path = (base_dir or Path()) / atmosphere.profile_file
-        state, climates = profile_file.read_profile(path, co2_ppm=atmosphere.co2_ppm), {}
+        placed = PlacedProfiles(profile_file.read_profiles(path, co2_ppm=atmosphere.co2_ppm))
+        state = placed.profiles[0].profile
+        if placed.vary:
+            many = placed.columns
+            state = columns.as_profile(many(np.array([place[0]]), np.array([place[1]]), z), state.name)
     elif weather is not None:
         many = partial(columns.weather_columns, weather, co2_ppm=atmosphere.co2_ppm)
         state = columns.as_profile(many(np.array([place[0]]), np.array([place[1]]), z), columns.WEATHER)
@@ -121,7 +127,12 @@ def air_of(
     if atmosphere.profile_file is None and many is None:
         state = replace(state, number_density_co2=state.number_density_co2 * (atmosphere.co2_ppm / afgl.CO2_PPM))
     lower = np.clip(z - change.raised_m, state.altitude_m[0], state.altitude_m[-1])
-    particles = aerosol(atmosphere.aerosol, np.minimum(lower, TOP_M), where=f"{scene.scene.name}: atmosphere.aerosol")
+    particles = aerosol(
+        atmosphere.aerosol,
+        np.minimum(lower, TOP_M),
+        depth_below_10_km=atmosphere.aerosol_optical_depth_550nm,
+        where=f"{scene.scene.name}: atmosphere.aerosol",
+    )
     gases = replace(state.at(lower), altitude_m=z)
     layers = layers_of(scene)
     particles = _with_layers(change.particles(particles), layers, z, change.raised_m)

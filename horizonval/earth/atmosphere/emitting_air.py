@@ -6,8 +6,9 @@ What the air is decides where its levels are:
 - the AFGL climates and their blends by latitude and month: those of :func:`horizonval.earth.gases.afgl.levels_m`. A
   blend by latitude has a row for every latitude in sight, see :mod:`horizonval.earth.atmosphere.climate_rows`; its
   state is blended, not its absorption;
-- weather and a list of profiles: columns on a map of what is in sight (:mod:`horizonval.earth.weather.column_map`), on
-  fewer levels and marched on 250 m to 1 km. All else is the same everywhere;
+- weather and profiles of many places: columns on a map of what is in sight
+  (:mod:`horizonval.earth.weather.column_map`), on fewer levels and marched on 250 m to 1 km. All else is the same
+  everywhere;
 - any other profile: 100 m;
 - an atmosphere file: its own absorption, the same throughout a band (grey), on its own nodes;
 - none: nothing absorbs.
@@ -141,7 +142,7 @@ def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> Em
     """Return the air of a scene that has gases of its own (neither ``none`` nor an atmosphere file).
 
     For ``by_latitude_month`` without a latitude of its own there is a row of air for every latitude in sight, for
-    weather and a list of profiles columns on a map; else one row serves the whole frame.
+    weather and profiles of many places columns on a map; else one row serves the whole frame.
 
     Parameters
     ----------
@@ -167,11 +168,15 @@ def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> Em
         state = air.state.gas_state().columns()
     if scene.atmosphere.halocarbons:
         state = state.with_halocarbons()
+    atmosphere = scene.atmosphere
+    haze = aerosol.aerosol(
+        atmosphere.aerosol, state.altitude_m, depth_below_10_km=atmosphere.aerosol_optical_depth_550nm
+    )
     return EmittingAir(
         altitude_m=grid,
         sin_latitude=rows,
         state=state,
-        particles=change.particles(aerosol.aerosol(scene.atmosphere.aerosol, state.altitude_m)),
+        particles=change.particles(haze),
         change=change,
         column_map=place,
         layers=air.layers,

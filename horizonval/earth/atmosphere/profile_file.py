@@ -1,4 +1,4 @@
-"""A profile from a user's file: temperature, air and its gases over altitude, read strictly.
+"""Profiles from a user's file, of one place or many: temperature, air and its gases over altitude, read strictly.
 
 CSV with one line of column names, or a JSON object of lists with the same names; other columns are refused.
 
@@ -9,7 +9,12 @@ CSV with one line of column names, or a JSON object of lists with the same names
 ``ozone_per_m3``         or ``ozone_ppmv`` (parts per million of the air's molecules): exactly one; 0 or more
 ``water_vapour_ppmv``    and ``carbon_dioxide_ppmv``, ``nitrous_oxide_ppmv``, ``methane_ppmv``: any of them or none; 0
                          or more, of the air's molecules
+``latitude_deg``         -90 to 90, geodetic: of the place that the line belongs to; for profiles of many places
+``longitude_deg``        -180 to 360, beside latitudes; without it a profile holds all around its circle of latitude
 ======================== ===========================================================================================
+
+Lines of equal latitude and longitude are one profile; each has levels of its own, and all that is said here holds for
+each. What the air is between places: :mod:`horizonval.earth.atmosphere.placed_profiles`.
 
 Between levels as the shipped profiles: temperature linear, logarithms of pressure and of the gases' shares of the air
 linear (a share itself linear where one of the levels has none). Above the last level temperature and shares stay as
@@ -41,7 +46,8 @@ from horizonval.core.suggest import nearest
 from horizonval.earth.atmosphere.profiles import AtmosphereProfile
 from horizonval.earth.gases import afgl
 
-MAX_FILE_BYTES = 1024 * 1024
+MAX_FILE_BYTES = 16 * 1024 * 1024
+MAX_PLACES = 1000
 MIN_LEVELS = 10
 MIN_TOP_KM = 60.0
 MAX_STEP_KM = 10.0
@@ -58,7 +64,8 @@ _OTHER_GASES = {
     "nitrous_oxide_ppmv": "n2o",
     "methane_ppmv": "ch4",
 }
-_KEYS = ("altitude_km", "temperature_K", *_AIR, *_OZONE, *_OTHER_GASES)
+_PLACE = {"latitude_deg": (-90.0, 90.0), "longitude_deg": (-180.0, 360.0)}
+_KEYS = ("altitude_km", "temperature_K", *_AIR, *_OZONE, *_OTHER_GASES, *_PLACE)
 _TOP_M = 120_000.0
 _STEP_M = 1000.0
 _LEAST = 1e-30
@@ -66,22 +73,41 @@ _LEAST = 1e-30
 
 
 @dataclass(frozen=True)
+class PlacedProfile:
+    """A profile and its place: latitude and longitude [deg], None where the file has none."""
+
+    latitude_deg: float | None
+    longitude_deg: float | None
+    profile: AtmosphereProfile
+
+
+@dataclass(frozen=True)
 class _Table:
-    """Columns of a file and where each of their values stands in it."""
+    """Columns of a file and where each of their values stands in it: on a line (CSV), or in a list, from 1 on (JSON).
+
+    ``of_place``: what to say after the file where the table is that of one place of many.
+    """
 
     file: str
     columns: dict[str, list[float]]
-    lines: Sequence[int] | None
+    number: Sequence[int]
+    is_csv: bool
+    of_place: str = ""
 
     def where(self, key: str, i: int) -> str:
-        """Return file, key and line (CSV) or level, counted from 1 (JSON), of a value."""
-        if self.lines is not None:
-            return f"{self.file}: line {self.lines[i]}, column {key}"
-        return f"{self.file}: {key}, level {i + 1}"
+        """Return file, key and line or level of a value."""
+        if self.is_csv:
+            return f"{self.file}: line {self.number[i]}, column {key}"
+        return f"{self.file}: {key}, level {self.number[i]}"
+
+    def part(self, rows: Sequence[int], of_place: str) -> _Table:
+        """Return the table of some of the rows."""
+        columns = {key: [values[i] for i in rows] for key, values in self.columns.items()}
+        return _Table(self.file, columns, [self.number[i] for i in rows], self.is_csv, of_place)
 
 
-def read_profile(path: Path | str, co2_ppm: float = afgl.CO2_PPM) -> AtmosphereProfile:
-    """Return the profile of a file on levels from 0 to 120 km.
+def read_profiles(path: Path | str, co2_ppm: float = afgl.CO2_PPM) -> tuple[PlacedProfile, ...]:
+    """Return the profiles of a file on levels from 0 to 120 km, in the order in which their places come.
 
     Parameters
     ----------
@@ -98,7 +124,6 @@ def read_profile(path: Path | str, co2_ppm: float = afgl.CO2_PPM) -> AtmosphereP
     path = Path(path)
     text = files.read_text(path, largest=MAX_FILE_BYTES, expected="a profile (CSV or JSON)")
     table = _read_json(text, str(path)) if path.suffix.lower() == ".json" else _read_csv(text, str(path))
-    _check(table)
     if co2_ppm != afgl.CO2_PPM and "carbon_dioxide_ppmv" in table.columns:
         raise UserError(
             f"the file has carbon dioxide of its own, and the scene asks for {co2_ppm:g} ppm",
@@ -106,7 +131,59 @@ def read_profile(path: Path | str, co2_ppm: float = afgl.CO2_PPM) -> AtmosphereP
             expected="either the column or atmosphere.co2_ppm",
             fix="leave one of them out",
         )
-    return _profile(table, path.stem, co2_ppm)
+    return tuple(_placed(part, path.stem, co2_ppm) for part in _places(table))
+
+
+def has_places(path: Path | str) -> bool:
+    """Return whether a file has a column of latitudes; one that can not be read has none."""
+    path = Path(path)
+    try:
+        text = files.read_text(path, largest=MAX_FILE_BYTES, expected="a profile (CSV or JSON)")
+        table = _read_json(text, str(path)) if path.suffix.lower() == ".json" else _read_csv(text, str(path))
+    except UserError:
+        return False
+    return "latitude_deg" in table.columns
+
+
+def _placed(table: _Table, name: str, co2_ppm: float) -> PlacedProfile:
+    _check(table)
+    latitude, longitude = (table.columns[key][0] if key in table.columns else None for key in _PLACE)
+    return PlacedProfile(latitude, longitude, _profile(table, name, co2_ppm))
+
+
+def _places(table: _Table) -> list[_Table]:
+    """Return the table of every place."""
+    keys = [key for key in _PLACE if key in table.columns]
+    if not keys or not table.number:
+        return [table]
+    for key in keys:
+        low, high = _PLACE[key]
+        for i, value in enumerate(table.columns[key]):
+            if not low <= value <= high:
+                raise UserError(f"is {value:g}", where=table.where(key, i), expected=_range(key))
+    rows: dict[tuple[float, ...], list[int]] = {}
+    for i, place in enumerate(zip(*(table.columns[key] for key in keys), strict=True)):
+        rows.setdefault(place, []).append(i)
+    if len(rows) > MAX_PLACES:
+        raise UserError(
+            f"profiles of {len(rows)} places", where=f"{table.file}: {keys[0]}", expected=f"at most {MAX_PLACES}"
+        )
+    seen: dict[tuple[float, ...], tuple[float, ...]] = {}
+    for place, own in rows.items():
+        # -180 and 180 are one meridian, and a pole has one place
+        turn = 0.0 if abs(place[0]) == 90.0 else place[-1] % 360.0
+        other = seen.setdefault((place[0], turn) if len(keys) == 2 else place, place)
+        if other is not place:
+            raise UserError(
+                f"is {place[-1]:g}: the same place as longitude {other[-1]:g}",
+                where=table.where(keys[-1], own[0]),
+                expected="every place once",
+            )
+    found = []
+    for place, own in rows.items():
+        named = ", ".join(f"{key.removesuffix('_deg')} {value:g}" for key, value in zip(keys, place, strict=True))
+        found.append(table.part(own, f", {named}"))
+    return found
 
 
 def _read_csv(text: str, file: str) -> _Table:
@@ -132,7 +209,7 @@ def _read_csv(text: str, file: str) -> _Table:
                 raise UserError(
                     f'found "{excerpt(field)}"', where=f"{file}: line {number}, column {name}", expected=_range(name)
                 ) from None
-    return _Table(file, columns, [number for number, _ in rows[1:]])
+    return _Table(file, columns, [number for number, _ in rows[1:]], is_csv=True)
 
 
 def _read_json(text: str, file: str) -> _Table:
@@ -155,7 +232,7 @@ def _read_json(text: str, file: str) -> _Table:
             raise UserError(
                 f"has {len(values)} values", where=f"{file}: {key}", expected=f"{levels}, one per altitude_km"
             )
-    return _Table(file, columns, None)
+    return _Table(file, columns, range(1, levels + 1), is_csv=False)
 
 
 def _float(value: Any) -> float:
@@ -176,6 +253,8 @@ def _check_keys(keys: Sequence[str], where: str) -> None:
             )
         if list(keys).count(key) > 1:
             raise UserError(f"{key} is there more than once", where=where, expected="every key once")
+    if "longitude_deg" in keys and "latitude_deg" not in keys:
+        raise UserError("missing: latitude_deg", where=where, expected="latitude_deg beside longitude_deg")
     for alternatives in (("altitude_km",), ("temperature_K",), _AIR, _OZONE):
         found = [key for key in alternatives if key in keys]
         if len(found) != 1:
@@ -186,6 +265,8 @@ def _check_keys(keys: Sequence[str], where: str) -> None:
 def _range(key: str) -> str:
     if key == "temperature_K":
         return f"{TEMPERATURE_K[0]:g} to {TEMPERATURE_K[1]:g} K"
+    if key in _PLACE:
+        return f"{_PLACE[key][0]:g} to {_PLACE[key][1]:g} degrees"
     if key == "altitude_km":
         return "rising altitudes from 0 on"
     return "a finite number of 0 or more" if key in (*_OZONE, *_OTHER_GASES) else "a finite number above 0"
@@ -206,7 +287,9 @@ def _check(table: _Table) -> None:
     z = table.columns["altitude_km"]
     if len(z) < MIN_LEVELS:
         raise UserError(
-            f"{len(z)} levels", where=f"{table.file}: altitude_km", expected=f"at least {MIN_LEVELS} levels"
+            f"{len(z)} levels",
+            where=f"{table.file}: altitude_km{table.of_place}",
+            expected=f"at least {MIN_LEVELS} levels",
         )
     if z[0] != 0:
         raise UserError(f"is {z[0]:g}", where=table.where("altitude_km", 0), expected="0, the ground")

@@ -20,8 +20,6 @@ path is SPCTRAL2's. How far off: from air mass 1 to 5 the parts keep SPCTRAL2's 
 950 nm to 1.3 %, and SPCTRAL2 that of the direct spectrum of ASTM G173 (by SMARTS, air mass 1.5) to 0.5 %: -7.3 and
 -13.6 %. A third of the loss is uncertain in single features (755 to 770 nm -18 % against -27 %). At the limb nothing
 has been compared: above 30 km, where lines are as narrow as heat makes them, the true absorption is larger.
-
-Nitrogen dioxide is left out: 0.2 % straight up at 400 to 450 nm, up to some 5 % at the limb at 20 to 30 km.
 """
 
 from __future__ import annotations

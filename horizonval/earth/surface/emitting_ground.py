@@ -2,7 +2,8 @@
 :class:`horizonval.earth.surface.ground_emission.GroundEmission`.
 
 A ``uniform`` ground is as warm as ``surface.temperature_k`` says, or else as the lowest air: one temperature, or with
-``by_latitude_month`` and ``weather`` that of the AFGL climates at every latitude. An ``earth`` has the climate of
+``by_latitude_month`` and ``weather`` that of the AFGL climates at every latitude, and with profiles of many places that
+of their lowest air, its mean around each circle of latitude. An ``earth`` has the climate of
 :mod:`horizonval.earth.surface.surface_temperature` for the month of the air (or of the epoch), whatever the profile of
 the air above it, unless ``surface.temperature_k`` puts one temperature in place of everything.
 
@@ -15,20 +16,23 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere import climate_rows, columns
+from horizonval.earth.atmosphere.air import Columns
 from horizonval.earth.gases import afgl
 from horizonval.earth.surface import ground_map, surface_temperature
 from horizonval.earth.surface.ground_emission import GroundEmission, uniform_ground
 from horizonval.spec.scene import SceneSpec
 
+_AROUND_DEG = 15.0
 
-def emitting_ground(scene: SceneSpec, lowest_air_k: float) -> GroundEmission:
+
+def emitting_ground(scene: SceneSpec, lowest_air_k: float | FloatArray) -> GroundEmission:
     """Return what the ground of a scene emits.
 
     Parameters
     ----------
     scene : SceneSpec
-    lowest_air_k : float
-        Temperature of the lowest level of the air where it is the same everywhere.
+    lowest_air_k : float or ndarray, shape (m,)
+        Temperature of the lowest level of the air: one for everywhere, or at :func:`climate_rows.all_rows`.
     """
     surface = scene.surface
     cloud = 1.0 if scene.clouds is None else scene.clouds.emissivity
@@ -43,6 +47,15 @@ def emitting_ground(scene: SceneSpec, lowest_air_k: float) -> GroundEmission:
         return uniform_ground(air, surface.emissivity, cloud)
     kind = "earth" if surface.kind == "earth" else "uniform"
     return uniform_ground(lowest_air_k if fixed is None else fixed, surface.emissivity, cloud, kind, month)
+
+
+def lowest_air_k(columns: Columns) -> FloatArray:
+    """Return the temperature of the lowest air at :func:`climate_rows.all_rows`, its mean around each."""
+    rows = np.degrees(np.arcsin(climate_rows.all_rows()))
+    around = np.arange(0.0, 360.0, _AROUND_DEG)
+    latitude, longitude = (v.ravel() for v in np.meshgrid(rows, around, indexing="ij"))
+    kelvin = columns(latitude, longitude, np.zeros(1)).temperature_k
+    return np.asarray(kelvin.reshape(len(rows), len(around)).mean(axis=1))
 
 
 def _climate(rows: FloatArray, month: float, cloud_emissivity: float) -> GroundEmission:

@@ -183,7 +183,8 @@ def _sunlit(los: FloatArray, observation: Observation, sun: FloatArray) -> Sunli
     cone = fit_cone(los)
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
     blur = blur_of(los, cone.axis_cam, observation)
-    return sunlit_limb(los, cone.axis_cam, rho, sun, blur, limits.SUN_SIGMA_RAD)
+    sigma = observation.prior.sun_sigma_rad
+    return sunlit_limb(los, cone.axis_cam, rho, sun, blur, limits.SUN_SIGMA_RAD if sigma is None else sigma)
 
 
 def _best_reach(
@@ -196,7 +197,7 @@ def _best_reach(
     limb = _sunlit(los, observation, sun)
     cone = fit_cone(los)
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
-    drop = limb.height_m * np.tan(rho) / observation.earth_radius_m
+    drop = limb.height_m * np.tan(rho) / observation.prior.sphere_radius_m
     inwards = cone.axis_cam - los * (los @ cone.axis_cam)[:, None]
     inwards /= np.linalg.norm(inwards, axis=1)[:, None]
     ground = np.cos(drop)[:, None] * los + np.sin(drop)[:, None] * inwards
@@ -336,13 +337,15 @@ def check_fit(fit: Fit, limb: TrustedLimb, observation: Observation) -> Refusal 
     sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ fit.total_covariance_nadir_cam @ basis)[-1]))
     if not sigma <= limits.LARGEST_SIGMA_RAD:
         return Refusal(Outcome.SHORT_ARC, f"the method determines the nadir to {np.degrees(sigma):.2f} deg", fit.points)
-    if observation.altitude_m is not None:
-        radius = observation.earth_radius_m
-        expected = np.arcsin(radius / (radius + observation.altitude_m))
+    predicted = observation.prior.angular_radius
+    if predicted is not None:
+        radius = observation.prior.sphere_radius_m
+        expected, of_altitude = predicted
         off = float(off_axis_angle(limb.seen_cam, limb.cone.axis_cam).mean()) - expected
         height = limits.limb_height_m(observation.band_kind)
         low, high = (h * np.tan(expected) / radius for h in height)
-        slack = limits.AGREEMENT * float(np.sqrt(limb.noise.covariance[2, 2] + limb.systematic[2, 2]))
+        variance = limb.noise.covariance[2, 2] + limb.systematic[2, 2] + of_altitude
+        slack = limits.AGREEMENT * float(np.sqrt(variance))
         if not low - slack <= off <= high + slack:
             return Refusal(
                 Outcome.AMBIGUOUS,

@@ -282,9 +282,9 @@ def _systematic(
             los,
             axis,
             rho,
-            flattening=observation.flattening,
+            flattening=observation.prior.flattening,
             reliefs=limits.reliefs(observation.band_kind),
-            earth_radius_m=observation.earth_radius_m,
+            earth_radius_m=observation.prior.sphere_radius_m,
             estimates="geodetic" if estimates == "geodetic" else "geocentric",
             gain=gain,
         )
@@ -345,11 +345,12 @@ def _confirmed(fit: Fit, limb: _Limb, observation: Observation, systematic: Floa
     sigma = float(np.sqrt(np.linalg.eigvalsh(total)[-1]))
     if not sigma <= limits.LARGEST_SIGMA_RAD:
         return Refusal(Outcome.SHORT_ARC, f"the heads determine the nadir to {np.degrees(sigma):.2f} deg", fit.points)
-    if observation.altitude_m is not None:
-        radius = observation.earth_radius_m
-        expected = np.arcsin(radius / (radius + observation.altitude_m))
+    predicted = observation.prior.angular_radius
+    if predicted is not None:
+        radius = observation.prior.sphere_radius_m
+        expected, of_altitude = predicted
         low, high = (h * np.tan(expected) / radius for h in limits.limb_height_m(observation.band_kind))
-        slack = limits.AGREEMENT * float(np.sqrt(limb.noise[2, 2] + limb.systematic[2, 2]))
+        slack = limits.AGREEMENT * float(np.sqrt(limb.noise[2, 2] + limb.systematic[2, 2] + of_altitude))
         if not low - slack <= rho - expected <= high + slack:
             off = np.degrees(rho - expected)
             return Refusal(

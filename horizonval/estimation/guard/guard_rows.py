@@ -148,8 +148,8 @@ def misfit(los: FloatArray, axis: FloatArray, rho_rad: float, noise_rad: FloatAr
     if not free.shape[1]:
         return 1.0
     reliefs = limits.reliefs(seen.band_kind)
-    covariance = np.diag(noise_rad**2) + relief_covariance(across, rho_rad, reliefs, seen.earth_radius_m)
+    covariance = np.diag(noise_rad**2) + relief_covariance(across, rho_rad, reliefs, seen.prior.sphere_radius_m)
     w = free.T @ (off_axis_angle(los, axis) - rho_rad)
-    left = w[:, None] - free.T @ oblate_limbs(across, rho_rad, seen.flattening)
+    left = w[:, None] - free.T @ oblate_limbs(across, rho_rad, seen.prior.flattening)
     squares = np.einsum("ij,ij->j", left, np.linalg.solve(free.T @ covariance @ free, left))
     return float(chi2.sf(squares.min(), free.shape[1]))

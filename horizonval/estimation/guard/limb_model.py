@@ -52,12 +52,12 @@ def model_covariance(
     numpy.linalg.LinAlgError
         If the points do not determine a cone.
     """
-    camera, radius = observation.camera, observation.earth_radius_m
+    camera, radius = observation.camera, observation.prior.sphere_radius_m
     covariance = systematic_covariance(
         los_cam,
         axis_cam,
         rho_rad,
-        flattening=observation.flattening,
+        flattening=observation.prior.flattening,
         reliefs=(*limits.reliefs(observation.band_kind), _seen_relief(los_cam, axis_cam, rho_rad, radius)),
         earth_radius_m=radius,
         estimates="geodetic" if estimates == "geodetic" else "geocentric",

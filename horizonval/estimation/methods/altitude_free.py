@@ -196,7 +196,7 @@ def fit_of_cone(
     """
     nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir_cam)
     roll, pitch = roll_pitch_of_nadir(nadir_body)
-    radius = observation.earth_radius_m
+    radius = observation.prior.sphere_radius_m
     basis = uncertainty.basis
     variance_rho = uncertainty.covariance[2, 2] + (0.0 if model is None else model[2, 2])
     return Fit(

@@ -124,7 +124,7 @@ def run(observation: Observation) -> Fit | Refusal:
         roll_rad=float(roll),
         pitch_rad=float(pitch),
         angular_radius_rad=float(np.arcsin(pose.radius_m / distance)),
-        altitude_m=distance - observation.earth_radius_m,
+        altitude_m=distance - observation.prior.sphere_radius_m,
         sigma_altitude_m=1e-6,
     )
 

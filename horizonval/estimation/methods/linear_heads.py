@@ -172,7 +172,7 @@ def _fit(
     first = rows[0].observation
     turn = Rotation.from_quat(first.q_cam_from_body).as_matrix()
     roll, pitch = roll_pitch_of_nadir(nadir_body)
-    radius = first.earth_radius_m
+    radius = first.prior.sphere_radius_m
     return Fit(
         nadir_cam=turn @ nadir_body,
         covariance_nadir_cam=turn @ covariance_body @ turn.T,

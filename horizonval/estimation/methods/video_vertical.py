@@ -108,7 +108,7 @@ def solve(observation: Observation, ends: ChordEnds = ChordEnds.SIGHT) -> Fit | 
         if isinstance(found, Refusal):
             return found.of_head(name)
         arcs.append(found)
-    return fit_arcs(arcs, list(observation.heads.values()), observation.earth_radius_m, ends)
+    return fit_arcs(arcs, list(observation.heads.values()), observation.prior.sphere_radius_m, ends)
 
 
 def from_heads(points: Mapping[str, FloatArray], observation: Observation) -> Fit | Refusal:
@@ -125,7 +125,7 @@ def from_heads(points: Mapping[str, FloatArray], observation: Observation) -> Fi
             return Refusal(Outcome.SHORT_ARC, f"head {name}: the limb is straight: it has no circle")
         arcs.append(Arc(uv[np.argsort(circle.along(uv), kind="stable")], circle))
     heads = [observation.heads[name] for name in points]
-    return fit_arcs(arcs, heads, observation.earth_radius_m, sub_pixel=True)
+    return fit_arcs(arcs, heads, observation.prior.sphere_radius_m, sub_pixel=True)
 
 
 def fit_arcs(

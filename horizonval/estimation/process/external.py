@@ -103,8 +103,10 @@ def camera_file(observation: Observation) -> str:
     ]
     if camera.image_circle_rad is not None:
         lines.append(f"image_circle_deg = {math.degrees(2 * camera.image_circle_rad)!r}")
-    if observation.altitude_m is not None:
-        lines += ["[platform]", f"altitude_km = {observation.altitude_m / 1e3!r}"]
+    prior = observation.prior
+    if prior.altitude_m is not None and prior.altitude_sigma_m is not None:
+        lines += ["[platform]", f"altitude_km = {prior.altitude_m / 1e3!r}"]
+        lines += [f"altitude_sigma_km = {prior.altitude_sigma_m / 1e3!r}"]
     return "\n".join(lines) + "\n"
 
 

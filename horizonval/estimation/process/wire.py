@@ -11,6 +11,7 @@ import dataclasses
 import json
 import math
 import struct
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.answer import MOST_POINTS, checked
 from horizonval.estimation.observation import Fit, Observation, OraclePose
+from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
 
 LENGTH = struct.Struct("<Q")
@@ -73,6 +75,10 @@ def _observation_tree(observation: Observation, arrays: list[NDArray[Any]], plac
     def number(value: float | None) -> float | None:
         return None if value is None else float(value)
 
+    def plain(value: Any) -> Any:
+        # Few numbers: JSON keeps every bit of them.
+        return value.isoformat() if isinstance(value, datetime) else np.asarray(value).tolist()
+
     oracle = observation.oracle
     camera = {key: list(v) if isinstance(v, tuple) else v for key, v in vars(observation.camera).items()}
     return {
@@ -81,9 +87,7 @@ def _observation_tree(observation: Observation, arrays: list[NDArray[Any]], plac
         "q_cam_from_body": put(observation.q_cam_from_body),
         "sun_cam": put(observation.sun_cam),
         "full_scale": number(observation.full_scale),
-        "altitude_m": number(observation.altitude_m),
-        "earth_radius_m": number(observation.earth_radius_m),
-        "flattening": number(observation.flattening),
+        "prior": {name: plain(value) for name, value in vars(observation.prior).items() if value is not None},
         "band_kind": observation.band_kind,
         "oracle": None if oracle is None else [put(oracle.r_itrs), put(oracle.q_cam_from_itrs), float(oracle.radius_m)],
         "heads": {name: _observation_tree(head, arrays, places) for name, head in observation.heads.items()},
@@ -98,14 +102,22 @@ def _observation(tree: dict[str, Any], arrays: list[NDArray[Any]]) -> Observatio
         camera=CameraModel(**(camera | {"distortion": tuple(camera["distortion"])})),
         q_cam_from_body=arrays[tree["q_cam_from_body"]],
         full_scale=tree["full_scale"],
-        altitude_m=tree["altitude_m"],
-        earth_radius_m=tree["earth_radius_m"],
-        flattening=tree["flattening"],
+        prior=_prior(tree["prior"]),
         band_kind=tree["band_kind"],
         sun_cam=None if tree["sun_cam"] is None else arrays[tree["sun_cam"]],
         oracle=None if oracle is None else OraclePose(arrays[oracle[0]], arrays[oracle[1]], oracle[2]),
         heads={name: _observation(head, arrays) for name, head in tree["heads"].items()},
     )
+
+
+def _prior(tree: dict[str, Any]) -> Prior:
+    values: dict[str, Any] = dict(tree)
+    for name in ("r_itrs", "q_cam_from_itrs", "attitude_sigma_rad"):
+        if name in tree:
+            values[name] = np.array(tree[name])
+    if "epoch_utc" in tree:
+        values["epoch_utc"] = datetime.fromisoformat(tree["epoch_utc"])
+    return Prior(**values)
 
 
 def pack_answer(result: Fit | Refusal, spent_s: float) -> bytes:

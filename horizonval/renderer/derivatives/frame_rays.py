@@ -6,7 +6,9 @@ clouds, what lies at the rays' ends counts as fixed.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import drjit as dr
 import mitsuba as mi
@@ -14,11 +16,13 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.surface.ground_emission import ground_k
+from horizonval.renderer.derivatives.ray_slopes import Radiance
 from horizonval.renderer.kernel.cells import Cells, Rays
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry
 from horizonval.renderer.planet import dot
 from horizonval.renderer.plugin.image import node_parts, surface_looks
 from horizonval.renderer.plugin.integrator import Prepared
+from horizonval.renderer.thermal.emission_columns import ColumnBatch
 from horizonval.renderer.thermal.emission_ground import mirrored, places_below
 from horizonval.renderer.thermal.emission_image import ThermalFrame
 from horizonval.renderer.thermal.emission_march import march_emission
@@ -63,32 +67,41 @@ class FrameRays:
                 self._put_clouds(out, cells, to_ground)
         return [out[band] for band in self.bands]
 
-    def marched(self, o: Vec, d: Vec, to_ground: bool) -> Values:
-        """Return radiance per band by the march, for derivatives along the ground.
+    def marched(self, to_ground: bool) -> Iterator[tuple[tuple[int, ...], Radiance]]:
+        """Yield parts of the radiance by the march, for derivatives along the ground: of which bands, and the part.
+
+        A band's light is the sum of its parts. Each is small enough to be differentiated in one kernel: all g points
+        of a thermal band at once would be compiled for minutes.
 
         Thermal bands are over ground that shines as at the rays' ends. Where air and ground are the same everywhere
-        their light does not change along the ground (see ``transport``): it counts as nothing.
+        their light does not change along the ground (see ``transport``): it has no part.
         """
-        cells = self._cells_of(d, to_ground)
-        view = replace(self.view, origin=o)
-        out = self._solar(view, cells, None)
+        if self.prepared.batches:
+            thermal = {air.band.name for air in self.prepared.thermal}
+            solar = tuple(i for i, band in enumerate(self.bands) if band not in thermal)
+            yield solar, partial(self._solar_marched, bands=[self.bands[i] for i in solar], to_ground=to_ground)
         for air in self.prepared.thermal:
-            total = 0.0 * d[0]
             first = 0
-            if self._alike(air):
-                out[air.band.name] = total
-                continue
-            for batch in air.batches:
-                more, through, _ = march_emission(
-                    view.planet, air.top_m, batch, o, d, mi.Bool(to_ground), max(self.nodes // 4, 24)
-                )
-                total = sum(more, start=total)
-                if to_ground:
-                    behind = self._ground_emission(air, slice(first, first + batch.used), o, d)
-                    total = sum((t * mi.Float64(b) for t, b in zip(through, behind, strict=True)), start=total)
-                first += batch.used
-            out[air.band.name] = total
-        return [out[band] for band in self.bands]
+            for batch in () if self._alike(air) else air.batches:
+                part = slice(first, first + batch.used)
+                emission = partial(self._emission_marched, air=air, batch=batch, part=part, to_ground=to_ground)
+                yield (self.bands.index(air.band.name),), emission
+                first = part.stop
+
+    def _solar_marched(self, o: Vec, d: Vec, bands: Sequence[str], to_ground: bool) -> Values:
+        out = self._solar(replace(self.view, origin=o), self._cells_of(d, to_ground), None)
+        return [out[band] for band in bands]
+
+    def _emission_marched(
+        self, o: Vec, d: Vec, air: ThermalAir, batch: ColumnBatch, part: slice, to_ground: bool
+    ) -> Values:
+        nodes = max(self.nodes // 4, 24)
+        more, through, _ = march_emission(self.view.planet, air.top_m, batch, o, d, mi.Bool(to_ground), nodes)
+        total = sum(more, start=0.0 * d[0])
+        if to_ground:
+            behind = self._ground_emission(air, part, o, d)
+            total = sum((t * mi.Float64(b) for t, b in zip(through, behind, strict=True)), start=total)
+        return [total]
 
     def _cells_of(self, d: Vec, to_ground: bool) -> Cells:
         """Return rays as cells that they fill."""

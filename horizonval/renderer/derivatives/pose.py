@@ -192,7 +192,13 @@ class PoseFrame:
                 )
                 for step in steps
             ]
-            return slopes(partial(self.rays.marched, to_ground=to_ground), view.origin, directions, changes)[1]
+            total = [[dr.zeros(mi.Float64, dr.width(directions[0])) for _ in self.rays.bands] for _ in changes]
+            for bands, radiance in self.rays.marched(to_ground):
+                for by_band, more in zip(total, slopes(radiance, view.origin, directions, changes)[1], strict=True):
+                    for band, slope in zip(bands, more, strict=True):
+                        by_band[band] += slope
+                dr.eval(total)
+            return total
 
         def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
             v = axis.value(x)

@@ -92,9 +92,8 @@ def _make_map(gaps: LayerGaps, planet: Planet, origin: tuple[float, float, float
     u, v, w = (x * shrink * e + y * shrink * n + rise * z for e, n, z in zip(*axes, vertical, strict=True))
     arithmetic = kernel_arithmetic()
     seed = dr.opaque(mi.UInt32, gaps.seed, 1)
-    rank = rank_of(
-        layer_gaps.noise(gaps, (u, v, w), seed, arithmetic.split, arithmetic.real), *layer_gaps.rank_table(gaps)
-    )
+    noise = layer_gaps.noise(gaps, (u, v, w), seed, arithmetic.split, arithmetic.real)
+    rank = rank_of(mi.Float64(noise), *layer_gaps.rank_table(gaps))
     cloudy = dr.clip((rank - constant(1.0 - gaps.cover)) / constant(gaps.softness) + 0.5, 0.0, 1.0)
     values = mi.Float32(cloudy / constant(gaps.cover) - 1.0)
     dr.eval(values)

@@ -29,8 +29,9 @@ class Atmosphere(Model):
     for none. Without the key it is drawn: one northern winter day in ten has one. For `profile = "weather"`.
     """
     profile_file: str | None = None
-    """Temperature and gases from a CSV or JSON file beside this one, in place of `profile`; see
-    `horizonval.earth.atmosphere.profile_file`.
+    """Temperature and gases from a CSV or JSON file beside this one, in place of `profile`: one profile for everywhere,
+    or with columns `latitude_deg` and `longitude_deg` those of up to 1000 places, blended between them. Thermal bands
+    then have the air of every place in sight. See `horizonval.earth.atmosphere.profile_file`.
     """
     file: str | None = None
     """Optical properties from a file in the format of the `radiance` command, in place of everything else here; a
@@ -41,17 +42,22 @@ class Atmosphere(Model):
     month: Annotated[int, Field(ge=1, le=12), unit("1")] | None = None
     """Month, 1 to 12, in place of the epoch's; for `profile = "by_latitude_month"` and `"weather"`."""
     aerosol: Literal["none", "background", "volcanic_moderate", "volcanic_high", "polar", "dust"] = "background"
-    """Particles, by models of LOWTRAN7: `background` is haze of 23 km visibility at the ground below a quiet
-    stratosphere, `volcanic_moderate` and `volcanic_high` have a stratosphere after an eruption, `polar` is clean air,
+    """Particles, by models of LOWTRAN7: `background` is the Earth's mean haze below a quiet stratosphere,
+    `volcanic_moderate` and `volcanic_high` have a stratosphere after an eruption, `polar` is clean air,
     `dust` desert dust up to 5 km; `none` is molecules alone, at half the time. Without the key air with gases of its
     own has the background, and `file` and `profile = "none"` have none. See `horizonval.earth.atmosphere.aerosol`.
+    """
+    aerosol_optical_depth_550nm: Annotated[float, Field(ge=0, le=5), unit("1")] | None = None
+    """Optical depth at 550 nm, straight up, of the particles below 10 km, in place of the model's own (`background` and
+    the volcanic ones 0.14, the Earth's mean; `polar` 0.13, `dust` 0.45). Open ocean far from land has 0.05 to 0.1, the
+    seas' mean is 0.12, that of land 0.18, smoke and industry have 0.3 to 1. What lies higher stays.
     """
     ozone: bool = True
     """Whether ozone absorbs sunlight."""
     gases_in_sunlight: bool = True
-    """Whether oxygen and water vapour absorb sunlight in bands that lose 3 % and more to them (red and near infrared):
-    -7 % of 700 to 800 nm and -14 % of 750 to 950 nm on the way to the ground. Such bands get up to four spectral nodes
-    more. See `horizonval.earth.gases.sunlight_absorption`.
+    """Whether nitrogen dioxide absorbs sunlight, and oxygen and water vapour in bands that lose 3 % and more to them
+    (red and near infrared): -7 % of 700 to 800 nm and -14 % of 750 to 950 nm on the way to the ground. Such bands get
+    up to four spectral nodes more. See `horizonval.earth.gases.sunlight_absorption` and `nitrogen_dioxide`.
     """
     co2_ppm: Annotated[float, Field(ge=280, le=560)] = 420.0
     """Carbon dioxide of the lower atmosphere, for thermal bands only; the file of a `profile_file` may have its own."""
@@ -80,6 +86,10 @@ class Atmosphere(Model):
         if self.file is not None and self.aerosol != "none":
             raise ValueError(
                 f'aerosol = "{self.aerosol}" does not go with file, which holds all that scatters; set aerosol = "none"'
+            )
+        if self.aerosol_optical_depth_550nm is not None and self.aerosol == "none":
+            raise ValueError(
+                "aerosol_optical_depth_550nm needs particles; name a model in aerosol, or leave the key out"
             )
         if self.co2_ppm != 420.0 and (self.file is not None or self._airless):
             raise ValueError('co2_ppm applies to an atmosphere with gases of its own, not to file or profile = "none"')

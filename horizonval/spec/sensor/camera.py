@@ -24,10 +24,20 @@ F_NUMBER_TOLERANCE = 0.03
 
 
 class PlatformPrior(Model):
-    """What a user knows of the platform; a prior, never the truth."""
+    """What is known of every platform that carries the camera; a prior, never the truth."""
+
+    later_keys: ClassVar[frozenset[str]] = frozenset({"altitude_sigma_km"})
 
     altitude_km: Positive | None = None
-    """Altitude that methods with a prior start from."""
+    """Height of the orbit above the ellipsoid. A prior that has an altitude stands in its place."""
+    altitude_sigma_km: Positive | None = None
+    """Standard deviation of its error."""
+
+    @model_validator(mode="after")
+    def _value_with_sigma(self) -> PlatformPrior:
+        if (self.altitude_km is None) != (self.altitude_sigma_km is None):
+            raise ValueError("give altitude_km and altitude_sigma_km, or neither")
+        return self
 
 
 class Band(Model):

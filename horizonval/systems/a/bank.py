@@ -23,6 +23,7 @@ from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import SLOW_PX, slow_error
 from horizonval.estimation.methods import altitude_free, altitude_free_closed_form, altitude_free_published
 from horizonval.estimation.observation import Fit, Observation
+from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import CameraModel, camera_from_spec, project
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
@@ -78,7 +79,7 @@ def scene_of(item: JsonObject) -> SceneSpec:
 
 def radius_of(altitude_km: float) -> float:
     """Return the Earth's angular radius [rad] from an altitude above the sphere."""
-    return math.asin(Observation.earth_radius_m / (Observation.earth_radius_m + altitude_km * 1e3))
+    return math.asin(MEAN_RADIUS_M / (MEAN_RADIUS_M + altitude_km * 1e3))
 
 
 def limb_length_px(item: JsonObject) -> float:

@@ -14,9 +14,9 @@ Z = np.arange(0.0, 100_001.0, 100.0)
 MODELS = ("background", "volcanic_moderate", "volcanic_high", "polar", "dust")
 
 
-def depth(name: str, wavelength_um: float = 0.55, above_m: float = 0.0) -> float:
+def depth(name: str, wavelength_um: float = 0.55, above_m: float = 0.0, **amount: float) -> float:
     z = Z[above_m <= Z]
-    return float(np.trapezoid(aerosol.aerosol(name, z).at(wavelength_um)[0], z))
+    return float(np.trapezoid(aerosol.aerosol(name, z, **amount).at(wavelength_um)[0], z))
 
 
 @pytest.mark.parametrize(
@@ -26,13 +26,53 @@ def depth(name: str, wavelength_um: float = 0.55, above_m: float = 0.0) -> float
 )
 def test_optical_depths_of_lowtran(name: str, total: float, above_11_km: float) -> None:
     levels = np.array([*range(26), 30, 35, 40]) * 1e3
-    at_levels = aerosol.aerosol(name, levels).at(0.55)[0]
+    # by hand: logarithmic means of LOWTRAN7's levels from 0 to 10 km, (a - b) / ln(a / b)
+    visibility_23_km = {"depth_below_10_km": 0.3156}
+    at_levels = aerosol.aerosol(name, levels, **visibility_23_km).at(0.55)[0]
     assert np.trapezoid(at_levels, levels) == pytest.approx(total, rel=2e-4)
     assert np.trapezoid(at_levels[11:], levels[11:]) == pytest.approx(above_11_km, rel=5e-4)
     # Exponentials between the levels hold less than straight lines: 2 %.
-    assert depth(name) == pytest.approx(total, rel=0.025)
-    assert depth(name) < total
+    assert depth(name, **visibility_23_km) == pytest.approx(total, rel=0.025)
+    assert depth(name, **visibility_23_km) < total
     assert depth(name, above_m=11e3) == pytest.approx(above_11_km, rel=0.025)
+
+
+def test_the_background_is_the_mean_of_the_earth() -> None:
+    """MODIS on Aqua (Remer et al. 2008): 0.13 over the sea, 0.19 over the 29 % that are land."""
+    assert depth("background") == pytest.approx(0.71 * 0.13 + 0.29 * 0.19, abs=0.002)
+    # CALIOP: 62 % (Gui et al. 2021) to 69 % (Bourgeois et al. 2018) in the boundary layer, of what the troposphere has
+    below = depth("background") - depth("background", above_m=2e3)
+    assert 0.60 < below / (depth("background") - depth("background", above_m=11e3)) < 0.70
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_amount_below_ten_kilometres_is_as_asked(name: str) -> None:
+    for asked in (0.0, 0.05, 1.2):
+        found = depth(name, depth_below_10_km=asked) - depth(name, above_m=10e3, depth_below_10_km=asked)
+        # trapezoids of 100 m
+        assert found == pytest.approx(asked, rel=1e-3)
+    assert depth(name, above_m=11e3, depth_below_10_km=1.2) == depth(name, above_m=11e3)
+
+
+def test_scenes_ask_for_an_amount() -> None:
+    band = {"kind": "solar", "lo_um": 0.54, "hi_um": 0.56, "nodes": 1}
+    hazy, thin, clear = (
+        np.trapezoid(model_of(name, air, **band).nodes[0].particle_per_m, Z)
+        for name, air in (
+            ("background", {"aerosol_optical_depth_550nm": 1.0}),
+            ("background", {"aerosol_optical_depth_550nm": 0.0}),
+            ("none", {}),
+        )
+    )
+    # 0.95 of it is scattered (rural air 0.946, tropospheric 0.964)
+    assert hazy - thin == pytest.approx(0.952, abs=0.006)
+    assert 0.006 < thin - clear < 0.009
+    band = {"kind": "thermal", "lo_um": 10.7, "hi_um": 11.3}
+    hazy, thin = (
+        model_of("background", {"aerosol_optical_depth_550nm": amount}, **band).thermal[0].extinction_at([500.0]).sum()
+        for amount in (1.0, 0.0)
+    )
+    assert hazy > thin
 
 
 @pytest.mark.parametrize(
@@ -94,7 +134,7 @@ def test_polar_air_is_clean_and_its_stratosphere_low() -> None:
     """Of LOWTRAN7's fall and winter set: as much above 11 km as in spring and summer, but lower."""
     z = Z[Z >= 11e3]
     polar, background = (aerosol.aerosol(name, z).at(0.55)[0] for name in ("polar", "background"))
-    assert depth("polar") < 0.45 * depth("background")
+    assert depth("polar") < 0.45 * depth("background", depth_below_10_km=0.3156)
     assert np.average(z, weights=polar) < np.average(z, weights=background) - 500.0
     low = aerosol.aerosol("polar", np.array([9000.0])).at(0.8)
     assert low[2][0] == pytest.approx(float(aerosol.optics("background_stratospheric", 0.8).asymmetry), rel=1e-12)
@@ -103,7 +143,7 @@ def test_polar_air_is_clean_and_its_stratosphere_low() -> None:
 def test_dust_fills_the_lowest_five_kilometres_evenly() -> None:
     dust, background = (aerosol.aerosol(name, Z).at(0.55)[0] for name in ("dust", "background"))
     np.testing.assert_allclose(dust[Z <= 5e3], 0.08e-3, rtol=1e-12)
-    np.testing.assert_array_equal(dust[Z >= 6e3], background[Z >= 6e3])
+    np.testing.assert_array_equal(dust[Z >= 11e3], background[Z >= 11e3])
     # coarse grains: less blue than haze, and absorbing in the window
     assert depth("dust", 0.87) / depth("dust") > 1.15 * depth("background", 0.87) / depth("background")
     assert depth("dust", 10.0) > 0.1
@@ -136,8 +176,9 @@ def test_refusals() -> None:
             aerosol.optics("rural_rh70", [0.5, wavelength])
 
 
-def model_of(aerosol_name: str, **band: Any) -> Any:
-    scene = {"camera": {"file": "cam.toml"}, "platform": {"altitude_km": 500}, "atmosphere": {"aerosol": aerosol_name}}
+def model_of(aerosol_name: str, air: dict[str, float] | None = None, **band: Any) -> Any:
+    air_of_scene = {"aerosol": aerosol_name} | (air or {})
+    scene = {"camera": {"file": "cam.toml"}, "platform": {"altitude_km": 500}, "atmosphere": air_of_scene}
     camera = {"camera": {"width": 4, "height": 4, "fov_deg": 20}, "band": [{"name": "b", **band}]}
     return optical_model(SceneSpec.model_validate(scene), CameraSpec.model_validate(camera))
 

@@ -8,13 +8,18 @@ import numpy as np
 import pytest
 
 from horizonval.core.errors import UserError
-from horizonval.earth.atmosphere.profile_file import read_profile
-from horizonval.earth.atmosphere.profiles import profile
+from horizonval.earth.atmosphere.profile_file import read_profiles
+from horizonval.earth.atmosphere.profiles import AtmosphereProfile, profile
 from horizonval.earth.optical import optical_model
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
 KM = [*range(0, 30), *range(30, 101, 2)]
+
+
+def read_profile(path: Path, **options: Any) -> AtmosphereProfile:
+    (one,) = read_profiles(path, **options)
+    return one.profile
 
 
 def columns(name: str = "midlatitude_summer") -> dict[str, list[float]]:

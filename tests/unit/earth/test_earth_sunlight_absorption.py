@@ -97,5 +97,6 @@ def test_bands_that_hardly_lose_stay_as_they_are() -> None:
     for lo, hi in ((0.4, 0.55), (0.445, 0.745), (0.6, 0.68)):
         on, off = model(lo, hi), model(lo, hi, gases_in_sunlight=False)
         for a, b in zip(on.nodes, off.nodes, strict=True):
-            np.testing.assert_array_equal(a.extinction_per_m, b.extinction_per_m)
+            # nitrogen dioxide alone: a vertical depth of 0.0034 at most
+            assert np.trapezoid(a.extinction_per_m - b.extinction_per_m, on.altitude_m) < 0.004
             assert (a.weight, a.wavelength_um) == (b.weight, b.wavelength_um)

@@ -13,12 +13,13 @@ from horizonval.estimation.methods import altitude_free_closed_form as closed_fo
 from horizonval.estimation.methods import altitude_free_published as published
 from horizonval.estimation.methods.altitude_free import newton, solve, step_by_qr
 from horizonval.estimation.observation import Fit, Observation
+from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import nadir_of_roll_pitch
 
-RADIUS_M = Observation.earth_radius_m
+RADIUS_M = MEAN_RADIUS_M
 NADIR = nadir_of_roll_pitch(np.radians(20.0), np.radians(30.0))
 RHO = float(np.arcsin(RADIUS_M / (RADIUS_M + 3000e3)))
 

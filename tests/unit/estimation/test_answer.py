@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.answer import MOST_POINTS, checked
 from horizonval.estimation.observation import Fit, Observation, OraclePose
+from horizonval.estimation.prior import Prior
 from horizonval.estimation.process.wire import (
     LENGTH,
     LONGEST_ANSWER,
@@ -54,13 +57,33 @@ def test_an_answer_comes_through_to_the_bit(result: Fit | Refusal) -> None:
     assert all(_same(value, vars(back)[name]) for name, value in vars(result).items())
 
 
+PRIOR = Prior(
+    shape="sphere",
+    radius_m=6.4e6 / 3,
+    altitude_m=5e5 / 3,
+    altitude_sigma_m=1e3,
+    r_itrs=np.array([1.0, -2.0, 3.0]) * 1e6 / 3,
+    position_sigma_m=1.0 / 3,
+    q_cam_from_itrs=np.array([0.1, 0.2, 0.3, 0.9]) / math.sqrt(0.95),
+    attitude_sigma_rad=np.array([1.0, 2.0, 3.0]) / 7,
+    epoch_utc=datetime(2026, 3, 20, 12, 0, 0, 123456, tzinfo=UTC),
+    limb_height_m=-1e3 / 7,
+    limb_height_sigma_m=3e3 / 7,
+    climate="tropical",
+    sun_sigma_rad=0.01 / 3,
+)
+
+
+def _packed(observation: Observation) -> bytes:
+    return b"".join(bytes(part) for part in pack_observation(observation))
+
+
 def test_an_observation_comes_through_to_the_bit() -> None:
     camera = CameraModel(6, 5, 55.5, 54.5, 2.5, 2.0, (0.1, 0.2, 0.3, 0.4, 0.5), "fisheye", np.float64(1.1))
     oracle = OraclePose(np.arange(3.0), np.arange(4.0), 6.4e6)
-    head = Observation(RNG.normal(size=(5, 6)).T.copy().T, camera, full_scale=1023.0, oracle=oracle, altitude_m=5e5)
+    head = Observation(RNG.normal(size=(5, 6)).T.copy().T, camera, full_scale=1023.0, oracle=oracle, prior=PRIOR)
     whole = replace(head, heads={"a": head, "b": replace(head, image=np.arange(30, dtype=np.uint16).reshape(5, 6))})
-    message = b"".join(bytes(part) for part in pack_observation(whole))
-    back = unpack_observation(np.frombuffer(message, dtype=np.uint8))
+    back = unpack_observation(np.frombuffer(_packed(whole), dtype=np.uint8))
     assert list(back.heads) == ["a", "b"]
     for one, other in ((whole, back), (whole.heads["b"], back.heads["b"])):
         assert one.camera == other.camera
@@ -69,7 +92,10 @@ def test_an_observation_comes_through_to_the_bit() -> None:
         assert _same(one.oracle.r_itrs, other.oracle.r_itrs)
         assert np.array_equal(one.image, other.image)
         assert one.image.dtype == other.image.dtype
-        assert (one.full_scale, one.altitude_m, one.sun_cam) == (other.full_scale, other.altitude_m, other.sun_cam)
+        assert (one.full_scale, one.sun_cam) == (other.full_scale, other.sun_cam)
+        for name, value in vars(one.prior).items():
+            assert _same(value, getattr(other.prior, name)), name
+    assert unpack_observation(np.frombuffer(_packed(replace(head, prior=Prior())), np.uint8)).prior.known == ()
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Fit, Observation
+from horizonval.estimation.prior import Prior
 from horizonval.estimation.process.external import LONGEST_ANSWER, camera_file, command_line, external, result_of
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.frames import roll_pitch_of_nadir
@@ -68,7 +69,9 @@ def test_the_camera_file_says_what_the_projection_has(projection: str, numbers: 
     camera = CameraModel(
         64, 48, 55.0, 56.0, 31.5, 23.25, CAMERA.distortion, projection=projection, image_circle_rad=1.2
     )  # type: ignore[arg-type]
-    told = tomllib.loads(camera_file(Observation(np.zeros((48, 64)), camera, altitude_m=512.5e3)))
+    told = tomllib.loads(
+        camera_file(Observation(np.zeros((48, 64)), camera, prior=Prior(altitude_m=512.5e3, altitude_sigma_m=2e3)))
+    )
     assert told["camera"] == {
         "width": 64,
         "height": 48,
@@ -80,7 +83,7 @@ def test_the_camera_file_says_what_the_projection_has(projection: str, numbers: 
         "distortion": list(CAMERA.distortion[:numbers]),
         "image_circle_deg": pytest.approx(math.degrees(2.4)),
     }
-    assert told["platform"] == {"altitude_km": 512.5}
+    assert told["platform"] == {"altitude_km": 512.5, "altitude_sigma_km": 2.0}
     plain = tomllib.loads(camera_file(seen()))
     assert set(plain) == {"camera"}
     assert "image_circle_deg" not in plain["camera"]

@@ -21,6 +21,7 @@ from horizonval.estimation.guard.guard import guarded, trusted_limb
 from horizonval.estimation.limb.model.sunlit import blur_rad, sunlit_limb
 from horizonval.estimation.methods import altitude_free, altitude_free_published
 from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
 from horizonval.geometry.cone import Cone, fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
@@ -48,7 +49,7 @@ def picture(nadir: np.ndarray, camera: CameraModel = CAMERA, seed: int | None = 
 
 
 def observe(image: np.ndarray, **changes) -> Observation:
-    values = {"full_scale": FULL, "flattening": 0.0, "band_kind": "solar"}
+    values = {"full_scale": FULL, "prior": Prior(shape="sphere"), "band_kind": "solar"}
     return Observation(image=np.clip(image, 0.0, FULL), camera=CAMERA, **(values | changes))
 
 
@@ -67,7 +68,7 @@ def test_a_good_limb_passes_and_says_what_the_model_leaves_out():
     assert fit.systematic_nadir_cam @ fit.nadir_cam == pytest.approx(np.zeros(3), abs=1e-7)
     assert np.trace(fit.total_covariance_nadir_cam) > np.trace(fit.covariance_nadir_cam)
     # An ellipsoid is known less well than a sphere.
-    oblate = GUARDED.run(observe(picture(nadir), flattening=1 / 298.257))
+    oblate = GUARDED.run(observe(picture(nadir), prior=Prior()))
     assert np.trace(oblate.systematic_nadir_cam) > np.trace(fit.systematic_nadir_cam)
 
 
@@ -164,10 +165,15 @@ def test_a_disc_of_half_a_degree_is_not_the_earth():
 
 def test_a_known_altitude_that_does_not_fit_is_refused():
     altitude = 6371008.8 / math.sin(RHO) - 6371008.8
-    assert isinstance(GUARDED.run(observe(picture(nadir_at()), altitude_m=altitude)), Fit)
-    wrong = GUARDED.run(observe(picture(nadir_at()), altitude_m=altitude + 400e3))
+    known = Prior(shape="sphere", altitude_m=altitude, altitude_sigma_m=1e3)
+    assert isinstance(GUARDED.run(observe(picture(nadir_at()), prior=known)), Fit)
+    too_high = replace(known, altitude_m=altitude + 400e3)
+    wrong = GUARDED.run(observe(picture(nadir_at()), prior=too_high))
     assert isinstance(wrong, Refusal)
     assert wrong.status is Outcome.AMBIGUOUS
+    # Who knows his altitude to 100 km is not contradicted by 400 km: five sigma are asked for.
+    doubtful = replace(too_high, altitude_sigma_m=100e3)
+    assert isinstance(GUARDED.run(observe(picture(nadir_at()), prior=doubtful)), Fit)
 
 
 def liar(off_deg: float) -> Estimator:

@@ -19,6 +19,7 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard.guard import guarded
 from horizonval.estimation.methods import linear_heads, video_vertical
 from horizonval.estimation.observation import Fit, Observation
+from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import nadir_of_roll_pitch
@@ -26,6 +27,7 @@ from horizonval.scoring.errors import is_false
 
 DARK, BRIGHT, FULL = 40.0, 1600.0, 4095.0
 RADIUS_M = 6371008.8
+SPHERE = Prior(shape="sphere", radius_m=RADIUS_M)
 RHO = math.asin(RADIUS_M / (RADIUS_M + 400e3))
 
 ROW = CameraModel(160, 1, 573.0, 573.0, 79.5, 0.0, projection="equal_angle")
@@ -58,7 +60,7 @@ def four(
     """Return four rows a quarter turn apart, 70.22 deg off the nadir; ``change``: what to do to the second row."""
     rng = np.random.default_rng(seed)
     nadir = nadir_of_roll_pitch(math.radians(roll_deg), math.radians(pitch_deg))
-    values = {"full_scale": FULL, "flattening": 0.0, "band_kind": "thermal", "earth_radius_m": RADIUS_M} | known
+    values = {"full_scale": FULL, "prior": SPHERE, "band_kind": "thermal"} | known
     heads = {}
     for i, name in enumerate(ROW_NAMES):
         # Columns run from the nadir outwards: x of the head is the meridian away from it.
@@ -84,9 +86,8 @@ def two(nadir_body: np.ndarray = PAIR_NADIR, seed: int = 0, noise: float = 20.0,
             camera=PICTURE,
             q_cam_from_body=turn.as_quat(),
             full_scale=FULL,
-            flattening=0.0,
+            prior=SPHERE,
             band_kind="solar",
-            earth_radius_m=RADIUS_M,
         )
     return replace(heads["a"], heads=heads)
 
@@ -182,14 +183,14 @@ def test_an_offset_crossing_is_refused_unless_an_ellipsoid_would_have_it() -> No
         assert isinstance(result, Refusal)
         assert result.status is Outcome.AMBIGUOUS
         assert isinstance(estimator.run(four(off_deg=(0.15, 0.0, 0.15, 0.0))), Refusal)
-        oblate = estimator.run(four(off_deg=(0.15, 0.0, 0.15, 0.0), flattening=1 / 298.257))
+        oblate = estimator.run(four(off_deg=(0.15, 0.0, 0.15, 0.0), prior=Prior()))
         assert isinstance(oblate, Fit), oblate.reason
         assert isinstance(estimator.run(four(off_deg=(0.5, 0.5, 0.5, 0.5))), Fit)
 
 
 def test_a_known_altitude_that_does_not_fit_is_refused() -> None:
-    assert isinstance(ROWS.run(four(altitude_m=400e3)), Fit)
-    result = ROWS.run(four(altitude_m=500e3))
+    assert isinstance(ROWS.run(four(prior=replace(SPHERE, altitude_m=400e3, altitude_sigma_m=1e3))), Fit)
+    result = ROWS.run(four(prior=replace(SPHERE, altitude_m=500e3, altitude_sigma_m=1e3)))
     assert isinstance(result, Refusal)
     assert result.status is Outcome.AMBIGUOUS
     assert "altitude" in result.reason

@@ -25,11 +25,12 @@ from horizonval.estimation.guard.guard_heads import (
     _without_outliers,
 )
 from horizonval.estimation.observation import Fit, Observation
+from horizonval.estimation.prior import MEAN_RADIUS_M, Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
-RADIUS_M = Observation.earth_radius_m
+RADIUS_M = MEAN_RADIUS_M
 RHO = math.asin(RADIUS_M / (RADIUS_M + 600e3))
 AXIS = np.array([0.1, math.sin(1.05), math.cos(1.05)])
 AXIS /= np.linalg.norm(AXIS)
@@ -94,8 +95,10 @@ def test_a_disc_that_no_orbit_shows_is_refused(rho_deg: float, refused: bool) ->
 def test_a_known_altitude_leaves_room_for_air_and_uncertainty(band: Any) -> None:
     """The limb stands between a little below the ground and the top of its air, five sigma to both sides."""
     low, high = (h * math.tan(RHO) / RADIUS_M for h in limits.limb_height_m(band))
-    slack = limits.AGREEMENT * math.hypot(3e-4, 4e-4)
-    observation = seen(altitude_m=600e3, band_kind=band)
+    sigma_m = 2e3
+    of_altitude = math.tan(RHO) / (RADIUS_M + 600e3) * sigma_m
+    slack = limits.AGREEMENT * math.hypot(3e-4, 4e-4, of_altitude)
+    observation = seen(prior=Prior(altitude_m=600e3, altitude_sigma_m=sigma_m), band_kind=band)
     for off, refused in ((low - slack, False), (high + slack, False), (low - slack, True), (high + slack, True)):
         inwards = -1.0 if (off > 0) == (not refused) else 1.0
         cone = limb(noise=3e-4, systematic=4e-4, rho=RHO + off + inwards * 2e-5)

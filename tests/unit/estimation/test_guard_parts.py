@@ -17,6 +17,7 @@ from horizonval.estimation.guard.guard_rows import RowLimb, is_row, misfit, row_
 from horizonval.estimation.guard.limb_model import _seen_relief
 from horizonval.estimation.limb.model.steepest import REACH_PX, STEP_PX, profile_places, steepest_sample, to_steepest
 from horizonval.estimation.observation import Observation
+from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.cone import Cone, fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
@@ -119,7 +120,7 @@ def test_crossings_that_miss_one_cone_by_their_noise_are_likely_and_by_more_not(
     """On a sphere of an even limb the misfit is one of chi-squared with one degree of freedom."""
     los, outwards = crossings()
     sigma = np.array([2e-3, 4e-3, 3e-3, 2e-3])
-    seen = head(row(), flattening=0.0)
+    seen = head(row(), prior=Prior(shape="sphere"))
     rng = np.random.default_rng(1)
     chances = []
     for _ in range(400):

@@ -18,6 +18,7 @@ from horizonval.estimation.methods.linear_heads import (
     published_angles,
 )
 from horizonval.estimation.observation import Fit, Observation
+from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.frames import cam_from_body, compose, nadir_of_roll_pitch, roll_pitch_of_nadir
@@ -58,7 +59,9 @@ def observation(columns: np.ndarray, mounts: list, noise: np.random.Generator | 
         row = 100.0 + 1600.0 * np.clip(column - (np.arange(160.0) - 0.5), 0.0, 1.0)
         if noise is not None:
             row = np.round(row + noise.normal(0.0, 15.0, 160))
-        heads[name] = Observation(image=row[None, :], camera=CAMERA, q_cam_from_body=q, earth_radius_m=RADIUS_KM * 1e3)
+        heads[name] = Observation(
+            image=row[None, :], camera=CAMERA, q_cam_from_body=q, prior=Prior(shape="sphere", radius_m=RADIUS_KM * 1e3)
+        )
     return replace(heads[NAMES[0]], heads=heads)
 
 

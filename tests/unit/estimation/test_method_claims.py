@@ -62,7 +62,7 @@ def test_the_oracle_knows_its_pose() -> None:
     nadir = attitude.apply([0.0, -1.0, 0.0])
     assert fit.nadir_cam == pytest.approx(nadir, abs=1e-14)
     assert (fit.roll_rad, fit.pitch_rad) == pytest.approx(roll_pitch_of_nadir(mounting.inv().apply(nadir)), abs=1e-12)
-    assert fit.altitude_m == pytest.approx(700e3 + RADIUS_M - seen.earth_radius_m, abs=1e-6)
+    assert fit.altitude_m == pytest.approx(700e3 + RADIUS_M - seen.prior.sphere_radius_m, abs=1e-6)
     assert math.sin(fit.angular_radius_rad or 0.0) == pytest.approx(RADIUS_M / (RADIUS_M + 700e3))
     assert np.linalg.eigvalsh(fit.covariance_nadir_cam) == pytest.approx([0.0, 1e-24, 1e-24], abs=1e-27)
     for inside in (0.0, RADIUS_M * 0.999, np.nan):
@@ -112,7 +112,7 @@ def test_the_altitude_is_as_uncertain_as_the_angular_radius_makes_it() -> None:
     ]
     slope = abs(heights[1] - heights[0]) / (2 * step)
     assert (heights[0] + heights[1]) / 2 == pytest.approx(
-        seen.earth_radius_m / math.sin(cone.rho_rad) - seen.earth_radius_m, rel=1e-6
+        seen.prior.sphere_radius_m / math.sin(cone.rho_rad) - seen.prior.sphere_radius_m, rel=1e-6
     )
     for extra in (None, model):
         fit = fit_of_cone(los, uv, cone.axis_cam, cone.rho_rad, uncertainty, seen, model=extra)

@@ -15,6 +15,7 @@ from horizonval.estimation.limb.shape.circle import fit_circle
 from horizonval.estimation.methods import video_vertical
 from horizonval.estimation.methods.video_vertical import ESTIMATOR, ChordEnds, fit_arcs, solve, vertical
 from horizonval.estimation.observation import Fit, Observation
+from horizonval.estimation.prior import Prior
 from horizonval.geometry import frames
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.directions import angle_between, tangent_basis
@@ -48,7 +49,9 @@ def two_heads(pitch_deg: float, roll_deg: float, seed: int | None = None, **chan
             image = sphere_image(frames.rotate(mount, nadir_body))
             if noise is not None:
                 image = np.rint(image + noise.normal(0.0, 8.0, image.shape))
-        heads[name] = Observation(image, CAMERA, q_cam_from_body=mount, full_scale=1023.0, earth_radius_m=RADIUS_M)
+        heads[name] = Observation(
+            image, CAMERA, q_cam_from_body=mount, full_scale=1023.0, prior=Prior(shape="sphere", radius_m=RADIUS_M)
+        )
     return replace(heads["left"], heads=heads)
 
 

@@ -12,7 +12,7 @@ import pytest
 from horizonval.commands.picture import read_picture
 from horizonval.commands.rays import read_rays
 from horizonval.core.errors import UserError
-from horizonval.earth.atmosphere.profile_file import read_profile
+from horizonval.earth.atmosphere.profile_file import read_profiles
 from horizonval.earth.atmosphere_file import read_atmosphere
 from horizonval.precheck.target import kind_of
 from horizonval.spec.files import find
@@ -52,8 +52,8 @@ READERS: dict[str, Callable[[Path], object]] = {
     "scene": load_scene,
     "camera": load_camera,
     "atmosphere": read_atmosphere,
-    "profile": read_profile,
-    "profile.json": lambda path: read_profile(path.rename(path.with_suffix(".json"))),
+    "profile": read_profiles,
+    "profile.json": lambda path: read_profiles(path.rename(path.with_suffix(".json"))),
     "rays": read_rays,
     "picture": read_picture,
     "EXR": exr.read_frame,
@@ -83,7 +83,7 @@ def test_words_of_a_users_own_file_are_shown_but_not_at_length(tmp_path):
     path = tmp_path / "profile.csv"
     path.write_text(f"altitude_km,temperature_K,pressure_Pa,ozon{'e' * 1000}\n0,1,2,3\n")
     with pytest.raises(UserError, match=r"unknown key 'ozone{36}\.\.\.'"):
-        read_profile(path)
+        read_profiles(path)
 
 
 @pytest.mark.parametrize("text", [f"x = {'9' * 5000}\n", f"x = {'[' * 100_000}\n"])

@@ -117,6 +117,11 @@ def test_bad_camera(folder, text, parts):
         (SCENE + '[atmosphere]\naerosol = "smoke"\n', ["atmosphere.aerosol", 'found "smoke"', '"volcanic_high"']),
         (SCENE + '[atmosphere]\naerosol = "background"\nfile = "us76"\n', ["atmosphere:", 'set aerosol = "none"']),
         (SCENE + '[atmosphere]\naerosol = "background"\nprofile = "none"\n', ["atmosphere:", 'set aerosol = "none"']),
+        (
+            SCENE + '[atmosphere]\naerosol = "none"\naerosol_optical_depth_550nm = 0.1\n',
+            ["atmosphere:", "aerosol_optical_depth_550nm needs particles"],
+        ),
+        (SCENE + "[atmosphere]\naerosol_optical_depth_550nm = -0.1\n", ["aerosol_optical_depth_550nm", "from 0 to 5"]),
         (SCENE + "[atmosphere]\nmonth = 13\n", ["atmosphere.month", "found 13", "from 1 to 12"]),
         (SCENE + "[atmosphere]\nmonth = 7\n", ["atmosphere:", 'month applies to profile = "by_latitude_month"']),
         (SCENE + "[atmosphere]\nlatitude_deg = 40.0\n", ["atmosphere:", "latitude_deg applies to"]),

@@ -16,7 +16,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
-from horizonval.estimation.observation import Observation
+from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.jobs.execution import local_workers, parse_shard
@@ -124,12 +124,14 @@ def test_an_observation_has_what_a_flight_computer_knows() -> None:
     assert (seen.image == image.dn).all()
     assert (seen.full_scale, seen.band_kind, seen.oracle) == (1023.0, "solar", None)
     assert seen.q_cam_from_body == pytest.approx(np.array(truth.q_cam_from_body))
-    assert seen.flattening == pytest.approx(1 / 298.257223563)
-    assert seen.altitude_m is None
-    assert seen.earth_radius_m == Observation.earth_radius_m
-    hot = toy_image(truth_at(THERMAL_CAMERA | {"platform": {"altitude_km": 512.0}}, roll_deg=66.0))
+    assert seen.prior.flattening == pytest.approx(1 / 298.257223563)
+    assert seen.prior.known == ("shape",)
+    assert seen.prior.sphere_radius_m == MEAN_RADIUS_M
+    hot = toy_image(
+        truth_at(THERMAL_CAMERA | {"platform": {"altitude_km": 512.0, "altitude_sigma_km": 3.0}}, roll_deg=66.0)
+    )
     told = observation_of(hot, registry.get("altitude-free"))
-    assert (told.band_kind, told.altitude_m) == ("thermal", 512e3)
+    assert (told.band_kind, told.prior.altitude_m, told.prior.altitude_sigma_m) == ("thermal", 512e3, 3e3)
     assert observation_of(image, registry.get("ideal")).oracle is not None
     light = RadianceFrame({"red": np.ones((480, 640), np.float32), "b": np.zeros((480, 640), np.float32)}, {}, truth)
     assert observation_of(light, registry.get("altitude-free")).full_scale is None
@@ -142,7 +144,7 @@ def test_an_observation_has_what_a_flight_computer_knows() -> None:
 
 def test_a_method_is_told_the_spheres_own_radius_or_the_mean_one() -> None:
     assert method_radius_m(truth_at(ellipsoid=sphere(6.0e6))) == 6.0e6
-    assert method_radius_m(truth_at()) == Observation.earth_radius_m
+    assert method_radius_m(truth_at()) == MEAN_RADIUS_M
     truth = truth_at(altitude_km=800.0)
     pose = oracle_pose(truth)
     distance = np.linalg.norm(truth.r_itrs)

@@ -136,7 +136,7 @@ def measured(images: dict[str, DetectorImage]) -> JsonObject:
     }
     if isinstance(result, Refusal):
         return found
-    scored = score(truth, ESTIMATOR, result, earth_radius_m=observation.earth_radius_m)
+    scored = score(truth, ESTIMATOR, result, earth_radius_m=observation.prior.sphere_radius_m)
     assert scored.sigma_nadir_arcsec is not None
     sigma_arcsec = math.hypot(scored.sigma_nadir_arcsec, scored.sigma_systematic_arcsec or 0.0)
     found |= {"sigma_deg": sigma_arcsec / 3600.0, "nees": scored.nees_nadir_total}
@@ -167,7 +167,7 @@ def searched(images: dict[str, DetectorImage]) -> JsonObject:
         if circle is None:
             return {"status": str(Outcome.SHORT_ARC), "reason": f"head {name}: the limb is straight", "error_deg": {}}
         arcs.append(Arc(limb.uv[np.argsort(circle.along(limb.uv), kind="stable")], circle))
-    result = fit_arcs(arcs, list(observation.heads.values()), observation.earth_radius_m)
+    result = fit_arcs(arcs, list(observation.heads.values()), observation.prior.sphere_radius_m)
     if isinstance(result, Refusal):
         return {"status": str(result.status), "reason": result.reason, "error_deg": {}}
     return {"status": str(result.status), "reason": "", "error_deg": {"SIGHT": _error_deg(truth, result.nadir_cam)}}

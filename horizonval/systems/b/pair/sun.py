@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 
 from horizonval.core.json_types import JsonObject
-from horizonval.estimation.observation import Observation
+from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.systems.b.pair.frames import ALTITUDE_KM, FIELD_DEG, glare_optics, pair, scene, view
 from horizonval.systems.task_cache import TaskCache
 
 ZENITH_DEG = (30.0, 60.0, 80.0, 90.0, 98.0, 104.0, 109.0, 112.0)
 HIGHEST_IN_FRAME_DEG = 90.0 - 0.5 * FIELD_DEG
 """Zenith angle at the upper edge of the forward camera, whose boresight is level."""
-LIMB_ZENITH_DEG = 180.0 - math.degrees(
-    math.asin(Observation.earth_radius_m / (Observation.earth_radius_m + ALTITUDE_KM * 1e3))
-)
+LIMB_ZENITH_DEG = 180.0 - math.degrees(math.asin(MEAN_RADIUS_M / (MEAN_RADIUS_M + ALTITUDE_KM * 1e3)))
 """Of the hard horizon, to a tenth of a degree for the ellipsoid."""
 AZIMUTH_DEG = 80.0
 HEADING_DEG = 90.0

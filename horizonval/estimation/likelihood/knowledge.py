@@ -1,0 +1,122 @@
+"""What a fit of the limb starts from and what it leans on: a pose, and the information that priors give on it.
+
+Information is the inverse of a covariance, so that what is not known at all is zero, and what is fixed is large: free
+and known altitude, sphere and ellipsoid, are the same fit with other rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.limb_relief import Relief
+from horizonval.geometry.ellipsoid import Ellipsoid
+
+FIXED_ANGLE_RAD = 1e-6
+FIXED_LENGTH_M = 1.0
+"""Sigmas of what is no unknown: below what any image shows (0.2 and 0.03 arcsec), far above rounding."""
+
+
+@dataclass(frozen=True)
+class LimbPose:
+    """Where a camera stands and looks, and how high the limb is.
+
+    Attributes
+    ----------
+    cam_from_itrs : ndarray, shape (3, 3)
+        Rotation matrix. Of a sphere the "Earth-fixed" axes are any that are at rest.
+    r_itrs : ndarray, shape (3,)
+        [m].
+    height_m : float
+        Of the limb above the ellipsoid, mean along the arc.
+    """
+
+    cam_from_itrs: FloatArray
+    r_itrs: FloatArray
+    height_m: float = 0.0
+
+    @property
+    def nadir_cam(self) -> FloatArray:
+        """Unit vector to the Earth's centre, shape (3,)."""
+        return np.asarray(-self.cam_from_itrs @ self.r_itrs / np.linalg.norm(self.r_itrs))
+
+    def moved(self, step: FloatArray) -> LimbPose:
+        """Return the pose after a step: rotation vector in camera axes [rad], position [m], height [m], shape (7,)."""
+        turn = Rotation.from_rotvec(step[:3]).as_matrix()
+        return LimbPose(turn @ self.cam_from_itrs, self.r_itrs + step[3:6], self.height_m + float(step[6]))
+
+    def step_to(self, other: LimbPose) -> FloatArray:
+        """Return the step, shape (7,), that leads to another pose."""
+        turn = Rotation.from_matrix(other.cam_from_itrs @ self.cam_from_itrs.T).as_rotvec()
+        return np.concatenate([turn, other.r_itrs - self.r_itrs, [other.height_m - self.height_m]])
+
+
+@dataclass(frozen=True)
+class LimbKnowledge:
+    """What is known beside the image.
+
+    Attributes
+    ----------
+    ellipsoid : Ellipsoid
+        Of the planet without air.
+    mean : LimbPose
+        The priors' values.
+    information : ndarray, shape (7, 7)
+        Inverse covariance about ``mean`` of a step from it: rotation vector in camera axes [rad], position [m], limb
+        height [m].
+    blur_px : float
+        Of the lens, standard deviation.
+    blur_log_sigma : float
+        Of its logarithm.
+    scale_height_m : float
+        Of the soft limb; 0 for a hard one.
+    scale_log_sigma : float
+    reliefs : tuple of Relief
+        How the height of the limb varies along it.
+    """
+
+    ellipsoid: Ellipsoid
+    mean: LimbPose
+    information: FloatArray
+    blur_px: float = 0.7
+    blur_log_sigma: float = 0.7
+    scale_height_m: float = 0.0
+    scale_log_sigma: float = 0.7
+    reliefs: tuple[Relief, ...] = ()
+
+
+def sphere_knowledge(
+    nadir_cam: FloatArray,
+    radius_m: float,
+    altitude_m: float,
+    altitude_sigma_m: float = np.inf,
+    height_m: float = 0.0,
+    height_sigma_m: float = 0.0,
+) -> tuple[Ellipsoid, LimbPose, FloatArray]:
+    """Return the planet, a pose and the information of a fit of a sphere, in axes that are the camera's at the start.
+
+    The unknowns are two tilts, the altitude and the height of the limb; a turn about the nadir, and a position off the
+    vertical, change nothing of a sphere's limb but what the tilts do, and are fixed.
+
+    Parameters
+    ----------
+    nadir_cam : ndarray, shape (3,)
+        Unit vector at the start.
+    radius_m, altitude_m : float
+    altitude_sigma_m : float
+        Infinite where the altitude is not known.
+    height_m, height_sigma_m : float
+        Of the limb.
+    """
+    n = nadir_cam
+    along = np.outer(n, n)
+    across = np.eye(3) - along
+    information = np.zeros((7, 7))
+    information[:3, :3] = along / FIXED_ANGLE_RAD**2
+    information[3:6, 3:6] = across / FIXED_LENGTH_M**2 + along / max(altitude_sigma_m, FIXED_LENGTH_M) ** 2
+    information[6, 6] = 1.0 / max(height_sigma_m, FIXED_LENGTH_M) ** 2
+    pose = LimbPose(np.eye(3), -(radius_m + altitude_m) * n, height_m)
+    return Ellipsoid(radius_m, radius_m), pose, information

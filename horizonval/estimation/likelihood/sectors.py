@@ -1,0 +1,179 @@
+r"""Sectors of azimuth along the limb, each with light of its own: levels are unknowns that are eliminated in place.
+
+In a sector the pixels are ``A (mu + d)`` with ``A = (1, E(x), E(x) x)``: background, amplitude, and shading towards the
+inside. ``mu`` is the mean of all sectors (the shading has none), and ``d`` a sector's own departure with the prior
+``N(0, T)``. ``T`` is what the sectors' levels scatter by beyond their noise: evenly lit limbs keep the precision of one
+common level, and uneven ones get levels of their own. All of them enter linearly, and are solved for exactly at every
+step; their part of the normal equations is eliminated (Schur's complement), with ``G = A^T W A`` and ``H = (G +
+T^-1)^-1`` of each sector::
+
+    N_xx = sum J^T W J - J^T W A H A^T W J,    N_xm = sum J^T W A (1 - H G),    N_mm = sum G - G H G
+    N = N_xx - N_xm N_mm^-1 N_mx
+
+What is left is the information on the unknowns that all sectors share, the levels not known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+
+PIXELS_ALONG = 24
+"""Of limb in a sector, at least: its levels are then known ten times better than one pixel's noise."""
+MOST_SECTORS = 48
+CENTRED = 2
+"""Of the levels, those that scatter about a mean: background and amplitude, not the shading."""
+NO_SPREAD = 1e-6
+"""Of the variance of the mean level: the smallest spread of sectors; it keeps the matrices regular."""
+
+
+@dataclass(frozen=True)
+class Sectors:
+    """A division of pixels.
+
+    Attributes
+    ----------
+    order : ndarray of int, shape (n,)
+        The pixels in order of azimuth, from the widest gap on.
+    starts : ndarray of int, shape (m + 1,)
+        Where each sector begins in that order, and the end.
+    azimuth : ndarray, shape (n,)
+        Of the ordered pixels [rad], rising, from 0 at the first.
+    """
+
+    order: NDArray[np.intp]
+    starts: NDArray[np.intp]
+    azimuth: FloatArray
+
+
+def sectors_of(azimuth: FloatArray, limb_px: int) -> Sectors:
+    """Return sectors of equally many pixels.
+
+    Parameters
+    ----------
+    azimuth : ndarray, shape (n,)
+        Of the pixels about the nadir [rad].
+    limb_px : int
+        Length of the limb in view [px].
+    """
+    order = np.argsort(azimuth, kind="stable")
+    sorted_azimuth = azimuth[order]
+    gaps = np.append(np.diff(sorted_azimuth), sorted_azimuth[0] + 2.0 * np.pi - sorted_azimuth[-1])
+    first = (int(np.argmax(gaps)) + 1) % len(order)
+    order = np.roll(order, -first)
+    along = np.mod(azimuth[order] - azimuth[order[0]], 2.0 * np.pi)
+    count = int(np.clip(limb_px // PIXELS_ALONG, 1, MOST_SECTORS))
+    starts = np.linspace(0, len(order), count + 1).astype(np.intp)
+    return Sectors(order, starts, along)
+
+
+@dataclass(frozen=True)
+class Levels:
+    """The light of the sectors.
+
+    Attributes
+    ----------
+    of_sector : ndarray, shape (m, k)
+    spread_information : ndarray, shape (k,)
+        Inverse variance of the sectors about their mean.
+    """
+
+    of_sector: FloatArray
+    spread_information: FloatArray
+
+
+def solve_levels(
+    basis: FloatArray,
+    values: FloatArray,
+    weights: FloatArray,
+    starts: NDArray[np.intp],
+    spread_information: FloatArray | None = None,
+) -> Levels:
+    """Return the most probable levels of every sector, their spread about the mean estimated with them or given.
+
+    Parameters
+    ----------
+    basis : ndarray, shape (k, n)
+        Of the ordered pixels: one, profile, shading.
+    values, weights : ndarray, shape (n,)
+    starts : ndarray of int, shape (m + 1,)
+    spread_information : ndarray, shape (k,), optional
+    """
+    k = len(basis)
+    together = np.concatenate([basis, values[None]]) * np.sqrt(weights)
+    all_grams = _grams(together, starts)
+    grams, right = all_grams[:, :k, :k], all_grams[:, :k, k]
+    if spread_information is None:
+        noise = np.linalg.pinv(grams, rcond=1e-12, hermitian=True)
+        free = np.einsum("ijk,ik->ij", noise, right)
+        spread_information = 1.0 / _spread(free, np.einsum("ijj->ij", noise))
+    information = spread_information
+    own = np.linalg.inv(grams + np.diag(information))
+    held = np.eye(k) - grams @ own
+    mean = np.zeros(k)
+    pull = np.einsum("ijk,ik->j", held, right)[:CENTRED]
+    mean[:CENTRED] = np.linalg.lstsq((held @ grams).sum(axis=0)[:CENTRED, :CENTRED], pull, rcond=None)[0]
+    departure = np.einsum("ijk,ik->ij", own, right - grams @ mean)
+    return Levels(mean + departure, information)
+
+
+def _spread(free: FloatArray, noise_variance: FloatArray) -> FloatArray:
+    """Return the variance of the sectors' levels beyond what their noise makes, shape (k,).
+
+    Weighted moments (DerSimonian and Laird, Controlled Clinical Trials 7, 177, 1986): no sector counts for more than
+    it knows. Two sectors say nothing of a spread; theirs is taken as large as they differ.
+    """
+    weight = 1.0 / np.maximum(noise_variance, 1e-300)
+    total = weight.sum(axis=0)
+    centred = np.arange(free.shape[1]) < CENTRED
+    mean = np.where(centred, (weight * free).sum(axis=0) / total, 0.0)
+    excess = (weight * (free - mean) ** 2).sum(axis=0) - (len(free) - centred)
+    scale = total - np.where(centred, (weight**2).sum(axis=0) / total, 0.0)
+    spread = np.maximum(excess, 0.0) / np.where(scale > 0.0, scale, np.inf)
+    return np.asarray(np.maximum(spread, NO_SPREAD / total))
+
+
+def eliminated(
+    jacobian: FloatArray,
+    basis: FloatArray,
+    residuals: FloatArray,
+    weights: FloatArray,
+    starts: NDArray[np.intp],
+    levels: Levels,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the normal matrix (p, p) and right side (p,) of the shared unknowns, the levels eliminated.
+
+    Parameters
+    ----------
+    jacobian : ndarray, shape (p, n)
+    basis : ndarray, shape (k, n)
+    residuals, weights : ndarray, shape (n,)
+        Residuals from the most probable levels, so that these pull on nothing.
+    starts : ndarray of int, shape (m + 1,)
+    levels : Levels
+    """
+    p = len(jacobian)
+    together = np.concatenate([jacobian, basis]) * np.sqrt(weights)
+    grams = _grams(together, starts)
+    cross, inner = grams[:, :p, p:], grams[:, p:, p:]
+    own = np.linalg.inv(inner + np.diag(levels.spread_information))
+    by_own = cross @ own
+    shared = grams[:, :p, :p].sum(axis=0) - (by_own @ cross.transpose(0, 2, 1)).sum(axis=0)
+    to_mean = (cross - by_own @ inner).sum(axis=0)[:, :CENTRED]
+    mean = (inner - inner @ own @ inner).sum(axis=0)[:CENTRED, :CENTRED]
+    normal = shared - to_mean @ np.linalg.pinv(mean, rcond=1e-12, hermitian=True) @ to_mean.T
+    return normal, jacobian @ (weights * residuals)
+
+
+def _grams(rows: FloatArray, starts: NDArray[np.intp]) -> FloatArray:
+    """Return the products of all pairs of rows, summed over every sector, shape (m, r, r)."""
+    grams = np.empty((len(starts) - 1, len(rows), len(rows)))
+    for i, (first, last) in enumerate(pairwise(starts)):
+        block = rows[:, first:last]
+        grams[i] = block @ block.T
+    return grams

@@ -1,0 +1,102 @@
+"""What is known beside the image: values with their sigmas, and the mistakes that are found in them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta, timezone
+from typing import Any
+
+import numpy as np
+import pytest
+
+from horizonval.core.errors import UserError
+from horizonval.estimation.prior import Prior
+
+TURN = [0.5, 0.5, 0.5, 0.5]
+
+
+def test_nothing_is_known_without_being_given() -> None:
+    prior = Prior()
+    assert prior.known == ()
+    assert repr(prior) == "<Prior of nothing>"
+    assert all(value is None for value in vars(prior).values())
+    assert prior.angular_radius is None
+    # (2 a + b) / 3 of WGS84's 6378137.0 and 6356752.3142 m.
+    assert prior.sphere_radius_m == pytest.approx((2 * 6378137.0 + 6356752.3142) / 3, abs=0.1)
+    assert prior.flattening == pytest.approx(1 / 298.257223563)
+
+
+def test_a_sphere_has_its_radius_and_no_flattening() -> None:
+    assert Prior(shape="wgs84").flattening == Prior().flattening
+    assert Prior(shape="sphere").flattening == 0.0
+    assert Prior(shape="sphere").sphere_radius_m == Prior().sphere_radius_m
+    assert Prior(shape="sphere", radius_m=6e6).sphere_radius_m == 6e6
+
+
+def test_an_altitude_predicts_the_angular_radius() -> None:
+    """From the geostationary orbit the Earth measures 17.4 deg; the variance is that of a finite difference."""
+    prior = Prior(shape="sphere", radius_m=6.371e6, altitude_m=35_786e3, altitude_sigma_m=5e3)
+    assert prior.angular_radius is not None
+    rho, variance = prior.angular_radius
+    assert math.degrees(2 * rho) == pytest.approx(17.38, abs=0.01)
+    higher = replace(prior, altitude_m=35_786e3 + 5e3).angular_radius
+    assert higher is not None
+    # Second order: half of 5 km in 42 000 km.
+    assert math.sqrt(variance) == pytest.approx(rho - higher[0], rel=2e-4)
+
+
+def test_values_are_kept_as_plain_numbers_that_nobody_changes() -> None:
+    prior = Prior(r_itrs=np.array([7_000_000, 0, 0]), position_sigma_m=1000)
+    assert prior.r_itrs is not None
+    assert prior.r_itrs.dtype == np.float64
+    assert type(prior.position_sigma_m) is float
+    with pytest.raises(ValueError, match="read-only"):
+        prior.r_itrs[0] = 0.0
+    assert repr(prior) == "<Prior position>"
+
+
+def test_a_quaternion_of_four_digits_is_scaled_to_one() -> None:
+    prior = Prior(q_cam_from_itrs=[0.7071, 0.0, 0.0, 0.7071], attitude_sigma_rad=[0.01, 0.01, 0.03])  # type: ignore[arg-type]
+    assert prior.q_cam_from_itrs is not None
+    assert np.linalg.norm(prior.q_cam_from_itrs) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_a_time_is_utc() -> None:
+    noon = datetime(2026, 3, 20, 12, 0, tzinfo=UTC)
+    assert Prior(epoch_utc=noon.replace(tzinfo=None)).epoch_utc == noon
+    east = noon.astimezone(timezone(timedelta(hours=5)))
+    moved = Prior(epoch_utc=east).epoch_utc
+    assert moved is not None
+    assert (moved, moved.tzinfo) == (noon, UTC)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"altitude_m": 5e5}, "altitude_m without altitude_sigma_m"),
+        ({"altitude_sigma_m": 1e3}, "altitude_sigma_m without altitude_m"),
+        ({"r_itrs": [7e6, 0.0, 0.0]}, "r_itrs without position_sigma_m"),
+        ({"q_cam_from_itrs": TURN}, "q_cam_from_itrs without attitude_sigma_rad"),
+        ({"limb_height_m": 2e4}, "limb_height_m without limb_height_sigma_m"),
+        ({"altitude_m": 5e5, "altitude_sigma_m": 0.0}, "above 0"),
+        ({"altitude_m": 5e5, "altitude_sigma_m": -1.0}, "above 0"),
+        ({"altitude_m": -5e5, "altitude_sigma_m": 1.0}, "above 0"),
+        ({"altitude_m": math.nan, "altitude_sigma_m": 1.0}, "finite"),
+        ({"altitude_m": "high", "altitude_sigma_m": 1.0}, "finite number"),
+        ({"sun_sigma_rad": -0.1}, "sun_sigma_rad: found -0.1"),
+        ({"r_itrs": [7e6, 0.0], "position_sigma_m": 1e3}, "3 finite numbers"),
+        ({"r_itrs": [7e6, 0.0, math.inf], "position_sigma_m": 1e3}, "3 finite numbers"),
+        ({"r_itrs": "here", "position_sigma_m": 1e3}, "3 finite numbers"),
+        ({"q_cam_from_itrs": [1.0, 0.0, 0.0, 1.0], "attitude_sigma_rad": [1, 1, 1]}, "length of 1.41421"),
+        ({"q_cam_from_itrs": TURN, "attitude_sigma_rad": [0.1, 0.0, 0.1]}, "angles above 0"),
+        ({"q_cam_from_itrs": TURN, "attitude_sigma_rad": 0.1}, "3 finite numbers"),
+        ({"shape": "flat"}, "'wgs84' or 'sphere'"),
+        ({"radius_m": 6e6}, "shape = 'sphere'"),
+        ({"shape": "wgs84", "radius_m": 6e6}, "shape = 'sphere'"),
+    ],
+)
+def test_a_mistake_is_one_line(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(UserError, match=r"^Prior: ") as found:
+        Prior(**values)
+    assert message in found.value.line()
