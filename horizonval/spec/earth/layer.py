@@ -41,7 +41,7 @@ class CloudLayer(Model):
     scale_km: Annotated[float, Field(ge=20, le=2000)] | None = None
     """Size of the largest cloudy places: the layer then has gaps between them, and `optical_depth` is the cloud's.
     Without it the cloud is spread out evenly."""
-    seed: Annotated[int, Field(ge=0, lt=2**32)] | None = None
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1), unit("1")] | None = None
     """Draws the places of cloud and gaps. Default: drawn from the scene's name and seed."""
     occurrence: Literal["given", "climate"] = "given"
     """`given`: `cover` says it. `climate`: the cover is how often the kind is seen at the satellite's latitude in the
