@@ -147,7 +147,7 @@ def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> Em
     Parameters
     ----------
     air : Air
-        Of the scene, as it is: what its solar bands see, the column below the satellite.
+        Of the scene, as it is: the column below the satellite.
     scene : SceneSpec
     change : AirChange
         How the bands' air differs from it.
@@ -183,13 +183,13 @@ def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> Em
     )
 
 
-def map_in_sight(scene: SceneSpec) -> ColumnMap:
-    """Return where columns stand that a satellite's rays can meet, :data:`MAP_STEP_DEG` apart or more from far."""
+def map_in_sight(scene: SceneSpec, step_deg: float = MAP_STEP_DEG) -> ColumnMap:
+    """Return where columns stand that a satellite's rays can meet, a step apart or more from far."""
     latitude, longitude = math.radians(scene.platform.latitude_deg), math.radians(scene.platform.longitude_deg)
     below = math.cos(latitude) * np.array([math.cos(longitude), math.sin(longitude), math.tan(latitude)])
     reach = climate_rows.reach_rad(scene.platform.altitude_km * 1e3)
     widest = 2.0 * math.atan(2.0 * math.tan(0.5 * reach) / (MOST_ALONG_A_SIDE - 1))
-    return ColumnMap.around(below, reach, max(math.radians(MAP_STEP_DEG), widest))
+    return ColumnMap.around(below, reach, max(math.radians(step_deg), widest))
 
 
 def grey_band(

@@ -14,6 +14,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.progress import Progress
 from horizonval.earth.clouds.layers import merged_bands
 from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.renderer.column_air import ColumnAir
 from horizonval.renderer.kernel.march import march, optical_depth
 from horizonval.renderer.kernel.node_batches import (
     BATCH_WIDTH,
@@ -218,7 +219,9 @@ def _solar_nodes(
         particles = Particles(
             _interleave([n.particle_per_m for n in nodes], width), _interleave(asymmetry, width), forward
         )
-    moonlight = None
+    moonlight, columns = None, None
+    if model.columns is not None:
+        columns = ColumnAir.of(model.columns, nodes, model.altitude_m, width, planet.mean_radius_m)
     glow = _glow_nodes(nodes, model, planet, width, size)
     if any(n.moon_irradiance for n in nodes):
         moonlight = _padded([n.moon_irradiance for n in nodes], width)
@@ -234,6 +237,7 @@ def _solar_nodes(
         sunlight,
         glow=glow,
         moonlight=moonlight,
+        columns=columns,
         bands=_bands(model),
         gapped=_gapped(nodes, model, width),
     )

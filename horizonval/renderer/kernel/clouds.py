@@ -300,7 +300,7 @@ def _tropopause(z: Real) -> Real:
 
 
 def first_cloud(
-    table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bool, bending: BendingField | None = None
+    table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bool | mi.Bool, bending: BendingField | None = None
 ) -> tuple[mi.Bool, mi.Float64]:
     """Return ``(hit, t)``: whether rays meet a cloud, and at what parameter.
 
@@ -309,9 +309,9 @@ def first_cloud(
     """
     mid, half, meets = planet.chord(o, d, table.layer_m)
     start, end = dr.maximum(mid - half, 0.0), mid + half
-    if to_ground:
+    if to_ground is not False:
         ground_mid, ground_half, _ = planet.chord(o, d)
-        end = dr.minimum(end, ground_mid - ground_half)
+        end = dr.select(to_ground, dr.minimum(end, ground_mid - ground_half), end)
     meets &= end > start
     count = dr.ceil((end - start) / table.step_m)
 

@@ -19,6 +19,7 @@ from typing import Self, TypeAlias
 import drjit as dr
 import mitsuba as mi
 
+from horizonval.renderer.column_air import ColumnAir, DepthFactor
 from horizonval.renderer.kernel.gap_map import GapMap
 from horizonval.renderer.layer_steps import Bands
 from horizonval.renderer.planet import Planet, along
@@ -247,6 +248,8 @@ class SolarNodes(_Air):
         The airglow of the same nodes.
     moonlight : list of Float64, size 1, or None
         The Moon's irradiance, to take the Sun's place.
+    columns : ColumnAir or None
+        How the air differs from ``extinction`` and ``molecular`` from place to place; None where it does not.
     """
 
     molecular: mi.Float64
@@ -259,6 +262,7 @@ class SolarNodes(_Air):
     bounce: Bounce | None = None
     glow: GlowNodes | None = None
     moonlight: Values | None = None
+    columns: ColumnAir | None = None
 
     def under(self, maps: Sequence[GapMap | None]) -> SolarNodes:
         """Return the batch, and its airglow, with the gaps of its layers."""
@@ -274,9 +278,30 @@ class SolarNodes(_Air):
         """Return irradiance times the molecules' phase function at cosines of the scattering angle, per node."""
         return [e * _molecular_phase(c, cosine) for e, c in zip(self.irradiance, self.cos2, strict=True)]
 
+    def extinction_at(self, place: Place) -> Values:
+        """Return the extinction [1/m] per node; 0 above the top."""
+        own = super().extinction_at(place)
+        if self.columns is None:
+            return own
+        more = self.columns.more_extinction(place.height_m, place.normal)
+        total: Values = [dr.maximum(a + b, 0.0) for a, b in zip(own, more, strict=True)]
+        return [dr.select(place.inside, v, 0.0) for v in total]
+
+    def molecular_at(self, place: Place) -> Values:
+        """Return the scattering coefficient of molecules [1/m] per node; above the top it is not 0."""
+        own = place.read(self.molecular, self.width)
+        if self.columns is None:
+            return own
+        more = self.columns.more_molecular(place.height_m, place.normal)
+        return [dr.maximum(a + b, 0.0) for a, b in zip(own, more, strict=True)]
+
+    def depth_factor(self, height_m: mi.Float64, normal: Vec) -> DepthFactor | None:
+        """Return by what the optical depth from places towards the Sun is larger than ``sunlight`` says."""
+        return None if self.columns is None else self.columns.depth_factor(height_m, normal)
+
     def scattering_at(self, place: Place) -> Values:
         """Return the scattering coefficient of everything [1/m] per node; 0 above the top."""
-        total = place.read(self.molecular, self.width)
+        total = self.molecular_at(place)
         if self.particles is not None:
             particle = place.read(self.particles.scattering, self.width)
             total = [a + b for a, b in zip(total, particle, strict=True)]
@@ -289,7 +314,7 @@ class SolarNodes(_Air):
         node, and then of particles for every node, and then both for the ground's part; empty for single scattering.
         """
         width, inside = self.width, place.inside
-        molecular = place.read(self.molecular, width)
+        molecular = self.molecular_at(place)
         scattered = [s * f for s, f in zip(molecular, beam.molecular, strict=True)]
         particle: Values = []
         if self.particles is not None:

@@ -20,12 +20,12 @@ from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.clouds.layer_gaps import LayerGaps
 from horizonval.earth.clouds.layers import merged_bands
 from horizonval.earth.weather.column_map import ColumnMap
+from horizonval.renderer.column_air import Lattice
 from horizonval.renderer.kernel.gap_map import GapMap
 from horizonval.renderer.layer_steps import Bands, layer_bands
-from horizonval.renderer.planet import dot
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.tables import AltitudeGrid, gather_row, interpolate, table_of
-from horizonval.renderer.types import Values, Vec, constant, constant_vector
+from horizonval.renderer.types import Values, Vec
 
 WIDTH = 8
 """g points per kernel launch; they share all geometry. More of them find no room in a processor's registers."""
@@ -153,42 +153,6 @@ class GappedAbsorption:
     number: int
     extinction: mi.Float64
     map: GapMap | None = None
-
-
-@dataclass(frozen=True)
-class Lattice:
-    """A :class:`horizonval.earth.weather.column_map.ColumnMap` for the kernel; numbers as data."""
-
-    axes: tuple[Vec, Vec, Vec]
-    half: mi.Float64
-    per_step: mi.Float64
-    count: mi.UInt32
-
-    @classmethod
-    def of(cls, m: ColumnMap) -> Lattice:
-        """Build from a map."""
-        e, f, c = (constant_vector(axis) for axis in m.axes)
-        per_step = (m.count - 1) / (2.0 * m.half)
-        return cls((e, f, c), constant(m.half), constant(per_step), dr.opaque(mi.UInt32, m.count, 1))
-
-    def corners(self, normal: Vec) -> list[tuple[mi.UInt32, mi.Float64]]:
-        """Return the four columns around places of unit normals, and their weights."""
-        across, along, up = (dot(normal, axis) for axis in self.axes)
-        scale = 1.0 / (1.0 + up)
-        (i, u), (j, v) = (self._along(value * scale) for value in (across, along))
-        start = j * self.count + i
-        above = start + self.count
-        return [
-            (start, (1.0 - u) * (1.0 - v)),
-            (start + 1, u * (1.0 - v)),
-            (above, (1.0 - u) * v),
-            (above + 1, u * v),
-        ]
-
-    def _along(self, value: mi.Float64) -> tuple[mi.UInt32, mi.Float64]:
-        step = dr.clip((value + self.half) * self.per_step, 0.0, mi.Float64(self.count - 1))
-        i = dr.minimum(mi.UInt32(step), self.count - 2)
-        return i, step - mi.Float64(i)
 
 
 @dataclass(frozen=True)
