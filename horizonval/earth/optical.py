@@ -45,6 +45,7 @@ from horizonval.earth.gases import ozone, rayleigh
 from horizonval.earth.refracted_horizon import air_refractivity, file_refractivity
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.surface.emitting_ground import emitting_ground, lowest_air_k
+from horizonval.earth.surface.ground_map import air_begins_m
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band, CameraSpec
 
@@ -110,7 +111,7 @@ def optical_model(
         return _bare(scene, camera, sun_distance_au)
     air = air_of(scene, base_dir)
     changed = air_of(scene, base_dir, change)
-    emitting = emitting_air(air, scene, change)
+    emitting = emitting_air(air, scene, change, air_begins_m if scene.surface.kind == "earth" else None)
     ground_k: float | FloatArray = float(emitting.state.temperature_k[0, 0])
     if air.columns is not None and scene.atmosphere.profile_file is not None:
         ground_k = lowest_air_k(air.columns)

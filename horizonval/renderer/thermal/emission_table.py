@@ -62,7 +62,9 @@ COLUMNS_PER_RAD = 82.0
 """The same for each radian from the point below the camera to its horizon: the wider the circle, the more air."""
 MAP_COLUMNS = 3
 """Azimuths all round through columns on a map, by those of half a circle: three halves as dense as these, since the air
-bends at every column. With two, rays at random are off by up to 0.4 %, with three by 0.1 %."""
+bends at every column. With two, rays at random are off by up to 0.4 %, with three by 0.15 % seen from 20 N, in windows
+from 69 S by 0.5 %; over an ice sheet, where columns do not begin at 0, by 2 % within 2 km of the hard limb (29 of 30
+rays within 0.3 %)."""
 ABOVE_TOPS_M = 3000.0
 """The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
 root in its height."""
