@@ -24,6 +24,7 @@ from typing import Any
 import cv2
 import matplotlib as mpl
 import numpy as np
+from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.plugin.backend import activate
@@ -196,16 +197,16 @@ class Grid:
         x, y = (column - centre_px[0]) / radius_px, (row - centre_px[1]) / radius_px
         return cls(np.hypot(x, y), np.degrees(np.arctan2(y, x)))
 
-    def disc(self, sun_deg: tuple[float, float] | None) -> FloatArray:
-        """Return where the disc is, and by day."""
+    def day(self, sun_deg: tuple[float, float] | None) -> NDArray[np.bool_]:
+        """Return where it is day; everywhere with the Sun behind the camera."""
         if sun_deg is None:
-            return self.radius < DISC
+            return np.ones(self.radius.shape, dtype=bool)
         phase, towards = np.radians(sun_deg)
         across = self.radius * np.cos(np.radians(self.direction_deg) - towards)
         sun = across * np.sin(phase) + np.sqrt(np.maximum(1.0 - self.radius**2, 0.0)) * np.cos(phase)
-        return (self.radius < DISC) & (sun > LEAST_SUN)
+        return np.asarray(sun > LEAST_SUN)
 
-    def between(self, cosines: tuple[float, float]) -> FloatArray:
+    def between(self, cosines: tuple[float, float]) -> NDArray[np.bool_]:
         """Return where the cosine of the view angle lies between limits."""
         mu = np.sqrt(np.maximum(1.0 - self.radius**2, 0.0))
         return (mu > cosines[0]) & (mu < cosines[1]) & (self.radius < 1.0)
@@ -242,7 +243,8 @@ def compare(name: str, folder: Path, out: Path) -> dict[str, Any]:
         Grid.of(next(iter(ours.values())).shape, centre, photograph.radius_px * scale),
     )
     radius_km = photograph.radius_px * photograph.km_per_px
-    discs = tuple(grid.disc(photograph.sun_deg) for grid in grids)
+    days = tuple(grid.day(photograph.sun_deg) for grid in grids)
+    discs = tuple((grid.radius < DISC) & day for grid, day in zip(grids, days, strict=True))
     small = {
         band: cv2.resize(photo, ours[band].shape[::-1], interpolation=cv2.INTER_AREA) for band, photo in theirs.items()
     }
@@ -267,12 +269,13 @@ def compare(name: str, folder: Path, out: Path) -> dict[str, Any]:
         row: dict[str, Any] = {} if photograph.thermal else {"powers": {"own": powers[band], "all": power}}
         middle = CENTRE if photograph.sun_deg is None else OF_A_CRESCENT
         for whose, channel in {"photograph": photo, **encodings}.items():
-            grid, disc = (grids[0], discs[0]) if whose == "photograph" else (grids[1], discs[1])
+            k = 0 if whose == "photograph" else 1
+            grid, disc, day = grids[k], discs[k], days[k]
             height, profile = grid.limb(channel, photograph.limb_deg, radius_km)
             row[whose] = {
                 "p98_over_p2": contrast(channel, disc, 1.0),
-                "centre": float(np.median(channel[grid.between(middle) & disc])),
-                "edge": float(np.median(channel[grid.between(EDGE) & disc])),
+                "centre": float(np.median(channel[grid.between(middle) & day])),
+                "edge": float(np.median(channel[grid.between(EDGE) & day])),
                 "half_height_km": half_height_km(height, profile),
             }
             inside = profile[(height > -150.0) & (height < -60.0)].mean()
