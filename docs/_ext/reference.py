@@ -28,6 +28,8 @@ INTRODUCTIONS: dict[FileKind, str] = {
     "camera": "A camera file describes a sensor as its data sheet does. What is left out is off.",
     "suite": "A suite makes many scenes and names the estimators that are scored on them. `horizonval run` takes it.",
     "study": "A study compares designs on the same frames. `horizonval study` takes it.",
+    "prior": "A prior says what is known before an image is looked at. `horizonval estimate --prior` takes it. The "
+    "same table `[prior]` stands in scenes, suites and studies.",
 }
 SCENE_TABLES = (
     "`defaults`, `base` and the entries of `list` are partial scenes: any key of a [scene file](scene-keys.md). "

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.api.camera import Camera, camera_of
-from horizonval.commands.estimate import observation_from, observation_from_heads
+from horizonval.commands.estimate import observation_from, observation_from_heads, prior_from
 from horizonval.commands.picture import GreyImage, picture_of_array, picture_of_source, read_picture
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
 from horizonval.estimation import installed, registry
 from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.scoring.errors import score as scored
 from horizonval.scoring.row import Score
@@ -31,6 +32,7 @@ def estimate(
     estimator: AnyEstimator,
     *,
     camera: Camera | str | Path | Mapping[str, Any] | None = None,
+    prior: Prior | str | Path | None = None,
 ) -> Fit | Refusal:
     """Run one estimator on an image: an attitude, or a refusal that says why.
 
@@ -44,6 +46,9 @@ def estimate(
         ``Fit`` or a ``Refusal``, wrapped in an ``Estimator`` or not.
     camera : Camera, str, Path or mapping, optional
         Of an image that does not carry its own.
+    prior : Prior, str or Path, optional
+        What is known beside the image, or a file of a table ``[prior]``. In place of what an image of ours says of
+        itself; a file may state a sigma alone for it, whose value is then drawn about the image's truth.
 
     Returns
     -------
@@ -53,8 +58,8 @@ def estimate(
     Raises
     ------
     UserError
-        No such estimator, no image, no camera or one of another size. Whatever the estimator does, errors included, is
-        a result.
+        No such estimator, no image, no camera or one of another size, a prior that does not go with the image.
+        Whatever the estimator does, errors included, is a result.
 
     Examples
     --------
@@ -63,18 +68,22 @@ def estimate(
     >>> fit = hv.estimate(image, "altitude-free")
     >>> str(fit.status), fit.nadir_cam.shape
     ('valid', (3,))
+    >>> known = hv.Prior(shape="wgs84", altitude_m=550e3, altitude_sigma_m=1e3)
+    >>> hv.estimate(image, "guarded-altitude-free", prior=known).status
+    <Outcome.VALID: 'valid'>
     >>> refusal = hv.estimate(image.dn * 0, "altitude-free", camera="mycam.toml")
     >>> str(refusal.status), bool(refusal)
     ('dark', False)
     """
     method = _estimator_of(estimator)
+    known = prior_from(prior) if isinstance(prior, str | Path) else prior
     if isinstance(image, Sequence) and not isinstance(image, str):
         if camera is not None:
             raise UserError("used with several images", where="camera", expected="our own images, which carry theirs")
-        return registry.run_safely(method, observation_from_heads(_named(image), method))
+        return registry.run_safely(method, observation_from_heads(_named(image), method, known))
     camera_object = None if camera is None else camera_of(camera)
     spec, source = (None, "") if camera_object is None else (camera_object.spec, camera_object.source)
-    observation = observation_from(_picture_of(image, spec, source), method, _name(image), spec, source)
+    observation = observation_from(_picture_of(image, spec, source), method, _name(image), spec, source, known)
     return registry.run_safely(method, observation)
 
 

@@ -36,7 +36,7 @@ FLAT = {
     "seed": ("scene", "seed"),
 }
 """Keywords of :class:`Scene`, and the table and key of a scene file that each of them is."""
-TABLES = ("attitude", "earth", "atmosphere", "surface", "clouds", "moon", "night", "part", "render")
+TABLES = ("attitude", "earth", "atmosphere", "surface", "clouds", "moon", "night", "part", "render", "prior")
 """Keywords that are a whole table of a scene file."""
 
 
@@ -69,7 +69,7 @@ class Scene:
         Identity of the scene: everything random is drawn from a hash of it.
     seed : int
         Other draws of clouds and noise.
-    attitude, earth, atmosphere, surface, clouds, moon, night, render : mapping
+    attitude, earth, atmosphere, surface, clouds, moon, night, render, prior : mapping
         Tables of a scene file, as ``surface={"kind": "earth"}``.
     part : sequence of mapping
         Parts of the spacecraft in view, each a table ``[[part]]`` of a scene file.
@@ -124,6 +124,7 @@ class Scene:
         night: Mapping[str, Any] | None = None,
         part: Sequence[Mapping[str, Any]] | None = None,
         render: Mapping[str, Any] | None = None,
+        prior: Mapping[str, Any] | None = None,
         **unknown: Never,
     ) -> None:
         keywords = {key: value for key, value in locals().items() if key in FLAT or key in TABLES}

@@ -11,7 +11,7 @@ import typer
 
 from horizonval.cli.checks import check_target
 from horizonval.cli.options import Json
-from horizonval.cli.options.completion import estimators, shipped
+from horizonval.cli.options.completion import estimators, files, shipped
 from horizonval.cli.printing import print_json
 from horizonval.core import atomic
 from horizonval.core.errors import UserError
@@ -93,27 +93,37 @@ def estimate(
         str | None,
         typer.Option(metavar="FILE", help="Suite or study whose [[estimator]] table the estimator is: a program."),
     ] = None,
+    prior: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            help="File of a table [prior]: what is known beside the image; see `horizonval schema prior`.",
+            autocompletion=files(".toml"),
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> int:
     """One estimator on any image, also a real photograph; of our own files also how far off the answer is.
 
-    The truth in a file of ours is compared with the answer, and never given to the estimator. A refusal (any status
+    The truth in a file of ours is compared with the answer, and never given to the estimator; `assumed` says what was.
+    A refusal (any status
     other than `valid`) is a result like any other: exit status 0. Of several images one that cannot be read is said,
     the others are done, and the exit status is 1.
     """
-    from horizonval.commands.estimate import estimate_file, estimate_heads, estimator_of
+    from horizonval.commands.estimate import estimate_file, estimate_heads, estimator_of, prior_from
     from horizonval.spec.load import load_camera
 
     method = estimator_of(estimator, suite)
     spec = load_camera(camera) if camera is not None else None
+    known = prior_from(prior) if prior is not None else None
     if len(image) > 1 and method.needs != "heads":
-        return _each(image, lambda path: estimate_file(path, method, spec, camera or ""), as_json)
+        return _each(image, lambda path: estimate_file(path, method, spec, camera or "", known), as_json)
     if len(image) == 1:
-        report = estimate_file(image[0], method, spec, camera or "")
+        report = estimate_file(image[0], method, spec, camera or "", known)
     elif spec is not None:
         raise UserError("used with several images", where="--camera", expected="our own EXR, which carry theirs")
     else:
-        report = estimate_heads(image, method)
+        report = estimate_heads(image, method, known)
     if as_json:
         print_json(report)
         return 0

@@ -58,7 +58,7 @@ def list_names(
 
 
 def schema(
-    kind: Annotated[str, typer.Argument(help="scene, camera, suite or study.", autocompletion=kinds_of_files)],
+    kind: Annotated[str, typer.Argument(help="scene, camera, suite, study or prior.", autocompletion=kinds_of_files)],
 ) -> None:
     """Print the JSON Schema (draft 2020-12) of a kind of file, for editors and other programs."""
     from horizonval.core.suggest import nearest

@@ -20,14 +20,11 @@ from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.scoring.errors import ARCSEC, score, sigma_nadir_rad
+from horizonval.sensor.knowledge import refuse_unknown_climate, stated_prior
+from horizonval.spec.load import load_prior
 from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.suites.observation import (
-    method_radius_m,
-    observation_of,
-    observation_of_heads,
-    prior_of_scene,
-    with_altitude_of,
-)
+from horizonval.spec.sensor.prior import PriorSpec
+from horizonval.suites.observation import band_of, known_of, observation_of, observation_of_heads, with_altitude_of
 
 ERRORS = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec", "altitude_error_km", "false_valid")
 """What is said of an answer whose image carries the truth, named as the columns of the results."""
@@ -39,7 +36,23 @@ def estimator_of(name: str, suite: str | Path | None = None) -> Estimator:
     return installed.get(name) if program is None else program
 
 
-def estimate_file(path: Path, estimator: Estimator, camera: CameraSpec | None, camera_file: str = "") -> dict[str, Any]:
+def prior_from(path: str | Path) -> PriorSpec:
+    """Return what a file of a table ``[prior]`` says."""
+    spec = load_prior(path)
+    try:
+        refuse_unknown_climate(spec)
+    except UserError as e:
+        raise e.inside(str(path)) from e
+    return spec
+
+
+def estimate_file(
+    path: Path,
+    estimator: Estimator,
+    camera: CameraSpec | None,
+    camera_file: str = "",
+    known: PriorSpec | None = None,
+) -> dict[str, Any]:
     """Return the estimate as plain data, with the keys of the command contract; ``None`` where a key does not apply.
 
     Parameters
@@ -52,21 +65,24 @@ def estimate_file(path: Path, estimator: Estimator, camera: CameraSpec | None, c
         May be left out for our own EXR files, which carry theirs.
     camera_file : str
         For error messages.
+    known : PriorSpec, optional
+        What is known beside the image, in place of what a file of ours says.
 
     Raises
     ------
     UserError
-        Unreadable picture, no camera, or a camera of another size.
+        Unreadable picture, no camera, or a camera of another size; a prior that does not go with the picture.
     """
     picture = read_picture(path, camera, camera_file)
-    observation = observation_from(picture, estimator, str(path), camera, camera_file)
+    observation = observation_from(picture, estimator, str(path), camera, camera_file, known)
     start = time.perf_counter()
     result = registry.run_safely(estimator, observation)
     seconds = time.perf_counter() - start
-    return _report(estimator, result, seconds, None if picture.source is None else picture.source.truth)
+    truth = None if picture.source is None else picture.source.truth
+    return _report(estimator, result, seconds, truth, observation.prior)
 
 
-def estimate_heads(paths: Sequence[Path], estimator: Estimator) -> dict[str, Any]:
+def estimate_heads(paths: Sequence[Path], estimator: Estimator, known: PriorSpec | None = None) -> dict[str, Any]:
     """Return the estimate from the images of all heads of one housing, with the keys of :func:`estimate_file`.
 
     Parameters
@@ -74,6 +90,8 @@ def estimate_heads(paths: Sequence[Path], estimator: Estimator) -> dict[str, Any
     paths : sequence of Path
         Our own EXR files, which say which head took them, one for every head.
     estimator : Estimator
+    known : PriorSpec, optional
+        What is known beside the images, in place of what they say.
 
     Raises
     ------
@@ -82,13 +100,16 @@ def estimate_heads(paths: Sequence[Path], estimator: Estimator) -> dict[str, Any
         of different housings or instants.
     """
     sources = _sources_of_heads([(str(path), read_picture(path)) for path in paths], estimator)
-    observation = observation_of_heads(sources, estimator)
+    observation = observation_of_heads(sources, estimator, known)
     start = time.perf_counter()
     result = registry.run_safely(estimator, observation)
-    return _report(estimator, result, time.perf_counter() - start, next(iter(sources.values())).truth)
+    seconds = time.perf_counter() - start
+    return _report(estimator, result, seconds, next(iter(sources.values())).truth, observation.prior)
 
 
-def observation_from_heads(pictures: Sequence[tuple[str, GreyImage]], estimator: Estimator) -> Observation:
+def observation_from_heads(
+    pictures: Sequence[tuple[str, GreyImage]], estimator: Estimator, known: PriorSpec | Prior | None = None
+) -> Observation:
     """Return what an estimator is given of the images of all heads of one housing.
 
     Parameters
@@ -96,6 +117,8 @@ def observation_from_heads(pictures: Sequence[tuple[str, GreyImage]], estimator:
     pictures : sequence of (str, GreyImage)
         Each after the name that errors call it.
     estimator : Estimator
+    known : PriorSpec or Prior, optional
+        What is known beside the images, in place of what they say.
 
     Raises
     ------
@@ -103,7 +126,7 @@ def observation_from_heads(pictures: Sequence[tuple[str, GreyImage]], estimator:
         An estimator that takes a single image; a picture that is none of ours, two of one head, or images of different
         housings or instants.
     """
-    return observation_of_heads(_sources_of_heads(pictures, estimator), estimator)
+    return observation_of_heads(_sources_of_heads(pictures, estimator), estimator, known)
 
 
 def _sources_of_heads(
@@ -144,7 +167,12 @@ def _in_order(sources: Mapping[str, DetectorImage | RadianceFrame]) -> dict[str,
 
 
 def observation_from(
-    picture: GreyImage, estimator: Estimator, where: str, camera: CameraSpec | None, camera_file: str = ""
+    picture: GreyImage,
+    estimator: Estimator,
+    where: str,
+    camera: CameraSpec | None,
+    camera_file: str = "",
+    known: PriorSpec | Prior | None = None,
 ) -> Observation:
     """Return what an estimator is given of one picture.
 
@@ -158,11 +186,14 @@ def observation_from(
         May be left out for our own frames and images, which carry theirs.
     camera_file : str
         For error messages.
+    known : PriorSpec or Prior, optional
+        What is known beside the image, in place of what a file of ours says.
 
     Raises
     ------
     UserError
-        No camera, or one of another size; an estimator that needs the true pose of a picture without one.
+        No camera, or one of another size; a prior that states a sigma alone for a picture without truth; an estimator
+        that needs the true pose of such a picture.
     """
     if picture.source is None and estimator.needs == "pose":
         raise UserError(
@@ -175,13 +206,18 @@ def observation_from(
             raise UserError(
                 "this image does not say which camera took it", where=where, fix="give --camera CAMERA.toml"
             )
-        return observation_of(picture.source, estimator)
+        return observation_of(picture.source, estimator, known=known)
     height, width = picture.grey.shape
     refuse_other_size(width, height, camera, where, camera_file)
     intrinsics = camera_from_spec(camera.camera)
     check_invertible(intrinsics, where=camera_file)
-    recorded = None if picture.source is None else observation_of(picture.source, estimator)
-    prior = Prior() if picture.source is None else prior_of_scene(picture.source.truth)
+    recorded = None if picture.source is None else observation_of(picture.source, estimator, known=known)
+    if picture.source is not None:
+        prior = known_of(picture.source.truth, band_of(picture.source), known)
+    elif isinstance(known, Prior):
+        prior = known
+    else:
+        prior = Prior() if known is None else stated_prior(known, where)
     return Observation(
         image=picture.grey,
         camera=intrinsics,
@@ -205,7 +241,9 @@ def _full_scale(picture: GreyImage, camera: CameraSpec) -> float | None:
     return min(picture.full_scale, float(2**camera.detector.bits - 1))
 
 
-def _report(estimator: Estimator, result: Fit | Refusal, seconds: float, truth: FrameTruth | None) -> dict[str, Any]:
+def _report(
+    estimator: Estimator, result: Fit | Refusal, seconds: float, truth: FrameTruth | None, prior: Prior
+) -> dict[str, Any]:
     """Return the keys of the command contract; ``truth`` is used here alone, after the estimator has answered."""
     report: dict[str, Any] = {
         "estimator": estimator.name,
@@ -219,10 +257,11 @@ def _report(estimator: Estimator, result: Fit | Refusal, seconds: float, truth: 
         "sigma_nadir_arcsec": None,
         "n_points": len(result.points),
         "seconds": round(seconds, 6),
+        "assumed": prior.in_words,
         **dict.fromkeys(ERRORS),
     }
     if truth is not None:
-        errors = score(truth, estimator, result, earth_radius_m=method_radius_m(truth))
+        errors = score(truth, estimator, result, earth_radius_m=prior.sphere_radius_m)
         report |= {name: getattr(errors, name) for name in ERRORS}
     if isinstance(result, Refusal):
         return report | {"reason": result.reason} | ({"output": result.output} if result.output else {})

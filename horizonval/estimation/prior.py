@@ -31,6 +31,25 @@ UNIT_TOLERANCE = 1e-3
 ROUNDING = 1e-12
 """Of a length that is 1 already: a prior that is made again of a prior's values keeps their bits."""
 
+BY_LATITUDE_MONTH = "by_latitude_month"
+
+FILE_KEYS: tuple[tuple[str, str, float | None], ...] = (
+    ("shape", "shape", None),
+    ("radius_km", "radius_m", 1e3),
+    ("altitude_km", "altitude_m", 1e3),
+    ("altitude_sigma_km", "altitude_sigma_m", 1e3),
+    ("position_itrs_km", "r_itrs", 1e3),
+    ("position_sigma_km", "position_sigma_m", 1e3),
+    ("q_cam_from_itrs", "q_cam_from_itrs", 1.0),
+    ("attitude_sigma_deg", "attitude_sigma_rad", math.pi / 180.0),
+    ("epoch_utc", "epoch_utc", None),
+    ("limb_height_km", "limb_height_m", 1e3),
+    ("limb_height_sigma_km", "limb_height_sigma_m", 1e3),
+    ("climate", "climate", None),
+    ("sun_sigma_deg", "sun_sigma_rad", math.pi / 180.0),
+)
+"""Key of a table ``[prior]``, its name here, and what turns a number of the key into SI; None for what is no number."""
+
 _PAIRS = {
     "altitude_m": "altitude_sigma_m",
     "r_itrs": "position_sigma_m",
@@ -137,6 +156,10 @@ class Prior:
                 )
             if abs(norm - 1.0) > ROUNDING:
                 self._keep("q_cam_from_itrs", self.q_cam_from_itrs / norm)
+        if self.climate == BY_LATITUDE_MONTH and (self.r_itrs is None or self.epoch_utc is None):
+            raise UserError(
+                f"found {self.climate!r}", where="Prior: climate", expected="r_itrs and epoch_utc beside it"
+            )
         if self.epoch_utc is not None:
             naive = self.epoch_utc.tzinfo is None
             utc = self.epoch_utc.replace(tzinfo=UTC) if naive else self.epoch_utc.astimezone(UTC)
@@ -178,6 +201,35 @@ class Prior:
             "sun_sigma_rad": "Sun",
         }
         return tuple(word for name, word in words.items() if getattr(self, name) is not None)
+
+    @property
+    def in_words(self) -> str:
+        """What is known, with all numbers, as one line."""
+        radius_km = self.sphere_radius_m / 1e3
+        parts = [
+            {
+                "wgs84": f"WGS84, by spherical methods a sphere of {radius_km:.4f} km",
+                "sphere": f"a sphere of {radius_km:.4f} km",
+                None: f"the Earth as a sphere of {radius_km:.4f} km, its flattening as an error",
+            }[self.shape]
+        ]
+        if self.altitude_m is not None and self.altitude_sigma_m is not None:
+            parts.append(f"altitude {self.altitude_m / 1e3:.3f} km to {self.altitude_sigma_m / 1e3:g} km")
+        if self.r_itrs is not None and self.position_sigma_m is not None:
+            place = " ".join(f"{x:.3f}" for x in self.r_itrs / 1e3)
+            parts.append(f"position {place} km to {self.position_sigma_m / 1e3:g} km")
+        if self.q_cam_from_itrs is not None and self.attitude_sigma_rad is not None:
+            sigmas = " ".join(f"{x:g}" for x in np.degrees(self.attitude_sigma_rad))
+            parts.append(f"attitude to {sigmas} deg (roll, pitch, yaw)")
+        if self.epoch_utc is not None:
+            parts.append(f"time {self.epoch_utc:%Y-%m-%d %H:%M:%S} UTC")
+        if self.limb_height_m is not None and self.limb_height_sigma_m is not None:
+            parts.append(f"limb at {self.limb_height_m / 1e3:.3f} km to {self.limb_height_sigma_m / 1e3:g} km")
+        if self.climate is not None:
+            parts.append(f"air {self.climate}")
+        if self.sun_sigma_rad is not None:
+            parts.append(f"Sun to {math.degrees(self.sun_sigma_rad):g} deg")
+        return "; ".join(parts)
 
     def __repr__(self) -> str:
         return f"<Prior {', '.join(self.known) or 'of nothing'}>"

@@ -144,7 +144,10 @@ def _walk(root: Schema, loc: Sequence[int | str]) -> tuple[Schema, str]:
             break
         mapping = node.get("discriminator", {}).get("mapping", {})
         if isinstance(part, int):
-            node, key = _resolve(root, node.get("items", {})), f"{key}[{part + 1}]"
+            # Lists of a fixed length say what each entry is.
+            fixed = node.get("prefixItems", ())
+            item = fixed[part] if part < len(fixed) else node.get("items", {})
+            node, key = _resolve(root, item), f"{key}[{part + 1}]"
         elif part in mapping:
             node = _resolve(root, {"$ref": mapping[part]})
         else:

@@ -31,6 +31,7 @@ from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.regression import RegressionSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import ALL_HEADS, CameraSpec
+from horizonval.spec.sensor.prior import PriorFile, PriorSpec, is_profile_file
 from horizonval.spec.spacecraft.part import SpacecraftPart
 from horizonval.spec.stability import StabilitySpec
 from horizonval.spec.suite import FigureSpec, Keep, ProgramSpec, SuiteSpec
@@ -376,6 +377,8 @@ class Shelf:
             except UserError as e:
                 raise e.inside(prefix + "atmosphere.profile_file") from e
             scene = _with_atmosphere(scene, profile_file=str(file.resolve()))
+        if scene.prior is not None:
+            scene = scene.model_copy(update={"prior": with_climate_file(scene.prior, self._path, prefix + "prior")})
         if scene.part:
             scene = scene.model_copy(update={"part": [self._part(part, prefix) for part in scene.part]})
         return scene, camera
@@ -415,6 +418,25 @@ class Shelf:
             camera = validate(CameraSpec, data, str(file))
         self._cameras[key] = camera
         return camera
+
+
+def load_prior(path: str | Path) -> PriorSpec:
+    """Read a file with a table ``[prior]``."""
+    file = Path(path).expanduser()
+    files.ensure_file(file, expected="a TOML file with a table [prior]")
+    return with_climate_file(validate(PriorFile, read_toml(file), str(file)).prior, file, f"{file}: prior")
+
+
+def with_climate_file(prior: PriorSpec, path: Path, where: str) -> PriorSpec:
+    """Return a prior whose profile file, if it names one, is named by its whole path; it lies beside ``path``."""
+    if prior.climate is None or not is_profile_file(prior.climate):
+        return prior
+    file = path.parent / Path(prior.climate).expanduser()
+    try:
+        files.ensure_file(file, expected="a profile (CSV or JSON)")
+    except UserError as e:
+        raise e.inside(f"{where}.climate") from e
+    return prior.model_copy(update={"climate": str(file.resolve())})
 
 
 def changed_camera(camera: JsonObject, changes: JsonObject, prefix: str) -> JsonObject:

@@ -14,6 +14,7 @@ from horizonval.spec.earth.ground import Earth, Surface
 from horizonval.spec.earth.layer import CloudLayer
 from horizonval.spec.earth.lights import Moon, Night, SunOverride
 from horizonval.spec.numbers import Angle, Finite, FrameName, Listed, PlainName, Whole
+from horizonval.spec.sensor.prior import PriorSpec
 from horizonval.spec.spacecraft.part import SpacecraftPart
 from horizonval.spec.units import unit
 
@@ -138,7 +139,7 @@ class RenderSettings(Model):
 class SceneSpec(Model):
     """One scene file: one camera, one pose, one planet, one instant."""
 
-    later_keys: ClassVar[frozenset[str]] = frozenset({"layer", "part"})
+    later_keys: ClassVar[frozenset[str]] = frozenset({"layer", "part", "prior"})
 
     scene: SceneName = SceneName()
     """Name and seed."""
@@ -170,6 +171,10 @@ class SceneSpec(Model):
     """Parts of the spacecraft in view, each a table `[[part]]`."""
     render: RenderSettings = RenderSettings()
     """Accuracy of the rendering."""
+    prior: PriorSpec | None = None
+    """What is known beside the image; without the table the shape of the planet, and what the camera file says. It
+    changes neither frame nor noise.
+    """
 
     @model_validator(mode="after")
     def _layers_float_in_air(self) -> SceneSpec:

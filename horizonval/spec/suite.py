@@ -54,8 +54,8 @@ class ProgramSpec(Model):
     name: Name
     """Name of the estimator."""
     command: Annotated[str, Field(min_length=1)]
-    """The command line. `{image}` and `{camera}` stand for the paths, which otherwise come last. A relative path of the
-    program starts from the suite's folder.
+    """The command line. `{image}` and `{camera}` stand for the paths, which otherwise come last, `{prior}` for that of
+    a file with what is known beside the image. A relative path of the program starts from the suite's folder.
     """
     estimates: Literal["geocentric", "geodetic"] = "geocentric"
     """Which nadir it estimates."""

@@ -9,7 +9,10 @@ from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.pose import place_from_spec
 from horizonval.geometry.rotation import julian_utc
 from horizonval.renderer.scene.frame_memory import refuse_too_large
+from horizonval.sensor.knowledge import refuse_unknown_climate
 from horizonval.spec.load import Case, Suite
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.sensor.prior import PriorSpec
 from horizonval.suites.part import Part
 from horizonval.suites.plan import CasePlan, of_heads
 from horizonval.suites.worker_memory import largest_frame
@@ -86,6 +89,17 @@ def _without_heads(name: str, where: str) -> UserError:
     )
 
 
+def _check_prior(prior: PriorSpec, camera: CameraSpec) -> None:
+    refuse_unknown_climate(prior)
+    solar = [band.name for band in camera.band if band.kind == "solar"]
+    if prior.limb_height_sigma_km is not None and prior.limb_height_km is None and solar:
+        raise UserError(
+            f"a sigma alone, and the truth has no limb height of the solar band {solar[0]!r}",
+            where="prior.limb_height_sigma_km",
+            expected="limb_height_km beside it",
+        )
+
+
 def _check_case(case: Case, cameras: set[int], matters: set[tuple[str, int, float]]) -> None:
     from horizonval.earth.optical import optical_model
     from horizonval.sensor.observe import check_camera
@@ -103,6 +117,8 @@ def _check_case(case: Case, cameras: set[int], matters: set[tuple[str, int, floa
         check_invertible(camera_from_spec(case.camera.camera))
         cameras.add(camera)
     place_from_spec(case.scene)
+    if case.scene.prior is not None:
+        _check_prior(case.scene.prior, case.camera)
     try:
         julian_utc(case.scene.platform.epoch_utc)
     except UserError as e:

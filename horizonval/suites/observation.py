@@ -9,23 +9,33 @@ from dataclasses import replace
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
 from horizonval.estimation.observation import Estimator, Observation, OraclePose
 from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
+from horizonval.sensor import knowledge
 from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.sensor.prior import PriorSpec
 
 
 def observation_of(
-    source: DetectorImage | RadianceFrame, estimator: Estimator, *, band: str | None = None
+    source: DetectorImage | RadianceFrame,
+    estimator: Estimator,
+    *,
+    band: str | None = None,
+    known: PriorSpec | Prior | None = None,
 ) -> Observation:
     """Return the observation of a detector image, or of one band of a frame (radiance, without a converter).
 
     The truth in the header gives the calibrated camera and its mounting, which a flight computer knows too; the pose
-    itself is handed only to an estimator that is ideal by definition.
+    itself is handed only to an estimator that is ideal by definition. Of the rest of the truth it has what ``[prior]``
+    of the scene says, or ``known`` in its place: the same whenever it is asked for.
     """
     truth = source.truth
     spec = truth.camera_spec
-    name = source.band if isinstance(source, DetectorImage) else band or next(iter(source.radiance))
+    name = band_of(source, band)
+    prior = known_of(truth, name, known)
+    sigma = prior.sun_sigma_rad
     if isinstance(source, DetectorImage):
         grey, full_scale = source.dn.astype(np.float64), float(source.full_scale)
     else:
@@ -35,14 +45,21 @@ def observation_of(
         camera=truth.camera_model,
         q_cam_from_body=np.array(truth.q_cam_from_body),
         full_scale=full_scale,
-        prior=prior_of(truth),
+        prior=with_altitude_of(spec, prior),
         band_kind=next((one.kind for one in spec.band if one.name == name), None),
-        sun_cam=coarse_sun_cam(truth),
+        sun_cam=coarse_sun_cam(truth) if sigma is None else knowledge.sun_reading_cam(sigma, truth),
         oracle=oracle_pose(truth) if estimator.needs == "pose" else None,
     )
 
 
-def observation_of_heads(sources: Mapping[str, DetectorImage | RadianceFrame], estimator: Estimator) -> Observation:
+def band_of(source: DetectorImage | RadianceFrame, band: str | None = None) -> str:
+    """Return the band of an image, or of a frame the one that is asked for, else its first."""
+    return source.band if isinstance(source, DetectorImage) else band or next(iter(source.radiance))
+
+
+def observation_of_heads(
+    sources: Mapping[str, DetectorImage | RadianceFrame], estimator: Estimator, known: PriorSpec | Prior | None = None
+) -> Observation:
     """Return the observation of all heads of one housing at one instant.
 
     Parameters
@@ -50,13 +67,26 @@ def observation_of_heads(sources: Mapping[str, DetectorImage | RadianceFrame], e
     sources : mapping of str to DetectorImage or RadianceFrame
         By the heads' names, in the camera file's order; at least one.
     estimator : Estimator
+    known : PriorSpec or Prior, optional
+        In place of what the scene says.
 
     Returns
     -------
     Observation
         That of the first head, with every head's own in ``heads``.
+
+    Raises
+    ------
+    UserError
+        One attitude is stated for several heads.
     """
-    heads = {name: observation_of(source, estimator) for name, source in sources.items()}
+    if known is not None and len(sources) > 1 and known.q_cam_from_itrs is not None:
+        raise UserError(
+            f"one attitude for {len(sources)} heads",
+            where="prior: q_cam_from_itrs",
+            expected="attitude_sigma_deg alone",
+        )
+    heads = {name: observation_of(source, estimator, known=known) for name, source in sources.items()}
     return replace(next(iter(heads.values())), heads=heads)
 
 
@@ -71,19 +101,20 @@ def coarse_sun_cam(truth: FrameTruth) -> FloatArray | None:
 
 
 def method_radius_m(truth: FrameTruth) -> float:
-    """Return the radius that a spherical method is given."""
-    return prior_of(truth).sphere_radius_m
+    """Return the radius that a spherical method is given of a frame, where nobody says otherwise."""
+    return knowledge.method_radius_m(scene_prior(truth), truth)
 
 
-def prior_of(truth: FrameTruth) -> Prior:
-    """Return what is known of a frame beside the image: the planet's shape, and what the camera file says."""
-    return with_altitude_of(truth.camera_spec, prior_of_scene(truth))
+def scene_prior(truth: FrameTruth) -> PriorSpec:
+    """Return the table ``[prior]`` of a frame's scene, which says what is known whatever camera looks."""
+    return PriorSpec.model_validate(truth.scene.get("prior") or {})
 
 
-def prior_of_scene(truth: FrameTruth) -> Prior:
-    """Return what is known whatever camera looks."""
-    planet = truth.ellipsoid
-    return Prior(shape="sphere", radius_m=planet.a_m) if planet.is_sphere else Prior(shape="wgs84")
+def known_of(truth: FrameTruth, band: str, known: PriorSpec | Prior | None = None) -> Prior:
+    """Return what is known of a frame: as the scene says, or as ``known`` says in its place."""
+    if isinstance(known, Prior):
+        return known
+    return knowledge.drawn_prior(scene_prior(truth) if known is None else known, truth, band)
 
 
 def with_altitude_of(camera: CameraSpec, prior: Prior) -> Prior:

@@ -38,8 +38,12 @@ from horizonval.truth.parts_in_view import parts_truth
 
 
 def scene_id(scene: dict[str, Any], camera: dict[str, Any]) -> str:
-    """Return the sha256 hex digest of resolved scene, camera and frame schema, as JSON with sorted keys."""
-    document = {"camera": camera, "frame_schema": FRAME_SCHEMA, "scene": scene}
+    """Return the sha256 hex digest of resolved scene, camera and frame schema, as JSON with sorted keys.
+
+    What is known beside the image is left out: whoever knows more sees the same, noise included.
+    """
+    seen = {key: table for key, table in scene.items() if key != "prior"}
+    document = {"camera": camera, "frame_schema": FRAME_SCHEMA, "scene": seen}
     text = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 

@@ -34,6 +34,11 @@ def shipped(*kinds: Kind) -> Offer:
     return offer
 
 
+def files(suffix: str) -> Offer:
+    """Return what offers files of an ending and folders."""
+    return lambda incomplete: [(path, "") for path in _paths(incomplete, suffix)]
+
+
 def estimators(incomplete: str) -> list[tuple[str, str]]:
     """Offer the installed estimators."""
     from importlib.metadata import entry_points
@@ -56,7 +61,7 @@ def systems(incomplete: str) -> list[tuple[str, str]]:
 
 def kinds_of_files(incomplete: str) -> list[tuple[str, str]]:
     """Offer the kinds of files that have a schema."""
-    return [(name, "") for name in ("scene", "camera", "suite", "study") if name.startswith(incomplete)]
+    return [(name, "") for name in ("scene", "camera", "suite", "study", "prior") if name.startswith(incomplete)]
 
 
 def _paths(incomplete: str, suffix: str) -> Iterator[str]:

@@ -132,11 +132,14 @@ def noise(position: tuple[Any, Any, Any], at: Local, seed: Any, a: Arithmetic) -
 
     ``seed``: unsigned 32-bit, of whatever kind is multiplied with arrays of such.
     """
+    return octaves(position, at, seed, a, range(OCTAVES)) / sigma(at, a) + at.lift
+
+
+def octaves(position: tuple[Any, Any, Any], at: Local, seed: Any, a: Arithmetic, which: range) -> Any:
+    """Return the sum of some octaves of the noise at unit vectors, each weighted; ``seed`` as of :func:`noise`."""
     stirred_place = [p + d for p, d in zip(position, at.shift, strict=True)]
     total: Any = 0.0
-    variance: Any = 0.0
-    for octave in range(OCTAVES):
-        weight: Any = sum(WEIGHTS[kind][octave] * at.shares[kind] for kind in KINDS)
+    for octave in which:
         per_cell = EARTH_RADIUS_M / LARGEST_M * 2.0**octave
         stretch = STRETCH if octave < STRETCHED_OCTAVES else 1.0
         place = stirred_place if octave < STIRRED_OCTAVES else position
@@ -146,9 +149,21 @@ def noise(position: tuple[Any, Any, Any], at: Local, seed: Any, a: Arithmetic) -
         if octave in CELL_OCTAVES:
             cells = (a.module.abs(one) - CELL_MEAN / NOISE_SIGMA) * (NOISE_SIGMA / CELL_SIGMA)
             one = one + at.shares["deck"] * (cells - one)
-        total = total + weight * one
+        total = total + _weight(octave, at) * one
+    return total
+
+
+def sigma(at: Local, a: Arithmetic) -> Any:
+    """Return the standard deviation of the weighted octaves together."""
+    variance: Any = 0.0
+    for octave in range(OCTAVES):
+        weight = _weight(octave, at)
         variance = variance + weight * weight
-    return total / a.module.sqrt(variance) + at.lift
+    return a.module.sqrt(variance)
+
+
+def _weight(octave: int, at: Local) -> Any:
+    return sum(WEIGHTS[kind][octave] * at.shares[kind] for kind in KINDS)
 
 
 def depth(rank: Any, at: Local, a: Arithmetic) -> Any:

@@ -1,10 +1,10 @@
 """A program as an estimator: it reads an image and a camera file and prints one JSON object.
 
-The program gets a 16 bit PNG of the digital numbers and the calibrated camera as TOML, nothing else: not the truth that
-our own files carry. It prints what ``horizonval estimate --json`` prints; ``status`` is required, for a fit also
-``nadir_cam``. Angles that are missing follow from the nadir. ``sigma_nadir_arcsec`` is the rms error claimed, taken as
-equal in all directions; without it the fit claims no uncertainty, and is judged by a default. A crash, a wrong answer,
-too long an answer or none in time is an outcome.
+The program gets a 16 bit PNG of the digital numbers, the calibrated camera as TOML, and if it asks for it what is known
+beside the image; nothing else: not the truth that our own files carry. It prints what ``horizonval estimate --json``
+prints; ``status`` is required, for a fit also ``nadir_cam``. Angles that are missing follow from the nadir.
+``sigma_nadir_arcsec`` is the rms error claimed, taken as equal in all directions; without it the fit claims no
+uncertainty, and is judged by a default. A crash, a wrong answer, too long an answer or none in time is an outcome.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Mapping
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
@@ -31,6 +32,7 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.last_words import crash
 from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.estimation.prior import FILE_KEYS, Prior
 from horizonval.geometry.frames import inverse, roll_pitch_of_nadir, rotate
 from horizonval.spec.suite import ProgramSpec
 
@@ -58,27 +60,31 @@ def external(spec: ProgramSpec, folder: Path, time_limit_s: float) -> Estimator:
     )
 
 
-def command_line(command: str, folder: Path, image: Path, camera: Path) -> list[str]:
-    """Return the words of a command with the paths in their places."""
+def command_line(command: str, folder: Path, image: Path, camera: Path, prior: Path) -> list[str]:
+    """Return the words of a command with the paths in their places.
+
+    A command without any has image and camera last; the prior is for those that ask for it by ``{prior}``.
+    """
     words = shlex.split(command)
-    places = {"{image}": str(image), "{camera}": str(camera)}
+    places = {"{image}": image, "{camera}": camera, "{prior}": prior}
     if not any(place in word for word in words for place in places):
-        words += list(places)
+        words += ["{image}", "{camera}"]
     for place, path in places.items():
-        words = [word.replace(place, path) for word in words]
+        words = [word.replace(place, str(path)) for word in words]
     program = folder / words[0]
     return [str(program.resolve()) if "/" in words[0] and program.is_file() else words[0], *words[1:]]
 
 
 def _run(observation: Observation, *, command: str, folder: Path, limit_s: float) -> Fit | Refusal:
     with tempfile.TemporaryDirectory(prefix="horizonval-") as place:
-        image, camera = Path(place) / "image.png", Path(place) / "camera.toml"
+        image, camera, prior = (Path(place) / name for name in ("image.png", "camera.toml", "prior.toml"))
         depth = np.uint16 if (observation.full_scale or np.inf) > 255 else np.uint8
         top = np.iinfo(depth).max
         cv2.imwrite(str(image), np.clip(np.rint(observation.image), 0, top).astype(depth))
         camera.write_text(camera_file(observation), encoding="utf-8")
+        prior.write_text(prior_file(observation.prior), encoding="utf-8")
         try:
-            words = command_line(command, folder, image, camera)
+            words = command_line(command, folder, image, camera, prior)
         except (ValueError, IndexError) as e:
             return crash(f"the command {command!r} cannot be read: {e}")
         answer = _answer(words, folder, limit_s)
@@ -107,6 +113,24 @@ def camera_file(observation: Observation) -> str:
     if prior.altitude_m is not None and prior.altitude_sigma_m is not None:
         lines += ["[platform]", f"altitude_km = {prior.altitude_m / 1e3!r}"]
         lines += [f"altitude_sigma_km = {prior.altitude_sigma_m / 1e3!r}"]
+    return "\n".join(lines) + "\n"
+
+
+def prior_file(prior: Prior) -> str:
+    """Return what is known as the file of the ``estimate`` command's ``--prior``; only the table's head of nothing."""
+    lines = ["[prior]"]
+    for key, name, factor in FILE_KEYS:
+        value = getattr(prior, name)
+        if value is None:
+            continue
+        if isinstance(value, datetime):
+            text = value.isoformat()
+        elif isinstance(value, str):
+            # JSON's text between quotes is TOML's.
+            text = json.dumps(value)
+        else:
+            text = repr((np.asarray(value) / (factor or 1.0)).tolist())
+        lines.append(f"{key} = {text}")
     return "\n".join(lines) + "\n"
 
 

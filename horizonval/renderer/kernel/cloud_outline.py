@@ -9,7 +9,8 @@ all clouds when::
 
 and the line crosses the outline as far from its middle as that angle is worth. A turn within a cell moves the points by
 nothing else. With refraction the points are those of the bent ray, which turned bends otherwise: a second ray starts
-where the first found the outline. Points lie as densely as those of the search for clouds (:mod:`.clouds`).
+where the first found the outline. Points lie as densely as those of the search for clouds (:mod:`.clouds`);
+those over squares whose highest top would stay below what is found already are skipped.
 
 Clouds have no gaps below, so a line is covered from the outline inwards, down to the hard edge if that cuts it. The
 share of a cell is the mean of its lines.
@@ -23,7 +24,7 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.earth.clouds.relief import BASE_M
-from horizonval.renderer.kernel.clouds import CloudTable
+from horizonval.renderer.kernel.clouds import SKIP_MARGIN_M, CloudTable
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, limb_function
 from horizonval.renderer.planet import along, dot
 from horizonval.renderer.types import Vec
@@ -33,6 +34,10 @@ LINES = 4
 BENT_PASSES = 2
 """With refraction a turned ray bends otherwise: the outline is looked for again from where it was found."""
 BENDING_NODES_ABOVE = 32
+NONE = -1.0
+"""Of the delta of the module text where there is no cloud: far below all."""
+STEEPEST = 1.01
+"""1 / cos e at most, in the layer of the tops beside the limb."""
 LEAST_SHARE = 1.0 / 256.0
 """Of a cell, to have a ray of its own."""
 
@@ -139,26 +144,47 @@ def _turn(view: FrameGeometry, table: CloudTable, d: Vec, inner: mi.Float64) -> 
     bending = view.bending
     up = None if bending is None else bending.up(o, d)
 
-    def look(i: mi.Float64, angle: mi.Float64, highest: mi.Float64) -> tuple[mi.Float64, mi.Float64, mi.Float64]:
-        t = dr.fma(i, table.step_m, start)
-        if bending is None or up is None:
-            height, normal = planet.height_and_normal(along(o, d, t))
-        else:
-            height, normal = bending.place(o, d, t, angle)
-            angle = dr.fma(bending.rate(o, d, up, t), table.step_m, angle)
-        top, rise = table.top(normal), dr.minimum(dot(normal, d), 0.9)
-        turn = (top - height) * dr.rsqrt(1.0 - rise * rise) / t
-        return i + 1.0, angle, dr.select(top > BASE_M, dr.maximum(highest, turn), highest)
+    def place(t: mi.Float64, angle: mi.Float64) -> tuple[mi.Float64, Vec]:
+        if bending is None:
+            return planet.height_and_normal(along(o, d, t))
+        return bending.place(o, d, t, angle)
 
-    none = dr.full(mi.Float64, -1.0, dr.width(d[0]))
+    def turned(t: mi.Float64, angle: mi.Float64, further_m: mi.Float64) -> mi.Float64:
+        if bending is None or up is None:
+            return angle
+        return dr.fma(bending.rate(o, d, up, dr.fma(0.5, further_m, t)), further_m, angle)
+
+    def turn_at(t: mi.Float64, height: mi.Float64, normal: Vec) -> mi.Float64:
+        top, rise = table.top(normal), dr.minimum(dot(normal, d), 0.9)
+        return dr.select(top > BASE_M, (top - height) * dr.rsqrt(1.0 - rise * rise) / t, NONE)
+
+    def glance(i: mi.Float64, angle: mi.Float64, highest: mi.Float64) -> tuple[mi.Float64, mi.Float64, mi.Float64]:
+        t, further = dr.fma(i, table.step_m, start), table.skipped * table.step_m
+        highest = dr.maximum(highest, turn_at(t, *place(t, angle)))
+        return i + table.skipped, turned(t, angle, further), highest
+
+    def look(i: mi.Float64, angle: mi.Float64, highest: mi.Float64) -> tuple[mi.Float64, mi.Float64, mi.Float64]:
+        t, skipped_m = dr.fma(i, table.step_m, start), table.skipped * table.step_m
+        height, normal = place(t, angle)
+        turn = turn_at(t, height, normal)
+        lowest = dr.fma(dr.minimum(dot(normal, d), 0.0), skipped_m, height - SKIP_MARGIN_M)
+        above = table.highest_around(normal) - lowest
+        most = above * dr.select(above > 0.0, STEEPEST / t, 1.0 / (t + skipped_m))
+        steps = dr.select(most <= highest, table.skipped, 1.0)
+        return i + steps, turned(t, angle, steps * table.step_m), dr.maximum(highest, turn)
+
     at_start = 0.0 * start if bending is None else bending.angle(o, d, BENDING_NODES_ABOVE, start)
-    return dr.while_loop(
-        (dr.zeros(mi.Float64, dr.width(d[0])), at_start, none),
-        lambda i, angle, highest: i <= count,
-        look,
-        labels=("i", "angle", "highest"),
-        label="cloud outline",
-    )[2]
+    highest = dr.full(mi.Float64, NONE, dr.width(d[0]))
+    # a glance at some points first: what stays below the highest of them is skipped then
+    for pass_of, label in ((glance, "cloud glance"), (look, "cloud outline")):
+        highest = dr.while_loop(
+            (dr.zeros(mi.Float64, dr.width(d[0])), at_start, highest),
+            lambda i, angle, highest: i <= count,
+            pass_of,
+            labels=("i", "angle", "highest"),
+            label=label,
+        )[2]
+    return highest
 
 
 def near_clouds(view: FrameGeometry, clouds: CloudTable, direction: Vec, reach: mi.Float64) -> mi.Bool:

@@ -2,11 +2,13 @@
 
 The table is an equal-area map (Lambert) of everything in sight around the point below the camera, made by the same
 arithmetic as :mod:`horizonval.earth.clouds.relief`; between its nodes the relief is bilinear. At 500 km a node
-stands for 1.9 km, at 36 000 km for 6 km.
+stands for 1.9 km, at 36 000 km for 6 km. Of the Earth's pattern what is larger than 75 nodes is found at every fourth
+node, and bilinear between: that moves tops by some 20 m, a tenth of what being bilinear between the nodes does.
 
 A ray is searched from where it enters the layer of the tops to where it leaves it or meets the ground, in steps of
 half a table node; the crossing between the last step outside and the first inside is bisected to 1e-3 of a step. Peaks
-narrower than a step may be missed where a ray grazes them.
+narrower than a step may be missed where a ray grazes them. A second map holds the highest top in squares of
+:data:`SQUARE` nodes and all around them: steps that stay above it are not looked at.
 """
 
 from __future__ import annotations
@@ -19,22 +21,34 @@ from typing import TypeAlias
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import scipy.ndimage
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.clouds import earth_pattern, relief
-from horizonval.earth.clouds.earth_pattern import Arithmetic, Local
+from horizonval.earth.clouds.earth_pattern import Arithmetic, Coarse, Local
 from horizonval.earth.clouds.relief import BASE_M, CloudField
 from horizonval.geometry.directions import perpendicular
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.refraction.bending import BendingField
 from horizonval.renderer.tables import gather_row, table_of
-from horizonval.renderer.types import Vec, constant, constant_vector
+from horizonval.renderer.types import Real, Vec, constant, constant_vector
 
 TABLE_SIDE = 3072
+SPARSER, LARGE_NODES = 4, 75
+"""Octaves of noise with cells of as many nodes are found at every fourth node."""
+MOST_LARGE_OCTAVES = 5
+"""From there on decks have cells, which have kinks."""
 BISECTIONS = 10
 BENDING_NODES_ABOVE = 32
 """Of the bending above the clouds: a tenth of it all, good to 1e-5 of that."""
 NARROWEST_STEP_M = 250.0
+SQUARE = 16
+MOST_SKIPPED = 20
+STRETCH = math.sqrt(2.0)
+"""Of the map across its radii at 90 deg from its middle: it moves a step by as many more nodes."""
+SKIP_MARGIN_M = 50.0
+"""A ray falls no faster than at a step's beginning, but for its bending."""
+NO_TOP_M = -1e9
 _KEPT_TABLES = 2
 _Key: TypeAlias = tuple[CloudField, Planet, tuple[float, float, float], str | None]
 _tables: OrderedDict[_Key, CloudTable] = OrderedDict()
@@ -44,17 +58,20 @@ _tables: OrderedDict[_Key, CloudTable] = OrderedDict()
 class CloudTable:
     """Tops [m] over the globe around ``up``; ``axes`` are the map's x and y directions, ``per_unit`` nodes per unit.
 
-    ``albedos``: of the clouds at the same nodes, 0 between them; None where the height tells them.
+    ``albedos``: of the clouds at the same nodes, 0 between them; None where the height tells them. ``highest``: tops of
+    squares; ``skipped``: steps that :meth:`highest_around` speaks for.
     """
 
     field: CloudField
     values: mi.Float32
     albedos: mi.Float32 | None
+    highest: mi.Float32
     axes: tuple[Vec, Vec]
     up: Vec
     per_unit: mi.Float64
     step_m: mi.Float64
     layer_m: mi.Float64
+    skipped: mi.Float64
 
     def top(self, normal: Vec) -> mi.Float64:
         """Return the relief [m] at unit normals: below BASE_M where there is no cloud."""
@@ -71,12 +88,22 @@ class CloudTable:
             return brightness(self.field, height, normal)
         return self._look(self.albedos, normal) / constant(max(self.field.albedo, 1e-6))
 
-    def _look(self, values: mi.Float32, normal: Vec) -> mi.Float64:
-        """Return the bilinear value of a map."""
+    def highest_around(self, normal: Vec) -> mi.Float64:
+        """Return what no top is above within ``skipped`` steps of unit normals: far below zero where there is none."""
+        x, y = self._place(normal)
+        square = mi.UInt32(y) // SQUARE * (TABLE_SIDE // SQUARE) + mi.UInt32(x) // SQUARE
+        return mi.Float64(dr.gather(mi.Float32, self.highest, square))
+
+    def _place(self, normal: Vec) -> tuple[mi.Float64, mi.Float64]:
         stretch = dr.sqrt(2.0 / dr.maximum(1.0 + dot(normal, self.up), 1e-6)) * self.per_unit
         east, north = dot(normal, self.axes[0]), dot(normal, self.axes[1])
         x, y = (dr.fma(c, stretch, 0.5 * (TABLE_SIDE - 1)) for c in (east, north))
         x, y = (dr.clip(c, 0.0, TABLE_SIDE - 1.001) for c in (x, y))
+        return x, y
+
+    def _look(self, values: mi.Float32, normal: Vec) -> mi.Float64:
+        """Return the bilinear value of a map."""
+        x, y = self._place(normal)
         i, j = mi.UInt32(x), mi.UInt32(y)
         wx, wy = x - mi.Float64(i), y - mi.Float64(j)
         row = j * TABLE_SIDE + i
@@ -109,42 +136,111 @@ def _make_table(field: CloudField, planet: Planet, origin: tuple[float, float, f
     half = 2.0 * math.sin(0.5 * min(reach, math.pi))
     per_unit = 0.5 * (TABLE_SIDE - 1) / half
     east, north, vertical = (constant_vector(w) for w in (x_axis, y_axis, up))
-    node = dr.arange(mi.UInt32, TABLE_SIDE * TABLE_SIDE)
-    x = (mi.Float64(node % TABLE_SIDE) - 0.5 * (TABLE_SIDE - 1)) / constant(per_unit)
-    y = (mi.Float64(node // TABLE_SIDE) - 0.5 * (TABLE_SIDE - 1)) / constant(per_unit)
-    rho2 = dr.minimum(x * x + y * y, 4.0)
-    shrink, rise = dr.sqrt(1.0 - 0.25 * rho2), 1.0 - 0.5 * rho2
-    u, v, w = (x * shrink * e1 + y * shrink * e2 + rise * e3 for e1, e2, e3 in zip(east, north, vertical, strict=True))
     albedos = None
     if field.pattern == "earth":
-        depth, at = earth_clouds(field, (u, v, w))
+        depth, at = _relief_of_earth(field, (east, north, vertical), per_unit)
         arithmetic = kernel_arithmetic()
-        values = mi.Float32(earth_pattern.top_m(depth, at, _tropopause(w), constant(field.top_m), arithmetic))
+        ceiling = _tropopause(mi.Float32(_on_globe(*_nodes(TABLE_SIDE), per_unit, (east, north, vertical))[2]))
+        values = earth_pattern.top_m(depth, at, ceiling, mi.Float32(constant(field.top_m)), arithmetic)
         albedo = earth_pattern.albedo(depth, at, arithmetic)
-        albedos = mi.Float32(dr.minimum(albedo, constant(field.albedo)))
+        albedos = dr.minimum(albedo, mi.Float32(constant(field.albedo)))
     else:
-        values = mi.Float32(top_at(field, (u, v, w)))
+        values = mi.Float32(top_at(field, _on_globe(*_nodes(TABLE_SIDE), per_unit, (east, north, vertical))))
     dr.eval(values, albedos)
     step_m = max(0.5 * radius / per_unit, NARROWEST_STEP_M)
-    axes = east, north
+    skipped = 1 + min((SQUARE - 2) / (STRETCH * step_m * per_unit / radius), MOST_SKIPPED - 1)
     return CloudTable(
-        field, values, albedos, axes, vertical, constant(per_unit), constant(step_m), constant(field.top_m)
+        field,
+        values,
+        albedos,
+        _highest(values),
+        (east, north),
+        vertical,
+        constant(per_unit),
+        constant(step_m),
+        constant(field.top_m),
+        constant(math.floor(skipped)),
     )
 
 
+def _highest(values: mi.Float32) -> mi.Float32:
+    """Return the highest top in squares of nodes and the eight around each, :data:`NO_TOP_M` without clouds."""
+    count = TABLE_SIDE // SQUARE
+    squares = np.array(values).reshape(count, SQUARE, count, SQUARE).max(axis=(1, 3))
+    around = scipy.ndimage.maximum_filter(squares, size=3, mode="nearest")
+    return table_of(mi.Float32, np.where(around > BASE_M, around, NO_TOP_M))
+
+
+def _nodes(side: int) -> tuple[mi.Float64, mi.Float64]:
+    """Return columns and rows of the nodes of a square map, counted from its middle."""
+    node = dr.arange(mi.UInt32, side * side)
+    middle = 0.5 * (side - 1)
+    return mi.Float64(node % side) - middle, mi.Float64(node // side) - middle
+
+
+def _on_globe(column: mi.Float64, row: mi.Float64, per_unit: float, axes: tuple[Vec, Vec, Vec]) -> Vec:
+    """Return the unit normals at places of the map; ``axes``: its x, its y, and up."""
+    x, y = column * constant(1.0 / per_unit), row * constant(1.0 / per_unit)
+    rho2 = dr.minimum(x * x + y * y, 4.0)
+    shrink, rise = dr.sqrt(1.0 - 0.25 * rho2), 1.0 - 0.5 * rho2
+    u, v, w = (x * shrink * e1 + y * shrink * e2 + rise * e3 for e1, e2, e3 in zip(*axes, strict=True))
+    return u, v, w
+
+
+def _relief_of_earth(field: CloudField, axes: tuple[Vec, Vec, Vec], per_unit: float) -> tuple[mi.Float32, Local]:
+    """Return :func:`earth_clouds` at the nodes of the table, what is large from every fourth of them."""
+    coarse, arithmetic = field.coarse(), kernel_arithmetic()
+    seed = dr.opaque(mi.UInt32, field.seed, 1)
+    cells = per_unit * earth_pattern.LARGEST_M / earth_pattern.EARTH_RADIUS_M / LARGE_NODES
+    large_ones = min(1 + math.floor(math.log2(max(cells, 1.0))), MOST_LARGE_OCTAVES)
+    side = TABLE_SIDE // SPARSER + 1
+    offset = 0.5 * (SPARSER * (side - 1) - (TABLE_SIDE - 1))
+    sparse_column, sparse_row = (SPARSER * c + offset for c in _nodes(side))
+    normal = _on_globe(sparse_column, sparse_row, per_unit, axes)
+    channels = _coarse_channels(coarse, normal)
+    at = earth_pattern.local(channels, arithmetic)
+    large = earth_pattern.octaves(normal, at, seed, arithmetic, range(large_ones))
+    channels[3] = large / earth_pattern.sigma(at, arithmetic) + at.lift
+    sparse = dr.empty(mi.Float32, side * side * earth_pattern.CHANNELS)
+    node = dr.arange(mi.UInt32, side * side)
+    for k, channel in enumerate(channels):
+        dr.scatter(sparse, mi.Float32(channel), node * earth_pattern.CHANNELS + k, mode=dr.ReduceMode.NoConflicts)
+    dr.eval(sparse)
+
+    node = dr.arange(mi.UInt32, TABLE_SIDE * TABLE_SIDE)
+    column, row = node % TABLE_SIDE, node // TABLE_SIDE
+    first = (row // SPARSER) * side + column // SPARSER
+    wx, wy = (mi.Float32(c % SPARSER) * (1.0 / SPARSER) for c in (column, row))
+    corners = (gather_row(sparse, first + k, earth_pattern.CHANNELS) for k in (0, 1, side, side + 1))
+    between = [dr.lerp(dr.lerp(a, b, wx), dr.lerp(c, d, wx), wy) for a, b, c, d in zip(*corners, strict=True)]
+    at = earth_pattern.local(between, arithmetic)
+    normal = _on_globe(*_nodes(TABLE_SIDE), per_unit, axes)
+    small = earth_pattern.octaves(normal, at, seed, arithmetic, range(large_ones, earth_pattern.OCTAVES))
+    noise = small / earth_pattern.sigma(at, arithmetic) + at.lift
+    rank = rank_of(mi.Float64(noise), coarse.lowest, coarse.highest, coarse.rank)
+    return earth_pattern.depth(mi.Float32(rank), at, arithmetic), at
+
+
 def kernel_arithmetic() -> Arithmetic:
-    """Return Dr.Jit's spelling."""
-    return Arithmetic(dr, dr.select, _split, mi.Float64, constant)
+    """Return Dr.Jit's spelling; within a cell of the lattice single precision is enough."""
+    return Arithmetic(dr, dr.select, _split, mi.Float32, constant)
 
 
-def _split(v: mi.Float64) -> tuple[mi.UInt32, mi.Float64]:
+def _split(v: mi.Float64) -> tuple[mi.UInt32, mi.Float32]:
     whole = mi.UInt32(v)
-    return whole, v - mi.Float64(whole)
+    return whole, mi.Float32(v - mi.Float64(whole))
 
 
 def earth_clouds(field: CloudField, normal: Vec) -> tuple[mi.Float64, Local]:
     """Return :func:`horizonval.earth.clouds.earth_pattern.depth_at` at unit normals."""
     coarse, arithmetic = field.coarse(), kernel_arithmetic()
+    at = earth_pattern.local(_coarse_channels(coarse, normal), arithmetic)
+    noise = earth_pattern.noise(normal, at, dr.opaque(mi.UInt32, field.seed, 1), arithmetic)
+    return earth_pattern.depth(rank_of(noise, coarse.lowest, coarse.highest, coarse.rank), at, arithmetic), at
+
+
+def _coarse_channels(coarse: Coarse, normal: Vec) -> list[mi.Float64]:
+    """Return the coarse map at unit normals."""
     latitude = dr.rad2deg(dr.asin(dr.clip(normal[2], -1.0, 1.0)))
     y, x = earth_pattern.map_place(latitude, dr.rad2deg(dr.atan2(normal[1], normal[0])))
     i = dr.minimum(mi.UInt32(y), earth_pattern.MAP_ROWS - 2)
@@ -158,13 +254,10 @@ def earth_clouds(field: CloudField, normal: Vec) -> tuple[mi.Float64, Local]:
     above = earth_pattern.MAP_COLUMNS
     corners = (corner(k) for k in (0, 1, above, above + 1))
     channels = [dr.lerp(dr.lerp(a, b, wx), dr.lerp(c, d, wx), wy) for a, b, c, d in zip(*corners, strict=True)]
-    at = earth_pattern.local(channels, arithmetic)
-    noise = earth_pattern.noise(normal, at, dr.opaque(mi.UInt32, field.seed, 1), arithmetic)
-    rank = _rank(noise, coarse.lowest, coarse.highest, coarse.rank)
-    return earth_pattern.depth(rank, at, arithmetic), at
+    return channels
 
 
-def _rank(noise: mi.Float64, lowest: float, highest: float, rank: FloatArray) -> mi.Float64:
+def rank_of(noise: mi.Float64, lowest: float, highest: float, rank: FloatArray) -> mi.Float64:
     """Return the rank of noise by its table."""
     steps = len(rank) - 1
     table = table_of(mi.Float64, rank)
@@ -183,7 +276,7 @@ def top_at(field: CloudField, normal: Vec) -> mi.Float64:
         ceiling = _tropopause(normal[2])
         return earth_pattern.top_m(depth, at, ceiling, constant(field.top_m), kernel_arithmetic())
     cover = constant(field.share)
-    u = _rank(relief.noise(normal, field, _split, mi.Float64), *relief.rank_table(field))
+    u = rank_of(relief.noise(normal, field, _split, mi.Float32), *relief.rank_table(field))
     s = (u - (1.0 - cover)) / cover
     risen = dr.exp(dr.log(dr.maximum(s, 1e-12)) * constant(field.exponent))
     return BASE_M + (_ceiling(field, normal) - BASE_M) * dr.select(s > 0.0, risen, s)
@@ -199,7 +292,7 @@ def _ceiling(field: CloudField, normal: Vec) -> mi.Float64:
     return dr.minimum(constant(field.top_m), _tropopause(normal[2]))
 
 
-def _tropopause(z: mi.Float64) -> mi.Float64:
+def _tropopause(z: Real) -> Real:
     latitude = dr.abs(dr.rad2deg(dr.asin(dr.clip(z, -1.0, 1.0))))
     middle = 0.5 * (relief.TROPICAL_TROPOPAUSE_M + relief.POLAR_TROPOPAUSE_M)
     half = 0.5 * (relief.TROPICAL_TROPOPAUSE_M - relief.POLAR_TROPOPAUSE_M)
@@ -207,7 +300,7 @@ def _tropopause(z: mi.Float64) -> mi.Float64:
 
 
 def first_cloud(
-    table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bool, bending: BendingField | None = None
+    table: CloudTable, planet: Planet, o: Vec, d: Vec, to_ground: bool | mi.Bool, bending: BendingField | None = None
 ) -> tuple[mi.Bool, mi.Float64]:
     """Return ``(hit, t)``: whether rays meet a cloud, and at what parameter.
 
@@ -216,19 +309,20 @@ def first_cloud(
     """
     mid, half, meets = planet.chord(o, d, table.layer_m)
     start, end = dr.maximum(mid - half, 0.0), mid + half
-    if to_ground:
+    if to_ground is not False:
         ground_mid, ground_half, _ = planet.chord(o, d)
-        end = dr.minimum(end, ground_mid - ground_half)
+        end = dr.select(to_ground, dr.minimum(end, ground_mid - ground_half), end)
     meets &= end > start
     count = dr.ceil((end - start) / table.step_m)
 
     up = None if bending is None else bending.up(o, d)
 
-    def inside(t: mi.Float64, angle: mi.Float64) -> mi.Bool:
+    def place(t: mi.Float64, angle: mi.Float64) -> tuple[mi.Float64, Vec]:
         if bending is None:
-            height, normal = planet.height_and_normal(along(o, d, t))
-        else:
-            height, normal = bending.place(o, d, t, angle)
+            return planet.height_and_normal(along(o, d, t))
+        return bending.place(o, d, t, angle)
+
+    def inside(height: mi.Float64, normal: Vec) -> mi.Bool:
         top = table.top(normal)
         return (top > BASE_M) & (height <= top)
 
@@ -236,15 +330,25 @@ def first_cloud(
         """Return the angle a little further on."""
         if bending is None or up is None:
             return angle
-        return dr.fma(bending.rate(o, d, up, t), further_m, angle)
+        return dr.fma(bending.rate(o, d, up, dr.fma(0.5, further_m, t)), further_m, angle)
 
     def advance(
         i: mi.Float64, angle: mi.Float64, hit: mi.Bool, going: mi.Bool
     ) -> tuple[mi.Float64, mi.Float64, mi.Bool, mi.Bool]:
         t = dr.minimum(dr.fma(i, table.step_m, start), end)
-        hit = inside(t, angle)
-        following = dr.select(hit, i, i + 1.0)
-        return following, dr.select(hit, angle, turned(t, angle, table.step_m)), hit, ~hit & (following <= count)
+        height, normal = place(t, angle)
+        hit = inside(height, normal)
+        # steps to where the ray may come down to the highest top around
+        falling = dr.maximum(-dot(normal, d) * table.step_m, 1e-3)
+        steps = dr.floor((height - SKIP_MARGIN_M - table.highest_around(normal)) / falling) + 1.0
+        steps = dr.clip(steps, 1.0, table.skipped)
+        following = dr.select(hit, i, i + steps)
+        return (
+            following,
+            dr.select(hit, angle, turned(t, angle, steps * table.step_m)),
+            hit,
+            ~hit & (following <= count),
+        )
 
     at_start = 0.0 * start if bending is None else bending.angle(o, d, BENDING_NODES_ABOVE, start)
     index, angle, hit, _ = dr.while_loop(
@@ -257,7 +361,7 @@ def first_cloud(
 
     def halve(k: mi.UInt32, low: mi.Float64, high: mi.Float64) -> tuple[mi.UInt32, mi.Float64, mi.Float64]:
         middle = 0.5 * (low + high)
-        covered = inside(middle, angle)
+        covered = inside(*place(middle, angle))
         return k + 1, dr.select(covered, low, middle), dr.select(covered, middle, high)
 
     high = dr.minimum(dr.fma(index, table.step_m, start), end)

@@ -19,6 +19,7 @@ from dataclasses import asdict, dataclass, fields, replace
 import drjit as dr
 import mitsuba as mi
 
+from horizonval.earth.clouds.relief import BASE_M
 from horizonval.earth.surface import squares, surface
 from horizonval.earth.surface.surface import Albedos, GroundModel
 from horizonval.renderer.ground.cover import GroundTable, Places, cover, luminance
@@ -139,13 +140,12 @@ def surface_hits(
     lights: Sequence[Vec],
     to_ground: bool,
     bending: BendingField | None = None,
-    shaded: bool = True,
 ) -> list[SurfaceHit]:
     """Find where rays end, under every light.
 
     ``to_ground``: they all meet the ellipsoid, unless a cloud is before it. ``bending``: with refraction; ``planet``
     and rays are then the apparent ones. Sunlight on its way past clouds goes straight even so: low Suns shine over
-    edges of clouds by up to their own diameter from elsewhere. ``shaded``: look for clouds before lights.
+    edges of clouds by up to their own diameter from elsewhere.
     """
     count = dr.width(d[0])
     cloud, zero = dr.full(mi.Bool, False, count), dr.zeros(mi.Float64, count)
@@ -162,7 +162,7 @@ def surface_hits(
         white = dr.select(cloud, ground.clouds.brightness(place.height_m, place.vertical), 0.0)
     dr.eval(white, place.vertical, place.direction, place.point, place.bending)
     sunlit = [dr.full(mi.Float64, 1.0, count) for _ in lights]
-    if ground.clouds is not None and shaded:
+    if ground.clouds is not None:
         true_planet = planet if bending is None else bending.true_planet
         sunlit = [_sunlit(ground.clouds, true_planet, place.point, light) for light in lights]
         dr.eval(sunlit)
@@ -173,20 +173,12 @@ def surface_hits(
     # under clouds that let light through the ground is there as well
     bare = dr.select(cloud, mi.Float64(0.0), 1.0)
     clear = mi.Float64(1.0) if ground.clouds is not None and ground.clouds.translucent else bare
+    shares |= ground_shares(ground, place.vertical, clear)
     if ground.table is None:
-        shares["ground"] = clear
-        if ground.pieces is not None:
-            shares["ground"] = dr.select(is_first_square(ground.pieces, place.vertical), clear, 0.0)
-            shares["other"] = clear - shares["ground"]
-            dr.eval(shares)
+        dr.eval(shares)
         return [SurfaceHit(everywhere, cloud, t, lit, shares, zero, zero, zero, place.bending) for lit in sunlit]
     normal, arriving = place.vertical, place.direction
-    places = Places.below(normal)
-    _, below = cover(ground.table, places)
-    foam = dr.opaque(mi.Float64, surface.foam_share(ground.model.wind_speed_m_s), 1)
-    shares |= {name: clear * share for name, share in below.items()}
-    wet = shares["water"] * (1.0 - foam)
-    shares |= {"water": wet, "foam": shares["water"] * foam}
+    wet = shares["water"]
     variance = dr.opaque(mi.Float64, surface.slope_variance(ground.model.wind_speed_m_s), 1)
     hits = []
     for light, lit in zip(lights, sunlit, strict=True):
@@ -197,11 +189,38 @@ def surface_hits(
         entering = (1.0 - fresnel(dr.maximum(mu_sun, 0.0))) / (1.0 - surface.water_sky_albedo())
         hits.append(SurfaceHit(everywhere, cloud, t, lit, shares, entering, glint, forward, place.bending))
     if ground.table.inhabitants is not None:
-        lamps = bare * luminance(ground.table, places, dot(normal, lights[0]), -dot(normal, arriving))
+        lamps = bare * luminance(ground.table, Places.below(normal), dot(normal, lights[0]), -dot(normal, arriving))
         dr.eval(lamps)
         hits[0] = replace(hits[0], lamps=lamps)
     dr.eval(shares, [(hit.entering, hit.glint, hit.forward) for hit in hits])
     return hits
+
+
+def ground_shares(ground: Ground, normal: Vec, clear: mi.Float64) -> dict[str, mi.Float64]:
+    """Return the shares of the ground's materials below unit normals; ``clear``: of the ground that is seen."""
+    if ground.table is None:
+        if ground.pieces is None:
+            return {"ground": clear}
+        first = dr.select(is_first_square(ground.pieces, normal), clear, 0.0)
+        return {"ground": first, "other": clear - first}
+    _, below = cover(ground.table, Places.below(normal))
+    foam = dr.opaque(mi.Float64, surface.foam_share(ground.model.wind_speed_m_s), 1)
+    shares = {name: clear * share for name, share in below.items()}
+    return shares | {"water": shares["water"] * (1.0 - foam), "foam": shares["water"] * foam}
+
+
+def shares_from_above(ground: Ground, normal: Vec) -> dict[str, mi.Float64]:
+    """Return what is seen from straight above unit normals, clouds with their brightness: keys of Albedos.
+
+    No search is needed there: a cloud stands where the relief is above the lowest base.
+    """
+    white, clear = mi.Float64(0.0), mi.Float64(1.0)
+    if ground.clouds is not None:
+        top = ground.clouds.top(normal)
+        cloud = top > BASE_M
+        white = dr.select(cloud, ground.clouds.brightness(top, normal), 0.0)
+        clear = clear if ground.clouds.translucent else dr.select(cloud, mi.Float64(0.0), 1.0)
+    return {"cloud": white} | ground_shares(ground, normal, clear)
 
 
 def _sunlit(clouds: CloudTable, planet: Planet, p: Vec, sun: Vec) -> mi.Float64:

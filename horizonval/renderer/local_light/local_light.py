@@ -83,7 +83,7 @@ class LocalLight:
         assert ground is not None
 
         def look() -> GroundCells:
-            return ground_cells(ground, self.view.planet, self.origin, self.view.sun)
+            return ground_cells(ground, self.view.planet, self.origin)
 
         def make() -> GroundLight:
             cells = TABLES.get_or_make(self._key("ground cells"), look, lambda table: table.size_bytes)

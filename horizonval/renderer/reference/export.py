@@ -66,7 +66,7 @@ def _write_reference(scene: SceneSpec, described: Described, folder: Path) -> st
     if box is not None:
         x, y, z = (f"{v * 1e-3:.2g}" for v in box.spacing_m)
         air = f"air on a grid of {x} x {y} x {z} km around what the camera sees, up to {box.top_m * 1e-3:.0f} km"
-        volume = grid_volumes(described.model, place, box, folder)
+        volume = grid_volumes(described.model, node, place, box, folder)
     else:
         volume = stock.shell_volumes(described.model, place)
     sensor = stock.perspective(described.camera, place)

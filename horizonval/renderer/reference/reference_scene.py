@@ -33,7 +33,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.geometry.camera import CameraModel
 from horizonval.renderer.planet import Planet
-from horizonval.renderer.types import PluginDict
+from horizonval.renderer.types import PluginDict, constant_vector
 
 KM = 1e-3
 RAYLEIGH_COS2 = 0.75
@@ -181,6 +181,9 @@ def _medium(node: SpectralNode, volume: Volume) -> PluginDict:
     return {
         "type": "heterogeneous",
         "id": "air",
+        # one channel: volpath would else divide exp(-majorant x distance) by itself, which is 0/0 where a ray has left
+        # the grid and majorant times distance to the next surface is above 100
+        "has_spectral_extinction": False,
         "sigma_t": volume("sigma_t", extinction / KM),
         "albedo": _constant(float(albedo.max())) if constant else volume("albedo", albedo),
         "phase": _phase(node, volume),
@@ -242,7 +245,7 @@ def shell_volumes(model: OpticalModel, place: Placement) -> Volume:
     half = (planet.a_m + top_m) * KM
     to_world = mi.ScalarTransform4f().translate((place.centre_km - half).tolist()).scale(2.0 * half)
     grid = np.linspace(0.0, top_m, TABLE_NODES)
-    origin = [dr.opaque(mi.Float64, float(v), 1) for v in place.origin_m]
+    origin = mi.Vector3d(*constant_vector(place.origin_m))
 
     class Shells(mi.Volume):
         def __init__(self, props: mi.Properties, values: FloatArray) -> None:
@@ -251,8 +254,7 @@ def shell_volumes(model: OpticalModel, place: Placement) -> Volume:
             self.largest = float(values.max())
 
         def _at(self, it: Any, active: Any) -> Any:
-            p = [mi.Float64(c) / KM + o for c, o in zip((it.p.x, it.p.y, it.p.z), origin, strict=True)]
-            height = _geodetic_height(planet, p)
+            height, _ = geodetic(planet, mi.Vector3d(it.p) / KM + origin)
             inside = active & (height >= 0.0) & (height <= top_m)
             x = dr.clip(mi.Float(height) * ((TABLE_NODES - 1) / top_m), 0.0, TABLE_NODES - 1.0)
             i = dr.minimum(mi.UInt32(x), TABLE_NODES - 2)
@@ -282,16 +284,16 @@ def shell_volumes(model: OpticalModel, place: Placement) -> Volume:
     return make
 
 
-def _geodetic_height(planet: Planet, p: Sequence[mi.Float64]) -> mi.Float64:
-    """Return the height above the ellipsoid by Bowring (1976), one step; stable at the poles."""
+def geodetic(planet: Planet, p: Any) -> tuple[mi.Float64, Any]:
+    """Return the height above the ellipsoid by Bowring (1976), one step, and its normal below; stable at the poles."""
     a, b = planet.a_m, planet.b_m
     e2, f2 = 1.0 - (b / a) ** 2, (a / b) ** 2 - 1.0
-    x, y, z = p
-    rho = dr.sqrt(x * x + y * y)
-    s, c = z * a, rho * b
+    rho = dr.sqrt(p.x * p.x + p.y * p.y)
+    s, c = p.z * a, rho * b
     norm = dr.rsqrt(s * s + c * c)
     s, c = s * norm, c * norm
-    s, c = z + f2 * b * s * s * s, rho - e2 * a * c * c * c
+    s, c = p.z + f2 * b * s * s * s, rho - e2 * a * c * c * c
     norm = dr.rsqrt(s * s + c * c)
     s, c = s * norm, c * norm
-    return rho * c + z * s - a * dr.sqrt(1.0 - e2 * s * s)
+    flat = c / dr.maximum(rho, 1e-3)
+    return rho * c + p.z * s - a * dr.sqrt(1.0 - e2 * s * s), mi.Vector3d(flat * p.x, flat * p.y, s)

@@ -40,8 +40,9 @@ FINE = Quality(32, 160, 24, 4, 8, 48, 32, 16, 96, 12, 6)
 """For single rays: 0.02 %, 0.3 % and 0.4 % (850 nm: 1.1 %)."""
 
 
-LAYERED = replace(STANDARD, particle_degree=12, first_azimuth=16)
-"""For images with layers of thin cloud, whose particles scatter further forward than haze."""
+LAYERED = replace(STANDARD, n_down=10, particle_degree=12, later_degree=6, first_azimuth=16)
+"""For images with layers of thin cloud, whose particles scatter further forward than haze: with as few directions below
+the horizon as haze has, sums over them would make high moments of smooth light."""
 
 _DENSE_STRATOSPHERE = 0.015
 """Optical depth of particles above 12 km: half of it in a quiet stratosphere, twice and more after an eruption."""

@@ -68,6 +68,16 @@ class Light:
         hazy = any(isinstance(batch, SolarNodes) and batch.particles is not None for batch in self.batches)
         return TOLERANCE_IN_HAZE if hazy and cosine < LOW_SUN else TOLERANCE
 
+    def shines_everywhere(self, coordinates: RayCoordinates) -> bool:
+        """Return whether the light is up wherever air is in sight, so that no shadow cuts a ray."""
+        r, planet = float(np.linalg.norm(coordinates.origin)), coordinates.planet
+        radius = min(planet.a_m, planet.b_m)
+        reach = math.acos(min(radius / r, 1.0)) + math.acos(radius / (radius + self.top_m))
+        toward = np.array([float(c[0]) for c in self.direction])
+        zenith = math.acos(max(min(float(coordinates.origin @ toward) / r, 1.0), -1.0))
+        # 1 deg for the ellipsoid's normals
+        return zenith + reach < math.radians(89.0)
+
     def march(
         self,
         batch: SolarNodes | GlowNodes,

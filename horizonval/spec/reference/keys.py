@@ -12,17 +12,19 @@ from horizonval.spec.explain import describe, show
 from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.sensor.prior import PriorFile
 from horizonval.spec.study import StudySpec
 from horizonval.spec.suite import SuiteSpec
 from horizonval.spec.units import unit_of_name
 
-FileKind = Literal["scene", "camera", "suite", "study"]
+FileKind = Literal["scene", "camera", "suite", "study", "prior"]
 
 MODELS: dict[FileKind, type[BaseModel]] = {
     "scene": SceneSpec,
     "camera": CameraSpec,
     "suite": SuiteSpec,
     "study": StudySpec,
+    "prior": PriorFile,
 }
 """Kinds of files that have a schema, by what the command line calls them."""
 

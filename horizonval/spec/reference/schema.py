@@ -33,7 +33,7 @@ def json_schema(kind: FileKind) -> JsonObject:
 
     Parameters
     ----------
-    kind : {"scene", "camera", "suite", "study"}
+    kind : {"scene", "camera", "suite", "study", "prior"}
 
     Returns
     -------
@@ -41,7 +41,7 @@ def json_schema(kind: FileKind) -> JsonObject:
     """
     definitions = _Definitions()
     name = definitions.add(MODELS[kind])
-    if kind != "camera":
+    if kind not in ("camera", "prior"):
         definitions.add(SceneSpec)
         definitions.add(CameraSpec)
         definitions.add(OrbitSpec)

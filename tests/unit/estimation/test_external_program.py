@@ -7,21 +7,33 @@ import math
 import sys
 import time
 import tomllib
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from synthetic import truth_at
 
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
-from horizonval.estimation.process.external import LONGEST_ANSWER, camera_file, command_line, external, result_of
+from horizonval.estimation.process.external import (
+    LONGEST_ANSWER,
+    camera_file,
+    command_line,
+    external,
+    prior_file,
+    result_of,
+)
 from horizonval.geometry.camera import CameraModel
+from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.scoring.errors import has_sigma
+from horizonval.sensor.knowledge import drawn_prior
+from horizonval.spec.load import load_prior
 from horizonval.spec.suite import ProgramSpec
 
 CAMERA = CameraModel(64, 48, 55.0, 56.0, 31.5, 23.25, distortion=(0.1, 0.02, 1e-3, 2e-3, 0.3))
@@ -89,6 +101,47 @@ def test_the_camera_file_says_what_the_projection_has(projection: str, numbers: 
     assert "image_circle_deg" not in plain["camera"]
 
 
+def test_what_is_known_reads_back_as_the_file_of_a_prior(tmp_path: Path) -> None:
+    prior = Prior(
+        shape="sphere",
+        radius_m=6.4e6,
+        altitude_m=550e3,
+        altitude_sigma_m=1e3,
+        r_itrs=np.array([7e6, -1.0, 0.0]),
+        position_sigma_m=200.0,
+        q_cam_from_itrs=np.array([0.5, -0.5, 0.5, 0.5]),
+        attitude_sigma_rad=np.array([0.01, 0.02, 0.03]),
+        epoch_utc=datetime(2026, 3, 20, 12, tzinfo=UTC),
+        limb_height_m=2e4,
+        limb_height_sigma_m=3e3,
+        climate="tropical",
+        sun_sigma_rad=0.01,
+    )
+    for known in (prior, Prior(), Prior(shape="wgs84")):
+        (tmp_path / "p.toml").write_text(prior_file(known))
+        spec = load_prior(tmp_path / "p.toml")
+        back = drawn_prior(spec, truth_at(ellipsoid=sphere(6.4e6)))
+        assert back.known == known.known or known.known == ()
+        for name, value in vars(known).items():
+            if value is not None:
+                # Thousands of metres and degrees of radians: rounded in the last place.
+                same = value == getattr(back, name) if isinstance(value, str | datetime) else None
+                assert same or getattr(back, name) == pytest.approx(value, rel=1e-15), name
+
+
+def test_a_program_reads_what_is_known(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text(
+        "import json, sys, tomllib\n"
+        "known = tomllib.load(open(sys.argv[1], 'rb'))['prior']\n"
+        "print(json.dumps({'status': 'dark', 'reason': json.dumps(known)}))\n"
+    )
+    spec = ProgramSpec(name="mine", command=f"{sys.executable} program.py {{prior}}")
+    prior = Prior(shape="wgs84", altitude_m=550e3, altitude_sigma_m=1e3)
+    answer = external(spec, tmp_path, 30.0).run(seen(prior=prior))
+    assert isinstance(answer, Refusal)
+    assert json.loads(answer.reason) == {"shape": "wgs84", "altitude_km": 550.0, "altitude_sigma_km": 1.0}
+
+
 def test_a_claim_is_taken_as_it_was_made(ask) -> None:  # type: ignore[no-untyped-def]
     mounting = Rotation.from_euler("xyz", [0.2, -0.4, 1.0])
     observation = seen(q_cam_from_body=mounting.as_quat())
@@ -143,10 +196,17 @@ def test_a_long_answer_is_no_mistake(ask) -> None:  # type: ignore[no-untyped-de
 
 
 def test_paths_take_their_places_in_the_command(tmp_path: Path) -> None:
-    image, camera = Path("/a/i.png"), Path("/a/c.toml")
-    assert command_line("prog -x 'a b'", tmp_path, image, camera) == ["prog", "-x", "a b", "/a/i.png", "/a/c.toml"]
-    assert command_line("prog --in={image}", tmp_path, image, camera) == ["prog", "--in=/a/i.png"]
-    assert command_line("prog {camera} {image} {image}", tmp_path, image, camera)[1:] == [
+    paths = Path("/a/i.png"), Path("/a/c.toml"), Path("/a/p.toml")
+    assert command_line("prog {prior}", tmp_path, *paths) == ["prog", "/a/p.toml"]
+    assert command_line("prog -x 'a b'", tmp_path, *paths) == [
+        "prog",
+        "-x",
+        "a b",
+        "/a/i.png",
+        "/a/c.toml",
+    ]
+    assert command_line("prog --in={image}", tmp_path, *paths) == ["prog", "--in=/a/i.png"]
+    assert command_line("prog {camera} {image} {image}", tmp_path, *paths)[1:] == [
         "/a/c.toml",
         "/a/i.png",
         "/a/i.png",
@@ -154,10 +214,10 @@ def test_paths_take_their_places_in_the_command(tmp_path: Path) -> None:
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin/prog").touch()
     (tmp_path / "prog").touch()
-    assert command_line("bin/prog", tmp_path, image, camera)[0] == str((tmp_path / "bin/prog").resolve())
-    assert command_line("./prog", tmp_path, image, camera)[0] == str((tmp_path / "prog").resolve())
-    assert command_line("prog", tmp_path, image, camera)[0] == "prog", "one without a path is looked for as usual"
-    assert command_line("bin/none", tmp_path, image, camera)[0] == "bin/none"
+    assert command_line("bin/prog", tmp_path, *paths)[0] == str((tmp_path / "bin/prog").resolve())
+    assert command_line("./prog", tmp_path, *paths)[0] == str((tmp_path / "prog").resolve())
+    assert command_line("prog", tmp_path, *paths)[0] == "prog", "one without a path is looked for as usual"
+    assert command_line("bin/none", tmp_path, *paths)[0] == "bin/none"
 
 
 @pytest.mark.parametrize("command", ["no-such-program-anywhere", "'unbalanced", "' '"])

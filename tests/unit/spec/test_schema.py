@@ -16,7 +16,8 @@ from horizonval.spec.load import load_scene
 from horizonval.spec.reference.keys import MODELS, holds_numbers, tables, unit_of
 from horizonval.spec.reference.schema import json_schema
 
-FILES = [(kind, name) for kind in MODELS for name in shipped_names(kind)]
+FILES = [(kind, name) for kind in MODELS if kind != "prior" for name in shipped_names(kind)]
+"""No prior is shipped: what is known is known of one picture."""
 SCENE = {"camera": {"file": "vis-cmos-512-60deg"}, "platform": {"altitude_km": 500.0}}
 CASES = {"suite": {"name": "s", "estimators": ["ideal"]}}
 
@@ -63,7 +64,7 @@ def test_the_kept_copy_is_what_is_printed(kind, capsys):
 def test_another_kind_is_a_mistake_in_one_line(capsys):
     assert run_command_line(["schema", "camra"]) == 2
     assert capsys.readouterr().err == (
-        "horizonval: error: schema: there is no schema of 'camra'; expected one of camera, scene, suite, study\n"
+        "horizonval: error: schema: there is no schema of 'camra'; expected one of camera, scene, prior, suite, study\n"
     )
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from horizonval.core.errors import UserError
 from horizonval.studies.trade.design import expand, read_study
+from horizonval.suites import observation
 from horizonval.suites.identity import unit_identity
 from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.plan import plan_of, units_of
+from horizonval.truth.frame_truth import truth_of
 
 STUDIES = sorted((Path(__file__).parents[4] / "scenes" / "studies").glob("*.toml"))
 
@@ -55,6 +58,30 @@ def test_designs_and_frames(load):
     ]  # fmt: skip
     assert study.frames["psf_sigma_px_1__000"] == ("psf_sigma_px_1", "000")
     assert {case.camera.optics.psf_sigma_px for case in study.suite.cases} == {0.5, 1.0}
+
+
+def test_what_is_known_is_an_axis_and_its_errors_are_common(load):
+    """The same luck for every design: an error is the sigma times the condition's own numbers."""
+    grid = '"camera.optics.psf_sigma_px" = [0.5, 1.0]'
+    study = load(STUDY.replace(grid, '"prior.position_sigma_km" = [1.0, 10.0]'))
+    assert study.designs[0].settings == {"prior.position_sigma_km": 1.0, "estimator": "altitude-free"}
+    refuse_mistakes(study.suite, plan_of(study.suite))
+    errors = {}
+    for case in study.suite.cases:
+        truth = truth_of(case.scene, case.camera)
+        errors[case.name] = observation.known_of(truth, "vis").r_itrs - np.array(truth.r_itrs)
+    for condition in ("000", "001", "002"):
+        near, far = (errors[f"position_sigma_km_{sigma}__{condition}"] for sigma in (1, 10))
+        # A micrometre of 7000 km is rounding.
+        assert far == pytest.approx(10.0 * near, abs=1e-5)
+    assert not np.allclose(errors["position_sigma_km_1__000"], errors["position_sigma_km_1__001"], atol=1.0)
+
+
+def test_a_limb_height_of_a_solar_band_cannot_be_drawn(load):
+    known = "[defaults.prior]\nlimb_height_sigma_km = 1.0\n[design.grid]"
+    suite = load(STUDY.replace("[design.grid]", known)).suite
+    with pytest.raises(UserError, match="limb_height_km beside it"):
+        refuse_mistakes(suite, plan_of(suite))
 
 
 def test_every_design_meets_the_same_conditions_and_draws(load):

@@ -1,0 +1,143 @@
+"""The table ``[prior]``: as a file, in scenes, as an axis of suites; and one line for every mistake."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from horizonval.core.errors import UserError
+from horizonval.spec.files import shipped_path
+from horizonval.spec.load import load_prior, load_scene, load_suite
+from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.sensor.prior import PriorSpec
+from horizonval.suites.identity import frame_identity
+from horizonval.truth.frame_truth import truth_of
+
+WHOLE = """[prior]
+shape = "sphere"
+radius_km = 6378.0
+altitude_km = 550.0
+altitude_sigma_km = 1
+position_itrs_km = [6928.0, 0, 0.5]
+position_sigma_km = 1.0
+q_cam_from_itrs = [0.7071, 0.0, 0.0, 0.7071]
+attitude_sigma_deg = [1.0, 1, 2.0]
+epoch_utc = 2026-03-20T12:00:00Z
+limb_height_km = -1.5
+limb_height_sigma_km = 0.3
+climate = "by_latitude_month"
+sun_sigma_deg = 0.5
+"""
+
+SCENE = """[camera]
+file = "vis-cmos-512-60deg"
+[platform]
+altitude_km = 500.0
+"""
+
+
+def _file(folder: Path, text: str, name: str = "p.toml") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def test_a_whole_file_is_read(tmp_path: Path) -> None:
+    spec = load_prior(_file(tmp_path, WHOLE))
+    assert spec.position_itrs_km == (6928.0, 0.0, 0.5)
+    assert spec.epoch_utc == datetime(2026, 3, 20, 12, tzinfo=UTC)
+    # What is kept with a frame as JSON reads back.
+    assert PriorSpec.model_validate(json.loads(spec.model_dump_json())) == spec
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("altitude_sigma_km = 1\n", "", ["altitude_km without altitude_sigma_km"]),
+        ("position_sigma_km = 1.0\n", "", ["position_itrs_km without position_sigma_km"]),
+        ("attitude_sigma_deg = [1.0, 1, 2.0]\n", "", ["q_cam_from_itrs without attitude_sigma_deg"]),
+        ("limb_height_sigma_km = 0.3\n", "", ["limb_height_km without limb_height_sigma_km"]),
+        ("altitude_sigma_km = 1\n", "altitude_sigma_km = -1\n", ["prior.altitude_sigma_km", "found -1", "above 0"]),
+        ("altitude_sigma_km = 1\n", "altitude_sigma_km = 0\n", ["prior.altitude_sigma_km", "above 0"]),
+        ("[1.0, 1, 2.0]", "[1.0, 0, 2.0]", ["prior.attitude_sigma_deg", "above 0"]),
+        ("[1.0, 1, 2.0]", "[1.0, 2.0]", ["prior.attitude_sigma_deg"]),
+        ("0.7071]", "0.5]", ["prior.q_cam_from_itrs", "length is 0.866"]),
+        ('"sphere"', '"wgs84"', ['radius_km applies to shape = "sphere" only']),
+        ('"sphere"', '"flat"', ["prior.shape", '"flat"']),
+        ("sun_sigma_deg", "sun_sigma", ["sun_sigma", "sun_sigma_deg"]),
+        ('"by_latitude_month"', '""', ["climate is empty"]),
+        ('"by_latitude_month"', '"none.csv"', ["prior.climate", "none.csv"]),
+        ("[prior]", "[priors]", ["priors"]),
+    ],
+)
+def test_a_mistake_is_one_line_with_file_and_key(tmp_path: Path, old: str, new: str, words: list[str]) -> None:
+    assert old in WHOLE
+    with pytest.raises(UserError) as found:
+        load_prior(_file(tmp_path, WHOLE.replace(old, new)))
+    line = found.value.line()
+    assert line.startswith(f"{tmp_path / 'p.toml'}")
+    for word in words:
+        assert word in line
+    assert "\n" not in line
+
+
+def test_a_climate_of_the_place_needs_a_place(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="needs a position"):
+        load_prior(_file(tmp_path, '[prior]\nclimate = "by_latitude_month"\n'))
+    with pytest.raises(UserError, match=r"none\.toml"):
+        load_prior(tmp_path / "none.toml")
+
+
+def test_a_climates_file_lies_beside_the_file_that_names_it(tmp_path: Path) -> None:
+    (tmp_path / "air").mkdir()
+    (tmp_path / "air" / "mine.csv").write_text("x")
+    path = _file(tmp_path, '[prior]\nclimate = "air/mine.csv"\n')
+    assert load_prior(path).climate == str((tmp_path / "air" / "mine.csv").resolve())
+    scene, _ = load_scene(_file(tmp_path, SCENE + '[prior]\nclimate = "air/mine.csv"\n', "s.toml"))
+    assert scene.prior is not None
+    assert scene.prior.climate == str((tmp_path / "air" / "mine.csv").resolve())
+
+
+def test_a_climates_file_counts_by_its_content(tmp_path: Path) -> None:
+    (tmp_path / "mine.csv").write_text("x")
+    text = '[suite]\nname = "s"\nestimators = ["ideal"]\n[defaults]\ncamera.file = "vis-cmos-512-60deg"\n'
+    text += 'platform.altitude_km = 500.0\nprior.climate = "mine.csv"\n[[frame]]\nscene.name = "a"\n'
+    suite = load_suite(_file(tmp_path, text))
+    before = frame_identity(suite.cases[0])
+    (tmp_path / "mine.csv").write_text("y")
+    assert frame_identity(suite.cases[0]) != before
+
+
+def test_who_knows_more_sees_the_same_noise(tmp_path: Path) -> None:
+    """The identity of a scene without the table is that of before there was one."""
+    camera = CameraSpec.model_validate({"camera": {"width": 8, "height": 8, "fov_deg": 40.0}})
+    plain = {"camera": {"file": "x"}, "platform": {"altitude_km": 500.0}}
+    scenes = [
+        SceneSpec.model_validate(plain),
+        SceneSpec.model_validate(plain | {"prior": {"altitude_sigma_km": 1.0}}),
+        SceneSpec.model_validate(plain | {"prior": {"position_sigma_km": 10.0}}),
+    ]
+    truths = [truth_of(scene, camera) for scene in scenes]
+    assert len({truth.scene_id for truth in truths}) == 1
+    assert "prior" not in truths[0].scene
+    assert truths[1].scene["prior"]["altitude_sigma_km"] == 1.0
+
+
+def test_a_sigma_is_an_axis_of_a_suite(tmp_path: Path) -> None:
+    text = f"""[suite]
+name = "s"
+estimators = ["altitude-free"]
+[defaults]
+camera.file = "{shipped_path("camera", "vis-cmos-512-60deg")}"
+platform.altitude_km = 500.0
+[[cases]]
+name = "known"
+grid = {{ prior.position_sigma_km = [0.1, 1.0, 10.0] }}
+"""
+    suite = load_suite(_file(tmp_path, text))
+    assert [case.scene.prior.position_sigma_km for case in suite.cases if case.scene.prior] == [0.1, 1.0, 10.0]
+    assert suite.cases[0].name == "known_position_sigma_km_0.1"
