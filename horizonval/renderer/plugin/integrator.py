@@ -28,7 +28,7 @@ from horizonval.renderer.plugin.image import render_bands
 from horizonval.renderer.plugin.settings import LimbSettings, MoonSettings
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir, to_apparent_radius
 from horizonval.renderer.refraction.bending import BendingField
-from horizonval.renderer.scattering.quality import LAYERED, STANDARD
+from horizonval.renderer.scattering.quality import for_images
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import constant, constant_vector
 
@@ -74,7 +74,7 @@ def _make_tables(settings: LimbSettings, progress: Progress | None) -> Prepared:
     if model.refractivity is not None:
         air = to_apparent_radius(model, planet)
         model, planet, bending = air.model, air.planet, BendingField.of(air)
-    scattering = (LAYERED if model.layers else STANDARD) if settings.orders == "all" else None
+    scattering = for_images(model) if settings.orders == "all" else None
     batches = list(make_batches(model, planet, IMAGE_TABLE, scattering, progress, air))
     thermal = [ThermalAir.of(b, model.emission, air, model.gaps) for b in model.thermal if model.emission]
     return Prepared(model, planet, batches, thermal, air, bending)
