@@ -1,9 +1,9 @@
 """Thermal bands by Monte Carlo against closed form, and deterministic frames against the Monte Carlo.
 
 The Monte Carlo walks paths backward to where their light was emitted and takes the mean; the march integrates. Both
-read the same absorption, temperatures and emissivities. The bar is three standard errors of every group of pixels; 0.1 %
-is added for what is known to differ: tables of the deterministic frame (1e-3 at worst, 1e-5 mostly), and a sky over
-reflecting ground that is computed in plane layers (0.05 % of a band).
+read the same absorption, temperatures and emissivities. The bar is three standard errors of every group of pixels;
+0.1 % is added for what is known to differ: tables of the deterministic frame (1e-3 at worst, 1e-5 mostly), and a sky
+over reflecting ground that is computed in plane layers (0.05 % of a band).
 """
 
 from __future__ import annotations
@@ -23,11 +23,9 @@ from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
 KNOWN = 1e-3
-STUDENT = np.sqrt(7 / 5)
-"""Rms of Student's t with 7 degrees of freedom: what a perfect frame has against eight passes."""
 
 
-def _scene(roll_deg: float = 65.0, fov_deg: float = 30.0, **tables: Any) -> tuple[SceneSpec, CameraSpec]:
+def _scene(roll_deg: float = 68.0, **tables: Any) -> tuple[SceneSpec, CameraSpec]:
     """Return 20 x 16 pixels of a limb or the ground in the window and in the carbon dioxide band, straight rays."""
     bands = [("window", 10.5, 12.5), ("co2", 14.0, 16.3)]
     scene = {
@@ -36,7 +34,7 @@ def _scene(roll_deg: float = 65.0, fov_deg: float = 30.0, **tables: Any) -> tupl
         "render": {"subsamples": MOST_SUBSAMPLES},
     }
     camera = {
-        "camera": {"width": 20, "height": 16, "fov_deg": fov_deg},
+        "camera": {"width": 20, "height": 16, "fov_deg": 8.0},
         "band": [{"name": name, "kind": "thermal", "lo_um": lo, "hi_um": hi} for name, lo, hi in bands],
     }
     return SceneSpec.model_validate(scene | tables), CameraSpec.model_validate(camera)
@@ -63,6 +61,18 @@ def _compare(reference: RadianceFrame, ours: RadianceFrame, band: str, noise: fl
     ground = groups["ground"]
     # a comparison so noisy that it could not fail would be none: a kelvin of ground is 1.5 % of the window
     assert np.sqrt((error[ground] ** 2).sum()) / value[ground].sum() < noise
+    _check_own_word(reference, band)
+
+
+def _check_own_word(reference: RadianceFrame, band: str) -> None:
+    """Check what the reference says of the deterministic frame, by Student's t with 7 degrees of freedom: eight passes.
+
+    Squares of t have the mean 1.4 and the variance 7.84; three standard errors of their mean.
+    """
+    found = reference.render["deterministic_frame_differs"][band]
+    assert abs(found["mean"]) < 3.0
+    spread = 3.0 * np.sqrt(7.84 / found["pixels"])
+    assert abs(found["rms"] ** 2 - 1.4) < spread < 0.7
 
 
 def test_bare_ground_shines_as_a_grey_body() -> None:
@@ -87,19 +97,16 @@ def test_frame_equals_the_monte_carlo() -> None:
     """Midlatitude winter over grey ground that reflects a fifth of the sky, and the frame's own word on it."""
     air = {"profile": "midlatitude_winter", "refraction": False}
     scene, camera = _scene(atmosphere=air, surface={"emissivity": 0.8})
-    reference, ours = render_reference(scene, camera, spp=512), render_frame(scene, camera)
+    reference, ours = render_reference(scene, camera, spp=4096), render_frame(scene, camera)
     assert reference.truth == ours.truth
     for band in ("window", "co2"):
         _compare(reference, ours, band, 1e-3)
-        found = reference.render["deterministic_frame_differs"][band]
-        assert abs(found["mean"]) < 3.0
-        assert 0.9 < found["rms"] < 1.1 * STUDENT
-    again = render_reference(scene, camera, spp=512)
-    assert again.radiance["co2"].tobytes() == reference.radiance["co2"].tobytes()
+    once, again = (render_reference(scene, camera, spp=16).radiance["co2"].tobytes() for _ in range(2))
+    assert once == again
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["ir-limb-tropical", "ir-limb-equinox", "ir-cirrus-limb", "ir-day-side"])
+@pytest.mark.parametrize("name", ["ir-limb-equinox", "ir-cirrus-limb", "ir-day-side"])
 def test_shipped_scenes_equal_the_monte_carlo(name: str) -> None:
     """Four bands over seas that mirror and land by day, air by latitude, thin cirrus."""
     source = hv.Scene.from_file(name)
@@ -110,6 +117,3 @@ def test_shipped_scenes_equal_the_monte_carlo(name: str) -> None:
     reference, ours = render_reference(scene, camera, spp=2048), render_frame(scene, camera)
     for band in ("co2", "co2-narrow", "lwir", "window"):
         _compare(reference, ours, band, 1e-3)
-        found = reference.render["deterministic_frame_differs"][band]
-        assert abs(found["mean"]) < 3.0
-        assert 0.9 < found["rms"] < 1.1 * STUDENT

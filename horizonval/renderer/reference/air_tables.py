@@ -74,7 +74,7 @@ class AirTables:
         )
 
     def at(self, g: mi.UInt32, height_m: mi.Float64, sine: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
-        """Return extinction and source of g points at heights and sines of latitude."""
+        """Return extinction and source of g points at heights and sines of latitude; nothing above the top."""
         x = dr.clip(height_m * ((self.heights - 1) / self.top_m), 0.0, self.heights - 1.0)
         i = dr.minimum(mi.UInt32(x), self.heights - 2)
         up = x - mi.Float64(i)
@@ -90,7 +90,7 @@ class AirTables:
                 place = line * self.heights + k
                 extinction += w * mi.Float64(dr.gather(mi.Float32, self.extinction, place))
                 source += w * mi.Float64(dr.gather(mi.Float32, self.source, place))
-        return extinction, source
+        return dr.select(height_m <= self.top_m, extinction, 0.0), source
 
     def most_above(self, g: mi.UInt32, height_m: mi.Float64) -> mi.Float64:
         """Return what no extinction at these heights and above exceeds; 0 above the top."""

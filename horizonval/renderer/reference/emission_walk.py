@@ -6,9 +6,10 @@ absorption. Along the ray the optical depth to that place is distributed as :mat
 .. math:: L_g = \int S_g \, e^{-\tau_g} \, d\tau_g + \dots = E[S_g(\text{place of absorption})]
 
 with S = 0 for paths that leave into space. On the ground a path ends with the probability of the emissivity
-(Kirchhoff) and is reflected otherwise. Each path belongs to one g point, drawn with the probability
-:math:`p_g = S_g / \sum S_g` of air of :data:`TYPICAL_K`, and counts :math:`1 / p_g` times; the paths of a pixel lie
-evenly in the sum of these probabilities.
+(Kirchhoff) and is reflected otherwise. Each path belongs to one g point, drawn with a probability :math:`p_g`, and
+counts :math:`1 / p_g` times; the paths of a pixel lie evenly in the sum of these probabilities. Half of :math:`p_g` is
+:math:`S_g / \sum S_g` of air of :data:`TYPICAL_K`, half the same for all: the middle of a line, which has next to no
+width and which is all that shines high up, would else have too few paths.
 
 Distances are found by null collisions (Woodcock): a tentative flight through air of the majorant :math:`M \ge k`, then
 absorption with the probability :math:`k / M`. Where a majorant holds follows from one fact: height above a convex body
@@ -63,7 +64,7 @@ def _integrator(place: Placement, band: EmittingBand, ground: GroundTables) -> A
     """Return the integrator of the module text, made for the active variant."""
     air = AirTables.of(band)
     weight = band.source(TYPICAL_K)
-    share = weight / weight.sum()
+    share = 0.5 * weight / weight.sum() + 0.5 / len(weight)
     until = table_of(mi.Float32, np.cumsum(share)[:-1] if len(share) > 1 else np.ones(1))
     shares = table_of(mi.Float32, share)
     origin = mi.Vector3d(*constant_vector(place.origin_m))

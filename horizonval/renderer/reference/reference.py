@@ -265,7 +265,8 @@ def _differences(scene: SceneSpec, camera: CameraSpec, bands: dict[str, _Band]) 
         difference, variance = (ours[name].astype(float) - band.radiance)[lit], band.variance[lit]
         if lit.any():
             mean = difference.sum() / np.sqrt(variance.sum())
-            found[name] = {"mean": float(mean), "rms": float(np.sqrt(np.mean(difference**2 / variance)))}
+            rms = float(np.sqrt(np.mean(difference**2 / variance)))
+            found[name] = {"mean": float(mean), "rms": rms, "pixels": int(lit.sum())}
     return found
 
 
