@@ -18,7 +18,7 @@ from typing import TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.renderer.column_air import ColumnAir, DepthFactor
+from horizonval.renderer.column_air import ColumnAir, DepthFactor, Lattice
 from horizonval.renderer.layer_steps import Bands
 from horizonval.renderer.planet import Planet, along
 from horizonval.renderer.refraction.bent_ray import RefractionTables
@@ -222,6 +222,11 @@ class SolarNodes(_Air):
     glow: GlowNodes | None = None
     moonlight: Values | None = None
     columns: ColumnAir | None = None
+
+    @property
+    def on_a_map(self) -> bool:
+        """Whether the air varies with longitude too."""
+        return self.columns is not None and isinstance(self.columns.places, Lattice)
 
     def in_moonlight(self) -> SolarNodes:
         """Return the same under the Moon's irradiance."""
