@@ -20,6 +20,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.clouds.layer_gaps import LayerGaps
 from horizonval.earth.surface.ground_emission import GroundEmission
 from horizonval.earth.weather.column_map import ColumnMap
 
@@ -90,7 +91,7 @@ class SpectralNode:
     layer_per_m : ndarray, shape (m, n)
         Extinction of each of the model's ``layers``, which ``extinction_per_m`` has in it.
     layer_albedo, layer_asymmetry : tuple of float
-        Single-scattering albedo and asymmetry of each layer's particles.
+        Scattering per ``layer_per_m``, and asymmetry of each layer's particles.
     forward_per_m : ndarray, shape (n,)
         What of ``particle_per_m`` scatters straight on and is not in ``extinction_per_m``, see
         :mod:`horizonval.renderer.scattering.forward_peak`; empty for nothing.
@@ -160,6 +161,8 @@ class OpticalModel:
         What ground and clouds emit in them; None where there are no thermal bands.
     layers : tuple of (float, float)
         Base and top of the layers of thin cloud: the air's columns bend sharply there.
+    gaps : tuple of LayerGaps or None
+        Of each of the layers where it is cloudy, None for an even one. The columns are those of the mean layer.
     columns : ColumnPlaces or None
         Of air that differs from place to place: where ``more_extinction_per_m`` of the nodes stands. None: the nodes'
         own columns serve everywhere.
@@ -178,6 +181,7 @@ class OpticalModel:
     thermal: tuple[EmittingBand, ...] = ()
     emission: GroundEmission | None = None
     layers: tuple[tuple[float, float], ...] = ()
+    gaps: tuple[LayerGaps | None, ...] = ()
     columns: ColumnPlaces | None = None
     band_order: tuple[str, ...] = ()
 
@@ -187,6 +191,11 @@ class OpticalModel:
         return self.band_order or tuple(
             dict.fromkeys([*(node.band for node in self.nodes), *(band.name for band in self.thermal)])
         )
+
+    @property
+    def has_gaps(self) -> bool:
+        """Whether a layer of thin cloud has gaps."""
+        return any(gaps is not None for gaps in self.gaps)
 
     @property
     def glow_top_m(self) -> float:

@@ -128,7 +128,8 @@ def optical_model(
     model = _model(scene, camera, air.altitude_m, nodes, thermal, ground_k, refractivity)
     raised = change.raised_m
     layers = tuple((v.base_m + raised, v.top_m + raised) for v in air.layers)
-    return replace(model, layers=layers, columns=None if sight is None else sight.places)
+    gaps = tuple(v.gaps for v in air.layers)
+    return replace(model, layers=layers, gaps=gaps, columns=None if sight is None else sight.places)
 
 
 def _model(

@@ -34,7 +34,7 @@ def model_of(optical_depth: float) -> OpticalModel:
         {
             "camera": {"file": "test"},
             "platform": {"altitude_km": 500},
-            "atmosphere": {"aerosol": "none", "refraction": False},
+            "atmosphere": {"aerosol": "none", "refraction": False, "gases_in_sunlight": False},
             "layer": [layer] if optical_depth else [],
         }
     )

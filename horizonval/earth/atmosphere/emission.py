@@ -89,6 +89,8 @@ class EmittingBand:
         What thin cloud adds to the extinction, on ``altitude_m``; of shape (0, 0) for none.
     layers : ndarray, shape (k, 2)
         Base and top of its layers [m].
+    each_layer_per_m : ndarray, shape (k, g, n)
+        ``layer_per_m`` layer by layer, where one has gaps; else of shape (0, 0, 0).
     column_map : ColumnMap or None
         Where the columns of air stand that varies with longitude.
     ground_m : ndarray, shape (m,)
@@ -108,6 +110,7 @@ class EmittingBand:
     column_map: ColumnMap | None = None
     layer_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     layers: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    each_layer_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
     ground_m: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property

@@ -133,7 +133,10 @@ class EmittingAir:
         raised = self.change.raised_m
         absorbed = [layer.infrared_per_m(self.altitude_m, wavelength_um, raised) for layer in self.layers]
         heights = np.array([(layer.base_m + raised, layer.top_m + raised) for layer in self.layers])
-        return {"layer_per_m": np.sum(absorbed, axis=0), "layers": heights}
+        kept: dict[str, Any] = {"layer_per_m": np.sum(absorbed, axis=0), "layers": heights}
+        if any(layer.gaps is not None for layer in self.layers):
+            kept["each_layer_per_m"] = np.array(absorbed)
+        return kept
 
     def _with_particles(self, ln_gas: FloatArray, wavelength_um: FloatArray) -> FloatArray:
         if not self.particles.kinds:

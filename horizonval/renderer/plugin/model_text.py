@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.clouds.layer_gaps import LayerGaps
 from horizonval.earth.column import ColumnPlaces, OpticalModel, SpectralNode
 from horizonval.earth.surface.ground_emission import GroundEmission
 from horizonval.earth.weather.column_map import ColumnMap
@@ -68,6 +69,7 @@ def load_model(text: str) -> OpticalModel:
     grids["refractivity"] = None if data["refractivity"] is None else _unpack(data["refractivity"])
     tuples: dict[str, Any] = {key: tuple(data[key]) for key in ("band_order",)}
     tuples["layers"] = tuple((base, top) for base, top in data["layers"])
+    tuples["gaps"] = tuple(None if gaps is None else LayerGaps(**gaps) for gaps in data["gaps"])
     thermal = tuple(_load_band(band) for band in data["thermal"])
     emission = None
     if data["emission"] is not None:

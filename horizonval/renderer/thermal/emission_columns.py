@@ -8,8 +8,8 @@ packet gathers.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -17,12 +17,14 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.clouds.layer_gaps import LayerGaps
 from horizonval.earth.clouds.layers import merged_bands
 from horizonval.earth.weather.column_map import ColumnMap
 from horizonval.renderer.column_air import Lattice
-from horizonval.renderer.layer_steps import Bands
+from horizonval.renderer.kernel.gap_map import GapMap
+from horizonval.renderer.layer_steps import Bands, layer_bands
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
-from horizonval.renderer.tables import AltitudeGrid, gather_row, table_of
+from horizonval.renderer.tables import AltitudeGrid, gather_row, interpolate, table_of
 from horizonval.renderer.types import Values, Vec
 
 WIDTH = 8
@@ -43,6 +45,8 @@ class AirColumns:
         Heights between which layers of thin cloud lie.
     column_map : ColumnMap or None
         Where the m columns stand, in place of ``sin_latitude``.
+    gapped : dict from int to ndarray, shape (g, n)
+        What layers with gaps add to the extinction in the mean, by their numbers among all layers.
     """
 
     altitude_m: FloatArray
@@ -51,14 +55,21 @@ class AirColumns:
     source: FloatArray
     column_map: ColumnMap | None = None
     bands: Bands = ()
+    gapped: dict[int, FloatArray] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, band: EmittingBand, air: ApparentRadiusAir | None = None) -> AirColumns:
-        """Build from a band; with refraction (``air``) per metre of the straight line, over apparent heights."""
+    def of(
+        cls, band: EmittingBand, air: ApparentRadiusAir | None = None, gaps: Sequence[LayerGaps | None] = ()
+    ) -> AirColumns:
+        """Build from a band; with refraction (``air``) per metre of the straight line, over apparent heights.
+
+        ``gaps``: of the band's layers, empty where none has any.
+        """
         extinction, source = band.columns()
+        gapped = {k: band.each_layer_per_m[k] for k, g in enumerate(gaps) if g is not None}
         if air is None:
-            bands = _bands(band.layers, band.altitude_m)
-            return cls(band.altitude_m, band.sin_latitude, extinction, source, band.column_map, bands)
+            bands = _bands(band.layers, band.altitude_m, gaps)
+            return cls(band.altitude_m, band.sin_latitude, extinction, source, band.column_map, bands, gapped)
         kept = np.arange(len(air.height_m))
         if band.column_map is not None:
             # hundreds of columns: only as many heights as the band itself has
@@ -80,7 +91,8 @@ class AirColumns:
             at(extinction) * np.where(inside, dr_dx, 0.0),
             at(source),
             band.column_map,
-            _bands(np.interp(band.layers, air.height_m, air.model.altitude_m), apparent),
+            _bands(np.interp(band.layers, air.height_m, air.model.altitude_m), apparent, gaps),
+            {k: at(column) * np.where(inside, dr_dx, 0.0) for k, column in gapped.items()},
         )
 
     @property
@@ -113,14 +125,34 @@ class AirColumns:
                 dr.opaque(mi.Float64, per_row, 1),
                 lattice,
                 self.bands,
+                tuple(GappedAbsorption(k, self._packed(v[part], width)) for k, v in self.gapped.items()),
             )
 
+    def _packed(self, column: FloatArray, width: int) -> mi.Float64:
+        """Return a column of some g points, shape (g, n), for the kernel."""
+        packed = np.zeros((len(self.altitude_m), width))
+        packed[:, : len(column)] = column.T
+        return table_of(mi.Float64, packed)
 
-def _bands(layers: FloatArray, altitude_m: FloatArray) -> Bands:
+
+def _bands(layers: FloatArray, altitude_m: FloatArray, gaps: Sequence[LayerGaps | None]) -> Bands:
     if not len(layers):
         return ()
     heights = [(float(base), float(top)) for base, top in layers]
-    return tuple(merged_bands(heights, float(np.diff(altitude_m).max())))
+    sizes = [(*height, g.scale_m) for height, g in zip(heights, gaps, strict=False) if g is not None]
+    return layer_bands(merged_bands(heights, float(np.diff(altitude_m).max())), sizes)
+
+
+@dataclass(frozen=True)
+class GappedAbsorption:
+    """A layer of thin cloud with gaps: its number among all, its mean column (n * width,), and where it is cloudy.
+
+    ``map`` None: the mean everywhere.
+    """
+
+    number: int
+    extinction: mi.Float64
+    map: GapMap | None = None
 
 
 @dataclass(frozen=True)
@@ -140,6 +172,11 @@ class ColumnBatch:
     per_row: mi.Float64
     lattice: Lattice | None = None
     bands: Bands = ()
+    gapped: tuple[GappedAbsorption, ...] = ()
+
+    def under(self, maps: Sequence[GapMap | None]) -> ColumnBatch:
+        """Return the columns with the gaps of layers, by the maps of all layers."""
+        return replace(self, gapped=tuple(replace(layer, map=maps[layer.number]) for layer in self.gapped))
 
     def at(self, height_m: mi.Float64, normal: Vec) -> tuple[Values, Values]:
         """Return extinction and source per g point at heights above places of unit normals; none above the top."""
@@ -165,4 +202,9 @@ class ColumnBatch:
                     [dr.fma(a, v, b) for a, b in zip(values, total, strict=True)] if total else [a * v for a in values]
                 )
             out.append(total)
+        for layer in self.gapped:
+            if layer.map is not None:
+                excess = layer.map.excess(normal)
+                mean = interpolate(layer.extinction, i, w, self.width)
+                out[0] = [dr.maximum(dr.fma(excess, m, k), 0.0) for m, k in zip(mean, out[0], strict=True)]
         return [dr.select(inside, k, 0.0) for k in out[0]], out[1]

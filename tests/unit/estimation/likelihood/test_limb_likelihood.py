@@ -57,7 +57,12 @@ def _camera(sphere: Sphere) -> CameraModel:
 def _knowledge(sphere: Sphere, nadir: np.ndarray, altitude_m: float, known: bool) -> LimbKnowledge:
     planet, mean, information = sphere_knowledge(nadir, RADIUS_M, altitude_m, 0.0 if known else np.inf)
     return LimbKnowledge(
-        planet, mean, information, scale_height_m=sphere.scale_height_m, blur_log_sigma=0.3, scale_log_sigma=0.3
+        planet,
+        mean,
+        information,
+        scale_height_m=sphere.scale_height_m,
+        scale_sigma_m=0.3 * sphere.scale_height_m,
+        blur_log_sigma=0.3,
     )
 
 
