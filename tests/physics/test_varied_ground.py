@@ -36,10 +36,8 @@ def test_limb_over_squares_of_100_km(sza_deg: float) -> None:
 
 
 def test_disc_over_squares_of_100_km() -> None:
-    """3 % but for one ray in eight, 4.5 % all: dark squares beside a border, by the width of the map's cells (9 km)."""
-    off = deviations(rows(100.0, "disc"))
-    assert np.percentile(off, 87.5) < 0.03
-    assert max(off) < 0.045
+    """3 %; the worst are dark squares beside a border."""
+    assert max(deviations(rows(100.0, "disc"))) < 0.03
 
 
 def test_halves_of_the_globe() -> None:
@@ -51,13 +49,8 @@ def test_halves_of_the_globe() -> None:
 @pytest.mark.parametrize("view", ["disc", "limb"])
 @pytest.mark.parametrize("square_km", [50.0, 300.0, 1000.0, 20_000.0])
 def test_squares_of_every_size(square_km: float, view: str) -> None:
-    """3 %; the disc over squares of 50 km as over those of 100 km."""
-    off = deviations(rows(square_km, view))
-    if (square_km, view) == (50.0, "disc"):
-        assert np.percentile(off, 87.5) < 0.03
-        assert max(off) < 0.045
-    else:
-        assert max(off) < 0.03
+    """3 %."""
+    assert max(deviations(rows(square_km, view))) < 0.03
 
 
 def test_the_march_is_the_table() -> None:

@@ -33,11 +33,10 @@ platform.altitude_km = 500.0
 render = {{ subsamples = 1, nodes = 16, orders = "single" }}
 [defaults.prior]
 altitude_sigma_km = 2.0
-position_sigma_km = 1.0
 attitude_sigma_deg = [0.5, 0.5, 2.0]
 [[cases]]
-name = "places"
-grid = {{ platform.latitude_deg = [0.0, 30.0] }}
+name = "to"
+grid = {{ prior.position_sigma_km = [1.0, 10.0] }}
 """
 
 
@@ -121,6 +120,10 @@ def test_a_suites_prior_is_drawn_once_and_made_again_from_its_archive(horizonval
     for case, reason in given.items():
         assert priors[case].known == ("shape", "altitude", "position", "attitude", "time")
         assert prior_file(priors[case]).split() == reason.split()
+    # Frames of one place are rendered from one viewpoint: each has what is known of it, not of the one before.
+    page = (tmp_path / "out" / "report" / "index.html").read_text(encoding="utf-8")
+    assert all(prior.in_words in page for prior in priors.values())
+    assert [priors[f"to_position_sigma_km_{km}"].position_sigma_m for km in (1, 10)] == [1e3, 1e4]
     done = horizonval("archive", "rescore", "out", "-o", "again", *METHOD)
     assert done.returncode in (0, 1), done.stderr
     again = {row.case: row for row in read_results(tmp_path / "again" / "results.parquet")}

@@ -33,7 +33,7 @@ from typing import TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, Place, ShiningNodes, SolarNodes
+from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, ShiningNodes, SolarNodes
 from horizonval.renderer.kernel.ray_sources import (
     PARTICLE_STRIDE,
     EmittingRays,
@@ -177,8 +177,9 @@ def optical_depth(
 class SunlitStations:
     """Places along rays at which a march tells what it has added up: even in t from ``first`` to ``last`` [m].
 
-    ``count`` of them, ``steps`` steps from each to the next, ``before`` steps up to the first. Both are shared by the
-    pieces before, in and behind the umbra, a third to each, so that no step straddles its edge.
+    ``count`` of them, ``steps`` steps from each to the next, ``before`` steps up to the first. Where ``shadow`` may cut
+    the rays, both are shared by the pieces before, in and behind the umbra, a third to each, so that no step straddles
+    its edge.
     """
 
     first: mi.Float64
@@ -186,6 +187,7 @@ class SunlitStations:
     count: int
     steps: int
     before: int
+    shadow: bool = True
 
     def bound(self, path: AirPath, edges: tuple[mi.Float64, mi.Float64], c: float, i: mi.Float64) -> mi.Float64:
         """Return the ray parameter at the beginning of a step; ``edges`` of the umbra, ``c`` as of :func:`warp`."""
@@ -195,12 +197,15 @@ class SunlitStations:
         station = dr.floor(past * (1.0 / self.steps) + 1e-9)
         low = dr.select(ahead, start, dr.fma(spacing, station, self.first))
         high = dr.select(ahead, self.first, low + spacing)
-        share = dr.select(ahead, i * (3.0 / self.before), (past - station * self.steps) * (3.0 / self.steps))
-        piece = dr.minimum(dr.floor(share + 1e-9), 2.0)
-        share = share - piece
-        cuts = [low, *(dr.clip(edge, low, high) for edge in edges), high]
-        begin = dr.select(piece < 0.5, cuts[0], dr.select(piece < 1.5, cuts[1], cuts[2]))
-        end = dr.select(piece < 0.5, cuts[1], dr.select(piece < 1.5, cuts[2], cuts[3]))
+        pieces = 3.0 if self.shadow else 1.0
+        share = dr.select(ahead, i * (pieces / self.before), (past - station * self.steps) * (pieces / self.steps))
+        begin, end = low, high
+        if self.shadow:
+            piece = dr.minimum(dr.floor(share + 1e-9), 2.0)
+            share = share - piece
+            cuts = [low, *(dr.clip(edge, low, high) for edge in edges), high]
+            begin = dr.select(piece < 0.5, cuts[0], dr.select(piece < 1.5, cuts[1], cuts[2]))
+            end = dr.select(piece < 0.5, cuts[1], dr.select(piece < 1.5, cuts[2], cuts[3]))
         # dense towards the stations, where the air is
         left = 1.0 - share
         left = left * dr.fma(left * left, 1.0 - c, c)
@@ -311,7 +316,7 @@ def _integrate(
     """
 
     def evaluate(t: mi.Float64, point: Point) -> tuple[Values, Values]:
-        place = Place.of(planet, batch.grid, o, d, t)
+        place = batch.place(planet, o, d, t)
         k = batch.extinction_at(place)
         return k, source.source_at(place, k, point)
 

@@ -44,8 +44,8 @@ from horizonval.renderer.types import Vec, Vec3, constant, constant_vector
 SIDE = 640
 SAMPLES = 2
 SHARPEST = 2.0
-"""SIDE was chosen after seeing the Monte Carlo's rays over squares of 50 and 100 km: 896 cells would bring the worst of
-them from 4.4 to 2.6 %, for three times the time that the maps take. Between 2 and 4 SHARPEST makes no difference."""
+"""Finer cells and more looks (1280, 3) change rays over squares of 50 and 100 km by 1 % at most; with 512 cells they
+are up to 4 % off. Between 2 and 4 SHARPEST makes no difference."""
 LIT_AIR_M = 12e3
 """The map ends where air this high can still be seen."""
 _COARSER = 4

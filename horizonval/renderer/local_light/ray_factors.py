@@ -29,9 +29,13 @@ from horizonval.renderer.ray_path import SOLAR_CONCENTRATION, find_path, warp
 from horizonval.renderer.tables import gather_row, vectors
 from horizonval.renderer.types import Values, Vec
 
-GROUND_ROWS, GROUND_AZIMUTHS, GROUND_STEPS = 224, 384, 8
+GROUND_ROWS, GROUND_AZIMUTHS, GROUND_STEPS = 448, 512, 5
 LIMB_ROWS, LIMB_AZIMUTHS, LIMB_STEPS = 12, 768, 24
-"""Rays of the tables, and steps along each. At 500 km rows are 12 km apart on the ground in the middle of the disc."""
+"""Rays of the tables, and steps along each. At 500 km rows are 6 km apart on the ground in the middle of the disc.
+
+Chosen after seeing the Monte Carlo's rays over squares of 50 and 100 km: half as many rows and three quarters as many
+azimuths, with 8 steps, were up to 2.9 % off beside borders; these are 2.3 %, as are finer ones.
+"""
 _NO_LIGHT = 1e-60
 
 

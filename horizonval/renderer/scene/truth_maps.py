@@ -50,7 +50,7 @@ def truth_maps(view: FrameGeometry) -> dict[str, NDArray[np.float32]]:
     sky = dr.select(on_disc(view.sun, view.sun_radius), mi.Float64(float(Hit.SUN)), sky)
     hit = dr.select(hits, mi.Float64(float(Hit.SURFACE)), sky)
     if view.ground is not None and view.ground.clouds is not None:
-        clouded, at = first_cloud(view.ground.clouds, view.planet, view.origin, d, to_ground=False)
+        clouded, at = first_cloud(view.ground.clouds, view.planet, view.origin, d, to_ground=hits)
         clouded &= at < distance
         hit = dr.select(clouded, mi.Float64(float(Hit.CLOUD)), hit)
         distance = dr.select(clouded, at, distance)

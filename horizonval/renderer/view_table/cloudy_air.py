@@ -22,8 +22,9 @@ from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
 from horizonval.renderer.view_table.sunlit_air import Light, air_table, bounce_packet, packets_of
 
 STATIONS = 48
-STEPS, STEPS_BEFORE = 6, 384
-"""Of the march: from one station to the next, and up to the first; a third of them where no shadow cuts the ray."""
+STEPS, STEPS_BEFORE = 2, 128
+"""Of the march: from one station to the next, and up to the first; for each of three pieces where the Earth's shadow
+may cut rays."""
 ABOVE_TOPS_M = 3000.0
 """The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
 root in its height."""
@@ -34,6 +35,8 @@ def cloudy_air(light: Light, coordinates: RayCoordinates, to_ground: bool, top_m
     o = vectors(coordinates.origin[None, :])
     axis = coordinates.ground if to_ground else coordinates.limb
     packets, count = packets_of(light, bends=False), len(light.batches)
+    shadow = not light.shines_everywhere(coordinates)
+    pieces = 3 if shadow else 1
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
         d = vectors(coordinates.directions(axis.value(x), azimuth, to_ground))
@@ -42,7 +45,7 @@ def cloudy_air(light: Light, coordinates: RayCoordinates, to_ground: bool, top_m
         for k, batch in enumerate(light.batches):
             if batch is None:
                 continue
-            stations = SunlitStations(first, last, STATIONS, STEPS, STEPS_BEFORE)
+            stations = SunlitStations(first, last, STATIONS, pieces * STEPS, pieces * STEPS_BEFORE, shadow)
             radiance, bounce, transmittance = light.march_to_stations(batch, coordinates, o, d, to_ground, stations)
             dr.eval(radiance, bounce, transmittance)
             for n, (r, t) in enumerate(zip(radiance, transmittance, strict=True)):

@@ -67,6 +67,22 @@ def test_stations_tell_what_marches_find_that_end_there(
         assert transmittance[k] == pytest.approx(np.array(air.transmittance[0]), rel=1e-4)
 
 
+@pytest.mark.parametrize(("down", "to_ground"), [(0.9, True), (0.385, True), (0.367, False)])
+def test_rays_without_a_shadow_need_no_pieces(lit_air, down: float, to_ground: bool) -> None:
+    """The same steps, without those of no length: 1e-12, rounding."""
+    top_m, batch = lit_air
+    o, d = _rays(down)
+    first, last = way_through(PLANET, o, d, 18e3, to_ground)
+    found = []
+    for pieces in (3, 1):
+        stations = SunlitStations(first, last, 5, 4 * pieces, 32 * pieces, shadow=pieces == 3)
+        sun = constant_vector((0.9, np.sqrt(1.0 - 0.81), 0.0))
+        light = march_to_stations(PLANET, top_m, batch, o, d, sun, to_ground, SOLAR_CONCENTRATION, stations)
+        found.append([np.array(v[0]) for v in (light[0], light[2])])
+    for many, few in zip(*found, strict=True):
+        assert few == pytest.approx(many, rel=1e-12)
+
+
 def test_steady_steps_find_the_same_light_and_leave_no_jumps(lit_air) -> None:
     """Rays along the limb into the Earth's shadow: the piece before it grows gently from ray to ray."""
     top_m, batch = lit_air

@@ -1,0 +1,114 @@
+"""What the Earth as it is costs: frames with clouds, haze, refraction and so on over a frame with none of them.
+
+512 x 512, one band of four nodes, Sun 50 deg from the zenith, in the same run, kernels warm, the light scattered more
+than once on disk: from a new position, where every table is made, and at another attitude from there. Processor time,
+taken in turns, the least of several. Weather changes thermal bands alone: a band of its own.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from horizonval.renderer.plugin.backend import activate
+from horizonval.renderer.scene.frame import render_frame
+from horizonval.renderer.table_store import TABLES
+from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
+
+MOST = {"position": 6.0, "attitude": 9.0}
+"""Of everything over nothing. The aim is 3."""
+REPEATS = 3
+VISIBLE = {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.7, "nodes": 4}
+CO2 = {"name": "co2", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}
+PLAIN: dict[str, Any] = {"aerosol": "none", "refraction": False}
+BOOM = {
+    "name": "boom",
+    "shape": "boom",
+    "frame": "cam",
+    "radius_m": 0.03,
+    "from_m": [-1.2, 0.9, 1.2],
+    "to_m": [0.28, -0.12, 1.85],
+    "material": "white_paint",
+}
+CASES: dict[str, dict[str, Any]] = {
+    "nothing": {"atmosphere": PLAIN},
+    "refraction": {"atmosphere": {**PLAIN, "refraction": True}},
+    "haze": {"atmosphere": {"refraction": False}},
+    "local light": {
+        "atmosphere": PLAIN,
+        "surface": {"kind": "chequered", "albedo": 0.6, "albedo_other": 0.05, "square_km": 100.0},
+    },
+    "kinds of ground": {"atmosphere": PLAIN, "surface": {"kind": "earth"}},
+    "clouds": {"atmosphere": PLAIN, "clouds": {"seed": 3}},
+    "thin layer": {"atmosphere": PLAIN, "layer": [{"kind": "subvisible_cirrus"}]},
+    "part": {"atmosphere": PLAIN, "part": [BOOM]},
+    "everything": {"clouds": {"seed": 3}, "surface": {"kind": "earth"}, "layer": [{"kind": "subvisible_cirrus"}]},
+}
+THERMAL: dict[str, dict[str, Any]] = {
+    "nothing": {"atmosphere": PLAIN},
+    "climate": {"atmosphere": {**PLAIN, "profile": "by_latitude_month"}},
+    "weather": {"atmosphere": {**PLAIN, "profile": "weather"}},
+}
+
+
+def _scene(latitude_deg: float, turn: int, tables: dict[str, Any]) -> SceneSpec:
+    return SceneSpec.model_validate(
+        {
+            "camera": {"file": "test", "mount_roll_deg": 65.0},
+            "platform": {"altitude_km": 500.0, "latitude_deg": latitude_deg, "longitude_deg": -20.0},
+            "attitude": {"yaw_deg": 2.0 * turn, "roll_deg": 0.7 * turn, "pitch_deg": -0.4 * turn},
+            "sun": {"zenith_deg": 50.0},
+            **tables,
+        }
+    )
+
+
+def ratios(
+    band: dict[str, Any], cases: dict[str, dict[str, Any]], pixels: int = 512, repeats: int = REPEATS
+) -> dict[str, dict[str, float]]:
+    """Return processor seconds and ratios to the first case, from a new position and at a new attitude."""
+    activate()
+    camera = CameraSpec.model_validate({"camera": {"width": pixels, "height": pixels, "fov_deg": 60.0}, "band": [band]})
+    for tables in cases.values():
+        for turn in (0, 1):
+            render_frame(_scene(10.0, turn, tables), camera)
+    spent: dict[str, dict[str, list[float]]] = {name: {"position": [], "attitude": []} for name in cases}
+    for k in range(repeats):
+        for name, tables in cases.items():
+            TABLES.clear()
+            for turn, kind in enumerate(("position", "attitude")):
+                start = time.process_time()
+                render_frame(_scene(11.0 + 0.5 * k, turn, tables), camera)
+                spent[name][kind].append(time.process_time() - start)
+    least = {name: {kind: min(times) for kind, times in each.items()} for name, each in spent.items()}
+    base = next(iter(least.values()))
+    return {
+        name: {**each, **{f"{kind} ratio": value / base[kind] for kind, value in each.items()}}
+        for name, each in least.items()
+    }
+
+
+def _report(found: dict[str, dict[str, float]], record_property: Callable[[str, float], None]) -> None:
+    for name, each in found.items():
+        for kind in ("position", "attitude"):
+            record_property(f"{name}, {kind}", round(each[f"{kind} ratio"], 2))
+        print(f"\n{name:16s} position {each['position']:.2f} s {each['position ratio']:.2f} x, "  # noqa: T201
+              f"attitude {each['attitude']:.2f} s {each['attitude ratio']:.2f} x", end="")  # fmt: skip
+
+
+@pytest.mark.benchmark
+def test_everything_costs_a_few_times_nothing(record_property: Callable[[str, float], None]) -> None:
+    found = ratios(VISIBLE, CASES)
+    _report(found, record_property)
+    for kind, most in MOST.items():
+        assert found["everything"][f"{kind} ratio"] < most
+
+
+@pytest.mark.benchmark
+def test_weather_in_a_thermal_band(record_property: Callable[[str, float], None]) -> None:
+    """Reported, without a limit: 160 x 160 pixels."""
+    _report(ratios(CO2, THERMAL, 160), record_property)
