@@ -84,6 +84,11 @@ albedo = 0.3
 subsamples = 1
 nodes = 16
 orders = "single"
+[prior]
+altitude_sigma_km = 2.0
+position_sigma_km = 1.0
+attitude_sigma_deg = [5.0, 5.0, 2.0]
+climate = "by_latitude_month"
 """
 
 SUITE = """\

@@ -257,7 +257,7 @@ def _report(
         "sigma_nadir_arcsec": None,
         "n_points": len(result.points),
         "seconds": round(seconds, 6),
-        "assumed": assumed(prior),
+        "assumed": prior.in_words,
         **dict.fromkeys(ERRORS),
     }
     if truth is not None:
@@ -274,32 +274,3 @@ def _report(
         "angular_radius_deg": None if result.angular_radius_rad is None else math.degrees(result.angular_radius_rad),
         "sigma_nadir_arcsec": sigma if math.isfinite(sigma) else None,
     }
-
-
-def assumed(prior: Prior) -> str:
-    """Return in words what a method was given beside the image."""
-    radius_km = prior.sphere_radius_m / 1e3
-    parts = [
-        {
-            "wgs84": f"WGS84, by spherical methods a sphere of {radius_km:.4f} km",
-            "sphere": f"a sphere of {radius_km:.4f} km",
-            None: f"the Earth as a sphere of {radius_km:.4f} km, its flattening as an error",
-        }[prior.shape]
-    ]
-    if prior.altitude_m is not None and prior.altitude_sigma_m is not None:
-        parts.append(f"altitude {prior.altitude_m / 1e3:.3f} km to {prior.altitude_sigma_m / 1e3:g} km")
-    if prior.r_itrs is not None and prior.position_sigma_m is not None:
-        place = " ".join(f"{x:.3f}" for x in prior.r_itrs / 1e3)
-        parts.append(f"position {place} km to {prior.position_sigma_m / 1e3:g} km")
-    if prior.q_cam_from_itrs is not None and prior.attitude_sigma_rad is not None:
-        sigmas = " ".join(f"{x:g}" for x in np.degrees(prior.attitude_sigma_rad))
-        parts.append(f"attitude to {sigmas} deg (roll, pitch, yaw)")
-    if prior.epoch_utc is not None:
-        parts.append(f"time {prior.epoch_utc:%Y-%m-%d %H:%M:%S} UTC")
-    if prior.limb_height_m is not None and prior.limb_height_sigma_m is not None:
-        parts.append(f"limb at {prior.limb_height_m / 1e3:.3f} km to {prior.limb_height_sigma_m / 1e3:g} km")
-    if prior.climate is not None:
-        parts.append(f"air {prior.climate}")
-    if prior.sun_sigma_rad is not None:
-        parts.append(f"Sun to {math.degrees(prior.sun_sigma_rad):g} deg")
-    return "; ".join(parts)

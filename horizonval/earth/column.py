@@ -20,7 +20,28 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.clouds.layer_gaps import LayerGaps
 from horizonval.earth.surface.ground_emission import GroundEmission
+from horizonval.earth.weather.column_map import ColumnMap
+
+
+@dataclass(frozen=True)
+class ColumnPlaces:
+    """Where columns of air stand that differ from the one below the camera.
+
+    Attributes
+    ----------
+    altitude_m : ndarray, shape (k,)
+        On which they are given: even, from 0 to the top of the model.
+    sin_latitude : ndarray, shape (m,)
+        Even and rising, at least two; of geodetic latitudes. Empty where there is a map.
+    column_map : ColumnMap or None
+        Where the m columns stand if the air varies with longitude too.
+    """
+
+    altitude_m: FloatArray
+    sin_latitude: FloatArray
+    column_map: ColumnMap | None = None
 
 
 @dataclass(frozen=True)
@@ -70,10 +91,12 @@ class SpectralNode:
     layer_per_m : ndarray, shape (m, n)
         Extinction of each of the model's ``layers``, which ``extinction_per_m`` has in it.
     layer_albedo, layer_asymmetry : tuple of float
-        Single-scattering albedo and asymmetry of each layer's particles.
+        Scattering per ``layer_per_m``, and asymmetry of each layer's particles.
     forward_per_m : ndarray, shape (n,)
         What of ``particle_per_m`` scatters straight on and is not in ``extinction_per_m``, see
         :mod:`horizonval.renderer.scattering.forward_peak`; empty for nothing.
+    more_extinction_per_m, more_molecular_per_m : ndarray, shape (m, k)
+        What the model's ``columns`` have more of (less: negative) than the node's own column. Empty without columns.
     energy_ratio : float
         Of solar bands, whose weights count photons: a band's energy radiance is the sum over nodes of ``weight`` *
         ``energy_ratio`` * node radiance. Not a number where nobody asks for it.
@@ -100,6 +123,8 @@ class SpectralNode:
     layer_albedo: tuple[float, ...] = ()
     layer_asymmetry: tuple[float, ...] = ()
     forward_per_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+    more_extinction_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    more_molecular_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     energy_ratio: float = math.nan
 
     @property
@@ -136,6 +161,11 @@ class OpticalModel:
         What ground and clouds emit in them; None where there are no thermal bands.
     layers : tuple of (float, float)
         Base and top of the layers of thin cloud: the air's columns bend sharply there.
+    gaps : tuple of LayerGaps or None
+        Of each of the layers where it is cloudy, None for an even one. The columns are those of the mean layer.
+    columns : ColumnPlaces or None
+        Of air that differs from place to place: where ``more_extinction_per_m`` of the nodes stands. None: the nodes'
+        own columns serve everywhere.
     band_order : tuple of str
         Names of all bands in the camera's order; empty for that of ``nodes`` and then ``thermal``.
     """
@@ -151,6 +181,8 @@ class OpticalModel:
     thermal: tuple[EmittingBand, ...] = ()
     emission: GroundEmission | None = None
     layers: tuple[tuple[float, float], ...] = ()
+    gaps: tuple[LayerGaps | None, ...] = ()
+    columns: ColumnPlaces | None = None
     band_order: tuple[str, ...] = ()
 
     @property
@@ -159,6 +191,11 @@ class OpticalModel:
         return self.band_order or tuple(
             dict.fromkeys([*(node.band for node in self.nodes), *(band.name for band in self.thermal)])
         )
+
+    @property
+    def has_gaps(self) -> bool:
+        """Whether a layer of thin cloud has gaps."""
+        return any(gaps is not None for gaps in self.gaps)
 
     @property
     def glow_top_m(self) -> float:

@@ -39,11 +39,13 @@ from horizonval.earth.atmosphere.emission import EmittingBand
 from horizonval.earth.atmosphere.emitting_air import emitting_air, grey_band, no_air_band
 from horizonval.earth.atmosphere.node_count import choose_rule
 from horizonval.earth.atmosphere.solar_rule import Measure, SolarRule, gauss, rule_with_gases, solar_measure
+from horizonval.earth.atmosphere.sunlit_gases import GasesInSight, SunlitGases, gases_in_sight
 from horizonval.earth.column import OpticalModel, SpectralNode
-from horizonval.earth.gases import nitrogen_dioxide, ozone, rayleigh, sunlight_absorption
+from horizonval.earth.gases import ozone, rayleigh
 from horizonval.earth.refracted_horizon import air_refractivity, file_refractivity
 from horizonval.earth.spectral import bands, sunlight
 from horizonval.earth.surface.emitting_ground import emitting_ground, lowest_air_k
+from horizonval.earth.surface.ground_map import air_begins_m
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import Band, CameraSpec
 
@@ -75,9 +77,8 @@ def optical_model(
     On a grid of 100 m from 0 to 100 km. Densities fall exponentially between levels; taken as linear over 100 m they
     are at most 3e-5 too high for a scale height of 7 km. An atmosphere file keeps its own nodes.
 
-    One column of air serves the solar bands of the whole frame: with ``by_latitude_month`` that of the point below the
-    satellite, though the limb it sees may lie 20 deg and more away from it. Thermal bands have the air of every
-    latitude in sight.
+    Where the air varies over the globe, the nodes of solar bands have the column of the point below the satellite, and
+    beside it what the air in sight has more of (:mod:`horizonval.earth.atmosphere.sunlit_gases`).
 
     Parameters
     ----------
@@ -110,22 +111,25 @@ def optical_model(
         return _bare(scene, camera, sun_distance_au)
     air = air_of(scene, base_dir)
     changed = air_of(scene, base_dir, change)
-    emitting = emitting_air(air, scene, change)
+    emitting = emitting_air(air, scene, change, air_begins_m if scene.surface.kind == "earth" else None)
     ground_k: float | FloatArray = float(emitting.state.temperature_k[0, 0])
     if air.columns is not None and scene.atmosphere.profile_file is not None:
         ground_k = lowest_air_k(air.columns)
+    sight = gases_in_sight(air, scene, change) if any(band.kind == "solar" for band in camera.band) else None
     nodes: list[SpectralNode] = []
     thermal: list[EmittingBand] = []
     for i, band in enumerate(camera.band):
         where = f"{scene.camera.file}: band[{i}]"
         if band.kind == "solar":
-            nodes += _solar_nodes(band, air, changed, scene, sun_distance_au, where, change)
+            nodes += _solar_nodes(band, air, changed, sight, scene, sun_distance_au, where, change)
         else:
             thermal.append(emitting.band(band, where))
     refractivity = air_refractivity(scene, change.state(air.state).number_density_air, camera.band)
     model = _model(scene, camera, air.altitude_m, nodes, thermal, ground_k, refractivity)
     raised = change.raised_m
-    return replace(model, layers=tuple((v.base_m + raised, v.top_m + raised) for v in air.layers))
+    layers = tuple((v.base_m + raised, v.top_m + raised) for v in air.layers)
+    gaps = tuple(v.gaps for v in air.layers)
+    return replace(model, layers=layers, gaps=gaps, columns=None if sight is None else sight.places)
 
 
 def _model(
@@ -179,7 +183,14 @@ def _solar_node(
 
 
 def _solar_nodes(
-    band: Band, air: Air, changed: Air, scene: SceneSpec, sun_distance_au: float, where: str, change: AirChange
+    band: Band,
+    air: Air,
+    changed: Air,
+    sight: GasesInSight | None,
+    scene: SceneSpec,
+    sun_distance_au: float,
+    where: str,
+    change: AirChange,
 ) -> list[SpectralNode]:
     """Return the nodes that the air of the scene asks for, of ``changed`` air."""
     lo, hi = bands.limits_um(band)
@@ -206,20 +217,10 @@ def _solar_nodes(
 
     with_gases = scene.atmosphere.gases_in_sunlight
     rule = rule_with_gases(measure, clear_rule, with_ozone=air.with_ozone) if with_gases else clear_rule(measure)
-    gases = changed.state
-    mixed = sunlight_absorption.air_mass_per_m(gases.pressure_pa, gases.number_density_air)
-    water = sunlight_absorption.water_cm_per_m(gases.pressure_pa, gases.number_density_h2o)
-    no2 = nitrogen_dioxide.number_density_per_m3(changed.altitude_m - change.raised_m, gases.number_density_air)
+    gases = SunlitGases.of(changed.state, change.raised_m, with_gases=with_gases)
     nodes = []
     for i, wavelength in enumerate(rule.wavelength_um):
-        molecular = changed.state.number_density_air * rayleigh.cross_section_m2(wavelength)
-        absorption = changed.state.number_density_o3 * ozone.at_temperature_m2(
-            rule.ozone_cold_m2[i], rule.ozone_warm_m2[i], changed.state.temperature_k
-        )
-        if with_gases:
-            absorption = absorption + no2 * nitrogen_dioxide.cross_section_m2(float(wavelength))
-        if rule.mixed_gases[i] or rule.water_vapour[i]:
-            absorption = absorption + rule.mixed_gases[i] * mixed + rule.water_vapour[i] * water
+        molecular, absorption = gases.molecular_per_m(wavelength), gases.absorption_per_m(rule, i)
         particles, scattered, asymmetry = changed.aerosol.at(float(wavelength))
         node = _solar_node(band, i, rule, sun_distance_au, molecular + absorption + particles, molecular)
         nodes.append(
@@ -228,10 +229,19 @@ def _solar_nodes(
                 molecular_cos2=float(rayleigh.cos2(wavelength)),
                 particle_per_m=scattered,
                 asymmetry=asymmetry,
+                **_around(sight, rule, i),
                 **_layers(changed, float(wavelength), change.raised_m),
             )
         )
     return nodes
+
+
+def _around(sight: GasesInSight | None, rule: SolarRule, index: int) -> dict[str, Any]:
+    """Return what a node keeps of the columns around its own."""
+    if sight is None:
+        return {}
+    extinction, molecular = sight.more_per_m(rule, index)
+    return {"more_extinction_per_m": extinction, "more_molecular_per_m": molecular}
 
 
 def _layers(air: Air, wavelength_um: float, raised_m: float) -> dict[str, Any]:

@@ -202,6 +202,35 @@ class Prior:
         }
         return tuple(word for name, word in words.items() if getattr(self, name) is not None)
 
+    @property
+    def in_words(self) -> str:
+        """What is known, with all numbers, as one line."""
+        radius_km = self.sphere_radius_m / 1e3
+        parts = [
+            {
+                "wgs84": f"WGS84, by spherical methods a sphere of {radius_km:.4f} km",
+                "sphere": f"a sphere of {radius_km:.4f} km",
+                None: f"the Earth as a sphere of {radius_km:.4f} km, its flattening as an error",
+            }[self.shape]
+        ]
+        if self.altitude_m is not None and self.altitude_sigma_m is not None:
+            parts.append(f"altitude {self.altitude_m / 1e3:.3f} km to {self.altitude_sigma_m / 1e3:g} km")
+        if self.r_itrs is not None and self.position_sigma_m is not None:
+            place = " ".join(f"{x:.3f}" for x in self.r_itrs / 1e3)
+            parts.append(f"position {place} km to {self.position_sigma_m / 1e3:g} km")
+        if self.q_cam_from_itrs is not None and self.attitude_sigma_rad is not None:
+            sigmas = " ".join(f"{x:g}" for x in np.degrees(self.attitude_sigma_rad))
+            parts.append(f"attitude to {sigmas} deg (roll, pitch, yaw)")
+        if self.epoch_utc is not None:
+            parts.append(f"time {self.epoch_utc:%Y-%m-%d %H:%M:%S} UTC")
+        if self.limb_height_m is not None and self.limb_height_sigma_m is not None:
+            parts.append(f"limb at {self.limb_height_m / 1e3:.3f} km to {self.limb_height_sigma_m / 1e3:g} km")
+        if self.climate is not None:
+            parts.append(f"air {self.climate}")
+        if self.sun_sigma_rad is not None:
+            parts.append(f"Sun to {math.degrees(self.sun_sigma_rad):g} deg")
+        return "; ".join(parts)
+
     def __repr__(self) -> str:
         return f"<Prior {', '.join(self.known) or 'of nothing'}>"
 

@@ -190,7 +190,7 @@ def frame_cost(
         tables=tables,
         tables_s=tables
         * (PARTICLE_TABLE_S if particles else SCATTERING_TABLE_S)
-        * (LAYERED_TABLES if scene.layer else 1.0),
+        * (LAYERED_TABLES if scene.layer or scene.atmosphere.aerosol.startswith("volcanic") else 1.0),
         render_s=render_s,
         view_tables_s=_view_tables_s(truth, scene.render.nodes * chunks, cover > 0.0) if tabulated and cells else 0.0,
         observe_s=OBSERVE_S_PER_PIXEL * pixels * images,

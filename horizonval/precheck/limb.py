@@ -6,8 +6,8 @@ a run what its score would say after it.
 
 **Level** of a solar band: light at the limb or some ten kilometres below it, with the Sun's veil, over full scale above
 the black level. Where clouds or snow may be in view there are two: over ground of the Earth's albedo, and over the
-brightest thing there can be. Rendered and observed limbs of clear air by day are within 5 %, those before clouds and
-the brightest of them within 30 %, in twilight within a factor of two: what the table of
+brightest thing there can be. Rendered and observed limbs by day are within 5 % in clear air and with the default haze,
+those before clouds and the brightest of them within 30 %, in twilight within a factor of two: what the table of
 :mod:`horizonval.scoring.limb_radiance` promises.
 
 **Level** of a thermal band: the plateau of the limb between the converter's ends, from the truth's infrared horizon.

@@ -2,16 +2,18 @@ r"""Steps along rays through layers of thin cloud: no step straddles a layer's e
 
 A ray is cut where it enters and leaves each layer's heights, on its way down and on its way up. Every piece has a
 number of steps of its own, whether the ray meets the layer or passes above it, so that neighbouring rays differ
-smoothly: :data:`LAYER_STEPS` in a layer, half the march's outside the highest and below the lowest one, a quarter
-between two.
+smoothly: :data:`LAYER_STEPS` in a layer, more of them in one with gaps (:func:`steps_among_gaps`), half the march's
+outside the highest and below the lowest one, a quarter between two.
 Within a piece steps are even in the ray parameter of :mod:`horizonval.renderer.ray_path`; where the umbra's edge
 crosses the ray, a third of them lies before, in and behind it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -20,9 +22,38 @@ from horizonval.renderer.planet import Planet
 from horizonval.renderer.ray_path import AirPath, unwarp
 from horizonval.renderer.types import Vec, constant
 
-LAYER_STEPS = 24
-Bands = Sequence[tuple[float, float]]
-"""Heights [m] of layers, from the lowest on, without overlaps."""
+LAYER_STEPS = 36
+STEPS_PER_SCALE, MOST_STEPS = 12, 240
+"""In a layer with gaps: steps per scale of the gaps on the longest passage, so that a softened edge, a sixth of the
+scale, has four points; and at most."""
+_RADIUS_M = 6.371e6
+
+
+class LayerBand(NamedTuple):
+    """Heights [m] of a layer, and steps of each passage through it."""
+
+    base_m: float
+    top_m: float
+    steps: int = LAYER_STEPS
+
+
+Bands = Sequence[LayerBand]
+"""From the lowest on, without overlaps."""
+
+
+def layer_bands(heights: Sequence[tuple[float, float]], gaps: Sequence[tuple[float, float, float]]) -> Bands:
+    """Return heights (base, top) with their numbers of steps; ``gaps``: base, top and scale of layers with gaps [m]."""
+    bands = []
+    for base, top in heights:
+        inside = [scale for low, high, scale in gaps if low < top and high > base]
+        bands.append(LayerBand(base, top, max([LAYER_STEPS, *(steps_among_gaps(top - base, s) for s in inside)])))
+    return tuple(bands)
+
+
+def steps_among_gaps(thickness_m: float, scale_m: float) -> int:
+    """Return the steps that the longest passage of a layer needs: from its top down to its base, level there."""
+    longest = math.sqrt(2.0 * _RADIUS_M * thickness_m)
+    return min(_six(STEPS_PER_SCALE * longest / scale_m), MOST_STEPS)
 
 
 @dataclass(frozen=True)
@@ -86,9 +117,9 @@ def layered_steps(
     up: list[mi.Float64] = []
     steps_down: list[int] = []
     outer, inner = _six(count / 2), _six(count / 4)
-    for n, (base, top) in enumerate(reversed(bands)):
-        steps_down += [outer if n == 0 else inner, LAYER_STEPS]
-        for height in (top, base):
+    for n, band in enumerate(reversed(bands)):
+        steps_down += [outer if n == 0 else inner, band.steps]
+        for height in (band.top_m, band.base_m):
             mid, half, _ = planet.chord(o, d, constant(height))
             down.append(mid - half)
             up.insert(0, mid + half)

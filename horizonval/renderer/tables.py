@@ -14,6 +14,7 @@ squares put nodes where the optical depth bends most: near the ground and near t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -154,8 +155,17 @@ class SunTable:
         mu = mu_h[:, None] + (1.0 - mu_h[:, None]) * np.linspace(0.0, 1.0, n_mu)[None, :] ** 2
         return h, mu
 
-    def transmittance(self, height_m: mi.Float64, mu: mi.Float64, width: int) -> Values:
-        """Return ``exp(-tau)`` towards the Sun. Directions below the geometric horizon count as on it."""
+    def transmittance(
+        self,
+        height_m: mi.Float64,
+        mu: mi.Float64,
+        width: int,
+        factor: Callable[[mi.Float64], Values] | None = None,
+    ) -> Values:
+        """Return ``exp(-tau)`` towards the Sun. Directions below the geometric horizon count as on it.
+
+        ``factor``: of tau at the places, by the Sun's cosine; layers left out.
+        """
         h = dr.clip(height_m, 0.0, self.top_m)
         mu_h = -dr.sqrt(h * (2.0 * self.radius_m + h)) / (self.radius_m + h)
         x = dr.sqrt(h * (1.0 / self.top_m)) * (self.n_height - 1)
@@ -168,7 +178,10 @@ class SunTable:
         row = i * self.n_mu + j
         near = interpolate(values, row, wy, width)
         far = interpolate(values, row + self.n_mu, wy, width)
-        found = [mi.Float64(dr.exp(TAU_FLOOR - dr.exp(dr.fma(b - a, wx, a)))) for a, b in zip(near, far, strict=True)]
+        less: list[Any] = [TAU_FLOOR - dr.exp(dr.fma(b - a, wx, a)) for a, b in zip(near, far, strict=True)]
+        if factor is not None:
+            less = [mi.Float64(v) * f for v, f in zip(less, factor(dr.maximum(mu, mu_h)), strict=True)]
+        found = [mi.Float64(dr.exp(v)) for v in less]
         return through_shells(found, self.shells, h, dr.maximum(mu, mu_h), self.radius_m)
 
 

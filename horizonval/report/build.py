@@ -28,6 +28,8 @@ from horizonval.report.verdict import VERDICTS, verdict_of
 from horizonval.scoring import limits
 from horizonval.scoring.expected import Expected, expected_outcome
 from horizonval.scoring.summary import summarise
+from horizonval.sensor.knowledge import drawn_prior
+from horizonval.spec.sensor.prior import PriorSpec
 from horizonval.store.manifest import amend_manifest
 
 STRIP_RATIO = 20
@@ -338,7 +340,17 @@ def _facts(expected: Expected, truth: FrameTruth) -> list[tuple[str, str]]:
             if expected.lit_fraction is not None
             else "none",
         ),
+        *_known(truth),
     ]
+
+
+def _known(truth: FrameTruth) -> list[tuple[str, str]]:
+    """Return what methods were given beside the image, where the scene says what that is."""
+    stated = truth.scene.get("prior")
+    if stated is None:
+        return []
+    first = truth.camera_spec.band[0].name
+    return [("known beside the image", drawn_prior(PriorSpec.model_validate(stated), truth, first).in_words)]
 
 
 def rerun_of_view(view: CaseView, truth: FrameTruth, run: ReportRun) -> rerun.Rerun:

@@ -36,6 +36,8 @@ from horizonval.sensor.lens import optics, scatter, stray_light
 from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.spec.sensor.detector import Cmos
 
+_RADIUS_KM = 6371.0
+
 
 @dataclass(frozen=True)
 class LimbSignal:
@@ -69,8 +71,10 @@ def limb_signal(truth: FrameTruth, spec: CameraSpec, band: Band, camera: CameraM
     irradiance = stray_light.band_irradiance(band, sun.angular_radius_rad)
     air, albedo, brightest_albedo = ground_and_air(truth.scene)
     zenith = np.arccos(np.clip(view.cos_zenith, -1.0, 1.0))
-    radiance = limb_reflectance(zenith, view.cos_azimuth, albedo, air=air) * irradiance / math.pi
-    brightest = brightest_reflectance(zenith, view.cos_azimuth, brightest_albedo, air=air) * irradiance / math.pi
+    hazy = truth.scene.get("atmosphere", {}).get("aerosol", "none") != "none"
+    radiance = limb_reflectance(zenith, view.cos_azimuth, albedo, air=air, hazy=hazy) * irradiance / math.pi
+    brightest = brightest_reflectance(zenith, view.cos_azimuth, brightest_albedo, air=air, hazy=hazy)
+    brightest = brightest * irradiance / math.pi
     if not isinstance(spec.detector, Cmos):
         # No noise at all: what shines is seen. Twilight fainter than a millionth of daylight is not called light.
         ratio = np.where(radiance > 1e-6 * irradiance, math.inf, 0.0)
@@ -108,11 +112,20 @@ def ground_and_air(scene: dict[str, Any]) -> tuple[bool, float, float]:
     air = atmosphere.get("profile") != "none" or any(atmosphere.get(key) for key in ("file", "profile_file"))
     surface = scene.get("surface", {})
     albedo = float(surface.get("albedo", limits.ALBEDO_OF_THE_EARTH))
-    brightest = max(albedo, limits.ALBEDO_OF_SNOW) if surface.get("kind") == "earth" else albedo
+    brightest = max(albedo, _brightest_snow(scene)) if surface.get("kind") == "earth" else albedo
     clouds = scene.get("clouds")
     if clouds is not None and clouds.get("cover", "climate") != 0:
         brightest = max(brightest, float(clouds.get("albedo", limits.ALBEDO_OF_CLOUDS)))
     return air, albedo, brightest
+
+
+def _brightest_snow(scene: dict[str, Any]) -> float:
+    """Return the albedo of ice sheets where they can be in sight, or of other snow."""
+    platform = scene.get("platform", {})
+    reach_deg = math.degrees(math.acos(_RADIUS_KM / (_RADIUS_KM + float(platform.get("altitude_km", math.inf)))))
+    if abs(float(platform.get("latitude_deg", 0.0))) + reach_deg > limits.ICE_SHEETS_FROM_DEG:
+        return limits.ALBEDO_OF_ICE_SHEETS
+    return limits.ALBEDO_OF_SNOW
 
 
 def _etendue(camera: CameraModel, spec: CameraSpec, pitch_m: float, view: HorizonView) -> FloatArray:

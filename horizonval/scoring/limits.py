@@ -133,6 +133,8 @@ CLOUD_TEXTURE_PX = 0.15
 of the clouds: 0.1 to 0.25 on twenty rendered limbs with pixels of 20 and 55 km, tops of 6 to 16 km."""
 
 ALBEDO_OF_THE_EARTH, ALBEDO_OF_SNOW, ALBEDO_OF_CLOUDS = 0.3, 0.8, 0.8
+ALBEDO_OF_ICE_SHEETS, ICE_SHEETS_FROM_DEG = 0.98, 60.0
+"""Firn's in visible light, and the latitude poleward of which it lies (the southern tip of Greenland)."""
 COLDEST_LIMB_K = 220.0
 
 MIN_ARC_SAGITTA_PX = 0.5

@@ -75,8 +75,9 @@ def drawn_prior(spec: PriorSpec, truth: FrameTruth, band: str | None = None) -> 
     Raises
     ------
     UserError
-        A height of the limb is to be drawn for a band that has none in the truth.
+        A height of the limb is to be drawn for a band that has none in the truth; a climate that there is not.
     """
+    refuse_unknown_climate(spec)
     known = _stated(spec)
     known.setdefault("shape", "sphere" if truth.ellipsoid.is_sphere else "wgs84")
     if spec.shape is None and truth.ellipsoid.is_sphere:
@@ -124,8 +125,10 @@ def method_radius_m(spec: PriorSpec, truth: FrameTruth) -> float:
 
 def refuse_unknown_climate(spec: PriorSpec) -> None:
     """Raise a ``UserError`` where a climate is neither a name nor a profile file."""
+    if spec.climate is None:
+        return
     names = (BY_LATITUDE_MONTH, *profiles.names(), "none", *(f"{PREFIX}{name}" for name in real_states.names()))
-    if spec.climate is None or spec.climate in names or is_profile_file(spec.climate):
+    if spec.climate in names or is_profile_file(spec.climate):
         return
     raise UserError(
         f"found {spec.climate!r}",

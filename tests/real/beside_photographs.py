@@ -4,7 +4,12 @@
 
 ``FOLDER`` holds the photographs, which their makers let nobody pass on; what is written has our frames, and plots and
 numbers of both. The photographs' geometry is in ``PHOTOGRAPHS``. Their tone curves are unknown: frames are encoded like
-sRGB, at the scale that gives the photograph's own 98th percentile, and only shapes and ratios are compared.
+sRGB, and once more by one power for all channels, at the scale that gives the photograph's own 98th percentile, and
+only shapes and ratios are compared. The power is fitted to the photograph's contrasts,
+
+    p98 / p2 of DN = (p98 / p2 of radiance)^power,
+
+one number for three contrasts: that the three agree on it is a test, its value is none.
 """
 
 from __future__ import annotations
@@ -19,6 +24,7 @@ from typing import Any
 import cv2
 import matplotlib as mpl
 import numpy as np
+from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.plugin.backend import activate
@@ -32,6 +38,10 @@ DISC = 0.97
 """Part of the apparent radius that counts as disc: inside the limb's softness."""
 CENTRE, EDGE = (0.95, 1.0), (0.1, 0.2)
 """Cosines of the view angle, of the middle of the disc and of its edge."""
+OF_A_CRESCENT = (0.5, 0.7)
+"""The same in place of the middle, where the middle is night."""
+LEAST_SUN = 0.3
+"""Cosine of the Sun's zenith angle."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +60,9 @@ class Photograph:
     scene: dict[str, Any]
     camera: dict[str, Any]
     thermal: bool = False
+    sun_deg: tuple[float, float] | None = None
+    """Where part of the disc is night: phase angle and direction of the Sun in the image; only pixels with the Sun
+    :data:`LEAST_SUN` above the horizon are compared."""
 
 
 def _geostationary(epoch: str) -> dict[str, Any]:
@@ -78,7 +91,8 @@ PHOTOGRAPHS = {
                 "epoch_utc": "2025-06-13T21:06:04Z",
             }
         },
-        {"width": 1080, "height": 1080, "fx": 1.0 / 1.00631e-5, "fy": 1.0 / 1.00631e-5},
+        # half as many pixels: the photograph's limb is 4 pixels wide
+        {"width": 540, "height": 540, "fx": 0.5 / 1.00631e-5, "fy": 0.5 / 1.00631e-5},
     ),
     "himawari-visible": Photograph(
         "himawari8_nict_truecolor_halflit_550.png",
@@ -88,6 +102,8 @@ PHOTOGRAPHS = {
         180.0,
         _geostationary("2016-04-08T09:20:00Z"),
         {"width": 550, "height": 550, "projection": "equal_angle", "fx": 1 / 5.588799e-4, "fy": 1 / 5.588799e-4},
+        # subsolar point 7.3 deg north, 100.3 deg west of the satellite's
+        sun_deg=(100.2, -172.6),
     ),
     "himawari-12um": Photograph(
         "himawari8_ahi_ir2_12um_20200920T1140_2750.jpg",
@@ -152,10 +168,20 @@ def decoded(dn: float) -> float:
     return v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4
 
 
-def at_the_same_scale(radiance: FloatArray, photograph: FloatArray, disc: FloatArray) -> FloatArray:
-    """Return a frame's channel encoded so that the 98th percentiles of both discs agree."""
-    white = np.percentile(radiance[disc], 98) / decoded(float(np.percentile(photograph[disc], 98)))
-    return encoded(radiance, white)
+def at_the_same_scale(
+    radiance: FloatArray, photograph: FloatArray, disc: FloatArray, power: float | None = None
+) -> FloatArray:
+    """Return a frame's channel encoded so that the 98th percentiles of both discs agree; like sRGB, or by a power."""
+    bright, goal = np.percentile(radiance[disc], 98), float(np.percentile(photograph[disc], 98))
+    if power is None:
+        return encoded(radiance, bright / decoded(goal))
+    return np.minimum(goal * (np.maximum(radiance, 0.0) / bright) ** power, 255.0)
+
+
+def contrast(channel: FloatArray, disc: FloatArray, least: float = 0.0) -> float:
+    """Return the 98th over the 2nd percentile."""
+    low, high = np.percentile(channel[disc], [2, 98])
+    return float(high / max(low, least))
 
 
 @dataclass(frozen=True)
@@ -171,11 +197,16 @@ class Grid:
         x, y = (column - centre_px[0]) / radius_px, (row - centre_px[1]) / radius_px
         return cls(np.hypot(x, y), np.degrees(np.arctan2(y, x)))
 
-    @property
-    def disc(self) -> FloatArray:
-        return self.radius < DISC
+    def day(self, sun_deg: tuple[float, float] | None) -> NDArray[np.bool_]:
+        """Return where it is day; everywhere with the Sun behind the camera."""
+        if sun_deg is None:
+            return np.ones(self.radius.shape, dtype=bool)
+        phase, towards = np.radians(sun_deg)
+        across = self.radius * np.cos(np.radians(self.direction_deg) - towards)
+        sun = across * np.sin(phase) + np.sqrt(np.maximum(1.0 - self.radius**2, 0.0)) * np.cos(phase)
+        return np.asarray(sun > LEAST_SUN)
 
-    def between(self, cosines: tuple[float, float]) -> FloatArray:
+    def between(self, cosines: tuple[float, float]) -> NDArray[np.bool_]:
         """Return where the cosine of the view angle lies between limits."""
         mu = np.sqrt(np.maximum(1.0 - self.radius**2, 0.0))
         return (mu > cosines[0]) & (mu < cosines[1]) & (self.radius < 1.0)
@@ -212,6 +243,13 @@ def compare(name: str, folder: Path, out: Path) -> dict[str, Any]:
         Grid.of(next(iter(ours.values())).shape, centre, photograph.radius_px * scale),
     )
     radius_km = photograph.radius_px * photograph.km_per_px
+    days = tuple(grid.day(photograph.sun_deg) for grid in grids)
+    discs = tuple((grid.radius < DISC) & day for grid, day in zip(grids, days, strict=True))
+    small = {
+        band: cv2.resize(photo, ours[band].shape[::-1], interpolation=cv2.INTER_AREA) for band, photo in theirs.items()
+    }
+    powers = {} if photograph.thermal else {band: _power(small[band], ours[band], discs[1]) for band in ours}
+    power = float(np.mean(list(powers.values()))) if powers else None
     figures: dict[str, Any] = {}
     images: dict[str, FloatArray] = {}
     mpl.use("Agg")
@@ -221,24 +259,28 @@ def compare(name: str, folder: Path, out: Path) -> dict[str, Any]:
     for axis, (band, radiance) in zip(axes[0], ours.items(), strict=True):
         photo = theirs[band]
         if photograph.thermal:
-            images[band] = 255.0 * radiance / np.percentile(radiance[grids[1].disc], 99)
-        elif photograph.limb_deg == 180.0:
-            images[band] = encoded(radiance, np.percentile(radiance[grids[1].disc], 98) / decoded(132.0))
+            encodings = {"frame": 255.0 * radiance / np.percentile(radiance[discs[1]], 99)}
         else:
-            small = cv2.resize(photo, radiance.shape[::-1], interpolation=cv2.INTER_AREA)
-            images[band] = at_the_same_scale(radiance, small, grids[1].disc)
-        row: dict[str, Any] = {}
-        for whose, grid, channel in zip(("photograph", "frame"), grids, (photo, images[band]), strict=True):
+            encodings = {
+                "frame": at_the_same_scale(radiance, small[band], discs[1]),
+                "frame, one power": at_the_same_scale(radiance, small[band], discs[1], power),
+            }
+        images[band] = encodings["frame" if photograph.thermal else "frame, one power"]
+        row: dict[str, Any] = {} if photograph.thermal else {"powers": {"own": powers[band], "all": power}}
+        middle = CENTRE if photograph.sun_deg is None else OF_A_CRESCENT
+        for whose, channel in {"photograph": photo, **encodings}.items():
+            k = 0 if whose == "photograph" else 1
+            grid, disc, day = grids[k], discs[k], days[k]
             height, profile = grid.limb(channel, photograph.limb_deg, radius_km)
-            low, high = np.percentile(channel[grid.disc], [2, 98])
             row[whose] = {
-                "p98_over_p2": float(high / max(low, 1.0)),
-                "centre": float(np.median(channel[grid.between(CENTRE)])),
-                "edge": float(np.median(channel[grid.between(EDGE)])),
+                "p98_over_p2": contrast(channel, disc, 1.0),
+                "centre": float(np.median(channel[grid.between(middle) & day])),
+                "edge": float(np.median(channel[grid.between(EDGE) & day])),
                 "half_height_km": half_height_km(height, profile),
             }
             inside = profile[(height > -150.0) & (height < -60.0)].mean()
-            axis.plot(height, profile / inside, label=whose, color={"photograph": "0.4", "frame": "C0"}[whose])
+            style = {"photograph": ("0.4", "-"), "frame": ("C0", "-"), "frame, one power": ("C0", ":")}[whose]
+            axis.plot(height, profile / inside, label=whose, color=style[0], linestyle=style[1])
         axis.set(title=f"{band}, limb", xlabel="height over the ellipsoid, km", xlim=(-150, 150), ylim=(-0.05, 1.25))
         axis.legend(frameon=False)
         figures[band] = row
@@ -248,6 +290,11 @@ def compare(name: str, folder: Path, out: Path) -> dict[str, Any]:
     stack = [images[band] for band in (("window",) * 3 if photograph.thermal else ("blue", "green", "red"))]
     cv2.imwrite(str(out / f"{name}.png"), np.clip(np.stack(stack, axis=-1), 0, 255).astype(np.uint8))
     return figures
+
+
+def _power(photograph: FloatArray, radiance: FloatArray, disc: FloatArray) -> float:
+    """Return the power of radiance that gives the photograph's contrast."""
+    return float(np.log(contrast(photograph, disc, 1.0)) / np.log(contrast(radiance, disc)))
 
 
 def main() -> None:
@@ -265,7 +312,7 @@ def main() -> None:
         for band, row in bands.items():
             for whose, values in row.items():
                 numbers = "  ".join(f"{key} {value:7.2f}" for key, value in values.items())
-                sys.stdout.write(f"{name:18s} {band:7s} {whose:11s} {numbers}\n")
+                sys.stdout.write(f"{name:18s} {band:7s} {whose:16s} {numbers}\n")
 
 
 if __name__ == "__main__":

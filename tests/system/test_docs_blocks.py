@@ -37,6 +37,7 @@ DONE_ELSEWHERE = frozenset(
 SLOW = {
     "docs/howto/archive.md",
     "docs/howto/nightly.md",
+    "docs/howto/prior.md",
     "docs/howto/trade-study.md",
     "docs/results/published.md",
 }

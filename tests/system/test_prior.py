@@ -121,6 +121,8 @@ def test_a_suites_prior_is_drawn_once_and_made_again_from_its_archive(horizonval
         assert priors[case].known == ("shape", "altitude", "position", "attitude", "time")
         assert prior_file(priors[case]).split() == reason.split()
     # Frames of one place are rendered from one viewpoint: each has what is known of it, not of the one before.
+    page = (tmp_path / "out" / "report" / "index.html").read_text(encoding="utf-8")
+    assert all(prior.in_words in page for prior in priors.values())
     assert [priors[f"to_position_sigma_km_{km}"].position_sigma_m for km in (1, 10)] == [1e3, 1e4]
     done = horizonval("archive", "rescore", "out", "-o", "again", *METHOD)
     assert done.returncode in (0, 1), done.stderr

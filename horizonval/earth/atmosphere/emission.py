@@ -9,6 +9,8 @@ The air is given at levels of height for every row of latitude. Between levels t
 and the temperature linear, as the tables' authors mean them; between rows the renderer takes both ``extinction`` and
 ``source`` of :meth:`EmittingBand.columns` as linear in the sine of latitude, beyond the last row as on it. Air that
 varies with longitude too stands in columns on a map (:mod:`horizonval.earth.weather.column_map`), bilinear between.
+
+Columns over high ground begin there: below it nothing absorbs or emits, though the ground itself lies on the ellipsoid.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.special import expn
 
@@ -27,6 +29,8 @@ from horizonval.earth.weather.column_map import ColumnMap
 COLDEST_K, WARMEST_K, STEP_K = 80.0, 400.0, 1.0
 """Range and step of the spline through S(T); its error is below 1e-8 of S."""
 _OPAQUE, _THIN = 300.0, 1e-3
+GROUND_STEP_M = 250.0
+"""Over which a column over high ground begins: the step of the grid of maps, so that its depth is right."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +89,12 @@ class EmittingBand:
         What thin cloud adds to the extinction, on ``altitude_m``; of shape (0, 0) for none.
     layers : ndarray, shape (k, 2)
         Base and top of its layers [m].
+    each_layer_per_m : ndarray, shape (k, g, n)
+        ``layer_per_m`` layer by layer, where one has gaps; else of shape (0, 0, 0).
     column_map : ColumnMap or None
         Where the columns of air stand that varies with longitude.
+    ground_m : ndarray, shape (m,)
+        Height at which each column begins; of shape (0,) where all begin at 0.
     """
 
     name: str
@@ -102,6 +110,8 @@ class EmittingBand:
     column_map: ColumnMap | None = None
     layer_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     layers: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    each_layer_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    ground_m: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def is_uniform(self) -> bool:
@@ -113,11 +123,15 @@ class EmittingBand:
         if self.column_map is None:
             return self
         place, kept = self.column_map.coarser()
+        return replace(self.of_columns(kept), column_map=place)
+
+    def of_columns(self, kept: NDArray[np.intp]) -> EmittingBand:
+        """Return the band with some of its columns; where they stand is left as it is."""
         return replace(
             self,
             ln_extinction=self.ln_extinction[:, kept],
             temperature_k=self.temperature_k[kept],
-            column_map=place,
+            ground_m=self.ground_m[kept] if len(self.ground_m) else self.ground_m,
         )
 
     def between(self, values: FloatArray, normal: FloatArray) -> FloatArray:
@@ -176,10 +190,17 @@ class EmittingBand:
         """Return the extinction [1/m] at heights (n,), shape (g, m, n)."""
         i, w = self._locate(altitude_m)
         gas = np.exp(self.ln_extinction[..., i] * (1.0 - w) + self.ln_extinction[..., i + 1] * w)
+        z = np.asarray(altitude_m, dtype=np.float64)
+        if self.ground_m.any():
+            gas *= self._above_ground(z)
         if not len(self.layers):
             return gas
-        z = np.asarray(altitude_m, dtype=np.float64)
         return gas + np.stack([np.interp(z, self.altitude_m, row) for row in self.layer_per_m])[:, None, :]
+
+    def _above_ground(self, z: FloatArray) -> FloatArray:
+        """Return how much of the air around heights (n,) lies above the ground of each column, shape (m, n)."""
+        low, high = np.maximum(z - 0.5 * GROUND_STEP_M, 0.0), z + 0.5 * GROUND_STEP_M
+        return np.clip((high - self.ground_m[:, None]) / (high - low), 0.0, 1.0)
 
     def air_k(self, altitude_m: ArrayLike) -> FloatArray:
         """Return the temperature at heights (n,), shape (m, n)."""

@@ -13,6 +13,10 @@ What the air is decides where its levels are:
 - an atmosphere file: its own absorption, the same throughout a band (grey), on its own nodes;
 - none: nothing absorbs.
 
+Over the ground of an ``earth`` columns on a map begin at the height of the land poleward of 62 deg, and rows of
+latitude at the mean height of the Antarctic around their circle (sea counts as 0): air that is not there does not
+shine. Elsewhere they begin at 0: over plateaus, and with rows over Greenland, there is too much warm air.
+
 Halocarbons of today's amounts come with all gases unless ``atmosphere.halocarbons`` is off.
 
 Particles absorb at the middle of the g point's band; what they scatter there is left out (at 10 um one part in eight of
@@ -23,8 +27,8 @@ absorb as at 18.5 um.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -62,6 +66,8 @@ MAP_LEVEL_M = np.concatenate(
 MAP_GRID_M = np.concatenate(
     [np.arange(0.0, 20e3, 250.0), np.arange(20e3, 60e3, 500.0), np.arange(60e3, TOP_M + 1.0, 1e3)]
 )
+GroundHeights = Callable[[FloatArray, FloatArray | None], FloatArray]
+"""Heights [m] at which columns begin, from latitudes and longitudes (m,) [deg]; None for rows of latitude."""
 LEAST_PER_M = 1e-300
 """Extinction that stands for none where a logarithm is needed."""
 
@@ -86,6 +92,8 @@ class EmittingAir:
         Where the columns of ``state`` stand if they vary with longitude.
     layers : tuple of ThinLayer
         Of thin cloud.
+    ground_m : ndarray, shape (m,) or (0,)
+        Height at which each column begins.
     """
 
     altitude_m: FloatArray
@@ -95,6 +103,7 @@ class EmittingAir:
     change: AirChange = AS_IT_IS
     column_map: ColumnMap | None = None
     layers: tuple[ThinLayer, ...] = ()
+    ground_m: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def band(self, band: Band, where: str) -> EmittingBand:
         """Return a thermal band; errors as :func:`horizonval.earth.spectral.thermal_absorption.g_points`."""
@@ -113,6 +122,7 @@ class EmittingAir:
             source_weight_per_cm=points.weight_per_cm,
             sun_radiance=points.sun_radiance(),
             column_map=self.column_map,
+            ground_m=self.ground_m,
             **self._layers(points.wavelength_um),
         )
 
@@ -123,7 +133,10 @@ class EmittingAir:
         raised = self.change.raised_m
         absorbed = [layer.infrared_per_m(self.altitude_m, wavelength_um, raised) for layer in self.layers]
         heights = np.array([(layer.base_m + raised, layer.top_m + raised) for layer in self.layers])
-        return {"layer_per_m": np.sum(absorbed, axis=0), "layers": heights}
+        kept: dict[str, Any] = {"layer_per_m": np.sum(absorbed, axis=0), "layers": heights}
+        if any(layer.gaps is not None for layer in self.layers):
+            kept["each_layer_per_m"] = np.array(absorbed)
+        return kept
 
     def _with_particles(self, ln_gas: FloatArray, wavelength_um: FloatArray) -> FloatArray:
         if not self.particles.kinds:
@@ -135,7 +148,9 @@ class EmittingAir:
         return np.log(np.exp(ln_gas) + np.stack([absorbed[w] for w in wavelength_um])[:, None, :])
 
 
-def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> EmittingAir:
+def emitting_air(
+    air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS, ground: GroundHeights | None = None
+) -> EmittingAir:
     """Return the air of a scene that has gases of its own (neither ``none`` nor an atmosphere file).
 
     For ``by_latitude_month`` without a latitude of its own there is a row of air for every latitude in sight, for
@@ -144,22 +159,27 @@ def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> Em
     Parameters
     ----------
     air : Air
-        Of the scene, as it is: what its solar bands see, the column below the satellite.
+        Of the scene, as it is: the column below the satellite.
     scene : SceneSpec
     change : AirChange
         How the bands' air differs from it.
+    ground : callable, optional
+        Where columns begin; without it all do at 0.
     """
     rows, grid = np.zeros(1), air.altitude_m
-    place = None
+    place, ground_m = None, np.zeros(0)
     if air.columns is not None:
         place = map_in_sight(scene)
-        state = air.columns(*latitude_longitude_deg(place.normals()), MAP_LEVEL_M)
+        latitude, longitude = latitude_longitude_deg(place.normals())
+        state = air.columns(latitude, longitude, MAP_LEVEL_M)
         grid = MAP_GRID_M
+        ground_m = ground_m if ground is None else ground(latitude, longitude)
     elif air.climates:
         climates: tuple[Mapping[str, float], ...] = (air.climates,)
         if climate_rows.varies(scene):
             rows = climate_rows.rows_in_sight(scene.platform.latitude_deg, scene.platform.altitude_km * 1e3)
             climates = climate_rows.weights(rows, climate_rows.month(scene))
+            ground_m = ground_m if ground is None else ground(np.degrees(np.arcsin(rows)), None)
         state = afgl.blended(climates, afgl.levels_m(), scene.atmosphere.co2_ppm)
     else:
         state = air.state.gas_state().columns()
@@ -177,16 +197,17 @@ def emitting_air(air: Air, scene: SceneSpec, change: AirChange = AS_IT_IS) -> Em
         change=change,
         column_map=place,
         layers=air.layers,
+        ground_m=ground_m,
     )
 
 
-def map_in_sight(scene: SceneSpec) -> ColumnMap:
-    """Return where columns stand that a satellite's rays can meet, :data:`MAP_STEP_DEG` apart or more from far."""
+def map_in_sight(scene: SceneSpec, step_deg: float = MAP_STEP_DEG) -> ColumnMap:
+    """Return where columns stand that a satellite's rays can meet, a step apart or more from far."""
     latitude, longitude = math.radians(scene.platform.latitude_deg), math.radians(scene.platform.longitude_deg)
     below = math.cos(latitude) * np.array([math.cos(longitude), math.sin(longitude), math.tan(latitude)])
     reach = climate_rows.reach_rad(scene.platform.altitude_km * 1e3)
     widest = 2.0 * math.atan(2.0 * math.tan(0.5 * reach) / (MOST_ALONG_A_SIDE - 1))
-    return ColumnMap.around(below, reach, max(math.radians(MAP_STEP_DEG), widest))
+    return ColumnMap.around(below, reach, max(math.radians(step_deg), widest))
 
 
 def grey_band(

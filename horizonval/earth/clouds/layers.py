@@ -18,7 +18,8 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.earth.clouds import layer_kinds, layer_optics
+from horizonval.earth.clouds import layer_gaps, layer_kinds, layer_optics
+from horizonval.earth.clouds.layer_gaps import LayerGaps
 from horizonval.spec.scene import SceneSpec
 
 THINNEST_M = 200.0
@@ -35,12 +36,15 @@ class ThinLayer:
         At 550 nm, with gaps and cloud spread out evenly.
     particle : str
         Kind of its particles, see :mod:`horizonval.earth.clouds.layer_optics`.
+    gaps : LayerGaps or None
+        Where it is cloudy; None for an even layer.
     """
 
     base_m: float
     top_m: float
     extinction_550_per_m: float
     particle: str
+    gaps: LayerGaps | None = None
 
     def column(self, altitude_m: FloatArray, raised_m: float = 0.0) -> FloatArray:
         """Return the extinction at 550 nm [1/m] on a grid, shape (n,); see the module text."""
@@ -90,7 +94,11 @@ def layers_of(scene: SceneSpec) -> tuple[ThinLayer, ...]:
         radius = layer.effective_radius_um
         if radius is None:
             radius = kind.effective_radius_um if phase == kind.phase else _USUAL_UM[phase]
-        found.append(ThinLayer(base, top, depth * cover / (top - base), layer_optics.particle(phase, radius)))
+        gaps = None
+        if layer.scale_km is not None and cover < 1.0:
+            seed = layer_gaps.seed_of(scene, i) if layer.seed is None else layer.seed
+            gaps = LayerGaps(cover, layer.scale_km * 1e3, seed)
+        found.append(ThinLayer(base, top, depth * cover / (top - base), layer_optics.particle(phase, radius), gaps))
     return tuple(found)
 
 

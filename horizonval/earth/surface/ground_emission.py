@@ -5,8 +5,8 @@ of the Sun at the place (0 at noon, positive in the afternoon) and ``lag`` :data
 their own; sea, snow and ice keep theirs. A true skin rises faster after sunrise than it falls by night; the cosine has
 the right swing and phase only.
 
-Higher ground is colder, by a lapse rate of land and one of ice sheets. The ground itself lies on the ellipsoid: the air
-that would be below the top of an ice sheet or a plateau is still there and emits.
+Higher ground is colder, by a lapse rate of land and one of ice sheets. The ground itself lies on the ellipsoid; over
+ice sheets the air that varies begins at their height (:mod:`horizonval.earth.atmosphere.emitting_air`), elsewhere at 0.
 """
 
 from __future__ import annotations

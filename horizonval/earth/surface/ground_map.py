@@ -90,6 +90,17 @@ def mean_height_m(latitude_deg: ArrayLike) -> FloatArray:
     return np.interp(np.asarray(latitude_deg, dtype=np.float64), np.arange(-89.5, 90.0), _mean_heights_m())
 
 
+def air_begins_m(latitude_deg: FloatArray, longitude_deg: FloatArray | None) -> FloatArray:
+    """Return the height at which columns of air begin [m]: that of the land poleward of 62 deg, 0 within 58 deg.
+
+    Without longitudes the mean of land and sea along circles of latitude south of 60 S, 0 elsewhere.
+    """
+    if longitude_deg is not None:
+        return height_m(latitude_deg, longitude_deg) * np.clip((np.abs(latitude_deg) - 58.0) / 4.0, 0.0, 1.0)
+    mean = np.where(np.arange(180) < 30, heights_m().mean(axis=1), 0.0)
+    return np.interp(latitude_deg, np.arange(-89.5, 90.0), mean)
+
+
 def highest_m(latitude_deg: ArrayLike) -> FloatArray:
     """Return a height that :func:`height_m` does not pass at latitudes [m]."""
     row = np.clip(np.floor(np.asarray(latitude_deg, dtype=np.float64)).astype(np.int64) + 90, 0, 179)

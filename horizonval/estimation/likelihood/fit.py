@@ -1,10 +1,10 @@
 r"""The pose that makes the pixels across the limb most probable: Gauss-Newton on their likelihood.
 
-A pixel near the limb is ``I = b_s + a_s E(x) + c_s E(x) x + noise`` with the edge profile ``E``
-(:mod:`.edge_profile`), ``x`` its distance inside the limb in pixels, and levels of its sector ``s`` of azimuth
-(:mod:`.sectors`). Unknown are, beside the levels, a turn of the camera (3), its position (3), the mean height of the
-limb, the logarithms of blur and scale height, and the modes of the relief (:mod:`.relief_modes`). With the noise's
-weights ``W``, the information ``P`` of all priors about ``m``, and ``J`` the derivatives with the levels eliminated::
+A pixel near the limb is ``I = b + B(x) E(x) + noise`` with the edge profile ``E`` (:mod:`.edge_profile`), ``x`` its
+distance inside the limb in pixels, background and brightness of its sector of azimuth (:mod:`.light`). Unknown are,
+beside these levels, a turn of the camera (3), its position (3), the mean height of the limb, the logarithm of the blur,
+the scale height, and the modes of the relief (:mod:`.relief_modes`). With the noise's weights ``W``, the information
+``P`` of all priors about ``m``, and ``J`` the derivatives with the levels eliminated (:mod:`.sectors`)::
 
     step = (J^T W J + P)^-1 (J^T W residuals + P (m - now)),        C = (J^T W J + P)^-1
 
@@ -26,8 +26,8 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE, EdgeProfile, edge_profile
-from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
-from horizonval.estimation.likelihood.light import LimbLight, solved, weighed
+from horizonval.estimation.likelihood.knowledge import FIXED_LENGTH_M, LimbKnowledge, LimbPose
+from horizonval.estimation.likelihood.light import LimbLight, brightness, light_basis, solved, weighed
 from horizonval.estimation.likelihood.limb_angle import LimbAngle, limb_angle
 from horizonval.estimation.likelihood.limb_pixels import LimbPixels, limb_pixels
 from horizonval.estimation.likelihood.pixels import image_scale
@@ -36,19 +36,21 @@ from horizonval.geometry.camera import CameraModel
 
 POSE = 7
 """Turn, position, height of the limb."""
-MOST_STEPS = 12
-"""Gauss-Newton takes 3 to 6 from within a pixel; with twice as many it does not come."""
+MOST_STEPS = 30
+"""Gauss-Newton takes 3 to 6 from within a pixel; where blur and softness are hard to tell apart, twice as many."""
 SETTLING_STEPS = 2
 """After which noise, outliers and the spread of the light are held: a pixel at the edge of being left out would else be
-left out at every second step."""
-CONVERGED = 1e-4
-"""Square of a step over its own covariance: a hundredth of a standard deviation."""
+left out at every second step. From then on a step that makes the pixels less probable is halved."""
+CONVERGED = 1e-2
+"""Square of a step over its own covariance: a tenth of a standard deviation, and it is still taken."""
 RESELECT_PX = 0.5
 """Motion of the limb after which the pixels near it are chosen again."""
+LARGEST_MOTION_PX, LARGEST_LOG_STEP, LARGEST_SCALE_STEP_M = 2.0, 0.5, 4e3
+"""Of the limb, the logarithm of the blur and the scale height: a step beyond is beyond the reach of the derivatives."""
 LEAST_SAG = 0.5
 """Of a height by its tangent: far above any air; keeps what is seen there of a soft limb falling."""
-LARGEST_LOG_STEP = 0.5
-"""Of blur and scale height: a step beyond the reach of their derivatives."""
+MOST_HALVINGS = 10
+"""Of a step that makes the pixels less probable: to a thousandth of it."""
 
 
 @dataclass(frozen=True)
@@ -104,23 +106,35 @@ def nadir_derivative(pose: LimbPose) -> FloatArray:
     return np.concatenate([turn, across, np.zeros((3, 1))], axis=1)
 
 
-@dataclass
+@dataclass(frozen=True)
 class _State:
-    """Unknowns beside the pose."""
+    """Unknowns beside the pose: blur of lens and pixel [px], scale height."""
 
     blur: float
     scale_m: float
 
 
 @dataclass(frozen=True)
+class _Unknowns:
+    pose: LimbPose
+    state: _State
+    relief: FloatArray
+
+    def moved(self, step: FloatArray) -> _Unknowns:
+        blur = self.state.blur * float(np.exp(step[POSE]))
+        scale = max(self.state.scale_m + float(step[POSE + 1]), 0.0)
+        return _Unknowns(self.pose.moved(step[:POSE]), _State(blur, scale), self.relief + step[POSE + 2 :])
+
+
+@dataclass(frozen=True)
 class _Model:
-    """The pixels as the present unknowns say they are."""
+    """The pixels as the present unknowns say they are; ``soft`` is the scale height in the image [px/m]."""
 
     angle: LimbAngle
     scale: FloatArray
     x: FloatArray
     edge: EdgeProfile
-    soft_px: FloatArray | None
+    soft: FloatArray | None
     basis: FloatArray
 
 
@@ -144,42 +158,9 @@ def fit_limb(
     numpy.linalg.LinAlgError
         Too little limb in view, or no convergence.
     """
-    pose = start
-    state = _State(float(np.sqrt(knowledge.blur_px**2 + PIXEL_VARIANCE)), knowledge.scale_height_m)
-    near = limb_pixels(image, camera, pose, knowledge, state.blur, state.scale_m)
-    relief = np.zeros(len(near.modes))
-    weighed_for: LimbPixels | None = None
-    steps = []
-    for count in range(MOST_STEPS):
-        model = _predicted(near, pose, knowledge, state, relief)
-        starts = near.sectors.starts
-        if count <= SETTLING_STEPS or near is not weighed_for:
-            light, weighed_for = weighed(model.basis, near.values, starts), near
-        else:
-            spread = light.levels.spread_information
-            light = solved(model.basis, near.values, starts, light.weights, light.variance, spread)
-        jacobian = _jacobian(near, model, light.of_pixel, state)
-        normal, right = eliminated(jacobian, model.basis, light.residuals, light.weights, starts, light.levels)
-        prior, pull = _prior_rows(knowledge, pose, state, relief)
-        covariance = _inverse(normal + prior)
-        step = covariance @ (right + pull)
-        square = float(step @ (normal + prior) @ step)
-        if not np.isfinite(square):
-            raise np.linalg.LinAlgError("the fit's equations have no solution")
-        steps.append(step[:POSE])
-        if square < CONVERGED and count > 0:
-            break
-        step[POSE : POSE + 2] = np.clip(step[POSE : POSE + 2], -LARGEST_LOG_STEP, LARGEST_LOG_STEP)
-        moved_px = np.abs(_motion(model, step[:POSE])).max()
-        pose = pose.moved(step[:POSE])
-        state = _State(state.blur * float(np.exp(step[POSE])), state.scale_m * float(np.exp(step[POSE + 1])))
-        relief = relief + step[POSE + 2 :]
-        if moved_px > RESELECT_PX:
-            near = limb_pixels(image, camera, pose, knowledge, state.blur, state.scale_m)
-            if len(near.modes) != len(relief):
-                relief = np.zeros(len(near.modes))
-    else:
-        raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps of the likelihood")
+    found = _Search(image, camera, start, knowledge).run()
+    near, model, light, covariance = found.near, found.model, found.light, found.covariance
+    pose, state, relief = found.now.pose, found.now.state, found.now.relief
     relief_part = covariance[:POSE, POSE + 2 :] @ covariance[POSE + 2 :, :POSE]
     uv, off = _by_sector(near, model, light, relief)
     used = light.weights > 0.0
@@ -195,37 +176,136 @@ def fit_limb(
         pixels=int(used.sum()),
         uv=uv,
         residuals_rad=off,
-        steps=np.array(steps),
+        steps=np.array(found.steps),
     )
 
 
-def _predicted(near: LimbPixels, pose: LimbPose, knowledge: LimbKnowledge, state: _State, relief: FloatArray) -> _Model:
-    pixels = near.pixels
+class _Search:
+    """The way from the start to the most probable unknowns."""
+
+    def __init__(self, image: FloatArray, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> None:
+        self.image, self.camera, self.knowledge = image, camera, knowledge
+        state = _State(float(np.sqrt(knowledge.blur_px**2 + PIXEL_VARIANCE)), knowledge.scale_height_m)
+        self.near = limb_pixels(image, camera, start, knowledge, state.blur, state.scale_m)
+        self.now = _Unknowns(start, state, np.zeros(len(self.near.modes)))
+        self.steps: list[FloatArray] = []
+        self.model, self.light = self._look(None)
+        self.covariance = np.empty((0, 0))
+
+    def run(self) -> _Search:
+        """Search; everything that the last step knew stays as attributes.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            No convergence.
+        """
+        settled = 0
+        merit = self._merit()
+        for _ in range(MOST_STEPS):
+            matrix, right = self._equations()
+            self.covariance = _inverse(matrix)
+            full = self._bounded(self.covariance @ right, self.covariance)
+            if settled > 0 and float(full @ matrix @ full) < CONVERGED:
+                self.steps.append(full[:POSE])
+                self.now = self.now.moved(full)
+                return self
+            before, step = (self.now, self.model, self.light), full
+            moved_px = float(np.abs(_motion(self.model, step[:POSE])).max())
+            held = settled >= SETTLING_STEPS
+            for _ in range(MOST_HALVINGS):
+                self.now = before[0].moved(step)
+                self.model, self.light = self._look(before[2] if held else None)
+                new = self._merit()
+                if not held or new <= merit:
+                    break
+                step = 0.5 * step
+            else:
+                # Nothing on the way is better: the best place is this one, to rounding.
+                self.now, self.model, self.light = before
+                self.steps.append(np.zeros(POSE))
+                return self
+            self.steps.append(step[:POSE])
+            settled += 1
+            if moved_px > RESELECT_PX:
+                self._reselect()
+                settled = min(settled, SETTLING_STEPS - 1)
+                self.model, self.light = self._look(None)
+                new = self._merit()
+            merit = new
+        raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
+
+    def _look(self, held: LimbLight | None) -> tuple[_Model, LimbLight]:
+        """Return model and light of the present unknowns, weighed anew or as it was held."""
+        model = _predicted(self.near, self.now, self.knowledge)
+        starts = self.near.sectors.starts
+        if held is None:
+            return model, weighed(model.basis, self.near.values, starts)
+        spread = held.levels.spread_information
+        return model, solved(model.basis, self.near.values, starts, held.weights, held.variance, spread)
+
+    def _merit(self) -> float:
+        information, wanted = _priors(self.knowledge, self.now)
+        squares = float(self.light.weights @ self.light.residuals**2) + self.light.levels.penalty
+        return squares + float(wanted @ information @ wanted)
+
+    def _equations(self) -> tuple[FloatArray, FloatArray]:
+        starts, light = self.near.sectors.starts, self.light
+        jacobian = _jacobian(self.near, self.model, light.of_pixel, self.now.state)
+        normal, right = eliminated(jacobian, self.model.basis, light.residuals, light.weights, starts, light.levels)
+        information, wanted = _priors(self.knowledge, self.now)
+        if not (np.isfinite(normal).all() and np.isfinite(right).all()):
+            raise np.linalg.LinAlgError("the fit's equations have no solution")
+        return normal + information, right + information @ wanted
+
+    def _bounded(self, step: FloatArray, covariance: FloatArray) -> FloatArray:
+        """Return a step within the reach of the derivatives."""
+        scale = self.now.state.scale_m
+        if step[POSE + 1] < -scale:
+            # A scale height of less than nothing is a hard limb: the most probable step to that one.
+            to_hard = (-scale - step[POSE + 1]) / covariance[POSE + 1, POSE + 1]
+            step = step + to_hard * covariance[:, POSE + 1]
+        motion = float(np.abs(_motion(self.model, step[:POSE])).max())
+        over = max(
+            motion / LARGEST_MOTION_PX,
+            abs(float(step[POSE])) / LARGEST_LOG_STEP,
+            abs(float(step[POSE + 1])) / LARGEST_SCALE_STEP_M,
+        )
+        return np.asarray(step / max(over, 1.0))
+
+    def _reselect(self) -> None:
+        now = self.now
+        self.near = limb_pixels(self.image, self.camera, now.pose, self.knowledge, now.state.blur, now.state.scale_m)
+        if len(self.near.modes) != len(now.relief):
+            self.now = _Unknowns(now.pose, now.state, np.zeros(len(self.near.modes)))
+
+
+def _predicted(near: LimbPixels, now: _Unknowns, knowledge: LimbKnowledge) -> _Model:
+    pixels, pose, state, relief = near.pixels, now.pose, now.state, now.relief
     axes = knowledge.ellipsoid.axes_m + pose.height_m
     angle = limb_angle(pixels.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
     scale = image_scale(angle, pixels.by_column, pixels.by_row)
     delta = angle.delta + angle.by_height * (relief @ near.modes) if len(relief) else angle.delta
     x = delta / scale + 0.5 * state.blur**2 * near.bend
     soft = None
-    if knowledge.scale_height_m > 0.0:
+    if knowledge.scale_sigma_m > 0.0:
         # The ray at the angle y outside has its lowest point y tan(rho) / 2 of its height below the tangent's straight
         # line: 0.4 % at 8 km seen from 500 km, 2 arcsec.
         sag = 1.0 + 0.5 * np.minimum(angle.delta, 0.0) * axes[0] * angle.by_height
-        soft = state.scale_m * angle.by_height / (scale * np.maximum(sag, LEAST_SAG))
-    edge = edge_profile(x, state.blur, soft)
-    return _Model(angle, scale, x, edge, soft, np.array([np.ones_like(x), edge.level, edge.level * x]))
+        soft = angle.by_height / (scale * np.maximum(sag, LEAST_SAG))
+    edge = edge_profile(x, state.blur, None if soft is None else state.scale_m * soft)
+    return _Model(angle, scale, x, edge, soft, light_basis(edge.level, x, near.along))
 
 
 def _jacobian(near: LimbPixels, model: _Model, levels: FloatArray, state: _State) -> FloatArray:
-    """Return the derivatives, shape (p, n): pose, ln blur, ln scale height, modes of the relief."""
+    """Return the derivatives, shape (p, n): pose, ln blur, scale height, modes of the relief."""
     edge, angle = model.edge, model.angle
-    shading = levels[2]
-    lift = levels[1] + shading * model.x
-    by_x = lift * edge.slope + shading * edge.level
+    lift, change = brightness(levels, model.x, near.along)
+    by_x = lift * edge.slope + change * edge.level
     per_rad = by_x / model.scale
     by_height = angle.by_height * per_rad
     by_blur = state.blur * (lift * edge.by_blur + by_x * state.blur * near.bend)
-    by_scale = np.zeros_like(by_x) if model.soft_px is None else lift * edge.by_scale * model.soft_px
+    by_scale = np.zeros_like(by_x) if model.soft is None else lift * edge.by_scale * model.soft
     return np.concatenate(
         [
             angle.by_rotation * per_rad,
@@ -238,20 +318,17 @@ def _jacobian(near: LimbPixels, model: _Model, levels: FloatArray, state: _State
     )
 
 
-def _prior_rows(
-    knowledge: LimbKnowledge, pose: LimbPose, state: _State, relief: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the priors' information (p, p) and their pull (p,) on the step."""
-    count = POSE + 2 + len(relief)
+def _priors(knowledge: LimbKnowledge, now: _Unknowns) -> tuple[FloatArray, FloatArray]:
+    """Return the priors' information (p, p) and the step (p,) that leads to their values."""
+    count = POSE + 2 + len(now.relief)
     information = np.zeros((count, count))
     information[:POSE, :POSE] = knowledge.information
     information[POSE, POSE] = knowledge.blur_log_sigma**-2
-    information[POSE + 1, POSE + 1] = knowledge.scale_log_sigma**-2
-    information[POSE + 2 :, POSE + 2 :] = np.eye(len(relief))
+    information[POSE + 1, POSE + 1] = max(knowledge.scale_sigma_m, FIXED_LENGTH_M) ** -2
+    information[POSE + 2 :, POSE + 2 :] = np.eye(len(now.relief))
     blur = float(np.sqrt(knowledge.blur_px**2 + PIXEL_VARIANCE))
-    soft = np.log(knowledge.scale_height_m / state.scale_m) if knowledge.scale_height_m > 0.0 else 0.0
-    wanted = np.concatenate([pose.step_to(knowledge.mean), [np.log(blur / state.blur), soft], -relief])
-    return information, information @ wanted
+    beside = [np.log(blur / now.state.blur), knowledge.scale_height_m - now.state.scale_m]
+    return information, np.concatenate([now.pose.step_to(knowledge.mean), beside, -now.relief])
 
 
 def _inverse(matrix: FloatArray) -> FloatArray:
@@ -271,7 +348,7 @@ def _motion(model: _Model, step: FloatArray) -> FloatArray:
 
 def _by_sector(near: LimbPixels, model: _Model, light: LimbLight, relief: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return a place on the limb for every sector and how far inside of it the sector shows the limb [rad]."""
-    slope = light.of_pixel[1] * model.edge.slope / model.scale
+    slope = brightness(light.of_pixel, model.x, near.along)[0] * model.edge.slope / model.scale
     weights = light.weights * slope
     uv, off = [], []
     for first, last in pairwise(near.sectors.starts):

@@ -71,11 +71,12 @@ class LimbKnowledge:
         Of the lens, standard deviation.
     blur_log_sigma : float
         Of its logarithm.
-    scale_height_m : float
-        Of the soft limb; 0 for a hard one.
-    scale_log_sigma : float
+    scale_height_m, scale_sigma_m : float
+        Of the soft limb; both 0 for a hard one.
     reliefs : tuple of Relief
         How the height of the limb varies along it.
+    flattened_m : float
+        Flattening times radius of the planet where ``ellipsoid`` is a sphere in its place.
     """
 
     ellipsoid: Ellipsoid
@@ -84,8 +85,9 @@ class LimbKnowledge:
     blur_px: float = 0.7
     blur_log_sigma: float = 0.7
     scale_height_m: float = 0.0
-    scale_log_sigma: float = 0.7
+    scale_sigma_m: float = 0.0
     reliefs: tuple[Relief, ...] = ()
+    flattened_m: float = 0.0
 
 
 def sphere_knowledge(

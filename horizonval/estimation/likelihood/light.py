@@ -1,8 +1,14 @@
 r"""The light of the pixels: levels of the sectors, what they leave, and how the pixels are weighed.
 
+In its sector the Earth's brightness is ``B = a + a' u + c x + d x^2 / w``, with ``u`` from -1/2 to 1/2 along the limb,
+``x`` pixels inside it, and ``w`` the width of the window: the lens's fall-off and the Sun's height change it along the
+limb, by a tenth from sector to sector, and the air darkens or brightens it towards the limb.
+
 The variance of the noise is a straight line in brightness, as photons and read-out make it. It is estimated from the
-residuals in space and on the Earth, and interpolated by the edge's level. Pixels further off than five standard
-deviations are left out (stars, hot pixels, the Moon): of Gaussian noise one of two million.
+residuals in space and on the Earth, and interpolated by the edge's level ``E``. Across the edge itself the residuals
+may be larger, where the profile is not that of the model (ozone, haze); what they are beyond the line is added as ``4 E
+(1 - E)``, so that an edge does not weigh more than it fits. Pixels further off than five standard deviations are left
+out (stars, hot pixels, the Moon): of Gaussian noise one of two million.
 """
 
 from __future__ import annotations
@@ -18,12 +24,44 @@ from horizonval.estimation.likelihood.sectors import Levels, solve_levels
 OUTLIER = 5.0
 SPACE_LEVEL, EARTH_LEVEL = 0.1, 0.9
 """Of the edge, from 0 to 1: below and above it the noise of space and Earth is read."""
+MIDDLE_LEVEL = 0.02
+"""From it to its like below 1 the edge itself is read."""
+SIGNIFICANT = 3.0
+"""Standard deviations by which an excess must stand out: one that noise makes itself would only cost precision."""
 FEWEST_PIXELS = 8
 """Of either, or all residuals stand for it."""
 NORMAL_QUARTILE = 0.67448975
 """Half of a normal distribution lies within as many standard deviations."""
 ROUNDS = 2
 """Of weighing: by all pixels, then without the outliers that these show."""
+
+
+SHADING_PX = 8.0
+"""Unit of the bend of the shading: it makes the levels of one size."""
+
+
+def light_basis(edge: FloatArray, x: FloatArray, along: FloatArray) -> FloatArray:
+    """Return what the levels of a sector are multiplied with, shape (5, n): one, edge, its shading (2), and along it.
+
+    Parameters
+    ----------
+    edge : ndarray, shape (n,)
+        Level of the edge profile.
+    x : ndarray, shape (n,)
+        Pixels inside the limb.
+    along : ndarray, shape (n,)
+        Place in the sector, from -1/2 to 1/2.
+    """
+    return np.array([np.ones_like(x), edge, edge * x, edge * (x * x / SHADING_PX), edge * along])
+
+
+def brightness(levels: FloatArray, x: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the Earth's brightness and its change per pixel inside, shape (n,) each, of levels (5, n)."""
+    _, level, shading, bend, slope = levels
+    return (
+        level + shading * x + bend * (x * x / SHADING_PX) + slope * along,
+        shading + bend * (2.0 * x / SHADING_PX),
+    )
 
 
 @dataclass(frozen=True)
@@ -33,19 +71,19 @@ class LimbLight:
     Attributes
     ----------
     levels : Levels
-    of_pixel : ndarray, shape (3, n)
+    of_pixel : ndarray, shape (5, n)
         The levels of every pixel's sector.
     residuals, weights : ndarray, shape (n,)
         Weights are inverse variances, 0 of outliers.
     variance : tuple of float
-        Of a pixel in space and on the Earth.
+        Of a pixel in space and on the Earth, and what the middle of the edge has beyond their mean.
     """
 
     levels: Levels
     of_pixel: FloatArray
     residuals: FloatArray
     weights: FloatArray
-    variance: tuple[float, float]
+    variance: tuple[float, float, float]
 
 
 def weighed(basis: FloatArray, values: FloatArray, starts: NDArray[np.intp]) -> LimbLight:
@@ -53,17 +91,17 @@ def weighed(basis: FloatArray, values: FloatArray, starts: NDArray[np.intp]) -> 
 
     Parameters
     ----------
-    basis : ndarray, shape (3, n)
-        One, profile, shading.
+    basis : ndarray, shape (5, n)
+        Of :func:`light_basis`.
     values : ndarray, shape (n,)
     starts : ndarray of int, shape (m + 1,)
         Of the sectors.
     """
     edge = basis[1]
-    light = solved(basis, values, starts, np.ones_like(edge), (1.0, 1.0))
+    light = solved(basis, values, starts, np.ones_like(edge), (1.0, 1.0, 0.0))
     for _ in range(ROUNDS):
         variance = _noise(light.residuals, edge, len(starts) - 1)
-        expected = variance[0] + (variance[1] - variance[0]) * np.clip(edge, 0.0, 1.0)
+        expected = _expected(edge, variance)
         weights = np.where(light.residuals**2 < OUTLIER**2 * expected, 1.0 / expected, 0.0)
         light = solved(basis, values, starts, weights, variance)
     return light
@@ -74,7 +112,7 @@ def solved(
     values: FloatArray,
     starts: NDArray[np.intp],
     weights: FloatArray,
-    variance: tuple[float, float],
+    variance: tuple[float, float, float],
     spread_information: FloatArray | None = None,
 ) -> LimbLight:
     """Return the light with its weights given; parameters as for :func:`weighed` and :func:`.sectors.solve_levels`."""
@@ -84,14 +122,36 @@ def solved(
     return LimbLight(levels, of_pixel, residuals, weights, variance)
 
 
-def _noise(residuals: FloatArray, edge: FloatArray, sectors: int) -> tuple[float, float]:
-    """Return the variance of a pixel in space and on the Earth, of those that are no outliers by their quartiles."""
+def _expected(edge: FloatArray, variance: tuple[float, float, float]) -> FloatArray:
+    level = np.clip(edge, 0.0, 1.0)
+    return np.asarray(variance[0] + (variance[1] - variance[0]) * level + variance[2] * 4.0 * level * (1.0 - level))
+
+
+def _noise(residuals: FloatArray, edge: FloatArray, sectors: int) -> tuple[float, float, float]:
+    """Return the variance of a pixel in space, on the Earth, and what the edge has beyond."""
     floor = 1e-12 * float(np.mean(residuals**2)) + 1e-300
-    out = []
-    for there in (edge < SPACE_LEVEL, edge > EARTH_LEVEL):
-        some = np.abs(residuals[there] if there.sum() > FEWEST_PIXELS else residuals)
-        inside = some < OUTLIER * max(float(np.median(some)) / NORMAL_QUARTILE, floor)
-        # Every sector has spent one of its pixels' freedom on the level there.
-        freedom = max(float(inside.sum()) - sectors, 1.0)
-        out.append(max(float((some[inside] ** 2).sum()) / freedom, floor))
-    return out[0], out[1]
+    space, earth = (_spread_of(residuals[there], residuals) for there in (edge < SPACE_LEVEL, edge > EARTH_LEVEL))
+    # Every sector has spent one of its pixels' freedom on the level to either side.
+    counts = (float((edge < SPACE_LEVEL).sum()), float((edge > EARTH_LEVEL).sum()))
+    freedom = [max(1.0 - sectors / max(count, 1.0), 0.5) for count in counts]
+    line = (max(space / freedom[0], floor), max(earth / freedom[1], floor))
+    between = (edge >= MIDDLE_LEVEL) & (edge <= 1.0 - MIDDLE_LEVEL)
+    share = np.clip(edge[between], 0.0, 1.0)
+    if len(share) <= FEWEST_PIXELS:
+        return line[0], line[1], 0.0
+    expected = _expected(share, (*line, 0.0))
+    squares = residuals[between] ** 2
+    inside = squares <= OUTLIER**2 * float(np.median(squares / expected)) / NORMAL_QUARTILE**2 * expected
+    squares, expected, share = squares[inside], expected[inside], share[inside]
+    beyond = float((squares - expected).sum())
+    # The square of a normal number has twice its variance squared for a variance.
+    if beyond < SIGNIFICANT * float(np.sqrt(2.0 * (expected**2).sum())):
+        return line[0], line[1], 0.0
+    return line[0], line[1], beyond / float((4.0 * share * (1.0 - share)).sum())
+
+
+def _spread_of(some: FloatArray, all_of_them: FloatArray) -> float:
+    """Return the mean square of residuals that are no outliers by their quartiles."""
+    size = np.abs(some if len(some) > FEWEST_PIXELS else all_of_them)
+    inside = size <= OUTLIER * float(np.median(size)) / NORMAL_QUARTILE
+    return float(np.mean(size[inside] ** 2))

@@ -40,6 +40,8 @@ class LimbPixels:
     values : ndarray, shape (n,)
         The image's levels.
     sectors : Sectors
+    along : ndarray, shape (n,)
+        Place in the sector, from -1/2 to 1/2.
     bend : ndarray, shape (n,)
         Of the limb beside each of them, as :func:`.pixels.limb_bend` says.
     modes : ndarray, shape (k, n)
@@ -49,6 +51,7 @@ class LimbPixels:
     pixels: NearPixels
     values: FloatArray
     sectors: Sectors
+    along: FloatArray
     bend: FloatArray
     modes: FloatArray
 
@@ -91,11 +94,13 @@ def limb_pixels(
     uv = np.column_stack([pixels.columns[some], pixels.rows[some]]).astype(float)
     bend = limb_bend(camera, uv, pose.cam_from_itrs, pose.r_itrs, axes)
     seen = np.isfinite(bend)
-    nodes, modes = relief_modes(float(azimuth[-1]), knowledge.reliefs)
+    rho = float(np.arctan2(axes[0], to_limb))
+    nodes, modes = relief_modes(float(azimuth[-1]), knowledge.reliefs, knowledge.flattened_m, rho)
     return LimbPixels(
         pixels=pixels,
         values=np.asarray(image[pixels.rows, pixels.columns], dtype=float),
         sectors=sectors,
+        along=sectors.along,
         bend=np.interp(azimuth, azimuth[some][seen], bend[seen]) if seen.any() else np.zeros(len(azimuth)),
         modes=np.array([np.interp(azimuth, nodes, mode) for mode in modes]).reshape(len(modes), len(azimuth)),
     )

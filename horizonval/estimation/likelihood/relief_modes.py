@@ -8,6 +8,10 @@ exp(-phi^2 / (2 l^2))`` (:mod:`horizonval.earth.limb_relief`). On ``m`` nodes ``
 says the same with unit normal unknowns (Karhunen and Loeve). The fit then knows which changes along the arc it may not
 take for a tilt, and its covariance holds what they leave: nothing is added afterwards.
 
+A sphere fitted to the oblate Earth has one relief more. Of every direction of the pole alike, the limb of a planet of
+flattening ``f`` departs from a sphere's by ``-f R (u . pole)^2``, with ``u`` from the centre to the point of the limb;
+the covariance of that, over the poles of :mod:`horizonval.earth.limb_heights`, is added to ``K``.
+
 Modes that together hold less than :data:`LEFT_OUT` of the variance are left out; between nodes the modes are linear.
 """
 
@@ -16,6 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.earth.limb_heights import oblate_limbs
 from horizonval.earth.limb_relief import Relief
 
 LEFT_OUT = 1e-3
@@ -27,7 +32,13 @@ MOST_NODES = 96
 node, which is what a tilt feels of them."""
 
 
-def relief_modes(span_rad: float, reliefs: tuple[Relief, ...]) -> tuple[FloatArray, FloatArray]:
+OBLATE_LENGTH_RAD = 0.5
+"""Of the limb of an ellipsoid, two waves round a circle: nodes as for a relief of this length."""
+
+
+def relief_modes(
+    span_rad: float, reliefs: tuple[Relief, ...], flattened_m: float = 0.0, rho_rad: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
     """Return nodes of azimuth [rad], shape (m,), and the modes there [m], shape (k, m).
 
     Parameters
@@ -36,10 +47,14 @@ def relief_modes(span_rad: float, reliefs: tuple[Relief, ...]) -> tuple[FloatArr
         Azimuth from the first to the last pixel of the limb in view.
     reliefs : tuple of Relief
         Independent contributions; without any there are no modes.
+    flattened_m : float
+        Flattening times radius of a planet that is fitted as a sphere; 0 where its shape is known.
+    rho_rad : float
+        Angular radius of the planet, for its flattening.
     """
-    if not reliefs:
+    if not reliefs and flattened_m == 0.0:
         return np.array([0.0, span_rad]), np.zeros((0, 2))
-    shortest = min(relief.correlation_rad for relief in reliefs)
+    shortest = min([relief.correlation_rad for relief in reliefs] or [OBLATE_LENGTH_RAD])
     count = int(np.clip(np.ceil(NODES_PER_LENGTH * span_rad / shortest) + 1, 3, MOST_NODES))
     nodes = np.linspace(0.0, span_rad, count)
     width = nodes[1] - nodes[0]
@@ -51,7 +66,15 @@ def relief_modes(span_rad: float, reliefs: tuple[Relief, ...]) -> tuple[FloatArr
         square = relief.correlation_rad**2
         wide = square + width**2 / 6.0
         heights += relief.sigma_m**2 * np.sqrt(square / wide) * np.exp(-0.5 * apart**2 / wide)
+    if flattened_m != 0.0:
+        limbs = oblate_limbs(np.column_stack([np.cos(nodes), np.sin(nodes)]), rho_rad, flattened_m) / np.tan(rho_rad)
+        limbs -= limbs.mean()
+        heights += limbs @ limbs.T / limbs.shape[1]
     variance, vectors = np.linalg.eigh(heights)
+    if flattened_m != 0.0:
+        limbs = oblate_limbs(np.column_stack([np.cos(nodes), np.sin(nodes)]), rho_rad, flattened_m) / np.tan(rho_rad)
+        limbs -= limbs.mean()
+        heights += limbs @ limbs.T / limbs.shape[1]
     variance, vectors = np.maximum(variance[::-1], 0.0), vectors[:, ::-1]
     kept = int(np.searchsorted(np.cumsum(variance), (1.0 - LEFT_OUT) * variance.sum())) + 1
     return nodes, np.sqrt(variance[:kept])[:, None] * vectors.T[:kept]

@@ -1,11 +1,11 @@
 r"""Sectors of azimuth along the limb, each with light of its own: levels are unknowns that are eliminated in place.
 
-In a sector the pixels are ``A (mu + d)`` with ``A = (1, E(x), E(x) x)``: background, amplitude, and shading towards the
-inside. ``mu`` is the mean of all sectors (the shading has none), and ``d`` a sector's own departure with the prior
-``N(0, T)``. ``T`` is what the sectors' levels scatter by beyond their noise: evenly lit limbs keep the precision of one
-common level, and uneven ones get levels of their own. All of them enter linearly, and are solved for exactly at every
-step; their part of the normal equations is eliminated (Schur's complement), with ``G = A^T W A`` and ``H = (G +
-T^-1)^-1`` of each sector::
+In a sector the pixels are ``A (mu + d)`` with ``A`` of :func:`.light.light_basis`: background, amplitude, and shading.
+``mu`` is the mean of all sectors (the shading has none), and ``d`` a sector's own departure with the prior ``N(0, T)``.
+``T`` is what the sectors' levels scatter by beyond their noise: evenly lit limbs keep the precision of one common
+level, and uneven ones get levels of their own. All of them enter linearly, and are solved for exactly at every step;
+their part of the normal equations is eliminated (Schur's complement), with ``G = A^T W A`` and ``H = (G + T^-1)^-1`` of
+each sector::
 
     N_xx = sum J^T W J - J^T W A H A^T W J,    N_xm = sum J^T W A (1 - H G),    N_mm = sum G - G H G
     N = N_xx - N_xm N_mm^-1 N_mx
@@ -28,6 +28,8 @@ PIXELS_ALONG = 24
 MOST_SECTORS = 48
 CENTRED = 2
 """Of the levels, those that scatter about a mean: background and amplitude, not the shading."""
+SIGNIFICANT = 3.0
+"""Standard deviations by which the sectors' scatter must exceed what noise makes of them to be a scatter of theirs."""
 NO_SPREAD = 1e-6
 """Of the variance of the mean level: the smallest spread of sectors; it keeps the matrices regular."""
 
@@ -49,6 +51,14 @@ class Sectors:
     order: NDArray[np.intp]
     starts: NDArray[np.intp]
     azimuth: FloatArray
+
+    @property
+    def along(self) -> FloatArray:
+        """Place of the ordered pixels in their sector, from -1/2 to 1/2 of its azimuth, shape (n,)."""
+        borders = self.azimuth[np.minimum(self.starts, len(self.azimuth) - 1)]
+        middle, width = 0.5 * (borders[1:] + borders[:-1]), np.maximum(np.diff(borders), 1e-300)
+        counts = np.diff(self.starts)
+        return np.asarray((self.azimuth - np.repeat(middle, counts)) / np.repeat(width, counts))
 
 
 def sectors_of(azimuth: FloatArray, limb_px: int) -> Sectors:
@@ -81,10 +91,13 @@ class Levels:
     of_sector : ndarray, shape (m, k)
     spread_information : ndarray, shape (k,)
         Inverse variance of the sectors about their mean.
+    penalty : float
+        Squares of the departures over that variance, summed.
     """
 
     of_sector: FloatArray
     spread_information: FloatArray
+    penalty: float
 
 
 def solve_levels(
@@ -99,7 +112,7 @@ def solve_levels(
     Parameters
     ----------
     basis : ndarray, shape (k, n)
-        Of the ordered pixels: one, profile, shading.
+        Of the ordered pixels; those of background and amplitude first.
     values, weights : ndarray, shape (n,)
     starts : ndarray of int, shape (m + 1,)
     spread_information : ndarray, shape (k,), optional
@@ -119,20 +132,22 @@ def solve_levels(
     pull = np.einsum("ijk,ik->j", held, right)[:CENTRED]
     mean[:CENTRED] = np.linalg.lstsq((held @ grams).sum(axis=0)[:CENTRED, :CENTRED], pull, rcond=None)[0]
     departure = np.einsum("ijk,ik->ij", own, right - grams @ mean)
-    return Levels(mean + departure, information)
+    return Levels(mean + departure, information, float((departure**2 @ information).sum()))
 
 
 def _spread(free: FloatArray, noise_variance: FloatArray) -> FloatArray:
     """Return the variance of the sectors' levels beyond what their noise makes, shape (k,).
 
     Weighted moments (DerSimonian and Laird, Controlled Clinical Trials 7, 177, 1986): no sector counts for more than
-    it knows. Two sectors say nothing of a spread; theirs is taken as large as they differ.
+    it knows. A scatter that noise may have made is none.
     """
     weight = 1.0 / np.maximum(noise_variance, 1e-300)
     total = weight.sum(axis=0)
     centred = np.arange(free.shape[1]) < CENTRED
     mean = np.where(centred, (weight * free).sum(axis=0) / total, 0.0)
-    excess = (weight * (free - mean) ** 2).sum(axis=0) - (len(free) - centred)
+    freedom = len(free) - centred
+    excess = (weight * (free - mean) ** 2).sum(axis=0) - freedom
+    excess = np.where(excess > SIGNIFICANT * np.sqrt(2.0 * freedom), excess, 0.0)
     scale = total - np.where(centred, (weight**2).sum(axis=0) / total, 0.0)
     spread = np.maximum(excess, 0.0) / np.where(scale > 0.0, scale, np.inf)
     return np.asarray(np.maximum(spread, NO_SPREAD / total))

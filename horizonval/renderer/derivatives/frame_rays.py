@@ -155,6 +155,8 @@ class FrameRays:
     def _solar(self, view: FrameGeometry, cells: Cells, digest: str | None) -> dict[str, mi.Float64]:
         out: dict[str, mi.Float64] = {}
         batches = self.prepared.batches
+        if view.gap_maps:
+            batches = [(group, batch.under(view.gap_maps)) for group, batch in batches]
         if not batches:
             return out
         looks = surface_looks(replace(view, origin=self._origin_of(view.origin)), self._ends_of(cells))

@@ -14,17 +14,19 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.progress import Progress
 from horizonval.earth.clouds.layers import merged_bands
 from horizonval.earth.column import OpticalModel, SpectralNode
+from horizonval.renderer.column_air import ColumnAir
 from horizonval.renderer.kernel.march import march, optical_depth
 from horizonval.renderer.kernel.node_batches import (
     BATCH_WIDTH,
     Bounce,
+    GappedLayer,
     GlowNodes,
     OpacityNodes,
     Particles,
     SolarNodes,
     ThermalNodes,
 )
-from horizonval.renderer.layer_steps import Bands
+from horizonval.renderer.layer_steps import Bands, layer_bands
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
@@ -217,7 +219,9 @@ def _solar_nodes(
         particles = Particles(
             _interleave([n.particle_per_m for n in nodes], width), _interleave(asymmetry, width), forward
         )
-    moonlight = None
+    moonlight, columns = None, None
+    if model.columns is not None:
+        columns = ColumnAir.of(model.columns, nodes, model.altitude_m, width, planet.mean_radius_m)
     glow = _glow_nodes(nodes, model, planet, width, size)
     if any(n.moon_irradiance for n in nodes):
         moonlight = _padded([n.moon_irradiance for n in nodes], width)
@@ -233,7 +237,9 @@ def _solar_nodes(
         sunlight,
         glow=glow,
         moonlight=moonlight,
+        columns=columns,
         bands=_bands(model),
+        gapped=_gapped(nodes, model, width),
     )
 
 
@@ -241,7 +247,32 @@ def _bands(model: OpticalModel, more: Sequence[tuple[float, float]] = ()) -> Ban
     """Return the heights of a model's layers with the softened edges, and of others."""
     if not model.layers:
         return ()
-    return tuple(merged_bands([*model.layers, *more], float(model.altitude_m[1] - model.altitude_m[0])))
+    heights = merged_bands([*model.layers, *more], float(model.altitude_m[1] - model.altitude_m[0]))
+    gaps = zip(model.layers, model.gaps, strict=False)
+    return layer_bands(heights, [(base, top, g.scale_m) for (base, top), g in gaps if g is not None])
+
+
+def _gapped(
+    nodes: Sequence[SpectralNode], model: OpticalModel, width: int, altitude_m: FloatArray | None = None
+) -> tuple[GappedLayer, ...]:
+    """Return the layers of a model that have gaps, for a batch on the model's altitudes, or on others above them."""
+
+    def columns(i: int, scale: Sequence[float]) -> mi.Float64:
+        values = [s * n.layer_per_m[i] for s, n in zip(scale, nodes, strict=True)]
+        if altitude_m is not None:
+            values = [np.interp(altitude_m, model.altitude_m, v, right=0.0) for v in values]
+        return _interleave(values, width)
+
+    return tuple(
+        GappedLayer(
+            i,
+            columns(i, [1.0] * len(nodes)),
+            columns(i, [n.layer_albedo[i] for n in nodes]),
+            _padded([n.layer_asymmetry[i] for n in nodes], width),
+        )
+        for i, gaps in enumerate(model.gaps)
+        if gaps is not None
+    )
 
 
 def _nearest(values: FloatArray, scattering: FloatArray) -> FloatArray:
@@ -292,6 +323,7 @@ def _glow_nodes(
         [constant(0.0)] * width,
         float(z[max(lowest - 1, 0)]),
         bands=_bands(model, [(float(z[max(lowest - 1, 0)]), float(z[-1]))] if glowing else ()),
+        gapped=_gapped(nodes, model, width, z),
     )
     sky = _downwelling(planet, float(z[-1]), over_black, size.path_nodes, behind)
     ground = [model.albedo / math.pi * s for s in sky[: len(nodes)]] + [0.0] * (width - len(nodes))

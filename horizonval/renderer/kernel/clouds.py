@@ -220,7 +220,7 @@ def _relief_of_earth(field: CloudField, axes: tuple[Vec, Vec, Vec], per_unit: fl
     normal = _on_globe(*_nodes(TABLE_SIDE), per_unit, axes)
     small = earth_pattern.octaves(normal, at, seed, arithmetic, range(large_ones, earth_pattern.OCTAVES))
     noise = small / earth_pattern.sigma(at, arithmetic) + at.lift
-    rank = _rank(mi.Float64(noise), coarse.lowest, coarse.highest, coarse.rank)
+    rank = rank_of(mi.Float64(noise), coarse.lowest, coarse.highest, coarse.rank)
     return earth_pattern.depth(mi.Float32(rank), at, arithmetic), at
 
 
@@ -239,7 +239,7 @@ def earth_clouds(field: CloudField, normal: Vec) -> tuple[mi.Float64, Local]:
     coarse, arithmetic = field.coarse(), kernel_arithmetic()
     at = earth_pattern.local(_coarse_channels(coarse, normal), arithmetic)
     noise = earth_pattern.noise(normal, at, dr.opaque(mi.UInt32, field.seed, 1), arithmetic)
-    return earth_pattern.depth(_rank(noise, coarse.lowest, coarse.highest, coarse.rank), at, arithmetic), at
+    return earth_pattern.depth(rank_of(noise, coarse.lowest, coarse.highest, coarse.rank), at, arithmetic), at
 
 
 def _coarse_channels(coarse: Coarse, normal: Vec) -> list[mi.Float64]:
@@ -260,7 +260,7 @@ def _coarse_channels(coarse: Coarse, normal: Vec) -> list[mi.Float64]:
     return channels
 
 
-def _rank(noise: mi.Float64, lowest: float, highest: float, rank: FloatArray) -> mi.Float64:
+def rank_of(noise: mi.Float64, lowest: float, highest: float, rank: FloatArray) -> mi.Float64:
     """Return the rank of noise by its table."""
     steps = len(rank) - 1
     table = table_of(mi.Float64, rank)
@@ -279,7 +279,7 @@ def top_at(field: CloudField, normal: Vec) -> mi.Float64:
         ceiling = _tropopause(normal[2])
         return earth_pattern.top_m(depth, at, ceiling, constant(field.top_m), kernel_arithmetic())
     cover = constant(field.share)
-    u = _rank(relief.noise(normal, field, _split, mi.Float32), *relief.rank_table(field))
+    u = rank_of(relief.noise(normal, field, _split, mi.Float32), *relief.rank_table(field))
     s = (u - (1.0 - cover)) / cover
     risen = dr.exp(dr.log(dr.maximum(s, 1e-12)) * constant(field.exponent))
     return BASE_M + (_ceiling(field, normal) - BASE_M) * dr.select(s > 0.0, risen, s)

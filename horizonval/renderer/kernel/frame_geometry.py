@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.renderer.kernel.discs import Disc
+from horizonval.renderer.kernel.gap_map import GapMap
 from horizonval.renderer.kernel.rays import RayCamera
 from horizonval.renderer.kernel.surface import Ground
 from horizonval.renderer.planet import Planet, dot
@@ -46,6 +47,7 @@ class FrameGeometry:
     ``top_m``.
     With refraction ``planet``, ``top_m`` and ``origin`` are apparent ones, among which light goes straight, and
     ``bending`` tells by how much it bends.
+    ``gap_maps``: of the model's layers of thin cloud, None for one without gaps; empty where none has any.
     ``every_cell``: cut all pixels into cells, also those that one ray would serve (see ``whole_pixels``).
     """
 
@@ -63,6 +65,7 @@ class FrameGeometry:
     sunless: bool = False
     glow_top_m: float = 0.0
     bending: BendingField | None = None
+    gap_maps: tuple[GapMap | None, ...] = ()
     every_cell: bool = False
 
     def column_and_row(self, pixel: mi.UInt32) -> tuple[mi.Float64, mi.Float64]:

@@ -33,7 +33,7 @@ from typing import TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, Place, ShiningNodes, SolarNodes
+from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, ShiningNodes, SolarNodes
 from horizonval.renderer.kernel.ray_sources import (
     PARTICLE_STRIDE,
     EmittingRays,
@@ -316,7 +316,7 @@ def _integrate(
     """
 
     def evaluate(t: mi.Float64, point: Point) -> tuple[Values, Values]:
-        place = Place.of(planet, batch.grid, o, d, t)
+        place = batch.place(planet, o, d, t)
         k = batch.extinction_at(place)
         return k, source.source_at(place, k, point)
 

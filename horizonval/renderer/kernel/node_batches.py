@@ -12,12 +12,15 @@ one kind share compiled kernels. There is one type per kind of source:
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
 
+from horizonval.renderer.column_air import ColumnAir, DepthFactor, Lattice
+from horizonval.renderer.kernel.gap_map import GapMap
 from horizonval.renderer.layer_steps import Bands
 from horizonval.renderer.planet import Planet, along
 from horizonval.renderer.refraction.bent_ray import RefractionTables
@@ -34,7 +37,8 @@ BATCH_WIDTH = 4
 class Place:
     """Points of rays, and where they lie on an altitude grid.
 
-    ``node``, ``weight``: lower node of the grid and weight of the upper one; ``inside``: not above the top.
+    ``node``, ``weight``: lower node of the grid and weight of the upper one; ``inside``: not above the top. ``excess``:
+    by how much the batch's layers with gaps exceed their mean columns; empty for the mean.
     """
 
     position: Vec
@@ -43,6 +47,7 @@ class Place:
     node: mi.UInt32
     weight: mi.Float64
     inside: mi.Bool
+    excess: tuple[mi.Float64, ...] = ()
 
     @classmethod
     def of(cls, planet: Planet, grid: AltitudeGrid, o: Vec, d: Vec, t: mi.Float64) -> Place:
@@ -57,20 +62,57 @@ class Place:
 
 
 @dataclass(frozen=True)
+class GappedLayer:
+    """A layer of thin cloud with gaps, as a batch has it.
+
+    Attributes
+    ----------
+    number : int
+        Among the model's layers.
+    extinction, scattering : Float64, shape (n_altitude * width,)
+        Its mean columns, which those of the batch have in them.
+    asymmetry : list of Float64, size 1
+    map : GapMap or None
+        Where it is cloudy; None for the mean everywhere.
+    """
+
+    number: int
+    extinction: mi.Float64
+    scattering: mi.Float64
+    asymmetry: Values
+    map: GapMap | None = None
+
+
+@dataclass(frozen=True)
 class _Air:
     """Extinction of a batch: ``extinction``, shape (n_altitude * width,), over ``grid``; ``width`` counts padding.
 
-    ``bands``: the heights between which layers of thin cloud lie.
+    ``bands``: the heights between which layers of thin cloud lie; ``gapped``: those of them that have gaps.
     """
 
     width: int
     grid: AltitudeGrid
     extinction: mi.Float64
     bands: Bands = field(default=(), kw_only=True)
+    gapped: tuple[GappedLayer, ...] = field(default=(), kw_only=True)
+
+    def under(self, maps: Sequence[GapMap | None]) -> Self:
+        """Return the batch with the gaps of its layers, by the maps of all layers."""
+        return replace(self, gapped=tuple(replace(layer, map=maps[layer.number]) for layer in self.gapped))
+
+    def place(self, planet: Planet, o: Vec, d: Vec, t: mi.Float64) -> Place:
+        """Return points of rays, with the gaps there."""
+        place = Place.of(planet, self.grid, o, d, t)
+        maps = [layer.map for layer in self.gapped if layer.map is not None]
+        return replace(place, excess=tuple(m.excess(place.normal) for m in maps)) if maps else place
 
     def extinction_at(self, place: Place) -> Values:
         """Return the extinction [1/m] per node; 0 above the top."""
-        return [dr.select(place.inside, v, 0.0) for v in place.read(self.extinction, self.width)]
+        values = place.read(self.extinction, self.width)
+        for excess, layer in zip(place.excess, self.gapped, strict=False):
+            mean = place.read(layer.extinction, self.width)
+            values = [dr.maximum(dr.fma(excess, m, v), 0.0) for m, v in zip(mean, values, strict=True)]
+        return [dr.select(place.inside, v, 0.0) for v in values]
 
 
 @dataclass(frozen=True)
@@ -206,6 +248,8 @@ class SolarNodes(_Air):
         The airglow of the same nodes.
     moonlight : list of Float64, size 1, or None
         The Moon's irradiance, to take the Sun's place.
+    columns : ColumnAir or None
+        How the air differs from ``extinction`` and ``molecular`` from place to place; None where it does not.
     """
 
     molecular: mi.Float64
@@ -218,6 +262,17 @@ class SolarNodes(_Air):
     bounce: Bounce | None = None
     glow: GlowNodes | None = None
     moonlight: Values | None = None
+    columns: ColumnAir | None = None
+
+    @property
+    def on_a_map(self) -> bool:
+        """Whether the air varies with longitude too."""
+        return self.columns is not None and isinstance(self.columns.places, Lattice)
+
+    def under(self, maps: Sequence[GapMap | None]) -> SolarNodes:
+        """Return the batch, and its airglow, with the gaps of its layers."""
+        glow = None if self.glow is None else self.glow.under(maps)
+        return replace(super().under(maps), glow=glow)
 
     def in_moonlight(self) -> SolarNodes:
         """Return the same under the Moon's irradiance."""
@@ -228,9 +283,30 @@ class SolarNodes(_Air):
         """Return irradiance times the molecules' phase function at cosines of the scattering angle, per node."""
         return [e * _molecular_phase(c, cosine) for e, c in zip(self.irradiance, self.cos2, strict=True)]
 
+    def extinction_at(self, place: Place) -> Values:
+        """Return the extinction [1/m] per node; 0 above the top."""
+        own = super().extinction_at(place)
+        if self.columns is None:
+            return own
+        more = self.columns.more_extinction(place.height_m, place.normal)
+        total: Values = [dr.maximum(a + b, 0.0) for a, b in zip(own, more, strict=True)]
+        return [dr.select(place.inside, v, 0.0) for v in total]
+
+    def molecular_at(self, place: Place) -> Values:
+        """Return the scattering coefficient of molecules [1/m] per node; above the top it is not 0."""
+        own = place.read(self.molecular, self.width)
+        if self.columns is None:
+            return own
+        more = self.columns.more_molecular(place.height_m, place.normal)
+        return [dr.maximum(a + b, 0.0) for a, b in zip(own, more, strict=True)]
+
+    def depth_factor(self, height_m: mi.Float64, normal: Vec) -> DepthFactor | None:
+        """Return by what the optical depth from places towards the Sun is larger than ``sunlight`` says."""
+        return None if self.columns is None else self.columns.depth_factor(height_m, normal)
+
     def scattering_at(self, place: Place) -> Values:
         """Return the scattering coefficient of everything [1/m] per node; 0 above the top."""
-        total = place.read(self.molecular, self.width)
+        total = self.molecular_at(place)
         if self.particles is not None:
             particle = place.read(self.particles.scattering, self.width)
             total = [a + b for a, b in zip(total, particle, strict=True)]
@@ -243,12 +319,14 @@ class SolarNodes(_Air):
         node, and then of particles for every node, and then both for the ground's part; empty for single scattering.
         """
         width, inside = self.width, place.inside
-        molecular = place.read(self.molecular, width)
+        molecular = self.molecular_at(place)
         scattered = [s * f for s, f in zip(molecular, beam.molecular, strict=True)]
         particle: Values = []
         if self.particles is not None:
             particle = place.read(self.particles.scattering, width)
             g = place.read(self.particles.asymmetry, width)
+            if place.excess:
+                particle, g = self._with_gaps(place, particle, g)
             phase = [e * _particle_phase(v, beam.cosine) for e, v in zip(self.irradiance, g, strict=True)]
             scattered = [a + s * f for a, s, f in zip(scattered, particle, phase, strict=True)]
         emission = [dr.select(inside & beam.lit, s * v, 0.0) for s, v in zip(scattered, beam.share, strict=True)]
@@ -261,6 +339,19 @@ class SolarNodes(_Air):
             k = part * width + n_part % width
             emission[k] = emission[k] + dr.select(inside, scatterer * source, 0.0)
         return emission
+
+    def _with_gaps(self, place: Place, scattering: Values, asymmetry: Values) -> tuple[Values, Values]:
+        """Return scattering and asymmetry of particles, from their means, where layers have gaps."""
+        along = [s * g for s, g in zip(scattering, asymmetry, strict=True)]
+        total = scattering
+        for excess, layer in zip(place.excess, self.gapped, strict=True):
+            more = [excess * s for s in place.read(layer.scattering, self.width)]
+            along = [dr.fma(m, g, a) for m, g, a in zip(more, layer.asymmetry, along, strict=True)]
+            total = [s + m for s, m in zip(total, more, strict=True)]
+        # in a gap rounding is left over, of no direction
+        total = [dr.maximum(s, 0.0) for s in total]
+        mixed = [dr.select(s > 1e-14, a / dr.maximum(s, 1e-14), 0.0) for s, a in zip(total, along, strict=True)]
+        return total, [dr.clip(g, -0.99, 0.99) for g in mixed]
 
 
 EmittingNodes: TypeAlias = ThermalNodes | GlowNodes | OpacityNodes

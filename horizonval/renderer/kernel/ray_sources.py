@@ -223,11 +223,15 @@ class SunlitRays:
     def _beam(self, place: Place, bending: mi.Float64 | None) -> Beam:
         batch = self.batch
         if self.bent is not None and bending is not None:
-            share, lit, _, cosine = self.bent.sunlight(place.height_m, place.normal, bending, batch.width)
+            share, lit, _, cosine = self.bent.sunlight(
+                place.height_m, place.normal, bending, batch.width, batch.columns
+            )
             return Beam(share, lit, cosine, batch.molecular_light(cosine))
         assert not isinstance(batch.sunlight, RefractionTables)
         lit = ~self.planet.in_umbra(place.position, self.sun)
-        share = batch.sunlight.transmittance(place.height_m, dot(place.normal, self.sun), batch.width)
+        factor = batch.depth_factor(place.height_m, place.normal)
+        mu = dot(place.normal, self.sun)
+        share = batch.sunlight.transmittance(place.height_m, mu, batch.width, factor)
         return Beam(share, lit, dot(self.d, self.sun), self.molecular)
 
     def ground_radiance(self, path: AirPath, hit: SurfaceHit | None, state: State, sky: Values | None) -> Values:
@@ -257,13 +261,13 @@ def sunlit_ends(
     direct, diffuse = (batch.reflectance, batch.reflectance) if hit is None else hit.reflectance()
     if bent is not None and bending is not None:
         mu = dot(normal, bent.sun_at(bending))
-        share, lit, local, _ = bent.sunlight(height, normal, bending, batch.width)
+        share, lit, local, _ = bent.sunlight(height, normal, bending, batch.width, batch.columns)
         level: mi.Float64 = dr.maximum(local, 0.0)
         level = dr.select(lit, level, 0.0)
     else:
         assert not isinstance(batch.sunlight, RefractionTables)
         mu = dot(normal, sun)
-        share = batch.sunlight.transmittance(height, mu, batch.width)
+        share = batch.sunlight.transmittance(height, mu, batch.width, batch.depth_factor(height, normal))
         level = dr.maximum(mu, 0.0)
     radiance = [a * e * level * t for a, e, t in zip(direct, batch.irradiance, share, strict=True)]
     if batch.diffuse is None:

@@ -88,7 +88,7 @@ def render_bands(
     emitted = {air.band.name for air in thermal}
     channels = _Channels(cells)
     energy_of = {band: f"energy of {band}" for band in bands if band not in emitted}
-    batches = list(batches)
+    batches = [(group, batch.under(view.gap_maps) if view.gap_maps else batch) for group, batch in batches]
     hits: list[SurfaceLook] = []
     tables: FrameTables | None = None
     for number, (group, batch) in enumerate(batches):

@@ -20,6 +20,7 @@ from horizonval.earth.column import OpticalModel, SpectralNode
 from horizonval.renderer.kernel.batching import IMAGE_TABLE, make_batches
 from horizonval.renderer.kernel.discs import Disc
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, MoonInFrame
+from horizonval.renderer.kernel.gap_map import GapMap, gap_map
 from horizonval.renderer.kernel.node_batches import SolarNodes, ThermalNodes
 from horizonval.renderer.kernel.surface import make_ground
 from horizonval.renderer.planet import Planet
@@ -27,7 +28,7 @@ from horizonval.renderer.plugin.image import render_bands
 from horizonval.renderer.plugin.settings import LimbSettings, MoonSettings
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir, to_apparent_radius
 from horizonval.renderer.refraction.bending import BendingField
-from horizonval.renderer.scattering.quality import LAYERED, STANDARD
+from horizonval.renderer.scattering.quality import for_images
 from horizonval.renderer.thermal.emission_table import ThermalAir
 from horizonval.renderer.types import constant, constant_vector
 
@@ -73,9 +74,9 @@ def _make_tables(settings: LimbSettings, progress: Progress | None) -> Prepared:
     if model.refractivity is not None:
         air = to_apparent_radius(model, planet)
         model, planet, bending = air.model, air.planet, BendingField.of(air)
-    scattering = (LAYERED if model.layers else STANDARD) if settings.orders == "all" else None
+    scattering = for_images(model) if settings.orders == "all" else None
     batches = list(make_batches(model, planet, IMAGE_TABLE, scattering, progress, air))
-    thermal = [ThermalAir.of(b, model.emission, air) for b in model.thermal if model.emission]
+    thermal = [ThermalAir.of(b, model.emission, air, model.gaps) for b in model.thermal if model.emission]
     return Prepared(model, planet, batches, thermal, air, bending)
 
 
@@ -85,6 +86,14 @@ def _moon(moon: MoonSettings | None) -> MoonInFrame | None:
     radius = constant(moon.angular_radius_rad)
     disc = Disc(constant_vector(moon.direction_itrs), radius, constant_vector(moon.to_sun_itrs))
     return MoonInFrame(disc, moon.nearness, constant_vector(moon.light_itrs), moon.lights_earth)
+
+
+def _gap_maps(model: OpticalModel, planet: Planet, origin: tuple[float, float, float]) -> tuple[GapMap | None, ...]:
+    """Return the maps of a model's layers with gaps around the point below a camera."""
+    if not model.has_gaps:
+        return ()
+    layers = zip(model.layers, model.gaps, strict=True)
+    return tuple(None if gaps is None else gap_map(gaps, planet, origin, top) for (_, top), gaps in layers)
 
 
 def make_plugin() -> type:
@@ -117,6 +126,7 @@ def make_plugin() -> type:
                 _moon(settings.moon),
                 settings.sunless,
                 model.glow_top_m,
+                gap_maps=_gap_maps(model, settings.planet, (x, y, z)),
                 every_cell=settings.method == "march",
             )
 

@@ -29,7 +29,8 @@ Cameras move by that, some 4e-5 of their distance; directions stay.
 Approximations: one index for all wavelengths of a model, the mean of its nodes (1 % of the bending at either end of the
 visible; 20 m at the ground, 5 m at 10 km); one radius of curvature, the mean (N dR: 10 m at the ground in places of the
 Earth's ellipsoid, 3 m at 10 km, less above); geodetic verticals turn with the ray as if the planet were a sphere
-(1e-4 rad). Air is in layers: no horizontal gradients, no scintillation. The index starts from 1 at the highest node.
+(1e-4 rad). Light is bent as by the column below the camera, whatever the air at the limb: no horizontal gradients, no
+scintillation. The index starts from 1 at the highest node.
 """
 
 from __future__ import annotations
@@ -161,6 +162,16 @@ def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir
     def layer_columns(layers: FloatArray) -> FloatArray:
         return np.stack([column(values) * dr_dx for values in layers]) if len(layers) else layers
 
+    columns = model.columns
+    levels = apparent_height if columns is None else np.linspace(0.0, apparent_height[-1], len(columns.altitude_m))
+    level_height = np.interp(levels, apparent_height, true_height)
+    level_slope = np.interp(levels, apparent_height, np.where(air, dr_dx, 0.0))
+
+    def more(values: FloatArray) -> FloatArray:
+        if columns is None:
+            return values
+        return level_slope * np.stack([np.interp(level_height, columns.altitude_m, row) for row in values])
+
     straight = tuple(
         replace(
             node,
@@ -168,6 +179,8 @@ def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir
             molecular_per_m=per_metre(node.molecular_per_m),
             particle_per_m=per_metre(node.particle_per_m),
             layer_per_m=layer_columns(node.layer_per_m),
+            more_extinction_per_m=more(node.more_extinction_per_m),
+            more_molecular_per_m=more(node.more_molecular_per_m),
             asymmetry=column(node.asymmetry),
             source=column(node.source),
         )
@@ -183,6 +196,7 @@ def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir
             nodes=straight,
             refractivity=None,
             glow_altitude_m=glow,
+            columns=None if columns is None else replace(columns, altitude_m=levels),
             layers=tuple((float(apparent(np.array(a))), float(apparent(np.array(b)))) for a, b in model.layers),
         ),
         planet=Planet(planet.a_m + whole, planet.b_m + whole),

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from horizonval.renderer.column_air import ColumnAir, DepthFactor
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, warp
 from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunShell, interpolate, through_shells
@@ -76,10 +77,13 @@ class RefractionTables:
     depth: mi.Float64
     shells: tuple[SunShell, ...] = ()
 
-    def sunlight(self, height_m: mi.Float64, mu: mi.Float64, width: int) -> tuple[Values, mi.Bool, mi.Float64]:
+    def sunlight(
+        self, height_m: mi.Float64, mu: mi.Float64, width: int, factor: DepthFactor | None
+    ) -> tuple[Values, mi.Bool, mi.Float64]:
         """Return ``(share of the Sun's irradiance across the ray, whether it shines, local cosine)``.
 
-        ``mu`` is the true cosine. The share is transmittance times spreading.
+        ``mu`` is the true cosine. The share is transmittance times spreading. ``factor``: of the optical depth at the
+        places, by the local cosine, layers of thin cloud left out.
         """
         sun = self.sun
         i, wx, lowest = sun.cell(height_m)
@@ -93,8 +97,11 @@ class RefractionTables:
             return [dr.fma(b - a, wx, a) for a, b in zip(near, far, strict=True)]
 
         lift, spread = look(sun.values, 2)
-        share = [spread * dr.exp(TAU_FLOOR - dr.exp(v)) for v in look(self.depth, width)]
         local = dr.minimum(mu + lift, 1.0)
+        less = [TAU_FLOOR - dr.exp(v) for v in look(self.depth, width)]
+        if factor is not None:
+            less = [v * f for v, f in zip(less, factor(local), strict=True)]
+        share = [spread * dr.exp(v) for v in less]
         share = through_shells(share, self.shells, dr.maximum(height_m, 0.0), local, sun.radius_m)
         return share, mu > lowest, local
 
@@ -142,12 +149,16 @@ class BentRay:
         return x, y, z
 
     def sunlight(
-        self, height_m: mi.Float64, normal: Vec, bending: mi.Float64, width: int
+        self, height_m: mi.Float64, normal: Vec, bending: mi.Float64, width: int, columns: ColumnAir | None
     ) -> tuple[Values, mi.Bool, mi.Float64, mi.Float64]:
-        """Return ``(share of irradiance, whether the Sun shines, local cosine, cosine of the scattering angle)``."""
+        """Return ``(share of irradiance, whether the Sun shines, local cosine, cosine of the scattering angle)``.
+
+        ``columns``: how the air differs from place to place.
+        """
         sun = self.sun_at(bending)
         mu, along, slope = dot(normal, sun), dot(self.direction, sun), dot(normal, self.direction)
-        share, lit, local = self.tables.sunlight(height_m, mu, width)
+        factor = None if columns is None else columns.depth_factor(height_m, normal)
+        share, lit, local = self.tables.sunlight(height_m, mu, width, factor)
         ratio = dr.sqrt(dr.maximum(1.0 - local * local, 0.0) / dr.maximum(1.0 - mu * mu, 1e-12))
         return share, lit, local, dr.select(mu < 0.999999, ratio * (along - slope * mu) + slope * local, along)
 

@@ -34,9 +34,12 @@ def _without_peak(node: SpectralNode, degree: int) -> SpectralNode:
     share = [w * g ** (degree + 1) for w, g in zip(node.layer_albedo, node.layer_asymmetry, strict=True)]
     forward = np.array(share)[:, None] * node.layer_per_m
     total = forward.sum(axis=0)
+    # what scatters stays as much, of less extinction
+    albedo = tuple(w / (1.0 - f) for w, f in zip(node.layer_albedo, share, strict=True))
     return replace(
         node,
         extinction_per_m=node.extinction_per_m - total,
         layer_per_m=node.layer_per_m - forward,
+        layer_albedo=albedo,
         forward_per_m=total,
     )

@@ -26,8 +26,9 @@ ratios to it.
 against Monte Carlo, from a high Sun to one 18 deg below the horizon, for molecules. With particles of asymmetry 0.7:
 haze 0.7 % by day, 1 % until the Sun is 2 deg below the horizon and 5 % until 5 deg, in the dark rays towards the Sun;
 a dense layer with sharp edges 1.5 % (``FINE``: 0.7 %). LOWTRAN7's background, the Sun 5 to 12 deg below the horizon,
-450 and 850 nm: 2.4 % at worst, 0.6 % rms; after a large eruption 7.5 % at worst (850 nm, 12 deg, looking away from the
-Sun), 2.6 % rms. On the ellipsoid, read at geodetic height, 0.5 % against Monte Carlo over WGS84, which is its noise.
+450 and 850 nm: 2.4 % at worst, 0.6 % rms; after a large eruption (``LAYERED``, 850 nm) 4.6 % looking away from the
+Sun, 2.3 % rms in all, of which 1 % is the Monte Carlo's noise. On the ellipsoid, read at geodetic height, 0.5 % against
+Monte Carlo over WGS84, which is its noise.
 
 High moments are kept of the light that was scattered once or twice; of what follows, and of what the ground sends,
 those up to ``later_degree``: a third of the time, 0.1 % by day and at most 1 % more in the dark rays of twilight.

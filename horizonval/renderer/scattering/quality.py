@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from horizonval.earth.column import SpectralNode
+import numpy as np
+
+from horizonval.earth.column import OpticalModel, SpectralNode
 
 
 @dataclass(frozen=True)
@@ -38,8 +40,29 @@ FINE = Quality(32, 160, 24, 4, 8, 48, 32, 16, 96, 12, 6)
 """For single rays: 0.02 %, 0.3 % and 0.4 % (850 nm: 1.1 %)."""
 
 
-LAYERED = replace(STANDARD, particle_degree=12, first_azimuth=16)
-"""For images with layers of thin cloud, whose particles scatter further forward than haze."""
+LAYERED = replace(STANDARD, n_down=10, particle_degree=12, later_degree=6, first_azimuth=16)
+"""For images with layers of thin cloud, whose particles scatter further forward than haze: with as few directions below
+the horizon as haze has, sums over them would make high moments of smooth light."""
+
+_DENSE_STRATOSPHERE = 0.015
+"""Optical depth of particles above 12 km: half of it in a quiet stratosphere, twice and more after an eruption."""
+_STRATOSPHERE_M = 12_000.0
+
+
+def for_images(model: OpticalModel) -> Quality:
+    """Return the resolution that images of a model need.
+
+    A stratosphere full of particles needs the higher moments, too, with the Sun set: light that comes over the horizon
+    from the Sun is scattered straight back, where moments up to the eighth leave 5 to 7 % too much at 850 nm.
+    """
+    if model.layers:
+        return LAYERED
+    above = model.altitude_m >= _STRATOSPHERE_M
+    depth = max(
+        (float(np.trapezoid(n.particle_per_m[above], model.altitude_m[above])) for n in model.nodes), default=0.0
+    )
+    return LAYERED if depth > _DENSE_STRATOSPHERE else STANDARD
+
 
 MOLECULAR_DEGREE = 2
 """Of the moments that molecules scatter by."""

@@ -80,7 +80,9 @@ class ShellColumn:
         )
 
 
-HEIGHTS_IN_LAYER = 5
+HEIGHTS_IN_LAYER = 13
+"""Dense towards a layer's edges: what is seen of a dense one from the side is its outermost hundred metres, where light
+scattered towards the Sun grows from next to nothing."""
 
 
 def layer_bands(node: SpectralNode, altitude_m: FloatArray) -> list[tuple[float, float]]:
@@ -100,5 +102,6 @@ def field_heights(top_m: float, n_height: int, bands: Sequence[tuple[float, floa
     for base, top in bands:
         near = 0.1 * (top - base)
         outside = (heights < base - near) | (heights > top + near) | (heights == 0.0) | (heights == top_m)
-        heights = np.union1d(heights[outside], np.linspace(base, top, HEIGHTS_IN_LAYER))
+        share = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, HEIGHTS_IN_LAYER))
+        heights = np.union1d(heights[outside], base + (top - base) * share)
     return heights

@@ -44,6 +44,8 @@ def content_key(node: SpectralNode, altitude_m: FloatArray, planet_m: float, qua
     if len(node.layer_per_m):
         digest.update(np.ascontiguousarray(node.layer_per_m, dtype="<f8").tobytes())
         digest.update(np.ascontiguousarray(node.forward_per_m, dtype="<f8").tobytes())
+        heights = field_heights(float(altitude_m[-1]), quality.n_height, layer_bands(node, altitude_m))
+        digest.update(np.ascontiguousarray(heights, dtype="<f8").tobytes())
     return digest.hexdigest()[:32]
 
 

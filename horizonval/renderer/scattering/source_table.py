@@ -28,7 +28,7 @@ from horizonval.renderer.scattering.sun_angles import sun_angle_position
 from horizonval.renderer.tables import interpolate, table_of
 from horizonval.renderer.types import Values, Vec, Vec3
 
-ROW_STEP_M = 50.0
+ROW_STEP_M = 10.0
 
 
 @dataclass(frozen=True)

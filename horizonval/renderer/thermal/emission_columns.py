@@ -8,8 +8,8 @@ packet gathers.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -17,13 +17,15 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.clouds.layer_gaps import LayerGaps
 from horizonval.earth.clouds.layers import merged_bands
 from horizonval.earth.weather.column_map import ColumnMap
-from horizonval.renderer.layer_steps import Bands
-from horizonval.renderer.planet import dot
+from horizonval.renderer.column_air import Lattice
+from horizonval.renderer.kernel.gap_map import GapMap
+from horizonval.renderer.layer_steps import Bands, layer_bands
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
-from horizonval.renderer.tables import AltitudeGrid, gather_row, table_of
-from horizonval.renderer.types import Values, Vec, constant, constant_vector
+from horizonval.renderer.tables import AltitudeGrid, gather_row, interpolate, table_of
+from horizonval.renderer.types import Values, Vec
 
 WIDTH = 8
 """g points per kernel launch; they share all geometry. More of them find no room in a processor's registers."""
@@ -43,6 +45,8 @@ class AirColumns:
         Heights between which layers of thin cloud lie.
     column_map : ColumnMap or None
         Where the m columns stand, in place of ``sin_latitude``.
+    gapped : dict from int to ndarray, shape (g, n)
+        What layers with gaps add to the extinction in the mean, by their numbers among all layers.
     """
 
     altitude_m: FloatArray
@@ -51,14 +55,21 @@ class AirColumns:
     source: FloatArray
     column_map: ColumnMap | None = None
     bands: Bands = ()
+    gapped: dict[int, FloatArray] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, band: EmittingBand, air: ApparentRadiusAir | None = None) -> AirColumns:
-        """Build from a band; with refraction (``air``) per metre of the straight line, over apparent heights."""
+    def of(
+        cls, band: EmittingBand, air: ApparentRadiusAir | None = None, gaps: Sequence[LayerGaps | None] = ()
+    ) -> AirColumns:
+        """Build from a band; with refraction (``air``) per metre of the straight line, over apparent heights.
+
+        ``gaps``: of the band's layers, empty where none has any.
+        """
         extinction, source = band.columns()
+        gapped = {k: band.each_layer_per_m[k] for k, g in enumerate(gaps) if g is not None}
         if air is None:
-            bands = _bands(band.layers, band.altitude_m)
-            return cls(band.altitude_m, band.sin_latitude, extinction, source, band.column_map, bands)
+            bands = _bands(band.layers, band.altitude_m, gaps)
+            return cls(band.altitude_m, band.sin_latitude, extinction, source, band.column_map, bands, gapped)
         kept = np.arange(len(air.height_m))
         if band.column_map is not None:
             # hundreds of columns: only as many heights as the band itself has
@@ -80,7 +91,8 @@ class AirColumns:
             at(extinction) * np.where(inside, dr_dx, 0.0),
             at(source),
             band.column_map,
-            _bands(np.interp(band.layers, air.height_m, air.model.altitude_m), apparent),
+            _bands(np.interp(band.layers, air.height_m, air.model.altitude_m), apparent, gaps),
+            {k: at(column) * np.where(inside, dr_dx, 0.0) for k, column in gapped.items()},
         )
 
     @property
@@ -113,50 +125,34 @@ class AirColumns:
                 dr.opaque(mi.Float64, per_row, 1),
                 lattice,
                 self.bands,
+                tuple(GappedAbsorption(k, self._packed(v[part], width)) for k, v in self.gapped.items()),
             )
 
+    def _packed(self, column: FloatArray, width: int) -> mi.Float64:
+        """Return a column of some g points, shape (g, n), for the kernel."""
+        packed = np.zeros((len(self.altitude_m), width))
+        packed[:, : len(column)] = column.T
+        return table_of(mi.Float64, packed)
 
-def _bands(layers: FloatArray, altitude_m: FloatArray) -> Bands:
+
+def _bands(layers: FloatArray, altitude_m: FloatArray, gaps: Sequence[LayerGaps | None]) -> Bands:
     if not len(layers):
         return ()
     heights = [(float(base), float(top)) for base, top in layers]
-    return tuple(merged_bands(heights, float(np.diff(altitude_m).max())))
+    sizes = [(*height, g.scale_m) for height, g in zip(heights, gaps, strict=False) if g is not None]
+    return layer_bands(merged_bands(heights, float(np.diff(altitude_m).max())), sizes)
 
 
 @dataclass(frozen=True)
-class Lattice:
-    """A :class:`horizonval.earth.weather.column_map.ColumnMap` for the kernel; numbers as data."""
+class GappedAbsorption:
+    """A layer of thin cloud with gaps: its number among all, its mean column (n * width,), and where it is cloudy.
 
-    axes: tuple[Vec, Vec, Vec]
-    half: mi.Float64
-    per_step: mi.Float64
-    count: mi.UInt32
+    ``map`` None: the mean everywhere.
+    """
 
-    @classmethod
-    def of(cls, m: ColumnMap) -> Lattice:
-        """Build from a map."""
-        e, f, c = (constant_vector(axis) for axis in m.axes)
-        per_step = (m.count - 1) / (2.0 * m.half)
-        return cls((e, f, c), constant(m.half), constant(per_step), dr.opaque(mi.UInt32, m.count, 1))
-
-    def corners(self, normal: Vec) -> list[tuple[mi.UInt32, mi.Float64]]:
-        """Return the four columns around places of unit normals, and their weights."""
-        across, along, up = (dot(normal, axis) for axis in self.axes)
-        scale = 1.0 / (1.0 + up)
-        (i, u), (j, v) = (self._along(value * scale) for value in (across, along))
-        start = j * self.count + i
-        above = start + self.count
-        return [
-            (start, (1.0 - u) * (1.0 - v)),
-            (start + 1, u * (1.0 - v)),
-            (above, (1.0 - u) * v),
-            (above + 1, u * v),
-        ]
-
-    def _along(self, value: mi.Float64) -> tuple[mi.UInt32, mi.Float64]:
-        step = dr.clip((value + self.half) * self.per_step, 0.0, mi.Float64(self.count - 1))
-        i = dr.minimum(mi.UInt32(step), self.count - 2)
-        return i, step - mi.Float64(i)
+    number: int
+    extinction: mi.Float64
+    map: GapMap | None = None
 
 
 @dataclass(frozen=True)
@@ -176,6 +172,11 @@ class ColumnBatch:
     per_row: mi.Float64
     lattice: Lattice | None = None
     bands: Bands = ()
+    gapped: tuple[GappedAbsorption, ...] = ()
+
+    def under(self, maps: Sequence[GapMap | None]) -> ColumnBatch:
+        """Return the columns with the gaps of layers, by the maps of all layers."""
+        return replace(self, gapped=tuple(replace(layer, map=maps[layer.number]) for layer in self.gapped))
 
     def at(self, height_m: mi.Float64, normal: Vec) -> tuple[Values, Values]:
         """Return extinction and source per g point at heights above places of unit normals; none above the top."""
@@ -201,4 +202,9 @@ class ColumnBatch:
                     [dr.fma(a, v, b) for a, b in zip(values, total, strict=True)] if total else [a * v for a in values]
                 )
             out.append(total)
+        for layer in self.gapped:
+            if layer.map is not None:
+                excess = layer.map.excess(normal)
+                mean = interpolate(layer.extinction, i, w, self.width)
+                out[0] = [dr.maximum(dr.fma(excess, m, k), 0.0) for m, k in zip(mean, out[0], strict=True)]
         return [dr.select(inside, k, 0.0) for k in out[0]], out[1]

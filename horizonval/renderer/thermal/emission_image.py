@@ -1,13 +1,14 @@
 """Thermal bands of a frame: every cell looks up what the tables of its camera position say.
 
-Nothing here marches but the nodes of those tables that no frame looked at before. Kinds of ground and their
+Nothing here marches but the nodes of those tables that no frame looked at before; where thin cloud has gaps, every
+cell. Kinds of ground and their
 temperatures are found once for all bands, and so are clouds.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -24,6 +25,7 @@ from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.kernel.surface import Ground
 from horizonval.renderer.ray_path import way_through
 from horizonval.renderer.refraction.ray_end import ray_end
+from horizonval.renderer.tables import table_of
 from horizonval.renderer.thermal.emission_table import (
     ABOVE_TOPS_M,
     BandTables,
@@ -31,9 +33,11 @@ from horizonval.renderer.thermal.emission_table import (
     ThermalView,
     WarmKind,
     columns_for,
+    ground_values,
     lagrange,
+    limb_values,
 )
-from horizonval.renderer.types import Vec, indices_where
+from horizonval.renderer.types import Values, Vec, indices_where
 
 
 @dataclass(frozen=True)
@@ -116,16 +120,35 @@ class ThermalFrame:
         cells = self.cells
         columns = columns_for(self.coordinates, air.band)
         band = ThermalView(air, self.coordinates, columns, self.nodes, self.layer_m)
-        tables = self._covered(band)
+        clear = self._marched(air) if self.view.gap_maps else self._looked_up(band)
         if self.ground is not None:
-            clear = mixed(tables.ground.look(self.ground.row, self.ground.azimuth), air.kinds, self.ground.ends)
-            yield cells.ground.slot, cells.ground.share, self._behind_clouds(band, self.ground, clear)
+            radiance = mixed(clear(self.ground), air.kinds, self.ground.ends)
+            yield cells.ground.slot, cells.ground.share, self._behind_clouds(band, self.ground, radiance)
         if self.limb is not None:
-            clear = tables.limb.look(self.limb.row, self.limb.azimuth)[0]
-            yield cells.limb.slot, cells.limb.share, self._behind_clouds(band, self.limb, clear)
+            yield cells.limb.slot, cells.limb.share, self._behind_clouds(band, self.limb, clear(self.limb)[0])
         if self.sun is not None:
             assert cells.sun is not None
-            yield cells.sun.cell, mi.Float64(1.0), self._disc(tables, cells.sun, self.sun)
+            yield cells.sun.cell, mi.Float64(1.0), self._disc(clear(self.sun)[1], cells.sun, self.sun)
+
+    def _looked_up(self, band: ThermalView) -> Callable[[PlacedRays], Values]:
+        """Return what gives the quantities of :class:`BandTables` along rays through clear air, by the tables."""
+        tables = self._covered(band)
+
+        def look(placed: PlacedRays) -> Values:
+            return (tables.ground if placed.to_ground else tables.limb).look(placed.row, placed.azimuth)
+
+        return look
+
+    def _marched(self, air: ThermalAir) -> Callable[[PlacedRays], Values]:
+        """Return what gives the same quantities by a march of every ray, through the gaps of thin cloud."""
+        gapped, planet, o = air.under(self.view.gap_maps), self.view.planet, self.view.origin
+
+        def march(placed: PlacedRays) -> Values:
+            d = np.stack([np.array(c) for c in placed.rays.direction], axis=-1)
+            values = (ground_values if placed.to_ground else limb_values)(gapped, planet, o, d, self.nodes)
+            return [table_of(mi.Float64, column) for column in values.T]
+
+        return march
 
     def _covered(self, band: ThermalView) -> BandTables:
         """Return the tables of a band with all nodes that the frame needs."""
@@ -136,8 +159,7 @@ class ThermalFrame:
                 table.cover(placed.row, placed.azimuth, band.values(placed.to_ground))
         return tables
 
-    def _disc(self, tables: BandTables, disc: DiscCells, placed: PlacedRays) -> mi.Float64:
-        through = tables.limb.look(placed.row, placed.azimuth)[1]
+    def _disc(self, through: mi.Float64, disc: DiscCells, placed: PlacedRays) -> mi.Float64:
         if placed.ends.cloud is not None:
             through = through * dr.select(placed.ends.cloud, 1.0 - self.emission.cloud_emissivity, 1.0)
         return disc.radiance(math.pi * dr.sin(self.view.sun_radius) ** 2, (1.0,), through)

@@ -10,6 +10,9 @@ Tabulated over the two numbers of a ray (:mod:`horizonval.renderer.kernel.ray_co
 - where there are clouds: P and Q of :mod:`horizonval.renderer.thermal.emission_march` at :data:`STATIONS` stations
   through the layer of the tops.
 
+Gaps of thin cloud are finer than any table over directions: with them every ray is marched (:func:`limb_values`,
+:func:`ground_values`), and only what opaque clouds hide is that of the mean layers, from the tables.
+
 A cloud of emissivity e in front of a ray of radiance L gives ``P + e Q + (1 - e) (L - P)``.
 
 Nothing of it depends on where the camera looks, on the Sun or on the time of day: tables serve all frames from a
@@ -36,7 +39,9 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.core.digests import content_digest
 from horizonval.earth.atmosphere.emission import EmittingBand, SourceSpline
+from horizonval.earth.clouds.layer_gaps import LayerGaps
 from horizonval.earth.surface.ground_emission import GroundEmission
+from horizonval.renderer.kernel.gap_map import GapMap
 from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.planet import Planet, dot
 from horizonval.renderer.ray_path import way_through
@@ -57,7 +62,9 @@ COLUMNS_PER_RAD = 82.0
 """The same for each radian from the point below the camera to its horizon: the wider the circle, the more air."""
 MAP_COLUMNS = 3
 """Azimuths all round through columns on a map, by those of half a circle: three halves as dense as these, since the air
-bends at every column. With two, rays at random are off by up to 0.4 %, with three by 0.1 %."""
+bends at every column. With two, rays at random are off by up to 0.4 %, with three by 0.15 % seen from 20 N, in windows
+from 69 S by 0.5 %; over an ice sheet, where columns do not begin at 0, by 2 % within 2 km of the hard limb (29 of 30
+rays within 0.3 %)."""
 ABOVE_TOPS_M = 3000.0
 """The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
 root in its height."""
@@ -75,15 +82,25 @@ class ThermalAir:
     digest: str
 
     @classmethod
-    def of(cls, band: EmittingBand, emission: GroundEmission, air: ApparentRadiusAir | None = None) -> ThermalAir:
-        """Build; with refraction (``air``) over apparent heights."""
-        columns = AirColumns.of(band, air)
+    def of(
+        cls,
+        band: EmittingBand,
+        emission: GroundEmission,
+        air: ApparentRadiusAir | None = None,
+        gaps: Sequence[LayerGaps | None] = (),
+    ) -> ThermalAir:
+        """Build; with refraction (``air``) over apparent heights. ``gaps``: of the band's layers of thin cloud."""
+        columns = AirColumns.of(band, air, gaps)
         refraction = None if air is None else (air.height_m, air.dr_dx, columns.altitude_m)
         # what clouds emit is not tabulated, and a name says nothing
         digest = content_digest(
             replace(band, name=""), replace(emission, cloud_emissivity=0.0), refraction, mi.variant()
         )
         return cls(band, emission, columns.top_m, list(columns.batches()), GroundSource(band, emission), digest)
+
+    def under(self, maps: Sequence[GapMap | None]) -> ThermalAir:
+        """Return the air with the gaps of its layers, by the maps of all layers."""
+        return replace(self, batches=[batch.under(maps) for batch in self.batches])
 
     @cached_property
     def kinds(self) -> list[WarmKind]:
@@ -206,8 +223,8 @@ class ThermalView:
         def at(row: NDArray[np.int64], column: NDArray[np.int64]) -> FloatArray:
             o, d = self._rays(row, column, to_ground)
             if to_ground:
-                return _ground_values(self.air, self.coordinates.planet, o, d, self.nodes)
-            return _limb_values(self.air, self.coordinates.planet, o, d, self.nodes)
+                return ground_values(self.air, self.coordinates.planet, o, d, self.nodes)
+            return limb_values(self.air, self.coordinates.planet, o, d, self.nodes)
 
         return at
 
@@ -229,7 +246,7 @@ class ThermalView:
         return vectors(self.coordinates.origin[None, :]), d
 
 
-def _limb_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: int) -> FloatArray:
+def limb_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: int) -> FloatArray:
     """Return radiance of the air and of the Sun's disc through it, shape (rays, 2)."""
     out = np.zeros((len(d), 2))
     first = 0
@@ -242,7 +259,7 @@ def _limb_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: 
     return out
 
 
-def _ground_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: int) -> FloatArray:
+def ground_values(air: ThermalAir, planet: Planet, o: Vec, d: FloatArray, nodes: int) -> FloatArray:
     """Return the radiance of rays that end on every kind of ground at every temperature, shape (rays, kinds x T)."""
     ray, source, kinds = vectors(d), air.source, air.kinds
     p, normal, up = mirrored(planet, o, ray)

@@ -103,6 +103,8 @@ class FrameTables:
     ) -> FrameTables | None:
         """Find the places of a frame's rays, and make what is missing there; None where nothing shines by table.
 
+        Gaps of thin cloud are finer than tables over directions: a frame with such is marched, ray by ray.
+
         Parameters
         ----------
         view, cells : FrameGeometry, Cells
@@ -115,7 +117,7 @@ class FrameTables:
         digest : str
             Of air, planet and orders of scattering.
         """
-        lights = _lights(view, batches, nodes)
+        lights = [] if view.gap_maps else _lights(view, batches, nodes)
         if not lights:
             return None
         tables = cls(view, lights, digest)

@@ -17,8 +17,8 @@ class Atmosphere(Model):
 
     profile: str = "us_standard"
     """Temperature and gases by name (`horizonval list atmospheres`). `none` is no atmosphere at all.
-    `by_latitude_month` blends the AFGL climates by latitude and month: thermal bands then have the air of every
-    latitude in sight, solar bands one column for the whole frame, that of the point below the satellite.
+    `by_latitude_month` blends the AFGL climates by latitude and month: rays then cross the air of every latitude
+    in sight.
     `weather` draws the temperature, ozone and water vapour of one day over latitude, longitude and height, around the
     climate of the month; `weather:ec2008-12` and the like are real states, the same everywhere.
     """
@@ -30,8 +30,8 @@ class Atmosphere(Model):
     """
     profile_file: str | None = None
     """Temperature and gases from a CSV or JSON file beside this one, in place of `profile`: one profile for everywhere,
-    or with columns `latitude_deg` and `longitude_deg` those of up to 1000 places, blended between them. Thermal bands
-    then have the air of every place in sight. See `horizonval.earth.atmosphere.profile_file`.
+    or with columns `latitude_deg` and `longitude_deg` those of up to 1000 places, blended between them. Rays then
+    cross the air of every place in sight. See `horizonval.earth.atmosphere.profile_file`.
     """
     file: str | None = None
     """Optical properties from a file in the format of the `radiance` command, in place of everything else here; a

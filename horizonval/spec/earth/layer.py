@@ -36,8 +36,13 @@ class CloudLayer(Model):
     effective_radius_um: Annotated[float, Field(ge=FINEST_ICE_UM, le=MAX_ICE_UM)] | None = None
     """Of the particles: 10 to 60 um or 0.02 to 0.2 um for ice, 4 to 30 um for water."""
     cover: Fraction = 1.0
-    """Covered share. Its particles are spread evenly over the whole shell: a layer of optical depth 0.2 and cover 0.5
-    is one of 0.1."""
+    """Covered share. Without `scale_km` the particles are spread evenly over the whole shell: a layer of optical depth
+    0.2 and cover 0.5 is one of 0.1."""
+    scale_km: Annotated[float, Field(ge=20, le=2000)] | None = None
+    """Size of the largest cloudy places: the layer then has gaps between them, and `optical_depth` is the cloud's.
+    Without it the cloud is spread out evenly."""
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1), unit("1")] | None = None
+    """Draws the places of cloud and gaps. Default: drawn from the scene's name and seed."""
     occurrence: Literal["given", "climate"] = "given"
     """`given`: `cover` says it. `climate`: the cover is how often the kind is seen at the satellite's latitude in the
     month of the epoch."""
@@ -46,6 +51,8 @@ class CloudLayer(Model):
     def _consistent(self) -> CloudLayer:
         if self.base_km is not None and self.top_km is not None and self.top_km < self.base_km + 0.2 - 1e-9:
             raise ValueError("top_km must be at least 0.2 km above base_km")
+        if self.seed is not None and self.scale_km is None:
+            raise ValueError("seed draws the gaps of a layer, which has none without scale_km; give both or neither")
         if self.occurrence == "climate":
             if "cover" in self.model_fields_set:
                 raise ValueError('cover does not go with occurrence = "climate", which says it; leave one of them out')

@@ -77,12 +77,10 @@ def _sky(band: EmittingBand, at: GroundPlaces) -> FloatArray:
     count = len(band.sin_latitude)
     rows = np.unique(np.linspace(0, count - 1, min(count, _SKY_ROWS)).round().astype(int))
     some = replace(
-        band,
+        band.of_columns(rows),
         altitude_m=_thinned(band.altitude_m),
         layer_per_m=_thinned(band.layer_per_m),
         sin_latitude=band.sin_latitude[rows],
-        ln_extinction=band.ln_extinction[:, rows],
-        temperature_k=band.temperature_k[rows],
     )
     return np.stack([np.interp(at.places.sin_latitude, some.sin_latitude, g) for g in some.sky_irradiance()], axis=-1)
 
@@ -92,12 +90,10 @@ def _sky_of_map(band: EmittingBand, lattice: ColumnMap, normal: FloatArray) -> F
     nearest = np.argmax(normal @ lattice.normals().T, axis=1)
     columns, owner = np.unique(nearest, return_inverse=True)
     some = replace(
-        band,
+        band.of_columns(columns),
         altitude_m=_thinned(band.altitude_m),
         layer_per_m=_thinned(band.layer_per_m),
         sin_latitude=np.arange(len(columns), dtype=np.float64),
-        ln_extinction=band.ln_extinction[:, columns],
-        temperature_k=band.temperature_k[columns],
         column_map=None,
     )
     return some.sky_irradiance()[:, owner].T

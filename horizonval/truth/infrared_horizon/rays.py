@@ -11,7 +11,8 @@ Along the ray the height ``z`` is convex with its minimum ``h`` at the lowest po
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -77,6 +78,17 @@ class RayPath:
     distance: FloatArray
     sin_latitude: FloatArray
     level: FloatArray | None = None
+
+    def parts(self, azimuths: int) -> Iterator[RayPath]:
+        """Yield the rays of a few azimuths at a time."""
+        for first in range(0, len(self.distance), azimuths):
+            few = slice(first, first + azimuths)
+            yield replace(
+                self,
+                distance=self.distance[few],
+                sin_latitude=self.sin_latitude[few],
+                level=None if self.level is None else self.level[few],
+            )
 
     def metres_per_u(self, u: FloatArray) -> FloatArray:
         """Return ds/du [m^0.5], shape (azimuths, points)."""

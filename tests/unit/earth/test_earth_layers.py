@@ -14,6 +14,7 @@ from horizonval.core.errors import UserError
 from horizonval.earth.atmosphere.air import air_of
 from horizonval.earth.atmosphere.air_change import AirChange
 from horizonval.earth.clouds import layer_kinds, layer_optics
+from horizonval.earth.clouds.layer_gaps import LayerGaps
 from horizonval.earth.clouds.layers import ThinLayer, layers_of, merged_bands
 from horizonval.spec.scene import SceneSpec
 
@@ -161,3 +162,25 @@ def test_scenes_without_layers_keep_their_identity():
 
 def test_bands_are_merged():
     assert merged_bands([(9e3, 11e3), (10.9e3, 12e3), (15e3, 16e3)], 100.0) == [(8.9e3, 12.1e3), (14.9e3, 16.1e3)]
+
+
+def test_layers_have_gaps_where_a_scale_is_given():
+    even, broken, full = layers_of(
+        scene(
+            {"kind": "cirrus", "cover": 0.4},
+            {"kind": "cirrus", "cover": 0.4, "scale_km": 50.0, "seed": 5},
+            {"kind": "cirrus", "scale_km": 50.0},
+        )
+    )
+    assert even.gaps is None
+    assert full.gaps is None
+    assert broken.gaps == LayerGaps(0.4, 50e3, 5)
+    assert broken.extinction_550_per_m == even.extinction_550_per_m
+    drawn = [layer.gaps for layer in layers_of(scene(*[{"kind": "cirrus", "cover": 0.4, "scale_km": 50.0}] * 2))]
+    assert None not in drawn
+    assert drawn[0] != drawn[1]
+
+
+def test_a_seed_without_gaps_is_refused():
+    with pytest.raises(ValidationError, match="scale_km"):
+        scene({"kind": "cirrus", "cover": 0.4, "seed": 5})

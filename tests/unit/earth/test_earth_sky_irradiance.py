@@ -1,5 +1,6 @@
 """The sky over the ground against closed forms and rays over a round Earth."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -100,3 +101,14 @@ def test_shape_over_rows() -> None:
     # The moist tropics have a brighter sky than the winter of the north.
     total = sky.sum(axis=0)
     assert total[np.argmin(np.abs(band.sin_latitude))] > 5 * total[-1]
+
+
+@pytest.mark.parametrize("ground_m", [0.0, 40.0, 1000.0, 2890.0])
+def test_a_column_begins_at_its_ground(ground_m: float) -> None:
+    band = replace(grey(0.5, 250.0), ground_m=np.array([ground_m]))
+    ((column,),) = band.extinction_at(np.arange(0.0, 10001.0, 250.0))
+    # 0.5 over 10 km, cut off at the ground: cells of 250 m, those at the ends half as thick
+    assert np.trapezoid(column, dx=250.0) == pytest.approx(0.5 * (1.0 - ground_m / 10e3), rel=1e-9)
+    assert (column[np.arange(0.0, 10001.0, 250.0) < ground_m - 125.0] == 0.0).all()
+    sky = float(band.sky_irradiance()[0, 0])
+    assert sky == pytest.approx(band.source(250.0)[0] * (1 - 2 * expn(3, 0.5 * (1.0 - ground_m / 10e3))), rel=1e-3)

@@ -12,8 +12,9 @@ import pytest
 from make_weather_modes import made
 
 from horizonval.core.errors import UserError
-from horizonval.earth.atmosphere import columns
+from horizonval.earth.atmosphere import climate, columns
 from horizonval.earth.atmosphere.air import air_of
+from horizonval.earth.gases import afgl
 from horizonval.earth.tables import npz
 from horizonval.earth.weather import field, modes, real_states, warming, zonal_climate
 from horizonval.earth.weather.field import WeatherField
@@ -144,6 +145,29 @@ def test_the_antarctic_winter_is_cold() -> None:
     arctic = columns.weather_columns(WeatherField(1, 1.0), np.array([85.0]), np.zeros(1), Z_M, calm=True)
     assert np.interp(20e3, Z_M, arctic.temperature_k[0]) > kelvin + 8.0
     assert zonal_climate.sea_level_pa(-65.0) < zonal_climate.sea_level_pa(-30.0) - 2000.0
+
+
+def test_low_polar_air_is_as_cold_as_real_states() -> None:
+    """500 to 700 hPa poleward of 68 deg, where the subarctic climates are 10 to 18 K too warm; means over five or more
+    days, each of which has 6 K of weather: 3 standard errors."""
+    apart: dict[str, list[float]] = {}
+    for name in real_states.names():
+        s = real_states.real_state(name)
+        if abs(s.latitude_deg) < 68.0:
+            continue
+        month = climate.month_of(datetime(s.date.year, s.date.month, s.date.day, tzinfo=UTC))
+        winter = (4.0 <= month <= 10.5) == (s.latitude_deg < 0.0)
+        if s.latitude_deg > 0.0 and not winter:
+            continue
+        z = s.altitude_m[(s.altitude_m > s.surface_m + 200.0) & (s.pressure_pa > 5e4) & (s.pressure_pa < 7e4)]
+        blend = afgl.blended([climate.climate_weights(s.latitude_deg, month)], z).temperature_k
+        own = zonal_climate.temperature_k(np.array([s.latitude_deg]), month, z, blend)[0]
+        key = f"{'south' if s.latitude_deg < 0.0 else 'north'} {'winter' if winter else 'summer'}"
+        apart.setdefault(key, []).append(float(np.mean(own - np.interp(z, s.altitude_m, s.temperature_k))))
+    assert sorted(apart) == ["north winter", "south summer", "south winter"]
+    for key, found in apart.items():
+        assert len(found) >= 5
+        assert abs(np.mean(found)) < 3.0 * 6.0 / math.sqrt(len(found)), (key, np.mean(found))
 
 
 def test_a_warming_warms_the_winter_pole_and_cools_above() -> None:

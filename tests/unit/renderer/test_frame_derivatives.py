@@ -88,6 +88,15 @@ def test_attitude_of_a_frame_with_all_orders() -> None:
     assert max(_worst(scene, ("rotation_x", "rotation_z"), pixels=1e-3, least_steady=0.8).values()) < 2e-5
 
 
+def test_pose_of_a_frame_through_climates() -> None:
+    """Rows of latitude are tables in single precision, and the air bends at each: steps are a 1e-3th of a pixel."""
+    keys: dict[str, Any] = {"latitude_deg": 40, "atmosphere": {"profile": "by_latitude_month"}}
+    scene = _visible(render={**SINGLE, "method": "march"}, **keys)
+    worst = _worst(scene, ("rotation_x", "north"), pixels=1e-3, least_steady=0.0)
+    assert worst["rotation_x"] < 1e-4
+    assert worst["north"] < 1e-3
+
+
 @pytest.mark.parametrize("parameters", [("rotation_z", "north"), pytest.param(POSE, marks=pytest.mark.slow)])
 def test_pose_of_an_infrared_frame(parameters: tuple[str, ...]) -> None:
     assert max(_worst(_infrared(), parameters).values()) < 1e-5

@@ -21,6 +21,8 @@ LENS = {"width": 96, "height": 64, "fov_deg": 60.0, "distortion": [-0.12, 0.03, 
 OTHER_LENS = {"width": 80, "height": 90, "fov_deg": 70.0, "distortion": [-0.1, 0.02, 1e-4, 1e-4, -0.001]}
 CLOUDS = {"surface": {"kind": "earth"}, "clouds": {"cover": 0.5}, "render": {"orders": "single"}}
 OTHER_CLOUDS = {"surface": {"kind": "earth"}, "clouds": {"cover": 0.7, "top_km": 9.0}, "render": {"orders": "single"}}
+CLIMATES = {"atmosphere": {"profile": "by_latitude_month"}, "render": {"orders": "single"}}
+"""Two scenes see different numbers of rows of latitude."""
 
 
 def _kernels(changes: Mapping[str, Any], band: Mapping[str, Any], geometry: Mapping[str, Any]) -> dict[str, float]:
@@ -54,8 +56,16 @@ def _kernels(changes: Mapping[str, Any], band: Mapping[str, Any], geometry: Mapp
             50,
             0,
         ),
+        (
+            {**VISIBLE, "lo_um": 0.45, "hi_um": 0.75},
+            {**VISIBLE, "lo_um": 0.5, "hi_um": 0.65},
+            CLIMATES,
+            CLIMATES,
+            55,
+            1,
+        ),
     ],
-    ids=["air", "clouds", "thermal"],
+    ids=["air", "clouds", "thermal", "climates"],
 )
 def test_another_scene_of_the_kind_compiles_nothing(
     band: dict[str, Any],

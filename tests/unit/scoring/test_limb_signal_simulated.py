@@ -227,6 +227,9 @@ def test_a_thermal_limb_stands_before_cold_space() -> None:
     assert truth.sun_visible_fraction == 1.0
 
 
+LOW = {"altitude_km": 500.0, "latitude_deg": 20.0}
+
+
 @pytest.mark.parametrize(
     ("scene", "expected"),
     [
@@ -234,8 +237,11 @@ def test_a_thermal_limb_stands_before_cold_space() -> None:
         ({"atmosphere": {"profile": "none"}}, (False, limits.ALBEDO_OF_THE_EARTH, limits.ALBEDO_OF_THE_EARTH)),
         ({"atmosphere": {"profile": "none", "file": "a.json"}, "surface": {"albedo": 0.1}}, (True, 0.1, 0.1)),
         ({"atmosphere": {"profile": "none", "profile_file": "a.csv"}, "surface": {"albedo": 0.1}}, (True, 0.1, 0.1)),
-        ({"surface": {"albedo": 0.1, "kind": "earth"}}, (True, 0.1, limits.ALBEDO_OF_SNOW)),
-        ({"surface": {"albedo": 0.9, "kind": "earth"}}, (True, 0.9, 0.9)),
+        ({"surface": {"albedo": 0.1, "kind": "earth"}}, (True, 0.1, 0.98)),
+        ({"platform": LOW, "surface": {"albedo": 0.1, "kind": "earth"}}, (True, 0.1, limits.ALBEDO_OF_SNOW)),
+        ({"platform": LOW, "surface": {"albedo": 0.9, "kind": "earth"}}, (True, 0.9, 0.9)),
+        # Antarctica begins in sight: 500 km up the horizon is 22 deg away
+        ({"platform": LOW | {"latitude_deg": -40.0}, "surface": {"kind": "earth"}}, (True, 0.3, 0.98)),
         ({"surface": {"albedo": 0.1}, "clouds": {"cover": 0.3}}, (True, 0.1, limits.ALBEDO_OF_CLOUDS)),
         ({"surface": {"albedo": 0.1}, "clouds": {"cover": 0.3, "albedo": 0.5}}, (True, 0.1, 0.5)),
         ({"surface": {"albedo": 0.6}, "clouds": {"cover": 0.3, "albedo": 0.5}}, (True, 0.6, 0.6)),

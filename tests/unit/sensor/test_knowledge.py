@@ -217,3 +217,5 @@ def test_a_climate_is_a_name_or_a_file(climate: str | None) -> None:
 def test_another_climate_is_a_mistake_with_the_nearest_names() -> None:
     with pytest.raises(UserError, match=r"prior\.climate: found 'tropicl'; .* one of tropical"):
         refuse_unknown_climate(PriorSpec(climate="tropicl"))
+    with pytest.raises(UserError, match=r"prior\.climate: found 'tropicl'"):
+        drawn_prior(PriorSpec(climate="tropicl"), named(0))

@@ -1,0 +1,26 @@
+"""What is taken for known of the limb's air where no prior says it: wide enough for every band that is rendered."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from horizonval.estimation.guard.guard_limits import limb_height_m
+from horizonval.estimation.observation import Observation
+
+SCALE_HEIGHT_M = 7e3
+"""Of the air's density from the ground to 60 km: 6 to 8.5 km."""
+SCALE_SIGMA_M = 4e3
+"""Of the light's: a bare planet has none, haze and ozone stretch it by half."""
+
+
+def limb_height_prior(observation: Observation) -> tuple[float, float]:
+    """Return the mean height of the limb and its standard deviation [m]: the prior's, or that of any air.
+
+    Between the lowest and the highest limb of a band every height is alike: the variance of an even distribution is a
+    twelfth of its square width.
+    """
+    prior = observation.prior
+    if prior.limb_height_m is not None and prior.limb_height_sigma_m is not None:
+        return prior.limb_height_m, prior.limb_height_sigma_m
+    low, high = limb_height_m(observation.band_kind)
+    return 0.5 * (low + high), (high - low) / float(np.sqrt(12.0))

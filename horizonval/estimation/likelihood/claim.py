@@ -1,0 +1,64 @@
+"""From a limb's likelihood to what an estimator claims: start points in, nadir and covariance out, or a refusal."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
+from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
+from horizonval.estimation.limb.picture import Picture
+from horizonval.estimation.observation import Fit, Observation
+from horizonval.geometry.frames import roll_pitch_of_nadir
+from horizonval.geometry.horizon import angular_radius
+
+
+def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge: LimbKnowledge) -> Fit | Refusal:
+    """Return what the limb near a start says.
+
+    Parameters
+    ----------
+    picture : Picture
+        The observation's image.
+    observation : Observation
+        Camera, mounting and radius of the sphere are used.
+    start : LimbPose
+    knowledge : LimbKnowledge
+    """
+    try:
+        found = fit_limb(picture.grey, observation.camera, start, knowledge, picture.noise_sigma)
+    except np.linalg.LinAlgError as e:
+        return Refusal(Outcome.NOT_CONVERGED, f"the likelihood of the limb: {e}")
+    return fit_of(found, observation, knowledge)
+
+
+def fit_of(found: LimbLikelihoodFit, observation: Observation, knowledge: LimbKnowledge) -> Fit:
+    """Return a limb's fit in the terms of all estimators.
+
+    ``altitude_m`` is the distance from the Earth's centre less the radius of the sphere that methods assume, of an
+    ellipsoid too. The noise's covariance holds what priors leave open; the relief of the limb is what the model leaves
+    out, and systematic.
+    """
+    pose = found.pose
+    by_nadir = found.by_nadir
+    relief = by_nadir @ found.relief_covariance @ by_nadir.T
+    noise = by_nadir @ (found.covariance - found.relief_covariance) @ by_nadir.T
+    nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(pose.nadir_cam)
+    roll, pitch = roll_pitch_of_nadir(nadir_body)
+    distance = float(np.linalg.norm(pose.r_itrs))
+    up = pose.r_itrs / distance
+    return Fit(
+        nadir_cam=pose.nadir_cam,
+        covariance_nadir_cam=noise,
+        roll_rad=float(roll),
+        pitch_rad=float(pitch),
+        angular_radius_rad=angular_radius(pose.r_itrs, knowledge.ellipsoid.raised(pose.height_m)),
+        altitude_m=distance - observation.prior.sphere_radius_m,
+        sigma_altitude_m=float(np.sqrt(up @ found.covariance[3:6, 3:6] @ up)),
+        points=found.uv,
+        residuals_rad=found.residuals_rad,
+        steps=found.steps,
+        systematic_nadir_cam=relief,
+    )

@@ -1,0 +1,72 @@
+"""The limb of a sphere by maximum likelihood of the pixels across it.
+
+Points of the search for the limb give a cone, and the cone a start; from there on the pixels themselves are fitted
+(:mod:`horizonval.estimation.likelihood.fit`): two tilts, the altitude, the height of the limb, blur and softness, and
+levels by sector. Altitude and height of the limb change a sphere's limb alike, and only priors tell them apart: without
+one of the altitude the limb is taken for the sphere itself, as the other methods of a cone do.
+
+The Earth's flattening is left out. How it may bend the limb, the pole being anywhere, is in the fit as a relief, and so
+in what is claimed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.guard.guard_limits import reliefs
+from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_SIGMA_M, limb_height_prior
+from horizonval.estimation.likelihood.claim import claim
+from horizonval.estimation.likelihood.closed_form import position_from_limb
+from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose, sphere_knowledge
+from horizonval.estimation.limb.finder import find_limb_in, picture_of
+from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.geometry.ellipsoid import sphere
+
+LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
+"""Standard deviation of ``sin^2`` of the latitude over the sphere: times flattening and radius, 6.4 km, that of the
+Earth's radius below."""
+
+
+def run(observation: Observation) -> Fit | Refusal:
+    """Estimate nadir, roll, pitch and altitude from one image."""
+    picture = picture_of(observation.image, observation.camera, observation.full_scale)
+    if isinstance(picture, Refusal):
+        return picture
+    found = find_limb_in(picture, observation.camera)
+    if isinstance(found, Refusal):
+        return found
+    prior = observation.prior
+    radius, flattened = prior.sphere_radius_m, prior.flattening * prior.sphere_radius_m
+    known = prior.altitude_m is not None and prior.altitude_sigma_m is not None
+    height, height_sigma = limb_height_prior(observation) if known else (0.0, 0.0)
+    try:
+        r_cam = position_from_limb(found.los_cam, np.eye(3), sphere(radius + height))
+    except np.linalg.LinAlgError as e:
+        return Refusal(Outcome.NOT_CONVERGED, str(e), found.uv)
+    seen = float(np.linalg.norm(r_cam)) - radius
+    altitude, sigma = seen, np.inf
+    if prior.altitude_m is not None and prior.altitude_sigma_m is not None:
+        altitude, sigma = prior.altitude_m, float(np.hypot(prior.altitude_sigma_m, LOCAL_RADIUS_SHARE * flattened))
+    planet, mean, information = sphere_knowledge(
+        -r_cam / np.linalg.norm(r_cam), radius, altitude, sigma, height, height_sigma
+    )
+    knowledge = LimbKnowledge(
+        planet,
+        mean,
+        information,
+        scale_height_m=SCALE_HEIGHT_M,
+        scale_sigma_m=SCALE_SIGMA_M,
+        reliefs=reliefs(observation.band_kind),
+        flattened_m=flattened,
+    )
+    return claim(picture, observation, LimbPose(np.eye(3), r_cam, height), knowledge)
+
+
+ESTIMATOR = Estimator(
+    name="limb-sphere",
+    title="Limb of a sphere, maximum likelihood of the pixels",
+    run=run,
+    estimates="geocentric",
+)

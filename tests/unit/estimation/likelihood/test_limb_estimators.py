@@ -1,0 +1,155 @@
+"""The estimators of the limb's likelihood on pictures of a sphere and of the ellipsoid made without the package."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from limb_image import RADIUS_M, Sphere, noisy, picture
+from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
+from horizonval.estimation import registry
+from horizonval.estimation.observation import Fit, Observation
+from horizonval.estimation.prior import Prior
+from horizonval.geometry.camera import CameraModel
+
+ARCSEC = np.radians(1.0 / 3600.0)
+A_M, B_M = 6378137.0, 6356752.314245
+LEVEL = Sphere(160, 120, 147.3, (0.0, np.sin(np.radians(64.0)), np.cos(np.radians(64.0))), 500e3, scale_height_m=8e3)
+CAMERA = CameraModel(160, 120, 147.3, 147.3, 79.5, 59.5)
+WIDE = CameraModel(256, 192, 160.0, 160.0, 127.5, 95.5)
+
+
+def _error(fit: Fit | Refusal, nadir: np.ndarray) -> float:
+    assert isinstance(fit, Fit), fit
+    return float(np.arctan2(np.linalg.norm(np.cross(fit.nadir_cam, nadir)), fit.nadir_cam @ nadir)) / ARCSEC
+
+
+def _claimed(fit: Fit | Refusal) -> float:
+    assert isinstance(fit, Fit), fit
+    return float(np.sqrt(np.trace(fit.total_covariance_nadir_cam))) / ARCSEC
+
+
+@pytest.mark.parametrize("scale_height_m", [0.0, 8e3])
+def test_a_sphere_is_found_hard_or_soft(scale_height_m: float) -> None:
+    """The relief that the fit leaves room for costs what it claims; the picture has none."""
+    there = replace(LEVEL, scale_height_m=scale_height_m)
+    image = noisy(picture(there), np.random.default_rng(5))
+    seen = Observation(image, CAMERA, full_scale=255.0, prior=Prior(shape="sphere"))
+    fit = registry.get("limb-sphere").run(seen)
+    assert _error(fit, there.nadir) < 2.0 * _claimed(fit)
+    assert _claimed(fit) < 500.0
+    assert isinstance(fit, Fit)
+    assert fit.altitude_m is not None
+    assert fit.sigma_altitude_m is not None
+    assert abs(fit.altitude_m - 500e3) < 3.0 * fit.sigma_altitude_m
+    known = Prior(
+        shape="sphere", altitude_m=500e3, altitude_sigma_m=100.0, limb_height_m=0.0, limb_height_sigma_m=100.0
+    )
+    sure = registry.get("limb-sphere").run(replace(seen, prior=known))
+    assert _error(sure, there.nadir) < 2.0 * _claimed(sure)
+    assert _claimed(sure) < 0.5 * _claimed(fit)
+
+
+def test_a_method_of_a_sphere_claims_the_flattening_that_it_leaves_out() -> None:
+    image = noisy(picture(LEVEL), np.random.default_rng(6))
+    claims = [
+        _claimed(registry.get("limb-sphere").run(Observation(image, CAMERA, full_scale=255.0, prior=prior)))
+        for prior in (Prior(shape="wgs84"), Prior(shape="sphere"))
+    ]
+    assert claims[0] > 1.2 * claims[1]
+
+
+def _oblate(r: np.ndarray, cam_from_itrs: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Picture of a bare ellipsoid by the discriminant of its rays, four samples by four in a pixel, blurred by 0.7."""
+    fine = 4
+    u = -0.5 + (np.arange(WIDE.width * fine) + 0.5) / fine
+    v = -0.5 + (np.arange(WIDE.height * fine) + 0.5) / fine
+    column, row = np.meshgrid(u, v)
+    d = np.stack([(column - WIDE.cx) / WIDE.fx, (row - WIDE.cy) / WIDE.fy, np.ones_like(row)], axis=-1) @ cam_from_itrs
+    axes = np.array([A_M, A_M, B_M])
+    o, e = r / axes, d / axes
+    b, a, c = e @ o, np.einsum("...i,...i->...", e, e), o @ o - 1.0
+    discriminant = b * b - a * c
+    by_row, by_column = np.gradient(discriminant)
+    sky = np.clip(discriminant / np.maximum(np.hypot(by_row, by_column), 1e-300) + 0.5, 0.0, 1.0) * (b < 0.0)
+    blurred = gaussian_filter(sky, 0.7 * fine).reshape(WIDE.height, fine, WIDE.width, fine).mean(axis=(1, 3))
+    return noisy(20.0 + 180.0 * blurred, rng)
+
+
+def _view(seed: int) -> tuple[np.ndarray, np.ndarray, np.random.Generator]:
+    """A place at 600 km and a camera that has the limb across its middle."""
+    rng = np.random.default_rng(seed)
+    latitude, longitude, turn = np.radians(rng.uniform(20.0, 70.0)), rng.uniform(0.0, 6.0), rng.uniform(0.0, 6.0)
+    up = np.array([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
+    r = up * 6.97e6
+    level = np.cross(up, [0.0, 0.0, 1.0])
+    level /= np.linalg.norm(level)
+    level = np.cos(turn) * level + np.sin(turn) * np.cross(up, level)
+    off = np.arcsin(6371e3 / 6.97e6)
+    forward = -np.cos(off) * up + np.sin(off) * level
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    return r, np.array([right, np.cross(forward, right), forward]), rng
+
+
+def _prior(r: np.ndarray, cam_from_itrs: np.ndarray, rng: np.random.Generator) -> Prior:
+    sigma = np.radians([1.0, 1.0, 2.0])
+    coarse = Rotation.from_rotvec(rng.normal(size=3) * sigma) * Rotation.from_matrix(cam_from_itrs)
+    return Prior(
+        shape="wgs84",
+        r_itrs=r + rng.normal(0.0, 1e3, 3),
+        position_sigma_m=1e3,
+        q_cam_from_itrs=coarse.as_quat(),
+        attitude_sigma_rad=sigma,
+        limb_height_m=0.0,
+        limb_height_sigma_m=1e3,
+    )
+
+
+def test_the_ellipsoid_is_seen_where_a_sphere_is_off() -> None:
+    """Three places: the known ellipsoid within its claim, the sphere off by its flattening, hundreds of arcsec."""
+    known, sphere, squares = [], [], []
+    for seed in range(3):
+        r, cam_from_itrs, rng = _view(seed)
+        image = _oblate(r, cam_from_itrs, rng)
+        nadir = -cam_from_itrs @ r / np.linalg.norm(r)
+        seen = Observation(image, WIDE, full_scale=255.0, band_kind="solar", prior=_prior(r, cam_from_itrs, rng))
+        fit = registry.get("limb-ellipsoid").run(seen)
+        known.append(_error(fit, nadir))
+        squares.append(_error(fit, nadir) ** 2 / _claimed(fit) ** 2)
+        sphere.append(_error(registry.get("altitude-free").run(seen), nadir))
+    assert np.mean(squares) < 3.0
+    # three standard deviations of what they claim, 95 arcsec
+    assert max(known) < 300.0
+    assert np.sqrt(np.mean(np.square(sphere))) > 2.0 * np.sqrt(np.mean(np.square(known)))
+
+
+def test_without_position_or_attitude_the_ellipsoid_is_refused_in_one_line() -> None:
+    image = noisy(picture(LEVEL), np.random.default_rng(6))
+    run = registry.get("limb-ellipsoid").run
+    without = run(Observation(image, CAMERA, full_scale=255.0))
+    assert isinstance(without, Refusal)
+    assert without.status is Outcome.BAD_INPUT
+    assert "position" in without.reason
+    place = Prior(r_itrs=[7e6, 0.0, 0.0], position_sigma_m=1e3)
+    no_attitude = run(Observation(image, CAMERA, full_scale=255.0, prior=place))
+    assert isinstance(no_attitude, Refusal)
+    assert "attitude" in no_attitude.reason
+
+
+@pytest.mark.parametrize("name", ["limb-sphere", "limb-ellipsoid"])
+def test_an_image_without_a_limb_is_refused_as_the_search_refuses_it(name: str) -> None:
+    noise = np.random.default_rng(3).normal(20.0, 2.0, (120, 160))
+    prior = _prior(np.array([7e6, 0.0, 0.0]), np.eye(3), np.random.default_rng(1))
+    answer = registry.get(name).run(Observation(noise, CAMERA, full_scale=255.0, prior=prior))
+    assert isinstance(answer, Refusal)
+    assert answer.status in (Outcome.NO_LIMB, Outcome.DARK)
+
+
+def test_radius_of_the_picture_is_that_of_the_methods() -> None:
+    assert Observation(np.zeros((2, 2)), CAMERA).prior.sphere_radius_m == RADIUS_M

@@ -1,0 +1,102 @@
+"""Air that varies over the globe, in sunlight: which scenes have it, the plugin's text, tables and kernels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from horizonval.core.digests import content_digest
+from horizonval.earth.optical import optical_model
+from horizonval.renderer.plugin.backend import activate
+from horizonval.spec.scene import SceneSpec
+from horizonval.spec.sensor.camera import CameraSpec
+
+activate()
+from horizonval.renderer.plugin.model_text import dump_model, load_model  # noqa: E402
+from horizonval.renderer.scene.frame import render_frame  # noqa: E402
+
+CAMERA = CameraSpec.model_validate(
+    {
+        "camera": {"width": 40, "height": 40, "fov_deg": 60.0},
+        "band": [{"name": "b", "kind": "solar", "lo_um": 0.45, "hi_um": 0.65, "nodes": 2}],
+    }
+)
+
+
+def _scene(atmosphere: dict[str, Any], latitude_deg: float = 40.0, **render: Any) -> SceneSpec:
+    return SceneSpec.model_validate(
+        {
+            "camera": {"file": "test", "mount_roll_deg": 66.0},
+            "platform": {"altitude_km": 500.0, "latitude_deg": latitude_deg, "epoch_utc": "2026-01-15T12:00:00Z"},
+            "sun": {"zenith_deg": 60.0, "azimuth_deg": 60.0},
+            "atmosphere": atmosphere,
+            "render": {"orders": "single"} | render,
+        }
+    )
+
+
+CLIMATES = {"profile": "by_latitude_month"}
+WEATHER = {"profile": "weather", "seed": 4}
+
+
+@pytest.mark.parametrize("atmosphere", [CLIMATES, WEATHER], ids=["rows", "map"])
+def test_columns_survive_text_bit_by_bit(atmosphere: dict[str, Any]) -> None:
+    model = optical_model(_scene(atmosphere), CAMERA)
+    assert model.columns is not None
+    assert (model.columns.column_map is None) == (atmosphere is CLIMATES)
+    assert content_digest(load_model(dump_model(model))) == content_digest(model)
+
+
+def test_the_column_below_the_camera_is_no_different() -> None:
+    """Rows are 0.01 of the sine of latitude apart: between two of them climates change by less than 3 %."""
+    model = optical_model(_scene(CLIMATES), CAMERA)
+    assert model.columns is not None
+    node = model.nodes[0]
+    here = np.argmin(np.abs(model.columns.sin_latitude - np.sin(np.radians(40.0))))
+    own = np.interp(model.columns.altitude_m, model.altitude_m, node.extinction_per_m)
+    assert np.abs(node.more_extinction_per_m[here] / own).max() < 0.03
+    assert np.abs(node.more_extinction_per_m / own).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    "atmosphere", [{"profile": "tropical"}, CLIMATES | {"latitude_deg": 45.0}, {"profile": "weather:ec2008-12"}]
+)
+def test_one_column_serves_where_air_is_the_same(atmosphere: dict[str, Any]) -> None:
+    model = optical_model(_scene(atmosphere), CAMERA)
+    assert model.columns is None
+    assert model.nodes[0].more_extinction_per_m.size == 0
+
+
+def test_columns_that_differ_in_nothing_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With refraction and particles; single precision and the sum of two numbers are all that is between them."""
+    from horizonval.renderer.scene import description
+
+    scene = _scene(CLIMATES)
+    model = optical_model(scene, CAMERA)
+    nodes = tuple(
+        replace(
+            n,
+            more_extinction_per_m=0.0 * n.more_extinction_per_m,
+            more_molecular_per_m=0.0 * n.more_molecular_per_m,
+        )
+        for n in model.nodes
+    )
+    images = []
+    for columns in (model.columns, None):
+        changed = replace(model, nodes=nodes, columns=columns)
+        monkeypatch.setattr(description, "optical_model", lambda *_, changed=changed, **__: changed)
+        images.append(render_frame(scene, CAMERA).radiance["b"])
+    assert images[0] == pytest.approx(images[1], rel=2e-6)
+
+
+@pytest.mark.parametrize("atmosphere", [CLIMATES, WEATHER], ids=["rows", "map"])
+def test_tables_are_the_march(atmosphere: dict[str, Any]) -> None:
+    table, march = (
+        render_frame(_scene(atmosphere, method=method, nodes=nodes), CAMERA).radiance["b"]
+        for method, nodes in (("table", 128), ("march", 512))
+    )
+    bright = march > 1e-3 * march.max()
+    assert table[bright] == pytest.approx(march[bright], rel=1e-3)
