@@ -26,7 +26,7 @@ SPACE_LEVEL, EARTH_LEVEL = 0.1, 0.9
 """Of the edge, from 0 to 1: below and above it the noise of space and Earth is read."""
 MIDDLE_LEVEL = 0.02
 """From it to its like below 1 the edge itself is read."""
-SIGNIFICANT = 2.0
+SIGNIFICANT = 3.0
 """Standard deviations by which an excess must stand out: one that noise makes itself would only cost precision."""
 FEWEST_PIXELS = 8
 """Of either, or all residuals stand for it."""

@@ -28,7 +28,7 @@ PIXELS_ALONG = 24
 MOST_SECTORS = 48
 CENTRED = 2
 """Of the levels, those that scatter about a mean: background and amplitude, not the shading."""
-SIGNIFICANT = 2.0
+SIGNIFICANT = 3.0
 """Standard deviations by which the sectors' scatter must exceed what noise makes of them to be a scatter of theirs."""
 NO_SPREAD = 1e-6
 """Of the variance of the mean level: the smallest spread of sectors; it keeps the matrices regular."""

@@ -205,13 +205,15 @@ BARS = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "sphere", "known", "bar_arcsec"), BARS, ids=[bar[0] for bar in BARS])
-def test_a_hundred_draws_reach_the_bound(name: str, sphere: Sphere, known: bool, bar_arcsec: float) -> None:
-    """At most 1.15 times the bound, of which 7 % is the standard error of a hundred draws along one direction.
+def test_two_hundred_draws_reach_the_bound(name: str, sphere: Sphere, known: bool, bar_arcsec: float) -> None:
+    """At most 1.15 times the bound, of which 5 % is the standard error of two hundred draws along one direction.
+
+    (A hundred draws have 7 %: those of seed 2026 in low orbit, altitude free, were at 1.155.)
 
     The bar in arcsec was set for limbs like these whose geometry was not written down; these bounds lie within 7 % of
     the ones it was set for, so that it is judged to 7 %.
     """
-    trials = _trials(sphere, 100, known=known, seed=2026, poses=10)
+    trials = _trials(sphere, 200, known=known, seed=2026, poses=20)
     bound = float(np.sqrt(np.trace(bound_rad(sphere, altitude_known=known))))
     print(  # noqa: T201
         f"\n{name}: rms {trials.rms / ARCSEC:.3f} arcsec, {trials.rms / bound:.3f} of the bound {bound / ARCSEC:.3f},"
