@@ -196,14 +196,17 @@ def render_reference(
 ) -> Frame:
     """Render a scene by Monte Carlo in stock Mitsuba, the cross-check of :func:`render`.
 
-    It has scattering by molecules, ozone and particles over a uniform Lambert ground, in sunlight only; without the
-    Sun's disc and glare, surface map and clouds. The map ``standard_error_<band>`` tells its noise.
+    In sunlight it has scattering by molecules, ozone and particles over a uniform Lambert ground; in thermal bands air
+    and thin cloud that emit, over the scene's own ground, with an integrator of this package. Without refraction, the
+    Sun's disc and glare, clouds, parts, and in sunlight the surface map. The map ``standard_error_<band>`` tells its
+    noise; ``render["deterministic_frame_differs"]`` by how many standard errors :func:`render` of the same is off in
+    thermal bands.
 
     Parameters
     ----------
     scene : Scene, str or Path
     samples : int, optional
-        Per pixel and spectral node, at least 2.
+        Per pixel and spectral node (thermal bands: per pixel and band), at least 2.
     size : (int, int), optional
         Width and height of the image in fewer, larger pixels.
     progress : bool or Progress
@@ -216,7 +219,7 @@ def render_reference(
     Raises
     ------
     UserError
-        As :func:`render`; bands that see no sunlight, a size that does not fit the camera.
+        As :func:`render`; thermal bands through weather over the globe, a size that does not fit the camera.
 
     Examples
     --------
@@ -226,13 +229,12 @@ def render_reference(
     >>> hv.render_reference(scene, samples=2, progress=False)
     <Frame scene: 8 x 8 px, band vis>
     """
-    from horizonval.renderer.reference.reference import DEFAULT_SPP, check_sunlight, render_reference, resized
+    from horizonval.renderer.reference.reference import DEFAULT_SPP, render_reference, resized
 
     if samples is not None and samples < 2:
         raise UserError(f"found {samples}", where="samples", expected="at least 2")
     resolved = scene_of(scene)
     camera = resolved.camera.spec
-    check_sunlight(camera, resolved.spec.camera.file)
     if size is not None:
         camera = resized(camera, *size, where="size")
     with shown(progress, "reference", "passes") as listener:

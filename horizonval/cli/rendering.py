@@ -40,8 +40,9 @@ def render(
     Of a camera with several heads, the one that the scene or --head names; `all` writes FRAME.<head>.exr for each.
 
     --reference is the cross-check: stock Mitsuba's Monte Carlo with the scene's orders of scattering by molecules and
-    particles, ozone, and a uniform Lambert ground; without the Sun's disc and glare, surface map and clouds. Its
-    standard error lies beside the radiance.
+    particles, ozone, and a uniform Lambert ground; in thermal bands air and ground that emit, by an integrator for
+    Mitsuba that is apart from the march. Without refraction, the Sun's disc and glare, surface map (in sunlight) and
+    clouds. Its standard error lies beside the radiance.
     """
     import horizonval as hv
 
@@ -68,11 +69,14 @@ def render(
             raise
         raise UserError(e.what, where="--reference-size", expected=e.expected, fix=e.fix) from e
     _write_frame(out, frame, start)
-    from horizonval.renderer.reference.reference import HOLDS, LEAVES_OUT
-
     noise = ", ".join(f"{band} {100 * e:.2g} %" for band, e in frame.render["relative_standard_error"].items())
     print(f"standard error of a lit pixel: {noise} ({frame.render['spp']} samples)")
-    print(f"holds: {HOLDS}\nleaves out: {LEAVES_OUT}")
+    for band, by in frame.render.get("deterministic_frame_differs", {}).items():
+        print(
+            f"{band}: without --reference and what is left out {by['mean']:+.1f} standard errors of the mean,", end=" "
+        )
+        print(f"{by['rms']:.2f} rms in a lit pixel")
+    print(f"holds: {frame.render['holds']}\nleaves out: {frame.render['leaves_out']}")
 
 
 def mitsuba(

@@ -426,7 +426,13 @@ def test_render_by_reference(horizonval, scene):
     done = horizonval(*call, "a.exr")
     assert done.returncode == 0, done.stderr
     assert "[16/16] vis:1, pass 8 of 8" in done.stderr
-    for text in ("a.exr: 24 x 20, bands vis", "standard error", "16 samples", "leaves out: Sun's disc", "clouds"):
+    for text in (
+        "a.exr: 24 x 20, bands vis",
+        "standard error",
+        "16 samples",
+        "leaves out: refraction, Sun's disc",
+        "clouds",
+    ):
         assert text in done.stdout
     frame = exr.read_frame(scene / "a.exr")
     assert (frame.render["kind"], frame.render["spp"], frame.render["orders"]) == ("reference", 16, "all")
@@ -437,6 +443,18 @@ def test_render_by_reference(horizonval, scene):
     assert 0.0 < (error[ground] / frame.radiance["vis"][ground]).mean() < 0.5
     assert horizonval(*call, "b.exr").returncode == 0
     assert (scene / "a.exr").read_bytes() == (scene / "b.exr").read_bytes()
+
+
+def test_render_by_reference_in_the_infrared(horizonval, scene):
+    call = ("render", "limb-night-ir", "--reference", "--reference-size", "16x12", "--spp", "64", "-o", "a.exr")
+    done = horizonval(*call)
+    assert done.returncode == 0, done.stderr
+    for text in ("a.exr: 16 x 12, bands lwir", "64 samples", "standard errors of the mean", "leaves out: refraction"):
+        assert text in done.stdout
+    frame = exr.read_frame(scene / "a.exr")
+    assert frame.render["integrator"] == "emission_walk"
+    assert abs(frame.render["deterministic_frame_differs"]["lwir"]["mean"]) < 3.0
+    assert frame.maps["standard_error.lwir"].max() > 0.0
 
 
 def test_a_smaller_reference_shows_the_same_picture(horizonval, scene):
@@ -460,8 +478,8 @@ def test_reference_wrong_use(horizonval, scene):
     for size in ("24", "0x0", "24x", "-4x5", "24x20x2"):
         assert_one_line(horizonval(*call, "--reference", "--reference-size", size), "--reference-size", "64x64")
     assert_one_line(horizonval(*call, "--reference", "--reference-size", "24x24"), "out of proportion", "24x20")
-    night = ("render", "limb-night-ir", "-o", "r.exr", "--reference")
-    assert_one_line(horizonval(*night), "thermal", "solar bands only")
+    weather = ("render", "weather-limb-15um", "-o", "r.exr", "--reference", "--reference-size", "10x8")
+    assert_one_line(horizonval(*weather), "atmosphere.profile", "weather:ec2008-12")
     assert_one_line(horizonval("render", "limb-non-vis", "-o", "r.exr", "--reference"), "limb-noon-vis")
     assert not (scene / "r.exr").exists()
 
@@ -504,7 +522,12 @@ def test_exported_scenes_open_in_mitsuba(horizonval, scene):
         assert name in done.stdout
     text = (folder / "README.txt").read_text()
     assert len(text.splitlines()) == 2
-    for part in ("W m-2 sr-1", "kilometres", "grid of", "without Sun's disc and glare, surface map, clouds"):
+    for part in (
+        "W m-2 sr-1",
+        "kilometres",
+        "grid of",
+        "without refraction, Sun's disc and glare, surface map, clouds",
+    ):
         assert part in text
     line = text.split('python -c "')[1].split('"')[0]
     _python(folder, line + "; import numpy; numpy.save('ours.npy', numpy.array(image)[:, :, 0])")

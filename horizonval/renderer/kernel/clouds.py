@@ -203,8 +203,11 @@ def _relief_of_earth(field: CloudField, axes: tuple[Vec, Vec, Vec], per_unit: fl
     channels[3] = large / earth_pattern.sigma(at, arithmetic) + at.lift
     sparse = dr.empty(mi.Float32, side * side * earth_pattern.CHANNELS)
     node = dr.arange(mi.UInt32, side * side)
-    for k, channel in enumerate(channels):
-        dr.scatter(sparse, mi.Float32(channel), node * earth_pattern.CHANNELS + k, mode=dr.ReduceMode.NoConflicts)
+    found = [mi.Float32(channel) for channel in channels]
+    # once: every scatter would find them again
+    dr.eval(found)
+    for k, channel in enumerate(found):
+        dr.scatter(sparse, channel, node * earth_pattern.CHANNELS + k, mode=dr.ReduceMode.NoConflicts)
     dr.eval(sparse)
 
     node = dr.arange(mi.UInt32, TABLE_SIDE * TABLE_SIDE)

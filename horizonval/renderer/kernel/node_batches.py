@@ -19,7 +19,7 @@ from typing import Self, TypeAlias
 import drjit as dr
 import mitsuba as mi
 
-from horizonval.renderer.column_air import ColumnAir, DepthFactor
+from horizonval.renderer.column_air import ColumnAir, DepthFactor, Lattice
 from horizonval.renderer.kernel.gap_map import GapMap
 from horizonval.renderer.layer_steps import Bands
 from horizonval.renderer.planet import Planet, along
@@ -263,6 +263,11 @@ class SolarNodes(_Air):
     glow: GlowNodes | None = None
     moonlight: Values | None = None
     columns: ColumnAir | None = None
+
+    @property
+    def on_a_map(self) -> bool:
+        """Whether the air varies with longitude too."""
+        return self.columns is not None and isinstance(self.columns.places, Lattice)
 
     def under(self, maps: Sequence[GapMap | None]) -> SolarNodes:
         """Return the batch, and its airglow, with the gaps of its layers."""

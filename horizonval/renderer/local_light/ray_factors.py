@@ -115,9 +115,12 @@ def ray_factors(
         labels=("i", "tau", "total", "weighted"),
         label="local light",
     )
+    factors = [mi.Float32(w / t) for w, t in zip(weighted, total, strict=True)]
+    # once: every scatter would march again
+    dr.eval(factors)
     values = dr.empty(mi.Float32, rows * azimuths * width)
     lane = dr.arange(mi.UInt32, rows * azimuths)
-    for n in range(width):
-        dr.scatter(values, mi.Float32(weighted[n] / total[n]), lane * width + n)
+    for n, factor in enumerate(factors):
+        dr.scatter(values, factor, lane * width + n)
     dr.eval(values)
     return RayFactors(values, rows, azimuths, width)

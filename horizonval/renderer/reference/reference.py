@@ -1,13 +1,15 @@
-"""A frame by Monte Carlo, in stock Mitsuba: the cross-check of the march, pixel by pixel.
+"""A frame by Monte Carlo, in Mitsuba: the cross-check of the march, pixel by pixel.
 
-:mod:`horizonval.renderer.reference.reference_scene` says what such a frame holds and leaves out. It comes with an
-estimate of its own noise: several passes with independent seeds, whose scatter is the standard error.
+:mod:`horizonval.renderer.reference.reference_scene` says what such a frame holds and leaves out in sunlight,
+:mod:`horizonval.renderer.reference.emission_walk` how air shines in thermal bands. It comes with an estimate of its own
+noise: several passes with independent seeds, whose scatter is the standard error. Thermal bands say how far the
+deterministic frame is from them, of the same scene without what the reference leaves out.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,34 +22,28 @@ from horizonval.core.progress import Progress, Silent
 from horizonval.frame import RadianceFrame
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.renderer.scene.description import Described, describe
+from horizonval.renderer.scene.frame import render_frame
 from horizonval.renderer.scene.frame_memory import refuse_too_large
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.truth.frame_truth import with_infrared_horizon
 
 if TYPE_CHECKING:
     from horizonval.renderer.reference.reference_scene import Placement
+    from horizonval.renderer.types import PluginDict
 
 HOLDS = "molecules, ozone, particles, uniform Lambert ground, Sun as a point"
-LEAVES_OUT = "Sun's disc and glare, surface map, clouds, parts of the spacecraft"
+LEAVES_OUT = "refraction, Sun's disc and glare, surface map, clouds, parts of the spacecraft"
+THERMAL_HOLDS = "air and thin cloud that emit, ground by kind that emits and reflects the sky"
+THERMAL_LEAVES_OUT = "refraction, Sun's disc, clouds, parts of the spacecraft"
 STANDARD_ERROR = "standard_error"
 """Map ``standard_error.<band>`` [W m-2 sr-1]: of each pixel's radiance, Monte Carlo noise alone."""
 DEFAULT_SPP = 256
 MOST_SPP = 1_000_000
 LEAST_PASSES = 8
+MOST_SUBSAMPLES = 16
 LANES = 2**22
 """Most paths of one pass: bounds the memory and the time between two signs of life."""
-
-
-def check_sunlight(camera: CameraSpec, where: str) -> None:
-    """Refuse thermal bands: stock media do not glow."""
-    thermal = [band.name for band in camera.band if band.kind == "thermal"]
-    if thermal:
-        raise UserError(
-            f"band {thermal[0]!r} is thermal",
-            where=where,
-            expected="solar bands only: the reference holds scattered sunlight",
-            fix="render it without --reference",
-        )
 
 
 def resized(camera: CameraSpec, width: int, height: int, where: str) -> CameraSpec:
@@ -93,18 +89,20 @@ def render_reference(
     """Return the frame by Monte Carlo, with the map ``standard_error.<band>`` beside its radiance.
 
     The seeds come from the scene's identity: the same scene, samples and number of threads give the same frame. Bands
-    are weighted sums over the same spectral nodes as in the deterministic frame; ``scene.render.orders`` of scattering.
+    are sums over the same spectral nodes as in the deterministic frame; ``scene.render.orders`` of scattering.
 
     Parameters
     ----------
     spp : int
-        Samples per pixel and spectral node, 2 to 1e6; rounded up to a multiple of the number of passes.
+        Samples per pixel and spectral node, 2 to 1e6; rounded up to a multiple of the number of passes. The g points of
+        a thermal band share those of the band.
     progress : Progress, optional
 
     Raises
     ------
     UserError
-        Thermal bands, and whatever :func:`horizonval.renderer.scene.frame.render_frame` refuses.
+        Thermal bands through air that varies with longitude, and whatever
+        :func:`horizonval.renderer.scene.frame.render_frame` refuses.
     """
     if not 2 <= spp <= MOST_SPP:
         raise UserError(
@@ -112,72 +110,164 @@ def render_reference(
             where="samples",
             expected=f"2 to {MOST_SPP}: the standard error needs two passes",
         )
-    check_sunlight(camera, scene.camera.file)
     refuse_too_large(scene, camera)
     progress = progress or Silent()
     described = describe(scene, camera)
-    import mitsuba as mi
-
-    from horizonval.renderer.plugin.scene_text import camera_properties
-    from horizonval.renderer.plugin.settings import CameraSettings
-    from horizonval.renderer.reference import reference_scene as stock
-
-    intrinsics, place = described.camera, placement(described)
-    if stock.is_stock(intrinsics):
-        sensor = stock.perspective(intrinsics, place)
-    else:
-        # the one exception to "stock": our camera plugin, in kilometres
-        origin_km = (place.camera_m - place.origin_m) * stock.KM
-        lens = CameraSettings(intrinsics, origin_km, described.itrs_from_cam)
-        sensor = camera_properties(lens) | {"film": stock.film(intrinsics)}
-    model = described.model
-    volume = stock.shell_volumes(model, place)
-    orders = 1 if scene.render.orders == "single" else None
+    model, intrinsics = described.model, described.camera
+    _refuse_weather(described)
+    described = replace(described, truth=with_infrared_horizon(described.truth, model))
     passes, each = _passes(spp, intrinsics.width * intrinsics.height)
-    bands = list(dict.fromkeys(node.band for node in model.nodes))
-    shape = (intrinsics.height, intrinsics.width)
-    radiance = {band: np.zeros(shape) for band in bands}
-    energy = {band: np.zeros(shape) for band in bands}
-    variance = {band: np.zeros(shape) for band in bands}
-    progress.start(len(model.nodes) * passes, 0, unit="passes")
-    for i, node in enumerate(model.nodes):
-        mi_scene = mi.load_dict(stock.reference_scene(model, node, place, sensor, volume, orders))
-        mean, squares = np.zeros(shape), np.zeros(shape)
-        for k in range(passes):
-            seed = _seed(described.truth.scene_id, i, k)
-            image = np.array(mi.render(mi_scene, spp=each, seed=mi.UInt32(seed))).astype(float).reshape(shape)
-            # Welford: no list of images, no cancellation
-            step = image - mean
-            mean += step / (k + 1)
-            squares += step * (image - mean)
-            progress.done(f"{node.name}, pass {k + 1} of {passes}")
-        unit = node.weight * node.solar_irradiance
-        radiance[node.band] += unit * mean
-        energy[node.band] += unit * node.energy_ratio * mean
-        variance[node.band] += unit**2 * squares / (passes * (passes - 1))
-    error = {band: np.sqrt(v) for band, v in variance.items()}
+    progress.start((len(model.nodes) + len(model.thermal)) * passes, 0, unit="passes")
+    run = _Passes(passes, each, described, progress)
+    bands, sensor = _sunlight(scene, described, run), _sensor(described)
+    thermal = _emission(described, run)
+    bands |= thermal
+    radiance = {band: bands[band].radiance for band in model.bands}
+    error = {band: np.sqrt(bands[band].variance) for band in model.bands}
     maps = dict(_truth_maps(described))
     maps |= {f"{STANDARD_ERROR}.{band}": e.astype(np.float32) for band, e in error.items()}
     settings: dict[str, Any] = {
         "version": __version__,
         "kind": "reference",
         "variant": described.variant,
-        "integrator": "volpath",
+        "integrator": " and ".join(["volpath"] * bool(model.nodes) + ["emission_walk"] * bool(thermal)),
         "sensor": sensor["type"],
         "orders": scene.render.orders,
         "spp": passes * each,
         "passes": passes,
-        "relative_standard_error": {band: _relative(radiance[band], error[band]) for band in bands},
-        "holds": HOLDS,
-        "leaves_out": LEAVES_OUT,
+        "relative_standard_error": {band: _relative(radiance[band], error[band]) for band in model.bands},
+        "holds": "; ".join([HOLDS] * bool(model.nodes) + [THERMAL_HOLDS] * bool(thermal)),
+        "leaves_out": LEAVES_OUT if model.nodes else THERMAL_LEAVES_OUT,
     }
+    if thermal:
+        settings["deterministic_frame_differs"] = _differences(scene, camera, {b: bands[b] for b in thermal})
     return RadianceFrame(
         radiance={band: r.astype(np.float32) for band, r in radiance.items()},
         maps=maps,
         truth=described.truth,
         render=settings,
-        energy_radiance={band: e.astype(np.float32) for band, e in energy.items()},
+        energy_radiance={band: bands[band].energy.astype(np.float32) for band in model.bands if band not in thermal},
     )
+
+
+@dataclass(frozen=True)
+class _Band:
+    """Sums over a band's nodes; arrays of the image's shape."""
+
+    radiance: FloatArray
+    energy: FloatArray
+    variance: FloatArray
+
+
+@dataclass(frozen=True)
+class _Passes:
+    """Independent renders of a scene: ``count`` of them with ``each`` samples per pixel."""
+
+    count: int
+    each: int
+    described: Described
+    progress: Progress
+
+    def of(self, mi_scene: Any, name: str, node: int) -> tuple[FloatArray, FloatArray]:
+        """Return the mean image and the variance of this mean."""
+        import mitsuba as mi
+
+        camera = self.described.camera
+        shape = (camera.height, camera.width)
+        mean, squares = np.zeros(shape), np.zeros(shape)
+        for k in range(self.count):
+            seed = _seed(self.described.truth.scene_id, node, k)
+            image = np.array(mi.render(mi_scene, spp=self.each, seed=mi.UInt32(seed))).astype(float).reshape(shape)
+            # Welford: no list of images, no cancellation
+            step = image - mean
+            mean += step / (k + 1)
+            squares += step * (image - mean)
+            self.progress.done(f"{name}, pass {k + 1} of {self.count}")
+        return mean, squares / (self.count * (self.count - 1))
+
+
+def _sunlight(scene: SceneSpec, described: Described, run: _Passes) -> dict[str, _Band]:
+    import mitsuba as mi
+
+    from horizonval.renderer.reference import reference_scene as stock
+
+    model, place, sensor = described.model, placement(described), _sensor(described)
+    volume = stock.shell_volumes(model, place)
+    orders = 1 if scene.render.orders == "single" else None
+    bands: dict[str, _Band] = {}
+    for i, node in enumerate(model.nodes):
+        mi_scene = mi.load_dict(stock.reference_scene(model, node, place, sensor, volume, orders))
+        mean, variance = run.of(mi_scene, node.name, i)
+        unit = node.weight * node.solar_irradiance
+        more = _Band(unit * mean, unit * node.energy_ratio * mean, unit**2 * variance)
+        before = bands.get(node.band, _Band(*(np.zeros(mean.shape),) * 3))
+        bands[node.band] = _Band(
+            before.radiance + more.radiance, before.energy + more.energy, before.variance + more.variance
+        )
+    return bands
+
+
+def _emission(described: Described, run: _Passes) -> dict[str, _Band]:
+    model = described.model
+    if model.emission is None or not model.thermal:
+        return {}
+    import mitsuba as mi
+
+    from horizonval.renderer.reference.emission_walk import emission_scene
+    from horizonval.renderer.reference.ground_tables import GroundGrid, GroundTables
+
+    place, sensor = placement(described), _sensor(described)
+    grid = GroundGrid.below(place, model.emission)
+    bands: dict[str, _Band] = {}
+    for i, band in enumerate(model.thermal, start=len(model.nodes)):
+        ground = GroundTables.of(grid, model.emission, band)
+        mean, variance = run.of(mi.load_dict(emission_scene(place, band, ground, sensor)), band.name, i)
+        bands[band.name] = _Band(mean, mean, variance)
+    return bands
+
+
+def _sensor(described: Described) -> PluginDict:
+    """Return the stock pinhole, or else, the one exception to "stock", our camera plugin in kilometres."""
+    from horizonval.renderer.plugin.scene_text import camera_properties
+    from horizonval.renderer.plugin.settings import CameraSettings
+    from horizonval.renderer.reference import reference_scene as stock
+
+    intrinsics, place = described.camera, placement(described)
+    if stock.is_stock(intrinsics):
+        return stock.perspective(intrinsics, place)
+    lens = CameraSettings(intrinsics, (place.camera_m - place.origin_m) * stock.KM, described.itrs_from_cam)
+    return camera_properties(lens) | {"film": stock.film(intrinsics)}
+
+
+def _refuse_weather(described: Described) -> None:
+    if any(band.column_map is not None for band in described.model.thermal):
+        raise UserError(
+            'is "weather" over the globe, and the camera has thermal bands',
+            where="atmosphere.profile",
+            expected="air that varies with height and latitude alone",
+            fix='name a state, such as "weather:ec2008-12", or a climate, or render without --reference',
+        )
+
+
+def _differences(scene: SceneSpec, camera: CameraSpec, bands: dict[str, _Band]) -> dict[str, dict[str, float]]:
+    """Return how far the deterministic frame is from bands, in standard errors: their mean, and rms over pixels.
+
+    Pixels above a hundredth of the brightest. A perfect frame has an rms of 1.18 where there are 8 passes (Student's
+    t). It has as many rays per pixel as there may be: pixels of a small image hold much of a limb.
+    """
+    straight = scene.atmosphere.model_copy(update={"refraction": False})
+    fine = scene.render.model_copy(update={"subsamples": MOST_SUBSAMPLES})
+    same = scene.model_copy(update={"atmosphere": straight, "clouds": None, "part": [], "render": fine})
+    ours = render_frame(same, camera).radiance
+    found = {}
+    for name, band in bands.items():
+        lit = (band.radiance > 0.01 * band.radiance.max()) & (band.variance > 0.0)
+        difference, variance = (ours[name].astype(float) - band.radiance)[lit], band.variance[lit]
+        if lit.any():
+            mean = difference.sum() / np.sqrt(variance.sum())
+            rms = float(np.sqrt(np.mean(difference**2 / variance)))
+            found[name] = {"mean": float(mean), "rms": rms, "pixels": int(lit.sum())}
+    return found
 
 
 def placement(described: Described) -> Placement:
