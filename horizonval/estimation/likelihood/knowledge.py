@@ -16,8 +16,8 @@ from horizonval.earth.limb_relief import Relief
 from horizonval.geometry.ellipsoid import Ellipsoid
 
 FIXED_ANGLE_RAD = 1e-6
-FIXED_LENGTH_M = 1.0
-"""Sigmas of what is no unknown: below what any image shows (0.2 and 0.03 arcsec), far above rounding."""
+FIXED_LENGTH_M = 0.1
+"""Sigmas of what is no unknown: below what an image shows (0.2 arcsec of yaw, 0.01 of altitude), above rounding."""
 
 
 @dataclass(frozen=True)
