@@ -5,9 +5,10 @@ Nothing here depends on wavelength but the albedos, so every group of rays is tr
 The physics is that of :mod:`horizonval.earth.surface.surface`, written again for the kernel.
 
 Cloud tops are horizontal Lambert reflectors at their height; those of the pattern of the Earth hand on to the ground
-below what they do not reflect. Where a cloud stands before the Sun, ground and clouds have of its beam what the cloud
-lets through: one ray to the Sun's centre decides. Facets of the sea reflect the Sun's beam to the camera; skylight
-sees them as an albedo.
+below what they do not reflect, as diffuse light: snow under them does not shine forward. That thin ones let part of the
+beam through as it is is left out. Where a cloud stands before the Sun, ground and clouds have of its beam what the
+cloud lets through: one ray to the Sun's centre decides. Facets of the sea reflect the Sun's beam to the camera;
+skylight sees them as an albedo.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ class SurfaceHit:
     glint : Float64
         Reflectance of the sea's facets [1/sr].
     forward : Float64
-        Radiance of snow in the Sun's beam over that of a Lambert surface.
+        Radiance of snow in the Sun's beam over that of a Lambert surface; 1 under clouds, whose light is diffuse.
     bending : Float64 or None
         By how much a ray has turned at its end [rad]; None without refraction.
     lamps : Float64 or None
@@ -118,6 +119,8 @@ class SurfaceHit:
 def _through(cloud: mi.Float64, ground: mi.Float64) -> mi.Float64:
     """Return the albedo of ground under a cloud that absorbs nothing, by the albedos of both (the adding method).
 
+    Albedos of diffuse light, never above 1: with one direction's reflectance of the beam, which may be above, the light
+    to and fro between ground and cloud would have no end.
     The ground's is zero under opaque clouds, which let nothing through.
     """
     return cloud + (1.0 - cloud) * (1.0 - cloud) * ground / (1.0 - cloud * ground)
@@ -185,7 +188,7 @@ def surface_hits(
         mu_sun = dot(normal, light)
         mu_view, cosine = -dot(normal, arriving), -dot(arriving, light)
         glint = wet * bare * glint_brdf(mu_sun, mu_view, cosine, variance)
-        forward = snow_factor(ground.table.snow, mu_sun, mu_view, cosine)
+        forward = dr.select(cloud, 1.0, snow_factor(ground.table.snow, mu_sun, mu_view, cosine))
         entering = (1.0 - fresnel(dr.maximum(mu_sun, 0.0))) / (1.0 - surface.water_sky_albedo())
         hits.append(SurfaceHit(everywhere, cloud, t, lit, shares, entering, glint, forward, place.bending))
     if ground.table.inhabitants is not None:

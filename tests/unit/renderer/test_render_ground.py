@@ -221,6 +221,42 @@ def test_thin_clouds_hand_on_what_they_do_not_reflect(mi: Any) -> None:
     assert np.quantile(frame.radiance["vis"][lit] / snow[lit], 0.02) > 0.5
 
 
+@pytest.mark.parametrize("sun_zenith_deg", [75.0, 88.0])
+def test_snow_under_clouds_sends_back_no_more_than_it_receives(mi: Any, sun_zenith_deg: float) -> None:
+    """Light from a cloud is diffuse: cloud and snow together have an albedo, from the cloud's to 1, at every angle.
+
+    Snow in the low Sun's beam is brighter than a white Lambert surface towards the Sun's other side; that to and fro
+    under a cloud was a pole of the closed form, of either sign.
+    """
+    from horizonval.renderer.kernel.surface import make_ground, surface_hits
+    from horizonval.renderer.planet import Planet
+
+    winter = {"latitude_deg": 62.0, "longitude_deg": 100.0, "epoch_utc": "2025-01-15T00:00:00Z"}
+    scene = _scene(platform={"altitude_km": 500.0} | winter, surface={"kind": "earth"}, clouds={})
+    model = surface.ground_model(scene)
+    origin = np.array(truth_of(scene, _camera()).r_itrs)
+    up = origin / np.linalg.norm(origin)
+    side = np.cross(up, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side)
+    off, around = (v.ravel() for v in np.meshgrid(np.linspace(0.2, 1.1, 64), np.linspace(0.0, 2 * np.pi, 128)))
+    across = np.cos(around)[:, None] * side + np.sin(around)[:, None] * np.cross(up, side)
+    d = -np.cos(off)[:, None] * up + np.sin(off)[:, None] * across
+    planet = Planet(WGS84.a_m, WGS84.b_m)
+    ground = make_ground(model, planet, tuple(origin.tolist()))
+    assert ground is not None
+    zenith = np.radians(sun_zenith_deg)
+    light = np.cos(zenith) * up + np.sin(zenith) * side
+    o, sun = (tuple(mi.Float64(float(c)) for c in v) for v in (origin, light))
+    (hit,) = surface_hits(ground, planet, o, _vec(mi, d), [sun], to_ground=True)
+    (direct,), _ = hit.at(model, [0.55], 1).reflectance()
+    on_cloud, lit = np.array(hit.cloud), np.array(hit.sunlit)
+    snow, white = (np.array(hit.shares[k]) for k in ("snow", "cloud"))
+    assert (on_cloud & (snow > 0.9)).sum() > 500
+    albedo = np.pi * np.array(direct)[on_cloud]
+    assert np.all(albedo <= lit[on_cloud] * (1.0 + 1e-9))
+    assert np.all(albedo >= lit[on_cloud] * white[on_cloud] * model.clouds.albedo * (1.0 - 1e-9))
+
+
 def test_rays_end_where_the_clouds_are(mi: Any) -> None:
     """The end lies on the relief (2 m: ten bisections of a step), and no point before it inside one."""
     from horizonval.renderer.kernel.clouds import cloud_table, first_cloud

@@ -61,7 +61,8 @@ def _knowledge(sphere: Sphere, nadir: np.ndarray, altitude_m: float, known: bool
         mean,
         information,
         scale_height_m=sphere.scale_height_m,
-        scale_sigma_m=0.3 * sphere.scale_height_m,
+        # The bound knows the scale height: the fit is told it to 10 m.
+        scale_sigma_m=10.0 if sphere.scale_height_m > 0.0 else 0.0,
         blur_log_sigma=0.3,
     )
 
