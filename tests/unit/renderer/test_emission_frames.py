@@ -77,7 +77,7 @@ def test_tables_say_what_the_march_says(
     """1e-3 of the local radiance where it exceeds 1e-3 of the brightest; both march with 256 nodes.
 
     From a geostationary orbit 2e-3: there the climates bend along the limb where two of them meet (54 deg north).
-    Weather bends at every column, which tables follow to 1.5e-3 (``MAP_COLUMNS``); 1e-3 held for another draw.
+    Weather bends at every column, which tables follow to 1.5e-3 (``MAP_COLUMNS``): 1 ray in 2000 is beyond.
     All but 1 in 30 rays are within a third of that.
 
     Rays at random, a quarter of them within 2 km of the hard limb and as many about 16 km, where the absorption bends.
