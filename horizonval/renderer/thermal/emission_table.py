@@ -60,11 +60,11 @@ COLUMNS_ALIKE, FEWEST_COLUMNS = 13, 33
 """Azimuths over half a circle: through air that is the same everywhere, and through air that is not."""
 COLUMNS_PER_RAD = 82.0
 """The same for each radian from the point below the camera to its horizon: the wider the circle, the more air."""
-MAP_COLUMNS = 3
-"""Azimuths all round through columns on a map, by those of half a circle: three halves as dense as these, since the air
-bends at every column. With two, rays at random are off by up to 0.4 %, with three by 0.15 % seen from 20 N, in windows
-from 69 S by 0.5 %; over an ice sheet, where columns do not begin at 0, by 2 % within 2 km of the hard limb (29 of 30
-rays within 0.3 %)."""
+MAP_COLUMNS = 5
+"""Azimuths all round through columns on a map, by those of half a circle: 2.5 times as dense as these, since the air
+bends at every column. Of 2000 rays at random past the ground in a window the worst is off by 0.16 % seen from 500 km
+over 20 N (29 of 30 within 0.02 %), by 0.11 % from a geostationary orbit (0.02 %), by 0.28 % from 69 S over the edge of
+an ice sheet, where columns do not begin at 0 (0.03 %). With three the same were 0.22, 0.40 and 0.69 %."""
 ABOVE_TOPS_M = 3000.0
 """The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
 root in its height."""
