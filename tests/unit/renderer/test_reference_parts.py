@@ -33,12 +33,12 @@ def test_heights_equal_geometry(mi: Any) -> None:
     """1e-6 m for exact shells, 0.6 m for the grid, poles and equator included."""
     from horizonval.renderer.planet import Planet
     from horizonval.renderer.reference.grid_volume import _radius_and_height
-    from horizonval.renderer.reference.reference_scene import Placement, _geodetic_height
+    from horizonval.renderer.reference.reference_scene import Placement, geodetic
 
     r = _positions()
     planet = Planet(WGS84.a_m, WGS84.b_m)
     expected = geodetic_height(r, WGS84)
-    exact = np.array(_geodetic_height(planet, [mi.Float64(np.ascontiguousarray(c)) for c in r.T]))
+    exact = np.array(geodetic(planet, mi.Vector3d(*(np.ascontiguousarray(c) for c in r.T)))[0])
     assert np.abs(exact - expected).max() < 1e-6
     place = Placement.below(planet, np.array([7e6, 0.0, 0.0]), np.eye(3), (1.0, 0.0, 0.0))
     assert np.abs(_radius_and_height(place, r)[1] - expected).max() < 0.6
