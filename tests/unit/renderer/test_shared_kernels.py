@@ -46,7 +46,7 @@ def _kernels(changes: Mapping[str, Any], band: Mapping[str, Any], geometry: Mapp
             CLOUDS,
             OTHER_CLOUDS,
             80,
-            2,
+            4,  # two by day, and two with pieces on either side of the shadow's edge
         ),
         (
             {"name": "i", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.0},
