@@ -53,7 +53,7 @@ def layer_bands(heights: Sequence[tuple[float, float]], gaps: Sequence[tuple[flo
 def steps_among_gaps(thickness_m: float, scale_m: float) -> int:
     """Return the steps that the longest passage of a layer needs: from its top down to its base, level there."""
     longest = math.sqrt(2.0 * _RADIUS_M * thickness_m)
-    return min(_six(STEPS_PER_SCALE * longest / scale_m), MOST_STEPS)
+    return min(_twelve(STEPS_PER_SCALE * longest / scale_m), MOST_STEPS)
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class LayeredSteps:
         """Steps of a ray."""
         return mi.UInt32(self.starts[-1])
 
-    def boundary(self, path: AirPath, i: mi.Float64, count: int) -> mi.Float64:
+    def boundary(self, path: AirPath, i: mi.Float64, count: mi.Float64 | int) -> mi.Float64:
         """Return ``y`` at step boundary ``i``."""
         low, high, first, last = self.cuts[0], self.cuts[1], self.starts[0], self.starts[1]
         for k in range(1, len(self.cuts) - 1):
@@ -116,7 +116,7 @@ def layered_steps(
     down: list[mi.Float64] = []
     up: list[mi.Float64] = []
     steps_down: list[int] = []
-    outer, inner = _six(count / 2), _six(count / 4)
+    outer, inner = _twelve(count / 2), _twelve(count / 4)
     for n, band in enumerate(reversed(bands)):
         steps_down += [outer if n == 0 else inner, band.steps]
         for height in (band.top_m, band.base_m):
@@ -139,6 +139,6 @@ def layered_steps(
     return LayeredSteps(tuple(y), tuple(starts), ends, crossed)
 
 
-def _six(steps: float) -> int:
-    """Return a number of steps as a multiple of six: for pairs of steps, and thirds of pieces."""
-    return 6 * max(1, round(steps / 6.0))
+def _twelve(steps: float) -> int:
+    """Return a number of steps as a multiple of twelve: for rounds of four steps, and thirds of pieces."""
+    return 12 * max(1, round(steps / 12.0))

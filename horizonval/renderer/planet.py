@@ -21,7 +21,7 @@ def dot(p: Vec3[Real], q: Vec3[Real]) -> Real:
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
-def along(o: Vec, d: Vec, t: mi.Float64 | float) -> Vec:
+def along(o: Vec3[Real], d: Vec3[Real], t: Real | float) -> Vec3[Real]:
     """Return the point ``o + t d``."""
     return dr.fma(d[0], t, o[0]), dr.fma(d[1], t, o[1]), dr.fma(d[2], t, o[2])
 

@@ -14,7 +14,7 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.renderer.planet import Planet, along
-from horizonval.renderer.types import Vec
+from horizonval.renderer.types import Vec, constant
 
 SOLAR_CONCENTRATION = 0.15
 THERMAL_CONCENTRATION = 0.5
@@ -94,7 +94,7 @@ class Steps:
     y1: mi.Float64
     y2: mi.Float64
 
-    def boundary(self, path: AirPath, i: mi.Float64, count: int) -> mi.Float64:
+    def boundary(self, path: AirPath, i: mi.Float64, count: mi.Float64) -> mi.Float64:
         """Return ``y`` at step boundary ``i``: linear between the shared-out boundaries."""
         first = path.y0 + (self.y1 - path.y0) * (i / dr.maximum(self.n1, 1.0))
         middle = self.y1 + (self.y2 - self.y1) * ((i - self.n1) / dr.maximum(self.n2 - self.n1, 1.0))
@@ -127,8 +127,8 @@ def lit_steps(path: AirPath, y1: mi.Float64, y2: mi.Float64, count: int, steady:
     """
     if steady:
         crossed = (y1 > path.y0) | (y2 < path.y1)
-        n1 = dr.select(crossed, mi.Float64(round(count / 3)), 0.0)
-        n2 = dr.select(crossed, mi.Float64(round(2 * count / 3)), float(count))
+        n1 = dr.select(crossed, constant(round(count / 3)), 0.0)
+        n2 = dr.select(crossed, constant(round(2 * count / 3)), constant(count))
         return Steps(n1, n2, dr.select(crossed, y1, path.y0), dr.select(crossed, dr.maximum(y2, y1), path.y1))
     span = dr.maximum(path.y1 - path.y0, 1e-9)
     tiny = 1e-6 * span

@@ -65,6 +65,10 @@ def packet_type(scalar: type[Real]) -> Any:
     return module.ad.Array4f if dr.type_v(scalar) == dr.VarType.Float32 else module.ad.Array4f64
 
 
+def _at(nodes: mi.Float64, i: mi.UInt32) -> Any:
+    return dr.gather(mi.Float64, nodes, i)
+
+
 @dataclass(frozen=True)
 class AltitudeGrid:
     """Where on the common altitude grid a height lies. Uniform grids need no search."""
@@ -82,20 +86,19 @@ class AltitudeGrid:
             table_of(mi.Float64, altitude_m), len(altitude_m), float(altitude_m[-1]) / len(steps) if uniform else None
         )
 
-    def locate(self, height_m: mi.Float64) -> tuple[mi.UInt32, mi.Float64, mi.Bool]:
+    def locate(self, height_m: Real) -> tuple[mi.UInt32, Real, mi.Bool]:
         """Return ``(i, w, inside)``: lower node, weight of the upper one, and whether the height is at most the top.
 
-        Heights below 0 (rounding at the ground) count as 0.
+        Heights below 0 (rounding at the ground) count as 0. On even grids they may be single.
         """
         if self.step_m is not None:
             x = dr.maximum(height_m, 0.0) * (1.0 / self.step_m)
             i = dr.minimum(mi.UInt32(dr.minimum(x, self.count)), self.count - 2)
-            w = x - mi.Float64(i)
+            w = x - type(x)(i)
         else:
-            i = dr.binary_search(1, self.count - 1, lambda k: dr.gather(mi.Float64, self.altitude_m, k) <= height_m)
+            i = dr.binary_search(1, self.count - 1, lambda k: _at(self.altitude_m, k) <= height_m)
             i = mi.UInt32(i) - 1
-            low = dr.gather(mi.Float64, self.altitude_m, i)
-            high = dr.gather(mi.Float64, self.altitude_m, i + 1)
+            low, high = _at(self.altitude_m, i), _at(self.altitude_m, i + 1)
             w = dr.maximum(height_m - low, 0.0) / (high - low)
         return i, dr.minimum(w, 1.0), w <= 1.0 + 1e-9
 

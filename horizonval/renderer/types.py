@@ -67,6 +67,12 @@ def numbers_from(first: int, count: int) -> mi.UInt32:
     return dr.opaque(mi.UInt32, first, 1) + dr.arange(mi.UInt32, count) if count else mi.UInt32()
 
 
+def in_single(v: Vec) -> Vec3[mi.Float32]:
+    """Return a vector in single precision."""
+    x, y, z = (mi.Float32(c) for c in v)
+    return x, y, z
+
+
 def constant_vector(values: Iterable[float]) -> Vec:
     """Return three components as :func:`constant`."""
     x, y, z = (constant(v) for v in values)

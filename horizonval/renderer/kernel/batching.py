@@ -103,7 +103,7 @@ def make_batches(
         if solar:
             field = BendingField.of(air)
             sun = refracted_sun_table(field, size.n_height, size.n_mu, size.path_nodes)
-            refraction = _Refraction(field.per_m, table_of(mi.Float64, air.height_m), *sun)
+            refraction = _Refraction(table_of(mi.Float64, air.bending_per_m), table_of(mi.Float64, air.height_m), *sun)
     true_grid, true_node = AltitudeGrid.of(true_model.altitude_m), {n.name: n for n in true_model.nodes}
     grid = AltitudeGrid.of(model.altitude_m)
     for group in _groups(solar):

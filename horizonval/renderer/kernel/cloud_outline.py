@@ -8,9 +8,10 @@ all clouds when::
     delta = max over i of (z_i - h_i) / (t_i cos e_i)
 
 and the line crosses the outline as far from its middle as that angle is worth. A turn within a cell moves the points by
-nothing else. With refraction the points are those of the bent ray, which turned bends otherwise: a second ray starts
-where the first found the outline. Points lie as densely as those of the search for clouds (:mod:`.clouds`);
-those over squares whose highest top would stay below what is found already are skipped.
+nothing else. With refraction heights are the apparent ones, in which the turned ray is as straight as the first; the
+points are those below the bent ray, which turned bends by a little more or less and passes the same clouds up to 3 km
+earlier or later. Points lie as densely as those of the search for clouds (:mod:`.clouds`); those over squares whose
+highest top would stay below what is found already are skipped.
 
 Clouds have no gaps below, so a line is covered from the outline inwards, down to the hard edge if that cuts it. The
 share of a cell is the mean of its lines.
@@ -24,16 +25,14 @@ import drjit as dr
 import mitsuba as mi
 
 from horizonval.earth.clouds.relief import BASE_M
-from horizonval.renderer.kernel.clouds import SKIP_MARGIN_M, CloudTable
+from horizonval.renderer.kernel.clouds import BENDING_NODES_ABOVE, NO_TOP_M, SKIP_MARGIN_M, CloudTable
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, limb_function
 from horizonval.renderer.planet import along, dot
-from horizonval.renderer.types import Vec
+from horizonval.renderer.refraction.bending import turn_between, vertical_of
+from horizonval.renderer.types import Vec, Vec3, in_single
 
 LINES = 4
 """Across a cell. A straight outline of any slope is off by 1/128 of a cell at most."""
-BENT_PASSES = 2
-"""With refraction a turned ray bends otherwise: the outline is looked for again from where it was found."""
-BENDING_NODES_ABOVE = 32
 NONE = -1.0
 """Of the delta of the module text where there is no cloud: far below all."""
 STEEPEST = 1.01
@@ -94,14 +93,10 @@ def outline_cells(
     per_line = dr.maximum(inner - outer, 1e-15)
     hard = dr.clip(-middle / per_line, -0.5, 0.5)
     dr.eval(per_line, hard, inner)
-    top = dr.zeros(mi.Float64, count * LINES)
-    for _ in range(1 if view.bending is None else BENT_PASSES):
-        direction = view.rays.direction(*place(cell, across, top))
-        dr.eval(direction)
-        turn = _turn(view, clouds, direction, inner)
-        top = dr.clip(top - turn / per_line, -0.5, 0.5)
-        dr.eval(top)
-    top = dr.minimum(top, hard)
+    direction = view.rays.direction(*place(cell, across, mi.Float64(0.0)))
+    dr.eval(direction)
+    turn = _turn(view, clouds, direction, inner)
+    top = dr.minimum(dr.clip(-turn / per_line, -0.5, 0.5), hard)
     dr.eval(top)
 
     none, first_line = dr.zeros(mi.Float64, count), dr.zeros(mi.UInt32, count)
@@ -141,50 +136,71 @@ def _turn(view: FrameGeometry, table: CloudTable, d: Vec, inner: mi.Float64) -> 
     start = dr.maximum(nearest - half, table.step_m)
     count = dr.select(half > 0.0, dr.ceil((nearest + half - start) / table.step_m), -1.0)
 
-    bending = view.bending
-    up = None if bending is None else bending.up(o, d)
+    bending, single = view.bending, mi.Float32
+    up = None if bending is None else in_single(bending.up(o, d))
+    entry, along_ray, from_camera = in_single(along(o, d, start)), in_single(d), single(start)
+    step_m = single(table.step_m)
 
-    def place(t: mi.Float64, angle: mi.Float64) -> tuple[mi.Float64, Vec]:
-        if bending is None:
-            return planet.height_and_normal(along(o, d, t))
-        return bending.place(o, d, t, angle)
-
-    def turned(t: mi.Float64, angle: mi.Float64, further_m: mi.Float64) -> mi.Float64:
+    def place(
+        s: mi.Float32, before: mi.Float32, angle: mi.Float32, rate: mi.Float32
+    ) -> tuple[mi.Float32, Vec3[mi.Float32], Vec3[mi.Float32], mi.Float32, mi.Float32]:
+        """Return apparent heights and normals, true verticals, and angle and rate, by those at ``before``."""
+        point = along(entry, along_ray, s)
         if bending is None or up is None:
-            return angle
-        return dr.fma(bending.rate(o, d, up, dr.fma(0.5, further_m, t)), further_m, angle)
+            height, normal = planet.height_and_normal(point)
+            return height, normal, normal, angle, rate
+        bent = bending.look(point, up)
+        angle = dr.fma(turn_between(rate, bent.rate), s - before, angle)
+        return bent.height_m, bent.normal, vertical_of(bent.normal, along_ray, angle), angle, bent.rate
 
-    def turn_at(t: mi.Float64, height: mi.Float64, normal: Vec) -> mi.Float64:
-        top, rise = table.top(normal), dr.minimum(dot(normal, d), 0.9)
-        return dr.select(top > BASE_M, (top - height) * dr.rsqrt(1.0 - rise * rise) / t, NONE)
+    def apparent(top: mi.Float32) -> mi.Float32:
+        return top if bending is None else dr.select(top > BASE_M, bending.apparent(top), NO_TOP_M)
 
-    def glance(i: mi.Float64, angle: mi.Float64, highest: mi.Float64) -> tuple[mi.Float64, mi.Float64, mi.Float64]:
-        t, further = dr.fma(i, table.step_m, start), table.skipped * table.step_m
-        highest = dr.maximum(highest, turn_at(t, *place(t, angle)))
-        return i + table.skipped, turned(t, angle, further), highest
+    def turn_at(t: mi.Float32, height: mi.Float32, normal: Vec3[mi.Float32], vertical: Vec3[mi.Float32]) -> mi.Float32:
+        top, rise = table.top(vertical), dr.minimum(dot(normal, along_ray), 0.9)
+        return dr.select(top > BASE_M, (apparent(top) - height) * dr.rsqrt(1.0 - rise * rise) / t, NONE)
 
-    def look(i: mi.Float64, angle: mi.Float64, highest: mi.Float64) -> tuple[mi.Float64, mi.Float64, mi.Float64]:
-        t, skipped_m = dr.fma(i, table.step_m, start), table.skipped * table.step_m
-        height, normal = place(t, angle)
-        turn = turn_at(t, height, normal)
-        lowest = dr.fma(dr.minimum(dot(normal, d), 0.0), skipped_m, height - SKIP_MARGIN_M)
-        above = table.highest_around(normal) - lowest
-        most = above * dr.select(above > 0.0, STEEPEST / t, 1.0 / (t + skipped_m))
-        steps = dr.select(most <= highest, table.skipped, 1.0)
-        return i + steps, turned(t, angle, steps * table.step_m), dr.maximum(highest, turn)
+    def glance(
+        i: mi.Float32, before: mi.Float32, angle: mi.Float32, rate: mi.Float32, highest: mi.Float32
+    ) -> tuple[mi.Float32, mi.Float32, mi.Float32, mi.Float32, mi.Float32]:
+        s = i * step_m
+        height, normal, vertical, angle, rate = place(s, before, angle, rate)
+        highest = dr.maximum(highest, turn_at(from_camera + s, height, normal, vertical))
+        return i + single(table.squares[0].steps), s, angle, rate, highest
 
-    at_start = 0.0 * start if bending is None else bending.angle(o, d, BENDING_NODES_ABOVE, start)
-    highest = dr.full(mi.Float64, NONE, dr.width(d[0]))
+    def look(
+        i: mi.Float32, before: mi.Float32, angle: mi.Float32, rate: mi.Float32, highest: mi.Float32
+    ) -> tuple[mi.Float32, mi.Float32, mi.Float32, mi.Float32, mi.Float32]:
+        s = i * step_m
+        t = from_camera + s
+        height, normal, vertical, angle, rate = place(s, before, angle, rate)
+        steps, falling = single(1.0), dr.minimum(dot(normal, along_ray), 0.0)
+        for squares in table.squares:
+            skipped = single(squares.steps)
+            above = apparent(table.highest_around(squares, vertical)) - dr.fma(falling, skipped * step_m, height)
+            above += SKIP_MARGIN_M
+            most = above * dr.select(above > 0.0, STEEPEST / t, 1.0 / (t + skipped * step_m))
+            steps = dr.maximum(steps, dr.select(most <= highest, skipped, 1.0))
+        return i + steps, s, angle, rate, dr.maximum(highest, turn_at(t, height, normal, vertical))
+
+    zero = single(0.0 * start)
+    at_start = rate_at_start = zero
+    if bending is not None and up is not None:
+        at_start = single(bending.angle(o, d, BENDING_NODES_ABOVE, start, single=True))
+        rate_at_start = bending.look(entry, up).rate
+        dr.eval(at_start, rate_at_start)
+    highest = dr.full(single, NONE, dr.width(d[0]))
+    last = single(count)
     # a glance at some points first: what stays below the highest of them is skipped then
     for pass_of, label in ((glance, "cloud glance"), (look, "cloud outline")):
         highest = dr.while_loop(
-            (dr.zeros(mi.Float64, dr.width(d[0])), at_start, highest),
-            lambda i, angle, highest: i <= count,
+            (zero + 0.0, zero + 0.0, at_start, rate_at_start, highest),
+            lambda i, before, angle, rate, highest: i <= last,
             pass_of,
-            labels=("i", "angle", "highest"),
+            labels=("i", "before", "angle", "rate", "highest"),
             label=label,
-        )[2]
-    return highest
+        )[4]
+    return mi.Float64(highest)
 
 
 def near_clouds(view: FrameGeometry, clouds: CloudTable, direction: Vec, reach: mi.Float64) -> mi.Bool:

@@ -35,20 +35,21 @@ import mitsuba as mi
 
 from horizonval.renderer.kernel.node_batches import GlowNodes, OpacityNodes, ShiningNodes, SolarNodes
 from horizonval.renderer.kernel.ray_sources import (
-    PARTICLE_STRIDE,
     EmittingRays,
     Point,
     RaySource,
     State,
     SunlitRays,
     bent_ray,
+    repeated,
+    round_of,
 )
 from horizonval.renderer.kernel.surface import SurfaceHit
 from horizonval.renderer.layer_steps import LayeredSteps
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, find_path, umbra_edges, warp
 from horizonval.renderer.refraction.bent_ray import refracted_umbra
-from horizonval.renderer.types import Values, Vec
+from horizonval.renderer.types import Values, Vec, constant
 
 THICK_STEP = 0.5
 
@@ -138,26 +139,25 @@ def march_air(
     concentration: float,
     cloud: tuple[mi.Bool, mi.Float64] | None = None,
     steady: bool = False,
+    lit: bool = False,
 ) -> AirMarch:
     """Return what the air does along rays, without what is at their ends.
 
     Parameters as of :func:`march`, and ``cloud`` as of :func:`horizonval.renderer.ray_path.find_path`, ``steady`` as of
-    :func:`horizonval.renderer.ray_path.lit_steps`.
+    :func:`horizonval.renderer.ray_path.lit_steps`; ``lit``: no shadow cuts the rays, as the caller knows.
     """
-    with_particles = isinstance(batch, SolarNodes) and batch.diffuse is not None and batch.particles is not None
-    stride = PARTICLE_STRIDE if with_particles else 1
-    count = _step_count(nodes, stride)
+    count = _step_count(nodes, round_of(batch).steps)
     # as data, so that rays to the ground and past it share a kernel
     dr.make_opaque(to_ground)
     path = find_path(planet, top_m, o, d, to_ground, cloud)
     source: RaySource
     if isinstance(batch, SolarNodes):
-        source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration, steady, to_ground)
+        source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration, steady, to_ground, lit)
     else:
         source = EmittingRays.of(batch, planet, path, o, d, count, concentration, to_ground)
     bound = _bounds(path, source, count, concentration)
-    steps = source.steps.count if isinstance(source.steps, LayeredSteps) else count
-    tau, radiance, state = _integrate(planet, path, batch, source, o, d, steps, bound, stride)
+    steps = source.steps.count if isinstance(source.steps, LayeredSteps) else dr.opaque(mi.UInt32, count, 1)
+    tau, radiance, state = _integrate(planet, path, batch, source, o, d, steps, bound)
     width = batch.width
     return AirMarch(radiance[:width], radiance[width:], [dr.exp(-v) for v in tau], path, source, state)
 
@@ -170,33 +170,45 @@ def optical_depth(
     path = find_path(planet, top_m, o, d, mi.Bool(False))
     source = EmittingRays.of(batch, planet, path, o, d, count, concentration)
     bound = _bounds(path, source, count, concentration)
-    return _integrate(planet, path, batch, source, o, d, count, bound, 1)[0]
+    return _integrate(planet, path, batch, source, o, d, count, bound)[0]
 
 
 @dataclass(frozen=True)
 class SunlitStations:
-    """Places along rays at which a march tells what it has added up: even in t from ``first`` to ``last`` [m].
+    """Places along rays at which a march tells what it has added up: piece by piece even in t.
 
-    ``count`` of them, ``steps`` steps from each to the next, ``before`` steps up to the first. Where ``shadow`` may cut
-    the rays, both are shared by the pieces before, in and behind the umbra, a third to each, so that no step straddles
-    its edge.
+    ``cuts``: where the pieces begin and end, rising [m]; ``numbers``: of the stations there, from 0 to ``count`` less
+    one, size-1 arrays. ``steps`` steps from each station to the next, ``before`` steps up to the first. Where
+    ``shadow`` may cut the rays, both are shared by the pieces before, in and behind the umbra, a third to each, so that
+    no step straddles its edge.
     """
 
-    first: mi.Float64
-    last: mi.Float64
+    cuts: tuple[mi.Float64, ...]
+    numbers: tuple[mi.Float64, ...]
     count: int
     steps: int
     before: int
     shadow: bool = True
 
+    def piece(self, past: Callable[[int], mi.Bool]) -> tuple[mi.Float64, mi.Float64, mi.Float64, mi.Float64]:
+        """Return begin and end of pieces [m], and the numbers of the stations there; ``past``: cut k is behind."""
+        low, high, first, last = self.cuts[0], self.cuts[1], self.numbers[0], self.numbers[1]
+        for k in range(1, len(self.cuts) - 1):
+            behind = past(k)
+            low, high = dr.select(behind, self.cuts[k], low), dr.select(behind, self.cuts[k + 1], high)
+            first, last = dr.select(behind, self.numbers[k], first), dr.select(behind, self.numbers[k + 1], last)
+        return low, high, first, last
+
     def bound(self, path: AirPath, edges: tuple[mi.Float64, mi.Float64], c: float, i: mi.Float64) -> mi.Float64:
         """Return the ray parameter at the beginning of a step; ``edges`` of the umbra, ``c`` as of :func:`warp`."""
-        start, spacing = path.t_low - path.length_before, (self.last - self.first) / (self.count - 1.0)
+        start = path.t_low - path.length_before
         ahead = i < self.before
         past = dr.maximum(i - self.before, 0.0)
         station = dr.floor(past * (1.0 / self.steps) + 1e-9)
-        low = dr.select(ahead, start, dr.fma(spacing, station, self.first))
-        high = dr.select(ahead, self.first, low + spacing)
+        first, last, number, following = self.piece(lambda k: station >= self.numbers[k])
+        spacing = (last - first) / (following - number)
+        low = dr.select(ahead, start, dr.fma(spacing, station - number, first))
+        high = dr.select(ahead, self.cuts[0], low + spacing)
         pieces = 3.0 if self.shadow else 1.0
         share = dr.select(ahead, i * (pieces / self.before), (past - station * self.steps) * (pieces / self.steps))
         begin, end = low, high
@@ -246,14 +258,15 @@ def march_to_stations(
     def bound(i: mi.Float64) -> mi.Float64:
         return stations.bound(path, edges, concentration, i)
 
-    def note(i: mi.UInt32, tau: Values, radiance: Values, state: State) -> None:
+    def note(i: mi.UInt32, tau: Values, radiance: Values) -> None:
         past = i - stations.before
-        here = (i >= stations.before) & (past % stations.steps == 0)
+        # the last round may go past the last station
+        here = (i >= stations.before) & (i <= count) & (past % stations.steps == 0)
         index = past // stations.steps * width + lane
         for values, value in zip(noted, [*radiance, *tau], strict=True):
             dr.scatter(values, value, index, here, mode=dr.ReduceMode.NoConflicts)
 
-    _integrate(planet, path, batch, source, o, d, count, bound, PARTICLE_STRIDE, note)
+    _integrate(planet, path, batch, source, o, d, count, bound, note)
     first, last = batch.width, parts * batch.width
     return noted[:first], noted[first:last], [dr.exp(-v) for v in noted[last:]]
 
@@ -283,8 +296,8 @@ def _shadow_edges(
     return dr.select(enters, enter, -dr.inf), dr.select(leaves, leave, dr.inf)
 
 
-def _step_count(nodes: int, stride: int) -> int:
-    return -(-max(nodes // 2, 3) // stride) * stride
+def _step_count(nodes: int, together: int) -> int:
+    return -(-max(nodes // 2, 3) // together) * together
 
 
 Bound: TypeAlias = "Callable[[mi.Float64], mi.Float64]"
@@ -292,8 +305,11 @@ Bound: TypeAlias = "Callable[[mi.Float64], mi.Float64]"
 
 
 def _bounds(path: AirPath, source: RaySource, count: int, concentration: float) -> Bound:
+    # as data: marches of more and fewer points share a kernel
+    total = constant(count)
+
     def bound(i: mi.Float64) -> mi.Float64:
-        return warp(path, source.steps.boundary(path, i, count), concentration)
+        return warp(path, source.steps.boundary(path, i, total), concentration)
 
     return bound
 
@@ -307,13 +323,13 @@ def _integrate(
     d: Vec,
     count: int | mi.UInt32,
     bound: Bound,
-    stride: int,
-    note: Callable[[mi.UInt32, Values, Values, State], None] | None = None,
+    note: Callable[[mi.UInt32, Values, Values], None] | None = None,
 ) -> tuple[Values, Values, State]:
-    """Return optical depth and radiances per node, and the source's state at the end; ``stride`` steps per round.
+    """Return optical depth and radiances per node, and the source's state at the end.
 
-    ``note``: told both, and the state, after every round, with the number of steps that are done.
+    ``note``: told both after every step, with the number of steps that are done.
     """
+    together = source.round.steps
 
     def evaluate(t: mi.Float64, point: Point) -> tuple[Values, Values]:
         place = batch.place(planet, o, d, t)
@@ -323,22 +339,29 @@ def _integrate(
     def body(
         i: mi.UInt32, t0: mi.Float64, tau: Values, radiance: Values, state: State
     ) -> tuple[mi.UInt32, mi.Float64, Values, Values, State]:
-        tau, radiance = list(tau), list(radiance)
-        bounds = [t0, *(bound(mi.Float64(i) + float(k)) for k in range(1, stride + 1))]
-        points, state = source.over_steps(bounds, state)
-        for (low, high), t1 in zip(points, bounds[1:], strict=True):
+        light, (looked, _) = source.over_round(t0, bound(mi.Float64(i) + float(together)), state)
+
+        def step(
+            k: mi.UInt32, t0: mi.Float64, tau: Values, radiance: Values, bending: mi.Float64 | None
+        ) -> tuple[mi.UInt32, mi.Float64, Values, Values, mi.Float64 | None]:
+            tau, radiance = list(tau), list(radiance)
+            t1 = bound(mi.Float64(i + k) + 1.0)
+            low, high, bending = source.over_step(t0, t1, bending, light)
             h = t1 - t0
             k_a, j_a = evaluate(t0 + GAUSS_LOW * h, low)
             k_b, j_b = evaluate(t0 + (1.0 - GAUSS_LOW) * h, high)
             for n in range(batch.width):
-                step = 0.5 * h * (k_a[n] + k_b[n])
+                depth = 0.5 * h * (k_a[n] + k_b[n])
                 for m in range(n, len(j_a), batch.width):
-                    radiance[m] = radiance[m] + dr.exp(-tau[n]) * gain(h, k_a[n], k_b[n], j_a[m], j_b[m], step)
-                tau[n] = tau[n] + step
-            t0 = t1
-        if note is not None:
-            note(i + stride, tau, radiance, state)
-        return i + stride, t0, tau, radiance, state
+                    radiance[m] = radiance[m] + dr.exp(-tau[n]) * gain(h, k_a[n], k_b[n], j_a[m], j_b[m], depth)
+                tau[n] = tau[n] + depth
+            if note is not None:
+                note(i + k + 1, tau, radiance)
+            return k + 1, t1, tau, radiance, bending
+
+        begin = mi.UInt32(0), t0 + 0.0, tau, radiance, state[1]
+        _, t0, tau, radiance, bending = repeated(together, begin, step, "steps")
+        return i + together, t0, tau, radiance, (looked, bending)
 
     zero = dr.zeros(mi.Float64, dr.width(path.t_low))
     start = bound(zero)

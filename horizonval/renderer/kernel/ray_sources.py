@@ -3,8 +3,9 @@
 Emission depends on the place alone (:class:`EmittingRays`). Scattered sunlight (:class:`SunlitRays`) carries two things
 from step to step: the light scattered before, and with refraction the bending angle of the ray.
 
-The light scattered before is smooth and expensive: it is looked up at the steps' ends (with particles, many moments, at
-every second), and its logarithm is linear between.
+The light scattered before is smooth and expensive. It is looked up at the steps' ends, and its logarithm is linear
+between; with particles, whose many moments are expensive, at every second, and a parabola goes through three
+(:data:`PARTICLES`).
 
 **Refraction** makes no bent rays: the columns are those of :mod:`horizonval.renderer.refraction.apparent_radius`, in
 which light goes straight; the bending angle is summed beside the optical depth and turns the Sun instead. The light
@@ -13,10 +14,9 @@ scattered before is that of air without refraction, at the true height and under
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
-from typing import Protocol, TypeAlias
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -27,6 +27,7 @@ from horizonval.renderer.kernel.node_batches import (
     GlowNodes,
     OpacityNodes,
     Place,
+    ShiningNodes,
     SolarNodes,
 )
 from horizonval.renderer.kernel.surface import SurfaceHit
@@ -37,26 +38,51 @@ from horizonval.renderer.refraction.bent_ray import BentRay, RefractionTables, b
 from horizonval.renderer.tables import interpolate
 from horizonval.renderer.types import Values, Vec
 
-PARTICLE_STRIDE = 2
-"""Steps from one lookup of the diffuse source to the next where there are particles; without them 1."""
-
 State: TypeAlias = "tuple[list[mi.Float32], mi.Float64 | None]"
 """What is carried from step to step: ``ln`` of the diffuse source, and the bending angle."""
 
 
+class Round(NamedTuple):
+    """Steps that share lookups of the diffuse source: at their first point, and ``lookups`` more, even in t."""
+
+    steps: int = 1
+    lookups: int = 1
+
+
+MOLECULES, PARTICLES = Round(), Round(steps=4, lookups=2)
+
+
+@dataclass(frozen=True)
+class DiffuseAlong:
+    """The diffuse source along a round of steps that begins at ``start``, ``1 / per_m`` long.
+
+    ``powers``: of its ``ln``, polynomials of the share of the way, the lowest power first; empty for none.
+    """
+
+    start: mi.Float64
+    per_m: mi.Float64
+    powers: Sequence[Sequence[mi.Float32]] = ()
+
+    def share(self, t: mi.Float64) -> mi.Float32:
+        """Return which share of the way lies before ray parameters."""
+        return mi.Float32((t - self.start) * self.per_m)
+
+    def at(self, share: mi.Float32 | float) -> Values:
+        """Return the diffuse source."""
+        if not self.powers:
+            return []
+        values = list(self.powers[-1])
+        for lower in reversed(self.powers[:-1]):
+            values = [dr.fma(v, share, c) for v, c in zip(values, lower, strict=True)]
+        return [mi.Float64(dr.exp(v)) for v in values]
+
+
 @dataclass(frozen=True)
 class Point:
-    """A Gauss point of a step: its bending angle, and the diffuse source ``share`` of the way between two lookups."""
+    """A Gauss point of a step: its bending angle, and the diffuse source."""
 
     bending: mi.Float64 | None = None
-    before: Sequence[mi.Float32] = ()
-    after: Sequence[mi.Float32] = ()
-    share: float = 0.0
-
-    def diffuse(self) -> Values:
-        """Return the diffuse source."""
-        pairs = zip(self.before, self.after, strict=True)
-        return [mi.Float64(dr.exp(dr.fma(b - a, self.share, a))) for a, b in pairs]
+    diffuse: Values = field(default_factory=list)
 
 
 class RaySource(Protocol):
@@ -66,11 +92,20 @@ class RaySource(Protocol):
     def steps(self) -> Steps | LayeredSteps:
         """Where the steps go."""
 
+    @property
+    def round(self) -> Round:
+        """How many steps share lookups."""
+
     def state_at(self, t: mi.Float64, bending: mi.Float64 | None) -> State:
         """Return the state at ray parameters."""
 
-    def over_steps(self, bounds: list[mi.Float64], state: State) -> tuple[list[tuple[Point, Point]], State]:
-        """Return the Gauss points of the steps between bounds, and the state at the last; ``state`` is at the first."""
+    def over_round(self, t0: mi.Float64, t1: mi.Float64, state: State) -> tuple[DiffuseAlong, State]:
+        """Return the diffuse source between ray parameters, and the state at the latter; ``state`` is at the former."""
+
+    def over_step(
+        self, t0: mi.Float64, t1: mi.Float64, bending: mi.Float64 | None, light: DiffuseAlong
+    ) -> tuple[Point, Point, mi.Float64 | None]:
+        """Return the Gauss points of a step, and the bending angle at its end."""
 
     def source_at(self, place: Place, extinction: Values, point: Point) -> Values:
         """Return the emission per metre, per node; empty where nothing shines."""
@@ -85,6 +120,7 @@ class EmittingRays:
 
     batch: EmittingNodes
     steps: Steps | LayeredSteps
+    round: Round = MOLECULES
 
     @classmethod
     def of(
@@ -110,9 +146,15 @@ class EmittingRays:
         """Nothing is carried."""
         return [], None
 
-    def over_steps(self, bounds: list[mi.Float64], state: State) -> tuple[list[tuple[Point, Point]], State]:
-        """Return points that say nothing: the place is enough."""
-        return [(Point(), Point())] * (len(bounds) - 1), state
+    def over_round(self, t0: mi.Float64, t1: mi.Float64, state: State) -> tuple[DiffuseAlong, State]:
+        """Return nothing: the place is enough."""
+        return DiffuseAlong(t0, t0), state
+
+    def over_step(
+        self, t0: mi.Float64, t1: mi.Float64, bending: mi.Float64 | None, light: DiffuseAlong
+    ) -> tuple[Point, Point, mi.Float64 | None]:
+        """Return points that say nothing."""
+        return Point(), Point(), None
 
     def source_at(self, place: Place, extinction: Values, point: Point) -> Values:
         """Return the emission per metre, per node."""
@@ -141,6 +183,11 @@ class SunlitRays:
     bent: BentRay | None
     molecular: Values
 
+    @property
+    def round(self) -> Round:
+        """How many steps share lookups."""
+        return round_of(self.batch)
+
     @classmethod
     def of(
         cls,
@@ -154,14 +201,15 @@ class SunlitRays:
         concentration: float,
         steady: bool = False,
         to_ground: mi.Bool | None = None,
+        lit: bool = False,
     ) -> SunlitRays:
         """Share ``count`` steps out among the pieces between the umbra's edges, so that no step straddles one.
 
-        With ``to_ground`` also among those between the edges of layers of thin cloud.
+        With ``to_ground`` also among those between the edges of layers of thin cloud. ``lit``: no shadow cuts the rays.
         """
         bent = bent_ray(batch, planet, path, o, d, sun)
         if bent is not None:
-            edges = refracted_umbra(planet, path, o, d, bent, batch.grid, count // 2, concentration)
+            edges = refracted_umbra(planet, path, o, d, bent, batch.grid, 0 if lit else count // 2, concentration)
         else:
             edges = umbra(planet, path, o, d, sun, concentration)
         steps: Steps | LayeredSteps
@@ -193,32 +241,48 @@ class SunlitRays:
         looked = [field.log_sources(height, normal, self.d, sun, batch.cos2, asymmetry, forward) for field in fields]
         return [source for sources in looked for source in sources], bending
 
-    def over_steps(self, bounds: list[mi.Float64], state: State) -> tuple[list[tuple[Point, Point]], State]:
-        """Return the Gauss points of the steps between bounds, and the state behind the last."""
-        before, bending = state
-        angles: list[tuple[mi.Float64 | None, mi.Float64 | None]] = []
-        for t0, t1 in pairwise(bounds):
-            if self.bent is None or bending is None:
-                angles.append((None, None))
-                continue
+    def over_round(self, t0: mi.Float64, t1: mi.Float64, state: State) -> tuple[DiffuseAlong, State]:
+        """Return the diffuse source between ray parameters, and the state at the latter."""
+        first, bending = state
+        if not first:
+            return DiffuseAlong(t0, t0), state
+        count = self.round.lookups
+        part = (t1 - t0) * (1.0 / count)
+
+        def look(
+            k: mi.UInt32, t: mi.Float64, bending: mi.Float64 | None, looked: list[list[mi.Float32]]
+        ) -> tuple[mi.UInt32, mi.Float64, mi.Float64 | None, list[list[mi.Float32]]]:
+            end = t1 if count == 1 else t + part
+            if self.bent is not None and bending is not None:
+                grid = self.batch.grid
+                _, _, bending = bending_over_step(self.planet, self.bent, grid, self.o, self.d, t, end, bending)
+            return k + 1, end, bending, [*looked[1:], self.state_at(end, bending)[0]]
+
+        zero = dr.zeros(mi.Float32, dr.width(t0))
+        begin = mi.UInt32(0), t0 + 0.0, bending, [[zero + 0.0 for _ in first] for _ in range(count)]
+        # the many lines of a lookup are once in the kernel
+        _, _, _, looked = repeated(count, begin, look, "lookups")
+        length = dr.maximum(t1 - t0, 1e-3)
+        return DiffuseAlong(t0, 1.0 / length, _powers([first, *looked])), (looked[-1], None)
+
+    def over_step(
+        self, t0: mi.Float64, t1: mi.Float64, bending: mi.Float64 | None, light: DiffuseAlong
+    ) -> tuple[Point, Point, mi.Float64 | None]:
+        """Return the Gauss points of a step, and the bending angle at its end."""
+        at_a = at_b = None
+        if self.bent is not None and bending is not None:
             at_a, at_b, bending = bending_over_step(
                 self.planet, self.bent, self.batch.grid, self.o, self.d, t0, t1, bending
             )
-            angles.append((at_a, at_b))
-        after, _ = self.state_at(bounds[-1], bending)
-        stride = len(angles)
-        points = [
-            (
-                Point(at_a, before, after, (k + GAUSS_LOW) / stride),
-                Point(at_b, before, after, (k + 1.0 - GAUSS_LOW) / stride),
-            )
-            for k, (at_a, at_b) in enumerate(angles)
-        ]
-        return points, (after, bending)
+        low, high = GAUSS_LOW, 1.0 - GAUSS_LOW
+        if self.round.steps == 1:
+            return Point(at_a, light.at(low)), Point(at_b, light.at(high)), bending
+        share_a, share_b = (light.share(dr.fma(t1 - t0, share, t0)) for share in (low, high))
+        return Point(at_a, light.at(share_a)), Point(at_b, light.at(share_b)), bending
 
     def source_at(self, place: Place, extinction: Values, point: Point) -> Values:
         """Return the scattered light per metre, per node."""
-        return self.batch.source_at(place, self._beam(place, point.bending), point.diffuse())
+        return self.batch.source_at(place, self._beam(place, point.bending), point.diffuse)
 
     def _beam(self, place: Place, bending: mi.Float64 | None) -> Beam:
         batch = self.batch
@@ -237,6 +301,31 @@ class SunlitRays:
     def ground_radiance(self, path: AirPath, hit: SurfaceHit | None, state: State, sky: Values | None) -> Values:
         """Return the radiance of what is at the rays' ends, towards the observer, per node."""
         return sunlit_ends(self.batch, self.planet, path, self.o, self.d, self.sun, hit, self.bent, state[1], sky)
+
+
+def round_of(batch: ShiningNodes | OpacityNodes) -> Round:
+    """Return how many steps share lookups of the diffuse source."""
+    expensive = isinstance(batch, SolarNodes) and batch.diffuse is not None and batch.particles is not None
+    return PARTICLES if expensive else MOLECULES
+
+
+def _powers(looked: Sequence[Sequence[mi.Float32]]) -> list[list[mi.Float32]]:
+    """Return polynomials of the share of the way, lowest power first, through two or three values."""
+    if len(looked) == 2:
+        return [list(looked[0]), [b - a for a, b in zip(*looked, strict=True)]]
+    triples = list(zip(*looked, strict=True))
+    return [
+        list(looked[0]),
+        [4.0 * middle - 3.0 * first - last for first, middle, last in triples],
+        [2.0 * (first - 2.0 * middle + last) for first, middle, last in triples],
+    ]
+
+
+def repeated(count: int, start: tuple[Any, ...], body: Callable[..., tuple[Any, ...]], label: str) -> tuple[Any, ...]:
+    """Return what ``count`` rounds of a kernel's loop carry, whose counter is first; one round needs no loop."""
+    if count == 1:
+        return body(*start)
+    return dr.while_loop(start, lambda k, *_: k < count, body, label=label)
 
 
 def sunlit_ends(

@@ -25,7 +25,7 @@ from horizonval.earth.surface import squares, surface
 from horizonval.earth.surface.surface import Albedos, GroundModel
 from horizonval.renderer.ground.cover import GroundTable, Places, cover, luminance
 from horizonval.renderer.ground.reflectance import fresnel, glint_brdf, snow_factor
-from horizonval.renderer.kernel.clouds import CloudTable, cloud_table, first_cloud
+from horizonval.renderer.kernel.clouds import CloudTable, cloud_table, first_cloud, first_cloud_and_turn
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.refraction.bending import BendingField
 from horizonval.renderer.refraction.ray_end import ray_end
@@ -153,14 +153,15 @@ def surface_hits(
     count = dr.width(d[0])
     cloud, zero = dr.full(mi.Bool, False, count), dr.zeros(mi.Float64, count)
     t = white = zero
+    angle = None
     if ground.clouds is not None:
-        cloud, t = first_cloud(ground.clouds, planet, o, d, to_ground, bending)
+        cloud, t, angle = first_cloud_and_turn(ground.clouds, planet, o, d, to_ground, bending)
     end = t
     if to_ground:
         mid, half, _ = planet.chord(o, d)
         end = dr.select(cloud, t, mid - half)
-    dr.eval(cloud, t, end)
-    place = ray_end(planet, bending, o, d, end)
+    dr.eval(cloud, t, end, angle)
+    place = ray_end(planet, bending, o, d, end, angle)
     if ground.clouds is not None:
         white = dr.select(cloud, ground.clouds.brightness(place.height_m, place.vertical), 0.0)
     dr.eval(white, place.vertical, place.direction, place.point, place.bending)

@@ -45,6 +45,9 @@ LANES = 2**19
 """Rays of one launch."""
 SUN_SHARE = 4
 """How many times fewer rays the Sun takes than the Earth."""
+ENERGY_SHARE = 16
+"""How many times fewer rays tell energy radiance from radiance, whose ratio hardly changes over the Earth: pixels of a
+white boom in 0.4 to 0.9 um differ by 4e-4 rms from as many rays, less than either is noisy by."""
 
 Image = FloatArray
 
@@ -120,11 +123,24 @@ class PartScene:
                 emitter = sun_emitter(self.cam_from_itrs @ self.sun_itrs, self.sun_angular_radius_rad)
                 unit = self._lit(bsdfs, emitter, few)
                 total, total_energy = unit * sun.irradiance, unit * sun.energy_irradiance
-            for image, earth in ((total, self.sky.earth), (total_energy, self.sky.earth_energy)):
-                if earth[band.name].any():
-                    image += self._lit(bsdfs, self._earth(earth[band.name]))
-            radiance[band.name], energy[band.name] = total, total_energy
+            radiant, energetic = self._earthlit(bsdfs, self.sky.earth[band.name], self.sky.earth_energy[band.name])
+            radiance[band.name], energy[band.name] = total + radiant, total_energy + energetic
         return PartLight(radiance, energy, self._distance_m())
+
+    def _earthlit(
+        self, bsdfs: Sequence[Any], radiance: NDArray[np.float32], energy: NDArray[np.float32]
+    ) -> tuple[Image, Image]:
+        """Return the light of the Earth, as radiance and as energy count it.
+
+        Energy is the radiance times their mean ratio, and by how much that is off along fewer rays, the same for both.
+        """
+        if not radiance.any():
+            return np.zeros(self.covered.shape), np.zeros(self.covered.shape)
+        earth, few = self._earth(radiance), max(self.samples // ENERGY_SHARE, 1)
+        light = self._lit(bsdfs, earth)
+        ratio = float(energy.sum(dtype=np.float64) / radiance.sum(dtype=np.float64))
+        off = self._lit(bsdfs, self._earth(energy), few) - ratio * self._lit(bsdfs, earth, few)
+        return light, np.maximum(ratio * light + off, 0.0)
 
     def _earth(self, radiance: NDArray[np.float32]) -> Any:
         """Return a map of the sky as an emitter."""
@@ -167,8 +183,10 @@ class PartScene:
         ray = self._rays(pixels, count, sampler.next_2d())
         hit = scene.ray_test(ray)
         light, _, _ = integrator.sample(scene, sampler, mi.RayDifferential3f(ray), None, hit)
-        value = dr.select(hit, mi.Float64(light[0]), 0.0)
-        totals = dr.block_sum(value, count), dr.block_sum(dr.select(hit, mi.Float64(1.0), 0.0), count)
+        value, met = dr.select(hit, mi.Float64(light[0]), 0.0), dr.select(hit, mi.Float64(1.0), 0.0)
+        # together: every sum would follow the rays again
+        dr.eval(value, met)
+        totals = dr.block_sum(value, count), dr.block_sum(met, count)
         dr.eval(totals)
         light_sum, hits = (np.array(t) for t in totals)
         return light_sum, hits
@@ -214,7 +232,9 @@ class PartScene:
             hit = meeting.is_valid()
             shape = mi.UInt32(dr.gather(mi.Float64, order, meeting.shape_index, hit))
             value = dr.select(hit, dr.gather(mi.Float64, own_table, shape, hit), 0.0)
-            totals = dr.block_sum(value, count), dr.block_sum(dr.select(hit, mi.Float64(1.0), 0.0), count)
+            valid = dr.select(hit, mi.Float64(1.0), 0.0)
+            dr.eval(value, valid)
+            totals = dr.block_sum(value, count), dr.block_sum(valid, count)
             dr.eval(totals)
             total[part], met[part] = np.array(totals[0]), np.array(totals[1])
         return self._image(total, met)

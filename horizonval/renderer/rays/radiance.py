@@ -9,7 +9,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress
 from horizonval.earth.column import OpticalModel
-from horizonval.renderer.kernel.batching import RAY_TABLE, make_batches
+from horizonval.renderer.kernel.batching import RAY_TABLE, TableSize, make_batches
 from horizonval.renderer.kernel.march import march
 from horizonval.renderer.kernel.node_batches import SolarNodes
 from horizonval.renderer.planet import Planet
@@ -31,6 +31,7 @@ def radiance_along_rays(
     scattering: Quality | None = None,
     progress: Progress | None = None,
     polar_radius_m: float | None = None,
+    table: TableSize = RAY_TABLE,
 ) -> dict[str, FloatArray]:
     """Return the radiance of every spectral node along rays over a planet.
 
@@ -51,6 +52,8 @@ def radiance_along_rays(
         Told about tables that must be solved first.
     polar_radius_m : float, optional
         Of an oblate planet; the columns then lie over geodetic height.
+    table : TableSize
+        Resolution of the Sun's optical depths; that of images is made in a fraction of the time.
 
     Returns
     -------
@@ -74,7 +77,7 @@ def radiance_along_rays(
     ground_mid, _, meets = planet.chord(o, d)
     to_ground = meets & (ground_mid > 0.0)
     out: dict[str, FloatArray] = {}
-    for group, batch in make_batches(model, planet, RAY_TABLE, scattering, progress, air):
+    for group, batch in make_batches(model, planet, table, scattering, progress, air):
         c = SOLAR_CONCENTRATION if isinstance(batch, SolarNodes) else THERMAL_CONCENTRATION
         radiance, _ = march(planet, model.top_m, batch, o, d, s, to_ground, nodes, c)
         dr.eval(radiance)

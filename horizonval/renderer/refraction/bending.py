@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any, Generic
 
 import drjit as dr
 import mitsuba as mi
@@ -20,16 +21,33 @@ from horizonval.renderer.ray_path import SOLAR_CONCENTRATION, find_path, warp
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
 from horizonval.renderer.refraction.bent_ray import RefractedSunTable
 from horizonval.renderer.tables import AltitudeGrid, SunTable, interpolate, table_of
-from horizonval.renderer.types import Vec
+from horizonval.renderer.types import Real, Vec, Vec3, in_single
 
 BENDING_NODES = 128
+GRID_STEP_M = 25.0
+"""Of the tables over heights, at most: even, so that no place needs a search. Their linear pieces are a model's own, as
+the tables have nodes a tenth as far apart; between them true heights are off by centimetres."""
+
+
+@dataclass(frozen=True)
+class BentPoint(Generic[Real]):
+    """A point of rays among the apparent heights.
+
+    ``height_m``, ``normal``: there; ``true_m``: above the planet as it is; ``rate``: how fast rays turn [rad/m].
+    """
+
+    height_m: Real
+    normal: Vec3[Real]
+    true_m: Real
+    rate: Real
 
 
 @dataclass(frozen=True)
 class BendingField:
     """The apparent planet and how fast light bends above it.
 
-    ``per_m`` [rad/m] and ``true_m``, the height above ``true_planet``, on ``grid``.
+    ``per_m`` [rad/m] and ``true_m``, the height above ``true_planet``, on ``grid``; ``apparent_m`` on ``true_grid``.
+    ``single``: the three in single precision.
     """
 
     planet: Planet
@@ -38,13 +56,30 @@ class BendingField:
     grid: AltitudeGrid
     per_m: mi.Float64
     true_m: mi.Float64
+    true_grid: AltitudeGrid
+    apparent_m: mi.Float64
+    single: tuple[mi.Float32, mi.Float32, mi.Float32]
 
     @classmethod
     def of(cls, air: ApparentRadiusAir) -> BendingField:
         """Build from air in apparent-radius coordinates."""
-        grid = AltitudeGrid.of(air.model.altitude_m)
-        per_m, true_m = (table_of(mi.Float64, column) for column in (air.bending_per_m, air.height_m))
-        return cls(air.planet, air.true_planet, air.model.top_m, grid, per_m, true_m)
+        apparent = air.model.altitude_m
+        height, true_height = (_even(column[-1]) for column in (apparent, air.height_m))
+        columns = (
+            np.interp(height, apparent, air.bending_per_m),
+            np.interp(height, apparent, air.height_m),
+            np.interp(true_height, air.height_m, apparent),
+        )
+        per_m, true_m, apparent_m = (table_of(mi.Float64, column) for column in columns)
+        one, two, three = (table_of(mi.Float32, column) for column in columns)
+        grids = AltitudeGrid.of(height), AltitudeGrid.of(true_height)
+        top_m = air.model.top_m
+        return cls(air.planet, air.true_planet, top_m, grids[0], per_m, true_m, grids[1], apparent_m, (one, two, three))
+
+    def apparent(self, true_m: mi.Float32) -> mi.Float32:
+        """Return the apparent heights of true ones."""
+        i, w, _ = self.true_grid.locate(true_m)
+        return interpolate(self.single[2], i, w, 1)[0]
 
     def up(self, o: Vec, d: Vec) -> Vec:
         """Return the unit vector across a ray in its vertical plane."""
@@ -55,11 +90,14 @@ class BendingField:
         scale = dr.rsqrt(dr.maximum(dot(up, up), 1e-12))
         return up[0] * scale, up[1] * scale, up[2] * scale
 
-    def rate(self, o: Vec, d: Vec, up: Vec, t: mi.Float64) -> mi.Float64:
-        """Return how fast rays turn [rad/m] at parameters ``t``; ``up``: :meth:`up`."""
-        height, normal = self.planet.height_and_normal(along(o, d, t))
+    def look(self, point: Vec3[Real], up: Vec3[Real]) -> BentPoint[Real]:
+        """Return what is at points of rays; ``up``: :meth:`up`. In single precision heights are good to a metre."""
+        height, normal = self.planet.height_and_normal(point)
         i, w, inside = self.grid.locate(height)
-        return dr.select(inside, interpolate(self.per_m, i, w, 1)[0] * dot(normal, up), 0.0)
+        single = dr.type_v(height) == dr.VarType.Float32
+        tables: Any = self.single if single else (self.per_m, self.true_m)
+        rate = dr.select(inside, interpolate(tables[0], i, w, 1)[0] * dot(normal, up), 0.0)
+        return BentPoint(height, normal, interpolate(tables[1], i, w, 1)[0], rate)
 
     def turned(self, o: Vec, d: Vec, angle: mi.Float64) -> Vec:
         """Return the direction of bent rays that are seen in direction ``d`` where they have turned by an angle."""
@@ -75,18 +113,16 @@ class BendingField:
         """
         apparent, normal = self.planet.height_and_normal(along(o, d, t))
         i, w, _ = self.grid.locate(apparent)
-        slope = dot(normal, d)
-        forward = (d[0] - slope * normal[0], d[1] - slope * normal[1], d[2] - slope * normal[2])
-        sine, cosine = dr.sincos(angle)
-        sine = sine * dr.rsqrt(dr.maximum(dot(forward, forward), 1e-12))
-        x, y, z = (dr.fma(cosine, normal[k], sine * forward[k]) for k in range(3))
-        return interpolate(self.true_m, i, w, 1)[0], (x, y, z)
+        return interpolate(self.true_m, i, w, 1)[0], vertical_of(normal, d, angle)
 
-    def angle(self, o: Vec, d: Vec, nodes: int = BENDING_NODES, end: mi.Float64 | None = None) -> mi.Float64:
+    def angle(
+        self, o: Vec, d: Vec, nodes: int = BENDING_NODES, end: mi.Float64 | None = None, *, single: bool = False
+    ) -> mi.Float64:
         """Return the bending angle [rad] of light that is seen in direction ``d``, on its way through all the air.
 
         Rays that meet the ground are followed through it, in air like that at the ground, so that the answer is smooth
-        across the limb. ``end``: where rays end before they have left the air.
+        across the limb. ``end``: where rays end before they have left the air. ``single``: find heights in single
+        precision.
         """
         path = find_path(self.planet, self.top_m, o, d, mi.Bool(False), None if end is None else (mi.Bool(True), end))
         up = self.up(o, d)
@@ -94,7 +130,8 @@ class BendingField:
         offset = 0.5 / math.sqrt(3.0)
 
         def rate(t: mi.Float64) -> mi.Float64:
-            return self.rate(o, d, up, t)
+            point = along(o, d, t)
+            return mi.Float64(self.look(in_single(point), in_single(up)).rate) if single else self.look(point, up).rate
 
         zero = dr.zeros(mi.Float64, dr.width(path.t_low))
         step = (path.y1 - path.y0) / count
@@ -113,6 +150,28 @@ class BendingField:
         o = (mi.Float64(-2.0 * radius), zero, mi.Float64(radius))
         sphere = replace(self, planet=Planet(radius, radius))
         return float(sphere.angle(o, (mi.Float64(1.0), zero, zero))[0])
+
+
+def _even(top_m: float) -> FloatArray:
+    """Return even heights from the ground to a top."""
+    return np.linspace(0.0, top_m, math.ceil(top_m / GRID_STEP_M) + 1)
+
+
+def vertical_of(normal: Vec3[Real], d: Vec3[Real], angle: Real) -> Vec3[Real]:
+    """Return the verticals where rays have turned by an angle, from the normals where they would be straight."""
+    slope = dot(normal, d)
+    forward = (d[0] - slope * normal[0], d[1] - slope * normal[1], d[2] - slope * normal[2])
+    sine, cosine = dr.sincos(angle)
+    sine = sine * dr.rsqrt(dr.maximum(dot(forward, forward), 1e-12))
+    x, y, z = (dr.fma(cosine, normal[k], sine * forward[k]) for k in range(3))
+    return x, y, z
+
+
+def turn_between(before: Real, after: Real) -> Real:
+    """Return the mean of how fast rays turn between two points, by what they do there: within 1 % where it changes
+    exponentially by up to a factor of ten, as over two scale heights.
+    """
+    return (2.0 * dr.sqrt(dr.maximum(before * after, 0.0)) + 0.5 * (before + after)) * (1.0 / 3.0)
 
 
 def true_direction(field: BendingField, o: Vec, d: Vec) -> Vec:

@@ -195,7 +195,8 @@ def refracted_umbra(
 ) -> tuple[mi.Float64, mi.Float64]:
     """Return ``y`` where a ray enters and leaves the umbra under refraction; its ends where it does not.
 
-    That shadow has no closed form: its edges are interpolated between ``count`` evaluations along the ray.
+    That shadow has no closed form: its edges are interpolated between ``count`` evaluations along the ray. Rays that
+    are known to be lit from end to end need 0.
     """
 
     def evaluate(y: mi.Float64) -> tuple[mi.Float64, mi.Float64, mi.Float64, Vec]:
@@ -203,7 +204,9 @@ def refracted_umbra(
         height, normal = planet.height_and_normal(along(o, d, t))
         return t, ray.bending_per_m(*grid.locate(height), normal), height, normal
 
-    span = (path.y1 - path.y0) / count
+    # as data: marches of more and fewer points share a kernel
+    number = dr.opaque(mi.UInt32, count, 1)
+    span = (path.y1 - path.y0) / dr.maximum(mi.Float64(number), 1.0)
     zero = dr.zeros(mi.Float64, dr.width(path.t_low))
     t, rate, height, normal = evaluate(path.y0 + zero)
     above = ray.sun_above_lowest(height, normal, zero)
@@ -227,5 +230,5 @@ def refracted_umbra(
         return i + 1, t, rate, bending, above, y1, y2
 
     state = (mi.UInt32(0), t, rate, zero + 0.0, above, path.y0 + zero, path.y1 + zero)
-    *_, y1, y2 = dr.while_loop(state, lambda i, *_: i < count, body, label="refracted umbra")
+    *_, y1, y2 = dr.while_loop(state, lambda i, *_: i < number, body, label="refracted umbra")
     return y1, y2

@@ -35,7 +35,9 @@ class RayEnd:
     bending: mi.Float64 | None
 
 
-def ray_end(planet: Planet, bending: BendingField | None, o: Vec, d: Vec, t: mi.Float64) -> RayEnd:
+def ray_end(
+    planet: Planet, bending: BendingField | None, o: Vec, d: Vec, t: mi.Float64, angle: mi.Float64 | None = None
+) -> RayEnd:
     """Return where rays end that are cut at parameters ``t``.
 
     Parameters
@@ -48,12 +50,15 @@ def ray_end(planet: Planet, bending: BendingField | None, o: Vec, d: Vec, t: mi.
         Origins and unit directions of the straight rays.
     t : Float64
         Inside the air.
+    angle : Float64, optional
+        By how much the rays have turned there [rad], where that is known.
     """
     if bending is None:
         point = along(o, d, t)
         height, vertical = planet.height_and_normal(point)
         return RayEnd(height, vertical, d, point, None)
-    angle = bending.angle(o, d, BENDING_NODES, t)
+    if angle is None:
+        angle = bending.angle(o, d, BENDING_NODES, t)
     height, vertical = bending.place(o, d, t, angle)
     point = bending.true_planet.point(height, vertical)
     return RayEnd(height, vertical, bending.turned(o, d, angle), point, angle)

@@ -28,7 +28,13 @@ from horizonval.renderer.ray_path import find_path
 from horizonval.renderer.refraction.bent_ray import RefractionTables
 from horizonval.renderer.table_store import TABLES
 from horizonval.renderer.types import Values, Vec, indices_where
-from horizonval.renderer.view_table.cloudy_air import cloudy_air, look_at_stations, station_of
+from horizonval.renderer.view_table.cloudy_air import (
+    StationPlace,
+    cloudy_air,
+    look_at_stations,
+    place_among,
+    stations_along,
+)
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
 from horizonval.renderer.view_table.sunlit_air import (
     Light,
@@ -41,13 +47,15 @@ from horizonval.renderer.view_table.sunlit_air import (
 
 @dataclass(frozen=True)
 class _Cloudy:
-    """Rays that end on clouds: which of a group, their places in the table of the air before clouds, and station."""
+    """Rays that end on clouds: which of a group, their places in the table of the air before clouds and in its
+    stations.
+    """
 
     table: PatchTable
     index: mi.UInt32
     x: mi.Float64
     azimuth: mi.Float64
-    station: mi.Float64
+    station: StationPlace
 
 
 @dataclass(frozen=True)
@@ -168,8 +176,10 @@ class FrameTables:
         assert self._cloud_top_m is not None
         x, azimuth, t = (dr.gather(mi.Float64, v, index) for v in (*place, hit.t))
         d0, d1, d2 = (dr.gather(mi.Float64, c, index) for c in direction)
-        station = station_of(coordinates, self.view.origin, (d0, d1, d2), to_ground, self._cloud_top_m, t)
-        dr.eval(x, azimuth, station)
+        top_m = self._cloud_top_m
+        stations = stations_along(light, coordinates, self.view.origin, (d0, d1, d2), to_ground, top_m)
+        station = place_among(stations, t)
+        dr.eval(x, azimuth, station.lowest, station.beyond)
         table = self._table(light, coordinates, to_ground, self._cloud_top_m)
         table.cover(x, azimuth)
         return _Cloudy(table, index, x, azimuth, station)

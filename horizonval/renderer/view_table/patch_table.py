@@ -4,8 +4,10 @@ The plane of place on the row axis (x from 0 to 1) and azimuth is cut into :data
 patches of splines (:mod:`horizonval.renderer.view_table.spline_patch`). One is fine enough if the splines through every
 second of its nodes, along rows and along azimuths, predict the others within the tolerance: where the function is
 smooth the spline through all nodes is then better by a factor of 16, where it has a kink by a factor of 2. If not it is
-halved along the axis that needs it, down to :data:`FINEST`. Patches that are too coarse even then, on lines where the
-function jumps, are marked as rough: rays in them are to be marched.
+halved along the axis that needs it, down to :data:`FINEST`. Kinks that run along rows, at the top of the air and at the
+edges of layers, are shut in more closely: a patch as wide as it was made may be halved along rows down to
+:data:`FINEST_ROWS`. Patches that are too coarse even then, on lines where the function jumps, are marked as rough: rays
+in them are to be marched.
 
 Patches are made when rays first fall into them. What a patch holds, and whether it is halved, depends on nothing that
 was seen before.
@@ -38,8 +40,9 @@ from horizonval.renderer.view_table.spline_patch import (
 )
 
 ROW_PATCHES, AZIMUTH_PATCHES = 8, 8
-FINEST = 4
-"""Halvings of one of those 8 x 8 patches, at most, along either axis."""
+FINEST, FINEST_ROWS = 4, 7
+"""Halvings of one of those 8 x 8 patches, at most, along either axis, and along rows where it has none along
+azimuths."""
 PACKET = 4
 MOST_VALUES = 4_000_000
 """That are marched at once; a bound on memory."""
@@ -47,6 +50,8 @@ _LEVEL_BITS = 3
 _ROUGH = 1 << (2 * _LEVEL_BITS)
 _NUMBER_SHIFT = 2 * _LEVEL_BITS + 1
 _NOT_MADE = np.uint32(0xFFFFFFFF)
+_ROW_NODES, _AZIMUTH_NODES = (ROW_PATCHES << FINEST_ROWS) * INTERVALS, (AZIMUTH_PATCHES << FINEST) * INTERVALS
+_KEYS_A_ROW = _AZIMUTH_NODES + 1
 _Patches: TypeAlias = "dict[tuple[int, int], NDArray[np.int64]]"
 """Patches by how often they are halved along rows and azimuths: their numbers along both, shape (n, 2)."""
 
@@ -84,7 +89,10 @@ class PatchTable:
         self.patches = 0
         self._dtype = np.dtype(np.float32 if tabulated.single else np.float64)
         self._new: list[NDArray[np.floating]] = []
-        self._leaves = np.full((ROW_PATCHES << FINEST, AZIMUTH_PATCHES << FINEST), _NOT_MADE, dtype=np.uint32)
+        # of the patches that the last wave left to be halved: numbers of their nodes, and values there
+        self._known = self._nothing_known()
+        self._halved_nodes: list[tuple[NDArray[np.int64], FloatArray]] = []
+        self._leaves = np.full((ROW_PATCHES << FINEST_ROWS, AZIMUTH_PATCHES << FINEST), _NOT_MADE, dtype=np.uint32)
         self._any_rough = False
         self._pool: Any = None  # Float32 or Float64
         self._index: mi.UInt32 | None = None
@@ -107,6 +115,7 @@ class PatchTable:
             wave = {(0, 0): np.argwhere(_any_in_patches(missing, (0, 0)))}
             while wave:
                 wave = self._halved(self._divide(wave), missing)
+            self._known = self._nothing_known()
         before = [] if self._pool is None else [np.array(self._pool)]
         single = self.tabulated.single
         coefficients = np.concatenate([*before, *(c.ravel() for c in self._new)])
@@ -127,6 +136,10 @@ class PatchTable:
                     self._march(part)
                     part = {}
         self._march(part)
+        keys, values = (np.concatenate(v) for v in zip(self._nothing_known(), *self._halved_nodes, strict=True))
+        self._halved_nodes.clear()
+        key, first = np.unique(keys, return_index=True)
+        self._known = key, values[first]
         divided = {size: [p for p in patches if tuple(p) in self._divided[size]] for size, patches in wave.items()}
         return {size: np.array(patches) for size, patches in divided.items() if patches}
 
@@ -137,11 +150,17 @@ class PatchTable:
             known, values = values[: len(patches)], values[len(patches) :]
             allowed = self.tabulated.allowed(known)
             error = [(np.abs(predicted(known, axis) - known) / allowed).max(axis=(1, 2, 3)) for axis in (0, 1)]
-            coarse = np.stack([(e > 1.0) & (n < FINEST) for e, n in zip(error, size, strict=True)], axis=1)
+            finest = (FINEST if size[1] else FINEST_ROWS, FINEST)
+            coarse = np.stack([(e > 1.0) & (n < f) for e, n, f in zip(error, size, finest, strict=True)], axis=1)
             last = ~coarse.any(axis=1)
             self._keep(patches[last], size, known[last], np.maximum(*error)[last] > 1.0)
+            keys = _node_keys(patches[~last], size)
+            self._halved_nodes.append((keys, known[~last].reshape(-1, self.tabulated.quantities)))
             for patch, axes in zip(patches[~last], coarse[~last], strict=True):
                 self._divided[size][tuple(patch)] = (int(axes[0]), int(axes[1]))
+
+    def _nothing_known(self) -> tuple[NDArray[np.int64], FloatArray]:
+        return np.zeros(0, dtype=np.int64), np.zeros((0, self.tabulated.quantities))
 
     def _halved(self, wave: _Patches, missing: NDArray[np.bool_]) -> _Patches:
         """Return those parts of divided patches that rays fall into."""
@@ -160,27 +179,32 @@ class PatchTable:
         return wanted
 
     def _values_of(self, wave: _Patches) -> FloatArray:
-        """Return values at the nodes of patches, one after the other, shape (patches, NODES, NODES, quantities)."""
-        steps = np.arange(NODES) / INTERVALS
-        places: list[list[FloatArray]] = [[], []]
-        for size, patches in wave.items():
-            x = (patches[:, :1] + steps) / (ROW_PATCHES << size[0])
-            azimuth = (patches[:, 1:] + steps) * (2.0 * math.pi / (AZIMUTH_PATCHES << size[1]))
-            shape = (len(patches), NODES, NODES)
-            places[0].append(np.broadcast_to(x[:, :, None], shape).ravel())
-            places[1].append(np.broadcast_to(azimuth[:, None, :], shape).ravel())
+        """Return values at the nodes of patches, one after the other, shape (patches, NODES, NODES, quantities).
+
+        Every node is marched once: patches share those on their edges, and half of a patch has every second node of the
+        whole.
+        """
         if not wave:
             return np.zeros((0, NODES, NODES, self.tabulated.quantities))
-        every_x, every_azimuth = (np.concatenate(p) for p in places)
-        self.rays += every_x.size
-        return self.tabulated.values(every_x, every_azimuth).reshape(-1, NODES, NODES, self.tabulated.quantities)
+        key, back = np.unique(np.concatenate([_node_keys(p, size) for size, p in wave.items()]), return_inverse=True)
+        values = np.empty((len(key), self.tabulated.quantities))
+        _, mine, theirs = np.intersect1d(key, self._known[0], assume_unique=True, return_indices=True)
+        values[mine] = self._known[1][theirs]
+        new = np.ones(len(key), dtype=bool)
+        new[mine] = False
+        row, column = np.divmod(key[new], _KEYS_A_ROW)
+        self.rays += len(row)
+        if len(row):
+            x, azimuth = row * (1.0 / _ROW_NODES), column * (2.0 * math.pi / _AZIMUTH_NODES)
+            values[new] = self.tabulated.values(x, azimuth)
+        return values[back.ravel()].reshape(-1, NODES, NODES, self.tabulated.quantities)
 
     def _keep(
         self, patches: NDArray[np.int64], size: tuple[int, int], values: FloatArray, rough: NDArray[np.bool_]
     ) -> None:
         if not len(patches):
             return
-        first, rows, columns = self.patches, 1 << (FINEST - size[0]), 1 << (FINEST - size[1])
+        first, rows, columns = self.patches, 1 << (FINEST_ROWS - size[0]), 1 << (FINEST - size[1])
         for k, (i, j) in enumerate(patches):
             leaf = np.uint32((first + k) << _NUMBER_SHIFT | _ROUGH * int(rough[k]) | size[0] << _LEVEL_BITS | size[1])
             self._leaves[i * rows : (i + 1) * rows, j * columns : (j + 1) * columns] = leaf
@@ -220,6 +244,14 @@ class PatchTable:
         return total
 
 
+def _node_keys(patches: NDArray[np.int64], size: tuple[int, int]) -> NDArray[np.int64]:
+    """Return numbers that nodes of patches of a size have in common with those of others at the same places, flat."""
+    step = np.arange(NODES, dtype=np.int64)
+    finest = FINEST_ROWS, FINEST
+    row, column = ((patches[:, k, None] * INTERVALS + step) << (finest[k] - size[k]) for k in (0, 1))
+    return np.asarray((row[:, :, None] * _KEYS_A_ROW + column[:, None, :]).ravel())
+
+
 def _any_in_patches(finest: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.bool_]:
     """Return for all patches of a size whether anything holds in the finest ones that lie in them."""
     rows, columns = ROW_PATCHES << size[0], AZIMUTH_PATCHES << size[1]
@@ -239,7 +271,9 @@ def _below_one(x: mi.Float64) -> mi.Float64:
 
 def _finest_at(x: mi.Float64, azimuth: mi.Float64) -> tuple[mi.UInt32, mi.UInt32]:
     """Return (row, column) of places among patches of the finest size."""
-    return mi.UInt32(_below_one(x) * (ROW_PATCHES << FINEST)), mi.UInt32(_turns(azimuth) * (AZIMUTH_PATCHES << FINEST))
+    return mi.UInt32(_below_one(x) * (ROW_PATCHES << FINEST_ROWS)), mi.UInt32(
+        _turns(azimuth) * (AZIMUTH_PATCHES << FINEST)
+    )
 
 
 def _interval(place: mi.Float64) -> tuple[mi.UInt32, mi.Float64]:

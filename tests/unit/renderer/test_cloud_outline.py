@@ -102,7 +102,7 @@ def test_the_outline_is_that_of_many_rays(camera: dict[str, Any], subsamples: in
 
 @pytest.mark.parametrize(("camera", "subsamples"), [(NEAR, 1), (COARSE, 1)])
 def test_the_refracted_outline_is_that_of_many_rays(camera: dict[str, Any], subsamples: int) -> None:
-    """0.05 px rms as well; it is 0.013. Light that is turned bends otherwise, which a second pass takes in."""
+    """0.05 px rms as well; it is 0.013."""
     view = _view(camera, EARTH, subsamples, refraction=True)
     assert view.bending is not None
     exact = _sampled(view).sum(axis=0)

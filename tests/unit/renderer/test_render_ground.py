@@ -194,8 +194,8 @@ def test_steps_that_are_skipped_meet_no_cloud(mi: Any) -> None:
     down, past = rays(np.linspace(1e5, 6.35e6, 20_000)), rays(np.linspace(6.37e6, 6.39e6, 2000))
     for field in (CloudField(None, 17e3, 7e3, 300e3, 7, 0.8, "earth", 6), CloudField(0.2, 12e3, 5e3, 300e3, 7, 0.8)):
         table = cloud_table(field, planet, tuple(origin.tolist()))
-        assert float(table.skipped[0]) > 10.0
-        every = replace(table, skipped=mi.Float64(1.0))
+        assert float(table.squares[0].steps[0]) > 10.0
+        every = replace(table, squares=tuple(replace(s, steps=mi.Float64(1.0)) for s in table.squares))
         for d, to_ground in ((down, True), (past, False)):
             hit, t = (np.array(v) for v in first_cloud(table, planet, o, d, to_ground))
             hit_of_every, t_of_every = (np.array(v) for v in first_cloud(every, planet, o, d, to_ground))

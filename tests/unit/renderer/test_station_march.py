@@ -17,7 +17,7 @@ from horizonval.renderer.kernel.march import SunlitStations, march_air, march_to
 from horizonval.renderer.planet import Planet  # noqa: E402
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION, way_through  # noqa: E402
 from horizonval.renderer.tables import vectors  # noqa: E402
-from horizonval.renderer.types import constant_vector  # noqa: E402
+from horizonval.renderer.types import constant, constant_vector  # noqa: E402
 from horizonval.spec.scene import SceneSpec  # noqa: E402
 from horizonval.spec.sensor.camera import CameraSpec  # noqa: E402
 
@@ -45,6 +45,11 @@ def _rays(down: float) -> tuple:
     return vectors(np.array([[PLANET.a_m + 500e3, 0.0, 0.0]])), vectors(d)
 
 
+def _numbers(*ends: float) -> tuple:
+    """Return the numbers of the stations at the ends of pieces."""
+    return tuple(constant(n) for n in (0.0, *ends))
+
+
 @pytest.mark.parametrize("sun_itrs", [(0.6, 0.8, 0.0), (-0.2, -0.98, 0.0)])
 @pytest.mark.parametrize(("down", "to_ground"), [(0.9, True), (0.385, True), (0.367, False)])
 def test_stations_tell_what_marches_find_that_end_there(
@@ -54,7 +59,7 @@ def test_stations_tell_what_marches_find_that_end_there(
     o, d = _rays(down)
     sun = constant_vector(sun_itrs)
     first, last = way_through(PLANET, o, d, 18e3, to_ground)
-    stations = SunlitStations(first, last, count=5, steps=48, before=192)
+    stations = SunlitStations((first, last), _numbers(4.0), count=5, steps=48, before=192)
     radiance, _, transmittance = march_to_stations(
         PLANET, top_m, batch, o, d, sun, to_ground, SOLAR_CONCENTRATION, stations
     )
@@ -67,6 +72,24 @@ def test_stations_tell_what_marches_find_that_end_there(
         assert transmittance[k] == pytest.approx(np.array(air.transmittance[0]), rel=1e-4)
 
 
+def test_every_piece_has_its_own_even_stations(lit_air) -> None:
+    """The same light as at stations of other numbers in the same places; 1e-5, since steps between them are others."""
+    top_m, batch = lit_air
+    o, d = _rays(0.9)
+    sun = constant_vector((0.6, 0.8, 0.0))
+    first, last = way_through(PLANET, o, d, 18e3, True)
+    cut = first + 0.25 * (last - first)
+    pieces = SunlitStations((first, cut, last), _numbers(3.0, 9.0), 10, steps=24, before=192)
+    whole = SunlitStations((first, last), _numbers(24.0), 25, steps=24, before=192)
+    found = []
+    for stations in (pieces, whole):
+        light = march_to_stations(PLANET, top_m, batch, o, d, sun, True, SOLAR_CONCENTRATION, stations)
+        found.append([np.array(light[k][0]).reshape(-1, 3) for k in (0, 2)])
+    same = [0, 2, 4, 6, 9, 12, 15, 18, 21, 24]
+    for of_pieces, of_whole in zip(*found, strict=True):
+        assert of_pieces == pytest.approx(of_whole[same], rel=1e-5)
+
+
 @pytest.mark.parametrize(("down", "to_ground"), [(0.9, True), (0.385, True), (0.367, False)])
 def test_rays_without_a_shadow_need_no_pieces(lit_air, down: float, to_ground: bool) -> None:
     """The same steps, without those of no length: 1e-12, rounding."""
@@ -75,7 +98,7 @@ def test_rays_without_a_shadow_need_no_pieces(lit_air, down: float, to_ground: b
     first, last = way_through(PLANET, o, d, 18e3, to_ground)
     found = []
     for pieces in (3, 1):
-        stations = SunlitStations(first, last, 5, 4 * pieces, 32 * pieces, shadow=pieces == 3)
+        stations = SunlitStations((first, last), _numbers(4.0), 5, 4 * pieces, 32 * pieces, shadow=pieces == 3)
         sun = constant_vector((0.9, np.sqrt(1.0 - 0.81), 0.0))
         light = march_to_stations(PLANET, top_m, batch, o, d, sun, to_ground, SOLAR_CONCENTRATION, stations)
         found.append([np.array(v[0]) for v in (light[0], light[2])])
