@@ -1,0 +1,281 @@
+r"""The rendered profile of the limb, and how it may differ, as a table that a fit reads in place of a renderer.
+
+Along a straight line whose lowest point lies at height ``h`` over the ellipsoid comes the radiance ::
+
+    L(h) = mean(h) + sum_k a_k mode_k(h) + rest(h),      a_k ~ N(0, 1),   rest ~ N(0, left_sigma(h)^2)
+
+The mean is that of an ensemble of air, cloud and ground at a place: of thermal bands by latitude and month, of sunlit
+ones by the Sun's zenith angle at the lowest point and its azimuth from the line of sight. The modes are empirical
+orthogonal functions of what the ensemble's states are off by. A coefficient stays alike along the limb as
+``exp(-d^2 / (2 l^2))`` with ``d`` the angle between two places at the Earth's centre and ``l`` the mode's
+``correlation_rad``.
+
+``h`` is negative where the line meets the ground: the depth of its middle below the ellipsoid. Lines are straight
+continuations of what the camera sees; the air bends light, and that is in the profile: the hard edge of the ground
+stands at some 1.8 km.
+
+Nothing here depends on where the camera is, as long as it is above the air. What a line sees depends on the line and on
+the Sun alone; the angles are those at *its own* lowest point. Across a few kilometres of one limb they are the same: a
+height ``h`` turns them by ``h / (R sin(rho))``, 0.01 rad for 30 km seen from 500 km.
+
+Between the table's places everything is multilinear. Files hold whole numbers: of the mean 16 bits of the largest value
+of a profile, of modes and rest 8 bits.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from horizonval.core import atomic
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
+
+FORMAT = 1
+FOLDER = Path(__file__).parent / "data"
+"""Of the shipped tables."""
+LEAST_OVERLAP = 0.6
+"""Of two bands, as the share of the wavelengths of either that both have: below it the limb is another one. 10.5 to
+12.5 um has 0.33 of 8 to 14 um, whose limb stands 10 km higher; the visible bands of the shipped cameras have 0.97 of
+each other."""
+MONTHS = 12.0
+_AXES = {"solar": ("sun_zenith_rad", "sun_azimuth_rad"), "thermal": ("latitude_rad", "month")}
+
+
+@dataclass(frozen=True, eq=False)
+class LimbTemplates:
+    """Profiles of the limb in one band over their two axes, A and B places along each.
+
+    Attributes
+    ----------
+    band_kind : {"solar", "thermal"}
+    band_um : tuple of two floats
+        Wavelengths between which the band's response is above zero.
+    height_m : ndarray, shape (H,)
+        Rising, of the lines' lowest points.
+    axes : tuple of two ndarray, shapes (A,) and (B,)
+        Rising. Solar: the Sun's zenith angle and its azimuth from the line of sight, 0 (ahead) to pi [rad]. Thermal:
+        latitude [rad] and month, 1.0 in the middle of January, which is a circle of 12.
+    mean : ndarray, shape (A, B, H)
+        W m-2 sr-1 um-1, the mean over the band by its response.
+    modes : ndarray, shape (A, B, K, H)
+        What one standard deviation of each adds.
+    mode_kinds : tuple of str, length K
+        What makes each differ: air, haze, cloud, ground.
+    correlation_rad : ndarray, shape (K,)
+    left_sigma : ndarray, shape (A, B, H)
+        Standard deviation of what the modes leave.
+    made_by : str
+        How the table was made: command, version, ensemble.
+    """
+
+    band_kind: Literal["solar", "thermal"]
+    band_um: tuple[float, float]
+    height_m: FloatArray
+    axes: tuple[FloatArray, FloatArray]
+    mean: FloatArray
+    modes: FloatArray
+    mode_kinds: tuple[str, ...]
+    correlation_rad: FloatArray
+    left_sigma: FloatArray
+    made_by: str = ""
+
+    def __post_init__(self) -> None:
+        problem = self._problem()
+        if problem:
+            raise UserError(problem, where="limb templates")
+
+    def at(self, first: ArrayLike, second: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the profiles at places along the limb.
+
+        Parameters
+        ----------
+        first, second : array_like, shape (n,), or one number for all
+            Along the two axes: solar (Sun's zenith angle, azimuth) [rad], thermal (latitude [rad], month). Beyond the
+            ends of an axis its last value holds; months are taken round the year, azimuths may have either sign.
+
+        Returns
+        -------
+        mean : ndarray, shape (n, H)
+        modes : ndarray, shape (n, K, H)
+        left_sigma : ndarray, shape (n, H)
+        """
+        a, b = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, dtype=np.float64)) for v in (first, second)))
+        i, u = _between(self.axes[0], a)
+        if self.band_kind == "thermal":
+            j, v = _round_the_year(self.axes[1], b)
+        else:
+            j, v = _between(self.axes[1], np.abs((b + np.pi) % (2.0 * np.pi) - np.pi))
+        out = []
+        for values in (self.mean, self.modes, self.left_sigma):
+            flat = values.reshape(len(self.axes[0]), len(self.axes[1]), -1)
+            total = np.zeros((len(a), flat.shape[-1]))
+            for row, share in ((i, 1.0 - u), (np.minimum(i + 1, len(self.axes[0]) - 1), u)):
+                for column, part in ((j, 1.0 - v), ((j + 1) % len(self.axes[1]), v)):
+                    total += (share * part)[:, None] * flat[row, column]
+            out.append(total.reshape(len(a), *values.shape[2:]))
+        return out[0], out[1], out[2]
+
+    def save(self, path: Path) -> None:
+        """Write the table, whole or not at all; the same table always gives the same bytes.
+
+        Raises
+        ------
+        UserError
+            The file cannot be written.
+        """
+        arrays: dict[str, NDArray[Any]] = {
+            "format": np.array(FORMAT),
+            "band_kind": np.array(self.band_kind),
+            "band_um": np.array(self.band_um),
+            "height_m": self.height_m,
+            "first": self.axes[0],
+            "second": self.axes[1],
+            "mode_kinds": np.array(self.mode_kinds),
+            "correlation_rad": self.correlation_rad,
+            "made_by": np.array(self.made_by),
+        }
+        for name, values, kind in (
+            ("mean", self.mean, np.int16),
+            ("modes", self.modes, np.int8),
+            ("left_sigma", self.left_sigma, np.int8),
+        ):
+            scale, whole = quantised(values, kind)
+            arrays[f"{name}_scale"], arrays[f"{name}_whole"] = scale.astype(np.float32), whole
+        try:
+            with atomic.replacing(path) as temporary, temporary.open("wb") as file:
+                np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # names are not keywords of its own
+        except OSError as e:
+            raise UserError(
+                e.strerror or "cannot be written", where=str(path), expected="a file that can be written"
+            ) from e
+
+    def _problem(self) -> str:
+        """Return what is wrong with the shapes and numbers; empty for nothing."""
+        if self.band_kind not in _AXES:
+            return f"band_kind is {self.band_kind!r}, not solar or thermal"
+        if len(self.axes) != 2 or len(self.band_um) != 2 or not 0.0 < self.band_um[0] < self.band_um[1]:
+            return "a band has two wavelengths, rising, and a table two axes"
+        for name, axis in zip(("height_m", *_AXES[self.band_kind]), (self.height_m, *self.axes), strict=True):
+            if axis.ndim != 1 or len(axis) < 1 or not np.isfinite(axis).all() or (np.diff(axis) <= 0.0).any():
+                return f"{name} does not rise"
+        grid, k = (len(self.axes[0]), len(self.axes[1])), len(self.mode_kinds)
+        wanted = {
+            "mean": (*grid, len(self.height_m)),
+            "modes": (*grid, k, len(self.height_m)),
+            "correlation_rad": (k,),
+            "left_sigma": (*grid, len(self.height_m)),
+        }
+        for name, shape in wanted.items():
+            values = getattr(self, name)
+            if values.shape != shape:
+                return f"{name} has the shape {values.shape}, not {shape}"
+            if not np.isfinite(values).all():
+                return f"{name} has values that are not finite"
+        if (self.correlation_rad <= 0.0).any() or (self.left_sigma < 0.0).any():
+            return "correlation_rad or left_sigma is negative"
+        return ""
+
+
+def quantised(values: FloatArray, kind: type[np.int8] | type[np.int16]) -> tuple[FloatArray, NDArray[Any]]:
+    """Return profiles (..., H) as a scale (...) and whole numbers (..., H), whose product they are.
+
+    Rounded to half of a 127th or a 32767th of a profile's largest value.
+    """
+    scale = np.abs(values).max(axis=-1) / np.iinfo(kind).max
+    scale = scale.astype(np.float32).astype(np.float64)
+    whole = np.rint(values / np.where(scale > 0.0, scale, 1.0)[..., None])
+    return scale, np.clip(whole, -np.iinfo(kind).max, np.iinfo(kind).max).astype(kind)
+
+
+def load_templates(path: Path) -> LimbTemplates:
+    """Read a table.
+
+    Raises
+    ------
+    UserError
+        No such file, not a table of profiles, damaged, or of a later format.
+    """
+    expected = "a table of `horizonval templates`"
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            arrays = {key: np.asarray(data[key]) for key in data.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError, KeyError) as e:
+        problem = (e.strerror if isinstance(e, OSError) else None) or "not a table, or damaged"
+        raise UserError(problem, where=str(path), expected=expected) from e
+    try:
+        if int(arrays["format"]) != FORMAT:
+            raise UserError(
+                f"format {int(arrays['format'])}", where=str(path), expected=f"format {FORMAT}", fix="make it again"
+            )
+        kind = str(arrays["band_kind"])
+        low, high = (float(v) for v in arrays["band_um"])
+        mean, modes, left = (
+            arrays[f"{name}_whole"] * arrays[f"{name}_scale"].astype(np.float64)[..., None]
+            for name in ("mean", "modes", "left_sigma")
+        )
+        numbers = [arrays[name].astype(np.float64) for name in ("height_m", "first", "second", "correlation_rad")]
+        return LimbTemplates(
+            band_kind=kind,  # type: ignore[arg-type]  # checked when made
+            band_um=(low, high),
+            height_m=numbers[0],
+            axes=(numbers[1], numbers[2]),
+            mean=mean,
+            modes=modes,
+            mode_kinds=tuple(str(name) for name in arrays["mode_kinds"]),
+            correlation_rad=numbers[3],
+            left_sigma=left,
+            made_by=str(arrays["made_by"]),
+        )
+    except UserError as e:
+        raise UserError(str(e), where=str(path), expected=expected) from e
+    except (KeyError, ValueError, TypeError) as e:
+        raise UserError(f"not a table of profiles ({e})", where=str(path), expected=expected) from e
+
+
+def shipped_templates(band_kind: Literal["solar", "thermal"], band_um: tuple[float, float]) -> LimbTemplates | None:
+    """Return the shipped table of the band most like one, None where none is.
+
+    Parameters
+    ----------
+    band_kind : {"solar", "thermal"}
+    band_um : tuple of two floats
+        Wavelengths between which the response is above zero.
+    """
+    likeness = [(overlap(band_um, t.band_um), i) for i, t in enumerate(_shipped()) if t.band_kind == band_kind]
+    best, i = max(likeness, default=(0.0, 0))
+    return _shipped()[i] if best >= LEAST_OVERLAP else None
+
+
+def overlap(a_um: Sequence[float], b_um: Sequence[float]) -> float:
+    """Return the share of the wavelengths of either of two bands that both have."""
+    both = min(a_um[1], b_um[1]) - max(a_um[0], b_um[0])
+    return max(both, 0.0) / (a_um[1] - a_um[0] + b_um[1] - b_um[0] - max(both, 0.0))
+
+
+@cache
+def _shipped() -> tuple[LimbTemplates, ...]:
+    return tuple(load_templates(path) for path in sorted(FOLDER.glob("limb-*.npz")))
+
+
+def _between(axis: FloatArray, x: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return the place before x and the share of the next; ends hold."""
+    if len(axis) == 1:
+        return np.zeros(x.shape, dtype=np.intp), np.zeros(x.shape)
+    i = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, len(axis) - 2)
+    return i, np.clip((x - axis[i]) / (axis[i + 1] - axis[i]), 0.0, 1.0)
+
+
+def _round_the_year(axis: FloatArray, month: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return the place before a month and the share of the next, round the year."""
+    x = axis[0] + (month - axis[0]) % MONTHS
+    i = np.searchsorted(axis, x, side="right") - 1
+    after = np.append(axis, axis[0] + MONTHS)
+    return i, (x - axis[i]) / (after[i + 1] - axis[i])

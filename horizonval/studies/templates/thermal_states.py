@@ -1,0 +1,199 @@
+r"""States of air, cloud and ground of the thermal limb by latitude and month, and the profiles they give.
+
+Every place of the table has
+
+- the calm climate of the weather model, :func:`horizonval.earth.atmosphere.columns.weather_columns`;
+- *air*: :data:`WEATHERS` days drawn with it, one draw serving all latitudes of its month, and the blend of the AFGL
+  climates, which scenes may have instead, as one more;
+- *below*: :data:`COVERS` states of what else is there, on the calm air: opaque clouds in three states of four, cirrus
+  as often as it is seen, the ground warmer or colder than the climate by 5 K rms, on land or sea by halves, haze of 0.5
+  to 2 times the mean (one standard deviation), a volcanic stratosphere in one of ten.
+
+All of these shares were chosen, but for the weather's own and the occurrence of cirrus, which have sources where they
+are made. Draws follow from hashes of month and number.
+
+A line meets the highest cloud within :data:`SIGHT_M` of its lowest point that stands in its way: of tops ``z(s)`` along
+it, the height ``max of z(s) - s^2 / 2R``. Tops are those of the pattern of the Earth of the month; every state takes
+one quantile of their distribution at all latitudes. The cloud is a shell there, as warm as the air.
+
+Air is the same all along a line: how it differs along some hundred kilometres is left out.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere import columns
+from horizonval.earth.atmosphere.aerosol import MEAN_DEPTH_BELOW_10_KM, aerosol
+from horizonval.earth.atmosphere.climate import climate_weights
+from horizonval.earth.atmosphere.emission import EmittingBand
+from horizonval.earth.atmosphere.emitting_air import EmittingAir
+from horizonval.earth.clouds import layer_kinds, layer_optics, relief
+from horizonval.earth.clouds.layers import ThinLayer
+from horizonval.earth.column import OpticalModel
+from horizonval.earth.gases import afgl, rayleigh
+from horizonval.earth.gases.gas_state import GasState
+from horizonval.earth.spectral import bands
+from horizonval.earth.surface import surface_temperature
+from horizonval.earth.surface.ground_emission import uniform_ground
+from horizonval.earth.weather.field import WeatherField
+from horizonval.geometry.ellipsoid import WGS84
+from horizonval.spec.sensor.camera import Band
+from horizonval.studies.stability.orbit import rays_along_parallels
+from horizonval.studies.templates.rays import HEIGHT_M
+
+WEATHERS, COVERS = 7, 6
+CLOUDS, VOLCANIC = 0.75, 0.1
+GROUND_SIGMA_K, HAZE_SIGMA = 5.0, math.log(2.0)
+SIGHT_M, SIGHT_STEP_M = 300e3, 15e3
+LONGITUDES = 48
+OPAQUE_PER_M = 2e-2
+"""Of opaque cloud: black within 100 m."""
+GRID_M = np.linspace(0.0, 100e3, 1001)
+NODES = 128
+"""Of the march; see :data:`horizonval.studies.stability.profiles.NODES`."""
+
+
+def draws(what: str, month: float, number: int) -> np.random.Generator:
+    """Return the random numbers of one state."""
+    return np.random.default_rng(seed_of(what, month, number))
+
+
+def seed_of(what: str, month: float, number: int) -> int:
+    """Return the seed of one state."""
+    return int.from_bytes(hashlib.sha256(f"limb templates {what} {month:g} {number}".encode()).digest()[:4], "little")
+
+
+@dataclass(frozen=True)
+class Cover:
+    """What lies below and in the air beside its gases.
+
+    ``top_m``: of opaque cloud, 0 for none. ``layers``: of cirrus. ``haze``: name and depth below 10 km.
+    ``ground_warmer_k``: than sea or land (``land``) of the climate.
+    """
+
+    top_m: float
+    layers: tuple[ThinLayer, ...]
+    haze: tuple[str, float]
+    ground_warmer_k: float
+    land: float
+
+
+CLEAR = Cover(0.0, (), ("background", MEAN_DEPTH_BELOW_10_KM), 0.0, 0.5)
+
+
+def is_cloudy(month: float, number: int) -> bool:
+    """Return whether one of the states has opaque clouds at all: all latitudes of a month together."""
+    return bool(draws("cover", month, number).random() < CLOUDS)
+
+
+def cover_of(latitude_deg: float, month: float, number: int) -> Cover:
+    """Return the cover of one state at a latitude."""
+    random = draws("cover", month, number)
+    cloudy, cirrus, thin, volcanic, land, phase = random.random(6)
+    depth, haze, warmer, height = random.standard_normal(4)
+    # the quantiles of a month's states are spread evenly
+    quantile = (number + phase) / COVERS
+    top = float(np.quantile(_tops(month, latitude_deg), quantile)) if cloudy < CLOUDS else 0.0
+    layers = []
+    for kind, lot in (("cirrus", cirrus), ("subvisible_cirrus", thin)):
+        if lot < layer_kinds.occurrence(kind, latitude_deg, month):
+            usual = layer_kinds.KINDS[kind]
+            level = float(relief.tropopause_m(latitude_deg)) + 500.0 * float(height)
+            tau = usual.optical_depth * math.exp(HAZE_SIGMA * float(depth))
+            base, highest = level + usual.base_m, level + usual.top_m
+            particle = layer_optics.particle(usual.phase, usual.effective_radius_um)
+            layers.append(ThinLayer(base, highest, tau / (highest - base), particle))
+    name = "volcanic_moderate" if volcanic < VOLCANIC else "background"
+    amount = MEAN_DEPTH_BELOW_10_KM * math.exp(HAZE_SIGMA * float(haze))
+    return Cover(max(top, 0.0), tuple(layers), (name, amount), GROUND_SIGMA_K * float(warmer), float(land < 0.5))
+
+
+@cache
+def _tops(month: float, latitude_deg: float) -> FloatArray:
+    """Return how high clouds stand in the way of lines at a latitude, shape (LONGITUDES,)."""
+    return clouds_in_the_way(month, np.full(LONGITUDES, latitude_deg), np.linspace(0.0, 360.0, LONGITUDES + 1)[:-1])
+
+
+def clouds_in_the_way(month: float, latitude_deg: FloatArray, longitude_deg: FloatArray) -> FloatArray:
+    """Return the heights [m], shape (n,), below which lines towards the east are stopped by clouds; 0 for none."""
+    field = relief.CloudField(None, 17e3, 7e3, 3e5, seed_of("clouds", month, 0), 0.8, "earth", round(month))
+    latitude, longitude = np.radians(latitude_deg), np.radians(longitude_deg)
+    up = np.stack(
+        [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)], axis=-1
+    )
+    east = np.stack([-np.sin(longitude), np.cos(longitude), np.zeros_like(longitude)], axis=-1)
+    along = np.arange(-SIGHT_M, SIGHT_M + 1.0, SIGHT_STEP_M) / WGS84.a_m
+    places = up[:, None] * np.cos(along)[:, None] + east[:, None] * np.sin(along)[:, None]
+    tops = relief.top_m(field, places.reshape(-1, 3)).reshape(places.shape[:2])
+    tops = np.where(tops > relief.BASE_M, tops, 0.0)
+    return np.asarray(np.maximum((tops - 0.5 * WGS84.a_m * along**2).max(axis=1), 0.0))
+
+
+def calm_air(latitude_deg: float, month: float, altitude_m: FloatArray) -> GasState:
+    """Return the climate of the weather model at a place, arrays of shape (1, k)."""
+    place = np.array([latitude_deg]), np.array([0.0])
+    return columns.weather_columns(WeatherField(0, month), *place, altitude_m, calm=True)
+
+
+def air_of_state(latitude_deg: float, month: float, number: int, altitude_m: FloatArray) -> GasState:
+    """Return the gases of one of the states of air; the last is the blend of the AFGL climates."""
+    if number == WEATHERS:
+        return afgl.blended([climate_weights(latitude_deg, month)], altitude_m)
+    longitude = draws("longitude", month, number).uniform(-180.0, 180.0)
+    field = WeatherField(seed_of("weather", month, number), month)
+    return columns.weather_columns(field, np.array([latitude_deg]), np.array([longitude]), altitude_m)
+
+
+def thermal_model(
+    air: GasState, some_bands: list[Band], latitude_deg: float, month: float, cover: Cover = CLEAR
+) -> OpticalModel:
+    """Return what the renderer needs of one column of air, the same everywhere, with its ground.
+
+    Parameters
+    ----------
+    air : GasState
+        Arrays of shape (1, k), on any levels from 0 to 100 km.
+    some_bands : list of Band
+    latitude_deg, month : float
+        Of the ground.
+    cover : Cover
+    """
+    levels = air.altitude_m
+    haze = aerosol(cover.haze[0], levels, depth_below_10_km=cover.haze[1])
+    emitting = EmittingAir(GRID_M, np.zeros(1), air.with_halocarbons(), haze, layers=cover.layers)
+    made = tuple(_with_cloud(emitting.band(band, ""), cover.top_m) for band in some_bands)
+    place = np.array([latitude_deg])
+    warm = cover.land * surface_temperature.land_k(place, month) + (1 - cover.land) * surface_temperature.sea_k(
+        place, month
+    )
+    density = np.exp(np.interp(GRID_M, levels, np.log(air.pressure_pa[0] / (1.380649e-23 * air.temperature_k[0]))))
+    index = rayleigh.refractivity(density, [bands.reference_wavelength_um(band) for band in some_bands])
+    ground = uniform_ground(float(warm[0]) + cover.ground_warmer_k, 1.0)
+    return OpticalModel(GRID_M, float(GRID_M[-1]), (), 0.0, 1.0, refractivity=index, thermal=made, emission=ground)
+
+
+def _with_cloud(band: EmittingBand, top_m: float) -> EmittingBand:
+    """Return a band with a shell of opaque cloud from the ground to a top."""
+    if top_m <= 0.0:
+        return band
+    black = OPAQUE_PER_M * np.clip((top_m - band.altitude_m) / 100.0 + 0.5, 0.0, 1.0)
+    absorbed = np.broadcast_to(black, (band.count, len(black)))
+    layers = np.array([[0.0, top_m], *band.layers.tolist()])
+    more = band.layer_per_m + absorbed if band.layer_per_m.size else absorbed
+    return replace(band, layer_per_m=more, layers=layers)
+
+
+def thermal_profiles(model: OpticalModel, latitude_deg: float, some_bands: list[Band]) -> list[FloatArray]:
+    """Return the profiles on ``HEIGHT_M`` of every band [W m-2 sr-1 um-1], lines along the parallel."""
+    from horizonval.renderer.rays.thermal_radiance import thermal_radiance
+
+    origin, direction = rays_along_parallels(np.radians([latitude_deg]), HEIGHT_M)
+    found = thermal_radiance(model, WGS84.a_m, origin[0], direction[0], polar_radius_m=WGS84.b_m, nodes=NODES)
+    return [found[band.name] / bands.width_um(band) for band in some_bands]

@@ -1,0 +1,107 @@
+"""The table of a thermal band: all states of all places, month by month, and what they come to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from horizonval.core import atomic
+from horizonval.core.arrays import FloatArray
+from horizonval.core.progress import Progress
+from horizonval.earth.gases import afgl
+from horizonval.earth.limb_relief import CLOUD_RELIEF_THERMAL
+from horizonval.earth.spectral import bands
+from horizonval.estimation.likelihood.templates import LimbTemplates
+from horizonval.spec.sensor.camera import Band
+from horizonval.studies.templates import thermal_states as states
+from horizonval.studies.templates.modes import empirical_modes, scene_mode
+from horizonval.studies.templates.rays import HEIGHT_M, LATITUDE_DEG, MONTHS, edge_weights
+
+AIR_MODES, COVER_MODES = 5, 2
+KEPT = ("calm", "air", "below")
+VERSION = 1
+"""Of the states: raised where they change, so that months made before are made again."""
+
+
+def thermal_month(some_bands: list[Band], month: float, progress: Progress) -> dict[str, FloatArray]:
+    """Return the profiles of every band in one month.
+
+    ``calm`` (A, H) of the climate, ``air`` (A, N, H) and ``below`` (A, M, H) of the states, by band name and these.
+    """
+    levels = afgl.levels_m()
+    found: dict[str, list[FloatArray]] = {f"{band.name} {what}": [] for band in some_bands for what in KEPT}
+
+    def add(latitude: float, what: str, models: list[states.OpticalModel]) -> None:
+        rows = [states.thermal_profiles(model, latitude, some_bands) for model in models]
+        for band, profiles in zip(some_bands, zip(*rows, strict=True), strict=True):
+            found[f"{band.name} {what}"].append(np.array(profiles))
+
+    for latitude in map(float, LATITUDE_DEG):
+        progress.step(f"month {month:g}", f"latitude {latitude:g}")
+        calm = states.calm_air(latitude, month, levels)
+        airs = [states.air_of_state(latitude, month, k, levels) for k in range(states.WEATHERS + 1)]
+        covers = [states.cover_of(latitude, month, k) for k in range(states.COVERS)]
+        add(latitude, "calm", [states.thermal_model(calm, some_bands, latitude, month)])
+        add(latitude, "air", [states.thermal_model(air, some_bands, latitude, month) for air in airs])
+        add(latitude, "below", [states.thermal_model(calm, some_bands, latitude, month, cover) for cover in covers])
+    return {key: np.array(values) for key, values in found.items()}
+
+
+def thermal_table(
+    some_bands: list[Band], work: Path, progress: Progress, months: FloatArray = MONTHS
+) -> list[LimbTemplates]:
+    """Return the tables of thermal bands; months that lie in the folder ``work`` already are read from there."""
+    parts = []
+    names = "-".join(band.name for band in some_bands)
+    for month in months:
+        path = work / f"thermal-{names}-{month:g}-v{VERSION}.npz"
+        if not path.exists():
+            made = thermal_month(some_bands, float(month), progress)
+            with atomic.replacing(path) as temporary, temporary.open("wb") as file:
+                np.savez(file, **made)  # type: ignore[arg-type]  # names are not keywords of its own
+        with np.load(path) as data:
+            parts.append({key: np.asarray(data[key]) for key in data.files})
+    return [_assembled(band, parts, months) for band in some_bands]
+
+
+def _assembled(band: Band, parts: list[dict[str, FloatArray]], months: FloatArray) -> LimbTemplates:
+    calm, air, below = (np.stack([part[f"{band.name} {what}"] for part in parts], axis=1) for what in KEPT)
+    weights = edge_weights(HEIGHT_M)
+    of_air = empirical_modes(air - calm, weights, AIR_MODES, around=True)
+    cloudy = np.array([[states.is_cloudy(float(m), k) for k in range(states.COVERS)] for m in months], dtype=float)
+    whole = scene_mode(below - calm, cloudy[None], states.CLOUDS, around=True)
+    of_cover = empirical_modes(below - calm - whole.of_state, weights, COVER_MODES, around=True)
+    return LimbTemplates(
+        band_kind="thermal",
+        band_um=bands.limits_um(band),
+        height_m=HEIGHT_M,
+        axes=(np.radians(LATITUDE_DEG), months),
+        mean=calm[:, :, 0] + of_air.mean + of_cover.mean + whole.mean,
+        modes=np.concatenate([of_air.modes, whole.mode[:, :, None], of_cover.modes], axis=2),
+        mode_kinds=("air",) * AIR_MODES + ("scene",) + ("below",) * COVER_MODES,
+        correlation_rad=np.concatenate(
+            [
+                alike_along_latitude(of_air.coefficients),
+                [np.pi],
+                np.full(COVER_MODES, CLOUD_RELIEF_THERMAL.correlation_rad),
+            ]
+        ),
+        left_sigma=np.sqrt(of_air.left_variance + of_cover.left_variance),
+        made_by=f"tests/data/make_limb_templates.py, states {VERSION}: {states.WEATHERS + 1} of air and "
+        f"{states.COVERS} of what is below at every place",
+    )
+
+
+def alike_along_latitude(coefficients: FloatArray) -> FloatArray:
+    """Return the correlation lengths [rad] of modes, shape (K,), from coefficients (A, B, N, K) along the latitudes.
+
+    From the correlation r of places one step apart, ``l = step / sqrt(2 ln 1/r)``. The last state of air, the same
+    climate everywhere, is left out.
+    """
+    c = coefficients[:, :, :-1]
+    r = np.sum(c[1:] * c[:-1], axis=(0, 1, 2)) / np.sqrt(
+        np.sum(c[1:] ** 2, axis=(0, 1, 2)) * np.sum(c[:-1] ** 2, axis=(0, 1, 2))
+    )
+    step = float(np.radians(LATITUDE_DEG[1] - LATITUDE_DEG[0]))
+    return np.asarray(step / np.sqrt(-2.0 * np.log(np.clip(r, 0.05, 0.99))))

@@ -1,0 +1,146 @@
+"""Tables of profiles of the limb: interpolation, files, and what is refused. Numbers are made up here."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from horizonval.core.errors import UserError
+from horizonval.estimation.likelihood.templates import (
+    LimbTemplates,
+    load_templates,
+    overlap,
+    shipped_templates,
+)
+
+HEIGHT = np.array([-10e3, 0.0, 10e3, 30e3])
+
+
+def table(kind: str = "thermal") -> LimbTemplates:
+    """Return profiles that are linear in both coordinates, so that multilinear interpolation is exact."""
+    if kind == "thermal":
+        axes = (np.radians([-90.0, -30.0, 40.0, 90.0]), np.array([1.0, 4.0, 7.0, 10.0]))
+    else:
+        axes = (np.radians([0.0, 60.0, 95.0]), np.radians([0.0, 90.0, 180.0]))
+    a, b = np.meshgrid(*axes, indexing="ij")
+    shape = np.array([4.0, 3.0, 2.0, 0.0])
+    mean = (10.0 + a + 0.1 * b)[..., None] * shape
+    modes = np.stack([0.1 * mean, np.broadcast_to([0.0, 1.0, 0.0, 0.0], mean.shape)], axis=2)
+    return LimbTemplates(
+        band_kind=kind,  # type: ignore[arg-type]
+        band_um=(8.0, 14.0),
+        height_m=HEIGHT,
+        axes=axes,
+        mean=mean,
+        modes=modes,
+        mode_kinds=("air", "below"),
+        correlation_rad=np.array([0.4, 0.05]),
+        left_sigma=0.01 * np.abs(mean),
+    )
+
+
+def test_between_places_profiles_are_linear():
+    rng = np.random.default_rng(1)
+    latitude, month = rng.uniform(-1.5, 1.5, 50), rng.uniform(1.0, 10.0, 50)
+    mean, modes, left = table().at(latitude, month)
+    expected = (10.0 + latitude + 0.1 * month)[:, None] * [4.0, 3.0, 2.0, 0.0]
+    np.testing.assert_allclose(mean, expected, rtol=1e-12)
+    np.testing.assert_allclose(modes[:, 0], 0.1 * expected, rtol=1e-12)
+    np.testing.assert_allclose(left, 0.01 * expected, rtol=1e-12)
+    assert modes.shape == (50, 2, 4)
+
+
+def test_a_year_is_a_circle():
+    t = table()
+    december, january = (t.at(0.3, m)[0][0] for m in (10.0, 1.0))
+    np.testing.assert_allclose(t.at(0.3, 11.5)[0][0], 0.5 * (december + january), rtol=1e-12)
+    np.testing.assert_allclose(t.at(0.3, 0.5)[0][0], t.at(0.3, 12.5)[0][0], rtol=1e-12)
+    np.testing.assert_allclose(t.at(0.3, 13.0)[0][0], january, rtol=1e-12)
+
+
+def test_azimuths_have_no_side_and_ends_hold():
+    t = table("solar")
+    np.testing.assert_allclose(t.at(1.0, -0.7)[0], t.at(1.0, 0.7)[0], rtol=1e-12)
+    np.testing.assert_allclose(t.at(1.0, 2.0 * np.pi - 0.7)[0], t.at(1.0, 0.7)[0], rtol=1e-12)
+    np.testing.assert_allclose(t.at(2.5, 0.7)[0], t.at(np.radians(95.0), 0.7)[0], rtol=1e-12)
+
+
+def test_a_file_keeps_the_table_to_its_rounding_and_has_always_the_same_bytes(tmp_path):
+    t = table()
+    t.save(tmp_path / "a.npz")
+    t.save(tmp_path / "b.npz")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    back = load_templates(tmp_path / "a.npz")
+    # half of a 32767th and of a 127th of the largest value of a profile
+    assert np.abs(back.mean - t.mean).max() <= 0.6 / 32767 * t.mean.max()
+    assert np.abs(back.modes - t.modes).max() <= 0.6 / 127 * t.modes.max()
+    np.testing.assert_array_equal(back.height_m, t.height_m)
+    back.save(tmp_path / "c.npz")
+    assert (tmp_path / "c.npz").read_bytes() == (tmp_path / "a.npz").read_bytes()
+
+
+def test_what_is_no_table_is_refused_in_one_line(tmp_path):
+    good = tmp_path / "good.npz"
+    table().save(good)
+    bad = {
+        "text.npz": b"hello",
+        "empty.npz": b"",
+        "cut.npz": good.read_bytes()[: good.stat().st_size // 2],
+    }
+    for name, content in bad.items():
+        (tmp_path / name).write_bytes(content)
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    with np.load(good) as data:
+        arrays = {key: np.asarray(data[key]) for key in data.files}
+    np.savez(tmp_path / "later.npz", **{**arrays, "format": np.array(9)})
+    np.savez(tmp_path / "short.npz", **{**arrays, "height_m": HEIGHT[:3]})
+    for name in (*bad, "other.npz", "later.npz", "short.npz", "missing.npz"):
+        with pytest.raises(UserError) as caught:
+            load_templates(tmp_path / name)
+        assert name in str(caught.value)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(UserError):
+        table().save(tmp_path / "no" / "folder.npz")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"band_kind": "radio"},
+        {"height_m": HEIGHT[::-1]},
+        {"correlation_rad": np.array([0.4, -0.05])},
+        {"mean": np.full((4, 4, 4), np.nan)},
+        {"mode_kinds": ("air",)},
+        {"band_um": (14.0, 8.0)},
+    ],
+)
+def test_tables_that_cannot_be_are_refused(change):
+    with pytest.raises(UserError):
+        replace(table(), **change)
+
+
+def test_overlap_is_that_of_both():
+    assert overlap((8.0, 14.0), (8.0, 14.0)) == pytest.approx(1.0)
+    assert overlap((8.0, 14.0), (10.0, 13.0)) == pytest.approx(0.5)
+    assert overlap((8.0, 9.0), (10.0, 13.0)) == 0.0
+
+
+def test_shipped_tables_are_found_by_band():
+    co2 = shipped_templates("thermal", (14.16, 16.25))
+    assert co2 is not None
+    assert co2.band_um == (14.0, 16.3)
+    assert shipped_templates("thermal", (17.0, 19.0)) is None
+    assert shipped_templates("solar", (14.0, 16.3)) is None
+
+
+def test_shipped_profiles_end_in_space_and_reach_deep():
+    for path in sorted((Path(__file__).parents[4] / "horizonval/estimation/likelihood/data").glob("limb-*.npz")):
+        t = load_templates(path)
+        assert t.height_m[0] <= -300e3
+        assert (t.mean[..., -1] < 0.02 * t.mean.max()).all()
+        # one step of a kilometre or less where the limb is
+        steps = np.diff(t.height_m[(t.height_m >= 0.0) & (t.height_m <= 70e3)])
+        assert steps.max() <= 1000.0
