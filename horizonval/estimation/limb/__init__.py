@@ -1,1 +1,1 @@
-"""Limb points in an image: edges, crossings, consensus, and what speaks against them."""
+"""Limb points in an image: where the limb is, by the likelihood of its profiles, and what speaks against it."""

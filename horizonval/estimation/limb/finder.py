@@ -1,44 +1,109 @@
-"""Image in, limb points out: the whole search in the order in which it happens.
+"""Image in, limb points out: the limb that makes the picture most probable, coarse to fine.
 
-checks -> eight bits -> Canny -> consensus on cones -> sub-pixel refinement -> verdict
+1. The picture is made smaller by halves (:mod:`.search.pyramid`); on sizes that are cheap, cones through agreeing edge
+   points are proposed (:mod:`.search.proposals`).
+2. Each is judged by the likelihood of the pixels across it, with a limb there and without (:mod:`.search.evidence`),
+   the Earth the brighter side or the darker. The best goes on to the larger sizes, its cone fitted anew to what each
+   shows.
+3. A limb is claimed where most of what the cone predicts in view shows, where outside of it there is space, and where
+   it determines a nadir. Another cone with half of its likelihood and another nadir makes it ambiguous.
+4. Its points are read off the finest size that still shows it (:mod:`.search.locate`).
 
-``find_limb`` does all of it. ``find_edges_only`` stops after the sub-pixel step and keeps every edge point;
-``find_canny_pixels`` stops before it, as the published altitude-free method does. Both are right only where the limb is
-the one edge in the image.
+``find_limb`` does all of it. ``find_edges_only`` and ``find_canny_pixels`` are the published methods' own: every edge
+of the image, right only where the limb is the one edge in it.
 """
 
 from __future__ import annotations
 
-import hashlib
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.checks import check_image
-from horizonval.estimation.limb.consensus import Candidate, EdgePoints, find_candidates, to_sights
 from horizonval.estimation.limb.edges import Edges, find_edges
 from horizonval.estimation.limb.picture import Picture
+from horizonval.estimation.limb.ranks import median, percentile
 from horizonval.estimation.limb.result import LimbPoints
+from horizonval.estimation.limb.search.evidence import (
+    MOST_SECTORS,
+    PROFILES,
+    SHIFTS_PX,
+    WIDTHS_PX,
+    Evidence,
+    inner_reach,
+    weigh,
+)
+from horizonval.estimation.limb.search.locate import points_of
+from horizonval.estimation.limb.search.proposals import propose
+from horizonval.estimation.limb.search.pyramid import LARGEST_FINE_PX, PyramidLevel, levels_of, without_disc
+from horizonval.estimation.limb.search.trace import on_cone, trace_limb
+from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty
 from horizonval.estimation.limb.subpixel import half_window, refine
 from horizonval.estimation.limb.sun import find_sun
-from horizonval.estimation.limb.verdict import Limb, judge
+from horizonval.estimation.prior import MEAN_RADIUS_M
 from horizonval.geometry.camera import CameraModel, unproject
-from horizonval.geometry.directions import off_axis_angle
+from horizonval.geometry.cone import Cone, fit_cone
+from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
-MOST_POINTS = 24_000
-"""Edge points taken into the consensus: the calmest ones, since space is calm."""
-MOST_OTHERS = 12_000
-"""Edge points sampled to see what lies outside a curve."""
-JUDGED = 6
-RIVAL_ARC_SHARE = 0.5
-RIVAL_SIGMAS = 5.0
-RIVAL_ANGLE_RAD = float(np.deg2rad(1.0))
-SUN_REACH = 2.0
-LARGEST_SUN_RADIUS_RAD = float(np.deg2rad(3.0))
 FEWEST_POINTS = 8
+"""Of three unknowns, and something to see their scatter by."""
+STILL_SHOWN = float(np.sqrt(0.5))
+"""Of the largest likelihood of all sizes that one must have to be gone on to, where the edge is as wide there as any
+that is tried: a limb that is resolved tells no more in smaller pixels, and soon does not fit into the window."""
+STILL_SEEN = 0.25
+"""The same of a sharp limb: a copy with pixels half as wide has half of its contrast over the noise, and the square
+of it in its likelihood."""
+REFITS = 2
+"""Of a cone to what a level shows of it; the second moves nothing by a pixel."""
+TRIED = 2
+"""Cones of a level that are followed to larger ones: the most probable one, and what might contradict it."""
+WHOLE = 0.9
+"""Of the cone's limb that shows, beyond which no other cone is asked for."""
+SHORTEST_SHARE_OF_WIDTH = 0.2
+"""Of limb: a chord of a tenth of the field is half a pixel off straight in the smallest image from a low orbit."""
+SMALLEST_FILL = 0.3
+"""Of the cone's limb in view that shows: the Sun lights half of a full disc, and clouds hide some of that."""
+SAME_SIDE = 0.9
+"""Of the limb that shows, has the Earth inside and not only an edge: chance gives half, a dark cloud hides a tenth."""
+RIVAL_SHARE = 0.5
+"""Of the likelihood of the best curve, that another must have to put it in doubt: a piece of limb half as long."""
+SIGMAS = 5.0
+"""Of a curve from a straight line, and of two nadirs from each other: chance makes one of a million."""
+LARGEST_RHO_RAD = float(np.deg2rad(82.0))
+"""A camera 60 km up sees the Earth at 82 deg; nothing orbits there."""
+LARGEST_SIGMA_RAD = float(np.deg2rad(2.0))
+"""Of the nadir: a limb that tells less is not told from a straight line by the methods that start from it."""
+TALLEST_AIR_M = 120e3
+"""Airglow and aurora: what shines higher is not the Earth's."""
+LEAST_SIGNAL = 3.0
+"""Of the Earth's brightness over the noise of a pixel of it: less is less than ten electrons, and noise behind a mask
+is a disc too."""
+OTHER_SHARE = 0.3
+"""Of the limb's step: what differs more from space is something."""
+MOST_OTHER = 0.3
+"""Of the sky in view that may be something: the Moon, the Sun with its glare, and a part of the spacecraft."""
+PIECES = 32
+"""Of the limb that shows, over each of which its step is averaged: clouds vary faster along it than sunlight."""
+FADED_SHARE = 0.7
+"""Of the step at the limb over that deep inside, its upper quartile along the limb: towards the terminator the ground
+darkens inside of the limb, and the edge sinks below the horizon. Of 0.5 and 0.7 this one put the centre of the
+photograph from 1.45 million km where it belongs."""
+TRIM_SIGMAS = 3.5
+"""Robust ones, beyond which a point is left out: of normal ones one of two thousand is."""
+SMALLEST_TRIM_PX = 0.4
+"""Points nearer to the cone are kept: a noiseless limb has no spread but that of the pixels' own squares."""
+MOST_POINTS = 6_000
+"""Along a limb of a fifteen-megapixel image, all of them."""
+SUN_REACH = 2.0
+"""Radii of a saturated blob that are left out: its bloom."""
+LARGEST_SUN_RADIUS_RAD = float(np.deg2rad(3.0))
+"""The Sun of 0.27 deg with its glare; a larger blob may be a saturated Earth, and nothing of it is left out."""
 LIMB_SHARE = 0.4
 """Canny's upper threshold over the image's strong gradients, where all edges are taken for limb. On a picture of 50 to
 200 pixels the shading of a whole disc is steep enough for a lower one."""
@@ -82,25 +147,235 @@ def picture_of(image: FloatArray, camera: CameraModel, full_scale: float | None 
 
 def find_limb_in(picture: Picture, camera: CameraModel) -> LimbPoints | Refusal:
     """Return the limb of a picture of this camera; as :func:`find_limb`."""
-    grey, saturated, full_scale = picture.grey, picture.saturated, picture.full_scale
-    rim = half_window(grey.shape) + 1
-    edges = _inside_image_circle(find_edges(picture.eight_bit, rim), camera, rim)
-    seed = int.from_bytes(hashlib.sha256(np.ascontiguousarray(grey).data).digest(), "big")
-    rng = np.random.default_rng(np.random.SeedSequence(seed))
-    sun = find_sun(saturated)
-    dazzled = sun is not None
+    sun = find_sun(picture.saturated)
+    levels = levels_of(picture, camera)
     if sun is not None and sun.radius_px / camera.fx < LARGEST_SUN_RADIUS_RAD:
-        edges = _take(edges, np.hypot(*(edges.uv - (sun.column, sun.row)).T) > SUN_REACH * sun.radius_px + rim)
-    if len(edges.uv) < FEWEST_POINTS:
-        return _no_edges(grey, saturated, dazzled, full_scale)
-    sample = rng.permutation(len(edges.uv))[:MOST_OTHERS]
-    calm = np.argsort(edges.quiet, kind="stable")[:MOST_POINTS]
-    sight, others = to_sights(edges, camera, grey.shape, calm, sample)
-    candidates = find_candidates(sight, rng)
-    if not candidates:
-        return _no_edges(grey, saturated, dazzled, full_scale)
-    weight = len(edges.uv) / max(len(sample), 1)
-    return _decide(picture, camera, sight, candidates[:JUDGED], others, weight, rim, dazzled)
+        levels = without_disc(levels, sun.column, sun.row, SUN_REACH * sun.radius_px + 1.0)
+    verdicts = sorted(_verdicts(levels, camera), key=lambda one: -one[0])
+    accepted = [one for _, one in verdicts if isinstance(one, FoundLimb)]
+    doubts = [(score, one) for score, one in verdicts if isinstance(one, Refusal)]
+    # What is refused but far more probable is what the picture shows: nothing is told in its place.
+    if not accepted or (doubts and accepted[0].score < RIVAL_SHARE * doubts[0][0]):
+        short = (one for _, one in doubts if one.status is Outcome.SHORT_ARC)
+        return _refused(picture, sun is not None, next(short, doubts[0][1] if doubts else None))
+    best = accepted[0]
+    for rival in accepted[1:]:
+        if rival.score > RIVAL_SHARE * best.score and _contradicts(best, rival):
+            return Refusal(Outcome.AMBIGUOUS, "two curves could be the limb and disagree on the nadir")
+    return best.points
+
+
+@dataclass(frozen=True)
+class FoundLimb:
+    """A limb that is believed: its points, the cone through them, and its likelihood."""
+
+    points: LimbPoints
+    cone: Cone
+    uncertainty: ConeUncertainty
+    score: float
+    explained: float
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A cone, the number and scale of the level that it was last fitted to, and what that shows of it."""
+
+    axis_cam: FloatArray
+    rho_rad: float
+    number: int
+    scale: float
+    evidence: Evidence
+
+    @cached_property
+    def los(self) -> FloatArray:
+        """Lines of sight to the middles of its sectors, shape (m, 3)."""
+        return on_cone(self.axis_cam, tangent_basis(self.axis_cam), self.rho_rad, self.evidence.azimuth)
+
+
+def _verdicts(levels: list[PyramidLevel], camera: CameraModel) -> list[tuple[float, FoundLimb | Refusal]]:
+    """Return what becomes of the most probable cones of every level, the smallest level's first, with their score.
+
+    A limb that shows wherever it is predicted needs no larger level to propose it again.
+    """
+    verdicts: list[tuple[float, FoundLimb | Refusal]] = []
+    tried: list[_Candidate] = []
+    for number in range(len(levels) - 1, -1, -1):
+        if max(levels[number].grey.shape) > LARGEST_FINE_PX and number < len(levels) - 1:
+            break
+        for one in _proposed(levels[number], number, camera):
+            if any(_same(one, other) for other in tried):
+                continue
+            found = _followed(levels, camera, one)
+            if not any(_same(found, other) for other in tried):
+                verdicts.append((found.evidence.score, _judged(levels, camera, found)))
+            tried += [one, found]
+        if any(isinstance(one, FoundLimb) and one.explained > WHOLE for _, one in verdicts):
+            break
+    return verdicts
+
+
+def _proposed(level: PyramidLevel, number: int, camera: CameraModel) -> list[_Candidate]:
+    """Return the most probable cones of a level, the most probable first."""
+    found: list[_Candidate] = []
+    for one in propose(level, camera, LARGEST_RHO_RAD + LARGEST_SIGMA_RAD):
+        evidence = weigh(level, camera, one.axis_cam, one.rho_rad)
+        if evidence is not None and evidence.explained >= 0.5 * SMALLEST_FILL:
+            found.append(_Candidate(one.axis_cam, one.rho_rad, number, level.scale, evidence))
+    return sorted(found, key=lambda one: -one.evidence.score)[:TRIED]
+
+
+def _same(one: _Candidate, other: _Candidate) -> bool:
+    """Whether two cones have the same limb in view, to the pixels of the coarser one."""
+    off = off_axis_angle(one.los, other.axis_cam) - other.rho_rad
+    return bool(np.median(np.abs(off)) < SHIFTS_PX[-1] * max(one.evidence.px_rad, other.evidence.px_rad))
+
+
+def _followed(levels: list[PyramidLevel], camera: CameraModel, start: _Candidate) -> _Candidate:
+    """Return a cone fitted to one level after another, down to the finest that still shows it."""
+    best, largest = start, start.evidence.score
+    for number in range(start.number, -1, -1):
+        here = _fitted(levels[number], number, camera, best)
+        if here is None:
+            break
+        least = STILL_SHOWN if here.evidence.width_px == WIDTHS_PX[-1] else STILL_SEEN
+        if here.evidence.score < least * largest:
+            break
+        best, largest = here, max(largest, here.evidence.score)
+    return best
+
+
+def _fitted(level: PyramidLevel, number: int, camera: CameraModel, start: _Candidate) -> _Candidate | None:
+    """Return a cone fitted to what a level shows of it, unless that shows far less of it.
+
+    The likelihood need not rise: it hardly changes with a shift that all sectors have together.
+    """
+    evidence = weigh(level, camera, start.axis_cam, start.rho_rad)
+    if evidence is None:
+        return None
+    best = _Candidate(start.axis_cam, start.rho_rad, number, level.scale, evidence)
+    for _ in range(REFITS):
+        shows = best.evidence.shows
+        if np.count_nonzero(shows) < 3:
+            break
+        los = unproject(camera, best.evidence.uv[shows])
+        cone = fit_cone(los[np.isfinite(los).all(axis=1)])
+        axis = cone.axis_cam
+        rho = float(off_axis_angle(los, axis).mean())
+        evidence = weigh(level, camera, axis, rho)
+        if evidence is None or evidence.score < STILL_SHOWN * best.evidence.score:
+            break
+        best = _Candidate(axis, rho, number, level.scale, evidence)
+    return best
+
+
+def _judged(levels: list[PyramidLevel], camera: CameraModel, found: _Candidate) -> FoundLimb | Refusal:
+    """Decide whether a cone is the limb."""
+    evidence, level = found.evidence, levels[found.number]
+    shortest = SHORTEST_SHARE_OF_WIDTH * camera.width
+    if evidence.arc_px < shortest:
+        if evidence.arc_px > 0.4 * shortest:
+            return Refusal(Outcome.SHORT_ARC, f"{evidence.arc_px:.0f} px of limb in view; {shortest:.0f} are needed")
+        return Refusal(Outcome.NO_LIMB, f"the longest consistent curve measures {evidence.arc_px:.0f} px")
+    if evidence.explained < SMALLEST_FILL:
+        return Refusal(Outcome.NO_LIMB, f"{evidence.explained:.0%} of the best curve in the image is a limb")
+    if evidence.bright_side < SAME_SIDE:
+        return Refusal(
+            Outcome.NO_LIMB,
+            f"the best curve's inside is what its edge says along {evidence.bright_side:.0%} of it only",
+        )
+    bright = abs(float(np.median(evidence.step[evidence.shows])))
+    if bright < LEAST_SIGNAL * _grain(levels[0], camera, found):
+        return Refusal(Outcome.NO_LIMB, "the best curve's inside is noise")
+    if (refusal := _sky(levels[-1], camera, found)) is not None:
+        return refusal
+    uv, step, deep = points_of(
+        level, camera, found.axis_cam, found.rho_rad, evidence.width_px, evidence.bright_inside, MOST_POINTS
+    )
+    if len(uv):
+        uv = uv[_lit(step, deep)]
+    uv, los = _trimmed(uv, camera)
+    if len(uv) < FEWEST_POINTS:
+        return Refusal(Outcome.SHORT_ARC, f"{len(uv)} limb points; {FEWEST_POINTS} are needed")
+    cone = fit_cone(los)
+    rho = float(off_axis_angle(los, cone.axis_cam).mean())
+    try:
+        uncertainty = cone_uncertainty(los, cone.axis_cam, rho)
+    except np.linalg.LinAlgError:
+        return Refusal(Outcome.SHORT_ARC, "the points do not determine a cone")
+    if np.pi / 2 - rho < SIGMAS * uncertainty.sigma_rho_rad:
+        return Refusal(Outcome.SHORT_ARC, "the curve is straight within its noise: the Earth's side is unknown")
+    if rho > LARGEST_RHO_RAD:
+        return Refusal(
+            Outcome.NO_LIMB, f"the curve's angular radius of {np.rad2deg(rho):.1f} deg is no orbit's horizon"
+        )
+    if uncertainty.sigma_axis_rad > LARGEST_SIGMA_RAD:
+        sigma = np.rad2deg(uncertainty.sigma_axis_rad)
+        return Refusal(Outcome.SHORT_ARC, f"the arc determines the nadir only to {sigma:.1f} deg")
+    points = LimbPoints(uv, los, int(level.scale))
+    return FoundLimb(points, cone, uncertainty, evidence.score, evidence.explained)
+
+
+def _grain(finest: PyramidLevel, camera: CameraModel, found: _Candidate) -> float:
+    """Return the standard deviation of a pixel's noise inside a curve: of differences of neighbours, half of them."""
+    trace = trace_limb(camera, found.axis_cam, found.rho_rad, 2.0 * finest.scale, PROFILES * MOST_SECTORS)
+    inside = inner_reach(trace, found.rho_rad, found.scale) * found.scale
+    # Whole pixels: between them noise is smoothed.
+    places = np.rint(trace.uv + inside * trace.inwards)
+    one, known = finest.at(places)
+    other, also = finest.at(places + np.array([1.0, 0.0]))
+    difference = np.abs(one - other)[known & also]
+    return 1.4826 * median(difference) / np.sqrt(2.0) if len(difference) else 0.0
+
+
+def _sky(coarsest: PyramidLevel, camera: CameraModel, found: _Candidate) -> Refusal | None:
+    """Refuse a curve outside of which there is more than space."""
+    height, width = coarsest.grey.shape
+    v, u = np.mgrid[:height, :width].reshape(2, -1)
+    known = np.ones(len(u), dtype=bool) if coarsest.known is None else coarsest.known[v, u]
+    los = unproject(camera, coarsest.scale * np.column_stack([u, v]).astype(np.float64))
+    outside = off_axis_angle(los, found.axis_cam) - found.rho_rad
+    margin = max(TALLEST_AIR_M / MEAN_RADIUS_M * np.tan(found.rho_rad), SHIFTS_PX[-1] * coarsest.scale / camera.fx)
+    with np.errstate(invalid="ignore"):
+        sky = known & (outside > margin)
+    shows = found.evidence.shows
+    step = abs(float(np.median(found.evidence.step[shows])))
+    if np.count_nonzero(sky) < FEWEST_POINTS:
+        return None
+    levels = coarsest.grey[v[sky], u[sky]].astype(np.float64)
+    other = float(np.mean(np.abs(levels - np.median(levels)) > OTHER_SHARE * step))
+    if other > MOST_OTHER:
+        return Refusal(Outcome.NO_LIMB, f"{other:.0%} of what lies outside the best curve is no space")
+    return None
+
+
+def _lit(step: FloatArray, deep: FloatArray) -> NDArray[np.bool_]:
+    """Return at which points of a limb the Earth is lit at the limb itself, and not only further inside."""
+    size = max(len(step) // PIECES, 1)
+    at_limb, inside = (uniform_filter1d(np.abs(some), size, mode="nearest") for some in (step, deep))
+    share = at_limb / np.maximum(inside, np.finfo(float).tiny)
+    return np.asarray(share >= FADED_SHARE * percentile(share, 75.0))
+
+
+def _trimmed(uv: FloatArray, camera: CameraModel) -> tuple[FloatArray, FloatArray]:
+    """Return points and their lines of sight without those beyond 3.5 robust standard deviations of the limb."""
+    los = unproject(camera, uv)
+    seen = np.isfinite(los).all(axis=1)
+    uv, los = uv[seen], los[seen]
+    smallest = SMALLEST_TRIM_PX / max(camera.fx, camera.fy)
+    for _ in range(2):
+        if len(uv) < FEWEST_POINTS:
+            break
+        angle = off_axis_angle(los, fit_cone(los).axis_cam)
+        off = np.abs(angle - median(angle))
+        good = off <= max(TRIM_SIGMAS * 1.4826 * median(off), smallest)
+        uv, los = uv[good], los[good]
+    return uv, los
+
+
+def _contradicts(one: FoundLimb, other: FoundLimb) -> bool:
+    apart = float(off_axis_angle(one.cone.axis_cam, other.cone.axis_cam))
+    sigma = np.hypot(one.uncertainty.sigma_axis_rad, other.uncertainty.sigma_axis_rad)
+    return bool(apart > max(LARGEST_SIGMA_RAD, SIGMAS * sigma))
 
 
 def find_edges_only(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
@@ -153,46 +428,17 @@ def _inside_image_circle(edges: Edges, camera: CameraModel, rim_px: int) -> Edge
     return _take(edges, np.asarray(np.isfinite(further).all(axis=1)))
 
 
-def _no_edges(image: FloatArray, saturated: NDArray[np.bool_], dazzled: bool, full_scale: float | None) -> Refusal:
+def _refused(picture: Picture, dazzled: bool, first: Refusal | None) -> Refusal:
+    """Return why a picture without a limb has none; ``first``: what was said of its most probable curve."""
+    saturated, full_scale = picture.saturated, picture.full_scale
     if dazzled:
-        return Refusal(Outcome.SUN_GLARE, "a saturated blob and no other edge")
+        why = "no other edge" if first is None else first.reason
+        return Refusal(Outcome.SUN_GLARE, f"a saturated blob is in view; without it, {why}")
     if saturated.mean() > 0.5:
         return Refusal(Outcome.SATURATED, f"{saturated.mean():.0%} of the pixels are saturated and no limb is left")
     if full_scale is not None:
         # a converter's black level is not light: what counts is how far the brightest pixels rise above the rest
-        middle, bright = np.percentile(image, (50.0, 99.9))
+        middle, bright = np.percentile(picture.grey, (50.0, 99.9))
         if bright - middle < DARK_CONTRAST * full_scale and bright < DARK_LEVEL * full_scale:
             return Refusal(Outcome.DARK, f"no edge, and a flat {middle / full_scale:.0%} of full scale")
-    return Refusal(Outcome.NO_LIMB, "no edge stands out of the noise")
-
-
-def _decide(
-    picture: Picture,
-    camera: CameraModel,
-    sight: EdgePoints,
-    candidates: list[Candidate],
-    others: EdgePoints,
-    weight: float,
-    rim: int,
-    dazzled: bool,
-) -> LimbPoints | Refusal:
-    """Judge the candidates; the longest accepted one wins unless another one contradicts it."""
-    verdicts = [judge(picture, camera, sight, c, others, weight, rim) for c in candidates]
-    accepted = sorted((v for v in verdicts if isinstance(v, Limb)), key=lambda v: -v.arc_px)
-    if not accepted:
-        first = verdicts[0]
-        assert isinstance(first, Refusal)
-        if dazzled:
-            return Refusal(Outcome.SUN_GLARE, f"a saturated blob is in view; without it, {first.reason}")
-        return first
-    best = accepted[0]
-    for rival in accepted[1:]:
-        if rival.arc_px > RIVAL_ARC_SHARE * best.arc_px and _contradicts(best, rival):
-            return Refusal(Outcome.AMBIGUOUS, "two curves could be the limb and disagree on the nadir")
-    return best.points
-
-
-def _contradicts(one: Limb, other: Limb) -> bool:
-    apart = float(off_axis_angle(one.cone.axis_cam, other.cone.axis_cam))
-    sigma = np.hypot(one.uncertainty.sigma_axis_rad, other.uncertainty.sigma_axis_rad)
-    return bool(apart > max(RIVAL_ANGLE_RAD, RIVAL_SIGMAS * sigma))
+    return Refusal(Outcome.NO_LIMB, "no edge stands out of the noise") if first is None else first

@@ -17,7 +17,11 @@ class LimbPoints:
         (column, row) [px].
     los_cam : ndarray, shape (n, 3)
         Unit lines of sight in camera axes.
+    scale : int
+        Pixels of the image per pixel of the size at which the limb is an edge: 1 of a sharp limb, more of one that is
+        many pixels deep.
     """
 
     uv: FloatArray
     los_cam: FloatArray
+    scale: int = 1

@@ -101,9 +101,14 @@ def faded(sides: Sides) -> BoolArray:
     return np.asarray(step < FADED_SHARE * np.percentile(step, 90.0))
 
 
-def faint(sides: Sides, noise: float) -> BoolArray:
-    """Return which points have a limb, averaged over a piece of it, that does not stand out of the noise of a pixel."""
-    return np.asarray(smoothed(sides.peak - sides.outer, sides.azimuth) < FAINT_SIGMAS * noise)
+def faint(sides: Sides, noise: float, bright_inside: bool = True) -> BoolArray:
+    """Return which points have a limb, averaged over a piece of it, that does not stand out of the noise of a pixel.
+
+    ``bright_inside``: whether the Earth is the brighter side; where space is, the level within counts, as it is then
+    the light that is missing there.
+    """
+    step = sides.peak - sides.outer if bright_inside else sides.outer - sides.inner
+    return np.asarray(smoothed(step, sides.azimuth) < FAINT_SIGMAS * noise)
 
 
 def restless(sides: Sides) -> BoolArray:

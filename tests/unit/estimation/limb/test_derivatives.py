@@ -1,4 +1,4 @@
-"""How pixels move points and shading moves edges, against finite differences and integrals in closed form."""
+"""How pixels move points, against finite differences and integrals in closed form."""
 
 from __future__ import annotations
 
@@ -9,13 +9,6 @@ import pytest
 from scipy.ndimage import map_coordinates
 from scipy.special import ndtr
 
-from horizonval.estimation.limb.model.shading import (
-    CLIP_SIGMAS,
-    _angle_per_pixel,
-    _ground_length,
-    _patterns,
-    _robust_fit,
-)
 from horizonval.estimation.limb.model.steepest import to_steepest
 from horizonval.estimation.limb.model.steepest_noise import _bilinear, _response, pixel_variance
 from horizonval.estimation.limb.shape.cone import limb_directions
@@ -77,61 +70,3 @@ def test_even_noise_has_one_variance_inside_and_out(sigma: float) -> None:
     assert np.median(found[depth > 5]) == pytest.approx(sigma**2, rel=0.15)
     assert np.median(found[depth < -5]) == pytest.approx(sigma**2, rel=0.15)
     assert found.min() > 0.0
-
-
-@pytest.mark.parametrize("k", [-8.0, 0.0, 15.0])
-def test_the_length_of_shaded_ground_is_exact(k: float) -> None:
-    """Pixel means of ``L0 + k sqrt(d)`` with the edge anywhere, one ``k`` for all columns, levels of their own."""
-    rng = np.random.default_rng(2)
-    n, half = 60, 7
-    edge = rng.uniform(7.0, 8.0, n)
-    level, rate = rng.uniform(80.0, 120.0, n), rng.uniform(0.8, 1.3, n)
-
-    def light(depth_px: np.ndarray) -> np.ndarray:
-        d = np.maximum(depth_px, 0.0)
-        return level * d + k * np.sqrt(rate) * d**1.5 * 2.0 / 3.0
-
-    pixels = np.arange(2 * half + 1)
-    profile = np.stack([light(edge - p) - light(edge - p - 1.0) for p in pixels], axis=1)
-    start = np.clip(edge + rng.uniform(-0.3, 0.3, n), 0.0, None)
-    found = _ground_length(profile, start, rate, np.ones((n, 1)), half - 2)
-    # What is left is of the rounds, each of which corrects a tenth of a tenth.
-    assert found == pytest.approx(edge, abs=2e-3)
-
-
-def test_patterns_are_one_and_the_directions_that_spread() -> None:
-    turn = np.linspace(0.0, 2 * np.pi, 60, endpoint=False)
-    ring = 0.3 * np.column_stack([np.cos(turn), np.sin(turn)])
-    assert _patterns(ring).shape == (60, 3)
-    assert _patterns(ring)[:, 0] == pytest.approx(np.ones(60))
-    assert (_patterns(ring)[:, 1:] ** 2).sum(axis=1) == pytest.approx(np.ones(60))
-    short = np.column_stack([np.cos(turn / 20), np.sin(turn / 20)])
-    assert _patterns(short).shape[1] == 1
-    longer = np.column_stack([np.cos(turn / 7), np.sin(turn / 7)])
-    design = _patterns(longer)
-    assert design.shape[1] == 2
-    assert design[:, 1].mean() == pytest.approx(0.0, abs=1e-12)
-    assert abs(np.corrcoef(design[:, 1], np.sin(turn / 7 - np.mean(turn / 7)))[0, 1]) > 0.999
-
-
-def test_a_robust_fit_is_least_squares_without_the_outliers() -> None:
-    rng = np.random.default_rng(4)
-    x = np.linspace(-1.0, 1.0, 80)
-    design, weight = np.column_stack([np.ones(80), x]), rng.uniform(0.5, 3.0, 80)
-    values = 2.0 - 3.0 * x + rng.normal(0.0, 0.05, 80)
-    dirty = values.copy()
-    dirty[::10] += 5.0
-    good = np.arange(80) % 10 != 0
-    root = np.sqrt(weight[good])
-    expected = np.linalg.lstsq(design[good] * root[:, None], values[good] * root, rcond=None)[0]
-    assert _robust_fit(design, dirty, weight) == pytest.approx(expected, abs=0.02)
-    assert _robust_fit(design, 2.0 - 3.0 * x, weight) == pytest.approx([2.0, -3.0])
-    assert CLIP_SIGMAS > 3
-
-
-def test_angle_per_pixel_is_the_slope_of_the_angle() -> None:
-    uv = np.array([[20.0, 30.0], [60.5, 10.25], [80.0, 60.0]])
-    step = np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
-    h = 1e-4
-    angles = [off_axis_angle(unproject(CAMERA, uv + s * h * step), AXIS) for s in (-1, 1)]
-    assert _angle_per_pixel(CAMERA, AXIS, uv, step) == pytest.approx((angles[0] - angles[1]) / (2 * h), rel=2e-3)

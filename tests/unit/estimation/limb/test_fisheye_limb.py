@@ -34,7 +34,7 @@ def picture(camera: CameraModel, nadir: Any) -> Any:
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 40.0, 110.0])
 def test_the_nadir_from_a_190_deg_fisheye(tilt_deg: float) -> None:
-    """0.05 deg, a sixteenth of a pixel: the edge is linear in angle and not in the image, and there is no noise.
+    """0.08 deg, a tenth of a pixel: the edge is linear in angle and not in the image, and there is no noise.
 
     At 110 deg the nadir is behind the camera, and so are limb points at the circle.
     """
@@ -44,8 +44,8 @@ def test_the_nadir_from_a_190_deg_fisheye(tilt_deg: float) -> None:
     found = find_limb(picture(camera, nadir), camera, 1023.0)
     assert isinstance(found, LimbPoints)
     cone = fit_cone(found.los_cam)
-    assert math.degrees(math.acos(min(1.0, float(cone.axis_cam @ nadir)))) < 0.05
-    assert math.degrees(abs(cone.rho_rad - RHO)) < 0.05
+    assert math.degrees(math.acos(min(1.0, float(cone.axis_cam @ nadir)))) < 0.08
+    assert math.degrees(abs(cone.rho_rad - RHO)) < 0.08
 
 
 def test_the_edge_of_the_field_is_no_limb() -> None:

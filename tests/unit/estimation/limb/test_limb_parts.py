@@ -7,16 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from horizonval.estimation.limb.consensus import (
-    COS_GRADIENT,
-    LIMB_RELIEF,
-    TOLERANCE_PX,
-    find_candidates,
-    off_limb_px,
-    support,
-    to_sight,
-)
-from horizonval.estimation.limb.edges import Edges
 from horizonval.estimation.limb.model import trusted
 from horizonval.estimation.limb.model.height_perturbation import cone_perturbation, unknown_sun_covariance
 from horizonval.estimation.limb.model.sunlit import height_under
@@ -29,7 +19,6 @@ from horizonval.estimation.limb.shape.cone import (
     limb_directions,
     slow_error,
 )
-from horizonval.estimation.limb.verdict import _visible_px
 from horizonval.geometry.camera import CameraModel, pixel_grid, project, unproject
 from horizonval.geometry.cone import fit_cone
 
@@ -54,69 +43,6 @@ def scene(inner: float, outer: float, camera: CameraModel = CAMERA) -> np.ndarra
     """Two levels, divided by the limb."""
     los = unproject(camera, pixel_grid(camera))
     return np.where(los @ AXIS > math.cos(RHO), inner, outer)
-
-
-def edge_points(los: np.ndarray, off_px: np.ndarray | float = 0.0, turned_rad: float = 0.0) -> Edges:
-    """Image points of lines of sight, moved inwards by pixels, with the gradient's direction turned."""
-    uv, _ = project(CAMERA, los)
-    towards, _ = project(CAMERA, los + 1e-5 * AXIS)
-    inwards = (towards - uv) / np.linalg.norm(towards - uv, axis=1)[:, None]
-    # Across the limb, which is not where the nadir lies in the image: by the limb's own direction.
-    along = np.gradient(uv, axis=0)
-    normal = np.column_stack([-along[:, 1], along[:, 0]])
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    normal *= np.sign((normal * inwards).sum(axis=1))[:, None]
-    c, s = math.cos(turned_rad), math.sin(turned_rad)
-    gradient = normal @ np.array([[c, s], [-s, c]])
-    return Edges(uv + np.broadcast_to(off_px, (len(uv),))[:, None] * normal, gradient, np.zeros(len(uv)))
-
-
-@pytest.mark.parametrize("off_px", [-3.0, -0.5, 0.0, 2.0])
-def test_points_lie_as_far_off_a_cone_as_they_were_moved(off_px: float) -> None:
-    sight = to_sight(edge_points(limb(), off_px), CAMERA, (200, 256))
-    assert off_limb_px(sight, AXIS, math.cos(RHO))[5:-5] == pytest.approx(np.full(390, off_px), abs=0.03)
-
-
-def test_support_is_near_the_limb_and_turned_with_it() -> None:
-    relief = LIMB_RELIEF * math.tan(RHO) * 180.0
-    assert relief < TOLERANCE_PX
-
-    def share(off_px: float, turned_rad: float = 0.0, bright_inside: bool = True, slack: float = 1.0) -> float:
-        sight = to_sight(edge_points(limb(), off_px, turned_rad), CAMERA, (200, 256))
-        return float(support(sight, AXIS, math.cos(RHO), bright_inside, slack)[5:-5].mean())
-
-    most = min(TOLERANCE_PX + relief, max(TOLERANCE_PX, 0.006 * 200))
-    for sign in (-1.0, 1.0):
-        assert share(sign * 0.93 * most) == 1.0
-        assert share(sign * 1.4 * (TOLERANCE_PX + relief)) == 0.0
-        assert share(sign * 1.4 * (TOLERANCE_PX + relief), slack=2.0) == 1.0
-        angle = math.acos(COS_GRADIENT)
-        assert share(0.0, sign * 0.9 * angle) == 1.0
-        assert share(0.0, sign * 1.1 * angle) == 0.0
-    assert share(0.0, bright_inside=False) == 0.0
-    assert share(0.0, math.pi, bright_inside=False) == 1.0
-
-
-def test_the_limb_is_found_among_clutter() -> None:
-    rng = np.random.default_rng(1)
-    edges = edge_points(limb(240))
-    clutter = rng.uniform((10, 10), (245, 190), (200, 2))
-    turn = rng.uniform(0, 2 * np.pi, 200)
-    both = Edges(
-        np.vstack([edges.uv, clutter]),
-        np.vstack([edges.gradient, np.column_stack([np.cos(turn), np.sin(turn)])]),
-        np.concatenate([np.zeros(240), np.full(200, 0.5)]),
-    )
-    sight = to_sight(both, CAMERA, (200, 256))
-    best = find_candidates(sight, np.random.default_rng(2))[0]
-    assert best.bright_inside
-    assert best.axis_cam @ AXIS == pytest.approx(1.0, abs=1e-6)
-    assert math.acos(best.cos_rho) == pytest.approx(RHO, abs=1e-3)
-    assert len(np.intersect1d(best.rows, np.arange(240))) > 230
-    assert len(best.rows) < 260
-    length = np.hypot(*np.diff(edges.uv, axis=0).T).sum()
-    assert best.arc_px == pytest.approx(length, rel=0.15)
-    assert find_candidates(sight.take(np.arange(2)), rng) == []
 
 
 def test_two_levels_are_read_on_the_two_sides() -> None:
@@ -266,13 +192,3 @@ def test_directions_of_a_limb_are_its_pixels_in_view() -> None:
     step = np.hypot(*np.diff(uv[np.argsort(uv[:, 0])], axis=0).T)
     assert step.max() < 3.0
     assert (np.diff(arc_order(los, AXIS)) == 1).sum() >= len(los) - 2, "in order of azimuth"
-
-
-def test_the_length_in_view_is_that_of_the_curve() -> None:
-    """Against the length of a fine polyline cut at the rim."""
-    dense, _ = project(CAMERA, limb(40_000, 1.5))
-    for rim in (0, 12):
-        inside = ((dense >= rim) & (dense < (256 - rim, 200 - rim))).all(axis=1)
-        length = np.hypot(*np.diff(dense, axis=0).T)[inside[1:] & inside[:-1]].sum()
-        assert _visible_px(CAMERA, AXIS, RHO, rim) == pytest.approx(length, rel=0.01)
-    assert _visible_px(CAMERA, -AXIS, RHO, 0) == 0.0

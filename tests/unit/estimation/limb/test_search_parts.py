@@ -11,7 +11,6 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.limb.arc import FEWEST_PIXELS, Arc, find_arc, longest_chain
 from horizonval.estimation.limb.checks import SMALLEST_SIDE_PX, check_image, saturated_pixels
-from horizonval.estimation.limb.consensus import GAP_PX, unbroken_px
 from horizonval.estimation.limb.edges import find_edges
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.grey import to_grey
@@ -236,15 +235,6 @@ def test_a_slow_ramp_and_noise_alone_have_no_edges() -> None:
     assert len(find_edges(ramp, 5).uv) == 0
     grain = np.random.default_rng(7).normal(128.0, 20.0, (120, 120)).clip(0, 255).astype(np.uint8)
     assert len(find_edges(grain, 5).uv) < 20
-
-
-def test_a_closed_ring_is_unbroken_and_gaps_do_not_count() -> None:
-    turn = np.linspace(0.0, 2 * np.pi, 100, endpoint=False)
-    ring = 40.0 * np.column_stack([np.cos(turn), np.sin(turn)])
-    side = 2 * 40.0 * math.sin(math.pi / 100)
-    assert unbroken_px(ring) == pytest.approx(100 * side)
-    assert unbroken_px(np.delete(ring, [50], axis=0)) == pytest.approx(98 * side), "a gap of two sides is too wide"
-    assert side < GAP_PX < 2 * side
 
 
 def test_the_longest_chain_is_the_largest_group_that_touches() -> None:

@@ -1,0 +1,1 @@
+"""The parts of the search for the limb: smaller copies, proposed cones, their likelihood, points below the pixel."""

@@ -1,0 +1,181 @@
+r"""The limb's place below the pixel, from profile to profile: where the fitted edge has half of its step.
+
+Of every profile across the limb the least squares of ::
+
+    I = b + a E(x - d) + c S(x - d),     E(x) = Phi(x / s)
+
+are sought by Gauss-Newton, with the width ``s`` that all of them have together (:mod:`.evidence`): space, brightness
+and shading of each are its own. The edge is even about its middle, and so an error of the width moves nothing; what
+the air's lower layers make uneven moves all of a limb alike, and changes its height.
+
+**Shading.** Where air softens the limb, ``S = E x``. On bare ground an angle ``x`` inside the limb the line of sight
+meets the ground at an arc from the tangent point that goes with the root of ``x``: ground that changes smoothly is seen
+as ``L + c sqrt(x)``, which rises infinitely steeply at the limb, and a straight line in its place is off by some
+hundredths of a pixel under an overhead Sun. On an edge that is as sharp as a lens makes it, ``S`` is that root,
+blurred. There a profile by itself would pay for its own ``c`` with several times the noise: on a Lambert sphere it is
+linear in the limb's direction ``t`` about the nadir, and three numbers do for all profiles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+from scipy.special import ndtr
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.search.evidence import INNERMOST, REACH_PX, SHIFTS_PX, inner_reach, read_profiles
+from horizonval.estimation.limb.search.pyramid import PyramidLevel
+from horizonval.estimation.limb.search.trace import trace_limb
+from horizonval.geometry.camera import CameraModel
+
+STEPS = 4
+"""Of Gauss-Newton, from a pixel away: the next would move nothing by a hundredth of a pixel."""
+SETTLED_PX = 0.5
+"""A last step as long as that leads nowhere."""
+FAINTEST = 3.0
+"""Standard deviations of a profile's noise by which its step must stand out."""
+BARE_WIDTH_PX = 0.8
+"""A lens of 0.7 px and the pixel's own width."""
+FEWEST_PROFILES = 12
+"""Four for every number that their shading has."""
+ROOT_STEP_PX = 0.02
+"""Of the table of the blurred root: a hundredth of its narrowest blur's variance."""
+SMALLEST_SPREAD = 0.1
+"""Of the limb's direction (rms): arcs below some 100 deg have no shading that bends along them."""
+CLIP_SIGMAS = 3.5
+"""Of a normal distribution one of two thousand is further out."""
+TINY = 1e-9
+"""Of levels of unit size: keeps a flat profile's equations regular."""
+
+
+def points_of(
+    level: PyramidLevel,
+    camera: CameraModel,
+    axis_cam: FloatArray,
+    rho_rad: float,
+    width_px: float,
+    bright_inside: bool,
+    most: int,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return places of the limb [px of the picture], shape (n, 2), in order of azimuth; steps there, and deep inside.
+
+    Parameters
+    ----------
+    level : PyramidLevel
+    camera : CameraModel
+        Of the picture.
+    axis_cam : ndarray, shape (3,)
+    rho_rad : float
+        Cone that is right to a pixel.
+    width_px : float
+        Of the edge.
+    bright_inside : bool
+    most : int
+        Points.
+    """
+    trace = trace_limb(camera, axis_cam, rho_rad, level.scale, most)
+    if not len(trace.azimuth):
+        return np.empty((0, 2)), np.empty(0), np.empty(0)
+    offsets = np.arange(-REACH_PX, inner_reach(trace, rho_rad, level.scale) + 1.0)
+    profiles, known = read_profiles(level, trace, offsets)
+    whole = np.asarray(known.all(axis=1))
+    trace, profiles = trace.take(whole), profiles[whole]
+    shape = _Shape(width_px, level.scale == 1.0 and width_px <= BARE_WIDTH_PX)
+    shift, step, deep, shading, good = _fitted(profiles, offsets, shape)
+    if shape.bare and np.count_nonzero(good) >= FEWEST_PROFILES:
+        shift, step, deep, _, good = _fitted(profiles, offsets, shape, _pooled(trace.azimuth, shading, good))
+    noise = level.noise / np.sqrt(min(REACH_PX, len(offsets) - REACH_PX))
+    good &= (np.abs(shift) <= SHIFTS_PX[-1]) & ((step > 0.0) == bright_inside) & (np.abs(step) > FAINTEST * noise)
+    uv = trace.uv + level.scale * shift[:, None] * trace.inwards
+    order = np.flatnonzero(good)
+    order = order[np.argsort(trace.azimuth[order], kind="stable")]
+    return uv[order], step[order], deep[order]
+
+
+def is_bare(level: PyramidLevel, width_px: float) -> bool:
+    """Return whether an edge is no wider than lens and pixel make it."""
+    return level.scale == 1.0 and width_px <= BARE_WIDTH_PX
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """What a profile is made of at places x [px], beside its level: the edge, its shading, and their slopes."""
+
+    width: float
+    bare: bool
+
+    def edge(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        z = x / self.width
+        return ndtr(z), np.exp(-0.5 * z * z) / (np.sqrt(2.0 * np.pi) * self.width)
+
+    def shading(self, x: FloatArray, edge: FloatArray, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if not self.bare:
+            return edge * x / REACH_PX, (edge + x * slope) / REACH_PX
+        at, root, change = _blurred_root(self.width)
+        return np.interp(x, at, root), np.interp(x, at, change)
+
+
+@cache
+def _blurred_root(width: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return places, the root of the distance inside the limb blurred by a Gaussian, and its slope."""
+    at = np.arange(-2.0 * REACH_PX, 2.0 * REACH_PX, ROOT_STEP_PX)
+    sharp = 2.0 / 3.0 * np.maximum(at, 0.0) ** 1.5
+    # Of the root's integral, whose derivative is even where the root's own is not finite.
+    slope = gaussian_filter1d(sharp, width / ROOT_STEP_PX, order=1, mode="nearest") / ROOT_STEP_PX
+    return at, slope, np.gradient(slope, ROOT_STEP_PX)
+
+
+def _fitted(
+    profiles: FloatArray, offsets: FloatArray, shape: _Shape, shading: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return shift, step, the same deep inside, shading, and whether there is an edge at all, of profiles (n, k).
+
+    Of every profile its own shading, or the one that is given, shape (n,).
+    """
+    n = len(profiles)
+    shift, step, space = np.zeros(n), np.zeros(n), np.zeros(n)
+    own = np.zeros(n) if shading is None else shading
+    good = np.ones(n, dtype=bool)
+    for _ in range(STEPS):
+        x = offsets[None, :] - shift[:, None]
+        edge, slope = shape.edge(x)
+        shade, change = shape.shading(x, edge, slope)
+        # The derivative by the shift, with the levels of the step before.
+        ratio = own / np.where(step != 0.0, step, np.inf)
+        moved = slope + np.clip(ratio, -1.0, 1.0)[:, None] * change
+        if shading is None:
+            design, values = np.stack([np.ones_like(x), edge, moved, shade], axis=1), profiles
+        else:
+            design, values = np.stack([np.ones_like(x), edge, moved], axis=1), profiles - shading[:, None] * shade
+        gram = design @ design.transpose(0, 2, 1) + TINY * np.eye(design.shape[1])
+        right = np.einsum("ijk,ik->ij", design, values)
+        levels = np.linalg.solve(gram, right[:, :, None])[:, :, 0]
+        space, step = levels[:, 0], levels[:, 1]
+        if shading is None:
+            own = levels[:, 3]
+        good &= step != 0.0
+        move = -levels[:, 2] / np.where(good, step, np.inf)
+        shift = np.clip(shift + np.clip(move, -1.0, 1.0), -REACH_PX, REACH_PX)
+    deep = profiles[:, -INNERMOST:].mean(axis=1) - space
+    return shift, step, deep, own, good & (np.abs(move) < SETTLED_PX)
+
+
+def _pooled(azimuth: FloatArray, shading: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
+    """Return the shading of all profiles as a function of the limb's direction, shape (n,), outliers left out."""
+    t = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    middle = t[good].mean(axis=0)
+    _, size, directions = np.linalg.svd(t[good] - middle, full_matrices=False)
+    # Along a short arc a shading that may bend with it would take the limb's own curvature for its own.
+    spread = directions[size >= SMALLEST_SPREAD * np.sqrt(np.count_nonzero(good))]
+    design = np.column_stack([np.ones(len(t)), (t - middle) @ spread.T])
+    used = good.copy()
+    coefficients = np.zeros(design.shape[1])
+    for _ in range(3):
+        coefficients = np.linalg.lstsq(design[used], shading[used], rcond=1e-9)[0]
+        off = np.abs(shading - design @ coefficients)
+        used = good & (off <= CLIP_SIGMAS * 1.4826 * float(np.median(off[good])) + TINY)
+    return np.asarray(design @ coefficients)

@@ -1,0 +1,162 @@
+"""A picture at several sizes: what is tens of pixels deep in one is an edge in another.
+
+Each level has half of the pixels a side of the one before, each the mean of its neighbours with the weights
+(1, 4, 6, 4, 1) / 16 both ways (Burt and Adelson, IEEE Trans. Communications 31, 532, 1983). A place ``uv`` of level
+``k`` is ``2^k uv`` of the picture.
+
+Pixels that hold no measurement are left out of all of them: rows and columns that a link lost and filled with one
+value, rectangles of one value, and what a lens does not fill.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.picture import Picture, noise_sigma
+from horizonval.estimation.limb.pixel_directions import PIXEL_DIRECTIONS
+from horizonval.geometry.camera import CameraModel
+
+COARSEST_PX = 24
+"""No level's shorter side is shorter: a window across a limb has 17 pixels."""
+LARGEST_FINE_PX = 320
+"""Of the longer side of a level that is looked at whole; larger ones are looked at near a limb that a smaller one
+shows. A disc of four pixels in a megapixel is still one of two in the level that is looked at."""
+SMALLEST_BLOCK_PX = 64
+"""Of one value that fill their rectangle to the last pixel: noise leaves no such one, and a horizon bends."""
+KNOWN_SHARE = 0.7
+"""Of what makes a pixel of a smaller level, to be one: a lost line is filled from both sides, a block is not known."""
+NOISE_FLOOR = 1e-3
+"""Of the range of levels: no picture is better than ten bits of it, whatever its space looks like."""
+
+
+@dataclass(frozen=True)
+class PyramidLevel:
+    """One size of a picture.
+
+    Attributes
+    ----------
+    grey : ndarray of float32, shape (h, w)
+    known : ndarray of bool, shape (h, w), or None
+        Which pixels hold a measurement; None if all do.
+    scale : float
+        Pixels of the picture per pixel.
+    floor : float
+        Smallest noise that is believed.
+    """
+
+    grey: NDArray[np.float32]
+    known: NDArray[np.bool_] | None
+    scale: float
+    floor: float
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of a pixel's noise, by what neighbours show."""
+        return max(noise_sigma(self.grey), self.floor)
+
+    def at(self, uv: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return the levels at places (..., 2) of this level, interpolated linearly, and which are known."""
+        height, width = self.grey.shape
+        u, v = uv[..., 0], uv[..., 1]
+        inside = (u >= 0.0) & (v >= 0.0) & (u <= width - 1.0) & (v <= height - 1.0)
+        u, v = np.where(inside, u, 0.0), np.where(inside, v, 0.0)
+        column, row = np.minimum(u.astype(np.intp), width - 2), np.minimum(v.astype(np.intp), height - 2)
+        first = row * width + column
+        flat = self.grey.ravel()
+        right, down = (u - column).astype(np.float32), (v - row).astype(np.float32)
+        upper = flat[first] + right * (flat[first + 1] - flat[first])
+        first += width
+        lower = flat[first] + right * (flat[first + 1] - flat[first])
+        if self.known is not None:
+            inside &= self.known[np.rint(v).astype(np.intp), np.rint(u).astype(np.intp)]
+        return np.asarray(upper + down * (lower - upper), dtype=np.float64), inside
+
+
+def levels_of(picture: Picture, camera: CameraModel) -> list[PyramidLevel]:
+    """Return the levels of a picture, the picture itself first."""
+    known = known_pixels(picture, camera)
+    grey = picture.single
+    if known is not None:
+        grey = _filled(grey, known)
+    greys, scales = [grey], [1.0]
+    while min(greys[-1].shape) >= 2 * COARSEST_PX:
+        greys.append(np.asarray(cv2.pyrDown(greys[-1]), dtype=np.float32))
+        scales.append(2.0 * scales[-1])
+    low, high = np.percentile(greys[-1], (1.0, 99.0))
+    # A picture of one level but for some pixels has a range of its own.
+    floor = NOISE_FLOOR * (float(high - low) or picture.brightest - picture.darkest)
+    share = None if known is None else known.astype(np.float32)
+    levels = []
+    for grey, scale in zip(greys, scales, strict=True):
+        levels.append(PyramidLevel(grey, None if share is None else share > KNOWN_SHARE, scale, floor))
+        share = None if share is None else np.asarray(cv2.pyrDown(share), dtype=np.float32)
+    return levels
+
+
+def without_disc(levels: list[PyramidLevel], column: float, row: float, radius_px: float) -> list[PyramidLevel]:
+    """Return the levels with a disc of the picture unknown in all of them."""
+    out = []
+    for level in levels:
+        height, width = level.grey.shape
+        v, u = np.ogrid[:height, :width]
+        outside = np.hypot(u - column / level.scale, v - row / level.scale) > radius_px / level.scale + 1.0
+        out.append(replace(level, known=outside if level.known is None else level.known & outside))
+    return out
+
+
+def known_pixels(picture: Picture, camera: CameraModel) -> NDArray[np.bool_] | None:
+    """Return which pixels hold a measurement, shape (H, W); None if all do."""
+    unknown = _lost_lines(picture.single) | _blocks(picture)
+    if camera.image_circle_rad is not None:
+        unknown |= ~np.isfinite(PIXEL_DIRECTIONS.of(camera)[:, :, 0])
+    return ~unknown if unknown.any() else None
+
+
+def _lost_lines(grey: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return the pixels of rows and columns of one value between others that are not."""
+    lost = np.zeros(grey.shape, dtype=bool)
+    for image, out in ((grey, lost), (grey.T, lost.T)):
+        flat = (
+            np.all(image == image[:, :1], axis=1) if image.flags.c_contiguous else (image == image[:, :1]).all(axis=1)
+        )
+        varied = np.flatnonzero(~flat)
+        if flat.any() and len(varied):
+            inner = flat.copy()
+            inner[: varied[0]] = inner[varied[-1] :] = False
+            out[inner] = True
+    return lost
+
+
+def _blocks(picture: Picture) -> NDArray[np.bool_]:
+    """Return the pixels of rectangles that have the darkest value throughout."""
+    out = np.zeros(picture.grey.shape, dtype=bool)
+    darkest = picture.grey == picture.darkest
+    if np.count_nonzero(darkest) < SMALLEST_BLOCK_PX:
+        return out
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(darkest.view(np.uint8), connectivity=4)
+    for label in np.flatnonzero(stats[:, cv2.CC_STAT_AREA] >= SMALLEST_BLOCK_PX):
+        wide, high, area = stats[label][2:]
+        if label and area == wide * high and min(wide, high) > 1:
+            out[labels == label] = True
+    return out
+
+
+def _filled(grey: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return the picture with unknown pixels at the mean of known ones near by: they make no edges of their own."""
+    filled = grey.copy()
+    missing = ~known
+    size = 5
+    while missing.any() and size < 4 * max(grey.shape):
+        weight = cv2.blur((~missing).astype(np.float32), (size, size))
+        mean = cv2.blur(np.where(missing, np.float32(0.0), filled), (size, size))
+        there = missing & (weight > 0.0)
+        filled[there] = mean[there] / weight[there]
+        missing &= ~there
+        size *= 3
+    return filled
