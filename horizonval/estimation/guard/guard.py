@@ -3,8 +3,8 @@
 A limb method is a formula that is right when its points lie on the Earth's limb. The guard sees to that, and says no
 where it cannot:
 
-1. *The limb itself*: consensus on cones of sight lines decides which edges are one limb and which side of it is space
-   (:mod:`horizonval.estimation.limb.finder`); the Sun's blob is left out.
+1. *The limb itself* is the curve whose predicted profile makes the pixels most probable
+   (:mod:`horizonval.estimation.limb.finder`); one that is many pixels deep is looked at in a smaller copy.
 2. *Points*: moved to the steepest place of the soft limb (:mod:`horizonval.estimation.limb.model.steepest`); those on
    a saturated, faded or restless piece are left out, spots between such pieces, and outliers from the cone through the
    rest (:mod:`horizonval.estimation.limb.model.trusted`). Where the Sun's direction is known the sunlit limb is
@@ -13,10 +13,14 @@ where it cannot:
 3. *Enough*: the pieces that are left must determine the nadir, for noise and for all that makes the limb no circle
    (:mod:`horizonval.estimation.guard.limb_model`), to what a claim needs; and the body must be large enough not to be
    the Moon.
-4. *The method* runs on what is left: on the points where it can take points
-   (``Estimator.from_points``), else on an image from which all but that limb has been cleaned.
-5. *The answer*: must lie where the guard's own cone lies, within the uncertainty of both; its residuals must be those
-   of a limb; and where the altitude is known from the orbit the fitted one must agree.
+4. *The method* runs on the points that are left (``Estimator.from_points``). Its answer must lie where the guard's own
+   cone lies, within the uncertainty of both.
+5. *The answer* is tested against the pixels by the likelihood of the limb that it predicts: chi-squared, explained
+   share, consistency with what is known (:mod:`horizonval.estimation.guard.three_tests`).
+
+A method that takes no points but the whole image has a search and a model of its own: it answers first, what the Sun
+makes of the limb's height is added to its claim (:mod:`horizonval.estimation.guard.uneven_light`), and the fifth step
+decides.
 
 Methods of several heads are guarded by :mod:`horizonval.estimation.guard.guard_heads`.
 
@@ -33,27 +37,28 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard import guard_limits as limits
-from horizonval.estimation.guard.clean_image import cleaned
 from horizonval.estimation.guard.guard_heads import run_heads
 from horizonval.estimation.guard.limb_model import blur_of, model_covariance
+from horizonval.estimation.guard.three_tests import SeenLimb, doubted
+from horizonval.estimation.guard.uneven_light import with_uneven_light
 from horizonval.estimation.limb.finder import find_limb_in, picture_of
 from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
 from horizonval.estimation.limb.model.sunlit import SunlitLimb, sun_angles, sunlit_limb
 from horizonval.estimation.limb.model.trusted import alone, faded, faint, read_sides, restless, saturated
+from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.ranks import median
+from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty, limb_directions
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project
 from horizonval.geometry.cone import Cone, fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
-from horizonval.geometry.frames import roll_pitch_of_nadir
 
 
 @dataclass(frozen=True)
@@ -93,14 +98,17 @@ class TrustedLimb:
         return float(np.sqrt(np.linalg.eigvalsh((self.noise.covariance + self.systematic)[:2, :2])[-1]))
 
 
-def guarded(estimator: Estimator) -> Estimator:
+def guarded(estimator: Estimator, *, knows_light: bool = False) -> Estimator:
     """Return the estimator behind the guard, named ``guarded-<name>``.
+
+    ``knows_light``: whether a method of the whole image has a model of what the Sun makes of the limb's height, so that
+    nothing need be added to its claim.
 
     One that is given the pose has nothing to guard and is returned as it is under that name.
     """
     run: Callable[[Observation], Fit | Refusal] = estimator.run
     if estimator.needs != "pose":
-        run = partial(run_heads if estimator.needs == "heads" else _run, estimator)
+        run = partial(run_heads, estimator) if estimator.needs == "heads" else partial(_run, estimator, knows_light)
     return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
 
 
@@ -112,6 +120,11 @@ def trusted_limb(observation: Observation, estimates: str = "geocentric") -> Tru
     found = find_limb_in(picture, observation.camera)
     if isinstance(found, Refusal):
         return found
+    return _trusted(picture, found, observation, estimates)
+
+
+def _trusted(picture: Picture, found: LimbPoints, observation: Observation, estimates: str) -> TrustedLimb | Refusal:
+    """Return what may be trusted of a limb that the search has found."""
     image, camera = picture.grey, observation.camera
     cone = fit_cone(found.los_cam)
     sides = read_sides(picture, camera, found.los_cam, cone.axis_cam)
@@ -121,15 +134,17 @@ def trusted_limb(observation: Observation, estimates: str = "geocentric") -> Tru
         return Refusal(Outcome.SHORT_ARC, f"{len(los)} limb points have their profile in view", found.uv)
     sun = observation.sun_cam if observation.band_kind == "solar" else None
     if sun is not None:
-        los = _into_twilight(los, image, observation, sun)
+        los = _into_twilight(los, image, observation, sun, bright_inside)
     axis = fit_cone(los).axis_cam
     sides = read_sides(picture, camera, los, axis)
     tests = {Outcome.SUN_GLARE: restless(sides)}
     if sun is not None:
-        tests[Outcome.DARK] = faint(sides, picture.noise_sigma) | ~np.isfinite(_sunlit(los, observation, sun).height_m)
+        tests[Outcome.DARK] = faint(sides, picture.noise_sigma, bright_inside) | ~np.isfinite(
+            _sunlit(los, observation, sun).height_m
+        )
     elif observation.band_kind == "thermal":
         # The infrared limb shines all round; what fades is the lens towards the corners of a wide field.
-        tests[Outcome.DARK] = faint(sides, picture.noise_sigma)
+        tests[Outcome.DARK] = faint(sides, picture.noise_sigma, bright_inside)
     else:
         tests[Outcome.DARK] = faded(sides)
     if observation.full_scale is not None:
@@ -146,7 +161,7 @@ def trusted_limb(observation: Observation, estimates: str = "geocentric") -> Tru
     cause = worst if lost > limits.MUCH_LOST else None
     if sun is None:
         return _determined(_GuardPoints(los, los, None, bright_inside), observation, estimates, cause)
-    return _best_reach(los, observation, sun, estimates, cause)
+    return _best_reach(los, observation, sun, estimates, cause, bright_inside)
 
 
 @dataclass(frozen=True)
@@ -163,7 +178,27 @@ class _GuardPoints:
         return _GuardPoints(self.seen[rows], self.los[rows], patterns, self.bright_inside)
 
 
-def _into_twilight(los: FloatArray, image: FloatArray, observation: Observation, sun: FloatArray) -> FloatArray:
+def smaller(observation: Observation, scale: int) -> Observation:
+    """Return what a detector with pixels as wide as ``scale`` would have seen; columns and rows left over are cut."""
+    camera = observation.camera
+    width, height = camera.width // scale, camera.height // scale
+    whole = np.asarray(observation.image, dtype=np.float64)[: height * scale, : width * scale]
+    image = whole.reshape(height, scale, width, scale).mean(axis=(1, 3))
+    small = replace(
+        camera,
+        width=width,
+        height=height,
+        fx=camera.fx / scale,
+        fy=camera.fy / scale,
+        cx=(camera.cx + 0.5) / scale - 0.5,
+        cy=(camera.cy + 0.5) / scale - 0.5,
+    )
+    return replace(observation, image=image, camera=small)
+
+
+def _into_twilight(
+    los: FloatArray, image: FloatArray, observation: Observation, sun: FloatArray, bright_inside: bool
+) -> FloatArray:
     """Return the points under a high Sun and, where it is low, whatever lies on the cone through all of them.
 
     A search for edges loses the limb where it gets faint; where it must be is known from the rest of it.
@@ -172,7 +207,7 @@ def _into_twilight(los: FloatArray, image: FloatArray, observation: Observation,
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
     on_cone = limb_directions(observation.camera, cone.axis_cam, rho, NEEDED_PX)
     low = sun_angles(on_cone, cone.axis_cam, sun)[0] > limits.LOW_SUN_RAD
-    followed, _ = to_steepest(image, observation.camera, on_cone[low], cone.axis_cam, bright_inside=True)
+    followed, _ = to_steepest(image, observation.camera, on_cone[low], cone.axis_cam, bright_inside)
     off = np.abs(off_axis_angle(followed, cone.axis_cam) - rho)
     followed = followed[off * max(observation.camera.fx, observation.camera.fy) < limits.FOLLOWED_PX]
     high = sun_angles(los, cone.axis_cam, sun)[0] <= limits.LOW_SUN_RAD
@@ -188,7 +223,12 @@ def _sunlit(los: FloatArray, observation: Observation, sun: FloatArray) -> Sunli
 
 
 def _best_reach(
-    los: FloatArray, observation: Observation, sun: FloatArray, estimates: str, cause: Outcome | None
+    los: FloatArray,
+    observation: Observation,
+    sun: FloatArray,
+    estimates: str,
+    cause: Outcome | None,
+    bright_inside: bool,
 ) -> TrustedLimb | Refusal:
     """Lower the points to the ground, and use those up to the Sun's zenith angle that determines the nadir best.
 
@@ -201,7 +241,7 @@ def _best_reach(
     inwards = cone.axis_cam - los * (los @ cone.axis_cam)[:, None]
     inwards /= np.linalg.norm(inwards, axis=1)[:, None]
     ground = np.cos(drop)[:, None] * los + np.sin(drop)[:, None] * inwards
-    points = _GuardPoints(los, ground, limb.patterns_m, bright_inside=True)
+    points = _GuardPoints(los, ground, limb.patterns_m, bright_inside)
     best: TrustedLimb | Refusal | None = None
     tried = -1
     for reach in limits.REACHES_RAD:
@@ -262,27 +302,54 @@ def _determined(
     return limb
 
 
-def _run(estimator: Estimator, observation: Observation) -> Fit | Refusal:
-    limb = trusted_limb(observation, estimator.estimates)
+def _run(estimator: Estimator, knows_light: bool, observation: Observation) -> Fit | Refusal:
+    if estimator.from_points is None:
+        return _run_on_pixels(estimator, knows_light, observation)
+    picture = picture_of(observation.image, observation.camera, observation.full_scale)
+    if isinstance(picture, Refusal):
+        return picture
+    found = find_limb_in(picture, observation.camera)
+    if isinstance(found, Refusal):
+        return found
+    if found.scale > 1:
+        # A limb that is many pixels deep is an edge in a smaller copy, and all that is asked of it is asked there.
+        result = _run(estimator, knows_light, smaller(observation, found.scale))
+        return replace(result, points=found.scale * (result.points + 0.5) - 0.5)
+    limb = _trusted(picture, found, observation, estimator.estimates)
     if isinstance(limb, Refusal):
         return limb
-    if estimator.from_points is not None:
-        result = estimator.from_points(limb.los_cam, limb.uv, observation)
-    else:
-        seen = fit_cone(limb.seen_cam)
-        image = cleaned(observation.image, observation.camera, seen, limb.seen_cam)
-        result = estimator.run(replace(observation, image=image))
-        if isinstance(result, Fit):
-            result = _turned(result, seen, limb.cone, observation)
+    result = estimator.from_points(limb.los_cam, limb.uv, observation)
     if isinstance(result, Refusal):
         return result
     basis = limb.noise.basis
     result = replace(result, systematic_nadir_cam=basis @ limb.systematic[:2, :2] @ basis.T)
-    if (refusal := check_fit(result, limb, observation)) is not None:
+    if (refusal := check_fit(result, limb)) is not None:
         return refusal
-    if estimator.from_points is None:
-        return result
+    if (refusal := doubted(result, observation, _as_seen(limb))) is not None:
+        return refusal
     return _noise_apart(result, limb, observation)
+
+
+def _run_on_pixels(estimator: Estimator, knows_light: bool, observation: Observation) -> Fit | Refusal:
+    """Run a method that takes the whole image: what it claims is tested, and what its limb leaves out added."""
+    result = estimator.run(observation)
+    if isinstance(result, Refusal):
+        return result
+    if not knows_light:
+        result = with_uneven_light(result, observation)
+    if isinstance(result, Refusal):
+        return result
+    if (refusal := doubted(result, observation)) is not None:
+        return refusal
+    refusal = too_wide(result, limits.LARGEST_PIXEL_SIGMA_RAD)
+    return result if refusal is None else refusal
+
+
+def _as_seen(limb: TrustedLimb) -> SeenLimb:
+    """Return the limb as the image has it: without the known height of a sunlit limb taken away."""
+    seen = fit_cone(limb.seen_cam)
+    rho = float(off_axis_angle(limb.seen_cam, seen.axis_cam).mean())
+    return SeenLimb(seen.axis_cam, rho, float(limb.noise.covariance[2, 2] + limb.systematic[2, 2]))
 
 
 def _noise_apart(fit: Fit, limb: TrustedLimb, observation: Observation) -> Fit:
@@ -311,21 +378,10 @@ def _noise_apart(fit: Fit, limb: TrustedLimb, observation: Observation) -> Fit:
     )
 
 
-def _turned(fit: Fit, seen: Cone, ground: Cone, observation: Observation) -> Fit:
-    """Return the fit of a method that saw the limb itself, turned as the cone turns when the limb is lowered."""
-    turn, _ = Rotation.align_vectors(ground.axis_cam[None, :], seen.axis_cam[None, :])
-    nadir = turn.apply(fit.nadir_cam)
-    roll, pitch = roll_pitch_of_nadir(Rotation.from_quat(observation.q_cam_from_body).inv().apply(nadir))
-    matrix = turn.as_matrix()
-    covariance = matrix @ fit.covariance_nadir_cam @ matrix.T
-    return replace(fit, nadir_cam=nadir, covariance_nadir_cam=covariance, roll_rad=float(roll), pitch_rad=float(pitch))
+def check_fit(fit: Fit, limb: TrustedLimb) -> Refusal | None:
+    """Return why the answer of a method of points is not believed, or None.
 
-
-def check_fit(fit: Fit, limb: TrustedLimb, observation: Observation) -> Refusal | None:
-    """Return why a fit is not believed, or None.
-
-    Its nadir must be that of the guard's cone within their noise, or within a pixel's worth of it; its residuals must
-    be a limb's; its altitude must be that of the orbit where one is known.
+    Its nadir must be that of the guard's cone within their noise, or within a pixel's worth of it.
     """
     basis = tangent_basis(limb.cone.axis_cam)
     apart = basis.T @ (np.asarray(fit.nadir_cam) - limb.cone.axis_cam)
@@ -334,22 +390,13 @@ def check_fit(fit: Fit, limb: TrustedLimb, observation: Observation) -> Refusal 
     if fit.nadir_cam @ limb.cone.axis_cam < 0 or apart @ np.linalg.solve(spread + floor, apart) > limits.AGREEMENT**2:
         angle = float(np.degrees(np.arccos(np.clip(fit.nadir_cam @ limb.cone.axis_cam, -1, 1))))
         return Refusal(Outcome.AMBIGUOUS, f"the method's nadir lies {angle:.2f} deg from that of the limb", fit.points)
+    return too_wide(fit, limits.LARGEST_SIGMA_RAD)
+
+
+def too_wide(fit: Fit, largest_rad: float) -> Refusal | None:
+    """Return why a fit does not determine the nadir as a claim must, or None; ``largest_rad``: sigma, worst way."""
+    basis = tangent_basis(np.asarray(fit.nadir_cam))
     sigma = float(np.sqrt(np.linalg.eigvalsh(basis.T @ fit.total_covariance_nadir_cam @ basis)[-1]))
-    if not sigma <= limits.LARGEST_SIGMA_RAD:
+    if not sigma <= largest_rad:
         return Refusal(Outcome.SHORT_ARC, f"the method determines the nadir to {np.degrees(sigma):.2f} deg", fit.points)
-    predicted = observation.prior.angular_radius
-    if predicted is not None:
-        radius = observation.prior.sphere_radius_m
-        expected, of_altitude = predicted
-        off = float(off_axis_angle(limb.seen_cam, limb.cone.axis_cam).mean()) - expected
-        height = limits.limb_height_m(observation.band_kind)
-        low, high = (h * np.tan(expected) / radius for h in height)
-        variance = limb.noise.covariance[2, 2] + limb.systematic[2, 2] + of_altitude
-        slack = limits.AGREEMENT * float(np.sqrt(variance))
-        if not low - slack <= off <= high + slack:
-            return Refusal(
-                Outcome.AMBIGUOUS,
-                f"the angular radius is {np.degrees(off):+.2f} deg from that of the known altitude",
-                fit.points,
-            )
     return None

@@ -29,8 +29,10 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.earth.limb_heights import systematic_covariance
+from horizonval.earth.limb_relief import limb_height_m, reliefs
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.guard_rows import RowLimb, is_row, misfit, row_limb
+from horizonval.estimation.guard.three_tests import SeenLimb, doubted
 from horizonval.estimation.limb.finder import find_limb_in, picture_of
 from horizonval.estimation.limb.model.steepest import to_steepest
 from horizonval.estimation.limb.model.sunlit import sun_angles
@@ -123,7 +125,7 @@ def _run_arcs(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     systematic = _of_method(estimator, result, seen, limb, observation)
     if systematic is None:
         return Refusal(Outcome.NOT_CONVERGED, "the method jumps where the limb is moved a little", result.points)
-    return _confirmed(result, limb, observation, systematic)
+    return _tested(_confirmed(result, limb, observation, systematic), limb, observation)
 
 
 def _run_images(estimator: Estimator, observation: Observation) -> Fit | Refusal:
@@ -138,7 +140,28 @@ def _run_images(estimator: Estimator, observation: Observation) -> Fit | Refusal
             return replace(found.of_head(name), points=result.points)
         seen[name] = found
     limb = _limb_of(seen, observation, estimator.estimates)
-    return limb if isinstance(limb, Refusal) else _confirmed(result, limb, observation, limb.systematic[:2, :2])
+    if isinstance(limb, Refusal):
+        return limb
+    return _tested(_confirmed(result, limb, observation, limb.systematic[:2, :2]), limb, observation)
+
+
+def _tested(result: Fit | Refusal, limb: _Limb, observation: Observation) -> Fit | Refusal:
+    """Return a fit whose limb the pixels of every head bear out (:mod:`.three_tests`)."""
+    if isinstance(result, Refusal):
+        return result
+    variance = float(limb.noise[2, 2] + limb.systematic[2, 2])
+    for name, turn in _turns(observation).items():
+        matrix = turn.as_matrix()
+        own = replace(
+            result,
+            nadir_cam=matrix @ result.nadir_cam,
+            covariance_nadir_cam=matrix @ result.total_covariance_nadir_cam @ matrix.T,
+            systematic_nadir_cam=None,
+        )
+        refusal = doubted(own, observation.heads[name], SeenLimb(matrix @ limb.axis, limb.rho_rad, variance))
+        if refusal is not None:
+            return replace(refusal.of_head(name), points=result.points)
+    return result
 
 
 def _turns(observation: Observation) -> dict[str, Rotation]:
@@ -283,7 +306,7 @@ def _systematic(
             axis,
             rho,
             flattening=observation.prior.flattening,
-            reliefs=limits.reliefs(observation.band_kind),
+            reliefs=reliefs(observation.band_kind),
             earth_radius_m=observation.prior.sphere_radius_m,
             estimates="geodetic" if estimates == "geodetic" else "geocentric",
             gain=gain,
@@ -349,7 +372,7 @@ def _confirmed(fit: Fit, limb: _Limb, observation: Observation, systematic: Floa
     if predicted is not None:
         radius = observation.prior.sphere_radius_m
         expected, of_altitude = predicted
-        low, high = (h * np.tan(expected) / radius for h in limits.limb_height_m(observation.band_kind))
+        low, high = (h * np.tan(expected) / radius for h in limb_height_m(observation.band_kind))
         slack = limits.AGREEMENT * float(np.sqrt(limb.noise[2, 2] + limb.systematic[2, 2] + of_altitude))
         if not low - slack <= rho - expected <= high + slack:
             off = np.degrees(rho - expected)

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
-
-from horizonval.earth.limb_relief import SOLAR_RELIEF, THERMAL_RELIEF, Relief
 
 FEWEST_POINTS = 12
 
@@ -33,6 +29,9 @@ SMALLEST_RHO_RAD = float(np.deg2rad(1.0))
 LARGEST_SIGMA_RAD = float(np.deg2rad(0.2))
 """A claim further off than 0.5 deg is false (the suite's own limit): two and a half standard deviations of the worst
 direction."""
+
+LARGEST_PIXEL_SIGMA_RAD = float(np.deg2rad(0.1))
+"""The same of methods that fit the pixels, whose claims are false beyond 0.25 deg."""
 
 AGREEMENT = 5.0
 AGREEMENT_FLOOR_RAD = float(np.deg2rad(0.02))
@@ -75,18 +74,9 @@ MISFIT_CHANCE = 1e-6
 LARGEST_RHO_RAD = float(np.deg2rad(82.0))
 """From 60 km up; nothing orbits there."""
 
+LOCAL_RADIUS_SHARE = float(np.sqrt(4.0 / 45.0))
+"""Standard deviation of ``sin^2`` of the latitude over the sphere: times flattening and radius that of the Earth's
+radius below a satellite."""
+
 SEEN_RELIEF_RAD = 0.15
 """Correlation length of the relief that an image shows of itself: clouds and coasts of some hundred kilometres."""
-
-SOLAR_HEIGHT_M = (-2e3, 40e3)
-THERMAL_HEIGHT_M = (-2e3, 70e3)
-
-
-def reliefs(band_kind: Literal["solar", "thermal"] | None) -> tuple[Relief, ...]:
-    """Return how the limb's height varies along it; the larger one where the band is not known."""
-    return SOLAR_RELIEF if band_kind == "solar" else THERMAL_RELIEF
-
-
-def limb_height_m(band_kind: Literal["solar", "thermal"] | None) -> tuple[float, float]:
-    """Return the lowest and the highest that the visible limb stands above a sphere of the mean radius, air alone."""
-    return SOLAR_HEIGHT_M if band_kind == "solar" else THERMAL_HEIGHT_M

@@ -28,6 +28,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.earth.limb_heights import oblate_limbs, relief_covariance
+from horizonval.earth.limb_relief import reliefs
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.limb.crossing import Crossing, row_noise, sub_pixel_crossing
 from horizonval.estimation.observation import Observation
@@ -147,8 +148,8 @@ def misfit(los: FloatArray, axis: FloatArray, rho_rad: float, noise_rad: FloatAr
     free = null_space(np.column_stack([across, np.ones(len(los))]).T)
     if not free.shape[1]:
         return 1.0
-    reliefs = limits.reliefs(seen.band_kind)
-    covariance = np.diag(noise_rad**2) + relief_covariance(across, rho_rad, reliefs, seen.prior.sphere_radius_m)
+    relief = relief_covariance(across, rho_rad, reliefs(seen.band_kind), seen.prior.sphere_radius_m)
+    covariance = np.diag(noise_rad**2) + relief
     w = free.T @ (off_axis_angle(los, axis) - rho_rad)
     left = w[:, None] - free.T @ oblate_limbs(across, rho_rad, seen.prior.flattening)
     squares = np.einsum("ij,ij->j", left, np.linalg.solve(free.T @ covariance @ free, left))

@@ -10,7 +10,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_heights import systematic_covariance
-from horizonval.earth.limb_relief import Relief
+from horizonval.earth.limb_relief import Relief, reliefs
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.limb.model.height_perturbation import cone_perturbation, unknown_sun_covariance
 from horizonval.estimation.limb.model.steepest import SIGMA_PX
@@ -58,7 +58,7 @@ def model_covariance(
         axis_cam,
         rho_rad,
         flattening=observation.prior.flattening,
-        reliefs=(*limits.reliefs(observation.band_kind), _seen_relief(los_cam, axis_cam, rho_rad, radius)),
+        reliefs=(*reliefs(observation.band_kind), _seen_relief(los_cam, axis_cam, rho_rad, radius)),
         earth_radius_m=radius,
         estimates="geodetic" if estimates == "geodetic" else "geocentric",
     )
