@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from horizonval.estimation.guard.guard_limits import limb_height_m
+from horizonval.earth.limb_relief import limb_height_m
 from horizonval.estimation.observation import Observation
 
 SCALE_HEIGHT_M = 7e3

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
+from horizonval.estimation.likelihood.fit import fit_limb, nadir_derivative
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
 from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.observation import Fit, Observation
+from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.geometry.horizon import angular_radius
 
@@ -31,10 +35,27 @@ def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge
         found = fit_limb(picture.grey, observation.camera, start, knowledge, picture.noise_sigma)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"the likelihood of the limb: {e}")
-    return fit_of(found, observation, knowledge)
+    return fit_of(found, observation, knowledge.ellipsoid)
 
 
-def fit_of(found: LimbLikelihoodFit, observation: Observation, knowledge: LimbKnowledge) -> Fit:
+class PoseFit(Protocol):
+    """What is claimed from; as :class:`horizonval.estimation.likelihood.fit.LimbLikelihoodFit` says."""
+
+    @property
+    def pose(self) -> LimbPose: ...
+    @property
+    def covariance(self) -> FloatArray: ...
+    @property
+    def relief_covariance(self) -> FloatArray: ...
+    @property
+    def uv(self) -> FloatArray: ...
+    @property
+    def residuals_rad(self) -> FloatArray: ...
+    @property
+    def steps(self) -> FloatArray: ...
+
+
+def fit_of(found: PoseFit, observation: Observation, ellipsoid: Ellipsoid) -> Fit:
     """Return a limb's fit in the terms of all estimators.
 
     ``altitude_m`` is the distance from the Earth's centre less the radius of the sphere that methods assume, of an
@@ -42,7 +63,7 @@ def fit_of(found: LimbLikelihoodFit, observation: Observation, knowledge: LimbKn
     out, and systematic.
     """
     pose = found.pose
-    by_nadir = found.by_nadir
+    by_nadir = nadir_derivative(pose)
     relief = by_nadir @ found.relief_covariance @ by_nadir.T
     noise = by_nadir @ (found.covariance - found.relief_covariance) @ by_nadir.T
     nadir_body = Rotation.from_quat(observation.q_cam_from_body).inv().apply(pose.nadir_cam)
@@ -54,7 +75,7 @@ def fit_of(found: LimbLikelihoodFit, observation: Observation, knowledge: LimbKn
         covariance_nadir_cam=noise,
         roll_rad=float(roll),
         pitch_rad=float(pitch),
-        angular_radius_rad=angular_radius(pose.r_itrs, knowledge.ellipsoid.raised(pose.height_m)),
+        angular_radius_rad=angular_radius(pose.r_itrs, ellipsoid.raised(pose.height_m)),
         altitude_m=distance - observation.prior.sphere_radius_m,
         sigma_altitude_m=float(np.sqrt(up @ found.covariance[3:6, 3:6] @ up)),
         points=found.uv,

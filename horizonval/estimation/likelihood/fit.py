@@ -107,7 +107,7 @@ def nadir_derivative(pose: LimbPose) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class _State:
+class LimbState:
     """Unknowns beside the pose: blur of lens and pixel [px], scale height."""
 
     blur: float
@@ -115,19 +115,22 @@ class _State:
 
 
 @dataclass(frozen=True)
-class _Unknowns:
+class LimbUnknowns:
+    """All unknowns of one image that are solved for by steps; ``relief``: of its modes."""
+
     pose: LimbPose
-    state: _State
+    state: LimbState
     relief: FloatArray
 
-    def moved(self, step: FloatArray) -> _Unknowns:
+    def moved(self, step: FloatArray) -> LimbUnknowns:
+        """Return the unknowns after a step: of the pose (7), ln blur, scale height [m], modes of the relief."""
         blur = self.state.blur * float(np.exp(step[POSE]))
         scale = max(self.state.scale_m + float(step[POSE + 1]), 0.0)
-        return _Unknowns(self.pose.moved(step[:POSE]), _State(blur, scale), self.relief + step[POSE + 2 :])
+        return LimbUnknowns(self.pose.moved(step[:POSE]), LimbState(blur, scale), self.relief + step[POSE + 2 :])
 
 
 @dataclass(frozen=True)
-class _Model:
+class LimbModel:
     """The pixels as the present unknowns say they are; ``soft`` is the scale height in the image [px/m]."""
 
     angle: LimbAngle
@@ -162,7 +165,7 @@ def fit_limb(
     near, model, light, covariance = found.near, found.model, found.light, found.covariance
     pose, state, relief = found.now.pose, found.now.state, found.now.relief
     relief_part = covariance[:POSE, POSE + 2 :] @ covariance[POSE + 2 :, :POSE]
-    uv, off = _by_sector(near, model, light, relief)
+    uv, off = by_sector(near, model, light, relief)
     used = light.weights > 0.0
     chi_squared = float("nan") if noise_sigma is None else float(np.mean(light.residuals[used] ** 2)) / noise_sigma**2
     return LimbLikelihoodFit(
@@ -185,9 +188,9 @@ class _Search:
 
     def __init__(self, image: FloatArray, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> None:
         self.image, self.camera, self.knowledge = image, camera, knowledge
-        state = _State(float(np.sqrt(knowledge.blur_px**2 + PIXEL_VARIANCE)), knowledge.scale_height_m)
+        state = LimbState(float(np.sqrt(knowledge.blur_px**2 + PIXEL_VARIANCE)), knowledge.scale_height_m)
         self.near = limb_pixels(image, camera, start, knowledge, state.blur, state.scale_m)
-        self.now = _Unknowns(start, state, np.zeros(len(self.near.modes)))
+        self.now = LimbUnknowns(start, state, np.zeros(len(self.near.modes)))
         self.steps: list[FloatArray] = []
         self.model, self.light = self._look(None)
         self.covariance = np.empty((0, 0))
@@ -204,14 +207,14 @@ class _Search:
         merit = self._merit()
         for _ in range(MOST_STEPS):
             matrix, right = self._equations()
-            self.covariance = _inverse(matrix)
+            self.covariance = scaled_inverse(matrix)
             full = self._bounded(self.covariance @ right, self.covariance)
             if settled > 0 and float(full @ matrix @ full) < CONVERGED:
                 self.steps.append(full[:POSE])
                 self.now = self.now.moved(full)
                 return self
             before, step = (self.now, self.model, self.light), full
-            moved_px = float(np.abs(_motion(self.model, step[:POSE])).max())
+            moved_px = float(np.abs(motion_px(self.model, step[:POSE])).max())
             held = settled >= SETTLING_STEPS
             for _ in range(MOST_HALVINGS):
                 self.now = before[0].moved(step)
@@ -235,9 +238,9 @@ class _Search:
             merit = new
         raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
 
-    def _look(self, held: LimbLight | None) -> tuple[_Model, LimbLight]:
+    def _look(self, held: LimbLight | None) -> tuple[LimbModel, LimbLight]:
         """Return model and light of the present unknowns, weighed anew or as it was held."""
-        model = _predicted(self.near, self.now, self.knowledge)
+        model = predicted(self.near, self.now, self.knowledge)
         starts = self.near.sectors.starts
         if held is None:
             return model, weighed(model.basis, self.near.values, starts)
@@ -251,7 +254,7 @@ class _Search:
 
     def _equations(self) -> tuple[FloatArray, FloatArray]:
         starts, light = self.near.sectors.starts, self.light
-        jacobian = _jacobian(self.near, self.model, light.of_pixel, self.now.state)
+        jacobian = limb_jacobian(self.near, self.model, light.of_pixel, self.now.state)
         normal, right = eliminated(jacobian, self.model.basis, light.residuals, light.weights, starts, light.levels)
         information, wanted = _priors(self.knowledge, self.now)
         if not (np.isfinite(normal).all() and np.isfinite(right).all()):
@@ -265,7 +268,7 @@ class _Search:
             # A scale height of less than nothing is a hard limb: the most probable step to that one.
             to_hard = (-scale - step[POSE + 1]) / covariance[POSE + 1, POSE + 1]
             step = step + to_hard * covariance[:, POSE + 1]
-        motion = float(np.abs(_motion(self.model, step[:POSE])).max())
+        motion = float(np.abs(motion_px(self.model, step[:POSE])).max())
         over = max(
             motion / LARGEST_MOTION_PX,
             abs(float(step[POSE])) / LARGEST_LOG_STEP,
@@ -277,10 +280,11 @@ class _Search:
         now = self.now
         self.near = limb_pixels(self.image, self.camera, now.pose, self.knowledge, now.state.blur, now.state.scale_m)
         if len(self.near.modes) != len(now.relief):
-            self.now = _Unknowns(now.pose, now.state, np.zeros(len(self.near.modes)))
+            self.now = LimbUnknowns(now.pose, now.state, np.zeros(len(self.near.modes)))
 
 
-def _predicted(near: LimbPixels, now: _Unknowns, knowledge: LimbKnowledge) -> _Model:
+def predicted(near: LimbPixels, now: LimbUnknowns, knowledge: LimbKnowledge) -> LimbModel:
+    """Return the pixels as unknowns say they are; of the knowledge, planet and softness are used."""
     pixels, pose, state, relief = near.pixels, now.pose, now.state, now.relief
     axes = knowledge.ellipsoid.axes_m + pose.height_m
     angle = limb_angle(pixels.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
@@ -294,10 +298,10 @@ def _predicted(near: LimbPixels, now: _Unknowns, knowledge: LimbKnowledge) -> _M
         sag = 1.0 + 0.5 * np.minimum(angle.delta, 0.0) * axes[0] * angle.by_height
         soft = angle.by_height / (scale * np.maximum(sag, LEAST_SAG))
     edge = edge_profile(x, state.blur, None if soft is None else state.scale_m * soft)
-    return _Model(angle, scale, x, edge, soft, light_basis(edge.level, x, near.along))
+    return LimbModel(angle, scale, x, edge, soft, light_basis(edge.level, x, near.along))
 
 
-def _jacobian(near: LimbPixels, model: _Model, levels: FloatArray, state: _State) -> FloatArray:
+def limb_jacobian(near: LimbPixels, model: LimbModel, levels: FloatArray, state: LimbState) -> FloatArray:
     """Return the derivatives, shape (p, n): pose, ln blur, scale height, modes of the relief."""
     edge, angle = model.edge, model.angle
     lift, change = brightness(levels, model.x, near.along)
@@ -318,7 +322,7 @@ def _jacobian(near: LimbPixels, model: _Model, levels: FloatArray, state: _State
     )
 
 
-def _priors(knowledge: LimbKnowledge, now: _Unknowns) -> tuple[FloatArray, FloatArray]:
+def _priors(knowledge: LimbKnowledge, now: LimbUnknowns) -> tuple[FloatArray, FloatArray]:
     """Return the priors' information (p, p) and the step (p,) that leads to their values."""
     count = POSE + 2 + len(now.relief)
     information = np.zeros((count, count))
@@ -331,7 +335,7 @@ def _priors(knowledge: LimbKnowledge, now: _Unknowns) -> tuple[FloatArray, Float
     return information, np.concatenate([now.pose.step_to(knowledge.mean), beside, -now.relief])
 
 
-def _inverse(matrix: FloatArray) -> FloatArray:
+def scaled_inverse(matrix: FloatArray) -> FloatArray:
     """Return the inverse of a positive definite matrix whose unknowns have units of their own."""
     size = np.sqrt(np.diag(matrix))
     if not (np.isfinite(size).all() and (size > 0.0).all()):
@@ -339,14 +343,16 @@ def _inverse(matrix: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size))
 
 
-def _motion(model: _Model, step: FloatArray) -> FloatArray:
+def motion_px(model: LimbModel, step: FloatArray) -> FloatArray:
     """Return by how far a step of the pose moves the limb in the image [px]."""
     angle = model.angle
     moved = step[:3] @ angle.by_rotation + step[3:6] @ angle.by_position + step[6] * angle.by_height
     return np.asarray(moved / model.scale)
 
 
-def _by_sector(near: LimbPixels, model: _Model, light: LimbLight, relief: FloatArray) -> tuple[FloatArray, FloatArray]:
+def by_sector(
+    near: LimbPixels, model: LimbModel, light: LimbLight, relief: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return a place on the limb for every sector and how far inside of it the sector shows the limb [rad]."""
     slope = brightness(light.of_pixel, model.x, near.along)[0] * model.edge.slope / model.scale
     weights = light.weights * slope

@@ -57,7 +57,13 @@ class LimbPixels:
 
 
 def limb_pixels(
-    image: FloatArray, camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge, blur_px: float, scale_m: float
+    image: FloatArray,
+    camera: CameraModel,
+    pose: LimbPose,
+    knowledge: LimbKnowledge,
+    blur_px: float,
+    scale_m: float,
+    fewest_px: int = FEWEST_LIMB_PX,
 ) -> LimbPixels:
     """Return the pixels near the limb of a pose.
 
@@ -70,6 +76,8 @@ def limb_pixels(
         The planet and the relief are used.
     blur_px, scale_m : float
         Width of the edge: blur of lens and pixel, scale height.
+    fewest_px : int
+        Of limb in view.
 
     Raises
     ------
@@ -84,8 +92,8 @@ def limb_pixels(
     angle = limb_angle(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
     on_limb = np.abs(angle.delta) < 0.5 * image_scale(angle, near.by_column, near.by_row)
     limb_px = int(on_limb.sum())
-    if limb_px < FEWEST_LIMB_PX:
-        raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view; {FEWEST_LIMB_PX} are needed")
+    if limb_px < fewest_px:
+        raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view; {fewest_px} are needed")
     across = tangent_basis(pose.nadir_cam).T @ near.los_cam
     sectors = sectors_of(np.arctan2(across[1], across[0]), limb_px)
     pixels, azimuth = near.take(sectors.order), sectors.azimuth

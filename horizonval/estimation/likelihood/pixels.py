@@ -71,6 +71,8 @@ def near_pixels(
 ) -> NearPixels:
     """Return the pixels within a distance of the limb; those that see nothing, or have such neighbours, are left out.
 
+    An image of one row has no change from row to row: a distance in it is one along the row.
+
     Parameters
     ----------
     camera : CameraModel
@@ -88,8 +90,8 @@ def near_pixels(
         columns,
         rows,
         np.ascontiguousarray(directions[rows, columns].T),
-        ((directions[rows, right] - directions[rows, left]) / (right - left)[:, None]).T.copy(),
-        ((directions[below, columns] - directions[above, columns]) / (below - above)[:, None]).T.copy(),
+        ((directions[rows, right] - directions[rows, left]) / np.maximum(right - left, 1)[:, None]).T.copy(),
+        ((directions[below, columns] - directions[above, columns]) / np.maximum(below - above, 1)[:, None]).T.copy(),
     )
     with np.errstate(invalid="ignore", divide="ignore"):
         angle = limb_angle(pixels.los_cam, cam_from_itrs, r_itrs, axes_m)

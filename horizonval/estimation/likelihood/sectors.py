@@ -71,15 +71,18 @@ def sectors_of(azimuth: FloatArray, limb_px: int) -> Sectors:
     limb_px : int
         Length of the limb in view [px].
     """
+    return divided(azimuth, int(np.clip(limb_px // PIXELS_ALONG, 1, MOST_SECTORS)))
+
+
+def divided(azimuth: FloatArray, count: int) -> Sectors:
+    """Return so many sectors of equally many pixels, of azimuths (n,) [rad]."""
     order = np.argsort(azimuth, kind="stable")
     sorted_azimuth = azimuth[order]
     gaps = np.append(np.diff(sorted_azimuth), sorted_azimuth[0] + 2.0 * np.pi - sorted_azimuth[-1])
     first = (int(np.argmax(gaps)) + 1) % len(order)
     order = np.roll(order, -first)
     along = np.mod(azimuth[order] - azimuth[order[0]], 2.0 * np.pi)
-    count = int(np.clip(limb_px // PIXELS_ALONG, 1, MOST_SECTORS))
-    starts = np.linspace(0, len(order), count + 1).astype(np.intp)
-    return Sectors(order, starts, along)
+    return Sectors(order, np.linspace(0, len(order), count + 1).astype(np.intp), along)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.guard.guard_limits import reliefs
+from horizonval.earth.limb_relief import reliefs
 from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_SIGMA_M, limb_height_prior
 from horizonval.estimation.likelihood.claim import claim
 from horizonval.estimation.likelihood.closed_form import position_from_limb

@@ -89,6 +89,8 @@ def _observation_tree(observation: Observation, arrays: list[NDArray[Any]], plac
         "full_scale": number(observation.full_scale),
         "prior": {name: plain(value) for name, value in vars(observation.prior).items() if value is not None},
         "band_kind": observation.band_kind,
+        "radiance_per_dn": number(observation.radiance_per_dn),
+        "band_um": None if observation.band_um is None else [float(limit) for limit in observation.band_um],
         "oracle": None if oracle is None else [put(oracle.r_itrs), put(oracle.q_cam_from_itrs), float(oracle.radius_m)],
         "heads": {name: _observation_tree(head, arrays, places) for name, head in observation.heads.items()},
     }
@@ -104,6 +106,8 @@ def _observation(tree: dict[str, Any], arrays: list[NDArray[Any]]) -> Observatio
         full_scale=tree["full_scale"],
         prior=_prior(tree["prior"]),
         band_kind=tree["band_kind"],
+        radiance_per_dn=tree["radiance_per_dn"],
+        band_um=None if tree["band_um"] is None else (tree["band_um"][0], tree["band_um"][1]),
         sun_cam=None if tree["sun_cam"] is None else arrays[tree["sun_cam"]],
         oracle=None if oracle is None else OraclePose(arrays[oracle[0]], arrays[oracle[1]], oracle[2]),
         heads={name: _observation(head, arrays) for name, head in tree["heads"].items()},

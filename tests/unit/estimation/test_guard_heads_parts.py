@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.earth.limb_relief import limb_height_m
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.guard_heads import (
     _angular_radius,
@@ -94,7 +95,7 @@ def test_a_disc_that_no_orbit_shows_is_refused(rho_deg: float, refused: bool) ->
 @pytest.mark.parametrize("band", ["solar", "thermal", None])
 def test_a_known_altitude_leaves_room_for_air_and_uncertainty(band: Any) -> None:
     """The limb stands between a little below the ground and the top of its air, five sigma to both sides."""
-    low, high = (h * math.tan(RHO) / RADIUS_M for h in limits.limb_height_m(band))
+    low, high = (h * math.tan(RHO) / RADIUS_M for h in limb_height_m(band))
     sigma_m = 2e3
     of_altitude = math.tan(RHO) / (RADIUS_M + 600e3) * sigma_m
     slack = limits.AGREEMENT * math.hypot(3e-4, 4e-4, of_altitude)

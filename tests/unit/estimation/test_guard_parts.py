@@ -12,7 +12,6 @@ from scipy import stats
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard import guard_limits as limits
-from horizonval.estimation.guard.clean_image import BAND_PX, BLEND_PX, FADE_PX, RAMP_PX, _closed, _distance, cleaned
 from horizonval.estimation.guard.guard_rows import RowLimb, is_row, misfit, row_limb
 from horizonval.estimation.guard.limb_model import _seen_relief
 from horizonval.estimation.limb.model.steepest import REACH_PX, STEP_PX, profile_places, steepest_sample, to_steepest
@@ -157,69 +156,6 @@ def depth() -> np.ndarray:
 def visible(los: np.ndarray) -> np.ndarray:
     uv, _ = project(CAMERA, los)
     return los[((uv > 0) & (uv < (199, 159))).all(axis=1)]
-
-
-def test_a_clean_image_is_the_limb_and_two_levels() -> None:
-    """A cloud deep inside and a star far outside are gone, the band about the limb is as it was."""
-    d = depth()
-    image = np.where(d > 0, 500.0, 50.0)
-    dirty = image.copy()
-    dirty[(d > 25)] += np.random.default_rng(0).uniform(-200, 200, int((d > 25).sum()))
-    dirty[d < -20] = 900.0
-    clean = cleaned(dirty, CAMERA, CONE, visible(limb()))
-    band = np.abs(d) < BAND_PX - BLEND_PX - 1.0
-    assert clean[band] == pytest.approx(image[band], abs=1e-6)
-    assert clean[d < -BAND_PX - 1.0] == pytest.approx(np.full(int((d < -BAND_PX - 1).sum()), 50.0), abs=1e-6)
-    assert clean[d > BAND_PX + 1.0] == pytest.approx(np.full(int((d > BAND_PX + 1).sum()), 500.0), abs=1e-6)
-
-
-def test_each_direction_keeps_its_level_near_the_limb_and_all_have_one_deep_inside() -> None:
-    d = depth()
-    u = pixel_grid(CAMERA)[..., 0]
-    image = np.where(d > 0, 400.0 + 1.5 * (u - 99.5), 50.0)
-    clean = cleaned(image, CAMERA, CONE, visible(limb()))
-    ring = (d > BAND_PX) & (d < BAND_PX + 3)
-    assert np.corrcoef(clean[ring], image[ring])[0, 1] > 0.99
-    assert np.abs(clean[ring] - image[ring]).mean() < 15.0
-    column = clean[:, 30]
-    inside = d[:, 30]
-    far, near = np.argmin(np.abs(inside - BAND_PX - FADE_PX)), np.argmin(np.abs(inside - BAND_PX - 1))
-    # One e-folding further in, a third of the difference is left.
-    share = (column[far] - 400.0) / (column[near] - 400.0)
-    assert share == pytest.approx(math.exp(-1.0), abs=0.15)
-
-
-def test_a_piece_that_is_not_trusted_is_painted_over_slowly() -> None:
-    d = depth()
-    image = np.where(d > 0, 500.0, 50.0)
-    trusted = visible(np.vstack([limb(300, -0.75, -0.1), limb(300, 0.6, 0.75)]))
-    clean = cleaned(image, CAMERA, CONE, trusted)
-    uv, _ = project(CAMERA, limb(1500))
-    inside = ((uv > 12) & (uv < (187, 147))).all(axis=1)
-    turn = np.linspace(-0.75, 0.75, 1500)[inside]
-    inwards, _ = project(CAMERA, (limb(1500) + 5.0 / 150.0 * AXIS)[inside])
-    at = np.rint(inwards).astype(int)
-    level = clean[at[:, 1], at[:, 0]]
-    far = turn < -0.1 - 1.15 * RAMP_PX / (150.0 * math.sin(RHO))
-    assert level[far] == pytest.approx(np.full(int(far.sum()), 500.0), abs=15.0)
-    assert far.sum() > 100
-    middle = level[(turn > 0.22) & (turn < 0.28)]
-    assert middle.max() < 150.0
-    steps = np.abs(np.diff(level[(turn > -0.1) & (turn < 0.2)]))
-    assert steps.max() < 40.0, "no edge of its own"
-
-
-def test_gaps_are_closed_and_distances_go_round() -> None:
-    where = np.zeros(720, dtype=bool)
-    where[[0, 5, 300]] = True
-    assert np.flatnonzero(_closed(where, 3)).tolist() == [0, 1, 2, 3, 4, 5, 300]
-    assert np.flatnonzero(_closed(where, 2)).tolist() == [0, 1, 2, 3, 4, 5, 300]
-    assert np.flatnonzero(_closed(where, 1)).tolist() == [0, 5, 300]
-    distance = _distance(where)
-    every = np.arange(720)
-    brute = np.min([np.minimum(np.abs(every - p), 720 - np.abs(every - p)) for p in (0, 5, 300)], axis=0)
-    assert (distance == brute).all()
-    assert (_distance(np.zeros(720, dtype=bool)) == 720).all()
 
 
 @pytest.mark.parametrize("bright_inside", [True, False])

@@ -1,0 +1,1 @@
+"""One pose fitted to the images of all heads of a body."""

@@ -1,0 +1,75 @@
+r"""The air that a fit leans on: a table of profiles, read where the limb in view is and as the Sun stands there.
+
+With the normal ``u`` of the ellipsoid beneath a place of the limb, the line of sight ``d`` to it, which is level there,
+and the direction ``s`` of the Sun: zenith angle ``acos(s . u)``, azimuth from the line of sight ``atan2(s . (u x d),
+s . d)``.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.atmosphere.climate import month_of
+from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.profile.air import NodeAir, node_air
+from horizonval.estimation.likelihood.templates import LimbTemplates
+
+
+class KnownAir:
+    """The air of a table at one time, under one Sun.
+
+    Parameters
+    ----------
+    templates : LimbTemplates
+    epoch_utc : datetime
+    sun_cam : ndarray, shape (3,), or None
+        As a Sun sensor sees it; it needs no attitude.
+    sun_itrs : ndarray, shape (3,)
+        As the time says it, where no sensor does.
+    """
+
+    def __init__(
+        self, templates: LimbTemplates, epoch_utc: datetime, sun_cam: FloatArray | None, sun_itrs: FloatArray
+    ) -> None:
+        self._templates, self._epoch = templates, epoch_utc
+        self._sun_cam, self._sun_itrs = sun_cam, sun_itrs
+
+    @property
+    def heights_m(self) -> tuple[float, float]:
+        """First and last height of the table."""
+        height = self._templates.height_m
+        return float(height[0]), float(height[-1])
+
+    def nodes(
+        self,
+        normal_cam: FloatArray,
+        los_cam: FloatArray,
+        pose: LimbPose,
+        grid_m: tuple[float, float, float],
+        curve: float,
+    ) -> NodeAir:
+        """Return the air at places along the limb; parameters as for ``ProfileKnowledge.air``."""
+        table = self._templates
+        mean, modes, left = self._at(normal_cam, los_cam, pose)
+        places = normal_cam @ pose.cam_from_itrs
+        return node_air(table.height_m, mean, modes, left, table.correlation_rad, places, grid_m, curve)
+
+    def means(self, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose, height_m: FloatArray) -> FloatArray:
+        """Return the mean profiles at places (m, 3) on heights (n,), shape (m, n); above the table nothing."""
+        known = self._templates.height_m
+        mean = self._at(normal_cam, los_cam, pose)[0]
+        return np.array([np.interp(height_m, known, row, right=0.0) for row in mean])
+
+    def _at(
+        self, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        if self._templates.band_kind == "thermal":
+            latitude = np.arcsin(np.clip(normal_cam @ pose.cam_from_itrs[:, 2], -1.0, 1.0))
+            return self._templates.at(latitude, month_of(self._epoch))
+        sun = self._sun_cam if self._sun_cam is not None else pose.cam_from_itrs @ self._sun_itrs
+        zenith = np.arccos(np.clip(normal_cam @ sun, -1.0, 1.0))
+        azimuth = np.arctan2(np.cross(normal_cam, los_cam) @ sun, los_cam @ sun)
+        return self._templates.at(zenith, azimuth)

@@ -1,0 +1,167 @@
+"""The pixels of one image that see the limb's profile: in order of azimuth, with all that no step of a fit changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.pixels import NearPixels, near_pixels
+from horizonval.estimation.likelihood.profile.ray_height import level_distance, ray_height
+from horizonval.estimation.likelihood.sectors import divided
+from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.directions import cross, tangent_basis
+from horizonval.geometry.ellipsoid import Ellipsoid
+
+FEWEST_LIMB_PX = 8
+"""Of limb in view."""
+NODE_RAD = 0.035
+"""Between nodes, at the Earth's centre: a sixth of the length over which air is alike. Straight lines between nodes
+leave 0.4 % of a mode's standard deviation; of half of the length they would leave 3 %, bent all the same way, which
+is what tells tilt from height."""
+MOST_SECTORS = 64
+BORDER_PX = 2
+"""Of the image, left out: what a pixel there gets from outside nobody knows, nor how its scale changes."""
+BEND_PLACES = 200
+"""Along the limb: the bend is interpolated between them."""
+WIDER = 1.5
+"""Of the window in pixels: a lens's scale may be so much larger at its border than in the middle."""
+
+
+@dataclass(frozen=True)
+class ProfilePixels:
+    """Pixels that see the profile, n of them in order of azimuth, in m sectors with a node at either end.
+
+    Attributes
+    ----------
+    pixels : NearPixels
+    values : ndarray, shape (n,)
+        The image's levels.
+    light : ndarray, shape (n,)
+        What a pixel gets of a radiance, over what one on the axis gets: its solid angle through the pupil.
+    sector : ndarray of int, shape (n,)
+    starts : ndarray of int, shape (m + 1,)
+    along : ndarray, shape (n,)
+        Place in the sector, from 0 to 1.
+    width_m : ndarray, shape (m + 1,)
+        Of a pixel across the limb, at the nodes.
+    boxes_m : ndarray, shape (m + 1, 2)
+        Its parts along a column's and a row's step, whose squares sum up to its square.
+    lift_m : ndarray, shape (m + 1,)
+        Distance across the limb by which a blur of one pixel's variance moves what is seen at the nodes.
+    normal_cam : ndarray, shape (m + 1, 3)
+        Of the ellipsoid beneath the nodes.
+    los_cam : ndarray, shape (m + 1, 3)
+        Lines of sight to the nodes.
+    """
+
+    pixels: NearPixels
+    values: FloatArray
+    light: FloatArray
+    sector: np.ndarray
+    starts: np.ndarray
+    along: FloatArray
+    width_m: FloatArray
+    boxes_m: FloatArray
+    lift_m: FloatArray
+    normal_cam: FloatArray
+    los_cam: FloatArray
+
+
+def profile_pixels(
+    image: FloatArray,
+    camera: CameraModel,
+    pose: LimbPose,
+    ellipsoid: Ellipsoid,
+    between_m: tuple[float, float],
+    curve: float,
+) -> ProfilePixels:
+    """Return the pixels that a pose sees between two heights.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Too little limb in view.
+    """
+    bottom_m, top_m = between_m
+    axes = ellipsoid.axes_m
+    to_limb = np.sqrt(max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0))
+    per_m = WIDER * max(camera.fx, camera.fy) / to_limb
+    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, top_m * per_m, -bottom_m * per_m)
+    ray = ray_height(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
+    inside = (ray.height_m > bottom_m) & (ray.height_m < top_m) & (ray.distance_m > 0.0)
+    for place, size in ((near.columns, camera.width), (near.rows, camera.height)):
+        inside &= (place >= BORDER_PX) & (place < size - BORDER_PX)
+    near = near.take(inside)
+    height, distance, normal = ray.height_m[inside], ray.distance_m[inside], ray.normal_cam[:, inside]
+    to_distance = distance * level_distance(height, curve)[1]
+    by_column = to_distance * np.abs(np.einsum("ij,ij->j", normal, near.by_column))
+    by_row = to_distance * np.abs(np.einsum("ij,ij->j", normal, near.by_row))
+    width = np.hypot(by_column, by_row)
+    on_limb = np.abs(height) < 0.5 * width
+    limb_px = int(on_limb.sum())
+    if limb_px < FEWEST_LIMB_PX:
+        raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view; {FEWEST_LIMB_PX} are needed")
+    across = tangent_basis(pose.nadir_cam).T @ near.los_cam
+    azimuth = np.arctan2(across[1], across[0])
+    sorted_ = np.sort(azimuth)
+    gap = max(float(np.diff(sorted_).max()), float(sorted_[0] - sorted_[-1]) + 2.0 * np.pi)
+    at_centre = float(np.sqrt(max(1.0 - axes[0] ** 2 / float(pose.r_itrs @ pose.r_itrs), 0.0)))
+    count = int(np.clip(np.ceil((2.0 * np.pi - gap) * at_centre / NODE_RAD), 2, min(MOST_SECTORS, limb_px // 2)))
+    sectors = divided(azimuth, count)
+    order, starts = sectors.order, sectors.starts
+    near, on_limb = near.take(order), on_limb[order]
+    width, by_column, by_row = width[order], by_column[order], by_row[order]
+    sector = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    borders = sectors.azimuth[np.minimum(starts, len(order) - 1)]
+    spans = np.maximum(np.diff(borders), 1e-12)
+    light = np.abs(np.einsum("ij,ij->j", near.los_cam, np.array(cross(near.by_column, near.by_row))))
+    if camera.projection != "fisheye":
+        light = light * np.maximum(near.los_cam[2], 0.0)
+    some = np.flatnonzero(on_limb)
+    some = some[:: max(1, len(some) // BEND_PLACES)]
+    uv = np.column_stack([near.columns[some], near.rows[some]]).astype(float)
+    lifted = 0.5 * _laplacian(camera, uv, pose, axes, curve)
+    known = np.isfinite(lifted)
+    at = sectors.azimuth[some]
+    width_m = np.interp(borders, at, width[some])
+    boxes_m = np.column_stack([np.interp(borders, at, part[some]) for part in (by_column, by_row)])
+    lift_m = np.interp(borders, at[known], lifted[known]) if known.any() else np.zeros(len(borders))
+    # Nodes at the ends may lie outside the image: where they are is a matter of geometry alone.
+    basis = tangent_basis(pose.nadir_cam)
+    turn = borders + azimuth[order[0]]
+    outwards = basis @ np.array([np.cos(turn), np.sin(turn)])
+    los_cam = np.sqrt(1.0 - at_centre**2) * outwards + at_centre * pose.nadir_cam[:, None]
+    beneath = ray_height(los_cam, pose.cam_from_itrs, pose.r_itrs, axes).normal_cam
+    return ProfilePixels(
+        pixels=near,
+        values=np.asarray(image[near.rows, near.columns], dtype=float),
+        light=light * (camera.fx * camera.fy),
+        sector=sector,
+        starts=starts,
+        along=(sectors.azimuth - borders[sector]) / spans[sector],
+        width_m=width_m,
+        boxes_m=boxes_m,
+        lift_m=lift_m,
+        normal_cam=beneath.T,
+        los_cam=los_cam.T,
+    )
+
+
+def _laplacian(camera: CameraModel, uv: FloatArray, pose: LimbPose, axes: FloatArray, curve: float) -> FloatArray:
+    """Return the Laplacian of the distance across the limb at places (n, 2) of the image, shape (n,) [m/px^2].
+
+    A blur of variance ``s^2`` sees there what is ``s^2 / 2`` times as far across: a limb is bent, by 5e-4 px on a disc
+    of 1000 px, and a lens's scale changes.
+    """
+
+    def across(places: FloatArray) -> FloatArray:
+        height = ray_height(unproject(camera, places).T, pose.cam_from_itrs, pose.r_itrs, axes).height_m
+        return level_distance(height, curve)[0]
+
+    right, below = np.array([1.0, 0.0]), np.array([0.0, 1.0])
+    with np.errstate(invalid="ignore"):
+        around = across(uv + right) + across(uv - right) + across(uv + below) + across(uv - below)
+        return np.asarray(around - 4.0 * across(uv))

@@ -1,0 +1,129 @@
+"""The limb in all heads of a housing at once: one pose, by maximum likelihood of the pixels across it.
+
+Cameras or linear arrays, any number of them: each shows a piece of one limb, and their pixels are fitted together
+(:mod:`horizonval.estimation.likelihood.heads.fit`). Levels, noise and blur are each head's own; pose, height and
+softness of the limb, and its relief, are common.
+
+With a position and a coarse attitude in the prior the planet is the ellipsoid, as in ``limb-ellipsoid``; without, a
+sphere whose flattening is a relief with a pole anywhere, as in ``limb-sphere``.
+
+**Start.** Points of the limb: of an image those of the search for it, of a single row its crossing. In body axes all of
+them lie on one cone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
+from horizonval.earth.limb_relief import reliefs
+from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_SIGMA_M, limb_height_prior
+from horizonval.estimation.likelihood.claim import fit_of
+from horizonval.estimation.likelihood.closed_form import position_from_limb
+from horizonval.estimation.likelihood.heads.fit import HeadImage, fit_heads
+from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose, sphere_knowledge
+from horizonval.estimation.limb.crossing import sub_pixel_crossing
+from horizonval.estimation.limb.finder import find_limb_in, picture_of
+from horizonval.estimation.methods.limb_sphere import LOCAL_RADIUS_SHARE
+from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.geometry.camera import unproject
+from horizonval.geometry.ellipsoid import WGS84, sphere
+
+FEWEST_HEADS = 2
+POINTS_OF_HEAD = 60
+"""For the start, at most: heads count alike in it, whatever their pixels."""
+
+
+def run(observation: Observation) -> Fit | Refusal:
+    """Estimate nadir, roll, pitch and altitude from the images of all heads."""
+    if len(observation.heads) < FEWEST_HEADS:
+        return Refusal(Outcome.BAD_INPUT, f"two heads or more are needed, the observation has {len(observation.heads)}")
+    heads, sights = [], []
+    for name, one in observation.heads.items():
+        seen = _seen(one)
+        if isinstance(seen, Refusal):
+            return seen.of_head(name)
+        image, uv = seen
+        cam_from_body = Rotation.from_quat(one.q_cam_from_body).as_matrix()
+        heads.append(HeadImage(image, one.camera, cam_from_body))
+        some = uv[np.linspace(0, len(uv) - 1, min(len(uv), POINTS_OF_HEAD)).round().astype(int)]
+        sights.append(unproject(one.camera, some) @ cam_from_body)
+    try:
+        start, knowledge = _start(observation, np.concatenate(sights))
+        found = fit_heads(heads, start, knowledge)
+    except np.linalg.LinAlgError as e:
+        return Refusal(Outcome.NOT_CONVERGED, f"the likelihood of the limb in {len(heads)} heads: {e}")
+    return fit_of(found, observation, knowledge.ellipsoid)
+
+
+def _seen(head: Observation) -> tuple[FloatArray, FloatArray] | Refusal:
+    """Return a head's grey levels and points of its limb, shape (n, 2)."""
+    image = np.asarray(head.image, dtype=np.float64)
+    if image.ndim == 2 and image.shape[0] == 1:
+        crossing = sub_pixel_crossing(image[0])
+        if isinstance(crossing, Refusal):
+            return crossing
+        return image, np.array([[crossing.column, 0.0]])
+    picture = picture_of(head.image, head.camera, head.full_scale)
+    if isinstance(picture, Refusal):
+        return picture
+    found = find_limb_in(picture, head.camera)
+    return found if isinstance(found, Refusal) else (picture.grey, found.uv)
+
+
+def _start(observation: Observation, los_body: FloatArray) -> tuple[LimbPose, LimbKnowledge]:
+    """Return where the search begins and what it leans on, both of the body."""
+    prior = observation.prior
+    height, height_sigma = limb_height_prior(observation)
+    body_from_cam = Rotation.from_quat(observation.q_cam_from_body).inv()
+    flattened = 0.0
+    if (
+        prior.r_itrs is not None
+        and prior.position_sigma_m is not None
+        and prior.q_cam_from_itrs is not None
+        and prior.attitude_sigma_rad is not None
+    ):
+        planet = sphere(prior.sphere_radius_m) if prior.shape == "sphere" else WGS84
+        coarse = (body_from_cam * Rotation.from_quat(prior.q_cam_from_itrs)).as_matrix()
+        seen = position_from_limb(los_body, coarse, planet.raised(height))
+        # The shortest turn of the prior's attitude that brings the Earth to where it is seen.
+        turn = Rotation.align_vectors([coarse @ seen], [coarse @ prior.r_itrs])[0].as_matrix()
+        start, mean = LimbPose(turn @ coarse, prior.r_itrs, height), LimbPose(coarse, prior.r_itrs, height)
+        information = np.zeros((7, 7))
+        information[:3, :3] = np.diag(prior.attitude_sigma_rad**-2.0)
+        information[3:6, 3:6] = np.eye(3) / prior.position_sigma_m**2
+        information[6, 6] = height_sigma**-2
+    else:
+        radius = prior.sphere_radius_m
+        flattened = prior.flattening * radius
+        known = prior.altitude_m is not None
+        if not known:
+            height, height_sigma = 0.0, 0.0
+        r_body = position_from_limb(los_body, np.eye(3), sphere(radius + height))
+        altitude, sigma = float(np.linalg.norm(r_body)) - radius, np.inf
+        if prior.altitude_m is not None and prior.altitude_sigma_m is not None:
+            altitude, sigma = prior.altitude_m, float(np.hypot(prior.altitude_sigma_m, LOCAL_RADIUS_SHARE * flattened))
+        nadir = -r_body / np.linalg.norm(r_body)
+        planet, mean, information = sphere_knowledge(nadir, radius, altitude, sigma, height, height_sigma)
+        start = LimbPose(np.eye(3), r_body, height)
+    return start, LimbKnowledge(
+        planet,
+        mean,
+        information,
+        scale_height_m=SCALE_HEIGHT_M,
+        scale_sigma_m=SCALE_SIGMA_M,
+        reliefs=reliefs(observation.band_kind),
+        flattened_m=flattened,
+    )
+
+
+ESTIMATOR = Estimator(
+    name="limb-heads",
+    title="Limb in several heads at once, maximum likelihood of the pixels",
+    run=run,
+    estimates="geocentric",
+    needs="heads",
+)
