@@ -11,10 +11,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 from horizonval.core.outcome import Outcome
-from horizonval.scoring.limits import NADIR_ERROR_LIMIT_RAD
-from horizonval.scoring.row import Row, Score
+from horizonval.scoring.limits import claim_limits
+from horizonval.scoring.row import Row
 
-LIMIT_ARCSEC = math.degrees(NADIR_ERROR_LIMIT_RAD) * 3600.0
 BORDERLINE = "borderline"
 """Line of a matrix for frames that may fairly go either way."""
 BEYOND_LIMIT = "false_beyond_limit"
@@ -22,14 +21,15 @@ BEYOND_SIGMA = "false_beyond_sigma"
 """Columns of a matrix for claims that are false; the column ``valid`` holds the others."""
 
 
-def why_false(row: Score) -> str | None:
+def why_false(row: Row) -> str | None:
     """Return what makes a claim false: its error, else an error beyond its own sigma; ``None`` where it is not.
 
     A claim whose error is no number is beyond every limit.
     """
     if not row.false_valid:
         return None
-    if row.nadir_error_arcsec is None or row.nadir_error_arcsec > LIMIT_ARCSEC:
+    limit_arcsec = math.degrees(claim_limits(row.estimator).nadir_error_rad) * 3600.0
+    if row.nadir_error_arcsec is None or row.nadir_error_arcsec > limit_arcsec:
         return BEYOND_LIMIT
     return BEYOND_SIGMA
 

@@ -44,7 +44,8 @@ def score(
     ----------
     truth : FrameTruth
     estimator : Estimator or None
-        Only ``estimates`` is used: which nadir is claimed. None for what the fit itself says.
+        ``estimates`` says which nadir is claimed, the name by which limits a claim is judged. None for what the fit
+        itself says, judged as a fit of a cone.
     result : Fit or Refusal
     earth_radius_m : float, optional
         Radius that the method was given (``Prior.sphere_radius_m``), for ``altitude_error_km``.
@@ -93,7 +94,7 @@ def score(
             sigma_nadir_arcsec=_finite(sigma / ARCSEC),
             nees_nadir=nees,
             n_points=len(result.points),
-            false_valid=is_false(error, nees_total),
+            false_valid=is_false(error, nees_total, _limits(estimator)),
             nees_nadir_total=nees_total,
             without_sigma=nees_total is None,
             sigma_systematic_arcsec=systematic,
@@ -101,16 +102,20 @@ def score(
     )
 
 
-def is_false(nadir_error_rad: float, nees_nadir: float | None) -> bool:
+def _limits(estimator: Estimator | None) -> limits.ClaimLimits:
+    return limits.CONE_LIMITS if estimator is None else limits.claim_limits(estimator.name)
+
+
+def is_false(nadir_error_rad: float, nees_nadir: float | None, judged: limits.ClaimLimits = limits.CONE_LIMITS) -> bool:
     """Whether a claimed nadir with this error is a false claim (:mod:`horizonval.scoring.limits`).
 
     ``nees_nadir`` is that of all that is claimed, noise and model error; ``None`` where no uncertainty is claimed,
-    which is taken for the default.
+    which is taken for the default. ``judged``: the limits of the kind of method.
     """
-    if nadir_error_rad > limits.NADIR_ERROR_LIMIT_RAD:
+    if nadir_error_rad > judged.nadir_error_rad:
         return True
     nees = (nadir_error_rad / limits.DEFAULT_SIGMA_RAD) ** 2 if nees_nadir is None else nees_nadir
-    return nees > limits.SIGMA_LIMIT**2 and nadir_error_rad > limits.SIGMA_TEST_FLOOR_RAD
+    return nees > limits.SIGMA_LIMIT**2 and nadir_error_rad > judged.sigma_floor_rad
 
 
 def has_sigma(nadir_cam: FloatArray, covariance_nadir_cam: FloatArray) -> bool:

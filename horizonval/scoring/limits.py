@@ -38,6 +38,37 @@ It is the largest with which such a claim is false wherever the sigma test appli
 while to claim nothing; with this one a claim without uncertainty is false whenever it would be with some uncertainty.
 """
 
+
+@dataclass(frozen=True)
+class ClaimLimits:
+    """When a claim of a kind of method is false: beyond an error, or beyond so many sigma and a floor of the error.
+
+    Attributes
+    ----------
+    nadir_error_rad : float
+    sigma_floor_rad : float
+        Below this error the test of :data:`SIGMA_LIMIT` is not applied.
+    """
+
+    nadir_error_rad: float
+    sigma_floor_rad: float
+
+
+CONE_LIMITS = ClaimLimits(NADIR_ERROR_LIMIT_RAD, SIGMA_TEST_FLOOR_RAD)
+"""Of methods that fit a cone to points, and of all that are not ours."""
+LIKELIHOOD_LIMITS = ClaimLimits(math.radians(0.25), 0.0)
+"""Of fits of the pixels' likelihood. They model the limb's height, its relief and the Earth's flattening, and claim
+what is left of them: nothing excuses them from the test of their own sigma. 0.25 deg is what small-satellite Earth
+sensors are specified to."""
+LIKELIHOOD_METHODS = ("limb-sphere", "limb-ellipsoid", "limb-profile", "limb-heads")
+GUARDED = "guarded-"
+
+
+def claim_limits(estimator: str) -> ClaimLimits:
+    """Return the limits by which the claims of a method are judged; a guarded one's are those of the method itself."""
+    return LIKELIHOOD_LIMITS if estimator.removeprefix(GUARDED) in LIKELIHOOD_METHODS else CONE_LIMITS
+
+
 SMALLEST_SIGMA_RAD = 1e-15
 SHARPEST = 1e-15
 """A covariance with a standard deviation below the former, or one variance below so much of the other, claims a

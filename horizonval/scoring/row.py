@@ -14,6 +14,7 @@ from typing import Annotated, Any, get_args, get_type_hints
 
 from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
+from horizonval.scoring.bound import NO_BOUND, Bound
 from horizonval.scoring.expected import Expected
 from horizonval.truth.infrared_horizon.curve import visible_height_m
 
@@ -223,6 +224,23 @@ class Conditions:
         ),
     ] = None
     moon_in_frame: Annotated[bool | None, Meaning("Whether any part of the Moon's disc is in the image.")] = None
+    bound_noise_arcsec: Annotated[
+        float | None,
+        Meaning(
+            "Smallest root mean square error of the nadir that the detector's noise allows, all else known; empty "
+            "where the limb does not determine it, and of images from before it was kept.",
+            "arcsec",
+        ),
+    ] = None
+    bound_arcsec: Annotated[
+        float | None,
+        Meaning(
+            "The same with air, relief, light, blur and the height of the limb as known as the scene says.", "arcsec"
+        ),
+    ] = None
+    bound_altitude_km: Annotated[float | None, Meaning("The same of the distance from the Earth's centre.", "km")] = (
+        None
+    )
     ir_horizon_km: Annotated[
         float | None,
         Meaning("Mean height of the infrared horizon in view (half plateau, clear sky); empty in solar bands.", "km"),
@@ -242,6 +260,13 @@ class Row(Conditions, Score, _Question):
         A value is not of its column's type, or not finite: a defect of whoever made it.
     """
 
+    error_over_bound: Annotated[
+        float | None,
+        Meaning(
+            "Nadir error over the bound that counts what is not known: mean square 1 of a method that uses all.",
+            "1",
+        ),
+    ] = None
     frame_address: Annotated[str | None, Meaning("Address of the frame in the archive; empty where not kept.")] = None
     image_address: Annotated[str | None, Meaning("Address of the image in the archive; empty where not kept.")] = None
 
@@ -289,8 +314,8 @@ class Row(Conditions, Score, _Question):
         return cls(**data)
 
 
-def conditions_of(truth: FrameTruth, expected: Expected, band: str) -> Conditions:
-    """Return the conditions of one band of a frame."""
+def conditions_of(truth: FrameTruth, expected: Expected, band: str, bound: Bound = NO_BOUND) -> Conditions:
+    """Return the conditions of one band of a frame, and what its limb allows."""
     infrared_height_m = visible_height_m(truth, band)
     return Conditions(
         epoch_utc=truth.epoch_utc,
@@ -308,6 +333,9 @@ def conditions_of(truth: FrameTruth, expected: Expected, band: str) -> Condition
         veil_fraction=expected.veil_fraction,
         determined_deg=expected.determined_deg,
         moon_in_frame=expected.moon_in_frame,
+        bound_noise_arcsec=bound.noise_arcsec,
+        bound_arcsec=bound.known_arcsec,
+        bound_altitude_km=None if bound.altitude_m is None else bound.altitude_m / 1e3,
         ir_horizon_km=None if infrared_height_m is None else infrared_height_m / 1e3,
     )
 
@@ -321,6 +349,7 @@ def make_row(
     truth: FrameTruth,
     expected: Expected,
     score: Score,
+    bound: Bound = NO_BOUND,
     frame_address: str | None = None,
     image_address: str | None = None,
 ) -> Row:
@@ -330,7 +359,9 @@ def make_row(
     (:mod:`horizonval.estimation.digits`), other numbers to :data:`SIGNIFICANT` digits: what is beyond is a matter of
     the processor, and rows promise bytes.
     """
-    values = {**vars(score), **vars(conditions_of(truth, expected, band))}
+    values = {**vars(score), **vars(conditions_of(truth, expected, band, bound))}
+    if score.nadir_error_arcsec is not None and bound.known_arcsec is not None:
+        values["error_over_bound"] = score.nadir_error_arcsec / bound.known_arcsec
     return Row(
         case=case,
         camera=camera,

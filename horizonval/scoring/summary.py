@@ -81,7 +81,9 @@ def summarise_group(rows: Sequence[Row]) -> dict[str, Any]:
         ``nadir_error_arcsec``: ``{n, rms, median, p95, max}``; ``roll_error_arcsec`` and ``pitch_error_arcsec``:
         ``{n, mean, std}``; ``altitude_error_km``: the same; ``refusals``: ``{status: n}``; ``confusion``:
         ``{expected: {reported: n}}``; ``strict_confusion``: the same with borderline frames and false claims apart;
-        ``nees_nadir`` by the claimed noise and ``nees_nadir_total`` by noise and claimed model error:
+        ``error_over_bound``: the same over what the limb allows (:mod:`horizonval.scoring.bound`), and ``bound_arcsec``
+        of the frames with a claim; ``nees_nadir`` by the claimed noise and ``nees_nadir_total`` by noise and claimed
+        model error:
         ``{n, mean, expected, interval}`` where ``interval`` holds the mean of an honest covariance with 95 %;
         ``nees_noise`` of fits about their mean where only the noise differs: the same of ``n`` frames with at least two
         fits, claimed at the first draw or not, and ``draws``, their fits, and ``standard_error`` of the mean.
@@ -97,6 +99,8 @@ def summarise_group(rows: Sequence[Row]) -> dict[str, Any]:
         "roll_error_arcsec": _bias(_column(claims, "roll_error_arcsec")),
         "pitch_error_arcsec": _bias(_column(claims, "pitch_error_arcsec")),
         "altitude_error_km": _bias(_column(claims, "altitude_error_km")),
+        "error_over_bound": _magnitude(_column(claims, "error_over_bound")),
+        "bound_arcsec": _magnitude(_column(claims, "bound_arcsec")),
         "refusals": in_order(Counter(row.status for row in rows if not row.is_claim)),
         "confusion": confusion(rows),
         "strict_confusion": strict_confusion(rows),

@@ -92,7 +92,8 @@ def read_results(path: Path) -> list[Row]:
             names, records = relation.columns, relation.fetchall()
         except duckdb.Error as error:
             raise _unreadable(error, path) from error
-    known = [column.name for column in COLUMNS]
+    # A table from before a column was kept has none of it; all others must be ours, in our order.
+    known = [column.name for column in COLUMNS if column.name in names or not column.optional]
     if names != known:
         different = sorted(set(names) ^ set(known))
         raise UserError(

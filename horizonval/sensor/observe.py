@@ -48,7 +48,7 @@ def observe(
         The camera has no detector or no such band, the two do not fit each other, the frame lacks the band or was
         made for another image geometry, or its radiance is negative or not finite.
     """
-    spec = _band(camera, band)
+    spec = band_named(camera, band)
     geometry = camera_from_spec(camera.camera)
     check_invertible(geometry)
 
@@ -62,7 +62,7 @@ def observe(
         return stream(identity, camera.camera.name, reading, stage, seed) if noise else None
 
     def radiance(of: Band) -> FloatArray:
-        return _radiance(frame, camera, of.name)
+        return checked_radiance(frame, camera, of.name)
 
     def behind(of: Band) -> FloatArray:
         return np.asarray(frame.behind[of.name], dtype=np.float64)
@@ -103,7 +103,14 @@ def check_camera(camera: CameraSpec) -> None:
         lens_spread.check(camera.optics, band, detector.pixel_pitch_um * 1e-6)
 
 
-def _band(camera: CameraSpec, name: str | None) -> Band:
+def band_named(camera: CameraSpec, name: str | None) -> Band:
+    """Return a camera's band of a name, its first one without.
+
+    Raises
+    ------
+    UserError
+        There is none.
+    """
     if not camera.band:
         raise UserError("the camera has no band", where="band", expected="at least one [[band]] table")
     if name is None:
@@ -116,7 +123,7 @@ def _band(camera: CameraSpec, name: str | None) -> Band:
     )
 
 
-def _radiance(frame: RadianceFrame, camera: CameraSpec, band: str) -> FloatArray:
+def checked_radiance(frame: RadianceFrame, camera: CameraSpec, band: str) -> FloatArray:
     """Return the band's radiance in float64, after checking that it is one and that the camera fits the frame."""
     if band not in frame.radiance:
         raise UserError(

@@ -11,6 +11,7 @@ Each but photoelectrons, full well and converter is off unless the camera file a
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -68,19 +69,81 @@ def respond(
         See :data:`Streams`. Without noise the pixels do not differ either.
     """
     bits, black, full_well = detector.bits, detector.black_level_dn, detector.full_well_e
-    shape = (geometry.height, geometry.width)
     noisy, unit = rng("read") is not None, fixed_pattern.unit(camera.camera.name, truth)
+    expected = expected_charge(radiance, truth, geometry, camera, detector, band, noisy, behind)
+    electrons, dark, seconds, shape = expected.electrons, expected.dark, expected.seconds, expected.electrons.shape
+    photon_rng, dark_rng, read_rng = rng("photon"), rng("dark"), rng("read")
+    if photon_rng is not None and dark_rng is not None:
+        electrons = exposure.count(electrons, full_well, photon_rng)
+        dark = exposure.count(dark, full_well, dark_rng)
+    collected = electrons + dark
+    if noisy and detector.dsnu_e > 0.0:
+        collected = collected + fixed_pattern.dark_offset_e(unit, detector.serial, shape, detector.dsnu_e)
+    collected = _with_protons(collected, detector, truth, seconds, rng("protons"))
+    spill = charge.bloom if detector.blooming == "column" else readout.saturate
+    held = spill(collected, full_well)
+    if read_rng is not None:
+        held = readout.add_read_noise(held, detector.read_noise_e, read_rng)
+    gain = electrons_per_dn(detector)
+    dn = converter.digitise(held, gain, black, bits)
+    if detector.bayer is not None:
+        whole = bayer.plane(dn.astype(np.float64), detector.bayer, bayer.colour_of(band.name))
+        dn = np.floor(whole + 0.5).astype(np.uint16)
+    settings: dict[str, Any] = {"gain_e_per_dn": gain}
+    if detector.auto_exposure is not None:
+        settings["exposure_s"] = seconds
+    return dn, settings
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedCharge:
+    """What the pixels are expected to collect, before anything is counted.
+
+    Attributes
+    ----------
+    electrons : ndarray, shape (H, W)
+        Photoelectrons, smear included; of a unit whose pixels differ, as these see it.
+    dark : ndarray, shape (H, W)
+        Dark electrons.
+    seconds : float
+        Exposure.
+    """
+
+    electrons: FloatArray
+    dark: FloatArray
+    seconds: float
+
+
+def electrons_per_dn(detector: Cmos) -> float:
+    """Return the converter's gain: the detector's own, or the one that lays a full well on the largest number."""
+    gain = converter.default_gain(detector.full_well_e, detector.bits, detector.black_level_dn)
+    return detector.gain_e_per_dn or gain
+
+
+def expected_charge(
+    radiance: Callable[[Band], FloatArray],
+    truth: FrameTruth,
+    geometry: CameraModel,
+    camera: CameraSpec,
+    detector: Cmos,
+    band: Band,
+    unlike: bool,
+    behind: Callable[[Band], FloatArray] | None = None,
+) -> ExpectedCharge:
+    """Return the expected charge; parameters as for :func:`respond`, ``unlike``: whether pixels differ."""
+    shape = (geometry.height, geometry.width)
+    unit = fixed_pattern.unit(camera.camera.name, truth)
     colours, pitch_m = _colours(camera, detector, band), detector.pixel_pitch_um * 1e-6
     power_w = {
         letter: image_plane.pixel_power_w(radiance(one), geometry, camera.optics, pitch_m, one, sun_of(truth))
         for letter, one in colours.items()
     }
-    dark_rate = _dark_rate(detector, unit, shape, noisy)
+    dark_rate = _dark_rate(detector, unit, shape, unlike)
     seconds = detector.exposure_s
     if detector.auto_exposure is not None:
         # From the camera at rest: how far it turns depends on the exposure, and hardly changes a percentile.
         rate = _electrons(power_w, colours, detector, 1.0) + dark_rate
-        seconds = auto_exposure.exposure_s(rate, full_well, detector.auto_exposure)
+        seconds = auto_exposure.exposure_s(rate, detector.full_well_e, detector.auto_exposure)
     turn = motion.rate_cam_rad_s(truth)
     row_time_s = detector.row_time_s if detector.shutter == "rolling" and detector.row_time_s is not None else 0.0
 
@@ -95,30 +158,10 @@ def respond(
     electrons = _electrons(moved_w, colours, detector, seconds)
     if detector.shutter == "frame_transfer" and detector.row_time_s is not None:
         electrons = electrons + charge.smear_e(electrons / seconds, detector.row_time_s)
-    if noisy and detector.prnu > 0.0:
+    if unlike and detector.prnu > 0.0:
         electrons = electrons * fixed_pattern.response(unit, detector.serial, shape, detector.prnu)
     dark = np.broadcast_to(dark_rate * seconds, shape)
-    photon_rng, dark_rng, read_rng = rng("photon"), rng("dark"), rng("read")
-    if photon_rng is not None and dark_rng is not None:
-        electrons = exposure.count(electrons, full_well, photon_rng)
-        dark = exposure.count(dark, full_well, dark_rng)
-    collected = electrons + dark
-    if noisy and detector.dsnu_e > 0.0:
-        collected = collected + fixed_pattern.dark_offset_e(unit, detector.serial, shape, detector.dsnu_e)
-    collected = _with_protons(collected, detector, truth, seconds, rng("protons"))
-    spill = charge.bloom if detector.blooming == "column" else readout.saturate
-    held = spill(collected, full_well)
-    if read_rng is not None:
-        held = readout.add_read_noise(held, detector.read_noise_e, read_rng)
-    gain = detector.gain_e_per_dn or converter.default_gain(full_well, bits, black)
-    dn = converter.digitise(held, gain, black, bits)
-    if detector.bayer is not None:
-        whole = bayer.plane(dn.astype(np.float64), detector.bayer, bayer.colour_of(band.name))
-        dn = np.floor(whole + 0.5).astype(np.uint16)
-    settings: dict[str, Any] = {"gain_e_per_dn": gain}
-    if detector.auto_exposure is not None:
-        settings["exposure_s"] = seconds
-    return dn, settings
+    return ExpectedCharge(electrons, np.asarray(dark), seconds)
 
 
 def _colours(camera: CameraSpec, detector: Cmos, band: Band) -> dict[str, Band]:

@@ -54,17 +54,8 @@ def respond(
 
     ``behind``: the radiance without parts of the spacecraft, where the frame has some.
     """
-    pitch_m = detector.pixel_pitch_um * 1e-6
-    signal = image_plane.radiance_on_axis(radiance, geometry, camera.optics, pitch_m, band, sun_of(truth))
-    turn = motion.rate_cam_rad_s(truth)
-    if behind is None or not turn.any():
-        signal = lag_by_time_constant(signal, geometry, turn, detector.time_constant_s)
-    else:
-        still = image_plane.radiance_on_axis(behind, geometry, camera.optics, pitch_m, band, sun_of(truth))
-        dragged = lag_by_time_constant(still, geometry, turn, detector.time_constant_s)
-        signal = motion.behind_still_parts(signal, still, dragged, truth, geometry)
-    signal = point_spread.blur(signal, detector.response_fwhm_px * SIGMA_PER_FWHM)
-    measured_in = next((one for one in camera.band if one.name == detector.netd_band), band)
+    signal = expected_signal(radiance, truth, geometry, camera, detector, band, behind)
+    measured_in = measured_band(camera, detector, band)
     sigma = noise_radiance(measured_in, detector, camera)
     thermal_rng, residue_rng, drift_rng = rng("thermal"), rng("residue"), rng("drift")
     if thermal_rng is not None and residue_rng is not None and drift_rng is not None:
@@ -74,11 +65,43 @@ def respond(
         per_kelvin = thermal_noise.radiance_per_kelvin(measured_in)
         signal = signal + offsets_k(detector, shape, residue_rng, drift_rng) * per_kelvin
         signal = signal + sigma * thermal_rng.standard_normal(shape)
-    low = thermal_noise.blackbody_radiance(band, detector.scene_min_k)
-    high = thermal_noise.blackbody_radiance(band, detector.scene_max_k)
-    step = (high - low) / converter.full_scale(detector.bits)
+    low, step = converter_range(detector, band)
     settings = {"radiance_at_zero": low, "radiance_per_dn": step, "sigma_radiance": sigma}
     return converter.digitise(signal - low, step, 0.0, detector.bits), settings
+
+
+def expected_signal(
+    radiance: FloatArray,
+    truth: FrameTruth,
+    geometry: CameraModel,
+    camera: CameraSpec,
+    detector: ThermalDetector,
+    band: Band,
+    behind: FloatArray | None = None,
+) -> FloatArray:
+    """Return what like pixels without noise would read [W m-2 sr-1], shape (H, W); parameters as in :func:`respond`."""
+    pitch_m = detector.pixel_pitch_um * 1e-6
+    signal = image_plane.radiance_on_axis(radiance, geometry, camera.optics, pitch_m, band, sun_of(truth))
+    turn = motion.rate_cam_rad_s(truth)
+    if behind is None or not turn.any():
+        signal = lag_by_time_constant(signal, geometry, turn, detector.time_constant_s)
+    else:
+        still = image_plane.radiance_on_axis(behind, geometry, camera.optics, pitch_m, band, sun_of(truth))
+        dragged = lag_by_time_constant(still, geometry, turn, detector.time_constant_s)
+        signal = motion.behind_still_parts(signal, still, dragged, truth, geometry)
+    return point_spread.blur(signal, detector.response_fwhm_px * SIGMA_PER_FWHM)
+
+
+def measured_band(camera: CameraSpec, detector: ThermalDetector, band: Band) -> Band:
+    """Return the band in which the noise is stated: the detector's ``netd_band``, else the one that is read."""
+    return next((one for one in camera.band if one.name == detector.netd_band), band)
+
+
+def converter_range(detector: ThermalDetector, band: Band) -> tuple[float, float]:
+    """Return the radiance of the digital number 0, and that of one step [W m-2 sr-1]."""
+    low = thermal_noise.blackbody_radiance(band, detector.scene_min_k)
+    high = thermal_noise.blackbody_radiance(band, detector.scene_max_k)
+    return low, (high - low) / converter.full_scale(detector.bits)
 
 
 def noise_radiance(band: Band, detector: ThermalDetector, camera: CameraSpec) -> float:

@@ -62,7 +62,11 @@ limb_snr DOUBLE
 veil_fraction DOUBLE
 determined_deg DOUBLE
 moon_in_frame BOOLEAN
+bound_noise_arcsec DOUBLE
+bound_arcsec DOUBLE
+bound_altitude_km DOUBLE
 ir_horizon_km DOUBLE
+error_over_bound DOUBLE
 frame_address VARCHAR
 image_address VARCHAR
 """.strip().splitlines()

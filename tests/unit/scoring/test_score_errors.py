@@ -137,6 +137,17 @@ def test_what_counts_as_a_false_claim(error_deg, nees, false):
     assert is_false(math.radians(error_deg), nees) is false
 
 
+@pytest.mark.parametrize(
+    ("error_deg", "nees", "false"),
+    [(0.26, 0.0, True), (0.24, 24.0, False), (0.24, 26.0, True), (1e-4, 26.0, True), (0.09, None, False)],
+)
+def test_fits_of_the_likelihood_are_judged_by_half_and_by_their_sigma_at_any_error(error_deg, nees, false):
+    for name in ("limb-sphere", "guarded-limb-ellipsoid", "limb-profile"):
+        assert is_false(math.radians(error_deg), nees, limits.claim_limits(name)) is false
+    for name in ("altitude-free", "guarded-altitude-free", "limb-of-someone"):
+        assert limits.claim_limits(name) == limits.CONE_LIMITS
+
+
 @pytest.mark.parametrize("sigmas", [0.98, 1.02])
 @pytest.mark.parametrize("azimuth_deg", [0.0, 25.0, 90.0])
 def test_a_claim_is_false_beyond_so_many_of_its_own_sigma(sigmas, azimuth_deg):

@@ -1,0 +1,209 @@
+r"""How exactly the limb of an image can say where the Earth is: the Cramer-Rao bound of a frame.
+
+With the information ``F`` of an image (:mod:`horizonval.scoring.information.limb_information`) and ``P`` of what is
+known beside it, no unbiased method that looks at the limb has a smaller covariance of the pose than::
+
+    C = (F + P)^-1        nadir: N C N^T,    bound = sqrt(trace),    N: how turn and position move it
+
+(H. Cramer, "Mathematical Methods of Statistics", 1946, section 32.6; with priors H. L. Van Trees, "Detection,
+Estimation and Modulation Theory I", 1968, section 2.4.2). ``P`` is what ``[prior]`` of the scene says, one row each:
+position, altitude, attitude, height of the limb. Where it says nothing of the place, the nadir and the altitude are the
+unknowns, and a turn about the nadir is known; where it says nothing of the altitude that is free.
+
+Two bounds are told, of the angle between claimed and true nadir:
+
+``noise``
+    The detector's noise alone. Air, relief, light and blur are known: what a method with perfect templates could do.
+``known``
+    These are free too, each with its prior, and so is the height of the limb: what is known of it by ``[prior]``, or
+    that of any air of the band's kind.
+
+An estimator's error over its bound is 1 in the mean square for a method that uses all there is. Bounds are of errors
+that are small against the pixel's reach, of methods that are not told more than the table says: one that is given the
+pose, or one that a threshold tells to refuse bad frames, may come out below.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.arrays import FloatArray
+from horizonval.earth.limb_relief import SOLAR_RELIEF, THERMAL_RELIEF
+from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
+from horizonval.scoring.information.limb_information import UNKNOWNS, LimbInformation, limb_information
+from horizonval.sensor.expected_image import expected_image
+from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.sensor.prior import PriorSpec
+
+KEY = "information"
+"""Of an image's settings, under which its information stands. Images from before it was kept have none."""
+ANY_LIMB_SIGMA_M = {"solar": 12e3, "thermal": 21e3}
+"""Of the height of a limb of which nothing is said: from 2 km below the ground to 40 km above it, or to 70 km, every
+height alike; a twelfth of the square width is its variance."""
+FIXED_RAD, FIXED_M = 1e-8, 1e-3
+"""Of what is no unknown: far below any bound, and above rounding."""
+HOPELESS_RAD = math.radians(30.0)
+"""A bound beyond says that the image does not determine the nadir."""
+ARCSEC = math.radians(1.0 / 3600.0)
+
+
+@dataclass(frozen=True)
+class Bound:
+    """The smallest root mean square error that an unbiased method can have on a frame.
+
+    Attributes
+    ----------
+    noise_rad, known_rad : float or None
+        Of the nadir, by the noise alone and by all that is not known; None where the image does not determine it.
+    altitude_m : float or None
+        Of the distance from the Earth's centre, by all that is not known.
+    """
+
+    noise_rad: float | None
+    known_rad: float | None
+    altitude_m: float | None
+
+    @property
+    def noise_arcsec(self) -> float | None:
+        """Bound of the nadir by the noise alone [arcsec]."""
+        return None if self.noise_rad is None else self.noise_rad / ARCSEC
+
+    @property
+    def known_arcsec(self) -> float | None:
+        """Bound of the nadir by all that is not known [arcsec]."""
+        return None if self.known_rad is None else self.known_rad / ARCSEC
+
+
+NO_BOUND = Bound(None, None, None)
+
+
+def information_of(frame: RadianceFrame, camera: CameraSpec, band: str | None = None) -> LimbInformation | None:
+    """Return what one band of a frame says about the pose, seen by a camera; None without limb in it.
+
+    Parameters
+    ----------
+    frame : RadianceFrame
+        Radiance without noise.
+    camera : CameraSpec
+        As for :func:`horizonval.sensor.observe.observe`.
+    band : str, optional
+    """
+    truth = frame.truth
+    kinds = {one.name: one.kind for one in camera.band}
+    solar = kinds[band or camera.band[0].name] == "solar"
+    return limb_information(
+        expected_image(frame, camera, band),
+        truth.camera_model,
+        Rotation.from_quat(truth.q_cam_from_itrs).as_matrix(),
+        np.array(truth.r_itrs),
+        truth.ellipsoid,
+        SOLAR_RELIEF if solar else THERMAL_RELIEF,
+        body_from_cam=Rotation.from_quat(truth.q_cam_from_body).inv().as_matrix(),
+    )
+
+
+def informed(image: DetectorImage, frame: RadianceFrame) -> DetectorImage:
+    """Return an image that carries the information of its frame, so that it can be scored without."""
+    camera = CameraSpec.model_validate(image.observation.get("camera", image.truth.camera))
+    found = information_of(frame, camera, image.band)
+    return replace(image, observation={**image.observation, KEY: None if found is None else found.to_dict()})
+
+
+def carried(image: DetectorImage) -> LimbInformation | None:
+    """Return the information that an image carries; None where it carries none."""
+    return LimbInformation.from_dict(image.observation.get(KEY))
+
+
+def together(images: Iterable[DetectorImage]) -> LimbInformation | None:
+    """Return the information of the images of several heads of one body; None where none of them carries any."""
+    known = [information for image in images if (information := carried(image)) is not None]
+    return reduce(add, known) if known else None
+
+
+def bound_of(information: LimbInformation | None, truth: FrameTruth, band: str) -> Bound:
+    """Return the bound that an information leaves, with what the scene says is known.
+
+    Parameters
+    ----------
+    information : LimbInformation or None
+        Of one image, or the sum of several heads'.
+    truth : FrameTruth
+        Of any of them: place, and attitude of the body.
+    band : str
+    """
+    if information is None:
+        return NO_BOUND
+    r = np.array(truth.r_itrs)
+    body_from_cam = Rotation.from_quat(truth.q_cam_from_body).inv()
+    body_from_itrs = (body_from_cam * Rotation.from_quat(truth.q_cam_from_itrs)).as_matrix()
+    nadir = body_from_cam.apply(np.array(truth.nadir_geocentric_cam))
+    prior = _prior(truth)
+    pose = _pose_rows(prior, truth.camera_spec, r, nadir)
+    across = -(np.eye(3) - np.outer(nadir, nadir)) @ body_from_itrs / np.linalg.norm(r)
+    by_step = np.zeros((4, UNKNOWNS))
+    by_step[:3, :3] = np.array([[0.0, -nadir[2], nadir[1]], [nadir[2], 0.0, -nadir[0]], [-nadir[1], nadir[0], 0.0]])
+    by_step[:3, 3:6] = across
+    by_step[3, 3:6] = r / np.linalg.norm(r)
+    height = ANY_LIMB_SIGMA_M[{one.name: one.kind for one in truth.camera_spec.band}[band]]
+    if prior.limb_height_sigma_km is not None:
+        height = 1e3 * prior.limb_height_sigma_km
+    flattened = math.sqrt(2.0 / 15.0) * (truth.ellipsoid_a_m - truth.ellipsoid_b_m)
+    shape = FIXED_M if prior.position_sigma_km is not None else max(flattened, FIXED_M)
+    noise, _ = _left(information.by_noise, pose, FIXED_M, FIXED_M, by_step)
+    known, altitude = _left(information.by_knowledge, pose, height, shape, by_step)
+    return Bound(noise, known, altitude)
+
+
+def _left(
+    information: FloatArray, pose: FloatArray, height_sigma_m: float, shape_sigma_m: float, by_step: FloatArray
+) -> tuple[float | None, float | None]:
+    """Return the standard deviations of nadir [rad] and altitude [m]; None where the nadir is not determined."""
+    total = information + pose
+    total[np.arange(6, UNKNOWNS), np.arange(6, UNKNOWNS)] += np.array(
+        [height_sigma_m**-2, *[shape_sigma_m**-2] * (UNKNOWNS - 7)]
+    )
+    size = np.sqrt(np.diag(total))
+    if not (size > 0.0).all():
+        return None, None
+    try:
+        covariance = np.linalg.inv(total / np.outer(size, size)) / np.outer(size, size)
+    except np.linalg.LinAlgError:
+        return None, None
+    out = np.einsum("ij,jk,ik->i", by_step, covariance, by_step)
+    nadir = math.sqrt(max(float(out[:3].sum()), 0.0))
+    if not (math.isfinite(nadir) and 0.0 < nadir < HOPELESS_RAD and (np.diag(covariance) > 0.0).all()):
+        return None, None
+    return nadir, math.sqrt(float(out[3]))
+
+
+def _pose_rows(prior: PriorSpec, camera: CameraSpec, r_itrs: FloatArray, nadir_body: FloatArray) -> FloatArray:
+    """Return the information on all unknowns, shape (12, 12), of what is said of the pose."""
+    rows = np.zeros((UNKNOWNS, UNKNOWNS))
+    up = r_itrs / np.linalg.norm(r_itrs)
+    if prior.attitude_sigma_deg is not None:
+        rows[:3, :3] = np.diag(np.radians(np.array(prior.attitude_sigma_deg)) ** -2.0)
+    else:
+        rows[:3, :3] = np.outer(nadir_body, nadir_body) / FIXED_RAD**2
+    if prior.position_sigma_km is not None:
+        rows[3:6, 3:6] = np.eye(3) / (1e3 * prior.position_sigma_km) ** 2
+    else:
+        rows[3:6, 3:6] = (np.eye(3) - np.outer(up, up)) / FIXED_M**2
+    known_km = prior.altitude_sigma_km
+    if known_km is None and camera.platform.altitude_km is not None:
+        known_km = camera.platform.altitude_sigma_km
+    if known_km is not None:
+        rows[3:6, 3:6] += np.outer(up, up) / (1e3 * known_km) ** 2
+    return rows
+
+
+def _prior(truth: FrameTruth) -> PriorSpec:
+    table: Mapping[str, Any] = truth.scene.get("prior") or {}
+    return PriorSpec.model_validate(table)

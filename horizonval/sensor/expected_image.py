@@ -1,0 +1,134 @@
+r"""What a detector's image is on average, before it is quantised, and how far every pixel scatters about that.
+
+In digital numbers, with the gain ``g`` in electrons, or in radiance, per number::
+
+    cmos       mean = black + (N + D) / g       variance = (N + D + read^2 + (prnu N)^2 + dsnu^2) / g^2 + 1/12
+    thermal    mean = (L - L_low) / g           variance = (sigma^2 + offsets^2 + (rms L)^2) / g^2 + 1/12
+
+``N`` and ``D`` are the expected photoelectrons and dark electrons, 1/12 the variance of rounding. The pixels' own
+differences count as noise: a user of a single image knows no other image to take them from.
+
+Neglected: hot pixels, protons, and charge that spills out of saturated columns, all of which touch few pixels; that
+rounding of a signal with less noise than a third of a number is no noise any more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
+from horizonval.frame import Hit, RadianceFrame
+from horizonval.geometry.camera import camera_from_spec
+from horizonval.sensor.detector import bayer, cmos, converter, thermal, thermal_noise
+from horizonval.sensor.lens import optics
+from horizonval.sensor.observe import band_named, checked_radiance
+from horizonval.spec.sensor.camera import Band, CameraSpec
+from horizonval.spec.sensor.detector import Cmos, LinearArray, ThermalDetector
+
+ROUNDING = 1.0 / 12.0
+"""Variance of the error of rounding [DN^2]."""
+FOREIGN = (Hit.SUN, Hit.MOON, Hit.PART)
+"""What is in an image and is not the Earth."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedImage:
+    """An image's statistics.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (H, W)
+        [DN], not clipped.
+    variance : ndarray, shape (H, W)
+        [DN^2].
+    reads : ndarray of bool, shape (H, W)
+        Whether the pixel reads what falls on it: it is of the band's own colour, not saturated, and sees neither Sun
+        nor Moon nor a part of the spacecraft.
+    zero : float
+        Mean of a pixel that gets no light [DN].
+    illumination : ndarray, shape (H, W)
+        Light on the pixels of an even scene, 1 on the axis: it stays where it is when the camera turns.
+    """
+
+    mean: FloatArray
+    variance: FloatArray
+    reads: NDArray[np.bool_]
+    zero: float
+    illumination: FloatArray
+
+
+def expected_image(frame: RadianceFrame, camera: CameraSpec, band: str | None = None) -> ExpectedImage:
+    """Return the statistics of what :func:`horizonval.sensor.observe.observe` makes of one band of a frame.
+
+    Parameters
+    ----------
+    frame : RadianceFrame
+    camera : CameraSpec
+    band : str, optional
+        The camera's first band by default.
+
+    Raises
+    ------
+    UserError
+        As for :func:`horizonval.sensor.observe.observe`.
+    """
+    spec = band_named(camera, band)
+    if isinstance(camera.detector, Cmos):
+        mean, variance, reads, zero = _of_charge(frame, camera, camera.detector, spec)
+    elif isinstance(camera.detector, ThermalDetector):
+        mean, variance, reads, zero = _of_warmth(frame, camera, camera.detector, spec)
+    else:
+        raise UserError("the camera has no detector", where="detector", expected="a [detector] table")
+    full_scale = converter.full_scale(camera.detector.bits)
+    reads &= (mean < full_scale) & (mean > -np.sqrt(variance))
+    if "hit" in frame.maps:
+        reads &= ~np.isin(frame.maps["hit"], FOREIGN)
+    illumination = optics.relative_illumination(camera_from_spec(camera.camera), camera.optics)
+    return ExpectedImage(mean, variance, reads & (illumination > 0.0), zero, illumination)
+
+
+def _of_charge(
+    frame: RadianceFrame, camera: CameraSpec, detector: Cmos, band: Band
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], float]:
+    # Of a mosaic the whole image in the band's own colour: what lies between its pixels is not read, but it is there.
+    whole = detector.model_copy(update={"bayer": None})
+    back = (lambda of: np.asarray(frame.behind[of.name], dtype=np.float64)) if frame.behind else None
+    charge = cmos.expected_charge(
+        lambda of: checked_radiance(frame, camera, of.name),
+        frame.truth,
+        camera_from_spec(camera.camera),
+        camera,
+        whole,
+        band,
+        False,
+        back,
+    )
+    gain, collected = cmos.electrons_per_dn(detector), charge.electrons + charge.dark
+    variance = collected + detector.read_noise_e**2 + (detector.prnu * charge.electrons) ** 2 + detector.dsnu_e**2
+    reads = collected < detector.full_well_e
+    if detector.bayer is not None:
+        shape = (collected.shape[0], collected.shape[1])
+        reads &= bayer.mask(detector.bayer, bayer.colour_of(band.name), shape)
+    zero = detector.black_level_dn + float(np.mean(charge.dark)) / gain
+    return detector.black_level_dn + collected / gain, variance / gain**2 + ROUNDING, reads, zero
+
+
+def _of_warmth(
+    frame: RadianceFrame, camera: CameraSpec, detector: ThermalDetector, band: Band
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], float]:
+    radiance = checked_radiance(frame, camera, band.name)
+    back = np.asarray(frame.behind[band.name], dtype=np.float64) if frame.behind else None
+    geometry = camera_from_spec(camera.camera)
+    signal = thermal.expected_signal(radiance, frame.truth, geometry, camera, detector, band, back)
+    low, step = thermal.converter_range(detector, band)
+    measured_in = thermal.measured_band(camera, detector, band)
+    variance = thermal.noise_radiance(measured_in, detector, camera) ** 2 + (detector.responsivity_rms * signal) ** 2
+    if not (isinstance(detector, LinearArray) and detector.sensing == "pyroelectric"):
+        drift = detector.drift_pattern_k_per_min * detector.minutes_since_correction
+        per_kelvin = thermal_noise.radiance_per_kelvin(measured_in)
+        variance = variance + (detector.residue_k**2 + drift**2) * per_kelvin**2
+    return (signal - low) / step, variance / step**2 + ROUNDING, np.ones(signal.shape, dtype=bool), -low / step
