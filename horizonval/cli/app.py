@@ -15,7 +15,7 @@ from horizonval.cli.archive import archive_app
 from horizonval.cli.campaign import report, run
 from horizonval.cli.check import check
 from horizonval.cli.images import estimate, observe, sheet
-from horizonval.cli.info import doctor, list_names, schema
+from horizonval.cli.info import doctor, list_names, schema, templates
 from horizonval.cli.regression import baseline_app, regress
 from horizonval.cli.rendering import gallery, mitsuba, radiance, render
 from horizonval.cli.reproduce import reproduce
@@ -48,6 +48,7 @@ COMMANDS: tuple[Callable[..., int | None], ...] = (
     reproduce,
     regress,
     gallery,
+    templates,
     schema,
     doctor,
 )

@@ -41,6 +41,8 @@ def observe(
     """Detector images of a stored frame, without rendering again: one for every seed, exposure and band."""
     import horizonval as hv
     from horizonval.commands.observing import plans
+    from horizonval.scoring.bound import informed
+    from horizonval.store.exr import write_image
 
     stored = hv.open_frame(frame)
     seen_by = stored.camera if camera is None else hv.Camera.from_file(camera)
@@ -51,7 +53,7 @@ def observe(
         check_target(plan.path, frame)
     for plan in todo:
         image = stored.observe(plan.seed, band=plan.band, camera=hv.Camera(plan.camera(seen_by.spec)))
-        image.save(plan.path)
+        write_image(plan.path, informed(image, stored))
         size = f"{image.dn.shape[1]} x {image.dn.shape[0]}"
         print(f"{plan.path}: band {image.band}, seed {plan.seed}, {size}, full scale {image.full_scale}")
 

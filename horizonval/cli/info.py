@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from horizonval.cli.options import Json
-from horizonval.cli.options.completion import kinds_of_files, lists
+from horizonval.cli.options.completion import kinds_of_files, lists, shipped
 from horizonval.cli.printing import print_json
 from horizonval.core.errors import UserError
 
@@ -70,3 +71,47 @@ def schema(
         expected = f"one of {', '.join(nearest(kind, list(MODELS)))}"
         raise UserError(f"there is no schema of {kind!r}", where="schema", expected=expected)
     print(schema_text(known), end="")
+
+
+def templates(
+    target: Annotated[
+        str,
+        typer.Argument(
+            metavar="SUITE|SCENE",
+            help="A file, or the name of a shipped suite or scene.",
+            autocompletion=shipped("suite", "scene"),
+        ),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The table: NAME.npz, or NAME.h for C.")],
+    band: Annotated[str | None, typer.Option(help="Name of the band, where the cameras have several.")] = None,
+    error: Annotated[
+        float, typer.Option(help="Most that the table may be off by, as a share of a profile's largest value.")
+    ] = 0.005,
+    as_json: Json = False,
+) -> None:
+    """Write the profiles of the limb that a fit needs for the frames of a suite: one table for a flight computer.
+
+    Cut from the shipped tables: the latitudes and months, or Sun's angles, of the limbs in view, and no more heights
+    and modes than the error asks for. Prints the size in memory and the error.
+    """
+    from horizonval.commands.templates import mission_table, write_table
+
+    made = mission_table(target, band, error)
+    write_table(made, output)
+    if as_json:
+        a, b, k, h = made.cut.table.modes.shape
+        cut = made.cut
+        print_json(
+            {
+                "band": made.band.name,
+                "bytes": cut.bytes,
+                "frames": made.frames,
+                "places": [a, b],
+                "modes": k,
+                "heights": h,
+                "error": cut.error,
+                "rms_error": cut.rms,
+            }
+        )
+    else:
+        print(f"{output}: {made.band.name}, {made.frames} frames; {made.text}")

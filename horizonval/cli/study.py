@@ -14,6 +14,7 @@ from horizonval.cli.options.completion import shipped
 from horizonval.cli.printing import print_dry_run, print_json, print_shard
 from horizonval.cli.work import execution_of, resumable
 from horizonval.core.errors import UserError, command_line
+from horizonval.jobs.execution import Execution
 
 
 def study(
@@ -47,6 +48,12 @@ def study(
         str | None,
         typer.Option(metavar="EXPR", help="Another cost than the study's, such as pixels or mass_g + 20 * power_w."),
     ] = None,
+    by_information: Annotated[
+        bool,
+        typer.Option(
+            "--by-information", help="What the limb of the frames allows any method: the bound, no estimator run."
+        ),
+    ] = False,
     dry_run: DryRun = False,
     as_json: Json = False,
 ) -> int:
@@ -65,6 +72,7 @@ def study(
             "--merge": merge,
             "--dask": dask,
             "--frames": frames,
+            "--by-information": by_information,
         }
         used = [name for name, value in running.items() if value]
         if used or not Path(study).is_dir():
@@ -78,6 +86,10 @@ def study(
             words = value if isinstance(value, tuple) else (value,)
             then = command_line("study", out, name, *words)
             raise UserError(f"used with --out {out}", where=name, fix=f"run the study, then {then}")
+    if by_information:
+        if dry_run:
+            raise UserError("used with --by-information", where="--dry-run", fix="leave one of them out")
+        return _by_information(study, out, execution_of(workers, shard, dask, merge), frames, as_json)
     from horizonval.studies.trade.run import run_study
 
     execution = execution_of(workers, shard, dask, merge)
@@ -104,6 +116,20 @@ def study(
     if done.failed:
         print(f"horizonval: {len(done.failed)} frames failed: {', '.join(done.failed)}", file=sys.stderr)
     return 1 if done.failed else 0
+
+
+def _by_information(study: str, out: Path, execution: Execution, frames: int | None, as_json: bool) -> int:
+    from horizonval.studies.information.study import information_lines, run_information
+
+    with resumable("study", kept="frames") as progress:
+        result = run_information(study, out, execution=execution, progress=progress, frames=frames)
+    if as_json:
+        print_json(result)
+    else:
+        print("\n".join(information_lines(result)))
+    for name, error in result["failed"].items():
+        print(f"horizonval: {name}: {error}", file=sys.stderr)
+    return 1 if result["failed"] else 0
 
 
 def _ask_study(

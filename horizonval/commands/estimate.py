@@ -14,11 +14,13 @@ from horizonval.commands.picture import GreyImage, read_picture, refuse_other_si
 from horizonval.commands.program import program_of
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
+from horizonval.earth.spectral.bands import limits_um
 from horizonval.estimation import installed, registry
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
-from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
+from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
+from horizonval.scoring.bound import bound_of, together
 from horizonval.scoring.errors import ARCSEC, score, sigma_nadir_rad
 from horizonval.sensor.knowledge import refuse_unknown_climate, stated_prior
 from horizonval.spec.load import load_prior
@@ -28,6 +30,9 @@ from horizonval.suites.observation import band_of, known_of, observation_of, obs
 
 ERRORS = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec", "altitude_error_km", "false_valid")
 """What is said of an answer whose image carries the truth, named as the columns of the results."""
+
+BOUNDS = ("bound_noise_arcsec", "bound_arcsec")
+"""What the limb allows at best, of an image that carries its information; named alike."""
 
 
 def estimator_of(name: str, suite: str | Path | None = None) -> Estimator:
@@ -78,8 +83,8 @@ def estimate_file(
     start = time.perf_counter()
     result = registry.run_safely(estimator, observation)
     seconds = time.perf_counter() - start
-    truth = None if picture.source is None else picture.source.truth
-    return _report(estimator, result, seconds, truth, observation.prior)
+    sources = () if picture.source is None else (picture.source,)
+    return _report(estimator, result, seconds, sources, observation.prior)
 
 
 def estimate_heads(paths: Sequence[Path], estimator: Estimator, known: PriorSpec | None = None) -> dict[str, Any]:
@@ -104,7 +109,7 @@ def estimate_heads(paths: Sequence[Path], estimator: Estimator, known: PriorSpec
     start = time.perf_counter()
     result = registry.run_safely(estimator, observation)
     seconds = time.perf_counter() - start
-    return _report(estimator, result, seconds, next(iter(sources.values())).truth, observation.prior)
+    return _report(estimator, result, seconds, tuple(sources.values()), observation.prior)
 
 
 def observation_from_heads(
@@ -225,6 +230,8 @@ def observation_from(
         full_scale=_full_scale(picture, camera),
         prior=with_altitude_of(camera, prior),
         band_kind=_band_kind(camera) if recorded is None else recorded.band_kind,
+        band_um=_band_um(camera) if recorded is None else recorded.band_um,
+        radiance_per_dn=None if recorded is None else recorded.radiance_per_dn,
         oracle=None if recorded is None else recorded.oracle,
     )
 
@@ -232,6 +239,10 @@ def observation_from(
 def _band_kind(camera: CameraSpec) -> Literal["solar", "thermal"] | None:
     kinds = {band.kind for band in camera.band}
     return kinds.pop() if len(kinds) == 1 else None
+
+
+def _band_um(camera: CameraSpec) -> tuple[float, float] | None:
+    return limits_um(camera.band[0]) if len(camera.band) == 1 else None
 
 
 def _full_scale(picture: GreyImage, camera: CameraSpec) -> float | None:
@@ -242,9 +253,13 @@ def _full_scale(picture: GreyImage, camera: CameraSpec) -> float | None:
 
 
 def _report(
-    estimator: Estimator, result: Fit | Refusal, seconds: float, truth: FrameTruth | None, prior: Prior
+    estimator: Estimator,
+    result: Fit | Refusal,
+    seconds: float,
+    sources: Sequence[DetectorImage | RadianceFrame],
+    prior: Prior,
 ) -> dict[str, Any]:
-    """Return the keys of the command contract; ``truth`` is used here alone, after the estimator has answered."""
+    """Return the keys of the command contract; the truth is used here alone, after the estimator has answered."""
     report: dict[str, Any] = {
         "estimator": estimator.name,
         "status": str(result.status),
@@ -258,9 +273,11 @@ def _report(
         "n_points": len(result.points),
         "seconds": round(seconds, 6),
         "assumed": prior.in_words,
-        **dict.fromkeys(ERRORS),
+        **dict.fromkeys((*ERRORS, *BOUNDS)),
     }
-    if truth is not None:
+    if sources:
+        truth = sources[0].truth
+        report |= _bounds(sources)
         errors = score(truth, estimator, result, earth_radius_m=prior.sphere_radius_m)
         report |= {name: getattr(errors, name) for name in ERRORS}
     if isinstance(result, Refusal):
@@ -274,3 +291,11 @@ def _report(
         "angular_radius_deg": None if result.angular_radius_rad is None else math.degrees(result.angular_radius_rad),
         "sigma_nadir_arcsec": sigma if math.isfinite(sigma) else None,
     }
+
+
+def _bounds(sources: Sequence[DetectorImage | RadianceFrame]) -> dict[str, Any]:
+    images = [source for source in sources if isinstance(source, DetectorImage)]
+    if not images:
+        return {}
+    bound = bound_of(together(images), images[0].truth, images[0].band)
+    return dict(zip(BOUNDS, (bound.noise_arcsec, bound.known_arcsec), strict=True))

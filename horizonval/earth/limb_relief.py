@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -25,3 +26,16 @@ CLOUD_RELIEF_SOLAR = Relief(600.0, 0.05)
 
 CLOUD_RELIEF_THERMAL = Relief(2500.0, 0.05)
 """What clouds at the limb add to it in window bands, which see their tops; carbon dioxide bands do not."""
+
+SOLAR_HEIGHT_M = (-2e3, 40e3)
+THERMAL_HEIGHT_M = (-2e3, 70e3)
+
+
+def reliefs(band_kind: Literal["solar", "thermal"] | None) -> tuple[Relief, ...]:
+    """Return how the limb's height varies along it; the larger one where the band is not known."""
+    return SOLAR_RELIEF if band_kind == "solar" else THERMAL_RELIEF
+
+
+def limb_height_m(band_kind: Literal["solar", "thermal"] | None) -> tuple[float, float]:
+    """Return the lowest and the highest that the visible limb stands above a sphere of the mean radius, air alone."""
+    return SOLAR_HEIGHT_M if band_kind == "solar" else THERMAL_HEIGHT_M

@@ -118,6 +118,7 @@ def page_of(run: ReportRun) -> dict[str, Any]:
         "hidden": len({view.case for view in run.views if not view.shown}),
         "verdicts": [verdict for verdict in VERDICTS if verdict in shown],
         "limit_deg": f"{math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}",
+        "likelihood_deg": f"{math.degrees(limits.LIKELIHOOD_LIMITS.nadir_error_rad):g}",
         "floor_deg": f"{math.degrees(limits.SIGMA_TEST_FLOOR_RAD):g}",
         "default_sigma": unit.text(DEFAULT_SIGMA_ARCSEC),
         "sigmas": f"{limits.SIGMA_LIMIT:g}",
@@ -191,12 +192,29 @@ def _figures(run: ReportRun, unit: AngleUnit) -> list[dict[str, str]]:
             "soft edge of the atmosphere.",
             "wide": "",
         },
+        *_bound_figure(run, unit),
         {
             "uri": plots.figure_uri(plots.roll_and_pitch(rows, names, unit), 5.4, 4.6),
             "title": "Roll and pitch errors",
             "text": "Claimed minus true, body axes. A cloud whose centre is off zero is a bias.",
             "wide": "",
         },
+    ]
+
+
+def _bound_figure(run: ReportRun, unit: AngleUnit) -> list[dict[str, str]]:
+    """Return the figure of the bound, of runs whose images carry what their limb says."""
+    names, rows = run.judged_estimators, run.judged_rows
+    if all(row.error_over_bound is None for row in rows):
+        return []
+    return [
+        {
+            "uri": plots.figure_uri(plots.error_by_bound(rows, names, unit), 5.4, 4.9 + 0.12 * len(names)),
+            "title": "Error against the bound",
+            "text": "The bound is the smallest root mean square error that the limb in the image allows (Cramér-Rao), "
+            "with air, light and height of the limb as known as the scene says.",
+            "wide": "",
+        }
     ]
 
 
@@ -278,6 +296,9 @@ def _tile_row(view: CaseView, estimator: str, unit: AngleUnit) -> dict[str, Any]
         ),
         ("normalised error squared", f"{number(row.nees_nadir_total)} (2 expected)"),
         ("of the noise alone", f"{number(row.nees_noise)} in {row.noise_draws} draws (2 expected)"),
+        ("bound of the nadir error", unit.text(row.bound_arcsec)),
+        ("by noise alone", unit.text(row.bound_noise_arcsec)),
+        ("error over the bound", number(row.error_over_bound)),
         ("roll error", unit.text(row.roll_error_arcsec)),
         ("pitch error", unit.text(row.pitch_error_arcsec)),
         ("altitude error", f"{number(row.altitude_error_km)} km"),

@@ -29,12 +29,12 @@ SCHEMA = 1
 HEADS = (NAME, "run.json", "night.json")
 """Files by any of which a folder is known for one of results."""
 
-_RECORDS = ("cases", "state", "stability")
+_RECORDS = ("cases", "state", "stability", "information")
 """Rooms whose records say their own names: those of cases that are no part of the suite any more may stay there."""
 _ROOMS = {*_RECORDS, "report", ".work"}
 _LOCK = re.compile(r"(\.work/)?\.lock(-\d+-of-\d+)?")
 _KNOWN = re.compile(
-    r"(run|summary|timings(-\d+-of-\d+)?|study|study-plan|study-costs|night|verdict|stability/result)\.json"
+    r"(run|summary|timings(-\d+-of-\d+)?|study|study-plan|study-costs|study-information|night|verdict|stability/result)\.json"
     r"|results\.parquet|(stability|designs)\.csv|junit\.xml|index\.html|history\.jsonl|(report|\.work)/.*"
 )
 """What the folder of a run that was cut off may hold beside its records."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
+from horizonval.earth.spectral.bands import limits_um
 from horizonval.estimation.observation import Estimator, Observation, OraclePose
 from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
@@ -34,6 +35,7 @@ def observation_of(
     truth = source.truth
     spec = truth.camera_spec
     name = band_of(source, band)
+    seen = next((one for one in spec.band if one.name == name), None)
     prior = known_of(truth, name, known)
     sigma = prior.sun_sigma_rad
     if isinstance(source, DetectorImage):
@@ -46,7 +48,9 @@ def observation_of(
         q_cam_from_body=np.array(truth.q_cam_from_body),
         full_scale=full_scale,
         prior=with_altitude_of(spec, prior),
-        band_kind=next((one.kind for one in spec.band if one.name == name), None),
+        band_kind=None if seen is None else seen.kind,
+        band_um=None if seen is None else limits_um(seen),
+        radiance_per_dn=source.observation.get("radiance_per_dn") if isinstance(source, DetectorImage) else None,
         sun_cam=coarse_sun_cam(truth) if sigma is None else knowledge.sun_reading_cam(sigma, truth),
         oracle=oracle_pose(truth) if estimator.needs == "pose" else None,
     )

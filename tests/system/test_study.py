@@ -6,6 +6,7 @@ import contextlib
 import csv
 import io
 import json
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -170,3 +171,36 @@ def test_mistakes_are_one_line(run, tmp_path, horizonval):
     assert not (tmp_path / "out").exists()
     (folder / "other.toml").write_text(STUDY.replace('name = "tiny"', 'name = "other"'))
     assert_one_line(horizonval("study", folder / "other.toml", "--out", out), "holds a run of", "'tiny'")
+
+
+def test_information_alone_tells_what_any_method_can_do(run, tmp_path):
+    """Beside the trial of the same frames; the bound is below the requirement of 0.5 deg, with and without the air."""
+    folder, *_ = run
+    out = tmp_path / "out"
+    shutil.copytree(folder / "out", out)
+    done = in_process("study", folder / "tiny.toml", "--out", out, "--by-information", "--workers", 1)
+    assert done.returncode == 0, done.stderr
+    result = json.loads((out / "study-information.json").read_text())
+    assert [design["n"] for design in result["designs"]] == [3, 3, 3]
+    for design in result["designs"]:
+        assert design["noise_arcsec"]["n"] == 3
+        assert 0.0 < design["noise_arcsec"]["median"] < design["bound_arcsec"]["median"] < 1800.0
+        assert design["within"] > 0.95
+        assert set(design["trial"]) == {"altitude-free", "ideal", "altitude-free-published"}
+        assert "estimator" not in design["settings"]
+    # A lens that blurs more tells less of the place of the limb.
+    noise = {design["name"]: design["noise_arcsec"]["median"] for design in result["designs"]}
+    assert noise["psf_sigma_px_0.5"] < noise["psf_sigma_px_0.75"] < noise["psf_sigma_px_1"]
+    assert len(done.stdout.splitlines()) == 4
+    kept = {path: path.stat().st_mtime_ns for path in (out / "information").rglob("*.json")}
+    assert len(kept) == 9
+    assert in_process("study", folder / "tiny.toml", "--out", out, "--by-information").returncode == 0
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert verify_folder(out) == []
+
+
+def test_information_alone_needs_a_study_and_a_folder(run):
+    folder, *_ = run
+    done = in_process("study", folder / "out", "--by-information")
+    assert done.returncode == 2
+    assert "--out" in done.stderr

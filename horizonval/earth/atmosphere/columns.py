@@ -14,7 +14,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from datetime import UTC, datetime
+from functools import lru_cache
 
 import numpy as np
 
@@ -79,9 +81,21 @@ def weather_columns(
         Of the lower atmosphere.
     calm : bool
         The climate alone.
+
+    Notes
+    -----
+    The last few are remembered: frames of one place share theirs.
     """
-    z = np.asarray(altitude_m, dtype=np.float64)
-    latitude, longitude = (np.asarray(v, dtype=np.float64) for v in (latitude_deg, longitude_deg))
+    latitude, longitude, z = (np.asarray(v, dtype=np.float64) for v in (latitude_deg, longitude_deg, altitude_m))
+    places = tuple(tuple(v.tolist()) for v in (latitude, longitude, z))
+    state = _weather(field, places, co2_ppm, calm)
+    return replace(state, vmr=dict(state.vmr))
+
+
+@lru_cache(maxsize=8)
+def _weather(field: WeatherField, places: tuple[tuple[float, ...], ...], co2_ppm: float, calm: bool) -> GasState:
+    """Return :func:`weather_columns` for latitudes, longitudes and heights; nobody may write to it."""
+    latitude, longitude, z = (np.array(v) for v in places)
     weights = [climate.climate_weights(float(row), field.month) for row in latitude]
     blend = afgl.blended(weights, z, co2_ppm)
     kelvin = zonal_climate.temperature_k(latitude, field.month, z, blend.temperature_k)
@@ -104,6 +118,8 @@ def weather_columns(
     gases["h2o"] = np.where(z <= SATURATED_TO_M, np.minimum(water, saturated_share(pressure, kelvin)), water)
     # once more, with the vapour that is there
     pressure = hydrostatic.pressure_pa(latitude, z, kelvin, gases["h2o"], ground_pa)
+    for values in (z, pressure, kelvin, *gases.values()):
+        values.flags.writeable = False
     return GasState(z, pressure, kelvin, gases)
 
 

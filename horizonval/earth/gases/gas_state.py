@@ -29,6 +29,11 @@ class GasState:
     temperature_k: FloatArray
     vmr: Mapping[str, FloatArray]
 
+    def contents(self) -> tuple[FloatArray | str, ...]:
+        """Return all that the columns are: heights, pressure, temperature, and names and mixing ratios of gases."""
+        gases = [entry for gas, vmr in sorted(self.vmr.items()) for entry in (gas, vmr)]
+        return self.altitude_m, self.pressure_pa, self.temperature_k, *gases
+
     def absorption_per_m(self, bands: Sequence[int] = tuple(range(len(rrtmg.BANDS)))) -> FloatArray:
         """Return the absorption [1/m], shape (len(bands), 16, ..., n).
 

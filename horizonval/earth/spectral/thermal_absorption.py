@@ -21,12 +21,13 @@ than 20 cm-1 are not resolved. Left out: scattering, non-LTE (above 75 km).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, field
+from functools import cache, lru_cache
 
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.digests import content_digest
 from horizonval.core.errors import UserError
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral import bands, sunlight
@@ -72,14 +73,32 @@ class GPoints:
 
     def ln_absorption(self, state: GasState) -> FloatArray:
         """Return the logarithm of the absorption [1/m] of air, shape (g, ...) with the shape of its columns behind."""
-        touched, place = np.unique(self.table_band, return_inverse=True)
-        return np.log(state.absorption_per_m([int(band) for band in touched])[place, self.table_g])
+        return _ln_absorption(_Asked(content_digest(self.table_band, self.table_g, *state.contents()), self, state))
 
     def sun_radiance(self) -> FloatArray:
         """Return the mean radiance of the Sun's disc in every class [W m-2 sr-1], shape (g,); the same on all days."""
         nu = self.wavenumber_per_cm
         per_cm = sunlight.irradiance(1e4 / nu) * 1e4 / nu**2
         return self.weight_per_cm @ per_cm / sunlight.disc_projected_solid_angle()
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """The absorption of some classes in some air, which are compared by their digest."""
+
+    digest: str
+    points: GPoints = field(compare=False)
+    state: GasState = field(compare=False)
+
+
+@lru_cache(maxsize=4)
+def _ln_absorption(asked: _Asked) -> FloatArray:
+    """Return :meth:`GPoints.ln_absorption`; that of the last few stays, as frames of one place have the same air."""
+    bands, g = asked.points.table_band, asked.points.table_g
+    touched, place = np.unique(bands, return_inverse=True)
+    found = np.log(asked.state.absorption_per_m([int(band) for band in touched])[place, g])
+    found.flags.writeable = False
+    return found
 
 
 @cache

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from horizonval.report.angle_unit import AngleUnit
 from horizonval.report.formatting import count
@@ -146,6 +147,45 @@ def error_by_sigma(rows: Sequence[Row], estimators: Sequence[str], unit: AngleUn
         if exact:
             axes.set_title(f"{count(exact, 'claim')} of zero uncertainty not drawn", fontsize=8.5, loc="left")
         axes.set(xlabel=f"claimed nadir error, 1 sigma [{unit.name}]", ylabel=f"nadir error [{unit.name}]")
+
+    return draw
+
+
+def error_by_bound(rows: Sequence[Row], estimators: Sequence[str], unit: AngleUnit) -> Draw:
+    """Nadir error against what the limb of the frame allows: about the diagonal by a method that uses all of it."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        bounds: list[float] = []
+        errors: list[float] = []
+        for i, name in enumerate(estimators):
+            pairs = [
+                (unit.of(row.bound_arcsec), unit.of(max(row.nadir_error_arcsec, FLOOR_ARCSEC)), row.error_over_bound)
+                for row in rows
+                if row.estimator == name
+                and row.bound_arcsec is not None
+                and row.nadir_error_arcsec is not None
+                and row.error_over_bound is not None
+            ]
+            if pairs:
+                x, y, over = zip(*pairs, strict=True)
+                middle = float(np.median(over))
+                axes.scatter(x, y, label=f"{name} (n = {len(pairs)}, median {middle:.3g})", **_mark(i))
+                bounds += x
+                errors += y
+        if not bounds:
+            _empty(axes, "no claim on a frame with a bound")
+        else:
+            ends = np.array([min(bounds) / 1.5, max(bounds) * 1.5])
+            for times, style in ((1.0, "-"), (10.0, "--"), (100.0, ":")):
+                label = "error = bound" if times == 1.0 else f"{times:g} times the bound"
+                axes.plot(ends, times * ends, color="#333333", lw=1, ls=style, label=label)
+            reach = min(*errors, ends[0]) / 2, max(*errors, ends[1]) * 2
+            axes.set(xscale="log", yscale="log", xlim=ends, ylim=reach)
+            for axis in (axes.xaxis, axes.yaxis):
+                axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8.5)
+        axes.set(xlabel=f"bound of the frame [{unit.name}]", ylabel=f"nadir error [{unit.name}]")
 
     return draw
 

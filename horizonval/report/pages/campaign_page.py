@@ -72,6 +72,7 @@ def page_of(run: ReportRun) -> JsonObject:
         "limit_deg": f"{math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}",
         "default_sigma_deg": f"{math.degrees(limits.DEFAULT_SIGMA_RAD):g}",
         "sigmas": f"{limits.SIGMA_LIMIT:g}",
+        "likelihood_deg": f"{math.degrees(limits.LIKELIHOOD_LIMITS.nadir_error_rad):g}",
         "floor_deg": f"{math.degrees(limits.SIGMA_TEST_FLOOR_RAD):g}",
     }
 

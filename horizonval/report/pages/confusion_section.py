@@ -6,7 +6,6 @@ apart and told by their reason. Every cell has the glyph of what it means, so th
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,7 +17,7 @@ from horizonval.scoring.confusion import BEYOND_LIMIT, BEYOND_SIGMA, BORDERLINE,
 from horizonval.scoring.row import Row
 
 COLUMN_WORDS = {
-    BEYOND_LIMIT: f"false: more than {math.degrees(limits.NADIR_ERROR_LIMIT_RAD):g}\N{DEGREE SIGN} off",
+    BEYOND_LIMIT: "false: beyond the limit of the error",
     BEYOND_SIGMA: f"false: beyond {limits.SIGMA_LIMIT:g} of its own sigma",
 }
 

@@ -89,13 +89,16 @@ def failed_records(unit: Unit, plan: CasePlan, errors: Mapping[str, str]) -> dic
 
 
 def _make(case: Case, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> _Made:
+    from horizonval.scoring.bound import informed
     from horizonval.sensor.observe import observe
 
     frame, address = _frame(case, plan, folder, watch)
     observed = Observed({})
     for band in (one.name for one in case.camera.band):
         with watch.stage("observe"):
-            observed.images[band] = observe(frame, case.camera, band=band)
+            image = observe(frame, case.camera, band=band)
+        with watch.stage("bound"):
+            observed.images[band] = informed(image, frame)
         redrawn = observed.redrawn.setdefault(band, [])
         for seed in range(1, plan.draws):
             with watch.stage(DRAWS):

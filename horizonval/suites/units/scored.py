@@ -16,6 +16,7 @@ from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.sandbox import sandbox_of
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.scoring.bound import Bound, bound_of, carried, together
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import Expected, expected_of_heads, expected_outcome
 from horizonval.scoring.repeats import mean_noise_nees
@@ -46,6 +47,8 @@ class Observed:
         What the report draws over the images.
     expected : dict of Expected
         By band and by what an estimator needs.
+    bounds : dict of Bound
+        By band.
     """
 
     images: dict[str, DetectorImage]
@@ -53,6 +56,7 @@ class Observed:
     rows: list[Row] = field(default_factory=list)
     details: dict[str, Any] = field(default_factory=dict)
     expected: dict[tuple[str, str], Expected] = field(default_factory=dict)
+    bounds: dict[str, Bound] = field(default_factory=dict)
 
     @property
     def truth(self) -> FrameTruth:
@@ -64,6 +68,13 @@ class Observed:
         if (band, needs) not in self.expected:
             self.expected[band, needs] = expected_outcome(self.images[band].truth, band, needs=needs)
         return self.expected[band, needs]
+
+    def bound(self, band: str) -> Bound:
+        """Return what the limb of a band allows, worked out once for all estimators."""
+        if band not in self.bounds:
+            image = self.images[band]
+            self.bounds[band] = bound_of(carried(image), image.truth, band)
+        return self.bounds[band]
 
 
 def score_alone(observed: Observed, name: str, estimators: Iterable[str], plan: CasePlan, watch: Stopwatch) -> None:
@@ -99,6 +110,7 @@ def score_together(
         draws = [{head: one.images[band] for head, one in heads.items()}]
         draws += [{head: one.redrawn[band][k] for head, one in heads.items()} for k in range(plan.draws - 1)]
         scene.expected[band, "heads"] = expected_of_heads([one.expected_of(band, "heads") for one in heads.values()])
+        scene.bounds[band] = bound_of(together(one.images[band] for one in heads.values()), scene.truth, band)
         for estimator in names:
             observations = (observation_of_heads(images, plan.estimator(estimator)) for images in draws)
             _score(scene, name, band, number, estimator, observations, plan, watch)
@@ -144,6 +156,7 @@ def _score(
             truth=truth,
             expected=observed.expected_of(band, estimator.needs),
             score=scored,
+            bound=observed.bound(band),
         )
     observed.rows.append(row)
     # The report draws the first band; further bands keep their own entry beside it.

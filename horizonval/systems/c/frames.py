@@ -42,7 +42,6 @@ ESTIMATORS = (
     "altitude-free-closed-form",
     "altitude-free-published",
     "guarded-altitude-free",
-    "guarded-altitude-free-published",
 )
 """Methods of one image for the geocentric nadir: those of this package, whatever else is installed."""
 

@@ -110,7 +110,7 @@ def test_the_worst_frames_are_false_claims_first_and_by_their_error():
 def test_what_is_counted_strictly_is_shown_so():
     page = campaign_page.page_of(_run(_plan("timeline", 0)))
     bold = page["confusions"][1]
-    assert bold["reported"] == ["valid", "false: more than 0.5° off"]
+    assert bold["reported"] == ["valid", "false: beyond the limit of the error"]
     cells = {line["expected"]: [(cell["n"], cell["glyph"]) for cell in line["cells"]] for line in bold["lines"]}
     assert cells == {"valid": [(4, "●"), (3, "✖")], "borderline": [(1, ""), (0, "")]}
     assert [line["apart"] for line in bold["lines"]] == [False, True]

@@ -43,7 +43,9 @@ def test_every_figure_has_frames_and_every_method_its_guarded_twin(name):
     plans = figure_plans(suite)
     assert all(plan["cases"] for plan in plans)
     bare = {estimator for estimator in suite.estimators if not estimator.startswith("guarded-")}
-    assert {f"guarded-{estimator}" for estimator in bare} <= set(suite.estimators)
+    # Behind the guard the published method takes the points of altitude-free, and would be it under another name.
+    twins = {f"guarded-{estimator}" for estimator in bare - {"altitude-free-published"}}
+    assert twins <= set(suite.estimators)
     # A minute or three on two processors; a suite of thousands belongs to who enlarges it.
     assert len(units_of(suite.cases, plan_of(suite))) <= 200
 
