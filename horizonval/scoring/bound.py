@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import reduce
 from operator import add
 from typing import Any
@@ -36,15 +36,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
-from horizonval.earth.limb_relief import SOLAR_RELIEF, THERMAL_RELIEF
-from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
-from horizonval.scoring.information.limb_information import UNKNOWNS, LimbInformation, limb_information
-from horizonval.sensor.expected_image import expected_image
+from horizonval.frame import DetectorImage, FrameTruth
+from horizonval.scoring.information.information import UNKNOWNS, LimbInformation, carried
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.spec.sensor.prior import PriorSpec
 
-KEY = "information"
-"""Of an image's settings, under which its information stands. Images from before it was kept have none."""
 ANY_LIMB_SIGMA_M = {"solar": 12e3, "thermal": 21e3}
 """Of the height of a limb of which nothing is said: from 2 km below the ground to 40 km above it, or to 70 km, every
 height alike; a twelfth of the square width is its variance."""
@@ -83,43 +79,6 @@ class Bound:
 
 
 NO_BOUND = Bound(None, None, None)
-
-
-def information_of(frame: RadianceFrame, camera: CameraSpec, band: str | None = None) -> LimbInformation | None:
-    """Return what one band of a frame says about the pose, seen by a camera; None without limb in it.
-
-    Parameters
-    ----------
-    frame : RadianceFrame
-        Radiance without noise.
-    camera : CameraSpec
-        As for :func:`horizonval.sensor.observe.observe`.
-    band : str, optional
-    """
-    truth = frame.truth
-    kinds = {one.name: one.kind for one in camera.band}
-    solar = kinds[band or camera.band[0].name] == "solar"
-    return limb_information(
-        expected_image(frame, camera, band),
-        truth.camera_model,
-        Rotation.from_quat(truth.q_cam_from_itrs).as_matrix(),
-        np.array(truth.r_itrs),
-        truth.ellipsoid,
-        SOLAR_RELIEF if solar else THERMAL_RELIEF,
-        body_from_cam=Rotation.from_quat(truth.q_cam_from_body).inv().as_matrix(),
-    )
-
-
-def informed(image: DetectorImage, frame: RadianceFrame) -> DetectorImage:
-    """Return an image that carries the information of its frame, so that it can be scored without."""
-    camera = CameraSpec.model_validate(image.observation.get("camera", image.truth.camera))
-    found = information_of(frame, camera, image.band)
-    return replace(image, observation={**image.observation, KEY: None if found is None else found.to_dict()})
-
-
-def carried(image: DetectorImage) -> LimbInformation | None:
-    """Return the information that an image carries; None where it carries none."""
-    return LimbInformation.from_dict(image.observation.get(KEY))
 
 
 def together(images: Iterable[DetectorImage]) -> LimbInformation | None:

@@ -203,7 +203,7 @@ def load_templates(path: Path) -> LimbTemplates:
     UserError
         No such file, not a table of profiles, damaged, or of a later format.
     """
-    expected = "a table of `horizonval templates`"
+    expected = "a table of `horizonval templates SUITE -o table.npz`"
     try:
         with np.load(path, allow_pickle=False) as data:
             arrays = {key: np.asarray(data[key]) for key in data.files}

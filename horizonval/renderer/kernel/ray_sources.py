@@ -322,9 +322,14 @@ def _powers(looked: Sequence[Sequence[mi.Float32]]) -> list[list[mi.Float32]]:
 
 
 def repeated(count: int, start: tuple[Any, ...], body: Callable[..., tuple[Any, ...]], label: str) -> tuple[Any, ...]:
-    """Return what ``count`` rounds of a kernel's loop carry, whose counter is first; one round needs no loop."""
-    if count == 1:
-        return body(*start)
+    """Return what ``count`` rounds of a kernel's loop carry, whose counter is first; one round needs no loop.
+
+    Nor do derivatives: a loop within a loop knows none by what it does not carry itself.
+    """
+    if count == 1 or dr.grad_enabled(start):
+        for _ in range(count):
+            start = body(*start)
+        return start
     return dr.while_loop(start, lambda k, *_: k < count, body, label=label)
 
 

@@ -31,7 +31,6 @@ blur: the spline's slope of a sharp edge is 0.3 % too small with a lens that blu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -42,7 +41,8 @@ from horizonval.earth.limb_relief import Relief
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.directions import tangent_basis
 from horizonval.geometry.ellipsoid import Ellipsoid
-from horizonval.scoring.information.limb_motion import POSE, LimbMotion, limb_motion
+from horizonval.scoring.information.information import POSE, UNKNOWNS, LimbInformation
+from horizonval.scoring.information.limb_motion import LimbMotion, limb_motion
 from horizonval.sensor.expected_image import ExpectedImage
 
 INSIDE_PX, OUTSIDE_PX, OUTSIDE_M = 12.0, 12.0, 100e3
@@ -61,7 +61,6 @@ BEND = np.array([1.0, 2.0, -6.0, 2.0, 1.0]) / 6.0
 """Second derivative of it."""
 VALUE = np.array([1.0, 26.0, 66.0, 26.0, 1.0]) / 120.0
 SHORTEST_SPLINE_PX = 6
-SCHEMA = 2
 SHAPES = np.array(
     [
         np.array(rows) / norm
@@ -76,53 +75,9 @@ SHAPES = np.array(
 )
 """Symmetric matrices without trace, orthonormal: a flattening ``f`` is ``-f R (z z^T - 1/3)``, and with a pole ``z``
 anywhere its five components have the variance ``2/15 (f R)^2`` each."""
-UNKNOWNS = POSE + len(SHAPES)
-"""Turn (3), position (3), height of the limb, shape (5)."""
 _SQUARE_PX = 8
 _NUISANCES = 4
 """Level of space, gain, blur, air; the twelve come before them, the relief and the gain along the limb after."""
-
-
-@dataclass(frozen=True, eq=False)
-class LimbInformation:
-    """Information of one image, or the sum of several.
-
-    Attributes
-    ----------
-    by_noise, by_knowledge : ndarray, shape (12, 12)
-        Of a turn of the body about its axes [1/rad^2], of the position in Earth-fixed axes, of the height of the limb
-        and of the planet's shape along :data:`SHAPES` in Earth-fixed axes [1/m^2].
-    limb_height_m : float
-        Where the pixels that say most look past the Earth.
-    """
-
-    by_noise: FloatArray
-    by_knowledge: FloatArray
-    limb_height_m: float
-
-    def __add__(self, other: LimbInformation) -> LimbInformation:
-        """Return the information of two images of one pose."""
-        weights = np.array([np.trace(one.by_noise[:3, :3]) for one in (self, other)])
-        heights = np.array([self.limb_height_m, other.limb_height_m])
-        mean = float(weights @ heights / weights.sum()) if weights.sum() > 0.0 else 0.0
-        return LimbInformation(self.by_noise + other.by_noise, self.by_knowledge + other.by_knowledge, mean)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data: upper triangles, row by row."""
-        upper = np.triu_indices(UNKNOWNS)
-        return {
-            "schema": SCHEMA,
-            "by_noise": _digits(self.by_noise[upper]),
-            "by_knowledge": _digits(self.by_knowledge[upper]),
-            "limb_height_m": round(self.limb_height_m, 1),
-        }
-
-    @classmethod
-    def from_dict(cls, data: Any) -> LimbInformation | None:
-        """Rebuild from :meth:`to_dict`; None where there is nothing, or what another version means by it."""
-        if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-            return None
-        return cls(_symmetric(data["by_noise"]), _symmetric(data["by_knowledge"]), float(data["limb_height_m"]))
 
 
 def limb_information(
@@ -298,13 +253,3 @@ def _eliminated(jacobian: FloatArray, azimuth: FloatArray, reliefs: Sequence[Rel
 def _precision(covariance: FloatArray, least_sigma: float) -> FloatArray:
     """Return the inverse of a covariance whose values are also off by a little of their own each."""
     return np.asarray(np.linalg.inv(covariance + least_sigma**2 * np.eye(len(covariance))))
-
-
-def _digits(values: FloatArray) -> list[float]:
-    return [float(f"{value:.12g}") for value in values]
-
-
-def _symmetric(upper: Sequence[float]) -> FloatArray:
-    matrix = np.zeros((UNKNOWNS, UNKNOWNS))
-    matrix[np.triu_indices(UNKNOWNS)] = upper
-    return matrix + np.triu(matrix, 1).T

@@ -25,9 +25,6 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import CameraModel, unproject
 
-POSE = 7
-"""Turn of the camera about its axes (3), its position (3), height of the limb."""
-
 
 @dataclass(frozen=True, eq=False)
 class LimbMotion:

@@ -19,7 +19,7 @@ def header_text(table: LimbTemplates, comment: str) -> str:
     """
     a, b, k, h = table.modes.shape
     lines = [
-        "/* Profiles of the limb, made by `horizonval templates`.",
+        "/* Profiles of the limb, made by `horizonval templates SUITE -o table.h`.",
         *textwrap.wrap(comment, 100, initial_indent="   ", subsequent_indent="   "),
         "   Multilinear between nodes and heights; value = scale * whole number. W m-2 sr-1 um-1, metres, radians. */",
         "#ifndef LIMB_TABLE_H",

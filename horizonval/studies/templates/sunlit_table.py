@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.core.progress import Progress
 from horizonval.earth.limb_relief import CLOUD_RELIEF_SOLAR
@@ -16,9 +15,11 @@ from horizonval.earth.spectral import bands
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.spec.sensor.camera import Band
 from horizonval.studies.templates import sunlit_states as states
+from horizonval.studies.templates.kept import kept_arrays
 from horizonval.studies.templates.modes import empirical_modes, scene_mode
 from horizonval.studies.templates.rays import HEIGHT_M, SUN_AZIMUTH_DEG, SUN_ZENITH_DEG, edge_weights
 
+PROFILES = "profiles"
 VERSION = 1
 FAINT = 1e-5
 """Share of a profile's largest value below which its own spectrum is of no account."""
@@ -68,17 +69,15 @@ def sunlit_table(some_bands: list[Band], work: Path, progress: Progress) -> list
 def _kept(state: states.SunlitState, work: Path, progress: Progress, band: Band | None = None) -> FloatArray:
     """Return T at the four wavelengths, or the profiles of a band, from the folder or made now."""
     what = repr(state).partition(", share")[0] + ("" if band is None else band.model_dump_json())
-    path = work / f"sunlit-{hashlib.sha256(what.encode()).hexdigest()[:16]}-v{VERSION}.npy"
-    if not path.exists():
+    path = work / f"sunlit-{hashlib.sha256(what.encode()).hexdigest()[:16]}-v{VERSION}.npz"
+
+    def make() -> dict[str, FloatArray]:
         progress.step("sunlit profiles", what)
-        values = (
-            states.sunlit_profiles(state, progress=progress)
-            if band is None
-            else states.band_profiles(state, band, progress)
-        )
-        with atomic.replacing(path) as temporary, temporary.open("wb") as file:
-            np.save(file, values)
-    return np.asarray(np.load(path))
+        if band is None:
+            return {PROFILES: states.sunlit_profiles(state, progress=progress)}
+        return {PROFILES: states.band_profiles(state, band, progress)}
+
+    return kept_arrays(path, make)[PROFILES]
 
 
 def _assembled(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.core.progress import Progress
 from horizonval.earth.gases import afgl
@@ -15,6 +15,7 @@ from horizonval.earth.spectral import bands
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.spec.sensor.camera import Band
 from horizonval.studies.templates import thermal_states as states
+from horizonval.studies.templates.kept import kept_arrays
 from horizonval.studies.templates.modes import empirical_modes, scene_mode
 from horizonval.studies.templates.rays import HEIGHT_M, LATITUDE_DEG, MONTHS, edge_weights
 
@@ -56,12 +57,7 @@ def thermal_table(
     names = "-".join(band.name for band in some_bands)
     for month in months:
         path = work / f"thermal-{names}-{month:g}-v{VERSION}.npz"
-        if not path.exists():
-            made = thermal_month(some_bands, float(month), progress)
-            with atomic.replacing(path) as temporary, temporary.open("wb") as file:
-                np.savez(file, **made)  # type: ignore[arg-type]  # names are not keywords of its own
-        with np.load(path) as data:
-            parts.append({key: np.asarray(data[key]) for key in data.files})
+        parts.append(kept_arrays(path, partial(thermal_month, some_bands, float(month), progress)))
     return [_assembled(band, parts, months) for band in some_bands]
 
 

@@ -89,7 +89,7 @@ def failed_records(unit: Unit, plan: CasePlan, errors: Mapping[str, str]) -> dic
 
 
 def _make(case: Case, plan: CasePlan, folder: RunFolder, watch: Stopwatch) -> _Made:
-    from horizonval.scoring.bound import informed
+    from horizonval.scoring.information.of_frame import informed
     from horizonval.sensor.observe import observe
 
     frame, address = _frame(case, plan, folder, watch)

@@ -136,6 +136,7 @@ def test_no_other_way_to_read_files_of_users_and_of_results():
         "commands/picture.py": "the null device",
         "commands/rays.py": "the temporary file that is being written",
         "scoring/table.py": "the temporary file that is being written",
+        "studies/templates/kept.py": "bytes that were read",
         "studies/regression/anchors.py": "data of the package",
         "studies/regression/environment.py": "what the system says of its processor",
         "studies/regression/baseline/pack.py": "an open file",

@@ -21,7 +21,8 @@ from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.ellipsoid import WGS84, sphere
 from horizonval.geometry.horizon import horizon_directions
 from horizonval.scoring.bound import ARCSEC, NO_BOUND, bound_of
-from horizonval.scoring.information.limb_information import SHAPES, LimbInformation, limb_information
+from horizonval.scoring.information.information import LimbInformation
+from horizonval.scoring.information.limb_information import SHAPES, limb_information
 from horizonval.scoring.information.limb_motion import limb_motion
 from horizonval.sensor.expected_image import ExpectedImage
 from tests.synthetic import truth_at

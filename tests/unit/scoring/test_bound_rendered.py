@@ -11,8 +11,10 @@ from scipy.spatial.transform import Rotation
 import horizonval as hv
 from horizonval.frame import RadianceFrame
 from horizonval.renderer.derivatives.parameters import level_axes
-from horizonval.scoring.bound import bound_of, carried, information_of, informed
+from horizonval.scoring.bound import bound_of
+from horizonval.scoring.information.information import carried
 from horizonval.scoring.information.limb_motion import limb_motion
+from horizonval.scoring.information.of_frame import information_of, informed
 from horizonval.sensor.expected_image import expected_image
 from horizonval.sensor.observe import observe
 from horizonval.store.exr import read_image, write_image
