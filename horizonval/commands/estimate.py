@@ -22,6 +22,7 @@ from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.scoring.bound import bound_of, together
 from horizonval.scoring.errors import ARCSEC, score, sigma_nadir_rad
+from horizonval.scoring.row import rounded
 from horizonval.sensor.knowledge import refuse_unknown_climate, stated_prior
 from horizonval.spec.load import load_prior
 from horizonval.spec.sensor.camera import CameraSpec
@@ -298,4 +299,5 @@ def _bounds(sources: Sequence[DetectorImage | RadianceFrame]) -> dict[str, Any]:
     if not images:
         return {}
     bound = bound_of(together(images), images[0].truth, images[0].band)
-    return dict(zip(BOUNDS, (bound.noise_arcsec, bound.known_arcsec), strict=True))
+    values = zip(BOUNDS, (bound.noise_arcsec, bound.known_arcsec), strict=True)
+    return {name: rounded(name, value) for name, value in values}

@@ -371,16 +371,17 @@ def make_row(
         borderline=expected.borderline,
         frame_address=frame_address,
         image_address=image_address,
-        **{name: _rounded(name, value) for name, value in values.items()},
+        **{name: rounded(name, value) for name, value in values.items()},
     )
 
 
 def to_digits(score: Score) -> Score:
     """Return a score whose numbers are rounded as a row's are (:func:`make_row`)."""
-    return replace(score, **{name: _rounded(name, value) for name, value in vars(score).items()})
+    return replace(score, **{name: rounded(name, value) for name, value in vars(score).items()})
 
 
-def _rounded(name: str, value: Any) -> Any:
+def rounded(name: str, value: Any) -> Any:
+    """Return the value of a column rounded to the digits that are results."""
     if not isinstance(value, float):
         return value
     return round(value, ARCSEC_DECIMALS) if name in _IN_ARCSEC else float(f"{value:.{SIGNIFICANT}g}")

@@ -22,7 +22,7 @@ NAME = "altitude-free"
 CONTRACT_KEYS = [
     "estimator", "status", "reason", "nadir_cam", "roll_deg", "pitch_deg", "altitude_km", "angular_radius_deg",
     "sigma_nadir_arcsec", "n_points", "seconds", "assumed", "nadir_error_arcsec", "roll_error_arcsec",
-    "pitch_error_arcsec", "altitude_error_km", "false_valid",
+    "pitch_error_arcsec", "altitude_error_km", "false_valid", "bound_noise_arcsec", "bound_arcsec",
 ]  # fmt: skip
 
 MINI_SCENE = """
@@ -200,7 +200,7 @@ def test_estimate_on_our_own_files_says_how_far_off_it_is(horizonval, mini_run, 
     row = next(row for row in rows if (row.case, row.estimator) == ("frame-0", NAME))
     report = _estimate(horizonval("estimate", image_path, "--estimator", NAME, "--json"))
     assert report["nadir_error_arcsec"] == row.nadir_error_arcsec > 1.0
-    for key in CONTRACT_KEYS[-4:]:
+    for key in CONTRACT_KEYS[-6:]:
         assert report[key] == getattr(row, key), key
     text = horizonval("estimate", image_path, "--estimator", NAME).stdout
     assert f"nadir_error_arcsec   {row.nadir_error_arcsec:.6f}" in text

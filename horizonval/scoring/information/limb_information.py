@@ -41,6 +41,7 @@ from horizonval.earth.limb_relief import Relief
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.directions import tangent_basis
 from horizonval.geometry.ellipsoid import Ellipsoid
+from horizonval.scoring.information.elimination import inverse, without_last
 from horizonval.scoring.information.information import POSE, UNKNOWNS, LimbInformation
 from horizonval.scoring.information.limb_motion import LimbMotion, limb_motion
 from horizonval.sensor.expected_image import ExpectedImage
@@ -145,7 +146,7 @@ def limb_information(
     shapes = pose[6] * np.einsum("in,kij,jn->kn", to_limb, SHAPES, to_limb)
     jacobian = np.concatenate([pose, shapes, [np.ones_like(light), light, 0.5 * bend, stretch]]) / np.sqrt(variance)
     known = _eliminated(jacobian, np.arctan2(across[1], across[0]), reliefs)
-    return LimbInformation((jacobian @ jacobian.T)[:UNKNOWNS, :UNKNOWNS], known, height)
+    return LimbInformation(_gram(jacobian[:UNKNOWNS]), known, height)
 
 
 def _near(
@@ -215,7 +216,7 @@ def _eliminated(jacobian: FloatArray, azimuth: FloatArray, reliefs: Sequence[Rel
     order = np.argsort(piece, kind="stable")
     seen, starts = np.unique(piece[order], return_index=True)
     parts = np.split(jacobian[:, order], starts[1:], axis=1)
-    grams = np.array([part @ part.T for part in parts])
+    grams = np.array([_gram(part) for part in parts])
     own = UNKNOWNS + _NUISANCES
     count, gain = len(seen), UNKNOWNS + 1
     total = np.zeros((own + 2 * count, own + 2 * count))
@@ -244,12 +245,15 @@ def _eliminated(jacobian: FloatArray, azimuth: FloatArray, reliefs: Sequence[Rel
     total[diagonal, diagonal] *= 1.0 + 1e-12
     size = np.sqrt(np.maximum(np.diag(total), 1e-300))
     scaled = total / np.outer(size, size)
-    kept = slice(0, UNKNOWNS)
-    inner, cross = scaled[UNKNOWNS:, UNKNOWNS:], scaled[kept, UNKNOWNS:]
-    left = scaled[kept, kept] - cross @ np.linalg.solve(inner, cross.T)
-    return np.asarray(0.5 * (left + left.T) * np.outer(size[kept], size[kept]))
+    left = without_last(scaled, UNKNOWNS)
+    return np.asarray(0.5 * (left + left.T) * np.outer(size[:UNKNOWNS], size[:UNKNOWNS]))
 
 
 def _precision(covariance: FloatArray, least_sigma: float) -> FloatArray:
     """Return the inverse of a covariance whose values are also off by a little of their own each."""
-    return np.asarray(np.linalg.inv(covariance + least_sigma**2 * np.eye(len(covariance))))
+    return inverse(covariance + least_sigma**2 * np.eye(len(covariance)))
+
+
+def _gram(jacobian: FloatArray) -> FloatArray:
+    """Return sums over pixels of products of columns, always in the same order."""
+    return np.asarray(np.einsum("in,jn->ij", jacobian, jacobian))
