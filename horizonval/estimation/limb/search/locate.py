@@ -14,6 +14,10 @@ as ``L + c sqrt(x)``, which rises infinitely steeply at the limb, and a straight
 hundredths of a pixel under an overhead Sun. On an edge that is as sharp as a lens makes it, ``S`` is that root,
 blurred. There a profile by itself would pay for its own ``c`` with several times the noise: on a Lambert sphere it is
 linear in the limb's direction ``t`` about the nadir, and three numbers do for all profiles.
+
+**Sharper than a lens.** Between pixels that an edge cuts hard, interpolation is wrong by up to a tenth of a pixel, and
+alike along a stretch of limb that runs with the rows. There the place is read off whole pixels, by the area under a row
+or column of them (:mod:`horizonval.estimation.limb.subpixel`), with levels and shading of samples away from the edge.
 """
 
 from __future__ import annotations
@@ -27,9 +31,17 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.search.evidence import INNERMOST, REACH_PX, SHIFTS_PX, inner_reach, read_profiles
+from horizonval.estimation.limb.search.evidence import (
+    INNERMOST,
+    REACH_PX,
+    SHIFTS_PX,
+    WIDTHS_PX,
+    inner_reach,
+    read_profiles,
+)
 from horizonval.estimation.limb.search.pyramid import PyramidLevel
-from horizonval.estimation.limb.search.trace import trace_limb
+from horizonval.estimation.limb.search.trace import Trace, trace_limb
+from horizonval.estimation.limb.subpixel import half_window
 from horizonval.geometry.camera import CameraModel
 
 STEPS = 4
@@ -42,6 +54,8 @@ BARE_WIDTH_PX = 0.8
 """A lens of 0.7 px and the pixel's own width."""
 FEWEST_PROFILES = 12
 """Four for every number that their shading has."""
+EDGE_PX = 2.0
+"""From the edge: a pixel's diagonal and interpolation spread a hard one over 1.7 px to either side."""
 ROOT_STEP_PX = 0.02
 """Of the table of the blurred root: a hundredth of its narrowest blur's variance."""
 SMALLEST_SPREAD = 0.1
@@ -85,20 +99,74 @@ def points_of(
     whole = np.asarray(known.all(axis=1))
     trace, profiles = trace.take(whole), profiles[whole]
     shape = _Shape(width_px, level.scale == 1.0 and width_px <= BARE_WIDTH_PX)
-    shift, step, deep, shading, good = _fitted(profiles, offsets, shape)
-    if shape.bare and np.count_nonzero(good) >= FEWEST_PROFILES:
-        shift, step, deep, _, good = _fitted(profiles, offsets, shape, _pooled(trace.azimuth, shading, good))
+    fit = _fitted(profiles, offsets, shape)
+    if shape.bare and np.count_nonzero(fit.good) >= FEWEST_PROFILES:
+        fit = _fitted(profiles, offsets, shape, _pooled(trace.azimuth, fit.shading, fit.good))
+    shift, step, good = fit.shift, fit.step, fit.good
     noise = level.noise / np.sqrt(min(REACH_PX, len(offsets) - REACH_PX))
     good &= (np.abs(shift) <= SHIFTS_PX[-1]) & ((step > 0.0) == bright_inside) & (np.abs(step) > FAINTEST * noise)
     uv = trace.uv + level.scale * shift[:, None] * trace.inwards
+    if shape.bare and width_px == WIDTHS_PX[0] and np.count_nonzero(fit.good) >= FEWEST_PROFILES:
+        uv, whole_pixels = _by_area(level, uv, trace, profiles, offsets, fit)
+        good &= whole_pixels
     order = np.flatnonzero(good)
     order = order[np.argsort(trace.azimuth[order], kind="stable")]
-    return uv[order], step[order], deep[order]
+    return uv[order], step[order], fit.deep[order]
 
 
-def is_bare(level: PyramidLevel, width_px: float) -> bool:
-    """Return whether an edge is no wider than lens and pixel make it."""
-    return level.scale == 1.0 and width_px <= BARE_WIDTH_PX
+def _by_area(
+    level: PyramidLevel, uv: FloatArray, trace: Trace, profiles: FloatArray, offsets: FloatArray, fit: _Fitted
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return places (n, 2) read off whole pixels, and which of the given ones have some that no other shares."""
+    space, step, shading = _levels_beside(profiles, offsets[None, :] - fit.shift[:, None], trace.azimuth, fit.good)
+    half = half_window(level.grey.shape)
+    rows = np.arange(len(uv))
+    axis = np.argmax(np.abs(trace.inwards), axis=1)
+    along, beside = trace.inwards[rows, axis], trace.inwards[rows, 1 - axis]
+    fixed = np.rint(uv[rows, 1 - axis])
+    # Where the limb crosses the row or column of whole pixels, by its own slope.
+    crossing = uv[rows, axis] + (uv[rows, 1 - axis] - fixed) * beside / along
+    centre = np.rint(crossing)
+    pixel = centre[:, None] + np.arange(-half, half + 1)
+    values, known = level.at(np.where(np.arange(2) == axis[:, None, None], pixel[..., None], fixed[:, None, None]))
+    at, root, _ = _blurred_root(WIDTHS_PX[0])
+    shade = np.interp((pixel - crossing[:, None]) * along[:, None], at, root)
+    lit = (values - space[:, None] - shading[:, None] * shade).sum(axis=1)
+    area = lit / np.where(step != 0.0, step, np.inf)
+    crossing = centre + np.sign(along) * (half + 0.5 - area)
+    good = known.all(axis=1) & (np.abs(crossing - centre) <= 1.0)
+    _, first = np.unique(np.column_stack([axis, fixed, centre]), axis=0, return_index=True)
+    good &= np.isin(rows, first)
+    return np.where(np.arange(2) == axis[:, None], crossing[:, None], fixed[:, None]), good
+
+
+def _levels_beside(
+    profiles: FloatArray, x: FloatArray, azimuth: FloatArray, good: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return space, step and shading of profiles (n, k) by their samples away from the edge, x [px] inside of it."""
+    outside, inside = x < -EDGE_PX, x > EDGE_PX
+    space = np.where(outside, profiles, 0.0).sum(axis=1) / np.maximum(outside.sum(axis=1), 1)
+    root, above = np.sqrt(np.maximum(x, 0.0)), profiles - space[:, None]
+    count = np.maximum(inside.sum(axis=1), 1)
+
+    def mean(values: FloatArray) -> FloatArray:
+        return np.asarray(np.where(inside, values, 0.0).sum(axis=1) / count)
+
+    middle = mean(root)
+    spread = mean(root**2) - middle**2
+    shading = _pooled(azimuth, (mean(root * above) - middle * mean(above)) / np.maximum(spread, TINY), good)
+    return space, mean(above) - shading * middle, shading
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """Of n profiles: shift, step, step deep inside, shading, and whether there is an edge at all."""
+
+    shift: FloatArray
+    step: FloatArray
+    deep: FloatArray
+    shading: FloatArray
+    good: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -129,10 +197,8 @@ def _blurred_root(width: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     return at, slope, np.gradient(slope, ROOT_STEP_PX)
 
 
-def _fitted(
-    profiles: FloatArray, offsets: FloatArray, shape: _Shape, shading: FloatArray | None = None
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return shift, step, the same deep inside, shading, and whether there is an edge at all, of profiles (n, k).
+def _fitted(profiles: FloatArray, offsets: FloatArray, shape: _Shape, shading: FloatArray | None = None) -> _Fitted:
+    """Return what profiles (n, k) show.
 
     Of every profile its own shading, or the one that is given, shape (n,).
     """
@@ -161,7 +227,7 @@ def _fitted(
         move = -levels[:, 2] / np.where(good, step, np.inf)
         shift = np.clip(shift + np.clip(move, -1.0, 1.0), -REACH_PX, REACH_PX)
     deep = profiles[:, -INNERMOST:].mean(axis=1) - space
-    return shift, step, deep, own, good & (np.abs(move) < SETTLED_PX)
+    return _Fitted(shift, step, deep, own, good & (np.abs(move) < SETTLED_PX))
 
 
 def _pooled(azimuth: FloatArray, shading: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
