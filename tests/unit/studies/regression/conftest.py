@@ -46,7 +46,7 @@ replicates = 1
 name = "accuracy"
 lane = "replay"
 metric = "nadir_error"
-margin = 40.0
+margin = 20.0
 unit = "arcsec"
 reason = "five percent of what images of 96 pixels allow"
 
