@@ -116,7 +116,7 @@ def _missing(observation: Observation) -> str:
     if observation.band_kind is None or observation.band_um is None:
         return "the camera's one band (kind and wavelengths)"
     if prior.climate not in (None, BY_LATITUDE_MONTH) and not prior.climate.lower().endswith(TABLE_ENDING):
-        known = f'climate = "{BY_LATITUDE_MONTH}" or a table of `horizonval templates`, {TABLE_ENDING}'
+        known = f'climate = "{BY_LATITUDE_MONTH}", or a table of `horizonval templates SUITE -o table.npz`'
         return f"the air by latitude and month ({known}; found {prior.climate!r})"
     return ""
 
