@@ -16,6 +16,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
 from horizonval.earth.spectral.bands import limits_um, width_um
 from horizonval.estimation import installed, registry
+from horizonval.estimation.likelihood.templates import templates_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, RadianceFrame
@@ -26,7 +27,7 @@ from horizonval.scoring.row import rounded
 from horizonval.sensor.knowledge import refuse_unknown_climate, stated_prior
 from horizonval.spec.load import load_prior
 from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.prior import PriorSpec
+from horizonval.spec.sensor.prior import PriorSpec, is_limb_table
 from horizonval.suites.observation import band_of, known_of, observation_of, observation_of_heads, with_altitude_of
 
 ERRORS = ("nadir_error_arcsec", "roll_error_arcsec", "pitch_error_arcsec", "altitude_error_km", "false_valid")
@@ -47,6 +48,8 @@ def prior_from(path: str | Path) -> PriorSpec:
     spec = load_prior(path)
     try:
         refuse_unknown_climate(spec)
+        if spec.climate is not None and is_limb_table(spec.climate):
+            templates_of(Path(spec.climate))
     except UserError as e:
         raise e.inside(str(path)) from e
     return spec

@@ -97,7 +97,8 @@ class Prior:
         By how much the limb that the camera sees stands above the horizon of the shape, all round the mean.
     climate : str or None
         What is known of the air: the name of an atmosphere (``horizonval list atmospheres``), the path of a profile
-        file, or ``"by_latitude_month"`` for the climate of the place and the month.
+        file (.csv, .json) or of a table of ``horizonval templates`` (.npz), or ``"by_latitude_month"`` for the climate
+        of the place and the month.
     sun_sigma_rad : float or None
         Of the observation's ``sun_cam``, in each of two directions across it. None where ``sun_cam`` is that of a
         coarse Sun sensor, right to a degree.

@@ -37,7 +37,7 @@ from horizonval.frame import FrameTruth
 from horizonval.geometry.ellipsoid import WGS84, geodetic_height
 from horizonval.geometry.frames import compose, inverse, rotate
 from horizonval.sensor.streams import stream
-from horizonval.spec.sensor.prior import PAIRS, PriorSpec, is_profile_file
+from horizonval.spec.sensor.prior import PAIRS, PriorSpec, is_climate_file
 
 
 def stated_prior(spec: PriorSpec, where: str = "prior") -> Prior:
@@ -124,16 +124,17 @@ def method_radius_m(spec: PriorSpec, truth: FrameTruth) -> float:
 
 
 def refuse_unknown_climate(spec: PriorSpec) -> None:
-    """Raise a ``UserError`` where a climate is neither a name nor a profile file."""
+    """Raise a ``UserError`` where a climate is neither a name nor a file."""
     if spec.climate is None:
         return
     names = (BY_LATITUDE_MONTH, *profiles.names(), "none", *(f"{PREFIX}{name}" for name in real_states.names()))
-    if spec.climate in names or is_profile_file(spec.climate):
+    if spec.climate in names or is_climate_file(spec.climate):
         return
+    near = ", ".join(nearest(spec.climate, names)[:12])
     raise UserError(
         f"found {spec.climate!r}",
         where="prior.climate",
-        expected=f"a profile file (.csv, .json) or one of {', '.join(nearest(spec.climate, names)[:12])}",
+        expected=f"a profile file (.csv, .json), a table (.npz) or one of {near}",
     )
 
 

@@ -31,7 +31,7 @@ from horizonval.spec.orbit import OrbitSpec
 from horizonval.spec.regression import RegressionSpec
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import ALL_HEADS, CameraSpec
-from horizonval.spec.sensor.prior import PriorFile, PriorSpec, is_profile_file
+from horizonval.spec.sensor.prior import PriorFile, PriorSpec, is_climate_file
 from horizonval.spec.spacecraft.part import SpacecraftPart
 from horizonval.spec.stability import StabilitySpec
 from horizonval.spec.suite import FigureSpec, Keep, ProgramSpec, SuiteSpec
@@ -428,12 +428,12 @@ def load_prior(path: str | Path) -> PriorSpec:
 
 
 def with_climate_file(prior: PriorSpec, path: Path, where: str) -> PriorSpec:
-    """Return a prior whose profile file, if it names one, is named by its whole path; it lies beside ``path``."""
-    if prior.climate is None or not is_profile_file(prior.climate):
+    """Return a prior whose climate's file, if it names one, is named by its whole path; it lies beside ``path``."""
+    if prior.climate is None or not is_climate_file(prior.climate):
         return prior
     file = path.parent / Path(prior.climate).expanduser()
     try:
-        files.ensure_file(file, expected="a profile (CSV or JSON)")
+        files.ensure_file(file, expected="a profile (CSV or JSON) or a table (NPZ)")
     except UserError as e:
         raise e.inside(f"{where}.climate") from e
     return prior.model_copy(update={"climate": str(file.resolve())})

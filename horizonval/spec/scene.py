@@ -120,7 +120,11 @@ class RenderSettings(Model):
     times their cost. Thermal bands come from tables either way.
     """
     subsamples: Annotated[int, Field(ge=1, le=16), unit("1")] = 2
-    """Rays per pixel along each axis; a pixel has the square of it."""
+    """Rays per pixel along each axis; a pixel has the square of it. The hard edge of the ground needs none: its share
+    of a pixel is worked out. What they average is the soft limb. Where a pixel is wider than the air is deep (160
+    pixels over 57 deg from 500 km, 16 km each) its mean is off by up to 10, 2.8, 1.2 and 0.8 % of the brightest with 1,
+    2, 3 and 4, where it is 5 km wide by 1.0 and 0.3 % with 1 and 2.
+    """
     nodes: Annotated[int, Field(ge=8, le=4096), unit("1")] = 128
     """Points along each ray at which air is looked up."""
     orders: Literal["single", "all"] = "all"

@@ -18,7 +18,7 @@ from horizonval.core.code import code_digest, is_there
 from horizonval.estimation import registry
 from horizonval.spec.files import find
 from horizonval.spec.load import Case, Suite
-from horizonval.spec.sensor.prior import is_profile_file
+from horizonval.spec.sensor.prior import is_climate_file
 from horizonval.suites.plan import CasePlan, Unit, plan_of
 
 FRAME_CODE = ("horizonval.renderer.scene.frame", "horizonval.store.exr")
@@ -70,8 +70,8 @@ def _scene_content(case: Case) -> str:
         # The content counts, not where it lies: a folder can be moved.
         content["scene"]["atmosphere"][key] = path.name
     climate = None if case.scene.prior is None else case.scene.prior.climate
-    if climate is not None and is_profile_file(climate):
-        content["prior climate"] = {"sha256": files.sha256_of(Path(climate), expected="a profile file")}
+    if climate is not None and is_climate_file(climate):
+        content["prior climate"] = {"sha256": files.sha256_of(Path(climate), expected="a climate's file")}
         content["scene"]["prior"]["climate"] = Path(climate).name
     return json.dumps(content, sort_keys=True)
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from horizonval.core.errors import MistakeCollector, UserError
+from horizonval.earth.spectral.bands import limits_um
+from horizonval.estimation.likelihood.templates import is_of_band, templates_of
 from horizonval.geometry.camera import camera_from_spec, check_invertible
 from horizonval.geometry.pose import place_from_spec
 from horizonval.geometry.rotation import julian_utc
@@ -12,7 +15,7 @@ from horizonval.renderer.scene.frame_memory import refuse_too_large
 from horizonval.sensor.knowledge import refuse_unknown_climate
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.prior import PriorSpec
+from horizonval.spec.sensor.prior import PriorSpec, is_limb_table
 from horizonval.suites.part import Part
 from horizonval.suites.plan import CasePlan, of_heads
 from horizonval.suites.worker_memory import largest_frame
@@ -91,12 +94,29 @@ def _without_heads(name: str, where: str) -> UserError:
 
 def _check_prior(prior: PriorSpec, camera: CameraSpec) -> None:
     refuse_unknown_climate(prior)
+    if prior.climate is not None and is_limb_table(prior.climate):
+        _check_table(prior.climate, camera)
     solar = [band.name for band in camera.band if band.kind == "solar"]
     if prior.limb_height_sigma_km is not None and prior.limb_height_km is None and solar:
         raise UserError(
             f"a sigma alone, and the truth has no limb height of the solar band {solar[0]!r}",
             where="prior.limb_height_sigma_km",
             expected="limb_height_km beside it",
+        )
+
+
+def _check_table(climate: str, camera: CameraSpec) -> None:
+    """Raise a ``UserError`` where a table of profiles cannot be read, or is of none of a camera's bands."""
+    try:
+        table = templates_of(Path(climate))
+    except UserError as e:
+        raise e.inside("prior.climate") from e
+    if not any(is_of_band(table, band.kind, limits_um(band)) for band in camera.band):
+        low, high = table.band_um
+        raise UserError(
+            f"a {table.band_kind} table of {low:g} to {high:g} um, which is none of the camera's bands",
+            where=f"prior.climate: {climate}",
+            expected=", ".join("{} ({:g} to {:g} um)".format(band.name, *limits_um(band)) for band in camera.band),
         )
 
 

@@ -27,7 +27,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -238,6 +238,31 @@ def load_templates(path: Path) -> LimbTemplates:
         raise UserError(str(e), where=str(path), expected=expected) from e
     except (KeyError, ValueError, TypeError) as e:
         raise UserError(f"not a table of profiles ({e})", where=str(path), expected=expected) from e
+
+
+def templates_of(path: Path) -> LimbTemplates:
+    """Return the table of a file, read once as long as the file stays as it is.
+
+    Raises
+    ------
+    UserError
+        As :func:`load_templates`.
+    """
+    try:
+        found = path.stat()
+    except OSError:
+        return load_templates(path)
+    return _as_it_was(path, found.st_mtime_ns, found.st_size)
+
+
+@lru_cache(maxsize=8)
+def _as_it_was(path: Path, changed_ns: int, size: int) -> LimbTemplates:
+    return load_templates(path)
+
+
+def is_of_band(table: LimbTemplates, band_kind: str | None, band_um: tuple[float, float]) -> bool:
+    """Return whether a table's limb is that of a band."""
+    return table.band_kind == band_kind and overlap(table.band_um, band_um) >= LEAST_OVERLAP
 
 
 def shipped_templates(band_kind: Literal["solar", "thermal"], band_um: tuple[float, float]) -> LimbTemplates | None:

@@ -7,6 +7,7 @@ it. The shapes' coefficients are unknowns that vary along the limb, each with it
 limb comes from its brightness and softness too, and the claim holds what the air leaves open.
 
 It needs a position, an attitude to some degrees, a time and the wavelengths of the camera, and refuses without. The
+tables are those that are shipped, or the file of `horizonval templates` that the prior's ``climate`` names. The
 start is the tilt near the prior's attitude at which the predicted picture is most like the image: no search for edges.
 
 What it refuses: an image that no tilt makes like a limb, or of which the fit explains less than
@@ -16,9 +17,13 @@ What it refuses: an image that no tilt makes like a limb, or of which the fit ex
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Literal
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.likelihood.claim import fit_of
@@ -26,7 +31,7 @@ from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.fit import ProfileFit, ProfileKnowledge, fit_profile
 from horizonval.estimation.likelihood.profile.known_air import KnownAir
 from horizonval.estimation.likelihood.profile.start import start_pose
-from horizonval.estimation.likelihood.templates import shipped_templates
+from horizonval.estimation.likelihood.templates import LimbTemplates, is_of_band, shipped_templates, templates_of
 from horizonval.estimation.limb.finder import picture_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import BY_LATITUDE_MONTH, Prior
@@ -36,6 +41,8 @@ from horizonval.geometry.ephemeris import AU_M, sun_itrs
 LIFT_SIGMA_M = 300.0
 """Of the height of all air: what is left when its profile is known. The pressure at sea level differs from the
 climate's by 10 hPa, which is 80 m; the geoid departs from the ellipsoid by 30 m."""
+TABLE_ENDING = ".npz"
+"""Of a climate that is a table of profiles."""
 LEAST_EXPLAINED = 0.95
 """Of the variance of the pixels across the limb. Chosen after looking at frames: broken cloud decks, whose scatter is in
 the claim, leave 1 to 3 %; noise explains nothing."""
@@ -62,10 +69,9 @@ def run(observation: Observation) -> Fit | Refusal:
     assert prior.epoch_utc is not None
     assert observation.band_kind is not None
     assert observation.band_um is not None
-    templates = shipped_templates(observation.band_kind, observation.band_um)
-    if templates is None:
-        low, high = observation.band_um
-        return Refusal(Outcome.BAD_INPUT, f"limb-profile has no profiles of {low:g} to {high:g} um")
+    templates = _templates(observation.band_kind, observation.band_um, prior.climate)
+    if isinstance(templates, Refusal):
+        return templates
     picture = picture_of(observation.image, observation.camera, observation.full_scale)
     if isinstance(picture, Refusal):
         return picture
@@ -115,9 +121,29 @@ def _missing(observation: Observation) -> str:
         return "the time (epoch_utc)"
     if observation.band_kind is None or observation.band_um is None:
         return "the camera's one band (kind and wavelengths)"
-    if prior.climate not in (None, BY_LATITUDE_MONTH):
-        return f'the air by latitude and month (climate = "{BY_LATITUDE_MONTH}", found {prior.climate!r})'
+    if prior.climate not in (None, BY_LATITUDE_MONTH) and not prior.climate.lower().endswith(TABLE_ENDING):
+        known = f'climate = "{BY_LATITUDE_MONTH}", or a table of `horizonval templates SUITE -o table.npz`'
+        return f"the air by latitude and month ({known}; found {prior.climate!r})"
     return ""
+
+
+def _templates(
+    band_kind: Literal["solar", "thermal"], band_um: tuple[float, float], climate: str | None
+) -> LimbTemplates | Refusal:
+    """Return the profiles of a band: those of the prior's file, or the shipped ones."""
+    low, high = band_um
+    if climate is None or not climate.lower().endswith(TABLE_ENDING):
+        shipped = shipped_templates(band_kind, band_um)
+        reason = f"limb-profile has no profiles of {low:g} to {high:g} um"
+        return Refusal(Outcome.BAD_INPUT, reason) if shipped is None else shipped
+    try:
+        table = templates_of(Path(climate))
+    except UserError as e:
+        return Refusal(Outcome.BAD_INPUT, f"limb-profile: {e.line()}")
+    if not is_of_band(table, band_kind, band_um):
+        reason = "{}: {} profiles of {:g} to {:g} um".format(climate, table.band_kind, *table.band_um)
+        return Refusal(Outcome.BAD_INPUT, f"{reason}, not {band_kind} ones of {low:g} to {high:g} um")
+    return table
 
 
 def _doubt(found: ProfileFit, prior: Prior, cam_from_body: np.ndarray) -> Refusal | None:

@@ -72,7 +72,8 @@ def command_line(command: str, folder: Path, image: Path, camera: Path, prior: P
     for place, path in places.items():
         words = [word.replace(place, str(path)) for word in words]
     program = folder / words[0]
-    return [str(program.resolve()) if "/" in words[0] and program.is_file() else words[0], *words[1:]]
+    # Links stay: the python of a virtual environment knows its packages by the name under which it is called.
+    return [str(program.absolute()) if "/" in words[0] and program.is_file() else words[0], *words[1:]]
 
 
 def _run(observation: Observation, *, command: str, folder: Path, limit_s: float) -> Fit | Refusal:

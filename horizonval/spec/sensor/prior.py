@@ -60,8 +60,8 @@ class PriorSpec(Model):
     plateau of the truth's infrared horizon.
     """
     climate: str | None = None
-    """What is known of the air: a name (`horizonval list atmospheres`), a profile file beside this one, or
-    `by_latitude_month`, which needs position and time.
+    """What is known of the air: a name (`horizonval list atmospheres`), a profile file (.csv, .json) or a table of
+    `horizonval templates` (.npz) beside this one, or `by_latitude_month`, which needs position and time.
     """
     sun_sigma_deg: SigmaAngle | None = None
     """Standard deviation of the Sun sensor's reading in each of two directions across it. Without the key the sensor
@@ -96,9 +96,14 @@ class PriorSpec(Model):
         return self
 
 
-def is_profile_file(climate: str) -> bool:
-    """Whether a climate is a file, and no name."""
-    return climate.lower().endswith((".csv", ".json"))
+def is_climate_file(climate: str) -> bool:
+    """Whether a climate is a file, and no name: a profile of the air, or a table of profiles of the limb."""
+    return climate.lower().endswith((".csv", ".json")) or is_limb_table(climate)
+
+
+def is_limb_table(climate: str) -> bool:
+    """Whether a climate is a table of profiles of the limb."""
+    return climate.lower().endswith(".npz")
 
 
 PAIRS = {

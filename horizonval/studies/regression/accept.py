@@ -127,8 +127,8 @@ def difference_table(
         "an attitude, errors where both claim one.",
         "",
         "| estimator | scenes | images | available [%] | false claims [%] | median nadir error [arcsec] "
-        "| 95 % below [arcsec] | changed outcomes |",
-        "|---|---|---|---|---|---|---|---|",
+        "| 95 % below [arcsec] | median error over bound | changed outcomes |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     old_rows: Sequence[ReplicateRow] = () if before is None else before.results.rows
     for estimator in sorted({row.estimator for row in now.rows}):
@@ -171,6 +171,7 @@ def _table_row(estimator: str, table: str, now: list[ReplicateRow], base: list[R
     return (
         f"| {estimator} | {table} | {len(now)} | {both(_available, base, now)} | {both(_false, base, now)} "
         f"| {both(percentile(50), earlier, after)} | {both(percentile(95), earlier, after)} "
+        f"| {both(_over_bound, base, now)} "
         f"| {f'{changes} of {len(pairs)}' if base else '–'} |"
     )
 
@@ -182,6 +183,11 @@ def _available(rows: Sequence[ReplicateRow]) -> float | None:
 
 def _false(rows: Sequence[ReplicateRow]) -> float | None:
     return 100.0 * sum(row.false_valid for row in rows) / len(rows) if rows else None
+
+
+def _over_bound(rows: Sequence[ReplicateRow]) -> float | None:
+    over = [row.error_over_bound for row in rows if row.error_over_bound is not None]
+    return float(np.median(over)) if over else None
 
 
 def _same_images(before: Baseline, scenes: Mapping[str, Any]) -> tuple[int, int]:

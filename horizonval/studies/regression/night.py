@@ -220,7 +220,7 @@ class _Gathered:
             about = {(r.scene, r.band): r for r in self.accepted.results.rows}
             for row in _rows(record):
                 before = about[row.scene, row.band]
-                self.replayed.append(replace(row, table=before.table, due=before.due))
+                self.replayed.append(replace(row, table=before.table, due=before.due, bound_arcsec=before.bound_arcsec))
         elif task.batch is not None:
             scene = f"{task.batch}/{record['scene']}"
             self.fresh += [replace(row, scene=scene) for row in _rows(record)]
@@ -240,7 +240,8 @@ class _Gathered:
                         key = (scene, band, replicate, estimator)
                         row = by_image.get((image, scene, estimator))
                         if key not in found and row is not None:
-                            found[key] = replace(row, replicate=replicate, due=is_due(about))
+                            bound = about.get("bound_arcsec")
+                            found[key] = replace(row, replicate=replicate, due=is_due(about), bound_arcsec=bound)
         return [found[key] for key in sorted(found)]
 
     def verdict(self, release: Baseline | None, reference: GateInputs | None) -> JsonObject:
@@ -470,4 +471,11 @@ def _levels(rows: Sequence[ReplicateRow], fresh: Sequence[ReplicateRow]) -> Json
             if errors:
                 median = float(np.median(errors))
                 found[f"{name}: median nadir error"] = {"value": median, "unit": "arcsec", "n": len(errors)}
+            over = [row.error_over_bound for row in mine if row.error_over_bound is not None]
+            if over:
+                found[f"{name}: median error over bound"] = {
+                    "value": float(np.median(over)),
+                    "unit": "1",
+                    "n": len(over),
+                }
     return found

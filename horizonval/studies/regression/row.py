@@ -32,6 +32,8 @@ class ReplicateRow:
         The suite's table that the scene comes from: its stratum.
     due : bool
         Whether the image should give an attitude, and clearly so.
+    bound_arcsec : float or None
+        What the limb in the frame allows any method (:mod:`horizonval.scoring.bound`); None where it says nothing.
     """
 
     scene: str
@@ -47,6 +49,7 @@ class ReplicateRow:
     pitch_error_arcsec: float | None
     table: str = ""
     due: bool = False
+    bound_arcsec: float | None = None
 
     @classmethod
     def of(cls, score: Score, **about: Any) -> ReplicateRow:
@@ -74,6 +77,13 @@ class ReplicateRow:
     def key(self) -> tuple[str, str, int, str]:
         """What a row of one night has in common with its partner of another."""
         return self.scene, self.band, self.replicate, self.estimator
+
+    @property
+    def error_over_bound(self) -> float | None:
+        """Nadir error of a claim over what the limb allows."""
+        if self.nadir_error_arcsec is None or not self.bound_arcsec:
+            return None
+        return self.nadir_error_arcsec / self.bound_arcsec
 
     @property
     def is_claim(self) -> bool:

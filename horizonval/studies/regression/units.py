@@ -18,8 +18,11 @@ from horizonval.core.refusal import Refusal
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.process.sandbox import sandbox_of
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
+from horizonval.scoring.bound import bound_of
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_outcome
+from horizonval.scoring.information.of_frame import information_of
+from horizonval.scoring.row import rounded
 from horizonval.sensor.observe import observe as observe_frame
 from horizonval.spec.load import Case
 from horizonval.spec.sensor.camera import CameraSpec
@@ -66,7 +69,7 @@ def render_scene(
     -------
     record : dict
         ``scene``, ``table``, ``camera``, ``truth`` (plain), ``bands``: by name ``{radiance_sha256, expected,
-        borderline, full_scale, images, noise_dn}``, and ``rows`` (:class:`ReplicateRow`, plain).
+        borderline, bound_arcsec, full_scale, images, noise_dn}``, and ``rows`` (:class:`ReplicateRow`, plain).
     arrays : dict of ndarray
         ``radiance.<band>`` (float32), ``regions``, ``dn.<band>.<seed>``.
     """
@@ -79,6 +82,9 @@ def render_scene(
     for band in (one.name for one in case.camera.band):
         expected = expected_outcome(frame.truth, band)
         due = expected.outcome == Outcome.VALID and not expected.borderline
+        bound = bound_of(information_of(frame, case.camera, band), frame.truth, band).known_arcsec
+        about: dict[str, Any] = {"table": case.table or "", "due": due}
+        about["bound_arcsec"] = None if bound is None else rounded("bound_arcsec", bound)
         clean = observe(frame, case.camera, band=band, seed=0, noise=False).dn
         arrays[f"radiance.{band}"] = frame.radiance[band]
         images, noise, full_scale = [], [], 0
@@ -90,12 +96,13 @@ def render_scene(
             noise.append(noise_in_space(image.dn, clean, regions))
             if estimate and sha not in skipped:
                 found = estimate_image(case.name, seed, image, plan, run)
-                rows += [replace(row, table=case.table or "", due=due) for row in found]
+                rows += [replace(row, **about) for row in found]
         known_noise = [value for value in noise if value is not None]
         bands[band] = {
             "radiance_sha256": digest(frame.radiance[band]),
             "expected": str(expected.outcome),
             "borderline": expected.borderline,
+            "bound_arcsec": about["bound_arcsec"],
             "full_scale": full_scale,
             "images": images,
             "noise_dn": math.sqrt(float(np.mean(np.square(known_noise)))) if known_noise else None,

@@ -7,6 +7,7 @@ import math
 import sys
 import time
 import tomllib
+import venv
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -214,10 +215,23 @@ def test_paths_take_their_places_in_the_command(tmp_path: Path) -> None:
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin/prog").touch()
     (tmp_path / "prog").touch()
-    assert command_line("bin/prog", tmp_path, *paths)[0] == str((tmp_path / "bin/prog").resolve())
-    assert command_line("./prog", tmp_path, *paths)[0] == str((tmp_path / "prog").resolve())
+    assert command_line("bin/prog", tmp_path, *paths)[0] == str(tmp_path / "bin/prog")
+    assert command_line("./prog", tmp_path, *paths)[0] == str(tmp_path / "prog")
     assert command_line("prog", tmp_path, *paths)[0] == "prog", "one without a path is looked for as usual"
     assert command_line("bin/none", tmp_path, *paths)[0] == "bin/none"
+
+
+def test_a_virtual_environments_python_keeps_its_packages(tmp_path: Path) -> None:
+    """It is a link, and finds its environment beside the link's own place: the program that it leads to has another."""
+    venv.create(tmp_path / "env", symlinks=True, with_pip=False)
+    assert (tmp_path / "env/bin/python").is_symlink()
+    (tmp_path / "program.py").write_text(
+        "import json, sys\nprint(json.dumps({'status': 'dark', 'reason': sys.prefix}))\n"
+    )
+    spec = ProgramSpec(name="mine", command="env/bin/python program.py {image}")
+    refusal = external(spec, tmp_path, 30.0).run(seen())
+    assert isinstance(refusal, Refusal)
+    assert refusal.reason == str(tmp_path / "env")
 
 
 @pytest.mark.parametrize("command", ["no-such-program-anywhere", "'unbalanced", "' '"])

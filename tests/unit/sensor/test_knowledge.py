@@ -209,7 +209,7 @@ def test_a_picture_has_no_truth_to_draw_from(keys: dict[str, Any], words: list[s
         assert word in found.value.line()
 
 
-@pytest.mark.parametrize("climate", [None, "tropical", "weather:ec2008-12", "none", "mine.csv"])
+@pytest.mark.parametrize("climate", [None, "tropical", "weather:ec2008-12", "none", "mine.csv", "mine.npz"])
 def test_a_climate_is_a_name_or_a_file(climate: str | None) -> None:
     refuse_unknown_climate(PriorSpec(climate=climate))
 

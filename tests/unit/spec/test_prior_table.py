@@ -8,13 +8,17 @@ from pathlib import Path
 
 import pytest
 
+from horizonval.commands.estimate import prior_from
 from horizonval.core.errors import UserError
+from horizonval.estimation.likelihood import templates
 from horizonval.spec.files import shipped_path
-from horizonval.spec.load import load_prior, load_scene, load_suite
+from horizonval.spec.load import Suite, load_prior, load_scene, load_suite
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.spec.sensor.prior import PriorSpec
 from horizonval.suites.identity import frame_identity
+from horizonval.suites.mistakes import refuse_mistakes
+from horizonval.suites.plan import plan_of
 from horizonval.truth.frame_truth import truth_of
 
 WHOLE = """[prior]
@@ -100,6 +104,33 @@ def test_a_climates_file_lies_beside_the_file_that_names_it(tmp_path: Path) -> N
     scene, _ = load_scene(_file(tmp_path, SCENE + '[prior]\nclimate = "air/mine.csv"\n', "s.toml"))
     assert scene.prior is not None
     assert scene.prior.climate == str((tmp_path / "air" / "mine.csv").resolve())
+
+
+def _suite_with(folder: Path, table: str, camera: str = "ir-bolometer-160-57deg") -> Suite:
+    text = f'[suite]\nname = "s"\nestimators = ["limb-profile"]\n[defaults]\ncamera.file = "{camera}"\n'
+    text += f'platform.altitude_km = 500.0\nprior.climate = "{table}"\n[[frame]]\nscene.name = "a"\n'
+    return load_suite(_file(folder, text, "suite.toml"))
+
+
+def test_a_table_of_profiles_is_read_before_anything_is_rendered(tmp_path: Path) -> None:
+    """A whole one passes; one that is missing, damaged or of another band is one line that names it."""
+    shipped = templates.FOLDER / "limb-lwir.npz"
+    (tmp_path / "whole.npz").write_bytes(shipped.read_bytes())
+    (tmp_path / "cut.npz").write_bytes(shipped.read_bytes()[:5000])
+    suite = _suite_with(tmp_path, "whole.npz")
+    refuse_mistakes(suite, plan_of(suite))
+    with pytest.raises(UserError, match=r"prior\.climate: .*none\.npz.*expected a profile") as none:
+        _suite_with(tmp_path, "none.npz")
+    suite = _suite_with(tmp_path, "cut.npz")
+    with pytest.raises(UserError, match=r"cut\.npz: not a table, or damaged") as cut:
+        refuse_mistakes(suite, plan_of(suite))
+    suite = _suite_with(tmp_path, "whole.npz", "vis-cmos-512-60deg")
+    with pytest.raises(UserError, match=r"whole\.npz: a thermal table of 8 to 14 um, .* expected vis \(") as other:
+        refuse_mistakes(suite, plan_of(suite))
+    assert all("\n" not in found.value.line() for found in (none, cut, other))
+    with pytest.raises(UserError, match=r"p\.toml: .*cut\.npz: not a table, or damaged"):
+        prior_from(_file(tmp_path, '[prior]\nclimate = "cut.npz"\n'))
+    assert prior_from(_file(tmp_path, '[prior]\nclimate = "whole.npz"\n')).climate == str(tmp_path / "whole.npz")
 
 
 def test_a_climates_file_counts_by_its_content(tmp_path: Path) -> None:

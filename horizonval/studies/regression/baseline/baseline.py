@@ -141,8 +141,10 @@ def to_columns(rows: Iterable[ReplicateRow]) -> dict[str, list[Any]]:
 def from_columns(columns: Mapping[str, Any]) -> list[ReplicateRow]:
     """Return the rows of :func:`to_columns`."""
     plain: dict[str, Sequence[Any]] = {}
+    count = len(columns["replicate"])
     for name in COLUMNS:
-        column = columns[name]
+        # Baselines from before there were bounds have no column of them.
+        column = columns.get(name, [None] * count) if name == "bound_arcsec" else columns[name]
         if isinstance(column, dict):
             column = [None if i is None else column["words"][i] for i in column["at"]]
         plain[name] = column

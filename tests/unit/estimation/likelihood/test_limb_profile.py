@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from horizonval.estimation.likelihood.profile.fit import ProfileFit, ProfileKnow
 from horizonval.estimation.likelihood.profile.known_air import KnownAir
 from horizonval.estimation.likelihood.profile.ray_height import ray_height
 from horizonval.estimation.likelihood.profile.start import start_pose
-from horizonval.estimation.likelihood.templates import LimbTemplates
+from horizonval.estimation.likelihood.templates import LimbTemplates, load_templates
 from horizonval.estimation.methods import limb_profile
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
@@ -375,3 +376,33 @@ def test_bands_and_images_that_it_cannot_use_are_refused(monkeypatch: pytest.Mon
     assert isinstance(strange, Refusal)
     assert strange.status is Outcome.BAD_INPUT
     assert "3 to 5 um" in strange.reason
+
+
+def test_a_priors_table_takes_the_place_of_the_shipped_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The answer is that of the same profiles as shipped ones, to the last bit; what cannot be read is one line."""
+    observation, _ = seen(3, monkeypatch)
+    table(modes=True).save(tmp_path / "mine.npz")
+    monkeypatch.setattr(limb_profile, "shipped_templates", lambda kind, um: load_templates(tmp_path / "mine.npz"))
+    expected = limb_profile.ESTIMATOR.run(observation)
+    monkeypatch.undo()
+
+    def given(name: str, **changes: object) -> Fit | Refusal:
+        prior = replace(observation.prior, climate=str(tmp_path / name))
+        return limb_profile.ESTIMATOR.run(replace(observation, prior=prior, **changes))
+
+    fit = given("mine.npz")
+    assert isinstance(fit, Fit), fit
+    assert isinstance(expected, Fit)
+    assert (fit.nadir_cam == expected.nadir_cam).all()
+    (tmp_path / "damaged.npz").write_bytes((tmp_path / "mine.npz").read_bytes()[:900])
+    for answer, words in (
+        (given("none.npz"), ("none.npz", "No such file")),
+        (given("damaged.npz"), ("damaged.npz", "damaged")),
+        (given("mine.npz", band_um=(8.0, 14.0)), ("mine.npz", "14 to 16.3 um", "8 to 14 um")),
+        (given("mine.npz", band_kind="solar"), ("thermal", "solar")),
+    ):
+        assert isinstance(answer, Refusal)
+        assert answer.status is Outcome.BAD_INPUT
+        assert "\n" not in answer.reason
+        for word in words:
+            assert word in answer.reason

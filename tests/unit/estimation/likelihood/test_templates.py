@@ -14,6 +14,7 @@ from horizonval.estimation.likelihood.templates import (
     load_templates,
     overlap,
     shipped_templates,
+    templates_of,
 )
 
 HEIGHT = np.array([-10e3, 0.0, 10e3, 30e3])
@@ -144,3 +145,15 @@ def test_shipped_profiles_end_in_space_and_reach_deep():
         # one step of a kilometre or less where the limb is
         steps = np.diff(t.height_m[(t.height_m >= 0.0) & (t.height_m <= 70e3)])
         assert steps.max() <= 1000.0
+
+
+def test_a_files_table_is_read_again_when_it_has_changed(tmp_path: Path):
+    path = tmp_path / "t.npz"
+    table().save(path)
+    first = templates_of(path)
+    assert templates_of(path) is first
+    replace(table(), made_by="a longer story than before").save(path)
+    assert templates_of(path).made_by != first.made_by
+    path.unlink()
+    with pytest.raises(UserError, match=r"t\.npz: No such file"):
+        templates_of(path)

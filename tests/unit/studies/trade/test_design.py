@@ -237,6 +237,6 @@ def test_shipped_studies_load_and_check(path):
     assert study.suite.name == path.stem
 
 
-def test_the_full_study_has_48_designs():
+def test_the_full_study_has_48_cameras_with_three_methods():
     study = expand(*read_study("altitude-free-optics", 2))
-    assert len(study.designs) == 48
+    assert len(study.designs) == 48 * 3
