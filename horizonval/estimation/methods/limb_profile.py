@@ -44,8 +44,8 @@ climate's by 10 hPa, which is 80 m; the geoid departs from the ellipsoid by 30 m
 TABLE_ENDING = ".npz"
 """Of a climate that is a table of profiles."""
 LEAST_EXPLAINED = 0.95
-"""Of the variance of the pixels across the limb. Chosen after looking at frames: broken cloud decks, whose scatter is in
-the claim, leave 1 to 3 %; noise explains nothing."""
+"""Of the variance of the pixels across the limb. Chosen after looking at frames: broken clouds, whose scatter is in the
+claim, leave 1 to 3 %; noise explains nothing."""
 MOST_IMPROBABLE = 6.0
 """Standard deviations of a shape of the air: an air that the tables do not know. Air is not normal: a sudden warming is
 far out and does happen. Chosen after looking at the same frames, whose largest is 3."""
