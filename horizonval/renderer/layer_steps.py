@@ -1,9 +1,10 @@
 r"""Steps along rays through layers of thin cloud: no step straddles a layer's edge.
 
 A ray is cut where it enters and leaves each layer's heights, on its way down and on its way up. Every piece has a
-number of steps of its own, whether the ray meets the layer or passes above it, so that neighbouring rays differ
-smoothly: :data:`LAYER_STEPS` in a layer, more of them in one with gaps (:func:`steps_among_gaps`), half the march's
-outside the highest and below the lowest one, a quarter between two.
+number of steps of its own, so that neighbouring rays differ smoothly: :data:`LAYER_STEPS` in a layer, more of them in
+one with gaps (:func:`steps_among_gaps`), half the march's outside the highest and below the lowest one, a quarter
+between two. A piece without length, of a ray that passes above, has no steps: as a piece shrinks so does what its steps
+add up, and nothing jumps where they go.
 Within a piece steps are even in the ray parameter of :mod:`horizonval.renderer.ray_path`; where the umbra's edge
 crosses the ray, a third of them lies before, in and behind it.
 """
@@ -93,7 +94,6 @@ def layered_steps(
     path: AirPath,
     o: Vec,
     d: Vec,
-    to_ground: mi.Bool,
     bands: Bands,
     count: int,
     concentration: float,
@@ -103,8 +103,6 @@ def layered_steps(
 
     Parameters
     ----------
-    to_ground : Bool
-        Whether rays end at the ground: they then have no way up.
     bands : sequence of (float, float)
         Heights between which layers lie; :data:`Bands`.
     count : int
@@ -127,12 +125,9 @@ def layered_steps(
     for t in [*down, *up]:
         cuts.append(dr.maximum(dr.clip(t, begin, end), cuts[-1]))
     cuts.append(end)
-    # a ray to the ground has its lowest point there: everything past it has no length
-    limb = [*steps_down, outer, *reversed(steps_down)]
-    ground = [*steps_down, outer, *[0] * len(steps_down)]
-    starts = [
-        dr.select(to_ground, *(constant(float(sum(n[:k]))) for n in (ground, limb))) for k in range(len(limb) + 1)
-    ]
+    starts = [constant(0.0)]
+    for k, steps in enumerate([*steps_down, outer, *reversed(steps_down)]):
+        starts.append(starts[-1] + dr.select(cuts[k + 1] > cuts[k], constant(float(steps)), 0.0))
     y = [path.y0, *(dr.clip(unwarp(path, t, concentration), path.y0, path.y1) for t in cuts[1:-1]), path.y1]
     crossed = mi.Bool(False) if umbra is None else (umbra[0] > path.y0) | (umbra[1] < path.y1)
     ends = None if umbra is None else (umbra[0], dr.maximum(umbra[1], umbra[0]))

@@ -244,12 +244,23 @@ def _solar_nodes(
 
 
 def _bands(model: OpticalModel, more: Sequence[tuple[float, float]] = ()) -> Bands:
-    """Return the heights of a model's layers with the softened edges, and of others."""
+    """Return the heights of a model's layers with the softened edges, and of others, whose edges are a step soft."""
     if not model.layers:
         return ()
-    heights = merged_bands([*model.layers, *more], float(model.altitude_m[1] - model.altitude_m[0]))
+    step = float(model.altitude_m[1] - model.altitude_m[0])
+    soft = [(base - step, top + step) for base, top in more]
+    heights = merged_bands([*(_reach(model, i) for i in range(len(model.layers))), *soft], 0.0)
     gaps = zip(model.layers, model.gaps, strict=False)
     return layer_bands(heights, [(base, top, g.scale_m) for (base, top), g in gaps if g is not None])
+
+
+def _reach(model: OpticalModel, layer: int) -> tuple[float, float]:
+    """Return the heights between which a layer's column on the model's altitudes differs from zero."""
+    column = np.max([node.layer_per_m[layer] for node in model.nodes], axis=0)
+    # refraction moves columns to other heights, which leaves traces of rounding
+    where = np.flatnonzero(column > 1e-9 * column.max())
+    last = len(column) - 1
+    return float(model.altitude_m[max(where[0] - 1, 0)]), float(model.altitude_m[min(where[-1] + 1, last)])
 
 
 def _gapped(

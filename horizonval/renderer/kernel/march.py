@@ -221,7 +221,9 @@ class SunlitStations:
         # dense towards the stations, where the air is
         left = 1.0 - share
         left = left * dr.fma(left * left, 1.0 - c, c)
-        return dr.select(ahead, end - (end - begin) * left, begin + (end - begin) * share)
+        t = dr.select(ahead, end - (end - begin) * left, begin + (end - begin) * share)
+        # where a ray just touches the top of the air the first station may lie before it
+        return dr.maximum(t, start)
 
 
 def march_to_stations(

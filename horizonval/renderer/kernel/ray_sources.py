@@ -137,7 +137,7 @@ class EmittingRays:
         """Share ``count`` steps out: evenly, but densely in a glowing layer, and piece by piece through thin cloud."""
         steps: Steps | LayeredSteps = even_steps(path, count)
         if batch.bands and to_ground is not None:
-            steps = layered_steps(planet, path, o, d, to_ground, batch.bands, count, concentration)
+            steps = layered_steps(planet, path, o, d, batch.bands, count, concentration)
         elif isinstance(batch, GlowNodes):
             steps = glow_steps(planet, path, o, d, batch.layer_m, count, concentration)
         return cls(batch, steps)
@@ -214,7 +214,7 @@ class SunlitRays:
             edges = umbra(planet, path, o, d, sun, concentration)
         steps: Steps | LayeredSteps
         if batch.bands and to_ground is not None:
-            steps = layered_steps(planet, path, o, d, to_ground, batch.bands, count, concentration, edges)
+            steps = layered_steps(planet, path, o, d, batch.bands, count, concentration, edges)
         else:
             steps = lit_steps(path, *edges, count, steady)
         molecular = batch.molecular_light(dot(d, sun)) if bent is None else []

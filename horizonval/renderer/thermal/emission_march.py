@@ -80,7 +80,7 @@ def march_emission(
     count = max(nodes // 2, 3)
     layered = None
     if batch.bands and stations is None:
-        layered = layered_steps(planet, path, o, d, to_ground, batch.bands, count, THERMAL_CONCENTRATION)
+        layered = layered_steps(planet, path, o, d, batch.bands, count, THERMAL_CONCENTRATION)
     rays = dr.width(path.t_low)
     zero = dr.zeros(mi.Float64, rays)
     total: int | mi.UInt32 = count if stations is None else count + (stations.count - 1) * stations.steps

@@ -26,6 +26,7 @@ from horizonval.renderer.ray_path import way_through
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Values, Vec, constant
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
+from horizonval.renderer.view_table.ray_plane import RayPlane
 from horizonval.renderer.view_table.sunlit_air import Light, air_table, bounce_packet, packets_of
 
 STATIONS = 48
@@ -54,8 +55,7 @@ def stations_along(
 ) -> SunlitStations:
     """Return the stations along rays before clouds whose highest top is at ``top_m``."""
     planet, highest = coordinates.planet, top_m + ABOVE_TOPS_M
-    edges = {edge for batch in light.batches if batch is not None for band in batch.bands for edge in band[:2]}
-    levels = sorted((edge for edge in edges if 0.0 < edge < highest), reverse=True)
+    levels = sorted((edge for edge in light.edges_m if 0.0 < edge < highest), reverse=True)
     first, last = way_through(planet, o, d, constant(highest), to_ground)
     down: list[mi.Float64] = []
     up: list[mi.Float64] = []
@@ -91,14 +91,14 @@ def _numbers(heights_m: Sequence[float], to_ground: bool) -> list[int]:
     return [0, *accumulate(shares)]
 
 
-def cloudy_air(light: Light, coordinates: RayCoordinates, to_ground: bool, top_m: float) -> PatchTable:
+def cloudy_air(light: Light, plane: RayPlane, top_m: float) -> PatchTable:
     """Return an empty table of a light's air before clouds whose highest top is at ``top_m``; as :func:`sunlit_air`."""
+    coordinates, to_ground = plane.coordinates, plane.to_ground
     o = vectors(coordinates.origin[None, :])
-    axis = coordinates.ground if to_ground else coordinates.limb
     packets, count = packets_of(light, bends=False), len(light.batches)
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
-        d = vectors(coordinates.directions(axis.value(x), azimuth, to_ground))
+        d = vectors(plane.directions(x, azimuth))
         stations = stations_along(light, coordinates, o, d, to_ground, top_m)
         out = np.zeros((len(x), STATIONS, packets, PACKET))
         for k, batch in enumerate(light.batches):

@@ -36,6 +36,7 @@ from horizonval.renderer.view_table.cloudy_air import (
     stations_along,
 )
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable
+from horizonval.renderer.view_table.ray_plane import RayPlane
 from horizonval.renderer.view_table.sunlit_air import (
     Light,
     bending_packet,
@@ -143,18 +144,17 @@ class FrameTables:
             clouded = indices_where(hit.cloud)
         for light in self._lights:
             coordinates = RayCoordinates.of(self.view.planet, self._origin, light.top_m)
-            place, azimuth = coordinates.place(self.view.origin, direction, to_ground)
-            axis = coordinates.ground if to_ground else coordinates.limb
-            x = place * (1.0 / (axis.count - 1))
+            plane = RayPlane.of(coordinates, to_ground, light.edges_m, light.air_top_m)
+            x, azimuth = plane.place(self.view.origin, direction)
             dr.eval(x, azimuth)
-            table = self._table(light, coordinates, to_ground)
+            table = self._table(light, plane)
             table.cover(x, azimuth)
             rough = [] if (mask := table.rough(x, azimuth)) is None else [mask]
             cloudy = None
             if dr.width(clouded):
                 assert hit is not None
                 rough = [mask & ~hit.cloud for mask in rough]
-                cloudy = self._cloudy(light, coordinates, clouded, (x, azimuth), direction, to_ground, hit)
+                cloudy = self._cloudy(light, plane, clouded, (x, azimuth), direction, hit)
                 if (mask := cloudy.table.rough(cloudy.x, cloudy.azimuth)) is not None:
                     beside = dr.zeros(mi.Bool, dr.width(x))
                     dr.scatter(beside, mask, clouded)
@@ -166,31 +166,29 @@ class FrameTables:
     def _cloudy(
         self,
         light: Light,
-        coordinates: RayCoordinates,
+        plane: RayPlane,
         index: mi.UInt32,
         place: tuple[mi.Float64, mi.Float64],
         direction: Vec,
-        to_ground: bool,
         hit: SurfaceHit,
     ) -> _Cloudy:
         assert self._cloud_top_m is not None
         x, azimuth, t = (dr.gather(mi.Float64, v, index) for v in (*place, hit.t))
         d0, d1, d2 = (dr.gather(mi.Float64, c, index) for c in direction)
         top_m = self._cloud_top_m
-        stations = stations_along(light, coordinates, self.view.origin, (d0, d1, d2), to_ground, top_m)
+        o = self.view.origin
+        stations = stations_along(light, plane.coordinates, o, (d0, d1, d2), plane.to_ground, top_m)
         station = place_among(stations, t)
         dr.eval(x, azimuth, station.lowest, station.beyond)
-        table = self._table(light, coordinates, to_ground, self._cloud_top_m)
+        table = self._table(light, plane, self._cloud_top_m)
         table.cover(x, azimuth)
         return _Cloudy(table, index, x, azimuth, station)
 
-    def _table(
-        self, light: Light, coordinates: RayCoordinates, to_ground: bool, cloud_top_m: float | None = None
-    ) -> PatchTable:
+    def _table(self, light: Light, plane: RayPlane, cloud_top_m: float | None = None) -> PatchTable:
         """Return the table of a light's air, or of that before clouds, made so far."""
         # rays that end on a map or a cloud know themselves by how much they have turned
         bends = (
-            to_ground
+            plane.to_ground
             and self.view.ground is None
             and any(isinstance(b, SolarNodes) and isinstance(b.sunlight, RefractionTables) for b in light.batches)
         )
@@ -202,7 +200,7 @@ class FrameTables:
             tuple(float(c[0]) for c in light.direction),
             light.nodes,
             tuple(b is not None for b in light.batches),
-            to_ground,
+            plane.to_ground,
             bends,
             cloud_top_m,
             mi.variant(),
@@ -210,8 +208,8 @@ class FrameTables:
 
         def make() -> PatchTable:
             if cloud_top_m is None:
-                return sunlit_air(light, coordinates, to_ground, bends)
-            return cloudy_air(light, coordinates, to_ground, cloud_top_m)
+                return sunlit_air(light, plane, bends)
+            return cloudy_air(light, plane, cloud_top_m)
 
         return TABLES.get_or_make(key, make, lambda table: table.size_bytes)
 

@@ -22,9 +22,11 @@ from horizonval.renderer.ray_path import SOLAR_CONCENTRATION
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.types import Values, Vec
 from horizonval.renderer.view_table.patch_table import PACKET, PatchTable, Tabulated
+from horizonval.renderer.view_table.ray_plane import RayPlane
 
-MORE_NODES, MORE_NODES_PAST_HAZE = 4, 2
-"""Times the evaluations of the direct march; the latter with particles, on rays past the ground that no shadow cuts.
+MORE_NODES, MORE_NODES_IN_HAZE = 4, 2
+"""Times the evaluations of the direct march; the latter with particles, on rays that no shadow cuts, past the ground or
+through layers of thin cloud, which share out as many above and below.
 The parabolas of the diffuse source (:mod:`horizonval.renderer.kernel.ray_sources`) leave those good to 9e-6 in the
 median; frames of the ground were off by 5e-5."""
 TOLERANCE, TOLERANCE_IN_TWILIGHT = 5e-4, 2e-3
@@ -59,6 +61,25 @@ class Light:
     direction: Vec
     top_m: float
     nodes: int
+
+    @property
+    def edges_m(self) -> set[float]:
+        """Heights at which layers of thin cloud, or of airglow, begin and end."""
+        return {edge for batch in self.batches if batch is not None for band in batch.bands for edge in band[:2]}
+
+    @property
+    def air_top_m(self) -> float:
+        """Height above which nothing scatters in the batches' own columns: ``top_m``, or a few of their steps below."""
+        tops = []
+        for batch in self.batches:
+            if isinstance(batch, SolarNodes) and batch.columns is None:
+                air = np.flatnonzero(np.array(batch.extinction).reshape(-1, batch.width).any(axis=1))
+                altitude_m = np.array(batch.grid.altitude_m)
+                if len(air):
+                    tops.append(min(float(altitude_m[min(air[-1] + 1, len(altitude_m) - 1)]), self.top_m))
+            elif batch is not None:
+                tops.append(self.top_m)
+        return max(tops, default=self.top_m)
 
     @property
     def over_varied_ground(self) -> bool:
@@ -98,8 +119,8 @@ class Light:
         """March as rays of the table are."""
         hazy = isinstance(batch, SolarNodes) and batch.particles is not None
         lit = self.shines_everywhere(coordinates)
-        fewer = hazy and not to_ground and lit
-        more = MORE_NODES_PAST_HAZE if fewer else MORE_NODES
+        fewer = hazy and lit and (not to_ground or bool(batch.bands))
+        more = MORE_NODES_IN_HAZE if fewer else MORE_NODES
         return march_air(
             coordinates.planet,
             self.top_m,
@@ -159,18 +180,15 @@ def packets_of(light: Light, bends: bool) -> int:
     return bounce_packet(count, bends, count if light.over_varied_ground else 0)
 
 
-def sunlit_air(light: Light, coordinates: RayCoordinates, to_ground: bool, bends: bool) -> PatchTable:
-    """Return an empty table of a light's air, for the rays to the ground or for those past it.
-
-    ``bends``: whether to keep the bending angle.
-    """
+def sunlit_air(light: Light, plane: RayPlane, bends: bool) -> PatchTable:
+    """Return an empty table of a light's air over a plane of rays. ``bends``: whether to keep the bending angle."""
+    coordinates, to_ground = plane.coordinates, plane.to_ground
     o = vectors(coordinates.origin[None, :])
-    axis = coordinates.ground if to_ground else coordinates.limb
     count = len(light.batches)
     quantities = PACKET * packets_of(light, bends)
 
     def values(x: FloatArray, azimuth: FloatArray) -> FloatArray:
-        d = vectors(coordinates.directions(axis.value(x), azimuth, to_ground))
+        d = vectors(plane.directions(x, azimuth))
         out = np.zeros((len(x), quantities))
         for k, batch in enumerate(light.batches):
             if batch is None:
