@@ -219,7 +219,8 @@ def _sunlit(los: FloatArray, observation: Observation, sun: FloatArray) -> Sunli
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
     blur = blur_of(los, cone.axis_cam, observation)
     sigma = observation.prior.sun_sigma_rad
-    return sunlit_limb(los, cone.axis_cam, rho, sun, blur, limits.SUN_SIGMA_RAD if sigma is None else sigma)
+    sun_sigma = limits.SUN_SIGMA_RAD if sigma is None else sigma
+    return sunlit_limb(los, cone.axis_cam, rho, sun, blur, sun_sigma, observation.band_um)
 
 
 def _best_reach(

@@ -68,7 +68,7 @@ def model_covariance(
         return np.asarray(covariance + moved.T @ moved)
     if observation.band_kind == "solar":
         blur = blur_of(los_cam, axis_cam, observation)
-        return covariance + unknown_sun_covariance(los_cam, axis_cam, rho_rad, blur, radius)
+        return covariance + unknown_sun_covariance(los_cam, axis_cam, rho_rad, blur, radius, observation.band_um)
     return covariance
 
 

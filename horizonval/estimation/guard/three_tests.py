@@ -204,7 +204,9 @@ def _unknown_sun(found: LimbLikelihoodFit, observation: Observation) -> FloatArr
     axis = found.pose.nadir_cam
     los = unproject(observation.camera, found.uv)
     rho = float(off_axis_angle(los, axis).mean())
-    return unknown_sun_covariance(los, axis, rho, blur_of(los, axis, observation), observation.prior.sphere_radius_m)
+    return unknown_sun_covariance(
+        los, axis, rho, blur_of(los, axis, observation), observation.prior.sphere_radius_m, observation.band_um
+    )
 
 
 def _by_altitude(

@@ -42,11 +42,11 @@ def with_uneven_light(fit: Fit, observation: Observation) -> Fit | Refusal:
     try:
         blur = blur_of(los, axis, observation)
         if observation.sun_cam is None:
-            covariance = unknown_sun_covariance(los, axis, rho, blur, radius)
+            covariance = unknown_sun_covariance(los, axis, rho, blur, radius, observation.band_um)
         else:
             sigma = observation.prior.sun_sigma_rad
             sun_sigma = limits.SUN_SIGMA_RAD if sigma is None else sigma
-            limb = sunlit_limb(los, axis, rho, observation.sun_cam, blur, sun_sigma)
+            limb = sunlit_limb(los, axis, rho, observation.sun_cam, blur, sun_sigma, observation.band_um)
             lit = np.isfinite(limb.height_m)
             rise = limb.height_m[lit] - limb.height_m[lit].mean() if lit.any() else limb.height_m[lit]
             moved = cone_perturbation(los[lit], axis, rho, np.vstack([rise, limb.patterns_m[:, lit]]), radius)

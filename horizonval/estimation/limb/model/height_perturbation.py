@@ -47,12 +47,17 @@ def cone_perturbation(
 
 
 def unknown_sun_covariance(
-    los_cam: FloatArray, axis_cam: FloatArray, rho_rad: float, blur_rad: FloatArray, earth_radius_m: float
+    los_cam: FloatArray,
+    axis_cam: FloatArray,
+    rho_rad: float,
+    blur_rad: FloatArray,
+    earth_radius_m: float,
+    band_um: tuple[float, float] | None = None,
 ) -> FloatArray:
     """Return the covariance [rad^2], shape (3, 3), of a cone through a sunlit limb for a method that knows no Sun.
 
-    Every Sun that lights the whole arc is taken to be equally likely. Parameters as above; ``blur_rad`` as for
-    :func:`horizonval.estimation.limb.model.sunlit.sunlit_limb`.
+    Every Sun that lights the whole arc is taken to be equally likely. Parameters as above; ``blur_rad`` and ``band_um``
+    as for :func:`horizonval.estimation.limb.model.sunlit.sunlit_limb`.
 
     Raises
     ------
@@ -61,7 +66,7 @@ def unknown_sun_covariance(
     """
     stride = max(1, len(los_cam) // MOST_POINTS)
     los_cam, blur_rad = los_cam[::stride], blur_rad[::stride]
-    height, zenith = height_under(los_cam, axis_cam, rho_rad, fibonacci_sphere(SUNS), blur_rad)
+    height, zenith = height_under(los_cam, axis_cam, rho_rad, fibonacci_sphere(SUNS), blur_rad, band_um)
     lit = (zenith.max(axis=1) <= LIT_RAD) & np.isfinite(height).all(axis=1)
     if not lit.any():
         return np.zeros((3, 3))

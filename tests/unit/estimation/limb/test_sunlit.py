@@ -6,15 +6,20 @@ import math
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
+from horizonval.estimation.likelihood.templates import FOLDER, load_templates
 from horizonval.estimation.limb.model.height_perturbation import cone_perturbation, unknown_sun_covariance
+from horizonval.estimation.limb.model.steepest_height import steepest_height
 from horizonval.estimation.limb.model.sunlit import blur_rad, sun_angles, sunlit_limb
+from horizonval.estimation.limb.model.sunlit_heights import heights_of
 from horizonval.estimation.limb.shape.cone import limb_directions
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.cone import fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 RADIUS_M = 6371008.8
+BLUE_UM, RED_UM = (load_templates(FOLDER / f"limb-{name}.npz").band_um for name in ("blue", "red"))
 RHO = math.asin(RADIUS_M / (RADIUS_M + 500e3))
 NADIR = np.array([0.1, 0.8, 0.5]) / np.linalg.norm([0.1, 0.8, 0.5])
 CAMERA = CameraModel(width=256, height=256, fx=128.0, fy=128.0, cx=127.5, cy=127.5)
@@ -110,3 +115,25 @@ def test_the_blur_in_angle_gets_less_off_the_axis_of_a_plane_image() -> None:
     assert blur_rad(CAMERA, los, axis, 0.0)[0] == pytest.approx(
         0.8 / 128.0 * math.cos(math.radians(40.0)) ** 2, rel=1e-3
     )
+
+
+def test_the_steepest_place_of_a_blurred_profile_is_that_of_a_convolution() -> None:
+    """Against sums over a fine grid: a soft edge at 15 km with a bright layer above it."""
+    z = np.concatenate([np.arange(-300e3, 0.0, 10e3), np.arange(0.0, 95.5e3, 1e3)])
+    profile = 1.0 / (1.0 + np.exp((z - 15e3) / 3e3)) + 0.3 * np.exp(-(((z - 25e3) / 4e3) ** 2))
+    fine = np.arange(-400e3, 400e3, 100.0)
+    for sigma in (4e3, 12e3, 60e3):
+        light = gaussian_filter1d(np.interp(fine, z, profile, right=0.0), sigma / 100.0, truncate=6.0, mode="nearest")
+        expected = fine[np.argmin(np.gradient(light))]
+        # The parabola between steps of a fifth of the blur is right to a hundredth of it.
+        assert abs(steepest_height(z, profile[None], sigma)[0] - expected) < 0.01 * sigma + 100.0
+    assert np.isnan(steepest_height(z, -profile[None], 12e3)[0])
+
+
+def test_bands_have_heights_of_their_own() -> None:
+    """Rayleigh's optical depth goes with the fourth power of the wavelength: blue limbs stand higher than red ones."""
+    sigma, zenith, azimuth = np.array([6e3]), np.radians([40.0]), np.radians([90.0])
+    blue, red = (heights_of(band).height_m(RHO, sigma, zenith, azimuth)[0] for band in (BLUE_UM, RED_UM))
+    assert blue > red + 1e3
+    # A band without profiles is taken for the visible one.
+    assert heights_of((2.0, 2.3)) is heights_of(None)

@@ -1,0 +1,158 @@
+r"""Where the rendered limb of a band is steepest, by blur and the Sun's place: made of the shipped profiles of it.
+
+The profiles (:mod:`horizonval.estimation.likelihood.templates`) are of lines by the Sun's angles at *their own* lowest
+points. Lines of one camera side by side across the limb have their lowest points at other places: that of a height
+``h`` lies the angle ::
+
+    d = acos((R + h) / r) - acos(R / r)
+
+further from an observer at the distance ``r`` from the Earth's centre than that of the ground's horizon, and the Sun
+stands otherwise there. A deep disc seen from afar so has another slope than one seen from near, and the table has the
+distance as an axis. Between the places of the profiles logarithms are linear: in twilight light falls by an order of
+magnitude in three degrees.
+
+Heights are those of limbs without clouds: the mean of limbs with and without is the profile of neither, and is steep at
+two places. What a sensor cannot know is taken from the table's modes: those that are alike along the limb of a low
+orbit or more (haze, whether there are clouds at all, ground). A pattern is half of what the height changes by from one
+standard deviation of a mode below to one above the mean. Air and single clouds, which vary along the limb, are left to
+its relief (:mod:`horizonval.earth.limb_relief`).
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.templates import LimbTemplates, shipped_templates
+from horizonval.estimation.limb.model.steepest_height import steepest_height
+
+EARTH_RADIUS_M = 6371008.8
+ALTITUDES_M = (300e3, 700e3, 2000e3, 36000e3)
+PATTERNS_FROM_M = 700e3
+SIGMAS_M = np.geomspace(4e3, 512e3, 15)
+"""A narrower blur sees the layers of one haze, which a mean over many has not."""
+ZENITHS_RAD = np.radians([0, 15, 30, 45, 55, 65, 70, 75, 80, 83, 85, 87, 88, 89, 90, 91, 92, 93, 94, 95, 96.0])
+"""Beyond the last the profiles say too little, and there is too little light."""
+LEAST_LENGTH_RAD = math.radians(28.0)
+"""At the Earth's centre, of modes that are patterns: half of the horizon of an orbit of 800 km measures as much."""
+CLOUDED = 0.75
+"""Share of the ensemble's scenes that have clouds."""
+FAINTEST = 0.05
+"""Of the mean: what modes leave of it at least."""
+VISIBLE_UM = (0.45, 0.75)
+"""Of a camera whose band nobody says."""
+
+
+class SunlitHeights:
+    """Heights of a band's steepest place, and their patterns, on a grid.
+
+    Parameters
+    ----------
+    table : LimbTemplates
+        Of a sunlit band.
+    """
+
+    def __init__(self, table: LimbTemplates) -> None:
+        sheet = (np.log(SIGMAS_M), ZENITHS_RAD, table.axes[1])
+        self._slants = [math.tan(math.asin(EARTH_RADIUS_M / (EARTH_RADIUS_M + up))) for up in ALTITUDES_M[::-1]]
+        clear = _without_clouds(table)
+        mean = np.stack([_heights(table, clear[None], up)[0] for up in ALTITUDES_M[::-1]])
+        long = table.modes[:, :, table.correlation_rad >= LEAST_LENGTH_RAD]
+        states = [
+            np.maximum(table.mean + s * m, FAINTEST * table.mean) for m in np.moveaxis(long, 2, 0) for s in (1, -1)
+        ]
+        changed = _heights(table, np.array(states), PATTERNS_FROM_M)
+        patterns = 0.5 * (changed[::2] - changed[1::2])
+        outside = {"bounds_error": False, "fill_value": np.nan}
+        self._mean = RegularGridInterpolator((self._slants, *sheet), mean, **outside)
+        self._patterns = [RegularGridInterpolator(sheet, one, **outside) for one in patterns]
+
+    def height_m(self, rho_rad: float, sigma_m: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> FloatArray:
+        """Return the heights, shape (n,), of points with a blur and the Sun's angles there; NaN where it is night.
+
+        Parameters
+        ----------
+        rho_rad : float
+            Angular radius of the Earth.
+        sigma_m : ndarray, shape (n,)
+            Wider and narrower blurs than the table's are taken for its last, as are nearer and farther observers.
+        zenith, azimuth : ndarray, shape (n,)
+        """
+        slant = np.full(len(zenith), np.clip(math.tan(rho_rad), self._slants[0], self._slants[-1]))
+        return np.asarray(self._mean(np.column_stack([slant, *_sheet(sigma_m, zenith, azimuth)])))
+
+    def patterns_m(self, sigma_m: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> FloatArray:
+        """Return one standard deviation of every pattern, shape (k, n)."""
+        at = np.column_stack(_sheet(sigma_m, zenith, azimuth))
+        return np.array([pattern(at) for pattern in self._patterns])
+
+
+def heights_of(band_um: tuple[float, float] | None) -> SunlitHeights:
+    """Return the heights of a band; those of the visible one where no table is of it, or nobody says the band."""
+    known = VISIBLE_UM if band_um is None else band_um
+    return _made(known if shipped_templates("solar", known) is not None else VISIBLE_UM)
+
+
+@cache
+def _made(band_um: tuple[float, float]) -> SunlitHeights:
+    table = shipped_templates("solar", band_um)
+    assert table is not None
+    return _of_table(table)
+
+
+@cache
+def _of_table(table: LimbTemplates) -> SunlitHeights:
+    return SunlitHeights(table)
+
+
+def _without_clouds(table: LimbTemplates) -> FloatArray:
+    """Return the profiles of scenes without clouds, shape (A, B, h).
+
+    A scene has clouds or not, with the shares ``q`` and ``1 - q``. The variable of unit variance that says so is
+    ``-sqrt(q / (1 - q))`` without. Modes have one sign over all places: under a high Sun clouds are brighter, under a
+    low one darker than what lies beneath, which the Sun on the air makes bright.
+    """
+    clear = table.mean
+    for k in np.flatnonzero(np.array(table.mode_kinds) == "scene"):
+        mode = table.modes[:, :, k]
+        sign = 1.0 if mode[0].sum() > 0.0 else -1.0
+        clear = clear - sign * math.sqrt(CLOUDED / (1.0 - CLOUDED)) * mode
+    return np.asarray(np.maximum(clear, FAINTEST * table.mean))
+
+
+def _sheet(sigma_m: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> list[FloatArray]:
+    low, high = SIGMAS_M[0], SIGMAS_M[-1]
+    return [np.log(np.clip(np.nan_to_num(sigma_m, nan=high), low, high)), zenith, azimuth]
+
+
+def _heights(table: LimbTemplates, states: FloatArray, altitude_m: float) -> FloatArray:
+    """Return the steepest heights of states (s, A, B, h), shape (s, sigma, A, B)."""
+    seen = _seen_from(table, np.log(np.maximum(states, 1e-300)), altitude_m)
+    flat = np.exp(seen).reshape(-1, len(table.height_m))
+    found = np.array([steepest_height(table.height_m, flat, float(sigma)) for sigma in SIGMAS_M])
+    return np.moveaxis(found.reshape(len(SIGMAS_M), *seen.shape[:3]), 1, 0)
+
+
+def _seen_from(table: LimbTemplates, values: FloatArray, altitude_m: float) -> FloatArray:
+    """Return values (s, A, B, h) as the lines of one camera have them, by the Sun's angles at the ground's horizon."""
+    zenith, azimuth = np.meshgrid(ZENITHS_RAD, table.axes[1], indexing="ij")
+    up, ahead = np.cos(zenith)[..., None], (np.sin(zenith) * np.cos(azimuth))[..., None]
+    side = (np.sin(zenith) * np.sin(azimuth))[..., None]
+    away = EARTH_RADIUS_M + altitude_m
+    turn = np.arccos(np.minimum((EARTH_RADIUS_M + table.height_m) / away, 1.0)) - math.acos(EARTH_RADIUS_M / away)
+    there = np.arccos(np.clip(up * np.cos(turn) + ahead * np.sin(turn), -1.0, 1.0))
+    level = np.arctan2(np.broadcast_to(side, there.shape), ahead * np.cos(turn) - up * np.sin(turn))
+    (i, u), (j, v) = (_before(axis, x) for axis, x in zip(table.axes, (there, level), strict=True))
+    h = np.arange(len(table.height_m))
+    near = (1.0 - v) * values[:, i, j, h] + v * values[:, i, j + 1, h]
+    far = (1.0 - v) * values[:, i + 1, j, h] + v * values[:, i + 1, j + 1, h]
+    return np.asarray((1.0 - u) * near + u * far)
+
+
+def _before(axis: FloatArray, x: FloatArray) -> tuple[np.ndarray, FloatArray]:
+    i = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, len(axis) - 2)
+    return i, np.clip((x - axis[i]) / (axis[i + 1] - axis[i]), 0.0, 1.0)
