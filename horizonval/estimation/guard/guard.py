@@ -289,7 +289,7 @@ def _determined(
     los = points.los
     cone = fit_cone(los)
     rho = float(off_axis_angle(los, cone.axis_cam).mean())
-    if rho < limits.SMALLEST_RHO_RAD:
+    if observation.prior.angular_radius is None and rho < limits.SMALLEST_RHO_RAD:
         return Refusal(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is not the Earth", uv)
     try:
         noise = cone_uncertainty(los, cone.axis_cam, rho)

@@ -24,7 +24,7 @@ SMALLEST_TRIM_PX = 0.3
 """Points nearer than this to the cone are kept whatever the spread: the scatter of single points at full contrast."""
 
 SMALLEST_RHO_RAD = float(np.deg2rad(1.0))
-"""The Moon and the Sun measure 0.27 deg, the Earth from the Moon 0.95 deg."""
+"""Where the altitude is not known: the Moon and the Sun measure 0.27 deg, the Earth from the Moon 0.95 deg."""
 
 LARGEST_SIGMA_RAD = float(np.deg2rad(0.2))
 """A claim further off than 0.5 deg is false (the suite's own limit): two and a half standard deviations of the worst

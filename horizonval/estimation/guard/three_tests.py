@@ -89,7 +89,9 @@ def doubted(claim: Fit, observation: Observation, seen: SeenLimb | None = None) 
     rho = _angular_radius(claim, observation) if seen is None else seen.rho_rad
     if rho is None:
         return Refusal(Outcome.NOT_CONVERGED, "the claim predicts no limb: it has no angular radius", claim.points)
-    if not limits.SMALLEST_RHO_RAD <= rho <= limits.LARGEST_RHO_RAD:
+    # Where the altitude is known its own test decides how large a disc must be.
+    smallest = 0.0 if observation.prior.angular_radius is not None else limits.SMALLEST_RHO_RAD
+    if not smallest < rho <= limits.LARGEST_RHO_RAD:
         return Refusal(Outcome.NO_LIMB, f"a disc of {np.degrees(rho):.2f} deg is no orbit's horizon", claim.points)
     radius = observation.prior.sphere_radius_m
     distance = radius / float(np.sin(rho))

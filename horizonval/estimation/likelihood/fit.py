@@ -154,7 +154,7 @@ def fit_limb(
     start : LimbPose
     knowledge : LimbKnowledge
     noise_sigma : float, optional
-        Of a pixel as neighbours show it, for ``chi_squared``; NaN without.
+        Of a pixel as neighbours show it, for ``chi_squared``; NaN without, or where they show none.
 
     Raises
     ------
@@ -167,7 +167,8 @@ def fit_limb(
     relief_part = covariance[:POSE, POSE + 2 :] @ covariance[POSE + 2 :, :POSE]
     uv, off = by_sector(near, model, light, relief)
     used = light.weights > 0.0
-    chi_squared = float("nan") if noise_sigma is None else float(np.mean(light.residuals[used] ** 2)) / noise_sigma**2
+    # A sky of one level, as a compressed picture has it, shows no noise to compare with.
+    chi_squared = float(np.mean(light.residuals[used] ** 2)) / noise_sigma**2 if noise_sigma else float("nan")
     return LimbLikelihoodFit(
         pose=pose,
         blur_px=float(np.sqrt(max(state.blur**2 - PIXEL_VARIANCE, 0.0))),

@@ -153,3 +153,19 @@ def test_an_image_without_a_limb_is_refused_as_the_search_refuses_it(name: str) 
 
 def test_radius_of_the_picture_is_that_of_the_methods() -> None:
     assert Observation(np.zeros((2, 2)), CAMERA).prior.sphere_radius_m == RADIUS_M
+
+
+@pytest.mark.parametrize(("altitude_m", "accepted"), [(1.444e9, True), (1.2e9, False), (None, False)])
+def test_a_small_disc_is_the_earth_where_the_altitude_says_so(altitude_m: float | None, accepted: bool) -> None:
+    """A disc of 0.25 deg, as the Moon is one, too: only a known altitude tells, and a wrong one must not."""
+    disc = Sphere(160, 160, 160 / 0.0125, (0.0005, 0.0003, 1.0), 1.444e9)
+    image = noisy(picture(disc), np.random.default_rng(8))
+    camera = CameraModel(160, 160, disc.focal_px, disc.focal_px, 79.5, 79.5)
+    sigma_m = None if altitude_m is None else 1e6
+    prior = Prior(shape="sphere", altitude_m=altitude_m, altitude_sigma_m=sigma_m)
+    found = registry.get("guarded-limb-sphere").run(
+        Observation(image, camera, full_scale=255.0, prior=prior, band_kind="solar")
+    )
+    assert isinstance(found, Fit) == accepted, found
+    if isinstance(found, Fit):
+        assert _error(found, disc.nadir) < 5.0 * _claimed(found)
