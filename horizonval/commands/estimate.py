@@ -14,7 +14,7 @@ from horizonval.commands.picture import GreyImage, read_picture, refuse_other_si
 from horizonval.commands.program import program_of
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
-from horizonval.earth.spectral.bands import limits_um
+from horizonval.earth.spectral.bands import limits_um, width_um
 from horizonval.estimation import installed, registry
 from horizonval.estimation.likelihood.templates import templates_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
@@ -235,6 +235,7 @@ def observation_from(
         prior=with_altitude_of(camera, prior),
         band_kind=_band_kind(camera) if recorded is None else recorded.band_kind,
         band_um=_band_um(camera) if recorded is None else recorded.band_um,
+        band_width_um=_band_width_um(camera) if recorded is None else recorded.band_width_um,
         radiance_per_dn=None if recorded is None else recorded.radiance_per_dn,
         oracle=None if recorded is None else recorded.oracle,
     )
@@ -247,6 +248,10 @@ def _band_kind(camera: CameraSpec) -> Literal["solar", "thermal"] | None:
 
 def _band_um(camera: CameraSpec) -> tuple[float, float] | None:
     return limits_um(camera.band[0]) if len(camera.band) == 1 else None
+
+
+def _band_width_um(camera: CameraSpec) -> float | None:
+    return width_um(camera.band[0]) if len(camera.band) == 1 else None
 
 
 def _full_scale(picture: GreyImage, camera: CameraSpec) -> float | None:

@@ -53,9 +53,12 @@ class Observation:
         What the camera sees: scattered sunlight or the Earth's own heat; None if that is not known.
     band_um : tuple of two floats or None
         First and last wavelength that the camera sees [um]; None if that is not known.
+    band_width_um : float or None
+        Integral of the response over wavelength, its peak 1 [um]: the band radiance over it is the mean over the band.
     radiance_per_dn : float or None
-        Band radiance on the axis that one more digital number stands for [W m-2 sr-1], as a calibrated thermal detector
-        states it; None without a calibration.
+        Band radiance on the axis that one more digital number stands for [W m-2 sr-1]: as a calibrated thermal detector
+        states it, or as lens, exposure, quantum efficiency and converter of a visible camera's file have it; None
+        without a calibration.
     sun_cam : ndarray, shape (3,), or None
         Direction to the Sun in camera axes as a Sun sensor gives it, right to ``prior.sun_sigma_rad``, or without that
         to a degree; None where there is no such sensor or it sees no Sun.
@@ -82,6 +85,7 @@ class Observation:
     prior: Prior = field(default_factory=Prior)
     band_kind: Literal["solar", "thermal"] | None = None
     band_um: tuple[float, float] | None = None
+    band_width_um: float | None = None
     radiance_per_dn: float | None = None
     sun_cam: FloatArray | None = None
     oracle: OraclePose | None = None

@@ -10,12 +10,14 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
-from horizonval.earth.spectral.bands import limits_um
+from horizonval.earth.spectral.bands import limits_um, width_um
 from horizonval.estimation.observation import Estimator, Observation, OraclePose
 from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.sensor import knowledge
+from horizonval.sensor.detector import cmos
 from horizonval.spec.sensor.camera import CameraSpec
+from horizonval.spec.sensor.detector import Cmos
 from horizonval.spec.sensor.prior import PriorSpec
 
 
@@ -50,7 +52,8 @@ def observation_of(
         prior=with_altitude_of(spec, prior),
         band_kind=None if seen is None else seen.kind,
         band_um=None if seen is None else limits_um(seen),
-        radiance_per_dn=source.observation.get("radiance_per_dn") if isinstance(source, DetectorImage) else None,
+        band_width_um=None if seen is None else width_um(seen),
+        radiance_per_dn=radiance_per_dn(source) if isinstance(source, DetectorImage) else None,
         sun_cam=coarse_sun_cam(truth) if sigma is None else knowledge.sun_reading_cam(sigma, truth),
         oracle=oracle_pose(truth) if estimator.needs == "pose" else None,
     )
@@ -59,6 +62,22 @@ def observation_of(
 def band_of(source: DetectorImage | RadianceFrame, band: str | None = None) -> str:
     """Return the band of an image, or of a frame the one that is asked for, else its first."""
     return source.band if isinstance(source, DetectorImage) else band or next(iter(source.radiance))
+
+
+def radiance_per_dn(image: DetectorImage) -> float | None:
+    """Return the band radiance on the axis that a digital number stands for [W m-2 sr-1]; None without a calibration.
+
+    A thermal detector states it. A photon counting one is taken as calibrated to its data sheet.
+    """
+    stated = image.observation.get("radiance_per_dn")
+    if stated is not None or "camera" not in image.observation:
+        return None if stated is None else float(stated)
+    camera = CameraSpec.model_validate(image.observation["camera"])
+    if not isinstance(camera.detector, Cmos):
+        return None
+    band = next(one for one in camera.band if one.name == image.band)
+    seconds = float(image.observation.get("exposure_s", camera.detector.exposure_s))
+    return cmos.radiance_per_dn(camera, camera.detector, band, seconds)
 
 
 def observation_of_heads(

@@ -1,8 +1,9 @@
 r"""The light of the pixels: levels of the sectors, what they leave, and how the pixels are weighed.
 
-In its sector the Earth's brightness is ``B = a + a' u + c x + d x^2 / w``, with ``u`` from -1/2 to 1/2 along the limb,
-``x`` pixels inside it, and ``w`` the width of the window: the lens's fall-off and the Sun's height change it along the
-limb, by a tenth from sector to sector, and the air darkens or brightens it towards the limb.
+In its sector the Earth's brightness is ``B = a + a' u + (c + c' u) x + d x^2 / w``, with ``u`` from -1/2 to 1/2 along
+the limb, ``x`` pixels inside it, and ``w`` the width of the window: the lens's fall-off and the Sun's height change it
+along the limb, by a tenth from sector to sector, and the air darkens or brightens it towards the limb. In a wide field
+the lens falls off across the limb too, the more so the farther from the axis: without ``c'`` the limb gives way.
 
 The variance of the noise is a straight line in brightness, as photons and read-out make it. It is estimated from the
 residuals in space and on the Earth, and interpolated by the edge's level ``E``. Across the edge itself the residuals
@@ -41,7 +42,7 @@ SHADING_PX = 8.0
 
 
 def light_basis(edge: FloatArray, x: FloatArray, along: FloatArray) -> FloatArray:
-    """Return what the levels of a sector are multiplied with, shape (5, n): one, edge, its shading (2), and along it.
+    """Return what a sector's levels are multiplied with, shape (6, n): one, edge, its shading (2), and along it (2).
 
     Parameters
     ----------
@@ -52,15 +53,16 @@ def light_basis(edge: FloatArray, x: FloatArray, along: FloatArray) -> FloatArra
     along : ndarray, shape (n,)
         Place in the sector, from -1/2 to 1/2.
     """
-    return np.array([np.ones_like(x), edge, edge * x, edge * (x * x / SHADING_PX), edge * along])
+    shaded = edge * x
+    return np.array([np.ones_like(x), edge, shaded, edge * (x * x / SHADING_PX), edge * along, shaded * along])
 
 
 def brightness(levels: FloatArray, x: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the Earth's brightness and its change per pixel inside, shape (n,) each, of levels (5, n)."""
-    _, level, shading, bend, slope = levels
+    """Return the Earth's brightness and its change per pixel inside, shape (n,) each, of levels (6, n)."""
+    _, level, shading, bend, slope, turn = levels
     return (
-        level + shading * x + bend * (x * x / SHADING_PX) + slope * along,
-        shading + bend * (2.0 * x / SHADING_PX),
+        level + (shading + turn * along) * x + bend * (x * x / SHADING_PX) + slope * along,
+        shading + turn * along + bend * (2.0 * x / SHADING_PX),
     )
 
 
@@ -71,7 +73,7 @@ class LimbLight:
     Attributes
     ----------
     levels : Levels
-    of_pixel : ndarray, shape (5, n)
+    of_pixel : ndarray, shape (6, n)
         The levels of every pixel's sector.
     residuals, weights : ndarray, shape (n,)
         Weights are inverse variances, 0 of outliers.
@@ -91,7 +93,7 @@ def weighed(basis: FloatArray, values: FloatArray, starts: NDArray[np.intp]) -> 
 
     Parameters
     ----------
-    basis : ndarray, shape (5, n)
+    basis : ndarray, shape (6, n)
         Of :func:`light_basis`.
     values : ndarray, shape (n,)
     starts : ndarray of int, shape (m + 1,)

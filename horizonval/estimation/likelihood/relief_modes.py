@@ -71,10 +71,6 @@ def relief_modes(
         limbs -= limbs.mean()
         heights += limbs @ limbs.T / limbs.shape[1]
     variance, vectors = np.linalg.eigh(heights)
-    if flattened_m != 0.0:
-        limbs = oblate_limbs(np.column_stack([np.cos(nodes), np.sin(nodes)]), rho_rad, flattened_m) / np.tan(rho_rad)
-        limbs -= limbs.mean()
-        heights += limbs @ limbs.T / limbs.shape[1]
     variance, vectors = np.maximum(variance[::-1], 0.0), vectors[:, ::-1]
     kept = int(np.searchsorted(np.cumsum(variance), (1.0 - LEFT_OUT) * variance.sum())) + 1
     return nodes, np.sqrt(variance[:kept])[:, None] * vectors.T[:kept]

@@ -36,21 +36,22 @@ from horizonval.estimation.limb.finder import picture_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import BY_LATITUDE_MONTH, Prior
 from horizonval.geometry.ellipsoid import WGS84, sphere
-from horizonval.geometry.ephemeris import sun_itrs
+from horizonval.geometry.ephemeris import AU_M, sun_itrs
 
 LIFT_SIGMA_M = 300.0
 """Of the height of all air: what is left when its profile is known. The pressure at sea level differs from the
 climate's by 10 hPa, which is 80 m; the geoid departs from the ellipsoid by 30 m."""
 TABLE_ENDING = ".npz"
 """Of a climate that is a table of profiles."""
-LEAST_EXPLAINED = 0.99
-"""Of the variance of the pixels across the limb. Chosen after looking at 20 frames: those that were claimed well have
-0.995 and more, a broken cloud deck that was claimed wrong 0.984, noise 0."""
-MOST_IMPROBABLE = 4.5
-"""Standard deviations of a shape of the air: an air that the tables do not know. Chosen after looking at the same
-frames; of a hundred unit normals one in 1500 is that large."""
-GAIN_SIGMA = 0.02
-"""Of a calibrated detector's gain, and of the transmission of its lens."""
+LEAST_EXPLAINED = 0.95
+"""Of the variance of the pixels across the limb. Chosen after looking at frames: broken clouds, whose scatter is in the
+claim, leave 1 to 3 %; noise explains nothing."""
+MOST_IMPROBABLE = 6.0
+"""Standard deviations of a shape of the air: an air that the tables do not know. Air is not normal: a sudden warming is
+far out and does happen. Chosen after looking at the same frames, whose largest is 3."""
+GAIN_SIGMA = {"thermal": 0.02, "solar": 0.05}
+"""Of a calibrated detector's gain, and of the transmission of its lens. A black body before the lens calibrates
+thermal ones; of visible ones data sheets and integrating spheres are right to some per cent. Assumptions."""
 MOST_SIGMA = 5.0
 """Of the attitude's prior: one in two million."""
 
@@ -75,7 +76,10 @@ def run(observation: Observation) -> Fit | Refusal:
     if isinstance(picture, Refusal):
         return picture
     ellipsoid = sphere(prior.sphere_radius_m) if prior.shape == "sphere" else WGS84
-    air = KnownAir(templates, prior.epoch_utc, observation.sun_cam, sun_itrs(prior.epoch_utc)[0])
+    towards_sun_itrs, sun_distance_m = sun_itrs(prior.epoch_utc)
+    # Tables of sunlit bands have the Sun at its mean distance.
+    sunlight = (AU_M / sun_distance_m) ** 2 if observation.band_kind == "solar" else 1.0
+    air = KnownAir(templates, prior.epoch_utc, observation.sun_cam, towards_sun_itrs)
     mean = LimbPose(Rotation.from_quat(prior.q_cam_from_itrs).as_matrix(), prior.r_itrs)
     cam_from_body = Rotation.from_quat(observation.q_cam_from_body).as_matrix()
     information = np.zeros((7, 7))
@@ -83,9 +87,11 @@ def run(observation: Observation) -> Fit | Refusal:
     information[3:6, 3:6] = np.eye(3) / prior.position_sigma_m**2
     information[6, 6] = LIFT_SIGMA_M**-2
     calibration = {}
-    if observation.radiance_per_dn is not None:
-        low, high = observation.band_um
-        calibration = {"gain": (high - low) / observation.radiance_per_dn, "gain_log_sigma": GAIN_SIGMA}
+    if observation.radiance_per_dn is not None and observation.band_width_um is not None:
+        calibration = {
+            "gain": sunlight * observation.band_width_um / observation.radiance_per_dn,
+            "gain_log_sigma": GAIN_SIGMA[observation.band_kind],
+        }
     knowledge = ProfileKnowledge(ellipsoid, mean, information, air.heights_m, air.nodes, **calibration)
     try:
         start = start_pose(

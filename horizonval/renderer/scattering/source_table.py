@@ -60,7 +60,7 @@ class SourceTable:
         """Pack the fields of a node batch's nodes; fields of lower degree have zeros above it."""
         first = fields[0]
         n_height, n_sun = first.moments.shape[:2]
-        everything = pairs(max(f.degree for f in fields))
+        everything = pairs(max(_degree(f) for f in fields))
         used = [(n, m) for n, m in everything if with_particles or n in (0, 2)]
         moments = np.zeros((n_height, n_sun, len(used), width), dtype=np.float32)
         irradiance = np.full((n_sun, width), np.log(SMALLEST), dtype=np.float32)
@@ -168,6 +168,12 @@ class SourceTable:
 
         near, far = at(row), at(row + self.n_sun)
         return [dr.fma(b - a, wx, a) for a, b in zip(near, far, strict=True)]
+
+
+def _degree(field: DiffuseField) -> int:
+    """Return the highest degree of which a field has any light, 2 at least: the light from the ground has few."""
+    lit = np.any(field.moments != 0.0, axis=(0, 1))
+    return max([2, *(pair[0] for pair, any_light in zip(pairs(field.degree), lit, strict=True) if any_light)])
 
 
 def _rows(heights: FloatArray) -> mi.Float32:

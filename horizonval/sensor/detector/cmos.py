@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.spectral import bands
 from horizonval.frame import FrameTruth
-from horizonval.geometry.camera import CameraModel
+from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.ellipsoid import geodetic_from_itrs
 from horizonval.sensor import motion
 from horizonval.sensor.detector import (
@@ -33,7 +33,7 @@ from horizonval.sensor.detector import (
     protons,
     readout,
 )
-from horizonval.sensor.lens import image_plane
+from horizonval.sensor.lens import image_plane, optics
 from horizonval.sensor.lens.stray_light import sun_of
 from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.spec.sensor.detector import Cmos
@@ -118,6 +118,29 @@ def electrons_per_dn(detector: Cmos) -> float:
     """Return the converter's gain: the detector's own, or the one that lays a full well on the largest number."""
     gain = converter.default_gain(detector.full_well_e, detector.bits, detector.black_level_dn)
     return detector.gain_e_per_dn or gain
+
+
+def radiance_per_dn(camera: CameraSpec, detector: Cmos, band: Band, seconds: float) -> float:
+    """Return the band radiance on the axis that one more digital number stands for [W m-2 sr-1].
+
+    As data sheets have it: area and transmission of the lens, exposure, quantum efficiency and converter.
+
+    Parameters
+    ----------
+    camera : CameraSpec
+    detector : Cmos
+    band : Band
+        The one of the image; of a mosaic its colour.
+    seconds : float
+        Exposure.
+    """
+    geometry = camera_from_spec(camera.camera)
+    pitch_m = detector.pixel_pitch_um * 1e-6
+    area_m2 = optics.pupil_area_m2(geometry.fx * pitch_m, camera.optics.f_number)
+    power_w = np.array(camera.optics.transmission * area_m2 / (geometry.fx * geometry.fy))
+    wavelength_m = bands.reference_wavelength_um(band) * 1e-6
+    electrons = exposure.photoelectrons(power_w, seconds, detector.quantum_efficiency, wavelength_m)
+    return electrons_per_dn(detector) / float(electrons)
 
 
 def expected_charge(

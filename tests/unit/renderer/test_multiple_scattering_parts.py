@@ -28,6 +28,7 @@ from horizonval.renderer.scattering.quality import Quality  # noqa: E402
 from horizonval.renderer.scattering.shell_column import SOLVED_TOGETHER  # noqa: E402
 from horizonval.renderer.scattering.shell_rays import shell_rays  # noqa: E402
 from horizonval.renderer.scattering.source_store import content_key, multiple_scattering  # noqa: E402
+from horizonval.renderer.scattering.source_table import SourceTable  # noqa: E402
 from horizonval.renderer.scattering.sun_angles import sun_angle_cosines, sun_angle_position  # noqa: E402
 from horizonval.renderer.tables import SunTable  # noqa: E402
 
@@ -193,3 +194,17 @@ def test_columns_are_solved_together_and_alike(store: Path, monkeypatch: pytest.
             np.testing.assert_array_equal(a.moments, b.moments)
             np.testing.assert_array_equal(a.irradiance, b.irradiance)
         assert alone.spherical_albedo == beside.spherical_albedo
+
+
+def test_harmonics_without_light_are_not_stored() -> None:
+    """The light from the ground has few harmonics of the many of a field: the others are as good as none."""
+    rng = np.random.default_rng(5)
+    few = rng.uniform(0.1, 1.0, (3, 4, len(pairs(4))))
+    many = np.concatenate([few, np.zeros((3, 4, len(pairs(9)) - len(pairs(4))))], axis=2)
+    irradiance = rng.uniform(0.1, 1.0, 4)
+    tables = [
+        SourceTable.of([DiffuseField(1e5, PLANET_M, degree, moments, irradiance)], 1, True)
+        for moments, degree in ((few, 4), (many, 9))
+    ]
+    assert tables[1].used == pairs(4)
+    np.testing.assert_array_equal(np.array(tables[0].moments), np.array(tables[1].moments))

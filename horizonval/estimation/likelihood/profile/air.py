@@ -6,7 +6,15 @@ distance of two places on the unit sphere. On the nodes it is ``V diag(w) V^T``,
     a_k(node j) = sum_i  z_i sqrt(w_i) V_ji,        z_i ~ N(0, 1)
 
 (Karhunen and Loeve), as for the relief in :mod:`.relief_modes`. Waves that hold less than :data:`LEFT_OUT` of a mode's
-variance are left out. Two more kinds of functions join the modes of the table:
+variance are left out.
+
+A line that passes at ``h``, below the height ``z`` from which light comes, ends the angle ``d`` before its lowest
+point, where the air is another one. What is there is alike with what stands at the lowest point as ``r``, so that a
+mode falls apart into two, with coefficients that do not know of each other::
+
+    a r f(h) + b (1 - r^2)^1/2 f(h),        d = (2 (z - h) / R)^1/2,        r = exp(-d^2 / (2 l^2))
+
+The height ``z`` is the highest at which the mean has half of its largest value. Two more kinds of functions join them:
 
 - what its modes leave: bumps over height whose squares sum up to one, each times ``left_sigma``, alike along the limb
   over :data:`LEFT_LENGTH_RAD`;
@@ -31,6 +39,9 @@ BUMP_HEIGHTS_M = (-15e3, 75e3)
 LEAST_BUMP = 3e-3
 """Of the brightest place of the profile: a bump that is less everywhere is left out, below the noise of any pixel."""
 GAIN_SIGMA, GAIN_LENGTH_RAD = 0.01, 0.3
+EARTH_RADIUS_M = 6.371e6
+LEAST_APART = 0.05
+"""Of a mode's standard deviation: a second part that is less everywhere in the grid is left out."""
 LEFT_LENGTH_RAD = 0.1
 """Over which what the modes leave is alike along the limb: between that of clouds and that of the air."""
 
@@ -118,9 +129,15 @@ def node_air(
         before = whole[..., i] + into * (values[..., i] * (1.0 - 0.5 * share) + values[..., i + 1] * 0.5 * share)
         return np.asarray(np.diff(before, axis=-1) / width)
 
+    alike = alike_at_ends(height_m, mean, correlation_rad)
+    elsewhere = np.sqrt(1.0 - alike**2)
+    inside = (height_m > grid_m[0]) & (height_m < grid_m[1])
+    second = np.flatnonzero((elsewhere[:, :, inside] > LEAST_APART).any(axis=(0, 2)))
+    modes = np.concatenate([modes * alike, (modes * elsewhere)[:, second]], axis=1)
+    lengths = np.concatenate([correlation_rad, correlation_rad[second]])
     mean, modes, left = even(mean), even(modes), even(left_sigma)
     apart = np.sum((places[:, None] - places[None, :]) ** 2, axis=-1)
-    functions, waves = [mean[:, None], modes], [_waves(apart, length) for length in correlation_rad]
+    functions, waves = [mean[:, None], modes], [_waves(apart, length) for length in lengths]
     if left.any():
         bumps = left[:, None] * _bumps(grid)
         bumps = bumps[:, (bumps > LEAST_BUMP * mean.max(axis=1)[:, None, None]).any(axis=(0, 2))]
@@ -129,6 +146,27 @@ def node_air(
     functions.append(mean[:, None])
     waves.append(GAIN_SIGMA * _waves(apart, GAIN_LENGTH_RAD))
     return NodeAir(grid_m[0], grid_m[2], np.concatenate(functions, axis=1), tuple(waves))
+
+
+def before_lowest_rad(height_m: FloatArray, mean: FloatArray) -> FloatArray:
+    """Return how long before their lowest points lines end, as angles at the Earth's centre, shape (m, h).
+
+    Parameters
+    ----------
+    height_m : ndarray, shape (h,)
+        Of the lines' lowest points.
+    mean : ndarray, shape (m, h)
+        Profiles: light comes from where they have half of their largest value.
+    """
+    bright = mean >= 0.5 * mean.max(axis=1)[:, None]
+    source_m = height_m[len(height_m) - 1 - np.argmax(bright[:, ::-1], axis=1)]
+    return np.asarray(np.sqrt(np.maximum(2.0 * (source_m[:, None] - height_m) / EARTH_RADIUS_M, 0.0)))
+
+
+def alike_at_ends(height_m: FloatArray, mean: FloatArray, correlation_rad: FloatArray) -> FloatArray:
+    """Return how a mode where lines end is correlated with what it is at their lowest points, shape (m, k, h)."""
+    away = before_lowest_rad(height_m, mean)
+    return np.asarray(np.exp(-0.5 * (away[:, None] / correlation_rad[:, None]) ** 2))
 
 
 def _waves(apart: FloatArray, length_rad: float) -> FloatArray:

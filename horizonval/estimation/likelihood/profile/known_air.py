@@ -14,8 +14,12 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.climate import month_of
 from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile.air import NodeAir, node_air
+from horizonval.estimation.likelihood.profile.air import NodeAir, before_lowest_rad, node_air
 from horizonval.estimation.likelihood.templates import LimbTemplates
+
+FARTHEST_RAD, STEPS = 0.25, 6
+"""Of the ends of lines before their lowest points, and at how many places tables are read up to there: deeper lines,
+with lowest points 160 km below the source of their light, keep the last."""
 
 
 class KnownAir:
@@ -54,8 +58,30 @@ class KnownAir:
         """Return the air at places along the limb; parameters as for ``ProfileKnowledge.air``."""
         table = self._templates
         mean, modes, left = self._at(normal_cam, los_cam, pose)
+        mean = self._where_lines_end(mean, normal_cam, los_cam, pose)
         places = normal_cam @ pose.cam_from_itrs
         return node_air(table.height_m, mean, modes, left, table.correlation_rad, places, grid_m, curve)
+
+    def _where_lines_end(
+        self, mean: FloatArray, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose
+    ) -> FloatArray:
+        """Return means (m, h), every height's from the latitude from which its light comes.
+
+        A thermal table is of one column of air: where a line ends before its lowest point, the column is that of its
+        end. Sunlit tables have no places.
+        """
+        if self._templates.band_kind != "thermal":
+            return mean
+        height = self._templates.height_m
+        away = before_lowest_rad(height, mean)
+        steps = np.linspace(0.0, FARTHEST_RAD, STEPS)
+        ends = [np.cos(step) * normal_cam - np.sin(step) * los_cam for step in steps]
+        at = np.array([self._at(end, los_cam, pose)[0] for end in ends])
+        place = np.minimum(away / steps[1], STEPS - 1.001)
+        first = place.astype(np.intp)
+        share = place - first
+        node, row = np.indices(mean.shape)
+        return np.asarray(at[first, node, row] * (1.0 - share) + at[first + 1, node, row] * share)
 
     def means(self, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose, height_m: FloatArray) -> FloatArray:
         """Return the mean profiles at places (m, 3) on heights (n,), shape (m, n); above the table nothing."""

@@ -9,6 +9,7 @@ import pytest
 
 from horizonval.earth.limb_relief import Relief
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE, edge_profile
+from horizonval.estimation.likelihood.light import brightness, light_basis
 from horizonval.estimation.likelihood.relief_modes import relief_modes
 from horizonval.estimation.likelihood.sectors import eliminated, sectors_of, solve_levels
 
@@ -66,6 +67,23 @@ def test_sectors_begin_after_the_widest_gap_and_hold_equally_many() -> None:
     assert np.ptp(np.diff(sectors.starts)) <= 1
     assert np.all(np.diff(sectors.azimuth) >= 0.0)
     assert sectors.azimuth[-1] == pytest.approx(1.7, abs=0.02)
+
+
+def test_sectors_of_wide_pixels_are_narrow_in_the_sky() -> None:
+    """112 px of limb over 1.9 rad: four sectors by their pixels, nine by what a lens's light does along them."""
+    azimuth = np.linspace(0.0, 2.3, 2000)
+    assert len(sectors_of(azimuth, 112).starts) == 5
+    assert len(sectors_of(azimuth, 112, 1.9).starts) == 10
+
+
+def test_brightness_is_what_the_levels_multiply_and_its_slope() -> None:
+    rng = np.random.default_rng(6)
+    x, along, levels, h = rng.uniform(-5.0, 8.0, 50), rng.uniform(-0.5, 0.5, 50), rng.normal(size=(6, 50)), 1e-6
+    inside = np.ones(50)
+    light, slope = brightness(levels, x, along)
+    assert levels[0] + light == pytest.approx(np.einsum("ij,ij->j", light_basis(inside, x, along), levels))
+    by_x = (brightness(levels, x + h, along)[0] - brightness(levels, x - h, along)[0]) / (2.0 * h)
+    assert slope == pytest.approx(by_x, abs=1e-7)
 
 
 def _problem(spread: float) -> tuple[np.ndarray, ...]:
