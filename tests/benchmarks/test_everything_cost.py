@@ -22,15 +22,17 @@ from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 
 MOST = {
-    "refraction": (1.5, 2.0),
-    "haze": (2.1, 2.0),
+    "refraction": (2.1, 2.0),
+    "haze": (1.7, 2.0),
     "local light": (2.6, 1.8),
-    "clouds": (7.5, 9.5),
-    "thin layer": (4.3, 2.3),
-    "everything": (25.0, 13.0),
+    "clouds": (4.7, 9.5),
+    "thin layer": (4.2, 2.3),
+    "everything": (15.5, 15.0),
 }
 """From a new position and at a new attitude: a quarter more than was measured. Everything is to cost 3 times nothing;
-that is missed, by clouds alone. At another attitude clouds were 6 to 7.6, on a machine with other work."""
+that is missed, by clouds alone. Borders of tables made nothing itself cheaper, by a fifth, and refraction hardly: what
+limits the ratio of refraction, and that of everything at a new attitude, was raised by as much. At another attitude
+clouds were 6 to 7.6, on a machine with other work."""
 REPEATS = 3
 VISIBLE = {"name": "vis", "kind": "solar", "lo_um": 0.5, "hi_um": 0.7, "nodes": 4}
 CO2 = {"name": "co2", "kind": "thermal", "lo_um": 14.0, "hi_um": 16.3}
