@@ -13,7 +13,7 @@ from typing import Any, Generic
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from horizonval.core.arrays import FloatArray
 from horizonval.renderer.planet import Planet, along, dot
@@ -27,6 +27,8 @@ BENDING_NODES = 128
 GRID_STEP_M = 25.0
 """Of the tables over heights, at most: even, so that no place needs a search. Their linear pieces are a model's own, as
 the tables have nodes a tenth as far apart; between them true heights are off by centimetres."""
+LEAST_RISE = 1e-9
+"""Of the table's coordinate from one direction to the next: above rounding, far below its thousandths between nodes."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +190,9 @@ def refracted_sun_table(
     """Return the table of where sunlight comes from, with heights (n_height,) and local cosines (n_height, n_mu).
 
     Bending is integrated on a first set of local directions; splines invert it to the local directions of the table's
-    true ones.
+    true ones. Where air grows so much warmer upwards that lower local directions come from higher true ones, there is more
+    than one image of the Sun; the lowest local direction is taken, and the others' light is neglected: they are
+    arcminutes of the twilight of single heights.
     """
     radius = field.planet.mean_radius_m
     sphere = replace(field, planet=Planet(radius, radius))
@@ -204,7 +208,10 @@ def refracted_sun_table(
     local = np.empty_like(true)
     spreading = np.empty_like(true)
     for row in range(n_height):
-        spline = CubicSpline(x_true[row], x)
+        risen = np.maximum.accumulate(x_true[row])
+        rises = np.concatenate([[True], np.diff(risen) > LEAST_RISE])
+        # Where single places are left out a cubic spline would swing.
+        spline = (CubicSpline if rises.all() else PchipInterpolator)(x_true[row][rises], x[rises])
         x_local, slope = spline(x), spline(x, 1)
         scale = (1.0 - lowest_local[row]) / (1.0 - lowest[row])
         local[row] = lowest_local[row] + (1.0 - lowest_local[row]) * x_local**2
