@@ -88,8 +88,9 @@ def test_another_scene_of_the_kind_compiles_nothing(
     }
     known = _kernels({**first, **changes}, band, LENS)
     assert 0 < len(known) <= most
-    # with the shadow's edge in view some rays are marched, as some always may be
+    # with the shadow's edge in view some rays are marched, as some always may be; from another place none
     known |= _kernels({**first, **changes, "sun": {"zenith_deg": 91.0, "azimuth_deg": 40.0}}, band, LENS)
+    known |= _kernels({**first, **changes, "platform": {**first["platform"], "latitude_deg": -60.0}}, band, LENS)
     others = _kernels({**second, **other_changes}, other_band, OTHER_LENS)
     assert {name: size for name, size in others.items() if name not in known} == {}
     assert sum(size > 3000 for size in known.values()) <= marches
