@@ -190,9 +190,9 @@ def refracted_sun_table(
     """Return the table of where sunlight comes from, with heights (n_height,) and local cosines (n_height, n_mu).
 
     Bending is integrated on a first set of local directions; splines invert it to the local directions of the table's
-    true ones. Where air grows so much warmer upwards that lower local directions come from higher true ones, there is more
-    than one image of the Sun; the lowest local direction is taken, and the others' light is neglected: they are
-    arcminutes of the twilight of single heights.
+    true ones. Where air grows so much warmer upwards that lower local directions come from higher true ones, there is
+    more than one image of the Sun. The lowest local direction is taken and the light of the others neglected: such
+    inversions are some hundred metres deep, and shine on that air alone, with the Sun on its horizon.
     """
     radius = field.planet.mean_radius_m
     sphere = replace(field, planet=Planet(radius, radius))
