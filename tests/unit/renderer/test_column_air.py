@@ -71,10 +71,13 @@ def test_one_column_serves_where_air_is_the_same(atmosphere: dict[str, Any]) -> 
 
 
 def test_columns_that_differ_in_nothing_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With refraction and particles; single precision and the sum of two numbers are all that is between them."""
+    """With refraction and particles; single precision and the sum of two numbers are all that is between them.
+
+    Marched: view tables have a border where one column's air ends, and where those of many do only at the model's top.
+    """
     from horizonval.renderer.scene import description
 
-    scene = _scene(CLIMATES)
+    scene = _scene(CLIMATES, method="march")
     model = optical_model(scene, CAMERA)
     nodes = tuple(
         replace(

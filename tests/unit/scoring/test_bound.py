@@ -14,6 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 from scipy.stats import chi2
+from synthetic import truth_at
 
 from horizonval.earth.limb_heights import systematic_covariance
 from horizonval.earth.limb_relief import Relief
@@ -25,7 +26,6 @@ from horizonval.scoring.information.information import LimbInformation
 from horizonval.scoring.information.limb_information import SHAPES, limb_information
 from horizonval.scoring.information.limb_motion import limb_motion
 from horizonval.sensor.expected_image import ExpectedImage
-from tests.synthetic import truth_at
 
 SIGMA = 2.55
 """One per cent of 255."""
