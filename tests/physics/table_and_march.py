@@ -128,9 +128,9 @@ def compare(frame: RadianceFrame, reference: RadianceFrame, camera: CameraSpec, 
     return results
 
 
-def table_errors(scene: SceneSpec, camera: CameraSpec, floor: float) -> list[Comparison]:
-    """Return how far a scene's frame is from the march of every cell with four times the nodes."""
-    reference = rendered(scene, camera, method="march", nodes=FINER * scene.render.nodes)
+def table_errors(scene: SceneSpec, camera: CameraSpec, floor: float, finer: int = FINER) -> list[Comparison]:
+    """Return how far a scene's frame is from the march of every cell with four, or ``finer``, times the nodes."""
+    reference = rendered(scene, camera, method="march", nodes=finer * scene.render.nodes)
     return compare(rendered(scene, camera), reference, camera, floor)
 
 

@@ -35,8 +35,6 @@ def test_the_column_is_of_the_stratosphere() -> None:
     # measured 2e15 to 6e15 by day (the text of the module), densest at 20 to 30 km
     assert 2e15 < column_per_cm2 < 6e15
     assert 20e3 <= z[np.argmax(density)] <= 30e3
-    # 3e15 per cm2 of 5.5e-19 cm2 at 440 nm is a depth of 0.0017
-    assert 3e15 * 1e4 * nitrogen_dioxide.cross_section_m2(0.44) == pytest.approx(0.0017, rel=0.12)
 
 
 def model_of(lo_um: float, hi_um: float, *, gases: bool) -> tuple[np.ndarray, np.ndarray]:
