@@ -46,7 +46,7 @@ from horizonval.estimation.guard.guard_heads import run_heads
 from horizonval.estimation.guard.limb_model import blur_of, model_covariance
 from horizonval.estimation.guard.three_tests import SeenLimb, doubted
 from horizonval.estimation.guard.uneven_light import with_uneven_light
-from horizonval.estimation.limb.finder import find_limb_in, picture_of
+from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
 from horizonval.estimation.limb.model.sunlit import SunlitLimb, sun_angles, sunlit_limb
@@ -114,12 +114,10 @@ def guarded(estimator: Estimator, *, knows_light: bool = False) -> Estimator:
 
 def trusted_limb(observation: Observation, estimates: str = "geocentric") -> TrustedLimb | Refusal:
     """Return the limb points of an image that may be trusted, or why there are none."""
-    picture = picture_of(observation.image, observation.camera, observation.full_scale)
-    if isinstance(picture, Refusal):
-        return picture
-    found = find_limb_in(picture, observation.camera)
-    if isinstance(found, Refusal):
-        return found
+    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale)
+    if isinstance(searched, Refusal):
+        return searched
+    found, picture = searched
     return _trusted(picture, found, observation, estimates)
 
 
@@ -306,12 +304,10 @@ def _determined(
 def _run(estimator: Estimator, knows_light: bool, observation: Observation) -> Fit | Refusal:
     if estimator.from_points is None:
         return _run_on_pixels(estimator, knows_light, observation)
-    picture = picture_of(observation.image, observation.camera, observation.full_scale)
-    if isinstance(picture, Refusal):
-        return picture
-    found = find_limb_in(picture, observation.camera)
-    if isinstance(found, Refusal):
-        return found
+    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale)
+    if isinstance(searched, Refusal):
+        return searched
+    found, picture = searched
     if found.scale > 1:
         # A limb that is many pixels deep is an edge in a smaller copy, and all that is asked of it is asked there.
         result = _run(estimator, knows_light, smaller(observation, found.scale))

@@ -33,7 +33,7 @@ from horizonval.earth.limb_relief import limb_height_m, reliefs
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.guard_rows import RowLimb, is_row, misfit, row_limb
 from horizonval.estimation.guard.three_tests import SeenLimb, doubted
-from horizonval.estimation.limb.finder import find_limb_in, picture_of
+from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.limb.model.steepest import to_steepest
 from horizonval.estimation.limb.model.sunlit import sun_angles
 from horizonval.estimation.limb.model.trusted import faded, read_sides, restless, saturated
@@ -184,12 +184,10 @@ def _angular_radius(fit: Fit, observation: Observation) -> float:
 
 def _arc_in_head(head: Observation) -> FloatArray | Refusal:
     """Return lines of sight to a head's limb in its own axes, shape (n, 3), or why there is none to trust."""
-    picture = picture_of(head.image, head.camera, head.full_scale)
-    if isinstance(picture, Refusal):
-        return picture
-    found = find_limb_in(picture, head.camera)
-    if isinstance(found, Refusal):
-        return found
+    searched = find_limb_and_picture(head.image, head.camera, head.full_scale)
+    if isinstance(searched, Refusal):
+        return searched
+    found, picture = searched
     axis = fit_cone(found.los_cam).axis_cam
     sides = read_sides(picture, head.camera, found.los_cam, axis)
     bright_inside = bool(np.median(sides.inner - sides.outer) > 0.0)

@@ -32,13 +32,13 @@ from scipy.stats import binom, chi2
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.earth.limb_relief import limb_height_m, reliefs
+from horizonval.earth.limb_relief import limb_height_m
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.limb_model import blur_of
 from horizonval.estimation.guard.limb_pieces import LimbPieces, limb_pieces
-from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_SIGMA_M
+from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_SIGMA_M, knowledge_in_air
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
-from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose, sphere_knowledge
+from horizonval.estimation.likelihood.knowledge import LimbPose, sphere_knowledge
 from horizonval.estimation.limb.model.height_perturbation import unknown_sun_covariance
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import unproject
@@ -97,15 +97,7 @@ def doubted(claim: Fit, observation: Observation, seen: SeenLimb | None = None) 
     distance = radius / float(np.sin(rho))
     nadir = np.asarray(claim.nadir_cam) if seen is None else seen.nadir_cam
     planet, mean, information = sphere_knowledge(nadir, radius, distance - radius)
-    knowledge = LimbKnowledge(
-        planet,
-        mean,
-        information,
-        scale_height_m=SCALE_HEIGHT_M,
-        scale_sigma_m=SCALE_SIGMA_M,
-        reliefs=reliefs(observation.band_kind),
-        flattened_m=observation.prior.flattening * radius,
-    )
+    knowledge = knowledge_in_air(observation, planet, mean, information, observation.prior.flattening * radius)
     image = np.asarray(observation.image, dtype=np.float64)
     try:
         found = fit_limb(image, observation.camera, LimbPose(np.eye(3), -distance * nadir), knowledge)

@@ -129,8 +129,19 @@ def find_limb(image: FloatArray, camera: CameraModel, full_scale: float | None =
     LimbPoints or Refusal
         The points in order along the limb.
     """
+    found = find_limb_and_picture(image, camera, full_scale)
+    return found if isinstance(found, Refusal) else found[0]
+
+
+def find_limb_and_picture(
+    image: FloatArray, camera: CameraModel, full_scale: float | None = None
+) -> tuple[LimbPoints, Picture] | Refusal:
+    """Return the limb of an image and the picture that it was found in; otherwise as :func:`find_limb`."""
     picture = picture_of(image, camera, full_scale)
-    return picture if isinstance(picture, Refusal) else find_limb_in(picture, camera)
+    if isinstance(picture, Refusal):
+        return picture
+    found = _find_limb_in(picture, camera)
+    return found if isinstance(found, Refusal) else (found, picture)
 
 
 def picture_of(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> Picture | Refusal:
@@ -145,7 +156,7 @@ def picture_of(image: FloatArray, camera: CameraModel, full_scale: float | None 
     return Picture(image, full_scale)
 
 
-def find_limb_in(picture: Picture, camera: CameraModel) -> LimbPoints | Refusal:
+def _find_limb_in(picture: Picture, camera: CameraModel) -> LimbPoints | Refusal:
     """Return the limb of a picture of this camera; as :func:`find_limb`."""
     sun = find_sun(picture.saturated)
     levels = levels_of(picture, camera)

@@ -21,12 +21,11 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.earth.limb_relief import reliefs
-from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_SIGMA_M, limb_height_prior
+from horizonval.estimation.likelihood.air import knowledge_in_air, limb_height_prior
 from horizonval.estimation.likelihood.claim import claim
 from horizonval.estimation.likelihood.closed_form import position_from_limb
-from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
-from horizonval.estimation.limb.finder import find_limb_in, picture_of
+from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.ellipsoid import WGS84, sphere
 
@@ -38,12 +37,10 @@ def run(observation: Observation) -> Fit | Refusal:
         return Refusal(Outcome.BAD_INPUT, "limb-ellipsoid needs a prior of the position (position_itrs_km)")
     if prior.q_cam_from_itrs is None or prior.attitude_sigma_rad is None:
         return Refusal(Outcome.BAD_INPUT, "limb-ellipsoid needs a prior of the attitude (q_cam_from_itrs)")
-    picture = picture_of(observation.image, observation.camera, observation.full_scale)
-    if isinstance(picture, Refusal):
-        return picture
-    found = find_limb_in(picture, observation.camera)
-    if isinstance(found, Refusal):
-        return found
+    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale)
+    if isinstance(searched, Refusal):
+        return searched
+    found, picture = searched
     ellipsoid = sphere(prior.sphere_radius_m) if prior.shape == "sphere" else WGS84
     height, height_sigma = limb_height_prior(observation)
     coarse = Rotation.from_quat(prior.q_cam_from_itrs).as_matrix()
@@ -57,14 +54,7 @@ def run(observation: Observation) -> Fit | Refusal:
     information[:3, :3] = cam_from_body @ np.diag(prior.attitude_sigma_rad**-2.0) @ cam_from_body.T
     information[3:6, 3:6] = np.eye(3) / prior.position_sigma_m**2
     information[6, 6] = height_sigma**-2
-    knowledge = LimbKnowledge(
-        ellipsoid,
-        LimbPose(coarse, prior.r_itrs, height),
-        information,
-        scale_height_m=SCALE_HEIGHT_M,
-        scale_sigma_m=SCALE_SIGMA_M,
-        reliefs=reliefs(observation.band_kind),
-    )
+    knowledge = knowledge_in_air(observation, ellipsoid, LimbPose(coarse, prior.r_itrs, height), information)
     return claim(picture, observation, start, knowledge)
 
 

@@ -19,14 +19,13 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.earth.limb_relief import reliefs
-from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_SIGMA_M, limb_height_prior
+from horizonval.estimation.likelihood.air import knowledge_in_air, limb_height_prior
 from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.likelihood.closed_form import position_from_limb
 from horizonval.estimation.likelihood.heads.fit import HeadImage, fit_heads
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose, sphere_knowledge
 from horizonval.estimation.limb.crossing import sub_pixel_crossing
-from horizonval.estimation.limb.finder import find_limb_in, picture_of
+from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.methods.limb_sphere import LOCAL_RADIUS_SHARE
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import unproject
@@ -67,11 +66,11 @@ def _seen(head: Observation) -> tuple[FloatArray, FloatArray] | Refusal:
         if isinstance(crossing, Refusal):
             return crossing
         return image, np.array([[crossing.column, 0.0]])
-    picture = picture_of(head.image, head.camera, head.full_scale)
-    if isinstance(picture, Refusal):
-        return picture
-    found = find_limb_in(picture, head.camera)
-    return found if isinstance(found, Refusal) else (picture.grey, found.uv)
+    searched = find_limb_and_picture(head.image, head.camera, head.full_scale)
+    if isinstance(searched, Refusal):
+        return searched
+    found, picture = searched
+    return picture.grey, found.uv
 
 
 def _start(observation: Observation, los_body: FloatArray) -> tuple[LimbPose, LimbKnowledge]:
@@ -109,15 +108,7 @@ def _start(observation: Observation, los_body: FloatArray) -> tuple[LimbPose, Li
         nadir = -r_body / np.linalg.norm(r_body)
         planet, mean, information = sphere_knowledge(nadir, radius, altitude, sigma, height, height_sigma)
         start = LimbPose(np.eye(3), r_body, height)
-    return start, LimbKnowledge(
-        planet,
-        mean,
-        information,
-        scale_height_m=SCALE_HEIGHT_M,
-        scale_sigma_m=SCALE_SIGMA_M,
-        reliefs=reliefs(observation.band_kind),
-        flattened_m=flattened,
-    )
+    return start, knowledge_in_air(observation, planet, mean, information, flattened)
 
 
 ESTIMATOR = Estimator(

@@ -15,12 +15,11 @@ import numpy as np
 
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.earth.limb_relief import reliefs
-from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_SIGMA_M, limb_height_prior
+from horizonval.estimation.likelihood.air import knowledge_in_air, limb_height_prior
 from horizonval.estimation.likelihood.claim import claim
 from horizonval.estimation.likelihood.closed_form import position_from_limb
-from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose, sphere_knowledge
-from horizonval.estimation.limb.finder import find_limb_in, picture_of
+from horizonval.estimation.likelihood.knowledge import LimbPose, sphere_knowledge
+from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.ellipsoid import sphere
 
@@ -31,12 +30,10 @@ Earth's radius below."""
 
 def run(observation: Observation) -> Fit | Refusal:
     """Estimate nadir, roll, pitch and altitude from one image."""
-    picture = picture_of(observation.image, observation.camera, observation.full_scale)
-    if isinstance(picture, Refusal):
-        return picture
-    found = find_limb_in(picture, observation.camera)
-    if isinstance(found, Refusal):
-        return found
+    searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale)
+    if isinstance(searched, Refusal):
+        return searched
+    found, picture = searched
     prior = observation.prior
     radius, flattened = prior.sphere_radius_m, prior.flattening * prior.sphere_radius_m
     known = prior.altitude_m is not None and prior.altitude_sigma_m is not None
@@ -52,15 +49,7 @@ def run(observation: Observation) -> Fit | Refusal:
     planet, mean, information = sphere_knowledge(
         -r_cam / np.linalg.norm(r_cam), radius, altitude, sigma, height, height_sigma
     )
-    knowledge = LimbKnowledge(
-        planet,
-        mean,
-        information,
-        scale_height_m=SCALE_HEIGHT_M,
-        scale_sigma_m=SCALE_SIGMA_M,
-        reliefs=reliefs(observation.band_kind),
-        flattened_m=flattened,
-    )
+    knowledge = knowledge_in_air(observation, planet, mean, information, flattened)
     return claim(picture, observation, LimbPose(np.eye(3), r_cam, height), knowledge)
 
 
