@@ -13,8 +13,8 @@ Every prior is rows of these equations, the relief's too. ``C`` is the covarianc
 
 Ground that is bright here and dark there, clouds and coasts, moves the limb of some sectors more than noise and relief
 do. What the sectors' places scatter by, over what both make of them, is chi-squared per degree of freedom; where it is
-more than chance makes it the covariance is larger by it (Birge's ratio, Phys. Rev. 40, 207, 1932). On frames of clear
-air it is 0.01 to 1.2, and 3 to 13 where snow and sea meet at the limb or most of the limb is dark.
+beyond one by two of its own standard deviations the covariance is larger by it (Birge's ratio, Phys. Rev. 40, 207,
+1932). On frames of clear air it is 0.01 to 1.2, and 3 to 13 where snow and sea meet at the limb or most of it is dark.
 
 Noise and outliers: :mod:`.light`.
 
@@ -32,7 +32,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE, EdgeProfile, edge_profile
 from horizonval.estimation.likelihood.knowledge import FIXED_LENGTH_M, LimbKnowledge, LimbPose
-from horizonval.estimation.likelihood.light import SIGNIFICANT, LimbLight, brightness, light_basis, solved, weighed
+from horizonval.estimation.likelihood.light import LimbLight, brightness, light_basis, solved, weighed
 from horizonval.estimation.likelihood.limb_angle import LimbAngle, limb_angle
 from horizonval.estimation.likelihood.limb_pixels import LimbPixels, limb_pixels
 from horizonval.estimation.likelihood.pixels import image_scale
@@ -43,6 +43,8 @@ POSE = 7
 """Turn, position, height of the limb."""
 FITTED = 3
 """Of them, what the sectors' places determine: two tilts and a size."""
+SCATTERED = 2.0
+"""Standard deviations of chi-squared per degree of freedom beyond which sectors scatter by more than chance."""
 MOST_STEPS = 30
 """Gauss-Newton takes 3 to 6 from within a pixel; where blur and softness are hard to tell apart, twice as many."""
 SETTLING_STEPS = 2
@@ -389,7 +391,7 @@ def scatter(near: LimbPixels, model: LimbModel, light: LimbLight, off_rad: Float
     """Return chi-squared per degree of freedom of the sectors' places, ``off_rad`` of :func:`by_sector`, shape (m,).
 
     One of them is expected to be off by noise and relief, with what these have in common along the limb. Where chance
-    may have made it, 1 is returned.
+    may have made it it is 1; beyond, it is larger by what so few sectors leave open of it.
     """
     slope = brightness(light.of_pixel, model.x, near.along)[0] * model.edge.slope / model.scale
     starts = near.sectors.starts[:-1]
@@ -402,4 +404,5 @@ def scatter(near: LimbPixels, model: LimbModel, light: LimbLight, off_rad: Float
         return 1.0
     covariance = relief[:, seen].T @ relief[:, seen] + np.diag(1.0 / information[seen])
     ratio = float(off_rad[seen] @ np.linalg.solve(covariance, off_rad[seen])) / free
-    return ratio if ratio > 1.0 + SIGNIFICANT * float(np.sqrt(2.0 / free)) else 1.0
+    # A variance of so few is not known well: that of Student's distribution.
+    return ratio * free / max(free - 2, 1) if ratio > 1.0 + SCATTERED * float(np.sqrt(2.0 / free)) else 1.0
