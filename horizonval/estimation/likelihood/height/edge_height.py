@@ -67,10 +67,9 @@ def edge_height(
     row = np.arange(len(left))
     before, at, after = left[row, best - 1], left[row, best], left[row, best + 1]
     bent = before - 2.0 * at + after
-    found = heights[best] + 0.5 * (heights[1] - heights[0]) * np.clip(
-        (before - after) / np.where(bent > 0.0, bent, np.inf), -1.0, 1.0
-    )
-    return found, np.sqrt(np.maximum(at, 0.0) / len(x)) / np.maximum(span, 1e-300)
+    share = np.clip(0.5 * (before - after) / np.where(bent > 0.0, bent, np.inf), -0.5, 0.5)
+    lowest = np.maximum(at - 0.25 * (before - after) * share, 0.0)
+    return heights[best] + (heights[1] - heights[0]) * share, np.sqrt(lowest / len(x)) / np.maximum(span, 1e-300)
 
 
 def _blurred(height_m: FloatArray, profiles: FloatArray, at_m: FloatArray, sigma_m: float) -> FloatArray:
