@@ -3,7 +3,10 @@ r"""How high the fitted edge of a band's limb stands, and how it may depart from
 The heights are those of :mod:`.edge_height`, over the size of a pixel and the two axes of a table: the Sun's angles of
 a sunlit band, latitude and month of a thermal one. Of a mode of the profiles the height changes by half of the
 difference between one standard deviation above the mean and one below, and stays so along the limb as far as the mode
-does. Heights are of the mean profile, of scenes with clouds and without.
+does.
+
+Whether a scene has clouds at all is no normal number but one of two, and a height is to be right for either: it is the
+middle of both, known to half of their distance, whatever share of the ensemble has clouds.
 
 A profile that is no exponential leaves its height open by a multiple of what a fit of it leaves
 (:data:`MISFIT_PX`): little by day, and much of the veil of a Sun that stands behind the limb.
@@ -11,6 +14,7 @@ A profile that is no exponential leaves its height open by a multiple of what a 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal
@@ -20,11 +24,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.height.edge_height import edge_height
-from horizonval.estimation.likelihood.height.sunlit_profiles import (
-    FAINTEST,
-    ZENITHS_RAD,
-    seen_from,
-)
+from horizonval.estimation.likelihood.height.sunlit_profiles import CLOUDED, FAINTEST, ZENITHS_RAD, seen_from
 from horizonval.estimation.likelihood.knowledge import BLUR_PX
 from horizonval.estimation.likelihood.templates import MONTHS, LimbTemplates, shipped_templates
 
@@ -82,8 +82,13 @@ class BandHeights:
         heights = np.moveaxis(np.array([one[0] for one in found]).reshape(shape), 1, 0)
         misfit = np.array([one[1] for one in found]).reshape(shape)[:, 0]
         changes = 0.5 * (heights[1::2] - heights[2::2])
+        middle = heights[0] + sum(
+            0.5 * (more + less) - heights[0]
+            for kind, more, less in zip(table.mode_kinds, heights[1::2], heights[2::2], strict=True)
+            if kind == "scene"
+        )
         open_m = MISFIT_PX * misfit * PIXELS_M[:, None, None]
-        values = np.concatenate([heights[:1], changes, open_m[None]])
+        values = np.concatenate([middle[None], changes, open_m[None]])
         self._grid = RegularGridInterpolator((np.log(PIXELS_M), *axes), np.moveaxis(values, 0, -1))
         self._ends = [(float(axis[0]), float(axis[-1])) for axis in axes]
         # What is no exponential is so as the light is, which changes along the limb no faster than the air does.
@@ -124,10 +129,19 @@ def _of_table(table: LimbTemplates, scale_m: float) -> BandHeights:
 
 
 def _states(table: LimbTemplates) -> FloatArray:
-    """Return the mean profiles, and those of one standard deviation of each mode more and less, (1 + 2 k, A, B, h)."""
-    changed = [
-        np.maximum(table.mean + sign * table.modes[:, :, k], FAINTEST * table.mean)
-        for k in range(len(table.mode_kinds))
-        for sign in (1.0, -1.0)
-    ]
+    """Return the mean profiles, and those of each mode more and less, shape (1 + 2 k, A, B, h)."""
+    changed = []
+    for k, kind in enumerate(table.mode_kinds):
+        mode = table.modes[:, :, k]
+        more, less = 1.0, 1.0
+        if kind == "scene":
+            more, less = math.sqrt((1.0 - CLOUDED) / CLOUDED), math.sqrt(CLOUDED / (1.0 - CLOUDED))
+        sign = _of_clouds(table, mode) if kind == "scene" else 1.0
+        changed += [np.maximum(table.mean + by * mode, FAINTEST * table.mean) for by in (sign * more, -sign * less)]
     return np.stack([table.mean, *changed])
+
+
+def _of_clouds(table: LimbTemplates, mode: FloatArray) -> float:
+    """Return the sign with which a mode has clouds: bright under a high Sun, cold in the infrared."""
+    below = mode[0] if table.band_kind == "solar" else -mode
+    return 1.0 if below[..., table.height_m < 0.0].sum() > 0.0 else -1.0
