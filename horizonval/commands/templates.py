@@ -23,9 +23,9 @@ from horizonval.precheck.target import kind_of
 from horizonval.spec.load import Case, load_frames
 from horizonval.spec.sensor.camera import Band
 from horizonval.studies.templates.header import header_text
-from horizonval.studies.templates.uniform_air import UniformAir, sunlit_in, thermal_in
 from horizonval.studies.templates.onboard import CutTable, LimbPlaces, cut_down, months_around
 from horizonval.studies.templates.rays import MONTHS
+from horizonval.studies.templates.uniform_air import UniformAir, sunlit_in, thermal_in
 from horizonval.suites.suite import load_suite
 from horizonval.truth.frame_truth import truth_of
 
