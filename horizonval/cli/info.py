@@ -10,6 +10,7 @@ import typer
 from horizonval.cli.options import Json
 from horizonval.cli.options.completion import kinds_of_files, lists, shipped
 from horizonval.cli.printing import print_json
+from horizonval.cli.work import watched
 from horizonval.core.errors import UserError
 
 
@@ -87,16 +88,27 @@ def templates(
     error: Annotated[
         float, typer.Option(help="Most that the table may be off by, as a share of a profile's largest value.")
     ] = 0.005,
+    air: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="An air that is known, the same everywhere, in place of the shipped tables' climate and weather: see "
+            "`horizonval list atmospheres`, or a profile file.",
+        ),
+    ] = None,
+    clear: Annotated[bool, typer.Option("--clear", help="With --air: no clouds either.")] = False,
     as_json: Json = False,
 ) -> None:
     """Write the profiles of the limb that a fit needs for the frames of a suite: one table for a flight computer.
 
     Cut from the shipped tables: the latitudes and months, or Sun's angles, of the limbs in view, and no more heights
-    and modes than the error asks for. Prints the size in memory and the error.
+    and modes than the error asks for. Prints the size in memory and the error. As `.npz` it is what the key `climate`
+    of a prior takes.
     """
     from horizonval.commands.templates import mission_table, write_table
 
-    made = mission_table(target, band, error)
+    with watched("marching the air" if air else "cutting") as progress:
+        made = mission_table(target, band, error, air, clear, progress)
     write_table(made, output)
     if as_json:
         a, b, k, h = made.cut.table.modes.shape

@@ -10,6 +10,7 @@ import numpy as np
 from horizonval.core import atomic
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
+from horizonval.core.progress import Progress, Silent
 from horizonval.earth.atmosphere.climate import month_of
 from horizonval.earth.spectral import bands
 from horizonval.estimation.likelihood.templates import LimbTemplates, shipped_templates
@@ -22,7 +23,9 @@ from horizonval.precheck.target import kind_of
 from horizonval.spec.load import Case, load_frames
 from horizonval.spec.sensor.camera import Band
 from horizonval.studies.templates.header import header_text
-from horizonval.studies.templates.onboard import CutTable, LimbPlaces, cut_down
+from horizonval.studies.templates.onboard import CutTable, LimbPlaces, cut_down, months_around
+from horizonval.studies.templates.rays import MONTHS
+from horizonval.studies.templates.uniform_air import UniformAir, sunlit_in, thermal_in
 from horizonval.suites.suite import load_suite
 from horizonval.truth.frame_truth import truth_of
 
@@ -45,7 +48,14 @@ class MissionTable:
     text: str
 
 
-def mission_table(target: str, band_name: str | None, error: float) -> MissionTable:
+def mission_table(
+    target: str,
+    band_name: str | None,
+    error: float,
+    air: str | None = None,
+    clear: bool = False,
+    progress: Progress | None = None,
+) -> MissionTable:
     """Return the table that the frames of a suite or scene need.
 
     Parameters
@@ -56,11 +66,16 @@ def mission_table(target: str, band_name: str | None, error: float) -> MissionTa
         Needed where the cameras have several bands.
     error : float
         Largest share of a profile's largest value by which the table may differ from the whole one.
+    air : str, optional
+        Name of an atmosphere, or a profile file: the table is made for this air, known, in place of the shipped one.
+    clear : bool
+        Whether it has no clouds.
+    progress : Progress, optional
 
     Raises
     ------
     UserError
-        No such file; several bands; no table for the band; no limb in view.
+        No such file; several bands; no table for the band; no limb in view; an air that is none, or varies.
     """
     kind, path = kind_of(target)
     if kind == "study":
@@ -68,15 +83,16 @@ def mission_table(target: str, band_name: str | None, error: float) -> MissionTa
     cases = load_suite(path).cases if kind == "suite" else load_frames(path)
     band = _band_of(cases, band_name, target)
     cases = tuple(case for case in cases if any(b.name == band.name for b in case.camera.band))
-    low, high = bands.limits_um(band)
-    whole = shipped_templates(band.kind, (low, high))
-    if whole is None:
-        raise UserError(
-            f"no profiles for {band.name!r}, {low:g} to {high:g} um",
-            where=f"{target}: band",
-            expected="a visible band, or one of 14 to 16.3, 8 to 14 or 10.5 to 12.5 um",
-        )
+    known = None if air is None else UniformAir.named(air, clear)
+    if known is None and clear:
+        raise UserError("--clear without --air", expected="the air that is known")
     places = places_of(cases, band)
+    if known is not None and band.kind == "thermal" and len(places.second):
+        whole = thermal_in(known, band, MONTHS[months_around(MONTHS, places.second)], progress or Silent())
+    else:
+        whole = _shipped(band, target)
+        if known is not None:
+            whole = sunlit_in(known, band, whole, progress or Silent())
     cut = cut_down(whole, places, error)
     a, b, k, h = cut.table.modes.shape
     text = (
@@ -86,6 +102,20 @@ def mission_table(target: str, band_name: str | None, error: float) -> MissionTa
         f"largest value"
     )
     return MissionTable(cut, band, whole, len(cases), text)
+
+
+def _shipped(band: Band, target: str) -> LimbTemplates:
+    low, high = bands.limits_um(band)
+    whole = shipped_templates(band.kind, (low, high))
+    if whole is None:
+        thermal = band.kind == "thermal"
+        raise UserError(
+            f"no profiles for {band.name!r}, {low:g} to {high:g} um",
+            where=f"{target}: band",
+            expected="a visible band, or one of 14 to 16.3, 8 to 14 or 10.5 to 12.5 um",
+            fix="with --air a table of any thermal band is made" if thermal else "",
+        )
+    return whole
 
 
 def write_table(made: MissionTable, path: Path) -> None:

@@ -57,10 +57,16 @@ def suite_identity(suite: Suite) -> str:
     return _digest(suite.name, json.dumps(suite.estimators), *(_scene_content(case) for case in suite.cases), *more)
 
 
-def rescored_identity(addresses: Iterable[str], estimators: Iterable[str]) -> str:
-    """Return the digest of what the results of archived images depend on: their bytes, the estimators, the code."""
+def rescored_identity(addresses: Iterable[str], estimators: Iterable[str], climates: Iterable[Path] = ()) -> str:
+    """Return the digest of what the results of archived images depend on.
+
+    Their bytes, the estimators, the code, and the files of air that their priors name: an image holds the path alone.
+    """
     names = [*estimators]
-    return _digest(json.dumps([*addresses]), json.dumps(names), code_digest(*RESCORED_CODE, *code_of(names)))
+    air = [files.sha256_of(path, expected="a climate's file") if path.exists() else "" for path in sorted(climates)]
+    return _digest(
+        json.dumps([*addresses]), json.dumps(names), json.dumps(air), code_digest(*RESCORED_CODE, *code_of(names))
+    )
 
 
 def _scene_content(case: Case) -> str:

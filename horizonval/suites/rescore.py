@@ -31,7 +31,7 @@ from horizonval.suites.conclude import conclude
 from horizonval.suites.identity import rescored_identity
 from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import Record
-from horizonval.suites.units.archived import Item, archived_record, cases_of_heads, items_of
+from horizonval.suites.units.archived import Item, archived_record, cases_of_heads, climates_of, items_of
 
 RESCORE_SCHEMA = 1
 
@@ -62,8 +62,8 @@ class RescoreWork(Recorded[Item]):
         return self.run.case(item.name)
 
     def identity(self, item: Item) -> str:
-        """Return the digest of the images' and frames' addresses, the estimators and the code."""
-        return rescored_identity(item.addresses, item.estimators(self.plan))
+        """Return the digest of the images' and frames' addresses, the air of their priors, estimators and code."""
+        return rescored_identity(item.addresses, item.estimators(self.plan), climates_of(item, Store(self.archive)))
 
     def record(self, item: Item, watch: Stopwatch) -> Record:
         """Score the images."""

@@ -18,9 +18,8 @@ where it cannot:
 5. *The answer* is tested against the pixels by the likelihood of the limb that it predicts: chi-squared, explained
    share, consistency with what is known (:mod:`horizonval.estimation.guard.three_tests`).
 
-A method that takes no points but the whole image has a search and a model of its own: it answers first, what the Sun
-makes of the limb's height is added to its claim (:mod:`horizonval.estimation.guard.uneven_light`), and the fifth step
-decides.
+A method that takes no points but the whole image has a search and a model of its own: it answers first, and the fifth
+step decides.
 
 Methods of several heads are guarded by :mod:`horizonval.estimation.guard.guard_heads`.
 
@@ -45,7 +44,6 @@ from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.guard_heads import run_heads
 from horizonval.estimation.guard.limb_model import blur_of, model_covariance
 from horizonval.estimation.guard.three_tests import SeenLimb, doubted
-from horizonval.estimation.guard.uneven_light import with_uneven_light
 from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
@@ -56,7 +54,7 @@ from horizonval.estimation.limb.ranks import median
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty, limb_directions
 from horizonval.estimation.observation import Estimator, Fit, Observation
-from horizonval.geometry.camera import project
+from horizonval.geometry.camera import project, unproject
 from horizonval.geometry.cone import Cone, fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
@@ -98,17 +96,14 @@ class TrustedLimb:
         return float(np.sqrt(np.linalg.eigvalsh((self.noise.covariance + self.systematic)[:2, :2])[-1]))
 
 
-def guarded(estimator: Estimator, *, knows_light: bool = False) -> Estimator:
+def guarded(estimator: Estimator) -> Estimator:
     """Return the estimator behind the guard, named ``guarded-<name>``.
-
-    ``knows_light``: whether a method of the whole image has a model of what the Sun makes of the limb's height, so that
-    nothing need be added to its claim.
 
     One that is given the pose has nothing to guard and is returned as it is under that name.
     """
     run: Callable[[Observation], Fit | Refusal] = estimator.run
     if estimator.needs != "pose":
-        run = partial(run_heads, estimator) if estimator.needs == "heads" else partial(_run, estimator, knows_light)
+        run = partial(run_heads, estimator) if estimator.needs == "heads" else partial(_run, estimator)
     return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
 
 
@@ -301,16 +296,16 @@ def _determined(
     return limb
 
 
-def _run(estimator: Estimator, knows_light: bool, observation: Observation) -> Fit | Refusal:
+def _run(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     if estimator.from_points is None:
-        return _run_on_pixels(estimator, knows_light, observation)
+        return _run_on_pixels(estimator, observation)
     searched = find_limb_and_picture(observation.image, observation.camera, observation.full_scale)
     if isinstance(searched, Refusal):
         return searched
     found, picture = searched
     if found.scale > 1:
         # A limb that is many pixels deep is an edge in a smaller copy, and all that is asked of it is asked there.
-        result = _run(estimator, knows_light, smaller(observation, found.scale))
+        result = _run(estimator, smaller(observation, found.scale))
         return replace(result, points=found.scale * (result.points + 0.5) - 0.5)
     limb = _trusted(picture, found, observation, estimator.estimates)
     if isinstance(limb, Refusal):
@@ -327,19 +322,34 @@ def _run(estimator: Estimator, knows_light: bool, observation: Observation) -> F
     return _noise_apart(result, limb, observation)
 
 
-def _run_on_pixels(estimator: Estimator, knows_light: bool, observation: Observation) -> Fit | Refusal:
-    """Run a method that takes the whole image: what it claims is tested, and what its limb leaves out added."""
+def _run_on_pixels(estimator: Estimator, observation: Observation) -> Fit | Refusal:
+    """Run a method that takes the whole image, and test what it claims."""
     result = estimator.run(observation)
     if isinstance(result, Refusal):
         return result
-    if not knows_light:
-        result = with_uneven_light(result, observation)
-    if isinstance(result, Refusal):
-        return result
-    if (refusal := doubted(result, observation)) is not None:
-        return refusal
-    refusal = too_wide(result, limits.LARGEST_PIXEL_SIGMA_RAD)
-    return result if refusal is None else refusal
+    for refusal in (
+        _too_bright(result, observation),
+        doubted(result, observation),
+        too_wide(result, limits.LARGEST_PIXEL_SIGMA_RAD),
+    ):
+        if refusal is not None:
+            return refusal
+    return result
+
+
+def _too_bright(fit: Fit, observation: Observation) -> Refusal | None:
+    """Refuse a limb most of which is saturated: its profile is cut off, and the rest of it stands too high."""
+    if observation.full_scale is None:
+        return None
+    los = unproject(observation.camera, fit.points)
+    los = los[np.isfinite(los).all(axis=1)]
+    picture = Picture(observation.image, observation.full_scale)
+    share = float(
+        np.mean(saturated(read_sides(picture, observation.camera, los, fit.nadir_cam), observation.full_scale))
+    )
+    if not share > limits.MOST_SATURATED:
+        return None
+    return Refusal(Outcome.SATURATED, f"{share:.0%} of the limb is saturated", fit.points)
 
 
 def _as_seen(limb: TrustedLimb) -> SeenLimb:

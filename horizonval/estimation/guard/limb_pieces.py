@@ -132,7 +132,7 @@ def _edge(
     axes = knowledge.ellipsoid.axes_m + pose.height_m
     angle = limb_angle(near.pixels.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
     scale = image_scale(angle, near.pixels.by_column, near.pixels.by_row)
-    x = angle.delta / scale
+    x = (angle.delta + angle.by_height * near.lift_m) / scale
     return x, edge_profile(x, blur, found.scale_height_m * np.abs(angle.by_height) / scale)
 
 

@@ -34,12 +34,10 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.earth.limb_relief import limb_height_m
 from horizonval.estimation.guard import guard_limits as limits
-from horizonval.estimation.guard.limb_model import blur_of
 from horizonval.estimation.guard.limb_pieces import LimbPieces, limb_pieces
 from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_SIGMA_M, knowledge_in_air
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
 from horizonval.estimation.likelihood.knowledge import LimbPose, sphere_knowledge
-from horizonval.estimation.limb.model.height_perturbation import unknown_sun_covariance
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.cone import Cone
@@ -177,30 +175,13 @@ def _by_nadir(found: LimbLikelihoodFit, observation: Observation, claim: Fit) ->
     by_nadir = found.by_nadir
     claimed = basis.T @ claim.total_covariance_nadir_cam @ basis
     fitted = basis.T @ by_nadir @ found.covariance @ by_nadir.T @ basis
-    turn = basis.T @ tangent_basis(found.pose.nadir_cam)
-    sun = turn @ _unknown_sun(found, observation)[:2, :2] @ turn.T
     floor = limits.AGREEMENT_FLOOR_RAD**2 * np.eye(2)
     off = basis.T @ (found.pose.nadir_cam - nadir)
-    if off @ np.linalg.solve(claimed + fitted + sun + floor, off) <= SIGMAS**2:
+    if off @ np.linalg.solve(claimed + fitted + floor, off) <= SIGMAS**2:
         return None
     apart = np.degrees(angle_between(found.pose.nadir_cam, nadir))
     reason = f"the most probable limb has its nadir {apart:.2f} deg from the claimed one"
     return Refusal(Outcome.AMBIGUOUS, reason, claim.points)
-
-
-def _unknown_sun(found: LimbLikelihoodFit, observation: Observation) -> FloatArray:
-    """Return what the uneven height of a sunlit limb makes of the fitted cone, shape (3, 3) [rad^2].
-
-    The fit has no model of it.
-    """
-    if observation.band_kind == "thermal":
-        return np.zeros((3, 3))
-    axis = found.pose.nadir_cam
-    los = unproject(observation.camera, found.uv)
-    rho = float(off_axis_angle(los, axis).mean())
-    return unknown_sun_covariance(
-        los, axis, rho, blur_of(los, axis, observation), observation.prior.sphere_radius_m, observation.band_um
-    )
 
 
 def _by_altitude(
@@ -219,7 +200,7 @@ def _by_altitude(
         up = found.pose.r_itrs / distance
         rho = float(np.arcsin(radius / distance))
         of_distance = float(up @ found.covariance[3:6, 3:6] @ up) * (np.tan(rho) / distance) ** 2
-        variance += of_distance + float(_unknown_sun(found, observation)[2, 2])
+        variance += of_distance
     else:
         rho = seen.rho_rad
         variance += seen.variance

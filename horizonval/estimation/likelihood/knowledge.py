@@ -13,8 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_relief import Relief
+from horizonval.estimation.likelihood.height.limb_places import LimbHeights
 from horizonval.geometry.ellipsoid import Ellipsoid
 
+BLUR_PX = 0.7
+"""Of a usual lens, standard deviation."""
 FIXED_ANGLE_RAD = 1e-6
 FIXED_LENGTH_M = 0.1
 """Sigmas of what is no unknown: below what an image shows (0.2 arcsec of yaw, 0.01 of altitude), above rounding."""
@@ -77,17 +80,25 @@ class LimbKnowledge:
         How the height of the limb varies along it.
     flattened_m : float
         Flattening times radius of the planet where ``ellipsoid`` is a sphere in its place.
+    uneven : LimbHeights, optional
+        How the height of the limb varies along it, in place of the reliefs.
+    middle_sigma_m : float
+        Of the height in which the limb's light has its middle, that of the edge and the scale height together, of which
+        ``mean`` and ``scale_height_m`` are the sum: where pixels are larger than the air is deep, no more is seen of
+        the two. Infinite where only each of them is known.
     """
 
     ellipsoid: Ellipsoid
     mean: LimbPose
     information: FloatArray
-    blur_px: float = 0.7
+    blur_px: float = BLUR_PX
     blur_log_sigma: float = 0.7
     scale_height_m: float = 0.0
     scale_sigma_m: float = 0.0
     reliefs: tuple[Relief, ...] = ()
     flattened_m: float = 0.0
+    uneven: LimbHeights | None = None
+    middle_sigma_m: float = np.inf
 
 
 def sphere_knowledge(

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.height.limb_places import ArcPlaces
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
 from horizonval.estimation.likelihood.limb_angle import limb_angle
 from horizonval.estimation.likelihood.pixels import NearPixels, image_scale, limb_bend, near_pixels
-from horizonval.estimation.likelihood.relief_modes import relief_modes
+from horizonval.estimation.likelihood.relief_modes import modes_of, oblate_covariance, relief_modes, relief_nodes
 from horizonval.estimation.likelihood.sectors import Sectors, sectors_of
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.directions import tangent_basis
@@ -28,6 +29,8 @@ FEWEST_LIMB_PX = 8
 """Of limb in view: seven unknowns and a level."""
 BEND_PLACES = 400
 """Along the limb: the bend is interpolated between them."""
+SHORTEST_RAD = 0.05
+"""At the Earth's centre, as far as clouds keep a height alike: 3 deg."""
 
 MISPLACED_PX = 0.05
 """Standard deviation by which the limb of real air lies elsewhere in its pixels than an exponential, alike all along.
@@ -50,6 +53,8 @@ class LimbPixels:
         Place in the sector, from -1/2 to 1/2.
     bend : ndarray, shape (n,)
         Of the limb beside each of them, as :func:`.pixels.limb_bend` says.
+    lift_m : ndarray, shape (n,)
+        By how much the limb is known to stand above the height of the pose.
     modes : ndarray, shape (k, n)
         Of the relief, and of a limb that is misplaced by one share of a pixel all along (last) [m].
     """
@@ -59,6 +64,7 @@ class LimbPixels:
     sectors: Sectors
     along: FloatArray
     bend: FloatArray
+    lift_m: FloatArray
     modes: FloatArray
 
 
@@ -110,11 +116,21 @@ def limb_pixels(
     bend = limb_bend(camera, uv, pose.cam_from_itrs, pose.r_itrs, axes)
     seen = np.isfinite(bend)
     rho = float(np.arctan2(axes[0], to_limb))
-    nodes, of_relief = relief_modes(float(azimuth[-1]), knowledge.reliefs, knowledge.flattened_m, rho)
+    pixel_m = (scale / angle.by_height)[sectors.order]
+    lift = np.zeros(len(azimuth))
+    if knowledge.uneven is None:
+        nodes, of_relief = relief_modes(float(azimuth[-1]), knowledge.reliefs, knowledge.flattened_m, rho)
+    else:
+        nodes = relief_nodes(float(azimuth[-1]), SHORTEST_RAD / float(np.cos(rho)))
+        first = float(np.arctan2(*(across[::-1, sectors.order[0]])))
+        places = _places(nodes + first, pose, rho, np.interp(nodes, azimuth[some], pixel_m[some]))
+        height, covariance = knowledge.uneven.along(places, nodes)
+        lift = np.interp(azimuth, nodes, height)
+        of_relief = modes_of(covariance + oblate_covariance(nodes + first, knowledge.flattened_m, rho))
     modes = [np.interp(azimuth, nodes, mode) for mode in of_relief]
-    if knowledge.reliefs:
+    if knowledge.reliefs and knowledge.uneven is None:
         # As a height, since a height is what a mode is of.
-        modes.append(MISPLACED_PX * (scale / angle.by_height)[sectors.order])
+        modes.append(MISPLACED_PX * pixel_m)
     return LimbPixels(
         pixels=pixels,
         values=np.asarray(image[pixels.rows, pixels.columns], dtype=float),
@@ -122,5 +138,16 @@ def limb_pixels(
         # A linear array crosses the limb in one pixel, which has no place along it.
         along=sectors.along if limb_px > 1 else np.zeros(len(azimuth)),
         bend=np.interp(azimuth, azimuth[some][seen], bend[seen]) if seen.any() else np.zeros(len(azimuth)),
+        lift_m=lift,
         modes=np.array(modes).reshape(len(modes), len(azimuth)),
     )
+
+
+def _places(azimuth: FloatArray, pose: LimbPose, rho_rad: float, pixel_m: FloatArray) -> ArcPlaces:
+    """Return places along the limb at azimuths (m,) about the nadir."""
+    nadir = pose.nadir_cam
+    basis = tangent_basis(nadir)
+    outwards = np.cos(azimuth)[:, None] * basis[:, 0] + np.sin(azimuth)[:, None] * basis[:, 1]
+    los = np.cos(rho_rad) * nadir + np.sin(rho_rad) * outwards
+    up = np.cos(rho_rad) * outwards - np.sin(rho_rad) * nadir
+    return ArcPlaces(los, up, pose.cam_from_itrs, pixel_m)

@@ -36,6 +36,12 @@ OBLATE_LENGTH_RAD = 0.5
 """Of the limb of an ellipsoid, two waves round a circle: nodes as for a relief of this length."""
 
 
+def relief_nodes(span_rad: float, shortest_rad: float) -> FloatArray:
+    """Return azimuths [rad], shape (m,), from 0 to the span, close enough for a relief of that correlation length."""
+    count = int(np.clip(np.ceil(NODES_PER_LENGTH * span_rad / shortest_rad) + 1, 3, MOST_NODES))
+    return np.linspace(0.0, span_rad, count)
+
+
 def relief_modes(
     span_rad: float, reliefs: tuple[Relief, ...], flattened_m: float = 0.0, rho_rad: float = 0.0
 ) -> tuple[FloatArray, FloatArray]:
@@ -55,22 +61,31 @@ def relief_modes(
     if not reliefs and flattened_m == 0.0:
         return np.array([0.0, span_rad]), np.zeros((0, 2))
     shortest = min([relief.correlation_rad for relief in reliefs] or [OBLATE_LENGTH_RAD])
-    count = int(np.clip(np.ceil(NODES_PER_LENGTH * span_rad / shortest) + 1, 3, MOST_NODES))
-    nodes = np.linspace(0.0, span_rad, count)
+    nodes = relief_nodes(span_rad, shortest)
     width = nodes[1] - nodes[0]
     apart = np.abs(nodes[:, None] - nodes[None, :])
     apart = np.minimum(apart, 2.0 * np.pi - apart)
-    heights = np.zeros((count, count))
+    heights = np.zeros_like(apart)
     for relief in reliefs:
         # The mean over the width of a node, a box of variance width^2 / 12 at both ends, in place of single points.
         square = relief.correlation_rad**2
         wide = square + width**2 / 6.0
         heights += relief.sigma_m**2 * np.sqrt(square / wide) * np.exp(-0.5 * apart**2 / wide)
-    if flattened_m != 0.0:
-        limbs = oblate_limbs(np.column_stack([np.cos(nodes), np.sin(nodes)]), rho_rad, flattened_m) / np.tan(rho_rad)
-        limbs -= limbs.mean()
-        heights += limbs @ limbs.T / limbs.shape[1]
-    variance, vectors = np.linalg.eigh(heights)
+    return nodes, modes_of(heights + oblate_covariance(nodes, flattened_m, rho_rad))
+
+
+def oblate_covariance(nodes: FloatArray, flattened_m: float, rho_rad: float) -> FloatArray:
+    """Return what the flattening makes of a sphere's limb at azimuths (m,), all poles alike [m^2], shape (m, m)."""
+    if flattened_m == 0.0:
+        return np.zeros((len(nodes), len(nodes)))
+    limbs = oblate_limbs(np.column_stack([np.cos(nodes), np.sin(nodes)]), rho_rad, flattened_m) / np.tan(rho_rad)
+    limbs -= limbs.mean()
+    return np.asarray(limbs @ limbs.T / limbs.shape[1])
+
+
+def modes_of(covariance: FloatArray) -> FloatArray:
+    """Return the modes, shape (k, m), of a covariance of heights (m, m)."""
+    variance, vectors = np.linalg.eigh(covariance)
     variance, vectors = np.maximum(variance[::-1], 0.0), vectors[:, ::-1]
     kept = int(np.searchsorted(np.cumsum(variance), (1.0 - LEFT_OUT) * variance.sum())) + 1
-    return nodes, np.sqrt(variance[:kept])[:, None] * vectors.T[:kept]
+    return np.asarray(np.sqrt(variance[:kept])[:, None] * vectors.T[:kept])

@@ -19,7 +19,7 @@ from horizonval.estimation.methods import (
 ALTITUDE_FREE = guarded(altitude_free.ESTIMATOR)
 LIMB_SPHERE = guarded(limb_sphere.ESTIMATOR)
 LIMB_ELLIPSOID = guarded(limb_ellipsoid.ESTIMATOR)
-LIMB_PROFILE = guarded(limb_profile.ESTIMATOR, knows_light=True)
+LIMB_PROFILE = guarded(limb_profile.ESTIMATOR)
 VIDEO_VERTICAL = guarded(video_vertical.ESTIMATOR)
 LINEAR_HEADS = guarded(linear_heads.ESTIMATOR)
 LINEAR_HEADS_PUBLISHED = guarded(linear_heads.PUBLISHED)

@@ -54,7 +54,8 @@ def run(observation: Observation) -> Fit | Refusal:
     information[:3, :3] = cam_from_body @ np.diag(prior.attitude_sigma_rad**-2.0) @ cam_from_body.T
     information[3:6, 3:6] = np.eye(3) / prior.position_sigma_m**2
     information[6, 6] = height_sigma**-2
-    knowledge = knowledge_in_air(observation, ellipsoid, LimbPose(coarse, prior.r_itrs, height), information)
+    mean = LimbPose(coarse, prior.r_itrs, height)
+    knowledge = knowledge_in_air(observation, ellipsoid, mean, information, of_height=True, placed=True)
     return claim(picture, observation, start, knowledge)
 
 

@@ -49,7 +49,7 @@ def run(observation: Observation) -> Fit | Refusal:
     planet, mean, information = sphere_knowledge(
         -r_cam / np.linalg.norm(r_cam), radius, altitude, sigma, height, height_sigma
     )
-    knowledge = knowledge_in_air(observation, planet, mean, information, flattened)
+    knowledge = knowledge_in_air(observation, planet, mean, information, flattened, of_height=known)
     return claim(picture, observation, LimbPose(np.eye(3), r_cam, height), knowledge)
 
 

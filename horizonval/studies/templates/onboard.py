@@ -65,7 +65,7 @@ def cut_down(whole: LimbTemplates, places: LimbPlaces, error: float) -> CutTable
         raise UserError(f"found {error:g}", where="--error", expected="a share from 0.0001 to 0.1")
     rows = _around(whole.axes[0], places.first)
     if whole.band_kind == "thermal":
-        columns = _around_the_year(whole.axes[1], places.second)
+        columns = months_around(whole.axes[1], places.second)
     else:
         columns = _around(whole.axes[1], np.abs((places.second + np.pi) % (2.0 * np.pi) - np.pi))
     low = max(int(np.searchsorted(whole.height_m, places.lowest_m, side="right")) - 1, 0)
@@ -101,7 +101,8 @@ def _around(axis: FloatArray, x: FloatArray) -> np.ndarray:
     return np.arange(int(i.min()), min(int(i.max()) + 1, len(axis) - 1) + 1)
 
 
-def _around_the_year(axis: FloatArray, month: FloatArray) -> np.ndarray:
+def months_around(axis: FloatArray, month: FloatArray) -> np.ndarray:
+    """Return the months, numbers on a rising axis round the year, that the interpolation at some reads."""
     i = np.searchsorted(axis, axis[0] + (month - axis[0]) % 12.0, side="right") - 1
     return np.unique(np.concatenate([i, (i + 1) % len(axis)]))
 

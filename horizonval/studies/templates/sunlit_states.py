@@ -30,9 +30,10 @@ the base is marched in the band's own nodes too, and every state takes the ratio
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -121,8 +122,8 @@ def cloud_states() -> tuple[SunlitState, ...]:
     return (none, *clouds, *(SunlitState(cirrus=(tau, top), share=share) for tau, top, share in thin))
 
 
-def sunlit_model(state: SunlitState, band: Band = WHOLE) -> OpticalModel:
-    """Return the optical properties of a state in a band."""
+def sunlit_model(state: SunlitState, band: Band = WHOLE, air: Mapping[str, Any] | None = None) -> OpticalModel:
+    """Return the optical properties of a state in a band; ``air``: keys of an atmosphere in place of its profile."""
     layers: tuple[CloudLayer, ...] = ()
     if state.cirrus is not None:
         depth, top_km = state.cirrus
@@ -132,7 +133,11 @@ def sunlit_model(state: SunlitState, band: Band = WHOLE) -> OpticalModel:
         scene=SceneName(name="limb-templates"),
         camera=CameraUse(file="limb-templates"),
         platform=Platform(epoch_utc=datetime(2026, 3, 20, tzinfo=UTC), altitude_km=500.0),
-        atmosphere=Atmosphere(profile=state.profile, aerosol=state.aerosol, aerosol_optical_depth_550nm=state.depth),
+        atmosphere=Atmosphere(
+            **({"profile": state.profile} if air is None else air),
+            aerosol=state.aerosol,
+            aerosol_optical_depth_550nm=state.depth,
+        ),
         surface=Surface(albedo=state.albedo),
         layer=layers,
     )
@@ -166,13 +171,17 @@ def raised(model: OpticalModel, top_m: float) -> OpticalModel:
     return replace(model, altitude_m=new, top_m=float(new[-1]), nodes=nodes, refractivity=index)
 
 
-def sunlit_profiles(state: SunlitState, band: Band = WHOLE, progress: Progress | None = None) -> FloatArray:
+def sunlit_profiles(
+    state: SunlitState, band: Band = WHOLE, progress: Progress | None = None, air: Mapping[str, Any] | None = None
+) -> FloatArray:
     """Return T at the nodes of a band over the Sun's angles of the table [1/sr], shape (nodes, A, B, H)."""
     from horizonval.renderer.kernel.batching import IMAGE_TABLE
+    from horizonval.renderer.plugin.backend import activate
     from horizonval.renderer.rays.radiance import radiance_along_rays
     from horizonval.renderer.scattering.quality import STANDARD
 
-    model = sunlit_model(state, band)
+    activate()
+    model = sunlit_model(state, band, air)
     zenith, azimuth = np.meshgrid(np.radians(SUN_ZENITH_DEG), np.radians(SUN_AZIMUTH_DEG), indexing="ij")
     sun = np.stack(
         [np.sin(zenith) * np.cos(azimuth), np.sin(zenith) * np.sin(azimuth), np.cos(zenith)], axis=-1
@@ -205,9 +214,11 @@ def band_shares(band: Band) -> FloatArray:
     return np.asarray(basis @ (photons * sunlight.irradiance(wavelength)) / photons.sum())
 
 
-def band_profiles(state: SunlitState, band: Band, progress: Progress | None = None) -> FloatArray:
+def band_profiles(
+    state: SunlitState, band: Band, progress: Progress | None = None, air: Mapping[str, Any] | None = None
+) -> FloatArray:
     """Return a band's profiles in its own nodes [W m-2 sr-1 um-1], shape (A, B, H)."""
-    model = sunlit_model(state, band)
+    model = sunlit_model(state, band, air)
     weight = np.array([node.weight * node.solar_irradiance for node in model.nodes])
-    total = np.tensordot(weight, sunlit_profiles(state, band, progress), axes=(0, 0))
+    total = np.tensordot(weight, sunlit_profiles(state, band, progress, air), axes=(0, 0))
     return np.asarray(total / sum(node.weight for node in model.nodes))

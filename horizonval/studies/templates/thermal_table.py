@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -61,28 +62,51 @@ def thermal_table(
     return [_assembled(band, parts, months) for band in some_bands]
 
 
+@dataclass(frozen=True)
+class CoverModes:
+    """``mean`` (A, B, H), ``modes`` (A, B, 1 + COVER_MODES, H), ``left_variance`` (A, B, H), ``correlation_rad``."""
+
+    mean: FloatArray
+    modes: FloatArray
+    left_variance: FloatArray
+    correlation_rad: FloatArray
+
+
+def cover_modes(departures: FloatArray, months: FloatArray, *, around: bool) -> CoverModes:
+    """Return what the states of what lies below come to: one mode of all scenes with clouds, the rest by place.
+
+    Parameters
+    ----------
+    departures : ndarray, shape (A, B, COVERS, H)
+        From the same air without clouds.
+    months : ndarray, shape (B,)
+    around : bool
+        Whether they are the whole year.
+    """
+    cloudy = np.array([[states.is_cloudy(float(m), k) for k in range(states.COVERS)] for m in months], dtype=float)
+    whole = scene_mode(departures, cloudy[None], states.CLOUDS, around=around)
+    rest = empirical_modes(departures - whole.of_state, edge_weights(HEIGHT_M), COVER_MODES, around=around)
+    return CoverModes(
+        rest.mean + whole.mean,
+        np.concatenate([whole.mode[:, :, None], rest.modes], axis=2),
+        rest.left_variance,
+        np.array([np.pi, *[CLOUD_RELIEF_THERMAL.correlation_rad] * COVER_MODES]),
+    )
+
+
 def _assembled(band: Band, parts: list[dict[str, FloatArray]], months: FloatArray) -> LimbTemplates:
     calm, air, below = (np.stack([part[f"{band.name} {what}"] for part in parts], axis=1) for what in KEPT)
-    weights = edge_weights(HEIGHT_M)
-    of_air = empirical_modes(air - calm, weights, AIR_MODES, around=True)
-    cloudy = np.array([[states.is_cloudy(float(m), k) for k in range(states.COVERS)] for m in months], dtype=float)
-    whole = scene_mode(below - calm, cloudy[None], states.CLOUDS, around=True)
-    of_cover = empirical_modes(below - calm - whole.of_state, weights, COVER_MODES, around=True)
+    of_air = empirical_modes(air - calm, edge_weights(HEIGHT_M), AIR_MODES, around=True)
+    of_cover = cover_modes(below - calm, months, around=True)
     return LimbTemplates(
         band_kind="thermal",
         band_um=bands.limits_um(band),
         height_m=HEIGHT_M,
         axes=(np.radians(LATITUDE_DEG), months),
-        mean=calm[:, :, 0] + of_air.mean + of_cover.mean + whole.mean,
-        modes=np.concatenate([of_air.modes, whole.mode[:, :, None], of_cover.modes], axis=2),
+        mean=calm[:, :, 0] + of_air.mean + of_cover.mean,
+        modes=np.concatenate([of_air.modes, of_cover.modes], axis=2),
         mode_kinds=("air",) * AIR_MODES + ("scene",) + ("below",) * COVER_MODES,
-        correlation_rad=np.concatenate(
-            [
-                alike_along_latitude(of_air.coefficients),
-                [np.pi],
-                np.full(COVER_MODES, CLOUD_RELIEF_THERMAL.correlation_rad),
-            ]
-        ),
+        correlation_rad=np.concatenate([alike_along_latitude(of_air.coefficients), of_cover.correlation_rad]),
         left_sigma=np.sqrt(of_air.left_variance + of_cover.left_variance),
         made_by=f"tests/data/make_limb_templates.py, states {VERSION}: {states.WEATHERS + 1} of air and "
         f"{states.COVERS} of what is below at every place",

@@ -8,10 +8,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
+from horizonval.core.errors import UserError
 from horizonval.estimation.observation import Estimator
 from horizonval.jobs.stopwatch import Stopwatch
+from horizonval.spec.sensor.prior import is_climate_file
 from horizonval.store.entry import StoreEntry
+from horizonval.store.exr import read_header
 from horizonval.store.store import Store
 from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import Record, record_of
@@ -64,6 +68,21 @@ def archived_record(item: Item, plan: CasePlan, store: Store, watch: Stopwatch) 
     addresses = {"": item.frames.get(first) or None, **item.images[first]}
     known = {band: address for band, address in addresses.items() if address}
     return record_of(item.name, scored.truth, scored.rows, scored.details, known)
+
+
+def climates_of(item: Item, store: Store) -> set[Path]:
+    """Return the files of air that the priors of an item's images name; those of one scene name the same."""
+    found = set()
+    for images in item.images.values():
+        try:
+            truth = read_header(store.path(next(iter(images.values()))))["truth"]
+        except UserError:
+            # scoring it will say what is wrong
+            continue
+        climate = (truth["scene"].get("prior") or {}).get("climate")
+        if climate is not None and is_climate_file(climate):
+            found.add(Path(climate))
+    return found
 
 
 def _observed(addresses: Iterable[str], store: Store) -> Observed:

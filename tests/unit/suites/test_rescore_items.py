@@ -7,7 +7,9 @@ import hashlib
 from synthetic import estimator
 
 from horizonval.store.entry import StoreEntry
-from horizonval.suites.units.archived import cases_of_heads, items_of
+from horizonval.store.store import Store
+from horizonval.suites.identity import rescored_identity
+from horizonval.suites.units.archived import Item, cases_of_heads, climates_of, items_of
 
 
 def address(text: str) -> str:
@@ -71,3 +73,32 @@ def test_draws_and_instants_of_one_scene_are_told_apart():
 def test_two_frames_that_could_be_meant_are_none():
     twice = [frame("noon"), StoreEntry(**(vars(frame("noon")) | {"address": address("other code")}))]
     assert items_of([image("noon"), *twice], [ALONE])[0].frames == {"": ""}
+
+
+def test_the_air_that_a_prior_names_counts_by_its_content(tmp_path, make_image):
+    table, store = tmp_path / "air.npz", Store(tmp_path / "archive")
+    table.write_bytes(b"one air")
+    addresses = {
+        name: store.add_image(make_image(scene={"scene": {"name": name}, **prior}))
+        for name, prior in {"knows": {"prior": {"climate": str(table)}}, "named": {"prior": {"climate": "us"}},
+                            "none": {}}.items()
+    }  # fmt: skip
+
+    def identity(name: str) -> str:
+        item = Item(name, {"": {"vis": addresses[name]}}, {})
+        return rescored_identity(item.addresses, ["ideal"], climates_of(item, store))
+
+    before = {name: identity(name) for name in addresses}
+    table.write_bytes(b"another air")
+    after = {name: identity(name) for name in addresses}
+    assert before["knows"] != after["knows"]
+    assert (before["named"], before["none"]) == (after["named"], after["none"])
+    table.unlink()
+    assert identity("knows") not in (before["knows"], after["knows"])
+
+
+def test_a_damaged_image_names_no_air(tmp_path, make_image):
+    store = Store(tmp_path)
+    address = store.add_image(make_image())
+    store.path(address).write_bytes(b"no image")
+    assert climates_of(Item("a", {"": {"vis": address}}, {}), store) == set()

@@ -27,22 +27,22 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.height.sunlit_profiles import (
+    EARTH_RADIUS_M,
+    FAINTEST,
+    ZENITHS_RAD,
+    seen_from,
+    without_clouds,
+)
 from horizonval.estimation.likelihood.templates import LimbTemplates, shipped_templates
 from horizonval.estimation.limb.model.steepest_height import steepest_height
 
-EARTH_RADIUS_M = 6371008.8
 ALTITUDES_M = (300e3, 700e3, 2000e3, 36000e3)
 PATTERNS_FROM_M = 700e3
 SIGMAS_M = np.geomspace(4e3, 512e3, 15)
 """A narrower blur sees the layers of one haze, which a mean over many has not."""
-ZENITHS_RAD = np.radians([0, 15, 30, 45, 55, 65, 70, 75, 80, 83, 85, 87, 88, 89, 90, 91, 92, 93, 94, 95, 96.0])
-"""Beyond the last the profiles say too little, and there is too little light."""
 LEAST_LENGTH_RAD = math.radians(28.0)
 """At the Earth's centre, of modes that are patterns: half of the horizon of an orbit of 800 km measures as much."""
-CLOUDED = 0.75
-"""Share of the ensemble's scenes that have clouds."""
-FAINTEST = 0.05
-"""Of the mean: what modes leave of it at least."""
 VISIBLE_UM = (0.45, 0.75)
 """Of a camera whose band nobody says."""
 
@@ -59,7 +59,7 @@ class SunlitHeights:
     def __init__(self, table: LimbTemplates) -> None:
         sheet = (np.log(SIGMAS_M), ZENITHS_RAD, table.axes[1])
         self._slants = [math.tan(math.asin(EARTH_RADIUS_M / (EARTH_RADIUS_M + up))) for up in ALTITUDES_M[::-1]]
-        clear = _without_clouds(table)
+        clear = without_clouds(table)
         mean = np.stack([_heights(table, clear[None], up)[0] for up in ALTITUDES_M[::-1]])
         long = table.modes[:, :, table.correlation_rad >= LEAST_LENGTH_RAD]
         states = [
@@ -109,21 +109,6 @@ def _of_table(table: LimbTemplates) -> SunlitHeights:
     return SunlitHeights(table)
 
 
-def _without_clouds(table: LimbTemplates) -> FloatArray:
-    """Return the profiles of scenes without clouds, shape (A, B, h).
-
-    A scene has clouds or not, with the shares ``q`` and ``1 - q``. The variable of unit variance that says so is
-    ``-sqrt(q / (1 - q))`` without. Modes have one sign over all places: under a high Sun clouds are brighter, under a
-    low one darker than what lies beneath, which the Sun on the air makes bright.
-    """
-    clear = table.mean
-    for k in np.flatnonzero(np.array(table.mode_kinds) == "scene"):
-        mode = table.modes[:, :, k]
-        sign = 1.0 if mode[0].sum() > 0.0 else -1.0
-        clear = clear - sign * math.sqrt(CLOUDED / (1.0 - CLOUDED)) * mode
-    return np.asarray(np.maximum(clear, FAINTEST * table.mean))
-
-
 def _sheet(sigma_m: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> list[FloatArray]:
     low, high = SIGMAS_M[0], SIGMAS_M[-1]
     return [np.log(np.clip(np.nan_to_num(sigma_m, nan=high), low, high)), zenith, azimuth]
@@ -131,28 +116,7 @@ def _sheet(sigma_m: FloatArray, zenith: FloatArray, azimuth: FloatArray) -> list
 
 def _heights(table: LimbTemplates, states: FloatArray, altitude_m: float) -> FloatArray:
     """Return the steepest heights of states (s, A, B, h), shape (s, sigma, A, B)."""
-    seen = _seen_from(table, np.log(np.maximum(states, 1e-300)), altitude_m)
+    seen = seen_from(table, np.log(np.maximum(states, 1e-300)), altitude_m)
     flat = np.exp(seen).reshape(-1, len(table.height_m))
     found = np.array([steepest_height(table.height_m, flat, float(sigma)) for sigma in SIGMAS_M])
     return np.moveaxis(found.reshape(len(SIGMAS_M), *seen.shape[:3]), 1, 0)
-
-
-def _seen_from(table: LimbTemplates, values: FloatArray, altitude_m: float) -> FloatArray:
-    """Return values (s, A, B, h) as the lines of one camera have them, by the Sun's angles at the ground's horizon."""
-    zenith, azimuth = np.meshgrid(ZENITHS_RAD, table.axes[1], indexing="ij")
-    up, ahead = np.cos(zenith)[..., None], (np.sin(zenith) * np.cos(azimuth))[..., None]
-    side = (np.sin(zenith) * np.sin(azimuth))[..., None]
-    away = EARTH_RADIUS_M + altitude_m
-    turn = np.arccos(np.minimum((EARTH_RADIUS_M + table.height_m) / away, 1.0)) - math.acos(EARTH_RADIUS_M / away)
-    there = np.arccos(np.clip(up * np.cos(turn) + ahead * np.sin(turn), -1.0, 1.0))
-    level = np.arctan2(np.broadcast_to(side, there.shape), ahead * np.cos(turn) - up * np.sin(turn))
-    (i, u), (j, v) = (_before(axis, x) for axis, x in zip(table.axes, (there, level), strict=True))
-    h = np.arange(len(table.height_m))
-    near = (1.0 - v) * values[:, i, j, h] + v * values[:, i, j + 1, h]
-    far = (1.0 - v) * values[:, i + 1, j, h] + v * values[:, i + 1, j + 1, h]
-    return np.asarray((1.0 - u) * near + u * far)
-
-
-def _before(axis: FloatArray, x: FloatArray) -> tuple[np.ndarray, FloatArray]:
-    i = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, len(axis) - 2)
-    return i, np.clip((x - axis[i]) / (axis[i + 1] - axis[i]), 0.0, 1.0)

@@ -31,6 +31,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.ranks import median
 from horizonval.estimation.limb.search.evidence import (
     INNERMOST,
     REACH_PX,
@@ -42,7 +43,9 @@ from horizonval.estimation.limb.search.evidence import (
 from horizonval.estimation.limb.search.pyramid import PyramidLevel
 from horizonval.estimation.limb.search.trace import Trace, trace_limb
 from horizonval.estimation.limb.subpixel import half_window
-from horizonval.geometry.camera import CameraModel
+from horizonval.geometry.camera import CameraModel, unproject
+from horizonval.geometry.cone import fit_cone
+from horizonval.geometry.directions import off_axis_angle
 
 STEPS = 4
 """Of Gauss-Newton, from a pixel away: the next would move nothing by a hundredth of a pixel."""
@@ -100,25 +103,52 @@ def points_of(
     trace, profiles = trace.take(whole), profiles[whole]
     shape = _Shape(width_px, level.scale == 1.0 and width_px <= BARE_WIDTH_PX)
     fit = _fitted(profiles, offsets, shape)
-    if shape.bare and np.count_nonzero(fit.good) >= FEWEST_PROFILES:
-        fit = _fitted(profiles, offsets, shape, _pooled(trace.azimuth, fit.shading, fit.good))
-    shift, step, good = fit.shift, fit.step, fit.good
     noise = level.noise / np.sqrt(min(REACH_PX, len(offsets) - REACH_PX))
-    good &= (np.abs(shift) <= SHIFTS_PX[-1]) & ((step > 0.0) == bright_inside) & (np.abs(step) > FAINTEST * noise)
+    good = _stands_out(fit, bright_inside, noise)
+    if shape.bare and np.count_nonzero(good) >= FEWEST_PROFILES:
+        fit = _fitted(profiles, offsets, shape, _pooled(trace.azimuth, fit.shading, good))
+        # Where it is night, the shading of the day makes a step of nothing: what had none by itself has none.
+        good &= _stands_out(fit, bright_inside, noise)
+    shift, step = fit.shift, fit.step
     uv = trace.uv + level.scale * shift[:, None] * trace.inwards
-    if shape.bare and width_px == WIDTHS_PX[0] and np.count_nonzero(fit.good) >= FEWEST_PROFILES:
-        uv, whole_pixels = _by_area(level, uv, trace, profiles, offsets, fit)
-        good &= whole_pixels
+    if shape.bare and width_px == WIDTHS_PX[0] and np.count_nonzero(good) >= FEWEST_PROFILES:
+        read, whole_pixels = _by_area(level, uv, trace, profiles, offsets, fit, good)
+        whole_pixels &= good
+        # Textured ground is uneven over the pixels that an area takes: the places that lie better on a cone are taken.
+        if _scatter(read[whole_pixels], camera) < _scatter(uv[good], camera):
+            uv, good = read, whole_pixels
     order = np.flatnonzero(good)
     order = order[np.argsort(trace.azimuth[order], kind="stable")]
     return uv[order], step[order], fit.deep[order]
 
 
+def _stands_out(fit: _Fitted, bright_inside: bool, noise: float) -> NDArray[np.bool_]:
+    """Return which profiles show an edge of the limb's sign near the cone, beyond their noise."""
+    near = fit.good & (np.abs(fit.shift) <= SHIFTS_PX[-1])
+    return np.asarray(near & ((fit.step > 0.0) == bright_inside) & (np.abs(fit.step) > FAINTEST * noise))
+
+
+def _scatter(uv: FloatArray, camera: CameraModel) -> float:
+    """Return the median distance [rad] of places from the cone through them; infinite for too few."""
+    los = unproject(camera, uv)
+    los = los[np.isfinite(los).all(axis=1)]
+    if len(los) < FEWEST_PROFILES:
+        return float("inf")
+    off = off_axis_angle(los, fit_cone(los).axis_cam)
+    return median(np.abs(off - median(off)))
+
+
 def _by_area(
-    level: PyramidLevel, uv: FloatArray, trace: Trace, profiles: FloatArray, offsets: FloatArray, fit: _Fitted
+    level: PyramidLevel,
+    uv: FloatArray,
+    trace: Trace,
+    profiles: FloatArray,
+    offsets: FloatArray,
+    fit: _Fitted,
+    used: NDArray[np.bool_],
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return places (n, 2) read off whole pixels, and which of the given ones have some that no other shares."""
-    space, step, shading = _levels_beside(profiles, offsets[None, :] - fit.shift[:, None], trace.azimuth, fit.good)
+    space, step, shading = _levels_beside(profiles, offsets[None, :] - fit.shift[:, None], trace.azimuth, used)
     half = half_window(level.grey.shape)
     rows = np.arange(len(uv))
     axis = np.argmax(np.abs(trace.inwards), axis=1)

@@ -31,6 +31,9 @@ class Sphere:
     earth: float = 200.0
     space: float = 20.0
     tilt: tuple[float, float] = (0.0, 0.0)
+    bow_m: float = 0.0
+    """By how much a soft limb is higher a right angle of azimuth from the plane of nadir and boresight than in it, as
+    the square of the azimuth's sine."""
 
     @property
     def nadir(self) -> np.ndarray:
@@ -57,7 +60,9 @@ def _sky(sphere: Sphere, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     distance = RADIUS_M + sphere.altitude_m
     if sphere.scale_height_m > 0.0:
         sine = np.sqrt(np.clip(1.0 - cosine**2, 0.0, 1.0))
-        lowest = np.where(cosine > 0.0, distance * sine, np.inf) - RADIUS_M
+        along = (np.stack([x, y, np.ones_like(x)], axis=-1) @ sphere.across[1]) / np.sqrt(1.0 + x * x + y * y)
+        bow = sphere.bow_m * (along / np.maximum(sine, 1e-9)) ** 2
+        lowest = np.where(cosine > 0.0, distance * sine, np.inf) - RADIUS_M - bow
         return np.exp(-np.maximum(lowest, 0.0) / sphere.scale_height_m)
     level = cosine - np.sqrt(1.0 - (RADIUS_M / distance) ** 2)
     by_v, by_u = np.gradient(level)

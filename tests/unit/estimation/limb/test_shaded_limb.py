@@ -17,8 +17,11 @@ NADIR = np.array([np.sin(0.55) * 0.6, np.sin(0.55) * 0.8, np.cos(0.55)])
 FINE = 14
 
 
-def _sphere(sun: np.ndarray, flat: bool = False) -> np.ndarray:
-    """Return a picture of a unit Lambert sphere, 800 under an overhead Sun; ``flat`` glows alike everywhere."""
+def _sphere(sun: np.ndarray, flat: bool = False, texture: float = 0.0) -> np.ndarray:
+    """Return a picture of a unit Lambert sphere, 800 under an overhead Sun; ``flat`` glows alike everywhere.
+
+    ``texture``: of the albedo from place to place, over a tenth of the radius.
+    """
     centre = NADIR / np.sin(RHO)
     power = float(centre @ centre)
 
@@ -28,8 +31,10 @@ def _sphere(sun: np.ndarray, flat: bool = False) -> np.ndarray:
         along = d @ centre
         under = along**2 - (power - 1.0)
         point = (along - np.sqrt(np.maximum(under, 0.0)))[..., None] * d - centre
-        return np.where(under > 0.0, 800.0 if flat else 800.0 * np.maximum(point @ sun, 0.0), 0.0)
+        albedo = 1.0 + texture * np.sin(point @ waves).mean(axis=-1)
+        return np.where(under > 0.0, 800.0 if flat else 800.0 * albedo * np.maximum(point @ sun, 0.0), 0.0)
 
+    waves = 30.0 * np.random.default_rng(5).normal(size=(3, 6))
     offset = (np.arange(FINE) + 0.5) / FINE - 0.5
     v, u = np.indices((SIDE, SIDE)).astype(float)
     return np.mean([radiance(u + du, v + dv) for du in offset for dv in offset], axis=0)
@@ -68,3 +73,21 @@ def test_an_even_disc_stays_where_it_is(pictures: dict[str, np.ndarray]) -> None
     off = _positions(pictures["glow"])
     assert np.abs(np.mean(off)) < 0.04
     assert off.std() < 0.06
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_half_lit_textured_limb_has_points_where_it_is_lit(sign: float) -> None:
+    """The Sun 10 deg behind the disc's plane. Night shows nothing at all: no shading of the day makes an edge of it."""
+    beside = np.cross(NADIR, [0.0, 0.0, 1.0])
+    sun = np.cos(np.radians(10.0)) * beside / np.linalg.norm(beside) + np.sin(np.radians(10.0)) * NADIR
+    image = _sphere(sun, texture=0.8)
+    found = find_limb(image if sign > 0 else 900.0 - image, CAMERA)
+    assert isinstance(found, LimbPoints)
+    across = found.los_cam - (found.los_cam @ NADIR)[:, None] * NADIR
+    # where a line passes the limb, the ground's normal is nearly across it: half a pixel makes a third of a degree
+    assert (across @ sun / np.linalg.norm(across, axis=1)).min() > 0.0
+    off = (RHO - off_axis_angle(found.los_cam, NADIR)) * CAMERA.fx
+    # a hundredth of a pixel is the interpolation's; the texture's own slope at the limb is some hundredths
+    assert abs(np.median(off)) < 0.05
+    assert np.percentile(np.abs(off), 90.0) < 0.15
+    assert len(off) > 50

@@ -1,0 +1,158 @@
+"""Tables of the limb in one air that is known, the same everywhere, in place of a climate's ensemble.
+
+Thermal: that column is marched at every latitude of the table, over the ground of the place and month, and below it the
+same states of cloud, haze and ground as in the shipped tables, so that their modes alone are left.
+
+Sunlit: profiles of the air ``P`` and of the shipped tables' base ``P_0``, clear, are marched in the band's own nodes,
+and all of the shipped table is multiplied with ``P / P_0``, its modes of air left out: what haze, ground and cloud make
+of light is taken to be the same share of it in any air.
+
+``clear``: the mean is that of the air with the mean haze; of modes those of haze and ground are left where the Sun
+shines, and in thermal bands a ground that is warmer or colder than the climate's by 5 K (rms), as in the shipped ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
+from horizonval.core.progress import Progress
+from horizonval.earth.atmosphere import climate_rows
+from horizonval.earth.atmosphere.air import air_of
+from horizonval.earth.atmosphere.emitting_air import emitting_air
+from horizonval.earth.gases.gas_state import GasState
+from horizonval.earth.spectral import bands
+from horizonval.estimation.likelihood.templates import LimbTemplates
+from horizonval.spec.earth.atmosphere import Atmosphere
+from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
+from horizonval.spec.sensor.camera import Band
+from horizonval.spec.sensor.prior import is_climate_file
+from horizonval.studies.templates import sunlit_states, thermal_states
+from horizonval.studies.templates.rays import HEIGHT_M, LATITUDE_DEG
+from horizonval.studies.templates.sunlit_table import FAINT
+from horizonval.studies.templates.thermal_table import COVER_MODES, cover_modes
+
+GROUND_CORRELATION_RAD = 0.5
+"""Seas and continents, as in the sunlit tables."""
+CLOUDY_KINDS = ("air", "scene", "below")
+"""Modes of sunlit tables that known air without clouds has not."""
+
+
+@dataclass(frozen=True)
+class UniformAir:
+    """An air: keys of a scene's table ``[atmosphere]``, and whether there are no clouds."""
+
+    keys: Mapping[str, Any]
+    clear: bool = False
+
+    @classmethod
+    def named(cls, name: str, clear: bool = False) -> UniformAir:
+        """Return the air of a name (`horizonval list atmospheres`) or of a profile file.
+
+        Raises
+        ------
+        UserError
+            No such air, a file that is refused, or an air that is not the same everywhere.
+        """
+        asked = cls({"profile_file" if is_climate_file(name) else "profile": name}, clear)
+        scene = asked._scene()
+        try:
+            varies = air_of(scene).columns is not None or climate_rows.varies(scene)
+        except UserError as e:
+            raise e.inside("--air") from None
+        if varies:
+            raise UserError(f"{name!r} varies over the Earth", where="--air", expected="one column of air")
+        return asked
+
+    def gases(self) -> GasState:
+        """Return the column of gases, without halocarbons."""
+        scene = self._scene()
+        return emitting_air(air_of(scene), scene).state
+
+    def _scene(self) -> SceneSpec:
+        return SceneSpec(
+            scene=SceneName(name="known-air"),
+            camera=CameraUse(file="known-air"),
+            platform=Platform(epoch_utc=datetime(2026, 3, 20, tzinfo=UTC), altitude_km=500.0),
+            atmosphere=Atmosphere(**self.keys, halocarbons=False),
+        )
+
+
+def thermal_in(air: UniformAir, band: Band, months: FloatArray, progress: Progress) -> LimbTemplates:
+    """Return the table of a thermal band.
+
+    Parameters
+    ----------
+    air : UniformAir
+    band : Band
+    months : ndarray, shape (B,)
+        Rising; the ground's.
+    progress : Progress
+    """
+    gases = air.gases()
+    calm = np.zeros((len(LATITUDE_DEG), len(months), len(HEIGHT_M)))
+    covered = np.zeros((*calm.shape[:2], 1 if air.clear else thermal_states.COVERS, len(HEIGHT_M)))
+    warm = replace(thermal_states.CLEAR, ground_warmer_k=thermal_states.GROUND_SIGMA_K)
+    for i, j in np.ndindex(*calm.shape[:2]):
+        latitude, month = float(LATITUDE_DEG[i]), float(months[j])
+        progress.step("known air", f"latitude {latitude:g}, month {month:g}")
+
+        def profile(
+            cover: thermal_states.Cover = thermal_states.CLEAR, latitude: float = latitude, month: float = month
+        ) -> FloatArray:
+            model = thermal_states.thermal_model(gases, [band], latitude, month, cover)
+            return thermal_states.thermal_profiles(model, latitude, [band])[0]
+
+        calm[i, j] = profile()
+        for k in range(covered.shape[2]):
+            covered[i, j, k] = profile(warm if air.clear else thermal_states.cover_of(latitude, month, k))
+    departures = covered - calm[:, :, None]
+    table = LimbTemplates(
+        band_kind="thermal",
+        band_um=bands.limits_um(band),
+        height_m=HEIGHT_M,
+        axes=(np.radians(LATITUDE_DEG), months),
+        mean=calm,
+        modes=departures[:, :, :1],
+        mode_kinds=("ground",),
+        correlation_rad=np.array([GROUND_CORRELATION_RAD]),
+        left_sigma=np.zeros_like(calm),
+        made_by=f"horizonval templates --air, {dict(air.keys)}",
+    )
+    if air.clear:
+        return table
+    found = cover_modes(departures, months, around=False)
+    return replace(
+        table,
+        mean=calm + found.mean,
+        modes=found.modes,
+        mode_kinds=("scene",) + ("below",) * COVER_MODES,
+        correlation_rad=found.correlation_rad,
+        left_sigma=np.sqrt(found.left_variance),
+    )
+
+
+def sunlit_in(air: UniformAir, band: Band, whole: LimbTemplates, progress: Progress) -> LimbTemplates:
+    """Return the table of a sunlit band, from the shipped one of the bands most like it."""
+    profile = sunlit_states.band_profiles(sunlit_states.BASE, band, progress, air.keys)
+    base = sunlit_states.band_profiles(sunlit_states.BASE, band, progress)
+    known = base > FAINT * base.max(axis=-1, keepdims=True)
+    ratio = np.where(known, profile / np.where(known, base, 1.0), 1.0)
+    left_out = CLOUDY_KINDS if air.clear else ("air",)
+    kept = np.array([kind not in left_out for kind in whole.mode_kinds])
+    return replace(
+        whole,
+        band_um=bands.limits_um(band),
+        mean=profile if air.clear else whole.mean * ratio,
+        modes=whole.modes[:, :, kept] * ratio[:, :, None],
+        mode_kinds=tuple(kind for kind, stays in zip(whole.mode_kinds, kept, strict=True) if stays),
+        correlation_rad=whole.correlation_rad[kept],
+        left_sigma=np.zeros_like(profile) if air.clear else whole.left_sigma * ratio,
+        made_by=f"horizonval templates --air, {dict(air.keys)}",
+    )
