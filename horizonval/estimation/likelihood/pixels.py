@@ -24,6 +24,8 @@ SQUARE_PX = 8
 """Side of the squares that the search for near pixels starts with."""
 REACH_PX = SQUARE_PX / np.sqrt(2.0) + 2.0
 """From the centre of a square to its corner, and what a lens's changing scale may add on the way to the limb."""
+OBLIQUE = 0.382
+"""Of the lines on which thinned pixels stand, in their distance: the golden section's smaller part, the most even."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,7 @@ def near_pixels(
     axes_m: FloatArray,
     outside_px: float,
     inside_px: float,
+    most: int | None = None,
 ) -> NearPixels:
     """Return the pixels within a distance of the limb; those that see nothing, or have such neighbours, are left out.
 
@@ -80,10 +83,17 @@ def near_pixels(
         As for :func:`.limb_angle.limb_angle`.
     outside_px, inside_px : float
         How far from the limb pixels are taken, towards space and towards the Earth.
+    most : int, optional
+        One to two times so many squares' pixels, evenly spread, where there are more.
     """
     directions = PIXEL_DIRECTIONS.of(camera)
     height, width = directions.shape[:2]
     columns, rows = _squares(directions, cam_from_itrs, r_itrs, axes_m, outside_px + REACH_PX, inside_px + REACH_PX)
+    if most is not None and len(columns) > most:
+        # The same pixels for every pose near by: of all by a power of two, on oblique lines through the image.
+        every = 1 << int(np.log2(len(columns) / most))
+        chosen = (columns + rows * round(OBLIQUE * every)) % every == 0
+        columns, rows = columns[chosen], rows[chosen]
     right, left = np.minimum(columns + 1, width - 1), np.maximum(columns - 1, 0)
     below, above = np.minimum(rows + 1, height - 1), np.maximum(rows - 1, 0)
     pixels = NearPixels(

@@ -107,6 +107,14 @@ class LimbTemplates:
         modes : ndarray, shape (n, K, H)
         left_sigma : ndarray, shape (n, H)
         """
+        mean, modes, left = self._read(first, second, self.mean, self.modes, self.left_sigma)
+        return mean, modes, left
+
+    def mean_at(self, first: ArrayLike, second: ArrayLike) -> FloatArray:
+        """Return the mean profiles alone, shape (n, H); parameters as for :meth:`at`."""
+        return self._read(first, second, self.mean)[0]
+
+    def _read(self, first: ArrayLike, second: ArrayLike, *tables: FloatArray) -> list[FloatArray]:
         a, b = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, dtype=np.float64)) for v in (first, second)))
         i, u = _between(self.axes[0], a)
         if self.band_kind == "thermal":
@@ -114,14 +122,14 @@ class LimbTemplates:
         else:
             j, v = _between(self.axes[1], np.abs((b + np.pi) % (2.0 * np.pi) - np.pi))
         out = []
-        for values in (self.mean, self.modes, self.left_sigma):
+        for values in tables:
             flat = values.reshape(len(self.axes[0]), len(self.axes[1]), -1)
             total = np.zeros((len(a), flat.shape[-1]))
             for row, share in ((i, 1.0 - u), (np.minimum(i + 1, len(self.axes[0]) - 1), u)):
                 for column, part in ((j, 1.0 - v), ((j + 1) % len(self.axes[1]), v)):
                     total += (share * part)[:, None] * flat[row, column]
             out.append(total.reshape(len(a), *values.shape[2:]))
-        return out[0], out[1], out[2]
+        return out
 
     def save(self, path: Path) -> None:
         """Write the table, whole or not at all; the same table always gives the same bytes.

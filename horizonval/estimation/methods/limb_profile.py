@@ -28,7 +28,8 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile.fit import ProfileFit, ProfileKnowledge, fit_profile
+from horizonval.estimation.likelihood.profile.fit import fit_profile
+from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, ProfileKnowledge
 from horizonval.estimation.likelihood.profile.known_air import KnownAir
 from horizonval.estimation.likelihood.profile.start import start_pose
 from horizonval.estimation.likelihood.templates import LimbTemplates, is_of_band, shipped_templates, templates_of
@@ -103,7 +104,7 @@ def run(observation: Observation) -> Fit | Refusal:
             air.heights_m,
             lambda normal, los, height: air.means(normal, los, mean, height),
         )
-        found = fit_profile(picture.grey, observation.camera, start, knowledge, picture.noise_sigma)
+        found = fit_profile(picture.grey, observation.camera, start, knowledge)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NO_LIMB, f"the profile of the limb: {e}")
     doubt = _doubt(found, prior, cam_from_body)

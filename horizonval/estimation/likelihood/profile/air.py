@@ -24,9 +24,11 @@ The height ``z`` is the highest at which the mean has half of its largest value.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from horizonval.core.arrays import FloatArray
 
@@ -60,28 +62,45 @@ class NodeAir:
         The mean, and k functions that are added to it.
     waves : tuple of ndarray, shape (m, j) each
         Of every added function: what the unit unknowns make of its coefficient at the nodes.
+    names : tuple of (str, int)
+        Of every added function, the same wherever the nodes and the grid are.
     """
 
     bottom_m: float
     step_m: float
     functions: FloatArray
     waves: tuple[FloatArray, ...]
+    names: tuple[tuple[str, int], ...]
+
+    @cached_property
+    def wave(self) -> FloatArray:
+        """All waves beside each other, shape (m, count)."""
+        return np.concatenate(self.waves, axis=1)
 
     @property
     def count(self) -> int:
         """Unknowns of all functions together."""
         return sum(wave.shape[1] for wave in self.waves)
 
-    @property
+    @cached_property
     def function(self) -> NDArray[np.intp]:
         """Number of every unknown's function, from 0 without the mean, shape (count,)."""
         return np.repeat(np.arange(len(self.waves)), [wave.shape[1] for wave in self.waves])
 
     def coefficients(self, unknowns: FloatArray) -> FloatArray:
         """Return what the functions are multiplied with at the nodes, shape (m, 1 + k): 1 of the mean."""
-        product = np.concatenate(self.waves, axis=1) * unknowns
+        product = self.wave * unknowns
         starts = np.cumsum([0] + [wave.shape[1] for wave in self.waves[:-1]])
         return np.concatenate([np.ones((len(product), 1)), np.add.reduceat(product, starts, axis=1)], axis=1)
+
+    def taken_over(self, before: NodeAir, unknowns: FloatArray) -> FloatArray:
+        """Return the unknowns that say what those of other nodes and another grid, both little elsewhere, said."""
+        nodes, old_nodes = len(self.wave), len(before.wave)
+        known = dict(zip(before.names, before.coefficients(unknowns)[:, 1:].T, strict=True))
+        places, old_places = np.linspace(0.0, 1.0, nodes), np.linspace(0.0, 1.0, old_nodes)
+        said = np.array([np.interp(places, old_places, known.get(name, np.zeros(old_nodes))) for name in self.names])
+        along = np.einsum("ij,ji->j", self.wave, said[self.function])
+        return np.asarray(along / np.maximum(np.einsum("ij,ij->j", self.wave, self.wave), 1e-300))
 
 
 def node_air(
@@ -111,23 +130,13 @@ def node_air(
         That turns distances into heights. Above the table there is no light, below it that of its end.
     """
     count = int(np.ceil((grid_m[1] - grid_m[0]) / grid_m[2])) + 1
-    borders = grid_m[0] + (np.arange(count + 1) - 0.5) * grid_m[2]
-    borders -= curve * borders**2
-    grid, width = 0.5 * (borders[1:] + borders[:-1]), np.diff(borders)
-    known = np.concatenate(
-        [[min(borders[0], height_m[0]) - 1.0], height_m, [height_m[-1] + 1.0, max(borders[-1], height_m[-1]) + 2.0]]
-    )
-    i = np.clip(np.searchsorted(known, borders, side="right") - 1, 0, len(known) - 2)
-    into = borders - known[i]
-    share = into / (known[i + 1] - known[i])
+    even_borders = grid_m[0] + (np.arange(count + 1) - 0.5) * grid_m[2]
+    borders = np.asarray(even_borders - curve * even_borders**2)
+    grid = 0.5 * (borders[1:] + borders[:-1])
+    to_grid = _means(height_m, borders)
 
     def even(values: FloatArray) -> FloatArray:
-        nothing = np.zeros((*values.shape[:-1], 2))
-        values = np.concatenate([values[..., :1], values, nothing], axis=-1)
-        parts = 0.5 * (values[..., 1:] + values[..., :-1]) * np.diff(known)
-        whole = np.concatenate([nothing[..., :1], np.cumsum(parts, axis=-1)], axis=-1)
-        before = whole[..., i] + into * (values[..., i] * (1.0 - 0.5 * share) + values[..., i + 1] * 0.5 * share)
-        return np.asarray(np.diff(before, axis=-1) / width)
+        return np.asarray((to_grid @ values.reshape(-1, len(height_m)).T).T.reshape(*values.shape[:-1], count))
 
     alike = alike_at_ends(height_m, mean, correlation_rad)
     elsewhere = np.sqrt(1.0 - alike**2)
@@ -137,15 +146,19 @@ def node_air(
     lengths = np.concatenate([correlation_rad, correlation_rad[second]])
     mean, modes, left = even(mean), even(modes), even(left_sigma)
     apart = np.sum((places[:, None] - places[None, :]) ** 2, axis=-1)
-    functions, waves = [mean[:, None], modes], [_waves(apart, length) for length in lengths]
+    functions, waves = [mean[:, None], modes], _waves(apart, lengths)
+    names = [("limb", i) for i in range(len(correlation_rad))] + [("end", int(i)) for i in second]
     if left.any():
         bumps = left[:, None] * _bumps(grid)
-        bumps = bumps[:, (bumps > LEAST_BUMP * mean.max(axis=1)[:, None, None]).any(axis=(0, 2))]
+        kept = np.flatnonzero((bumps > LEAST_BUMP * mean.max(axis=1)[:, None, None]).any(axis=(0, 2)))
+        bumps = bumps[:, kept]
         functions.append(bumps)
-        waves += [_waves(apart, LEFT_LENGTH_RAD)] * bumps.shape[1]
+        names += [("bump", int(i)) for i in kept]
+        waves += _waves(apart, np.array([LEFT_LENGTH_RAD])) * bumps.shape[1]
     functions.append(mean[:, None])
-    waves.append(GAIN_SIGMA * _waves(apart, GAIN_LENGTH_RAD))
-    return NodeAir(grid_m[0], grid_m[2], np.concatenate(functions, axis=1), tuple(waves))
+    waves.append(GAIN_SIGMA * _waves(apart, np.array([GAIN_LENGTH_RAD]))[0])
+    names.append(("gain", 0))
+    return NodeAir(grid_m[0], grid_m[2], np.concatenate(functions, axis=1), tuple(waves), tuple(names))
 
 
 def before_lowest_rad(height_m: FloatArray, mean: FloatArray) -> FloatArray:
@@ -169,14 +182,36 @@ def alike_at_ends(height_m: FloatArray, mean: FloatArray, correlation_rad: Float
     return np.asarray(np.exp(-0.5 * (away[:, None] / correlation_rad[:, None]) ** 2))
 
 
-def _waves(apart: FloatArray, length_rad: float) -> FloatArray:
-    """Return the square root of a Gaussian covariance of squared distances (m, m), shape (m, j)."""
-    variance, vectors = np.linalg.eigh(np.exp(-0.5 * apart / length_rad**2))
-    variance, vectors = np.maximum(variance[::-1], 0.0), vectors[:, ::-1]
-    # A sign of their own, so that the same unknowns mean nearly the same of nearly the same nodes.
-    vectors = vectors * np.where(vectors[np.abs(vectors).argmax(axis=0), np.arange(len(vectors))] < 0.0, -1.0, 1.0)
-    kept = int(np.searchsorted(np.cumsum(variance), (1.0 - LEFT_OUT) * variance.sum())) + 1
-    return np.asarray(vectors[:, :kept] * np.sqrt(variance[:kept]))
+def _waves(apart: FloatArray, lengths_rad: FloatArray) -> list[FloatArray]:
+    """Return the square roots of Gaussian covariances of squared distances (m, m), one for each length, (m, j) each."""
+    different, which = np.unique(lengths_rad, return_inverse=True)
+    variances, all_vectors = np.linalg.eigh(np.exp(-0.5 * apart / different[:, None, None] ** 2))
+    roots = []
+    for variance, vectors in zip(np.maximum(variances[:, ::-1], 0.0), all_vectors[:, :, ::-1], strict=True):
+        kept = int(np.searchsorted(np.cumsum(variance), (1.0 - LEFT_OUT) * variance.sum())) + 1
+        roots.append(vectors[:, :kept] * np.sqrt(variance[:kept]))
+    return [roots[i] for i in which]
+
+
+def _means(height_m: FloatArray, borders: FloatArray) -> csr_array:
+    """Return the matrix (n, h) that makes means between borders (n + 1,) of values at heights (h,), linear between.
+
+    Above the last height there is nothing, below the first its value.
+    """
+    low, high = min(borders[0], height_m[0]) - 1.0, max(borders[-1], height_m[-1]) + 2.0
+    known = np.concatenate([[low], height_m, [height_m[-1] + 1.0, high]])
+    i = np.clip(np.searchsorted(known, borders, side="right") - 1, 0, len(known) - 2)
+    into = borders - known[i]
+    share = into / (known[i + 1] - known[i])
+    values = np.zeros((len(known), len(height_m)))
+    values[1:-2] = np.eye(len(height_m))
+    values[0, 0] = 1.0
+    parts = 0.5 * (values[1:] + values[:-1]) * np.diff(known)[:, None]
+    whole = np.concatenate([np.zeros((1, len(height_m))), np.cumsum(parts, axis=0)])
+    before = whole[i] + into[:, None] * (
+        values[i] * (1.0 - 0.5 * share)[:, None] + values[i + 1] * 0.5 * share[:, None]
+    )
+    return csr_array(np.diff(before, axis=0) / np.diff(borders)[:, None])
 
 
 def _bumps(grid: FloatArray) -> FloatArray:

@@ -19,6 +19,8 @@ transformed once; a step of a fit takes the products alone.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from scipy import fft
 
@@ -28,6 +30,48 @@ REACH_BLURS = 5.0
 """To which samples at whole pixels are summed up: 4e-6 of the middle one."""
 LEAST_BLUR_PX = 0.15
 """Below it no sample but the middle one is left."""
+MOST_ROUNDS, MOST_ROUND, ROUNDED = 8, 0.5, 1e-4
+"""Of Newton's way to a blur of a wanted variance: rounds, and of the logarithm the largest one and what is none."""
+
+
+def blur_after(blur_px: float, sharpness: float, log_step: float, sharpness_step: float) -> float:
+    """Return the blur after a step of its logarithm and of the sharpness [px].
+
+    What profiles show first of a lens is its variance. A small blur makes that of a sampled lens much smaller than that
+    of a smooth one, so that both parameters turn along a bent valley: the variance goes as far as their derivatives
+    say, the sharpness as it is told, and the blur follows.
+    """
+    plain = blur_px * float(np.exp(log_step))
+    variance, by_log, by_sharpness = _variance(blur_px, sharpness)
+    if not (variance > 0.0 and by_log > 0.0):
+        return plain
+    wanted = np.log(variance) + (by_log * log_step + by_sharpness * sharpness_step) / variance
+    blur = plain
+    for _ in range(MOST_ROUNDS):
+        variance, by_log, _ = _variance(blur, sharpness + sharpness_step)
+        if not (variance > 0.0 and by_log > 0.0):
+            return plain
+        off = (wanted - np.log(variance)) * variance / by_log
+        blur *= float(np.exp(np.clip(off, -MOST_ROUND, MOST_ROUND)))
+        if abs(off) < ROUNDED:
+            return blur
+    return plain
+
+
+def _variance(blur_px: float, sharpness: float) -> tuple[float, float, float]:
+    """Return the variance of a lens along one axis [px^2], and its change by the blur's logarithm and the sharpness."""
+    blur = max(blur_px, LEAST_BLUR_PX)
+    square = np.arange(1, int(np.ceil(REACH_BLURS * blur)) + 1) ** 2.0
+    weight = 2.0 * np.exp(-0.5 * square / blur**2)
+    whole, second, fourth = 1.0 + weight.sum(), weight @ square, weight @ square**2
+    sampled = second / whole
+    by_log = (fourth / whole - sampled**2) / blur**2
+    smooth = blur_px**2
+    return (
+        float(smooth + sharpness * (sampled - smooth)),
+        float(2.0 * smooth + sharpness * (by_log - 2.0 * smooth)),
+        float(sampled - smooth),
+    )
 
 
 class BlurredProfiles:
@@ -44,24 +88,37 @@ class BlurredProfiles:
     """
 
     def __init__(self, profiles: FloatArray, step_m: float, boxes_m: FloatArray) -> None:
-        self._count = profiles.shape[-1]
-        mirrored = np.concatenate([profiles, profiles[..., -2:0:-1]], axis=-1)
-        frequency = np.fft.rfftfreq(mirrored.shape[-1], step_m)
+        self._profiles, self._count = profiles, profiles.shape[-1]
+        frequency = np.fft.rfftfreq(2 * self._count - 2, step_m)
         by_column, by_row = boxes_m[:, :1] * frequency, boxes_m[:, 1:] * frequency
-        pixel = np.sinc(by_column) * np.sinc(by_row)
-        self._transform = fft.rfft(mirrored, axis=-1) * pixel[:, None]
+        self._pixel = np.sinc(by_column) * np.sinc(by_row)
         self._wave = 2.0 * np.pi * frequency
         self._turns = np.cos(2.0 * np.pi * np.array([by_column, by_row]))
         self._wave_px = np.hypot(*boxes_m.T)[:, None] * self._wave
-        nothing = np.empty((0, 0))
-        self._known = np.nan, (nothing, nothing, nothing, nothing)
 
-    def values(self, blur_px: float, sharpness: float) -> FloatArray:
-        """Return the blurred profiles, shape (m, k, n); parameters as for :meth:`changes`."""
-        return self._back(self._transform * self._lens(blur_px, sharpness)[:, None])
+    @cached_property
+    def _transform(self) -> np.ndarray:
+        """Of all functions, shape (m, k, f)."""
+        return _even(self._profiles) * self._pixel[:, None]
 
-    def changes(self, weights: FloatArray, blur_px: float, sharpness: float, kind: int) -> FloatArray:
-        """Return weighted sums of the functions, or what they change by, shape (m, n).
+    def values(self, blur_px: float, sharpness: float, every: int = 1) -> FloatArray:
+        """Return the blurred profiles on every so manieth place of the grid, shape (m, k, 1 + (n - 1) // every).
+
+        Waves that such a grid does not show are left out. Other parameters as for :meth:`changes`.
+        """
+        smooth, sampled, _, _ = self._parts(blur_px)
+        lens = (smooth + sharpness * (sampled - smooth))[:, None]
+        count = (self._count - 1) // every
+        if count * every != self._count - 1:
+            raise ValueError(f"a grid of {self._count - 1} steps has no end among every {every}th")
+        shown = slice(count + 1)
+        blurred = fft.irfft(self._transform[..., shown] * lens[..., shown], n=2 * count, axis=-1)
+        return np.asarray(blurred[..., shown] / every)
+
+    def changes(self, weights: FloatArray, blur_px: float, sharpness: float) -> FloatArray:
+        """Return weighted sums of the functions and what they change by, shape (4, m, n).
+
+        The sum itself, its derivative by the height, by the logarithm of the blur, and by the sharpness.
 
         Parameters
         ----------
@@ -70,28 +127,31 @@ class BlurredProfiles:
             The lens's ``s``.
         sharpness : float
             The lens's ``q``.
-        kind : int
-            0 for the sum itself, 1 for its derivative by the height, 2 by the logarithm of the blur, 3 by the
-            sharpness.
         """
-        summed = np.einsum("ij,ijk->ik", weights, self._transform)
-        if kind == 0:
-            return self._back(summed * self._lens(blur_px, sharpness))
-        if kind == 1:
-            return self._back(summed * (1j * self._wave) * self._lens(blur_px, sharpness))
+        summed = _even((weights[:, None] @ self._profiles)[:, 0]) * self._pixel
         smooth, sampled, smooth_by_blur, sampled_by_blur = self._parts(blur_px)
-        if kind == 2:
-            return self._back(summed * (smooth_by_blur + sharpness * (sampled_by_blur - smooth_by_blur)))
-        return self._back(summed * (sampled - smooth))
+        level = summed * (smooth + sharpness * (sampled - smooth))
+        by_blur = summed * (smooth_by_blur + sharpness * (sampled_by_blur - smooth_by_blur))
+        all_of_them = np.array([level, level * (1j * self._wave), by_blur, summed * (sampled - smooth)])
+        return np.asarray(fft.irfft(all_of_them, n=2 * self._count - 2, axis=-1)[..., : self._count])
 
-    def _lens(self, blur_px: float, sharpness: float) -> FloatArray:
+    def pull(self, on_level: FloatArray, on_slope: FloatArray, blur_px: float, sharpness: float) -> FloatArray:
+        """Return the sums over the grid of blurred functions and their slopes times weights (m, n), shape (m, k).
+
+        What is exact for every function costs two blurs at every place: the blur of the weights. Weights of slopes at
+        the ends of the grid count for nothing.
+        """
         smooth, sampled, _, _ = self._parts(blur_px)
-        return np.asarray(smooth + sharpness * (sampled - smooth))
+        lens = self._pixel * (smooth + sharpness * (sampled - smooth))
+        ends = np.ones(self._count)
+        ends[[0, -1]] = 0.5
+        odd = np.concatenate([on_slope, -on_slope[:, -2:0:-1]], axis=-1)
+        whole = lens * (_even(on_level / ends) - 1j * self._wave * fft.rfft(odd, axis=-1))
+        blurred = ends * fft.irfft(whole, n=2 * self._count - 2, axis=-1)[:, : self._count]
+        return np.asarray((self._profiles @ blurred[..., None])[..., 0])
 
     def _parts(self, blur_px: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return the smooth and the sampled Gaussian's transform, shape (m, f) each, and both's change by the blur."""
-        if self._known[0] == blur_px:
-            return self._known[1]
         smooth = np.exp(-0.5 * (blur_px * self._wave_px) ** 2)
         place = np.arange(1, int(np.ceil(REACH_BLURS * blur_px)) + 1)
         weight = 2.0 * np.exp(-0.5 * (place / max(blur_px, LEAST_BLUR_PX)) ** 2)
@@ -106,15 +166,14 @@ class BlurredProfiles:
         scale = 1.0 / (1.0 + weight.sum())
         one_way = total * scale
         change = (by_blur - one_way * steeper.sum()) * scale
-        parts = (
+        return (
             smooth,
             one_way[0] * one_way[1],
             -((blur_px * self._wave_px) ** 2) * smooth,
             change[0] * one_way[1] + one_way[0] * change[1],
         )
-        self._known = blur_px, parts
-        return parts
 
-    def _back(self, transform: np.ndarray) -> FloatArray:
-        full = fft.irfft(transform, n=2 * self._count - 2, axis=-1)
-        return np.asarray(full[..., : self._count])
+
+def _even(profiles: FloatArray) -> np.ndarray:
+    """Return the transforms of profiles (..., n) that go on as even about both ends, shape (..., n)."""
+    return fft.rfft(np.concatenate([profiles, profiles[..., -2:0:-1]], axis=-1), axis=-1)

@@ -57,7 +57,7 @@ class KnownAir:
     ) -> NodeAir:
         """Return the air at places along the limb; parameters as for ``ProfileKnowledge.air``."""
         table = self._templates
-        mean, modes, left = self._at(normal_cam, los_cam, pose)
+        mean, modes, left = table.at(*self._place(normal_cam, los_cam, pose))
         mean = self._where_lines_end(mean, normal_cam, los_cam, pose)
         places = normal_cam @ pose.cam_from_itrs
         return node_air(table.height_m, mean, modes, left, table.correlation_rad, places, grid_m, curve)
@@ -76,7 +76,7 @@ class KnownAir:
         away = before_lowest_rad(height, mean)
         steps = np.linspace(0.0, FARTHEST_RAD, STEPS)
         ends = [np.cos(step) * normal_cam - np.sin(step) * los_cam for step in steps]
-        at = np.array([self._at(end, los_cam, pose)[0] for end in ends])
+        at = np.array([self._templates.mean_at(*self._place(end, los_cam, pose)) for end in ends])
         place = np.minimum(away / steps[1], STEPS - 1.001)
         first = place.astype(np.intp)
         share = place - first
@@ -86,16 +86,17 @@ class KnownAir:
     def means(self, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose, height_m: FloatArray) -> FloatArray:
         """Return the mean profiles at places (m, 3) on heights (n,), shape (m, n); above the table nothing."""
         known = self._templates.height_m
-        mean = self._at(normal_cam, los_cam, pose)[0]
+        mean = self._templates.mean_at(*self._place(normal_cam, los_cam, pose))
         return np.array([np.interp(height_m, known, row, right=0.0) for row in mean])
 
-    def _at(
+    def _place(
         self, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, FloatArray | float]:
+        """Return where places along the limb lie in the table, as :meth:`.LimbTemplates.at` takes them."""
         if self._templates.band_kind == "thermal":
             latitude = np.arcsin(np.clip(normal_cam @ pose.cam_from_itrs[:, 2], -1.0, 1.0))
-            return self._templates.at(latitude, month_of(self._epoch))
+            return latitude, month_of(self._epoch)
         sun = self._sun_cam if self._sun_cam is not None else pose.cam_from_itrs @ self._sun_itrs
         zenith = np.arccos(np.clip(normal_cam @ sun, -1.0, 1.0))
         azimuth = np.arctan2(np.cross(normal_cam, los_cam) @ sun, los_cam @ sun)
-        return self._templates.at(zenith, azimuth)
+        return zenith, azimuth

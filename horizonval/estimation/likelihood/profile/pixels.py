@@ -9,7 +9,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.pixels import NearPixels, near_pixels
-from horizonval.estimation.likelihood.profile.ray_height import level_distance, ray_height
+from horizonval.estimation.likelihood.profile.ray_height import RayHeight, level_distance, ray_height
 from horizonval.estimation.likelihood.sectors import divided
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.directions import cross, tangent_basis
@@ -37,6 +37,8 @@ class ProfilePixels:
     Attributes
     ----------
     pixels : NearPixels
+    ray : RayHeight
+        Of the pixels at the pose that they were chosen for.
     values : ndarray, shape (n,)
         The image's levels.
     light : ndarray, shape (n,)
@@ -58,6 +60,7 @@ class ProfilePixels:
     """
 
     pixels: NearPixels
+    ray: RayHeight
     values: FloatArray
     light: FloatArray
     sector: np.ndarray
@@ -77,8 +80,9 @@ def profile_pixels(
     ellipsoid: Ellipsoid,
     between_m: tuple[float, float],
     curve: float,
+    most: int | None = None,
 ) -> ProfilePixels:
-    """Return the pixels that a pose sees between two heights.
+    """Return the pixels that a pose sees between two heights; with ``most`` about so many of them, evenly spread.
 
     Raises
     ------
@@ -89,18 +93,17 @@ def profile_pixels(
     axes = ellipsoid.axes_m
     to_limb = np.sqrt(max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0))
     per_m = WIDER * max(camera.fx, camera.fy) / to_limb
-    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, top_m * per_m, -bottom_m * per_m)
+    near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, top_m * per_m, -bottom_m * per_m, most)
     ray = ray_height(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
     inside = (ray.height_m > bottom_m) & (ray.height_m < top_m) & (ray.distance_m > 0.0)
     for place, size in ((near.columns, camera.width), (near.rows, camera.height)):
         inside &= (place >= BORDER_PX) & (place < size - BORDER_PX)
-    near = near.take(inside)
-    height, distance, normal = ray.height_m[inside], ray.distance_m[inside], ray.normal_cam[:, inside]
-    to_distance = distance * level_distance(height, curve)[1]
-    by_column = to_distance * np.abs(np.einsum("ij,ij->j", normal, near.by_column))
-    by_row = to_distance * np.abs(np.einsum("ij,ij->j", normal, near.by_row))
+    near, ray = near.take(inside), ray.take(inside)
+    to_distance = ray.distance_m * level_distance(ray.height_m, curve)[1]
+    by_column = to_distance * np.abs(np.einsum("ij,ij->j", ray.normal_cam, near.by_column))
+    by_row = to_distance * np.abs(np.einsum("ij,ij->j", ray.normal_cam, near.by_row))
     width = np.hypot(by_column, by_row)
-    on_limb = np.abs(height) < 0.5 * width
+    on_limb = np.abs(ray.height_m) < 0.5 * width
     limb_px = int(on_limb.sum())
     if limb_px < FEWEST_LIMB_PX:
         raise np.linalg.LinAlgError(f"{limb_px} pixels of limb in view; {FEWEST_LIMB_PX} are needed")
@@ -112,7 +115,7 @@ def profile_pixels(
     count = int(np.clip(np.ceil((2.0 * np.pi - gap) * at_centre / NODE_RAD), 2, min(MOST_SECTORS, limb_px // 2)))
     sectors = divided(azimuth, count)
     order, starts = sectors.order, sectors.starts
-    near, on_limb = near.take(order), on_limb[order]
+    near, ray, on_limb = near.take(order), ray.take(order), on_limb[order]
     width, by_column, by_row = width[order], by_column[order], by_row[order]
     sector = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
     borders = sectors.azimuth[np.minimum(starts, len(order) - 1)]
@@ -137,6 +140,7 @@ def profile_pixels(
     beneath = ray_height(los_cam, pose.cam_from_itrs, pose.r_itrs, axes).normal_cam
     return ProfilePixels(
         pixels=near,
+        ray=ray,
         values=np.asarray(image[near.rows, near.columns], dtype=float),
         light=light * (camera.fx * camera.fy),
         sector=sector,

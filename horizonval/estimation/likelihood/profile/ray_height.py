@@ -21,6 +21,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.directions import cross
@@ -51,6 +52,16 @@ class RayHeight:
     normal_cam: FloatArray
     by_rotation: FloatArray
     by_position: FloatArray
+
+    def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> RayHeight:
+        """Return some of them, by their numbers or by a mask."""
+        return RayHeight(
+            self.height_m[which],
+            self.distance_m[which],
+            self.normal_cam[:, which],
+            self.by_rotation[:, which],
+            self.by_position[:, which],
+        )
 
 
 def ray_height(los_cam: FloatArray, cam_from_itrs: FloatArray, r_itrs: FloatArray, axes_m: FloatArray) -> RayHeight:

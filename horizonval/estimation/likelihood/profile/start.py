@@ -16,6 +16,7 @@ at the prior: the flattening changes over some degrees of tilt by less than a pi
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -32,11 +33,14 @@ from horizonval.geometry.ellipsoid import Ellipsoid
 
 COARSE_PX = 56
 """Of the longer side of the coarse copy: some thousand pixels."""
+FIRST_PX = 500
+"""Of the coarse copy that the first grid is compared with, about so many: a profile as blurred as its step is wide has
+no more to show."""
 REACH_SIGMA = 3.5
 """Of the tilt's prior that is looked at: all but one of five hundred."""
-STEPS = 14
+STEPS = 10
 """To either side of the first grid."""
-FINER, FINER_STEPS = 3.0, 4
+FINER, FINER_STEPS = 3.0, 3
 """By which the step shrinks, and to how many steps to either side the finer grids reach."""
 FINEST_M = 4e3
 """Of height at the limb, or half a pixel: within reach of a fit's derivatives."""
@@ -93,17 +97,17 @@ def start_pose(
     step = REACH_SIGMA * tilt_sigma_rad / STEPS
     best, score, reach = np.zeros(2), -np.inf, STEPS
     finest = max(FINEST_M / to_limb, 0.5 * pixel_rad)
+    every = max(1, len(values) // FIRST_PX) | 1
+    seen = _Seen(values, los, light, radius, bin_ * len(grid))
+    first = _Seen(*(part[..., ::every] for part in (values, los, light, radius, bin_ * len(grid))))
     while True:
         blurred = gaussian_filter1d(table, max(step, pixel_rad) * to_limb * 0.5 / GRID_M, axis=1, mode="nearest")
         offsets = step * np.arange(-reach, reach + 1)
         tilts = best + np.array(np.meshgrid(offsets, offsets)).reshape(2, -1).T
         nadirs = n + tilts @ across.T
         nadirs /= np.linalg.norm(nadirs, axis=1)[:, None]
-        cosines = nadirs @ los
-        heights = distance * np.sqrt(np.maximum(1.0 - cosines**2, 0.0)) - radius
-        place = np.clip(((heights - grid[0]) / GRID_M).astype(np.intp), 0, len(grid) - 1)
-        predicted = np.where(cosines > 0.0, blurred[bin_, place], 0.0) * light
-        likelihood = _likelihood(predicted, values) - (tilts**2).sum(axis=1) / tilt_sigma_rad**2
+        alike = (first if reach == STEPS else seen).likelihood(nadirs, distance, grid[0], blurred)
+        likelihood = alike - (tilts**2).sum(axis=1) / tilt_sigma_rad**2
         i = int(np.argmax(likelihood))
         best, score = tilts[i], float(likelihood[i])
         if step <= finest:
@@ -115,6 +119,41 @@ def start_pose(
     nadir /= np.linalg.norm(nadir)
     turn = Rotation.align_vectors(nadir[None], n[None])[0] if best.any() else Rotation.identity()
     return LimbPose(turn.as_matrix() @ prior.cam_from_itrs, prior.r_itrs, prior.height_m)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Pixels (n,) of the coarse copy.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n,)
+    los : ndarray, shape (3, n)
+    light : ndarray, shape (n,)
+    radius : ndarray, shape (n,)
+        What is taken from the distance at which they pass the centre [m].
+    row : ndarray of int, shape (n,)
+        Where in the flat table their azimuth's row begins.
+    """
+
+    values: FloatArray
+    los: FloatArray
+    light: FloatArray
+    radius: FloatArray
+    row: np.ndarray
+
+    def likelihood(self, nadirs: FloatArray, distance_m: float, bottom_m: float, table: FloatArray) -> FloatArray:
+        """Return what pictures at nadirs (m, 3) make of the pixels, shape (m,); numbers of 24 bits tell them apart."""
+        cosine = nadirs.astype(np.float32) @ self.los.astype(np.float32)
+        # A sine of 24 bits is right to some metres from low orbit, to some tens from the geostationary ring.
+        height = np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0)) * np.float32(distance_m / GRID_M)
+        height -= ((self.radius + bottom_m) / GRID_M).astype(np.float32)
+        np.clip(height, 0, table.shape[1] - 1, out=height)
+        place = height.astype(np.int32)
+        place += self.row.astype(np.int32)
+        predicted = np.take(table.astype(np.float32), place)
+        predicted *= (cosine > 0.0) * self.light.astype(np.float32)
+        return _likelihood(predicted, self.values.astype(np.float32))
 
 
 def _coarse(image: FloatArray, camera: CameraModel) -> tuple[FloatArray, FloatArray, FloatArray, float]:
@@ -137,10 +176,13 @@ def _coarse(image: FloatArray, camera: CameraModel) -> tuple[FloatArray, FloatAr
 
 
 def _likelihood(predicted: FloatArray, values: FloatArray) -> FloatArray:
-    """Return ``-n ln(1 - R^2)`` of pictures (m, n) against one, shape (m,); 0 of one level and of negatives."""
+    """Return ``-n ln(1 - R^2)`` of pictures (m, n), which it centres, against one, shape (m,).
+
+    0 of pictures of one level and of negatives.
+    """
     centred = values - values.mean()
-    deviation = predicted - predicted.mean(axis=1)[:, None]
-    power = np.einsum("ij,ij->i", deviation, deviation)
-    common = deviation @ centred
+    predicted -= predicted.mean(axis=1)[:, None]
+    power = np.einsum("ij,ij->i", predicted, predicted).astype(np.float64)
+    common = (predicted @ centred).astype(np.float64)
     alike = np.where((power > 0.0) & (common > 0.0), common**2 / np.maximum(power * (centred @ centred), 1e-300), 0.0)
-    return np.asarray(-len(values) * np.log(np.maximum(1.0 - alike, 1e-12)))
+    return np.asarray(-len(values) * np.log(np.maximum(1.0 - alike, 1e-7)))

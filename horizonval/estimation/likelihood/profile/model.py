@@ -1,0 +1,354 @@
+r"""Pixels chosen at a pose, what unknowns near it make of them, and the equations of a step.
+
+Within a choice of pixels the distances across the limb are linear in the way from its pose: what a way of a pixel ``u``
+leaves out is ``u^2 / 2`` over the distance of the limb, 60 m of a pixel of 19 km.
+
+The functions of the air are smooth over a fifth of a pixel. What the equations ask of them, products with each other
+and with the other derivatives, is summed up on a grid of heights by sector first: the products then cost as many places
+of that grid as there are, and not as many pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.fft import next_fast_len
+from scipy.sparse import csr_array
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
+from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.profile.blurred import BlurredProfiles, blur_after
+from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
+from horizonval.estimation.likelihood.profile.pixels import profile_pixels
+from horizonval.estimation.likelihood.profile.ray_height import level_distance
+from horizonval.geometry.camera import CameraModel
+
+POSE = 7
+"""Turn, position, lift."""
+BLUR, SHARPNESS, GAIN, BACKGROUND, SHARED = 7, 8, 9, 10, 11
+"""Places of the other shared unknowns, and how many there are."""
+LEAST_GAIN = 0.2
+"""Of the gain, that a step leaves of it."""
+CLOUD_TOP_M = 16e3
+"""Of the tropics: clouds are below."""
+DEPTH_M, DEPTH_PX = 0.0, 0.5
+"""Of the window below the ground, at least. Lines that end farther before the limb see other air, ground and clouds
+than those that pass it: with 40 km and four pixels errors of 8 to 14 um were twice as large."""
+SPACE_PX = 4.0
+"""Of the window above the air, at least."""
+GRID_RIMS = 2.0
+"""Of the grid of heights beyond the window, in rims: the grid's ends are then five blurs away, and a lift more."""
+FINEST_STEP_M, STEPS_PER_PIXEL = 250.0, 32.0
+"""Of the grid of heights: a thirtieth of the scale height of the air, or a twentieth of the blur. With half as many
+steps estimates of 8 to 14 um move by 0.07 of their sigma."""
+STEPS_OF_AIR = 8.0
+"""In a pixel, of the grid on which the products of the air's derivatives are summed up: a sixth of the blur. Parabolas
+between leave 1e-4 of them, which slows a fit; what the residuals want of the air is exact."""
+SOME = 500
+"""Pixels that tell how far a step moves the limb: it moves evenly along it."""
+EDGE_BLURS = 2.5
+"""Of the table's ends, in blurs: nearer pixels see what lies beyond."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """The unknowns; ``away`` (7,) is the way from the pose that the pixels were chosen for."""
+
+    away: FloatArray
+    blur: float
+    sharpness: float
+    gain: float
+    background: float
+    air: FloatArray
+
+    def moved(self, step: FloatArray) -> Guess:
+        """Return the unknowns after a step: the shared ones, then those of the air."""
+        # Brightness is a product of gain and air: taken like this, it moves as the derivatives say, however far.
+        brighter = max(1.0 + float(step[GAIN]), LEAST_GAIN)
+        return Guess(
+            self.away + step[:POSE],
+            blur_after(self.blur, self.sharpness, float(step[BLUR]), float(step[SHARPNESS])),
+            self.sharpness + float(step[SHARPNESS]),
+            self.gain * brighter,
+            self.background + float(step[BACKGROUND]),
+            self.air + step[SHARED:] / brighter,
+        )
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The pixels as the unknowns say they are, shape (n,) each.
+
+    Attributes
+    ----------
+    place : ndarray of int
+    share : ndarray
+        Of the next place of the grid.
+    level : ndarray
+        Radiance.
+    changes : ndarray, shape (3, n)
+        By the distance across the limb [1/m], the logarithm of the blur, the sharpness.
+    residuals : ndarray
+    """
+
+    place: np.ndarray
+    share: FloatArray
+    level: FloatArray
+    changes: FloatArray
+    residuals: FloatArray
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Normal equations of a step without priors, in blocks of the shared unknowns and of those of the air."""
+
+    shared: FloatArray
+    mixed: FloatArray
+    air: FloatArray
+    right: FloatArray
+    right_air: FloatArray
+
+
+class ProfileModel:
+    """The pixels that see the profile at a pose.
+
+    Parameters
+    ----------
+    image : ndarray, shape (H, W)
+    camera : CameraModel
+    pose : LimbPose
+    blur_px : float
+        Of the lens, for how wide the window is.
+    knowledge : ProfileKnowledge
+    most : int, optional
+        About so many pixels of the image, evenly spread.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Too little limb in view.
+    """
+
+    def __init__(
+        self,
+        image: FloatArray,
+        camera: CameraModel,
+        pose: LimbPose,
+        blur_px: float,
+        knowledge: ProfileKnowledge,
+        most: int | None = None,
+    ) -> None:
+        self.pose = pose
+        low, high = knowledge.heights_m
+        axes = knowledge.ellipsoid.axes_m
+        to_limb_2 = max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0)
+        pixel_m = np.sqrt(to_limb_2) / max(camera.fx, camera.fy)
+        rim = EDGE_BLURS * float(np.sqrt(blur_px**2 + PIXEL_VARIANCE)) * pixel_m
+        bottom = max(low + rim, pose.height_m - max(DEPTH_M, DEPTH_PX * pixel_m))
+        top = high + max(rim, SPACE_PX * pixel_m) + pose.height_m
+        curve = 0.5 * axes[0] / to_limb_2
+        self.near = near = profile_pixels(image, camera, pose, knowledge.ellipsoid, (bottom, top), curve, most)
+        ends, _ = level_distance(np.array([bottom, top]), curve)
+        step = max(FINEST_STEP_M, pixel_m / STEPS_PER_PIXEL)
+        self.every = max(1, int(pixel_m / STEPS_OF_AIR / step))
+        # A whole number of steps of the coarse grid.
+        first, coarse = ends[0] - GRID_RIMS * rim, self.every * step
+        last = first + coarse * next_fast_len(int(np.ceil((ends[1] + GRID_RIMS * rim - first) / coarse)), real=True)
+        self.air = knowledge.air(near.normal_cam, near.los_cam, pose, (first, last - 0.5 * step, step), curve)
+        self.tables = BlurredProfiles(self.air.functions, self.air.step_m, near.boxes_m)
+        across, by_height = level_distance(near.ray.height_m - pose.height_m, curve)
+        self._across = across
+        lowering = -np.ones((1, len(across)))
+        self.by_pose = np.concatenate([near.ray.by_rotation, near.ray.by_position, lowering]) * by_height
+        i, t = near.sector, near.along
+        self._lift = near.lift_m[i] * (1.0 - t) + near.lift_m[i + 1] * t
+        self.width_m = near.width_m[i]
+        # Softened by a pixel's own width.
+        self._some = slice(None, None, max(1, len(across) // SOME))
+        self.below_clouds = np.clip(0.5 - (near.ray.height_m - CLOUD_TOP_M) / (2.0 * self.width_m), 0.0, 1.0)
+
+    def motion_px(self, step: FloatArray) -> float:
+        """Return by how much a step moves the limb where it moves it most [px]."""
+        moved = step[:POSE] @ self.by_pose[:, self._some]
+        return float(np.abs(moved).max() / np.median(self.near.width_m))
+
+    def look(self, now: Guess) -> Seen:
+        """Return the pixels as the unknowns say they are."""
+        near, air = self.near, self.air
+        across = self._across + now.away @ self.by_pose + self._lift * (now.blur**2 + PIXEL_VARIANCE)
+        at = (across - air.bottom_m) / air.step_m
+        size = air.functions.shape[2]
+        place = np.clip(at.astype(np.intp), 0, size - 2)
+        share = np.clip(at - place, 0.0, 1.0)
+        changes = self.tables.changes(air.coefficients(now.air), now.blur, now.sharpness)
+        # Between two heights a parabola that their slopes bend: model and derivative are of one piece.
+        bend = np.zeros_like(changes[:1])
+        bend[..., :-1] = (0.5 * air.step_m) * (changes[1, :, :-1] - changes[1, :, 1:])
+        level, slope, by_blur, by_sharpness, bent = self._read(np.concatenate([changes, bend]), place, share).T
+        level = level + share * (1.0 - share) * bent
+        residuals = near.values - now.background - now.gain * near.light * level
+        return Seen(place, share, level, np.array([slope, by_blur, by_sharpness]), residuals)
+
+    def _read(self, tables: FloatArray, place: np.ndarray, share: FloatArray) -> FloatArray:
+        """Return tables (c, m, n) at places of the grid and shares of the next, shape (n, c)."""
+        near, size = self.near, tables.shape[2]
+        rows = np.ascontiguousarray(tables.transpose(1, 2, 0)).reshape(-1, len(tables))
+        first, along = near.sector * size + place, near.along
+        before, after = (1.0 - share)[:, None], share[:, None]
+        left = rows[first] * before
+        left += rows[first + 1] * after
+        first += size
+        right = rows[first] * before
+        right += rows[first + 1] * after
+        right -= left
+        right *= along[:, None]
+        left += right
+        return left
+
+    def equations(self, now: Guess, look: Seen, inverse_variance: FloatArray) -> Equations:
+        """Return the normal equations of a step."""
+        near = self.near
+        root = np.sqrt(inverse_variance)
+        amplitude = now.gain * near.light * root
+        residuals = root * look.residuals
+        shared = self._shared(now, amplitude, root, look.level, look.changes)
+        sums, squares = self._by_sector(look, amplitude, shared)
+        functions = self.tables.values(now.blur, now.sharpness, self.every)[:, 1:]
+        bends = _bends(functions)
+        before, after = (functions[:-1], bends[:-1]), (functions[1:], bends[1:])
+        own = np.zeros((len(functions), functions.shape[1], functions.shape[1]))
+        own[:-1] += _products(before, squares[0], before)
+        own[1:] += _products(after, squares[2], after)
+        next_ = _products(before, squares[1], after)
+        to_others = np.zeros((*functions.shape[:2], SHARED))
+        for to_node, node, (level, bent) in zip((to_others[:-1], to_others[1:]), (before, after), sums, strict=True):
+            to_node += node[0] @ level + node[1] @ bent
+        waves, function = self.air.wave, self.air.function
+        pull = self._pull(now, look, amplitude * residuals)
+        return Equations(
+            shared @ shared.T,
+            np.einsum("ijk,ij->kj", to_others[:, function], waves),
+            self._of_waves(own, next_),
+            shared @ residuals,
+            np.einsum("ij,ij->j", pull[:, function], waves),
+        )
+
+    def _shared(
+        self, now: Guess, amplitude: FloatArray, root: FloatArray, level: FloatArray, changes: FloatArray
+    ) -> FloatArray:
+        """Return the weighed derivatives by the shared unknowns, shape (11, n)."""
+        slope, by_blur, by_sharpness = changes * amplitude
+        shared = np.empty((SHARED, len(root)))
+        np.multiply(self.by_pose, slope, out=shared[:POSE])
+        shared[BLUR] = by_blur + slope * ((2.0 * now.blur**2) * self._lift)
+        shared[SHARPNESS], shared[GAIN], shared[BACKGROUND] = by_sharpness, amplitude * level, root
+        return shared
+
+    def _pull(self, now: Guess, look: Seen, on_level: FloatArray) -> FloatArray:
+        """Return what pixels (n,) want of the coefficients at the nodes, shape (m, k): as :meth:`look` has them."""
+        near, size = self.near, self.air.functions.shape[2]
+        first, places = near.sector * size + look.place, (len(near.starts)) * size
+        level, bent, parabola = np.zeros(places), np.zeros(places), look.share * (1.0 - look.share)
+        for weight, at in ((on_level * (1.0 - near.along), first), (on_level * near.along, first + size)):
+            after = weight * look.share
+            before = weight - after
+            level += np.bincount(at, before, places)
+            level += np.bincount(at + 1, after, places)
+            bent += np.bincount(at, before * parabola, places)
+            bent += np.bincount(at + 1, after * parabola, places)
+        bent *= 0.5 * self.air.step_m
+        bent[size - 1 :: size] = 0.0
+        slope = bent.copy()
+        slope[1:] -= bent[:-1]
+        by_node = self.tables.pull(level.reshape(-1, size), slope.reshape(-1, size), now.blur, now.sharpness)
+        return by_node[:, 1:]
+
+    def _by_sector(
+        self, look: Seen, amplitude: FloatArray, others: FloatArray
+    ) -> tuple[list[list[FloatArray]], FloatArray]:
+        """Return sums over the pixels of a sector near a place of the coarse grid.
+
+        A function at the share ``s`` past a place is ``(1 - s)`` of it there, ``s`` of it at the next place, and
+        ``s (1 - s)`` of its bend there.
+
+        Returns
+        -------
+        sums : list of list of ndarray, shape (m, places, c)
+            Of the amplitude times others (c, n), for the first and the last node of a sector: by the parts that a place
+            and the bend there have in a pixel.
+        squares : ndarray, shape (3, m, 5, places)
+            Of the amplitude's square by the shares of first and first, first and last, last and last node: of a place
+            with itself, with the next and with the bend there, of the next with it, and of the bend with itself.
+        """
+        near, every = self.near, self.every
+        sectors, size = len(near.starts) - 1, 1 + (self.air.functions.shape[2] - 1) // every
+        whole, rest = np.divmod(look.place, every)
+        after = (rest + look.share) / every
+        before, along, first = 1.0 - after, near.along, near.sector * size + whole
+        bend, n, places = after * before, len(first), sectors * size
+        one, two = np.arange(n + 1, dtype=np.int32), np.arange(0, 2 * n + 1, 2, dtype=np.int32)
+        at = np.empty((n, 2), dtype=np.int32)
+        at[:, 0], at[:, 1] = first, first + 1
+        values = np.ascontiguousarray((others * amplitude).T)
+        sums = []
+        for weight in (1.0 - along, along):
+            parts = np.empty((n, 2))
+            np.multiply(before, weight, out=parts[:, 0])
+            np.multiply(after, weight, out=parts[:, 1])
+            level = csr_array((parts.ravel(), at.ravel(), two), shape=(n, places + 1))
+            bent = csr_array((bend * weight, at[:, 0], one), shape=(n, places + 1))
+            sums.append([(matrix.T @ values)[:-1].reshape(sectors, size, -1) for matrix in (level, bent)])
+        square = amplitude**2
+        last = square * along
+        of_last = last * along
+        squares = np.empty((3, 5, places))
+        for kind, out in zip((square - 2.0 * last + of_last, last - of_last, of_last), squares, strict=True):
+            out[0] = np.bincount(first, kind * before**2, places)
+            out[0, 1:] += np.bincount(first, kind * after**2, places)[:-1]
+            both = kind * bend
+            out[1] = np.bincount(first, both, places)
+            out[2] = np.bincount(first, both * before, places)
+            out[3] = np.bincount(first, both * after, places)
+            out[4] = np.bincount(first, both * bend, places)
+        return sums, squares.reshape(3, 5, sectors, size).transpose(0, 2, 1, 3)
+
+    def _of_waves(self, own: FloatArray, next_: FloatArray) -> FloatArray:
+        """Return the equations of the unknowns of the air from those of the coefficients at the nodes.
+
+        A pixel lies between two nodes, so that these hold products of functions at a node (m, k, k) and of a node with
+        the next (m - 1, k, k) alone.
+        """
+        function, waves = self.air.function, self.air.wave
+        spread = own[:, :, function] * waves[:, None]
+        spread[:-1] += next_[:, :, function] * waves[1:, None]
+        spread[1:] += next_.transpose(0, 2, 1)[:, :, function] * waves[:-1, None]
+        matrix = np.empty((len(function), len(function)))
+        last = 0
+        for j, wave in enumerate(self.air.waves):
+            first, last = last, last + wave.shape[1]
+            matrix[first:last] = wave.T @ spread[:, j]
+        return matrix
+
+
+def _bends(functions: FloatArray) -> FloatArray:
+    """Return what a parabola between a place and the next has beyond a straight line at its middle, times four."""
+    bends = np.zeros_like(functions)
+    bends[..., 1:-2] = functions[..., 1:-2] + functions[..., 2:-1] - functions[..., :-3] - functions[..., 3:]
+    bends *= 0.25
+    return bends
+
+
+def _products(
+    one: tuple[FloatArray, FloatArray], squares: FloatArray, other: tuple[FloatArray, FloatArray]
+) -> FloatArray:
+    """Return the products (m, k, k) of functions and their bends (m, k, n) each, by sums (m, 5, n) over the pixels."""
+    (level, bend), (other_level, other_bend) = one, other
+    own, both, with_bend, next_with_bend, bends = (squares[:, None, i] for i in range(5))
+    of_level = level * own + bend * with_bend
+    of_level[..., :-1] += level[..., 1:] * both[..., :-1]
+    of_level[..., 1:] += level[..., :-1] * both[..., :-1] + bend[..., :-1] * next_with_bend[..., :-1]
+    of_bend = level * with_bend + bend * bends
+    of_bend[..., :-1] += level[..., 1:] * next_with_bend[..., :-1]
+    return np.asarray(of_level @ other_level.transpose(0, 2, 1) + of_bend @ other_bend.transpose(0, 2, 1))

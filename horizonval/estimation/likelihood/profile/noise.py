@@ -1,0 +1,94 @@
+"""The noise of the pixels that see a profile, as their residuals show it.
+
+The variance is that of dark pixels and three parts that least squares find in the residuals: one as bright as the pixel
+(photons), one as its square where clouds can be, one as the slope's square (what a lens does that the model has not).
+Pixels further off than five standard deviations are left out (stars, hot pixels).
+
+Where neighbouring residuals are alike (clouds, and what else no mode has), their sums over squares scatter more than
+independent ones would.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import nnls
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.pixels import NearPixels
+
+OUTLIER = 5.0
+WEIGHINGS = 3
+"""Rounds in which what counts as an outlier and the noise agree."""
+DARK_LEVEL, BRIGHT_LEVEL = 0.05, 0.5
+FEWEST_PIXELS = 20
+NORMAL_QUARTILE = 0.67448975
+ALIKE_PX = (4, 8, 16, 32)
+"""Sides of the squares over which residuals are summed: what clouds and the spread between neighbours make alike."""
+
+
+def weighed(
+    residuals: FloatArray, level: FloatArray, below: FloatArray, per_px: FloatArray, used: np.ndarray
+) -> FloatArray:
+    """Return the inverse variances of pixels, 0 of outliers, shape (n,).
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (n,)
+    level : ndarray, shape (n,)
+        Predicted, in any unit.
+    below : ndarray, shape (n,)
+        Share of a pixel that sees what is below the highest clouds.
+    per_px : ndarray, shape (n,)
+        Change of the level over a pixel across the limb, in any unit.
+    used : ndarray of bool, shape (n,)
+        Pixels of which the first guess is made.
+    """
+    level = np.clip(level / max(float(level.max()), 1e-300), 0.0, 1.0)
+    squares = residuals**2
+    dark, bright = (_variance(squares, there & used) for there in (level < DARK_LEVEL, level > BRIGHT_LEVEL))
+    steep = per_px**2
+    parts = np.array([level, (below * level) ** 2, steep / max(float(steep.max()), 1e-300)])
+    expected = dark + max(bright - dark, 0.0) * level
+    for _ in range(WEIGHINGS):
+        inside = squares < OUTLIER**2 * expected
+        expected = dark + _components(squares - dark, expected, parts, inside) @ parts
+    return np.where(squares < OUTLIER**2 * expected, 1.0 / expected, 0.0)
+
+
+def alike(pixels: NearPixels, residuals: FloatArray, inverse_variance: FloatArray) -> float:
+    """Return how much larger the variance of the residuals' sums over squares is than of independent ones.
+
+    Of the size of squares where it is largest; 1 at least.
+    """
+    root = np.sqrt(inverse_variance)
+    in_sigmas, used = root * residuals, (root > 0.0).astype(np.float64)
+    most = 1.0
+    for side in ALIKE_PX:
+        across = int(pixels.columns.max()) // side + 1
+        square = (pixels.rows // side) * across + pixels.columns // side
+        sums, count = np.bincount(square, in_sigmas), np.bincount(square, used)
+        full = count > side
+        most = max(most, float(np.sum(sums[full] ** 2) / max(float(np.sum(count[full])), 1.0)))
+    return most
+
+
+def _variance(squares: FloatArray, there: np.ndarray) -> float:
+    """Return the mean of squared residuals that are no outliers by their quartiles."""
+    some = squares[there]
+    some = some if len(some) > FEWEST_PIXELS else squares
+    inside = some <= OUTLIER**2 * float(np.median(some)) / NORMAL_QUARTILE**2
+    return max(float(np.mean(some[inside])), 1e-300)
+
+
+def _components(squares: FloatArray, expected: FloatArray, parts: FloatArray, inside: np.ndarray) -> FloatArray:
+    """Return what parts (k, n) of a variance come to, none below 0, by least squares over the pixels inside.
+
+    The square of a normal number scatters by twice its variance squared, so that all are over what is expected.
+    """
+    weight = inside / expected
+    rows = parts * weight
+    normal = rows @ rows.T
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    root = np.linalg.cholesky(normal / np.outer(size, size) + 1e-9 * np.eye(len(parts)))
+    right = np.linalg.solve(root, (rows @ (squares * weight)) / size)
+    return np.asarray(nnls(root.T, right)[0] / size)

@@ -1,0 +1,236 @@
+"""The way from a pose near the limb to the most probable unknowns: Gauss-Newton, no step of which is a bad one.
+
+Of an image in which many pixels see the limb some are enough to come near; all are asked for the last steps.
+
+The noise is estimated anew after every step until both stand still, and held from then on: a pixel at the edge of being
+left out would else be left out at every second step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
+from horizonval.estimation.likelihood.profile.model import (
+    BLUR,
+    GAIN,
+    POSE,
+    SHARED,
+    SHARPNESS,
+    Guess,
+    ProfileModel,
+    Seen,
+)
+from horizonval.estimation.likelihood.profile.noise import alike, weighed
+from horizonval.geometry.camera import CameraModel
+
+MOST_STEPS = 40
+FEW_PX = 6000
+"""Candidates, at least, of the pixels that a first part of the way asks for: enough to be within a tenth of a pixel."""
+SETTLED = 0.3
+SETTLING_STEPS = 2
+"""Steps of a square below the first, after which the noise is held: what a pose that is not there yet leaves would be
+taken for noise."""
+STEADY = 0.1
+"""Of the logarithm of the noise's variance from step to step: what a first guess leaves is no noise."""
+CONVERGED = 1e-2
+"""Square of a step of the pose over its own covariance: a tenth of a standard deviation, and it is still taken."""
+MOST_TRIALS, LEAST_SHARE, MOST_SHARE = 8, 0.1, 0.7
+"""Of places along a step, and how much nearer the next one lies than the last."""
+ROUNDING = 1e-3
+"""Of a merit that counts squares in variances: so little worse is not worse, a thirtieth of a standard deviation."""
+RESELECT_PX, NEAR_PX = 1.0, 0.05
+"""Way of the limb after which the pixels are chosen again: on the way, and once it is found, so that no start matters.
+"""
+LARGEST_MOTION_M, LARGEST_MOTION_PX, LARGEST_LOG_STEP = 15e3, 3.0, 0.5
+"""Of the limb and of the logarithms: two scale heights of the air or some pixels, beyond which derivatives mislead."""
+LEAST_ALIKE = 1.2
+"""Of independent residuals it is 1 to a tenth."""
+
+
+class ProfileSearch:
+    """The search; what its last step knew stays as attributes.
+
+    Attributes
+    ----------
+    model : ProfileModel
+    now : Guess
+    look : Seen
+    inverse_variance : ndarray, shape (n,)
+    covariance, known : ndarray, shape (11, 11)
+        Of the shared unknowns; as it is, and as it would be if the air were known.
+    steps : list of ndarray, shape (7,)
+    """
+
+    def __init__(self, image: FloatArray, camera: CameraModel, start: LimbPose, knowledge: ProfileKnowledge) -> None:
+        self.image, self.camera, self.knowledge = image, camera, knowledge
+        self.steps: list[FloatArray] = []
+        self.covariance = self.known = np.empty((0, 0))
+        self._mean_weight = 1.0
+        self._priors = np.array([knowledge.blur_log_sigma, knowledge.sharpness_sigma, knowledge.gain_log_sigma]) ** -2.0
+        few = FEW_PX if image.size > FEW_PX else None
+        self._choose(start, knowledge.blur_px, few)
+        now = Guess(np.zeros(POSE), knowledge.blur_px, knowledge.sharpness, 1.0, 0.0, np.zeros(self.model.air.count))
+        self.now = self._with_levels(now)
+        self.look = self.model.look(self.now)
+        self._weigh()
+
+    @property
+    def pose(self) -> LimbPose:
+        """Of the present unknowns."""
+        return self.model.pose.moved(self.now.away)
+
+    def run(self) -> ProfileSearch:
+        """Search.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            No convergence, or unknowns that nothing determines.
+        """
+        settled, away_px, size = 0, 0.0, np.inf
+        for _ in range(MOST_STEPS):
+            step, gained = self._step()
+            size = float(step[:POSE] @ np.linalg.solve(self.covariance[:POSE, :POSE], step[:POSE]))
+            held = settled >= SETTLING_STEPS
+            if held and size < CONVERGED and gained < 1.0:
+                self._take(step, self.now.moved(step))
+                return self
+            moved_px = self.model.motion_px(step)
+            improved = self._search_along(step, gained)
+            if held:
+                if not improved:
+                    return self
+                continue
+            away_px += moved_px
+            near = size < SETTLED or not improved
+            if (near and self._few) or away_px > (NEAR_PX if near else RESELECT_PX):
+                self._choose_again(thinned=self._few and not near)
+                away_px = 0.0
+            changed = self._weigh()
+            settled = settled + 1 if near and changed < STEADY else 0
+            if settled >= SETTLING_STEPS:
+                # What is alike is known of residuals that nothing but noise and shapes without a mode is left in.
+                beyond = alike(self.model.near.pixels, self.look.residuals, self.inverse_variance)
+                self.inverse_variance /= beyond if beyond > LEAST_ALIKE else 1.0
+        if size > 1.0:
+            raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
+        return self
+
+    def _choose(self, pose: LimbPose, blur: float, most: int | None) -> None:
+        self._few = most is not None
+        self.model = ProfileModel(self.image, self.camera, pose, blur, self.knowledge, most)
+        self.inverse_variance = np.ones_like(self.model.near.values)
+        self._wanted_pose = pose.step_to(self.knowledge.mean)
+
+    def _choose_again(self, *, thinned: bool) -> None:
+        """Choose the pixels anew at the present pose; everything else stays as it is."""
+        before = self.model.air
+        self._choose(self.pose, self.now.blur, FEW_PX if thinned else None)
+        self.now = replace(self.now, away=np.zeros(POSE), air=self.model.air.taken_over(before, self.now.air))
+        self.look = self.model.look(self.now)
+
+    def _with_levels(self, now: Guess) -> Guess:
+        """Return the unknowns with the gain and background that fit best."""
+        bare = self.model.look(replace(now, gain=1.0, background=0.0))
+        light, values = bare.level * self.model.near.light, self.model.near.values
+        rows = np.array([light, np.ones_like(light)])
+        gain, background = np.linalg.solve(rows @ rows.T, rows @ values)
+        if not gain > 0.0:
+            raise np.linalg.LinAlgError("the image is not brighter where the limb's profile is")
+        return replace(now, gain=float(gain), background=float(background))
+
+    def _step(self) -> tuple[FloatArray, float]:
+        """Return a step within the reach of the derivatives, and the merit that it should gain."""
+        parts = self.model.equations(self.now, self.look, self.inverse_variance)
+        wanted = self._wanted()
+        shared = parts.shared.copy()
+        shared[:POSE, :POSE] += self.knowledge.information
+        shared[[BLUR, SHARPNESS, GAIN], [BLUR, SHARPNESS, GAIN]] += self._priors
+        right = parts.right
+        right[:POSE] += self.knowledge.information @ wanted[:POSE]
+        right[[BLUR, SHARPNESS, GAIN]] += self._priors * wanted[POSE:]
+        if not (np.isfinite(shared).all() and np.isfinite(right).all() and np.isfinite(parts.air).all()):
+            raise np.linalg.LinAlgError("the fit's equations have no solution")
+        # A unit normal unknown of the air has the information 1.
+        parts.air[np.diag_indices(len(parts.air))] += 1.0
+        root = cholesky(parts.air, lower=True, overwrite_a=True, check_finite=False)
+        right_air = parts.right_air - self.now.air
+        both = np.concatenate([parts.mixed, right_air[None]]).T
+        half = solve_triangular(root, both, lower=True, check_finite=False)
+        eliminated, half_air = half[:, :SHARED], half[:, SHARED]
+        self.known = _inverse(shared)
+        self.covariance = _inverse(shared - eliminated.T @ eliminated)
+        of_shared = self.covariance @ (right - eliminated.T @ half_air)
+        of_air = solve_triangular(root, half_air - eliminated @ of_shared, lower=True, trans=1, check_finite=False)
+        step = np.concatenate([of_shared, of_air])
+        most_px = max(LARGEST_MOTION_M / float(np.median(self.model.near.width_m)), LARGEST_MOTION_PX)
+        over = max(
+            self.model.motion_px(step) / most_px, float(np.abs(step[[BLUR, GAIN]]).max()) / LARGEST_LOG_STEP, 1.0
+        )
+        return step / over, float(right @ of_shared + right_air @ of_air) / over**2
+
+    def _search_along(self, step: FloatArray, gained: float) -> bool:
+        """Go as far along a step as the pixels become more probable; return whether that is any way.
+
+        Where less than half of the merit is gained that the step promised (``gained``), as in a bent valley, the
+        parabola through what is known of the way says how far to go.
+        """
+        before, best, share = self._merit(self.now, self.look), np.inf, 1.0
+        found: tuple[Guess, Seen, FloatArray] | None = None
+        for _ in range(MOST_TRIALS):
+            way = share * step
+            now = self.now.moved(way)
+            look = self.model.look(now)
+            merit = self._merit(now, look)
+            if merit < best and merit <= before + ROUNDING:
+                best, found = merit, (now, look, way)
+            elif found is not None:
+                break
+            if before - merit >= 0.5 * gained * share * (2.0 - share) - ROUNDING:
+                break
+            bend = (merit - before + 2.0 * gained * share) / share**2
+            share = float(np.clip(gained / bend, LEAST_SHARE * share, MOST_SHARE * share))
+        # Nothing on the way is better: the best place is this one, to rounding.
+        self.now, self.look, way = found or (self.now, self.look, np.zeros_like(step))
+        self.steps.append(way[:POSE])
+        return found is not None
+
+    def _take(self, step: FloatArray, now: Guess) -> None:
+        self.steps.append(step[:POSE])
+        self.now, self.look = now, self.model.look(now)
+
+    def _weigh(self) -> float:
+        """Weigh the pixels by the residuals as they are; return by how much the variances changed (a logarithm)."""
+        light = self.model.near.light
+        per_px = light * self.look.changes[0] * self.model.width_m
+        self.inverse_variance = weighed(
+            self.look.residuals, light * self.look.level, self.model.below_clouds, per_px, self.inverse_variance > 0.0
+        )
+        before, self._mean_weight = self._mean_weight, max(float(np.mean(self.inverse_variance)), 1e-300)
+        return abs(float(np.log(self._mean_weight / before)))
+
+    def _merit(self, now: Guess, look: Seen) -> float:
+        wanted = self._wanted(now)
+        squares = float(self.inverse_variance @ look.residuals**2) + float(now.air @ now.air)
+        squares += float(wanted[:POSE] @ self.knowledge.information @ wanted[:POSE])
+        return squares + float(self._priors @ wanted[POSE:] ** 2)
+
+    def _wanted(self, now: Guess | None = None) -> FloatArray:
+        """Return the step to the priors' values: of the pose, and of blur, sharpness and gain."""
+        now, known = now or self.now, self.knowledge
+        beside = [np.log(known.blur_px / now.blur), known.sharpness - now.sharpness, np.log(known.gain / now.gain)]
+        return np.concatenate([self._wanted_pose - now.away, beside])
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """Return the inverse of a positive definite matrix whose unknowns have units of their own."""
+    size = np.sqrt(np.diag(matrix))
+    if not (np.isfinite(size).all() and (size > 0.0).all()):
+        raise np.linalg.LinAlgError("the limb in view does not determine the fit's unknowns")
+    return np.asarray(np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size))
