@@ -256,7 +256,7 @@ class _Search:
         model = predicted(self.near, self.now, self.knowledge)
         starts = self.near.sectors.starts
         if held is None:
-            return model, weighed(model.basis, self.near.values, starts)
+            return model, weighed(model.basis, self.near.values, starts, self.near.neighbours)
         spread = held.levels.spread_information
         return model, solved(model.basis, self.near.values, starts, held.weights, held.variance, spread)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.height.limb_places import ArcPlaces
@@ -51,6 +52,8 @@ class LimbPixels:
     sectors : Sectors
     along : ndarray, shape (n,)
         Place in the sector, from -1/2 to 1/2.
+    neighbours : ndarray of int, shape (2, k)
+        Numbers of pixels side by side.
     bend : ndarray, shape (n,)
         Of the limb beside each of them, as :func:`.pixels.limb_bend` says.
     lift_m : ndarray, shape (n,)
@@ -63,6 +66,7 @@ class LimbPixels:
     values: FloatArray
     sectors: Sectors
     along: FloatArray
+    neighbours: NDArray[np.intp]
     bend: FloatArray
     lift_m: FloatArray
     modes: FloatArray
@@ -137,10 +141,25 @@ def limb_pixels(
         sectors=sectors,
         # A linear array crosses the limb in one pixel, which has no place along it.
         along=sectors.along if limb_px > 1 else np.zeros(len(azimuth)),
+        neighbours=_neighbours(pixels),
         bend=np.interp(azimuth, azimuth[some][seen], bend[seen]) if seen.any() else np.zeros(len(azimuth)),
         lift_m=lift,
         modes=np.array(modes).reshape(len(modes), len(azimuth)),
     )
+
+
+def _neighbours(pixels: NearPixels) -> NDArray[np.intp]:
+    """Return the numbers of pixels side by side in a row or a column, shape (2, k)."""
+    across = int(pixels.columns.max()) + 2
+    number = pixels.rows * across + pixels.columns
+    order = np.argsort(number)
+    ranked = number[order]
+    pairs = []
+    for step in (1, across):
+        at = np.minimum(np.searchsorted(ranked, number + step), len(ranked) - 1)
+        found = ranked[at] == number + step
+        pairs.append(np.array([np.flatnonzero(found), order[at[found]]]))
+    return np.concatenate(pairs, axis=1)
 
 
 def _places(azimuth: FloatArray, pose: LimbPose, rho_rad: float, pixel_m: FloatArray) -> ArcPlaces:

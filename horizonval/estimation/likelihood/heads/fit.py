@@ -198,7 +198,7 @@ class _JointSearch:
             model = predicted(near, self.now.of_head(k, head), self.knowledge)
             starts = near.sectors.starts
             if held is None:
-                light = weighed(model.basis, near.values, starts)
+                light = weighed(model.basis, near.values, starts, near.neighbours)
             else:
                 was = held[k]
                 spread = was.levels.spread_information

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from limb_image import RADIUS_M, Sphere, noisy, picture
+from scipy.ndimage import gaussian_filter
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
@@ -166,6 +167,25 @@ def test_sectors_that_scatter_beyond_noise_make_the_claim_larger() -> None:
     by_nadir = fit.by_nadir
     systematic = np.trace(by_nadir @ fit.relief_covariance @ by_nadir.T)
     assert systematic > 0.5 * np.trace(by_nadir @ fit.covariance @ by_nadir.T)
+
+
+def test_uneven_ground_is_not_averaged_as_noise_is() -> None:
+    """Clouds of three pixels and a third of the ground's light: pixels that are bright together weigh as one.
+
+    Eight draws of two unknowns: the mean square over the claim has a standard error of a third. It is 0.4, and 2.8
+    where every pixel weighs for itself.
+    """
+    rng = np.random.default_rng(8)
+    clean = picture(replace(SOFT, space=0.0))
+    even = _error_and_claim(_fitted(noisy(clean, rng), None))[1]
+    ratios = []
+    for _ in range(8):
+        clouds = gaussian_filter(rng.normal(size=clean.shape), 3.0)
+        bright = 1.0 + 0.3 * np.clip(clouds / clouds.std(), -2.0, 2.0)
+        error, claim = _error_and_claim(_fitted(noisy(clean * bright, rng), None))
+        assert claim > 3.0 * even
+        ratios.append((error / claim) ** 2)
+    assert np.mean(ratios) < 1.5
 
 
 def test_a_limb_that_is_all_saturated_is_refused() -> None:
