@@ -14,6 +14,8 @@ from horizonval.earth.atmosphere.climate import month_of
 from horizonval.geometry.ephemeris import sun_itrs
 
 BLUR_PX, BLUR_LOG_SIGMA, LIFT_SIGMA_M = 0.7, 0.3, 300.0
+# The camera's file does not say what a digital number stands for.
+GAIN, NOT_CALIBRATED = 1.0, 0.0
 
 image = cv2.imread(sys.argv[1], cv2.IMREAD_UNCHANGED)
 camera = tomllib.loads(Path(sys.argv[2]).read_text())["camera"]
@@ -28,7 +30,7 @@ numbers = [
     np.radians(max(prior["attitude_sigma_deg"])),
     month_of(epoch if epoch.tzinfo else epoch.replace(tzinfo=UTC)),
     *Rotation.from_quat(attitude).apply(sun_itrs(epoch)[0]),
-    *(BLUR_PX, BLUR_LOG_SIGMA, LIFT_SIGMA_M),
+    *(BLUR_PX, BLUR_LOG_SIGMA, LIFT_SIGMA_M, GAIN, NOT_CALIBRATED),
 ]
 line = " ".join(f"{x:.17g}" for x in numbers) + "\n"
 program = Path(__file__).with_name("limb_fit")

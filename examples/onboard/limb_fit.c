@@ -1,633 +1,1090 @@
-/* The tilt of a camera from one image of the limb, by rendered profiles: a reference for a flight computer. C99, one
-   file, no allocation, no library but libm. It reads table.h of `horizonval templates`.
+/* The tilt of a camera from one image of the limb, by rendered profiles: a reference for a flight computer. C99, no
+   allocation, no library but libm. It reads table.h of `horizonval templates` and has the model, the priors and the noise
+   of the estimator `limb-profile` of horizonval, so that one can be held against the other.
 
-   A pixel whose line of sight passes at the height h over the ellipsoid, between two nodes along the limb, is
+   A pixel whose line of sight passes at the height h over the ellipsoid (below 0: how deep it would come), between two
+   nodes along the limb, is
 
-       I = background + gain * light * P_s(h - lift) + noise,      P = mean + sum over modes of a_k mode_k
+       I = background + gain * light * P_s(y(h - lift) + c (s^2 + 1/12)) + noise,     P = mean + sum of a_k f_k
 
-   with the table's profiles at the nodes, blurred by a Gaussian of s pixels, linear between nodes, and light the cosine
-   of the off-axis angle to the fourth. Unknown: turn (3), position (3), lift, the logarithms of blur and gain,
-   background, and the coefficients a_k at every node. Priors are rows of the same normal equations:
+   P_s is the profile at the nodes, linear between them, as the pixel's two sides and a lens of s pixels blur it, and
+   light the cosine of the off-axis angle to the fourth. y is the way across the limb in which pixels are even,
+   h = y - curve y^2, and c (s^2 + 1/12) what a blur does to a limb that is bent in the image. The functions f_k are the
+   table's modes, once more where lines end in other air, bumps over height for what the modes leave over, and the mean
+   itself for a gain that varies along the limb. Unknown are turn (3), position (3), lift, the logarithms of blur and
+   gain, sharpness of the lens, background, and unit unknowns z behind the coefficients at the nodes, a_k = W_k z, with
+   W W^T their covariance exp(-d^2 / 2 l^2) for nodes a distance d apart at the Earth's centre. Priors are rows of the
+   same normal equations, W weighs pixels by their noise:
 
        step = (J^T W J + Q)^-1 (J^T W residuals + Q (prior - now)),        C = (J^T W J + Q)^-1
 
-   Coefficients of one mode at two nodes an angle d apart at the Earth's centre have the correlation exp(-d^2 / 2 l^2).
+   The noise is found in the residuals: of dark pixels, as bright as the pixel, as its square below the highest clouds,
+   as the slope's square; and more where neighbouring residuals are alike. Pixels and noise are chosen anew until both
+   stand still, closer than `limb-profile` asks for, so that an answer depends little on where the search started.
 
-   Left out: lenses with distortion, what the modes leave over, pixels whose noise is not independent.
+   Left out: lenses with distortion. Not as in `limb-profile`: MOST_NODES, half of what it has at most, which is less
+   only where more than 1.1 rad of limb at the Earth's centre are in view.
 
-   Standard input: one line of 22 numbers, and then width * height values of 16 bits in the machine's order, row by row:
+   Standard input: one line of 24 numbers, and then width * height values of 16 bits in the machine's order, row by row:
      width height fx fy cx cy                  pixels
      rx ry rz  sigma_position                  m, Earth-fixed axes
      qx qy qz qw  sigma_attitude               from Earth-fixed to camera axes; rad, about any axis
      month                                     1.0 in the middle of January
      sx sy sz                                  towards the Sun, camera axes
      blur  blur_log_sigma  lift_sigma          px of the lens, m
-   Standard output: one JSON object, as docs/howto/estimator-program.md says. */
-#include <math.h>
+     gain  gain_log_sigma                      values per radiance of the table on the axis; sigma 0 without calibration
+   Standard output: one JSON object, as docs/howto/estimator-program.md says; beside its keys q_cam_from_itrs,
+   position_itrs_km and lift_m. */
 #include <stdint.h>
 #include <stdio.h>
 #include <string.h>
 
+#include "maths.h"
 #include "table.h"
 
 #define MOST_PIXELS (2048 * 2048)
-#define MOST_NEAR 400000
-#define MOST_NODES 24
-#define SHARED 10
-#define MOST_UNKNOWNS (SHARED + MOST_NODES * LIMB_K)
-#define FUNCTIONS (LIMB_K + 1)
-#define GRID 1200
-#define PI 3.14159265358979323846
+#define MOST_NEAR 200000
+#define MOST_NODES 33
+#define BUMPS 15
+#define FUNCTIONS (1 + 2 * LIMB_K + BUMPS + 1)
+#define SETS (LIMB_K + 2)
+#define MOST_UNKNOWNS (SHARED + MOST_NODES * (FUNCTIONS - 1))
 
-static const double A_M = 6378137.0;
-static const double NODE_RAD = 0.035, OUTLIER = 5.0, PIXEL_VARIANCE = 1.0 / 12.0;
-static const double DEPTH_M = 40e3, DEPTH_PX = 4.0, SPACE_PX = 4.0, SETTLED_PX = 0.01;
+/* Shared unknowns; the pose comes last, so that the last rows of Cholesky's triangle are what is known of it. */
+enum { BLUR, SHARPNESS, GAIN, BACKGROUND, TURN, POSITION = TURN + 3, LIFT = POSITION + 3, SHARED };
+enum { POSE = SHARED - TURN };
+
+static const double A_M = 6378137.0, EARTH_M = 6.371e6, PIXEL_VARIANCE = 1.0 / 12.0;
+static const double SHARPNESS_PRIOR = 0.5, SHARPNESS_SIGMA = 0.5;
+/* Window of heights, and grid beyond it. */
+static const double DEPTH_PX = 0.5, SPACE_PX = 4.0, EDGE_BLURS = 2.5, GRID_RIMS = 2.0, NODE_RAD = 0.035;
+enum { BORDER_PX = 2, FEWEST_LIMB_PX = 8 };
+/* Air. */
+static const double LEFT_OUT = 1e-5, BUMP_M = 6e3, LOWEST_BUMP_M = -15e3, LEAST_BUMP = 3e-3, LEAST_APART = 0.05;
+static const double LEFT_LENGTH = 0.1, AIR_GAIN_SIGMA = 0.01, AIR_GAIN_LENGTH = 0.3, ENDS_STEP = 0.05;
+/* Noise. */
+static const double OUTLIER = 5.0, CLOUD_TOP_M = 16e3, DARK = 0.05, BRIGHT = 0.5, QUARTILE = 0.67448975;
+static const double LEAST_ALIKE = 1.1, SURELY_ALIKE = 1.3;
+enum { FEWEST_PIXELS = 20, WEIGHINGS = 3 };
+/* Steps. */
+enum { MOST_STEPS = 40, SETTLING_STEPS = 2, MOST_TRIALS = 8, MOST_ROUNDS = 8, FEW_PX = 6000 };
+static const double SETTLED = 0.03, STEADY = 0.03, CONVERGED = 1e-2, RESELECT_PX = 1.0, CLOSE_PX = 0.005, ROUNDING = 1e-3;
+static const double LARGEST_M = 15e3, LARGEST_PX = 3.0, LARGEST_LOG = 0.5, LEAST_GAIN = 0.2;
+static const double LEAST_SHARE = 0.1, MOST_SHARE = 0.7, MOST_ROUND = 0.5, ROUNDED = 1e-4;
+/* What is believed. */
+static const double LEAST_EXPLAINED = 0.95, MOST_IMPROBABLE = 6.0, MOST_SIGMA = 5.0;
+
+typedef struct {
+  double R[3][3], r[3], lift;                        /* for which the pixels were chosen */
+  double away[POSE];                                 /* from there: turn, position, lift */
+  double blur, sharpness, gain, background, z[MOST_UNKNOWNS - SHARED];
+} State;
+typedef struct {
+  double value, light;                               /* of the image */
+  double h, y, by_pose[POSE];                        /* height, and way across the limb with its derivatives */
+  double share, level, slope, off, weight;           /* of what is predicted; weight is 1 / variance */
+  float along;                                       /* from its node to the next */
+  int16_t column, row, node, place;
+} Pixel;
+typedef struct {
+  double width_m, box_m[2], lift_m, up[3];           /* a pixel's way across the limb, its sides', and what blur lifts */
+  double mean[LIMB_H], modes[LIMB_K + 1][LIMB_H], left[LIMB_H], alike[LIMB_K + 1][LIMB_H];
+} Node;
 
 static uint16_t image[MOST_PIXELS];
 static int width, height;
-static double fx, fy, cx, cy, sigma_r, sigma_q, month, sun[3], blur_prior, blur_sigma, lift_sigma;
-
-typedef struct {
-  double R[3][3], r[3], lift, blur, gain, background, a[MOST_NODES][LIMB_K + 1];
-} State;
-typedef struct {
-  double value, weight, h, distance, width_m, light, share;
-  double u[3], n[3];
-  int node;
-} Pixel;
+static double fx, fy, cx, cy, sigma_r, sigma_q, month, sun[3], blur_sigma, lift_sigma, gain_sigma;
+static State prior;
 
 static Pixel near_[MOST_NEAR];
-static int count, nodes;
-static double node_azimuth[MOST_NODES], node_width[MOST_NODES], node_place[MOST_NODES][3];
-static double axis_a[3], axis_b[3];
-static double profiles[MOST_NODES][FUNCTIONS][LIMB_H];
-static double grid_low, grid_step;
-static double value_of[MOST_NODES][FUNCTIONS][GRID], slope_of[MOST_NODES][GRID], blur_of[MOST_NODES][GRID];
+static Node node[MOST_NODES];
+static int count, nodes, functions, unknowns, air;
+static double curve, grid_low, grid_step, median_width;
+static int kind_of[FUNCTIONS], set_of[FUNCTIONS], offset_of[FUNCTIONS], rank_of[SETS], pivot_of[SETS][MOST_NODES];
+static double wave[SETS][MOST_NODES][MOST_NODES];
+
+static double transform[MOST_NODES][FUNCTIONS][GRID], smooth[MOST_NODES][GRID], sampled[MOST_NODES][GRID];
+static double smooth_by_blur[MOST_NODES][GRID], sampled_by_blur[MOST_NODES][GRID];
+static double level_at[MOST_NODES][GRID], slope_at[MOST_NODES][GRID], blur_at[MOST_NODES][GRID], sharp_at[MOST_NODES][GRID];
+static float value_at[MOST_NODES][GRID][FUNCTIONS];
+static double coefficient[MOST_NODES][FUNCTIONS];
 static double N[MOST_UNKNOWNS][MOST_UNKNOWNS], L[MOST_UNKNOWNS][MOST_UNKNOWNS], right_[MOST_UNKNOWNS];
-static double prior_information[LIMB_K + 1][MOST_NODES][MOST_NODES];
+static double scratch[MOST_NEAR];
 
-static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static void cross(const double *a, const double *b, double *out) {
-  out[0] = a[1] * b[2] - a[2] * b[1];
-  out[1] = a[2] * b[0] - a[0] * b[2];
-  out[2] = a[0] * b[1] - a[1] * b[0];
+/* Line of sight of a pixel. */
+static void sight(double column, double row, double *u) {
+  u[0] = (column - cx) / fx, u[1] = (row - cy) / fy, u[2] = 1.0;
+  unit(u);
 }
 
-static void unit(double *v) {
-  double s = sqrt(dot(v, v));
-  for (int i = 0; i < 3; i++) v[i] /= s;
-}
-
-static void times(double M[3][3], const double *v, double *out) {
-  for (int i = 0; i < 3; i++) out[i] = dot(M[i], v);
-}
-
-static void times_transposed(double M[3][3], const double *v, double *out) {
-  for (int i = 0; i < 3; i++) out[i] = M[0][i] * v[0] + M[1][i] * v[1] + M[2][i] * v[2];
-}
-
-/* R <- exp(w) R */
-static void turn(double R[3][3], const double *w) {
-  double angle = sqrt(dot(w, w)), new_[3][3];
-  if (angle == 0.0) return;
-  double k[3] = {w[0] / angle, w[1] / angle, w[2] / angle}, c = cos(angle), s = sin(angle);
-  for (int j = 0; j < 3; j++) {
-    double v[3] = {R[0][j], R[1][j], R[2][j]}, kv[3], along = (1.0 - c) * dot(k, v);
-    cross(k, v, kv);
-    for (int i = 0; i < 3; i++) new_[i][j] = c * v[i] + s * kv[i] + along * k[i];
-  }
-  memcpy(R, new_, sizeof new_);
-}
-
-/* The rotation vector of A B^T, small enough to be told by its antisymmetric part and angle. */
-static void turn_between(double A[3][3], double B[3][3], double *w) {
-  double M[3][3];
-  for (int i = 0; i < 3; i++)
-    for (int j = 0; j < 3; j++) M[i][j] = dot(A[i], B[j]);
-  double v[3] = {M[2][1] - M[1][2], M[0][2] - M[2][0], M[1][0] - M[0][1]};
-  double s = 0.5 * sqrt(dot(v, v)), c = 0.5 * (M[0][0] + M[1][1] + M[2][2] - 1.0), angle = atan2(s, c);
-  double factor = s > 1e-12 ? 0.5 * angle / s : 0.5;
-  for (int i = 0; i < 3; i++) w[i] = factor * v[i];
-}
-
-/* Line of sight of a pixel, and how it changes by column and row. */
-static void sight(double column, double row, double *u, double *by_column, double *by_row) {
-  double v[3] = {(column - cx) / fx, (row - cy) / fy, 1.0}, s = 1.0 / sqrt(dot(v, v));
-  double e[2][3] = {{1.0 / fx, 0.0, 0.0}, {0.0, 1.0 / fy, 0.0}}, *by[2];
-  by[0] = by_column;
-  by[1] = by_row;
-  for (int i = 0; i < 3; i++) u[i] = v[i] * s;
-  for (int k = 0; k < 2; k++)
-    for (int i = 0; i < 3; i++) by[k][i] = s * (e[k][i] - u[i] * dot(u, e[k]));
-}
-
-/* Height of the lowest point, distance to it, and the normal there in camera axes; 0 if the point lies behind. */
-static int lowest(const State *s, const double *u, double *h, double *distance, double *n_cam) {
+/* Height of the lowest point, distance to it, and the normal there in Earth-fixed axes. */
+static double lowest(const State *s, const double *u, double *distance, double *n) {
   static const double axes[3] = {6378137.0, 6378137.0, 6356752.314245};
-  double d[3], p[3], e[3], q[3], g[3];
-  times_transposed((double(*)[3])s->R, u, d);
+  double d[3], p[3], e[3], q[3];
+  times_transposed(s->R[0], u, d);
   for (int i = 0; i < 3; i++) p[i] = s->r[i] / axes[i], e[i] = d[i] / axes[i];
   *distance = -dot(p, e) / dot(e, e);
   for (int i = 0; i < 3; i++) q[i] = p[i] + *distance * e[i];
   double m = sqrt(dot(q, q));
-  for (int i = 0; i < 3; i++) g[i] = q[i] / m / axes[i];
-  double size = sqrt(dot(g, g));
-  *h = (m - 1.0) / size;
-  for (int i = 0; i < 3; i++) g[i] /= size;
-  times((double(*)[3])s->R, g, n_cam);
-  return *distance > 0.0;
+  for (int i = 0; i < 3; i++) n[i] = q[i] / axes[i];
+  double size = sqrt(dot(n, n));
+  for (int i = 0; i < 3; i++) n[i] /= size;
+  return (m - 1.0) * m / size;
+}
+
+/* The way y across the limb to a height, and its derivative. */
+static double across(double h, double *by_height) {
+  double root = sqrt(fmax(1.0 - 4.0 * curve * h, 0.01));
+  *by_height = 1.0 / root;
+  return 2.0 * h / (1.0 + root);
+}
+
+static double across_at(const State *s, double column, double row) {
+  double u[3], n[3], distance, spare;
+  sight(column, row, u);
+  return across(lowest(s, u, &distance, n), &spare);
 }
 
 static void nadir_of(const State *s, double *nadir) {
   double down[3] = {-s->r[0], -s->r[1], -s->r[2]};
   unit(down);
-  times((double(*)[3])s->R, down, nadir);
+  times(s->R[0], down, nadir);
 }
+
+/* The table */
 
 static int before(const float *axis, int n, double x, double *share) {
   int i = 0;
   while (i < n - 2 && x >= axis[i + 1]) i++;
-  *share = n == 1 ? 0.0 : fmin(fmax((x - axis[i]) / (axis[i + 1] - axis[i]), 0.0), 1.0);
+  *share = n == 1 ? 0.0 : clip((x - axis[i]) / (axis[i + 1] - axis[i]), 0.0, 1.0);
   return i;
 }
 
-/* The table's profiles at a place: mean and modes on its heights. */
-static void at_place(double first, double second, double out[FUNCTIONS][LIMB_H]) {
-  double u, v;
-  int i = before(limb_first, LIMB_A, first, &u), j, next;
+/* Four rows of the table and their shares for a place of the limb: the normal n and the line of sight u, camera axes. */
+static void corners(const State *s, const double *n, const double *u, int *corner, double *share) {
+  double a, b, first, second, up[3];
+  int i, j, next, below;
   if (LIMB_THERMAL) {
-    double x = limb_second[0] + fmod(fmod(second - limb_second[0], 12.0) + 12.0, 12.0);
-    for (j = 0; j < LIMB_B - 1 && x >= limb_second[j + 1];) j++;
+    times_transposed(s->R[0], n, up);
+    first = asin(clip(up[2], -1.0, 1.0));
+    second = limb_second[0] + fmod(fmod(month - limb_second[0], 12.0) + 12.0, 12.0);
+    for (j = 0; j < LIMB_B - 1 && second >= limb_second[j + 1];) j++;
     next = (j + 1) % LIMB_B;
     double end = j + 1 < LIMB_B ? limb_second[next] : limb_second[0] + 12.0;
-    v = (x - limb_second[j]) / (end - limb_second[j]);
+    b = (second - limb_second[j]) / (end - limb_second[j]);
   } else {
-    j = before(limb_second, LIMB_B, second, &v);
+    cross(n, u, up);
+    first = acos(clip(dot(n, sun), -1.0, 1.0));
+    second = fabs(atan2(dot(up, sun), dot(u, sun)));
+    j = before(limb_second, LIMB_B, second, &b);
     next = j + 1 < LIMB_B ? j + 1 : j;
   }
-  int below = i + 1 < LIMB_A ? i + 1 : i;
-  int corner[4] = {i * LIMB_B + j, i * LIMB_B + next, below * LIMB_B + j, below * LIMB_B + next};
-  double share[4] = {(1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v};
-  memset(out, 0, sizeof(double[FUNCTIONS][LIMB_H]));
-  for (int c = 0; c < 4; c++)
-    for (int h = 0; h < LIMB_H; h++) {
-      out[0][h] += share[c] * limb_mean_scale[corner[c]] * limb_mean[corner[c] * LIMB_H + h];
-      for (int k = 0; k < LIMB_K; k++) {
+  i = before(limb_first, LIMB_A, first, &a);
+  below = i + 1 < LIMB_A ? i + 1 : i;
+  corner[0] = i * LIMB_B + j, corner[1] = i * LIMB_B + next;
+  corner[2] = below * LIMB_B + j, corner[3] = below * LIMB_B + next;
+  share[0] = (1 - a) * (1 - b), share[1] = (1 - a) * b, share[2] = a * (1 - b), share[3] = a * b;
+}
+
+static double mean_at(const int *corner, const double *share, int h) {
+  double sum = 0.0;
+  for (int c = 0; c < 4; c++) sum += share[c] * limb_mean_scale[corner[c]] * limb_mean[corner[c] * LIMB_H + h];
+  return sum;
+}
+
+/* The table's profiles at a node whose line of sight is u. A line that passes below the height z from which light comes
+   ends earlier, by the angle d = (2 (z - h) / R)^1/2: thermal means are those of the latitude there, and a mode is there
+   alike with what it is at the lowest point as exp(-d^2 / 2 l^2). */
+static void look_up(const State *s, const double *u, Node *at) {
+  enum { ENDS = 6 };
+  int corner[4], end_corner[ENDS][4];
+  double share[4], end_share[ENDS][4], n[3], distance;
+  lowest(s, u, &distance, at->up);
+  times(s->R[0], at->up, n);
+  corners(s, n, u, corner, share);
+  for (int h = 0; h < LIMB_H; h++) {
+    at->mean[h] = mean_at(corner, share, h);
+    at->left[h] = 0.0;
+    for (int c = 0; c < 4; c++) at->left[h] += share[c] * limb_left_scale[corner[c]] * limb_left[corner[c] * LIMB_H + h];
+    for (int k = 0; k < LIMB_K; k++) {
+      at->modes[k][h] = 0.0;
+      for (int c = 0; c < 4; c++) {
         int row = corner[c] * (LIMB_K + 1) + k;
-        out[k + 1][h] += share[c] * limb_modes_scale[row] * limb_modes[row * LIMB_H + h];
+        at->modes[k][h] += share[c] * limb_modes_scale[row] * limb_modes[row * LIMB_H + h];
       }
     }
-}
-
-static void at_direction(const State *s, const double *u, double out[FUNCTIONS][LIMB_H], double *place) {
-  double h, distance, n[3], up[3];
-  lowest(s, u, &h, &distance, n);
-  times_transposed((double(*)[3])s->R, n, up);
-  memcpy(place, up, sizeof up);
-  if (LIMB_THERMAL) {
-    at_place(asin(fmin(fmax(up[2], -1.0), 1.0)), month, out);
-  } else {
-    double side[3];
-    cross(n, u, side);
-    at_place(acos(fmin(fmax(dot(n, sun), -1.0), 1.0)), fabs(atan2(dot(side, sun), dot(u, sun))), out);
   }
-}
-
-/* Polygons over height, blurred: constant below, nothing above. With t = (x - z) / sigma every bend of slope D at z adds
-   D sigma (t Phi + phi); the derivatives of that by x and by ln sigma are D Phi and D sigma phi. The first function's go
-   to slope and by_log. */
-static void blurred(const double (*bends)[LIMB_H + 1], const double *bottom, int functions, double sigma, double x,
-                    double *value, double *slope, double *by_log) {
-  for (int k = 0; k < functions; k++) value[k] = bottom[k];
-  *slope = *by_log = 0.0;
-  for (int j = 0; j < LIMB_H + 1; j++) {
-    /* above the last height the light fades over a kilometre */
-    double z = j < LIMB_H ? limb_height_m[j] : limb_height_m[LIMB_H - 1] + 1000.0, t = (x - z) / sigma;
-    if (t < -8.0) break;
-    double phi = exp(-0.5 * t * t) / sqrt(2.0 * PI), Phi = t > 8.0 ? 1.0 : 0.5 * erfc(-t / sqrt(2.0));
-    for (int k = 0; k < functions; k++) value[k] += bends[k][j] * sigma * (t * Phi + phi);
-    *slope += bends[0][j] * Phi;
-    *by_log += bends[0][j] * sigma * phi;
+  for (int e = 0; e < ENDS; e++) {
+    double angle = e * ENDS_STEP, end[3];
+    for (int i = 0; i < 3; i++) end[i] = cos(angle) * n[i] - sin(angle) * u[i];
+    corners(s, end, u, end_corner[e], end_share[e]);
   }
-}
-
-static void bends_of(const double *f, double *bends) {
-  double old = 0.0;
-  for (int j = 0; j < LIMB_H + 1; j++) {
-    double new_ = j < LIMB_H - 1 ? (f[j + 1] - f[j]) / (limb_height_m[j + 1] - limb_height_m[j])
-                : j == LIMB_H - 1 ? -f[j] / 1000.0
-                                  : 0.0;
-    bends[j] = new_ - old;
-    old = new_;
-  }
-}
-
-/* All functions of all nodes on the grid, for the present blur and coefficients. */
-static void fill_grid(const State *s) {
-  static double sum[LIMB_H], bends[FUNCTIONS][LIMB_H + 1];
-  for (int m = 0; m < nodes; m++) {
-    double sigma = s->blur * node_width[m], bottom[FUNCTIONS], value[FUNCTIONS];
-    memcpy(sum, profiles[m][0], sizeof sum);
-    for (int k = 0; k < LIMB_K; k++)
-      for (int h = 0; h < LIMB_H; h++) sum[h] += s->a[m][k] * profiles[m][k + 1][h];
-    for (int k = 0; k < FUNCTIONS; k++) {
-      const double *f = k == 0 ? sum : profiles[m][k];
-      bends_of(f, bends[k]);
-      bottom[k] = f[0];
-    }
-    for (int g = 0; g < GRID; g++) {
-      blurred((const double(*)[LIMB_H + 1])bends, bottom, FUNCTIONS, sigma, grid_low + g * grid_step, value,
-              &slope_of[m][g], &blur_of[m][g]);
-      for (int k = 0; k < FUNCTIONS; k++) value_of[m][k][g] = value[k];
+  /* the means are moved by their own brightest height, the modes by that of the moved means */
+  for (int pass = 0; pass < 2; pass++) {
+    double largest = 0.0, source = 0.0;
+    for (int h = 0; h < LIMB_H; h++) largest = fmax(largest, at->mean[h]);
+    for (int h = 0; h < LIMB_H; h++)
+      if (at->mean[h] >= 0.5 * largest) source = limb_height_m[h];
+    for (int h = 0; h < LIMB_H; h++) {
+      double away = sqrt(fmax(2.0 * (source - limb_height_m[h]) / EARTH_M, 0.0)), place = fmin(away / ENDS_STEP, ENDS - 1.001);
+      int e = (int)place;
+      if (pass == 1)
+        for (int k = 0; k < LIMB_K; k++) at->alike[k][h] = exp(-0.5 * pow(away / limb_correlation_rad[k], 2.0));
+      else if (LIMB_THERMAL)
+        at->mean[h] = (e + 1 - place) * mean_at(end_corner[e], end_share[e], h) +
+                      (place - e) * mean_at(end_corner[e + 1], end_share[e + 1], h);
     }
   }
 }
 
-static double read_grid(const double *table, double at) {
-  int i = (int)at;
-  return table[i] + (at - i) * (table[i + 1] - table[i]);
+/* Means of a profile over the grid's steps: the table's end below, nothing above but a metre in which it fades. */
+static void even(const double *f, double *out) {
+  enum { LAST = LIMB_H - 1 };
+  const float *h = limb_height_m;
+  double whole[LIMB_H] = {0}, sum_before = 0.0, z_before = 0.0;
+  for (int j = 1; j < LIMB_H; j++) whole[j] = whole[j - 1] + 0.5 * (f[j] + f[j - 1]) * (h[j] - h[j - 1]);
+  for (int i = 0, j = 0; i <= GRID; i++) {
+    double y = grid_low + (i - 0.5) * grid_step, z = y - curve * y * y, sum, d;
+    while (j < LAST - 1 && z >= h[j + 1]) j++;
+    d = z < h[LAST] ? z - h[j] : fmin(z - h[LAST], 1.0);
+    if (z <= h[0]) sum = d * f[0];
+    else if (z < h[LAST]) sum = whole[j] + d * (f[j] + 0.5 * d * (f[j + 1] - f[j]) / (h[j + 1] - h[j]));
+    else sum = whole[LAST] + f[LAST] * d * (1.0 - 0.5 * d);
+    if (i > 0) out[i - 1] = (sum - sum_before) / (z - z_before);
+    sum_before = sum, z_before = z;
+  }
 }
 
-static double azimuth_of(const double *u) { return atan2(dot(axis_b, u), dot(axis_a, u)); }
+/* A square root of the covariance exp(-d^2 / 2 l^2) of the nodes, columns until little variance is left (Cholesky with
+   pivots); returns how many. */
+static int root_of_covariance(double length, double sigma, double W[MOST_NODES][MOST_NODES], int *pivots) {
+  double left[MOST_NODES], sum = nodes;
+  int rank = 0;
+  for (int i = 0; i < nodes; i++) left[i] = 1.0;
+  for (; rank < nodes && sum > LEFT_OUT * nodes; rank++) {
+    int pivot = 0;
+    for (int i = 1; i < nodes; i++)
+      if (left[i] > left[pivot] + 1e-6) pivot = i;
+    double size = sqrt(left[pivot]);
+    pivots[rank] = pivot;
+    sum = 0.0;
+    for (int i = 0; i < nodes; i++) {
+      double d2 = 0.0, v;
+      for (int c = 0; c < 3; c++) d2 += pow(node[i].up[c] - node[pivot].up[c], 2.0);
+      v = exp(-0.5 * d2 / (length * length));
+      for (int k = 0; k < rank; k++) v -= W[i][k] * W[pivot][k];
+      W[i][rank] = v / size;
+    }
+    for (int i = 0; i < nodes; i++) {
+      left[i] = i == pivot ? 0.0 : fmax(left[i] - W[i][rank] * W[i][rank], 0.0);
+      sum += left[i];
+    }
+  }
+  for (int i = 0; i < nodes; i++)
+    for (int k = 0; k < rank; k++) W[i][k] *= sigma;
+  return rank;
+}
 
-/* Chooses the pixels near the limb and the nodes along it; 0 if there is too little limb. */
-static int choose(const State *s) {
-  double pixel_m = 0.0, nadir[3], spare[3] = {0, 0, 0}, low = limb_height_m[0], top = limb_height_m[LIMB_H - 1];
-  double up = dot(s->r, s->r), to_limb = sqrt(up - A_M * A_M), central = sqrt(fmax(1.0 - A_M * A_M / up, 0.0));
-  pixel_m = to_limb / fmax(fx, fy);
-  double rim = 2.5 * s->blur * pixel_m, bottom = fmax(low + rim, s->lift - fmax(DEPTH_M, DEPTH_PX * pixel_m));
-  top += fmax(rim, SPACE_PX * pixel_m) + s->lift;
+/* The window */
+
+/* The pose moves to where its unknowns say it is. */
+static void rest(State *s) {
+  turn(s->R, s->away);
+  for (int i = 0; i < 3; i++) s->r[i] += s->away[3 + i];
+  s->lift += s->away[6];
+  memset(s->away, 0, sizeof s->away);
+}
+
+/* Chooses the pixels near the limb; 0 if there is too little limb. Nodes are as many pixels apart, from the end of the
+   widest gap in azimuth on. */
+static int choose(State *s) {
+  rest(s);
+  double r2 = dot(s->r, s->r), to_limb = sqrt(fmax(r2 - A_M * A_M, 1.0)), pixel_m = to_limb / fmax(fx, fy), spare;
+  double rim = EDGE_BLURS * sqrt(s->blur * s->blur + PIXEL_VARIANCE) * pixel_m;
+  double bottom = fmax(limb_height_m[0] + rim, s->lift - DEPTH_PX * pixel_m);
+  double top = limb_height_m[LIMB_H - 1] + fmax(rim, SPACE_PX * pixel_m) + s->lift, nadir[3], a[3], b[3];
+  curve = 0.5 * A_M / fmax(r2 - A_M * A_M, 1.0);
+  grid_low = across(bottom, &spare) - GRID_RIMS * rim;
+  grid_step = (across(top, &spare) + GRID_RIMS * rim - grid_low) / HALF;
   nadir_of(s, nadir);
-  spare[fabs(nadir[0]) < 0.7 ? 0 : 1] = 1.0;
-  cross(nadir, spare, axis_a);
-  unit(axis_a);
-  cross(nadir, axis_a, axis_b);
-  /* where the limb is, in bins of azimuth; the largest gap is where it is not */
-  static char seen[3600];
-  memset(seen, 0, sizeof seen);
+  basis(nadir, a, b);
+  static double azimuth[MOST_NEAR], sorted[MOST_NEAR], on_limb[MOST_NEAR];
+  int limb = 0;
   count = 0;
-  for (int row = 0; row < height; row++)
-    for (int column = 0; column < width; column++) {
+  for (int row = BORDER_PX; row < height - BORDER_PX; row++)
+    for (int column = BORDER_PX; column < width - BORDER_PX; column++) {
       Pixel *p = &near_[count];
-      double by_column[3], by_row[3];
-      sight(column, row, p->u, by_column, by_row);
-      if (!lowest(s, p->u, &p->h, &p->distance, p->n) || p->h < bottom || p->h > top) continue;
-      p->width_m = p->distance * hypot(dot(p->n, by_column), dot(p->n, by_row));
+      double u[3], n[3], n_cam[3], arm[3], distance, by_height;
+      sight(column, row, u);
+      p->h = lowest(s, u, &distance, n);
+      if (distance <= 0.0 || p->h <= bottom || p->h >= top) continue;
+      p->y = across(p->h - s->lift, &by_height);
+      times(s->R[0], n, n_cam);
+      cross(n_cam, u, arm);
+      for (int i = 0; i < 3; i++) p->by_pose[i] = by_height * distance * arm[i], p->by_pose[3 + i] = by_height * n[i];
+      p->by_pose[6] = -by_height;
+      p->column = column, p->row = row;
       p->value = image[row * width + column];
-      p->light = pow(p->u[2], 4.0);
+      p->light = pow(u[2], 4.0);
       p->weight = 1.0;
-      int bin = (int)((azimuth_of(p->u) + PI) / (2.0 * PI) * 3600.0) % 3600;
-      if (fabs(p->h) < 0.5 * p->width_m) seen[bin] = 1;
+      azimuth[count] = sorted[count] = atan2(dot(b, u), dot(a, u));
+      if (fabs(p->h) < pixel_m) {
+        double by_column = across_at(s, column + 0.5, row) - across_at(s, column - 0.5, row);
+        double by_row = across_at(s, column, row + 0.5) - across_at(s, column, row - 0.5);
+        if (fabs(p->h) < 0.5 * hypot(by_column, by_row)) on_limb[limb++] = azimuth[count];
+      }
       if (++count == MOST_NEAR) return 0;
     }
-  int gap = 0, run = 0, end = 0, limb = 0;
-  for (int i = 0; i < 7200; i++) {
-    run = seen[i % 3600] ? 0 : run + 1;
-    if (run > gap && run <= 3600) gap = run, end = i + 1;
-    limb += i < 3600 && seen[i];
-  }
-  if (limb < 8) return 0;
-  double start = (end % 3600) / 3600.0 * 2.0 * PI - PI, arc = (3600 - gap) / 3600.0 * 2.0 * PI;
-  nodes = (int)ceil(arc * central / NODE_RAD) + 1;
-  nodes = nodes < 3 ? 3 : nodes > MOST_NODES ? MOST_NODES : nodes;
-  double sums[MOST_NODES] = {0}, numbers[MOST_NODES] = {0}, largest = 0.0;
-  int kept = 0;
-  for (int i = 0; i < count; i++) {
-    double away = fmod(azimuth_of(near_[i].u) - start + 4.0 * PI, 2.0 * PI);
-    if (away > arc) away = away - arc < 2.0 * PI - away ? arc : 0.0;
-    double at = away / arc * (nodes - 1);
-    near_[i].node = at >= nodes - 1 ? nodes - 2 : (int)at;
-    near_[i].share = at - near_[i].node;
-    if (fabs(near_[i].h) < near_[i].width_m)
-      sums[(int)(at + 0.5)] += near_[i].width_m, numbers[(int)(at + 0.5)] += 1.0;
-    if (near_[i].light > largest) largest = near_[i].light;
-    near_[kept++] = near_[i];
-  }
-  double cosine = sqrt(1.0 - central * central);
+  if (limb < FEWEST_LIMB_PX) return 0;
+  sort(sorted, count);
+  int first = 0;
+  double gap = sorted[0] + 2.0 * PI - sorted[count - 1];
+  for (int i = 1; i < count; i++)
+    if (sorted[i] - sorted[i - 1] > gap) gap = sorted[i] - sorted[i - 1], first = i;
+  double start = sorted[first], at_centre = sqrt(fmax(1.0 - A_M * A_M / r2, 0.0)), border[MOST_NODES], ends[2] = {1e9, -1e9};
+  int sectors = (int)ceil((2.0 * PI - gap) * at_centre / NODE_RAD), most = limb / 2 < MOST_NODES - 1 ? limb / 2 : MOST_NODES - 1;
+  sectors = sectors > most ? most : sectors < 2 ? 2 : sectors;
+  nodes = sectors + 1;
   for (int m = 0; m < nodes; m++) {
-    double azimuth = start + arc * m / (nodes - 1), u[3];
-    node_azimuth[m] = azimuth;
-    node_width[m] = numbers[m] > 0.0 ? sums[m] / numbers[m] : pixel_m;
-    /* the limb's angle from the nadir has the sine R / r, the cosine of the angle at the centre */
-    for (int i = 0; i < 3; i++)
-      u[i] = cosine * (cos(azimuth) * axis_a[i] + sin(azimuth) * axis_b[i]) + central * nadir[i];
-    at_direction(s, u, profiles[m], node_place[m]);
+    int i = (int)((double)m * count / sectors);
+    double at = sorted[(first + (i < count ? i : count - 1)) % count] - start;
+    border[m] = at < 0.0 ? at + 2.0 * PI : at;
   }
-  for (int i = 0; i < count; i++) near_[i].light /= largest;
-  grid_low = bottom - 5.0 * rim;
-  grid_step = (top + 5.0 * rim - grid_low) / (GRID - 1);
-  return 1;
-}
-
-static int cholesky(double (*M)[MOST_UNKNOWNS], int n) {
-  for (int j = 0; j < n; j++)
-    for (int i = j; i < n; i++) {
-      double s = M[i][j];
-      for (int k = 0; k < j; k++) s -= M[i][k] * M[j][k];
-      if (i == j) {
-        if (s <= 0.0) return 0;
-        M[j][j] = sqrt(s);
-      } else {
-        M[i][j] = s / M[j][j];
-      }
+  for (int i = 0; i < limb; i++) {
+    double at = fmod(on_limb[i] - start + 4.0 * PI, 2.0 * PI);
+    ends[0] = fmin(ends[0], at), ends[1] = fmax(ends[1], at);
+  }
+  for (int i = 0; i < count; i++) {
+    double at = azimuth[i] - start;
+    if (at < 0.0) at += 2.0 * PI;
+    int m = 0;
+    while (m < sectors - 1 && at >= border[m + 1]) m++;
+    near_[i].node = m;
+    near_[i].along = clip((at - border[m]) / fmax(border[m + 1] - border[m], 1e-12), 0.0, 1.0);
+  }
+  double sine = sqrt(1.0 - at_centre * at_centre);
+  for (int m = 0; m < nodes; m++) {
+    double u[3], seen[3];
+    /* what a pixel is at the ends is that of the last limb in view */
+    for (int e = 0; e < 2; e++) {
+      double t = start + (e ? clip(border[m], ends[0], ends[1]) : border[m]), *v = e ? seen : u;
+      for (int i = 0; i < 3; i++) v[i] = sine * (cos(t) * a[i] + sin(t) * b[i]) + at_centre * nadir[i];
     }
+    look_up(s, u, &node[m]);
+    double column = cx + fx * seen[0] / seen[2], row = cy + fy * seen[1] / seen[2], here = across_at(s, column, row);
+    double left = across_at(s, column - 1.0, row), right = across_at(s, column + 1.0, row);
+    double above = across_at(s, column, row - 1.0), below = across_at(s, column, row + 1.0);
+    node[m].box_m[0] = 0.5 * fabs(right - left), node[m].box_m[1] = 0.5 * fabs(below - above);
+    node[m].width_m = hypot(node[m].box_m[0], node[m].box_m[1]);
+    node[m].lift_m = 0.5 * (left + right + above + below - 4.0 * here);
+    scratch[m] = node[m].width_m;
+  }
+  median_width = median(scratch, nodes);
   return 1;
 }
 
-static void solve(double (*M)[MOST_UNKNOWNS], int n, double *x) {
-  for (int i = 0; i < n; i++) {
-    for (int k = 0; k < i; k++) x[i] -= M[i][k] * x[k];
-    x[i] /= M[i][i];
+/* Functions of all nodes on the grid, transformed and blurred by the pixel; how their coefficients come of unknowns. */
+static void functions_of_air(void) {
+  static double shape[LIMB_H], left[MOST_NODES][GRID], spare[GRID];
+  int second[LIMB_K + 1] = {0}, bump[BUMPS] = {0};
+  static double bump_of[BUMPS][GRID];
+  double last = grid_low + HALF * grid_step;
+  for (int k = 0; k < LIMB_K; k++) rank_of[k] = root_of_covariance(limb_correlation_rad[k], 1.0, wave[k], pivot_of[k]);
+  rank_of[LIMB_K] = root_of_covariance(LEFT_LENGTH, 1.0, wave[LIMB_K], pivot_of[LIMB_K]);
+  rank_of[LIMB_K + 1] = root_of_covariance(AIR_GAIN_LENGTH, AIR_GAIN_SIGMA, wave[LIMB_K + 1], pivot_of[LIMB_K + 1]);
+  for (int j = 0; j < BUMPS; j++)
+    for (int g = 0; g < GRID; g++) {
+      double y = grid_low + g * grid_step, away = fabs(y - curve * y * y - LOWEST_BUMP_M - j * BUMP_M) / BUMP_M;
+      bump_of[j][g] = cos(0.5 * PI * fmin(away, 1.0));
+    }
+  /* left out is what is too little everywhere */
+  for (int m = 0; m < nodes; m++) {
+    double largest = 0.0;
+    even(node[m].mean, transform[m][0]);
+    even(node[m].left, left[m]);
+    for (int g = 0; g < GRID; g++) largest = fmax(largest, transform[m][0][g]);
+    for (int j = 0; j < BUMPS; j++)
+      for (int g = 0; g < GRID; g++)
+        if (left[m][g] * bump_of[j][g] > LEAST_BUMP * largest) bump[j] = 1;
+    for (int k = 0; k < LIMB_K; k++)
+      for (int h = 0; h < LIMB_H; h++)
+        if (limb_height_m[h] > grid_low && limb_height_m[h] < last && 1.0 - pow(node[m].alike[k][h], 2.0) > LEAST_APART * LEAST_APART)
+          second[k] = 1;
   }
-  for (int i = n - 1; i >= 0; i--) {
-    for (int k = i + 1; k < n; k++) x[i] -= M[k][i] * x[k];
-    x[i] /= M[i][i];
+  for (int m = 0; m < nodes; m++) {
+    double(*f)[GRID] = transform[m];
+    functions = 1;
+    for (int part = 0; part < 2; part++)
+      for (int k = 0; k < LIMB_K; k++) {
+        if (part == 1 && !second[k]) continue;
+        for (int h = 0; h < LIMB_H; h++) {
+          double alike = node[m].alike[k][h];
+          shape[h] = node[m].modes[k][h] * (part == 0 ? alike : sqrt(1.0 - alike * alike));
+        }
+        set_of[functions] = k, kind_of[functions] = part * LIMB_K + k;
+        even(shape, f[functions++]);
+      }
+    for (int j = 0; j < BUMPS; j++) {
+      if (!bump[j]) continue;
+      for (int g = 0; g < GRID; g++) f[functions][g] = left[m][g] * bump_of[j][g];
+      set_of[functions] = LIMB_K, kind_of[functions++] = 2 * LIMB_K + j;
+    }
+    memcpy(f[functions], f[0], sizeof f[0]);
+    set_of[functions] = LIMB_K + 1, kind_of[functions++] = 2 * LIMB_K + BUMPS;
+    memset(spare, 0, sizeof spare);
+    for (int k = 0; k < functions; k += 2) cosines(f[k], k + 1 < functions ? f[k + 1] : spare, 1.0);
+    for (int g = 0; g < GRID; g++) {
+      double frequency = g / (2.0 * HALF * grid_step);
+      double pixel = sinc(node[m].box_m[0] * frequency) * sinc(node[m].box_m[1] * frequency);
+      for (int k = 0; k < functions; k++) f[k][g] *= pixel;
+    }
+  }
+  air = 0;
+  for (int k = 1; k < functions; k++) {
+    offset_of[k] = air;
+    air += rank_of[set_of[k]];
+  }
+  unknowns = air + SHARED;
+}
+
+/* The lens's transform at the nodes and its change with the logarithm of the blur: a Gaussian, and one of samples at
+   whole pixels (Chebyshev: cos (k + 1) x = 2 cos x cos k x - cos (k - 1) x). */
+static void lens(double blur) {
+  enum { MOST_PLACES = 64 };
+  double weight[MOST_PLACES], steep[MOST_PLACES], sum = 1.0, sum_steep = 0.0, limit = fmax(blur, 0.15);
+  int places = (int)fmin(ceil(5.0 * blur), MOST_PLACES);
+  for (int k = 0; k < places; k++) {
+    weight[k] = 2.0 * exp(-0.5 * pow((k + 1) / limit, 2.0));
+    steep[k] = weight[k] * pow((k + 1) / limit, 2.0);
+    sum += weight[k], sum_steep += steep[k];
+  }
+  for (int m = 0; m < nodes; m++)
+    for (int g = 0; g < GRID; g++) {
+      double frequency = 2.0 * PI * g / (2.0 * HALF * grid_step), one_way[2], change[2];
+      double x2 = pow(blur * node[m].width_m * frequency, 2.0);
+      smooth[m][g] = exp(-0.5 * x2);
+      smooth_by_blur[m][g] = -x2 * smooth[m][g];
+      for (int side = 0; side < 2; side++) {
+        double c = cos(node[m].box_m[side] * frequency), previous = 1.0, now = c, total = 1.0, by_blur = 0.0;
+        for (int k = 0; k < places; k++) {
+          total += weight[k] * now, by_blur += steep[k] * now;
+          double next = 2.0 * c * now - previous;
+          previous = now, now = next;
+        }
+        one_way[side] = total / sum;
+        change[side] = (by_blur - one_way[side] * sum_steep) / sum;
+      }
+      sampled[m][g] = one_way[0] * one_way[1];
+      sampled_by_blur[m][g] = change[0] * one_way[1] + one_way[0] * change[1];
+    }
+}
+
+static double read_grid(double table[MOST_NODES][GRID], const Pixel *p, double share) {
+  const double *a = table[p->node] + p->place, *b = table[p->node + 1] + p->place;
+  return (1.0 - p->along) * ((1.0 - share) * a[0] + share * a[1]) + p->along * ((1.0 - share) * b[0] + share * b[1]);
+}
+
+/* What all pixels see as the unknowns say it. */
+static void look(const State *s) {
+  static double re[2 * HALF], im[2 * HALF];
+  lens(s->blur);
+  for (int m = 0; m < nodes; m++) {
+    for (int k = 1; k < functions; k++) {
+      coefficient[m][k] = 0.0;
+      for (int j = 0; j < rank_of[set_of[k]]; j++) coefficient[m][k] += wave[set_of[k]][m][j] * s->z[offset_of[k] + j];
+    }
+    for (int g = 0; g <= HALF; g++) {
+      double sum = transform[m][0][g], frequency = 2.0 * PI * g / (2.0 * HALF * grid_step);
+      for (int k = 1; k < functions; k++) sum += coefficient[m][k] * transform[m][k][g];
+      double lens_ = smooth[m][g] + s->sharpness * (sampled[m][g] - smooth[m][g]);
+      blur_at[m][g] = sum * (smooth_by_blur[m][g] + s->sharpness * (sampled_by_blur[m][g] - smooth_by_blur[m][g]));
+      sharp_at[m][g] = sum * (sampled[m][g] - smooth[m][g]);
+      /* even for the profile itself, odd for its slope in metres of the grid */
+      double slope = g < HALF ? frequency * grid_step : 0.0;
+      re[g] = sum * lens_ * (1.0 + slope);
+      if (g > 0) re[2 * HALF - g] = sum * lens_ * (1.0 - slope);
+    }
+    memset(im, 0, sizeof im);
+    fft(re, im);
+    for (int g = 0; g <= HALF; g++) level_at[m][g] = re[g] / (2.0 * HALF), slope_at[m][g] = im[g] / (2.0 * HALF * grid_step);
+    cosines(blur_at[m], sharp_at[m], 1.0 / (2.0 * HALF));
+  }
+  for (int i = 0; i < count; i++) {
+    Pixel *p = &near_[i];
+    double lift = (1.0 - p->along) * node[p->node].lift_m + p->along * node[p->node + 1].lift_m;
+    double y = p->y + product(s->away, p->by_pose, POSE) + lift * (s->blur * s->blur + PIXEL_VARIANCE);
+    double at = (y - grid_low) / grid_step;
+    p->place = (int)clip(at, 0.0, GRID - 2.0);
+    p->share = clip(at - p->place, 0.0, 1.0);
+    p->slope = read_grid(slope_at, p, p->share);
+    /* between two heights a parabola that their slopes bend: model and derivative are of one piece */
+    double bend = 0.5 * grid_step * (read_grid(slope_at, p, 0.0) - read_grid(slope_at, p, 1.0));
+    p->level = read_grid(level_at, p, p->share) + p->share * (1.0 - p->share) * bend;
+    p->off = p->value - s->background - s->gain * p->light * p->level;
   }
 }
 
-/* Information of the modes' coefficients: the inverse of their covariance along the limb. */
-static int information(void) {
-  for (int k = 0; k < LIMB_K; k++) {
-    for (int i = 0; i < nodes; i++)
-      for (int j = 0; j < nodes; j++) {
-        double d2 = 0.0;
-        for (int c = 0; c < 3; c++) d2 += pow(node_place[i][c] - node_place[j][c], 2.0);
-        L[i][j] = exp(-0.5 * d2 / pow(limb_correlation_rad[k], 2.0)) + (i == j ? 1e-4 : 0.0);
-      }
-    if (!cholesky(L, nodes)) return 0;
-    for (int j = 0; j < nodes; j++) {
-      double e[MOST_NODES] = {0};
-      e[j] = 1.0;
-      solve(L, nodes, e);
-      for (int i = 0; i < nodes; i++) prior_information[k][i][j] = e[i];
+/* Chooses the window anew. The air stays as it is: coefficients go over to nodes that lie a little elsewhere, from them
+   to the unknowns at the nodes that Cholesky's pivots were. */
+static int select_pixels(State *s) {
+  static double had[FUNCTIONS][MOST_NODES];
+  int had_nodes = nodes;
+  memset(had, 0, sizeof had);
+  for (int k = 1; k < functions; k++)
+    for (int m = 0; m < nodes; m++) had[kind_of[k]][m] = coefficient[m][k];
+  if (!choose(s)) return 0;
+  functions_of_air();
+  memset(s->z, 0, sizeof s->z);
+  for (int k = 1; had_nodes && k < functions; k++) {
+    double(*W)[MOST_NODES] = wave[set_of[k]], *z = s->z + offset_of[k];
+    for (int j = 0; j < rank_of[set_of[k]]; j++) {
+      int m = pivot_of[set_of[k]][j];
+      double at = (double)m * (had_nodes - 1) / (nodes - 1);
+      int i = at < had_nodes - 2 ? (int)at : had_nodes - 2;
+      z[j] = (at - i) * had[kind_of[k]][i + 1] + (i + 1 - at) * had[kind_of[k]][i];
+      for (int l = 0; l < j; l++) z[j] -= W[m][l] * z[l];
+      z[j] /= W[m][j];
     }
   }
   return 1;
-}
-
-static double level_of(const State *s, const Pixel *p, double *at) {
-  double x = p->h - s->lift;
-  *at = fmin(fmax((x - grid_low) / grid_step, 0.0), GRID - 1.001);
-  return (1.0 - p->share) * read_grid(value_of[p->node][0], *at) + p->share * read_grid(value_of[p->node + 1][0], *at);
 }
 
 /* Gain and background that fit best. */
 static int levels(State *s) {
-  double n = 0, x = 0, y = 0, xx = 0, xy = 0, at;
+  double n = count, x = 0, y = 0, xx = 0, xy = 0;
+  look(s);
   for (int i = 0; i < count; i++) {
-    double level = near_[i].light * level_of(s, &near_[i], &at), w = near_[i].weight;
-    n += w, x += w * level, y += w * near_[i].value, xx += w * level * level, xy += w * level * near_[i].value;
+    double level = near_[i].light * near_[i].level;
+    x += level, y += near_[i].value, xx += level * level, xy += level * near_[i].value;
   }
-  double determinant = n * xx - x * x;
-  if (determinant <= 0.0) return 0;
-  s->gain = (n * xy - x * y) / determinant;
+  s->gain = (n * xy - x * y) / (n * xx - x * x);
   s->background = (y - s->gain * x) / n;
+  look(s);
   return s->gain > 0.0;
 }
 
-/* Weighs by the residuals: a straight line of variance in brightness, five standard deviations at most. */
-static void weigh(const State *s) {
-  double most = 0.0, at;
-  for (int i = 0; i < count; i++) most = fmax(most, near_[i].light * level_of(s, &near_[i], &at));
-  for (int round = 0; round < 2; round++) {
-    double sums[2] = {0, 0}, numbers[2] = {0, 0};
-    for (int i = 0; i < count; i++) {
-      double level = near_[i].light * level_of(s, &near_[i], &at);
-      double off = near_[i].value - s->background - s->gain * level;
-      int bright = level > 0.5 * most, dark = level < 0.05 * most;
-      if ((bright || dark) && near_[i].weight > 0.0) sums[bright] += off * off, numbers[bright] += 1.0;
-    }
-    double dark = numbers[0] > 20 ? sums[0] / numbers[0] : 0.0, bright = numbers[1] > 20 ? sums[1] / numbers[1] : dark;
-    /* what rounding to whole numbers alone makes */
-    dark = fmax(dark, PIXEL_VARIANCE), bright = fmax(bright, PIXEL_VARIANCE);
-    for (int i = 0; i < count; i++) {
-      double level = near_[i].light * level_of(s, &near_[i], &at);
-      double off = near_[i].value - s->background - s->gain * level;
-      double variance = dark + (bright - dark) * fmin(fmax(level / most, 0.0), 1.0);
-      near_[i].weight = off * off < OUTLIER * OUTLIER * variance ? 1.0 / variance : 0.0;
-    }
+/* Noise */
+
+/* Mean of squared residuals between two levels (of the brightest) that are no outliers by their quartiles. */
+static double variance_between(double low, double high, double brightest) {
+  double sum = 0.0, number = 0.0, limit;
+  int n = 0, all;
+  for (int i = 0; i < count; i++) {
+    double level = clip(near_[i].light * near_[i].level / brightest, 0.0, 1.0);
+    if (level > low && level < high && near_[i].weight > 0.0) scratch[n++] = near_[i].off * near_[i].off;
   }
+  all = n <= FEWEST_PIXELS;
+  if (all)
+    for (n = 0; n < count; n++) scratch[n] = near_[n].off * near_[n].off;
+  limit = OUTLIER * OUTLIER * median(scratch, n) / (QUARTILE * QUARTILE);
+  for (int i = 0; i < n; i++)
+    if (scratch[i] <= limit) sum += scratch[i], number += 1.0;
+  return fmax(sum / fmax(number, 1.0), 1e-300);
 }
 
-static void look(State *s) {
-  for (int i = 0; i < count; i++) lowest(s, near_[i].u, &near_[i].h, &near_[i].distance, near_[i].n);
-  fill_grid(s);
-}
-
-/* Normal equations at the present state; returns the number of unknowns. */
-static int equations(const State *s, const State *mean) {
-  int n = SHARED + nodes * LIMB_K;
-  double J[SHARED + 2 * LIMB_K + 2], w[3];
-  int place[SHARED + 2 * LIMB_K + 2];
-  for (int i = 0; i < n; i++) {
-    right_[i] = 0.0;
-    for (int j = 0; j < n; j++) N[i][j] = 0.0;
+/* Weighs the pixels by the residuals as they are; returns by how much their logarithms changed (rms). */
+static double weigh(const State *s) {
+  static double part[MOST_NEAR][3], expected[MOST_NEAR];
+  double brightest = 1e-300, steepest = 1e-300, changed = 0.0, both = 0.0;
+  for (int i = 0; i < count; i++) {
+    const Pixel *p = &near_[i];
+    double per_px = s->gain * p->light * p->slope * node[p->node].width_m;
+    brightest = fmax(brightest, p->light * p->level);
+    part[i][2] = per_px * per_px;
+    steepest = fmax(steepest, part[i][2]);
   }
-  for (int p = 0; p < count; p++) {
-    const Pixel *x = &near_[p];
-    if (x->weight == 0.0) continue;
-    double at, level = level_of(s, x, &at), amplitude = s->gain * x->light, along[2] = {1.0 - x->share, x->share};
-    double slope = 0.0, by_blur = 0.0, arm[3], n_itrs[3];
-    for (int e = 0; e < 2; e++) {
-      slope += along[e] * read_grid(slope_of[x->node + e], at);
-      by_blur += along[e] * read_grid(blur_of[x->node + e], at);
-    }
-    double by_height = amplitude * slope;
-    cross(x->u, x->n, arm);
-    times_transposed((double(*)[3])s->R, x->n, n_itrs);
-    for (int i = 0; i < 3; i++) J[i] = -by_height * x->distance * arm[i], J[3 + i] = by_height * n_itrs[i];
-    J[6] = -by_height;
-    J[7] = amplitude * by_blur;
-    J[8] = amplitude * level;
-    J[9] = 1.0;
-    for (int i = 0; i < SHARED; i++) place[i] = i;
-    int m = SHARED;
-    for (int e = 0; e < 2; e++)
-      for (int k = 0; k < LIMB_K; k++, m++) {
-        J[m] = amplitude * along[e] * read_grid(value_of[x->node + e][k + 1], at);
-        place[m] = SHARED + (x->node + e) * LIMB_K + k;
+  double dark = variance_between(-1.0, DARK, brightest), bright = variance_between(BRIGHT, 2.0, brightest);
+  for (int i = 0; i < count; i++) {
+    const Pixel *p = &near_[i];
+    double level = clip(p->light * p->level / brightest, 0.0, 1.0);
+    double below = clip(0.5 - (p->h - CLOUD_TOP_M) / (2.0 * node[p->node].width_m), 0.0, 1.0);
+    part[i][0] = level, part[i][1] = pow(below * level, 2.0), part[i][2] /= steepest;
+    expected[i] = dark + fmax(bright - dark, 0.0) * level;
+  }
+  for (int round = 0; round < WEIGHINGS; round++) {
+    double A[3][3] = {{0}}, b[3] = {0}, size[3], x[3];
+    for (int i = 0; i < count; i++) {
+      double square = near_[i].off * near_[i].off;
+      if (square >= OUTLIER * OUTLIER * expected[i]) continue;
+      for (int j = 0; j < 3; j++) {
+        b[j] += part[i][j] * (square - dark) / pow(expected[i], 2.0);
+        for (int k = 0; k < 3; k++) A[j][k] += part[i][j] * part[i][k] / pow(expected[i], 2.0);
       }
-    double off = x->value - s->background - amplitude * level;
-    for (int i = 0; i < m; i++) {
-      double weighted = x->weight * J[i];
-      right_[place[i]] += weighted * off;
-      for (int j = 0; j < m; j++) N[place[i]][place[j]] += weighted * J[j];
+    }
+    for (int j = 0; j < 3; j++) size[j] = sqrt(fmax(A[j][j], 1e-300));
+    for (int j = 0; j < 3; j++) {
+      b[j] /= size[j];
+      for (int k = 0; k < 3; k++) A[j][k] = A[j][k] / (size[j] * size[k]) + (j == k ? 1e-9 : 0.0);
+    }
+    not_negative(A, b, x);
+    for (int i = 0; i < count; i++) {
+      expected[i] = dark;
+      for (int j = 0; j < 3; j++) expected[i] += x[j] / size[j] * part[i][j];
     }
   }
-  turn_between((double(*)[3])mean->R, (double(*)[3])s->R, w);
+  for (int i = 0; i < count; i++) {
+    double weight = near_[i].off * near_[i].off < OUTLIER * OUTLIER * expected[i] ? 1.0 / expected[i] : 0.0;
+    if (weight > 0.0 && near_[i].weight > 0.0) changed += pow(log(weight / near_[i].weight), 2.0), both += 1.0;
+    near_[i].weight = weight;
+  }
+  return sqrt(changed / fmax(both, 1.0));
+}
+
+/* How much larger the variance of the residuals' sums over squares is than of independent ones. */
+static double alike(void) {
+  static double sum[MOST_PIXELS / 16 + 2048], number[MOST_PIXELS / 16 + 2048];
+  double most = 1.0;
+  for (int side = 4; side <= 32; side *= 2) {
+    int in_row = (width - 1) / side + 1, squares = in_row * ((height - 1) / side + 1);
+    double total = 0.0, pixels = 0.0;
+    for (int i = 0; i < squares; i++) sum[i] = number[i] = 0.0;
+    for (int i = 0; i < count; i++) {
+      int square = near_[i].row / side * in_row + near_[i].column / side;
+      sum[square] += sqrt(near_[i].weight) * near_[i].off;
+      number[square] += near_[i].weight > 0.0;
+    }
+    for (int i = 0; i < squares; i++)
+      if (number[i] > side) total += sum[i] * sum[i], pixels += number[i];
+    most = fmax(most, total / fmax(pixels, 1.0));
+  }
+  return most;
+}
+
+/* Equations */
+
+/* The step to the priors' values, and their information; shared unknowns. */
+static void priors(const State *s, double *wanted, double *information) {
+  turn_between(prior.R[0], s->R[0], wanted + TURN);
   for (int i = 0; i < 3; i++) {
-    N[i][i] += 1.0 / (sigma_q * sigma_q), right_[i] += w[i] / (sigma_q * sigma_q);
-    N[3 + i][3 + i] += 1.0 / (sigma_r * sigma_r), right_[3 + i] += (mean->r[i] - s->r[i]) / (sigma_r * sigma_r);
+    wanted[TURN + i] -= s->away[i], wanted[POSITION + i] = prior.r[i] - s->r[i] - s->away[3 + i];
+    information[TURN + i] = 1.0 / (sigma_q * sigma_q), information[POSITION + i] = 1.0 / (sigma_r * sigma_r);
   }
-  N[6][6] += 1.0 / (lift_sigma * lift_sigma), right_[6] -= s->lift / (lift_sigma * lift_sigma);
-  N[7][7] += 1.0 / (blur_sigma * blur_sigma), right_[7] += log(mean->blur / s->blur) / (blur_sigma * blur_sigma);
-  for (int k = 0; k < LIMB_K; k++)
-    for (int i = 0; i < nodes; i++)
-      for (int j = 0; j < nodes; j++) {
-        int a = SHARED + i * LIMB_K + k, b = SHARED + j * LIMB_K + k;
-        N[a][b] += prior_information[k][i][j];
-        right_[a] -= prior_information[k][i][j] * s->a[j][k];
+  wanted[LIFT] = -s->lift - s->away[6], information[LIFT] = 1.0 / (lift_sigma * lift_sigma);
+  wanted[BLUR] = log(prior.blur / s->blur), information[BLUR] = 1.0 / (blur_sigma * blur_sigma);
+  wanted[SHARPNESS] = prior.sharpness - s->sharpness, information[SHARPNESS] = 1.0 / (SHARPNESS_SIGMA * SHARPNESS_SIGMA);
+  wanted[GAIN] = log(prior.gain / s->gain), information[GAIN] = gain_sigma > 0.0 ? 1.0 / (gain_sigma * gain_sigma) : 0.0;
+  wanted[BACKGROUND] = information[BACKGROUND] = 0.0;
+}
+
+/* What the most probable unknowns make smallest. */
+static double merit_of(const State *s) {
+  double wanted[SHARED], information[SHARED], sum = 0.0;
+  priors(s, wanted, information);
+  for (int i = 0; i < SHARED; i++) sum += information[i] * wanted[i] * wanted[i];
+  for (int i = 0; i < air; i++) sum += s->z[i] * s->z[i];
+  for (int i = 0; i < count; i++) sum += near_[i].weight * near_[i].off * near_[i].off;
+  return sum;
+}
+
+/* L L^T = N, lower triangles. */
+static int cholesky(void) {
+  for (int i = 0; i < unknowns; i++)
+    for (int j = 0; j <= i; j++) {
+      double v = N[i][j] - product(L[i], L[j], j);
+      if (j < i) {
+        L[i][j] = v / L[j][j];
+      } else {
+        if (!(v > 0.0)) return 0;
+        L[i][i] = sqrt(v);
       }
-  return n;
-}
-
-static void move(State *s, const double *step) {
-  turn(s->R, step);
-  for (int i = 0; i < 3; i++) s->r[i] += step[3 + i];
-  s->lift += step[6];
-  s->blur *= exp(fmin(fmax(step[7], -0.5), 0.5));
-  s->gain *= exp(fmin(fmax(step[8], -0.5), 0.5));
-  s->background += step[9];
-  for (int m = 0; m < nodes; m++)
-    for (int k = 0; k < LIMB_K; k++) s->a[m][k] += step[SHARED + m * LIMB_K + k];
-}
-
-/* How unlike the image the mean profile is at a tilt, on every stride-th pixel: the residual's share of the variance. */
-static double unlike(const State *s, const double *curve, double low, double step, int size, int stride) {
-  double n = 0, x = 0, y = 0, xx = 0, xy = 0, yy = 0, h, distance, normal[3], u[3], spare[3], other[3];
-  for (int row = stride / 2; row < height; row += stride)
-    for (int column = stride / 2; column < width; column += stride) {
-      sight(column, row, u, spare, other);
-      double at = size - 2.0;
-      if (lowest(s, u, &h, &distance, normal)) at = fmin(fmax((h - low) / step, 0.0), size - 2.0);
-      double level = pow(u[2], 4.0) * read_grid(curve, at), value = image[row * width + column];
-      n += 1, x += level, y += value, xx += level * level, xy += level * value, yy += value * value;
     }
-  double vx = xx - x * x / n, vy = yy - y * y / n, c = xy - x * y / n;
-  return c <= 0.0 || vx <= 0.0 || vy <= 0.0 ? 1.0 : 1.0 - c * c / (vx * vy);
+  return 1;
 }
 
-/* The tilt near the prior's attitude at which the predicted picture is most like the image. */
-static void start(State *s) {
-  static double curve[GRID], found[FUNCTIONS][LIMB_H];
-  double nadir[3], u[3], place[3], up = dot(s->r, s->r), central = sqrt(1.0 - A_M * A_M / up), best_[2] = {0, 0};
-  int stride = (int)fmax(1.0, sqrt(width * (double)height / 8000.0));
-  double step = 2.0 * stride / fmax(fx, fy), reach = fmin(3.0 * sigma_q, 0.2);
-  nadir_of(s, nadir);
-  double spare[3] = {0, 0, 0};
-  spare[fabs(nadir[0]) < 0.7 ? 0 : 1] = 1.0;
-  cross(nadir, spare, axis_a);
-  unit(axis_a);
-  cross(nadir, axis_a, axis_b);
-  /* the limb nearest to the middle of the image stands for all of it */
-  double middle[3] = {0.0, 0.0, 1.0}, azimuth = azimuth_of(middle);
-  for (int i = 0; i < 3; i++)
-    u[i] = A_M / sqrt(up) * (cos(azimuth) * axis_a[i] + sin(azimuth) * axis_b[i]) + central * nadir[i];
-  at_direction(s, u, found, place);
-  double pixel_m = sqrt(up - A_M * A_M) / fmax(fx, fy), low = limb_height_m[0], high = 100e3 + 20.0 * stride * pixel_m;
-  double fine = (high - low) / (GRID - 1);
-  State mean = *s;
-  static double bends[1][LIMB_H + 1];
-  bends_of(found[0], bends[0]);
-  for (int round = 0; round < 6; round++) {
-    double sigma = 0.6 * step * pixel_m * fmax(fx, fy) + s->blur * pixel_m, slope, by_log;
-    for (int g = 0; g < GRID; g++)
-      blurred((const double(*)[LIMB_H + 1])bends, found[0], 1, sigma, low + g * fine, &curve[g], &slope, &by_log);
-    double best = 2.0, centre[2] = {best_[0], best_[1]};
-    int many = round == 0 ? (int)ceil(reach / step) : 2;
-    for (int i = -many; i <= many; i++)
-      for (int j = -many; j <= many; j++) {
-        double t[2] = {centre[0] + i * step, centre[1] + j * step}, w[3];
-        for (int c = 0; c < 3; c++) w[c] = t[0] * axis_a[c] + t[1] * axis_b[c];
-        State tried = mean;
-        turn(tried.R, w);
-        /* of two alike the one nearer to the prior */
-        double merit = unlike(&tried, curve, low, fine, GRID, stride) + 1e-3 * (t[0] * t[0] + t[1] * t[1]) / (sigma_q * sigma_q);
-        if (merit < best) best = merit, best_[0] = t[0], best_[1] = t[1];
-      }
-    step *= 0.5;
+/* N x = x */
+static void solve(double *x) {
+  for (int i = 0; i < unknowns; i++) x[i] = (x[i] - product(L[i], x, i)) / L[i][i];
+  for (int i = unknowns - 1; i >= 0; i--) {
+    x[i] /= L[i][i];
+    for (int k = 0; k < i; k++) x[k] -= L[i][k] * x[i];
   }
-  double w[3];
-  for (int c = 0; c < 3; c++) w[c] = best_[0] * axis_a[c] + best_[1] * axis_b[c];
-  turn(s->R, w);
 }
+
+/* All functions as the lens blurs them. */
+static void tabulate(const State *s) {
+  static double a[GRID], b[GRID];
+  for (int m = 0; m < nodes; m++)
+    for (int k = 1; k < functions; k += 2) {
+      int other = k + 1 < functions ? k + 1 : k;
+      for (int g = 0; g < GRID; g++) {
+        double lens_ = smooth[m][g] + s->sharpness * (sampled[m][g] - smooth[m][g]);
+        a[g] = lens_ * transform[m][k][g], b[g] = lens_ * transform[m][other][g];
+      }
+      cosines(a, b, 1.0 / (2.0 * HALF));
+      for (int g = 0; g < GRID; g++) value_at[m][g][k] = a[g], value_at[m][g][other] = b[g];
+    }
+}
+
+/* Normal equations at the present state. Those of the coefficients at a node, and at a node and the next, first: a pixel
+   lies between two nodes. Then those of the unknowns that the coefficients come of. */
+static int equations(const State *s) {
+  static double own[MOST_NODES][FUNCTIONS][FUNCTIONS], next[MOST_NODES][FUNCTIONS][FUNCTIONS];
+  static double to_shared[MOST_NODES][FUNCTIONS][SHARED], pull[MOST_NODES][FUNCTIONS];
+  static double pushed[MOST_NODES][MOST_NODES];
+  double wanted[SHARED], information[SHARED], shared[SHARED][SHARED] = {{0}}, shared_pull[SHARED] = {0};
+  memset(own, 0, sizeof own), memset(next, 0, sizeof next);
+  memset(to_shared, 0, sizeof to_shared), memset(pull, 0, sizeof pull);
+  tabulate(s);
+  for (int i = 0; i < count; i++) {
+    const Pixel *p = &near_[i];
+    if (p->weight == 0.0) continue;
+    const Node *a = &node[p->node], *b = a + 1;
+    double amplitude = s->gain * p->light, J[SHARED], row[2][FUNCTIONS];
+    double lifted = 2.0 * s->blur * s->blur * ((1.0 - p->along) * a->lift_m + p->along * b->lift_m);
+    J[BLUR] = amplitude * (read_grid(blur_at, p, p->share) + p->slope * lifted);
+    J[SHARPNESS] = amplitude * read_grid(sharp_at, p, p->share);
+    J[GAIN] = amplitude * p->level;
+    J[BACKGROUND] = 1.0;
+    for (int c = 0; c < POSE; c++) J[TURN + c] = amplitude * p->slope * p->by_pose[c];
+    for (int e = 0; e < 2; e++) {
+      double along = amplitude * (e ? p->along : 1.0 - p->along), low = along * (1.0 - p->share), high = along * p->share;
+      const float *v = value_at[p->node + e][p->place], *w = value_at[p->node + e][p->place + 1];
+      for (int k = 1; k < functions; k++) row[e][k] = low * v[k] + high * w[k];
+    }
+    for (int j = 0; j < SHARED; j++) {
+      double weighted = p->weight * J[j];
+      shared_pull[j] += weighted * p->off;
+      for (int k = 0; k <= j; k++) shared[j][k] += weighted * J[k];
+      for (int e = 0; e < 2; e++)
+        for (int k = 1; k < functions; k++) to_shared[p->node + e][k][j] += weighted * row[e][k];
+    }
+    for (int j = 1; j < functions; j++) {
+      double here = p->weight * row[0][j], there = p->weight * row[1][j];
+      double *x = own[p->node][j], *y = own[p->node + 1][j], *z = next[p->node][j];
+      pull[p->node][j] += here * p->off, pull[p->node + 1][j] += there * p->off;
+      for (int k = 1; k <= j; k++) x[k] += here * row[0][k], y[k] += there * row[1][k];
+      for (int k = 1; k < functions; k++) z[k] += here * row[1][k];
+    }
+  }
+  for (int j = 1; j < functions; j++) {
+    double(*W)[MOST_NODES] = wave[set_of[j]];
+    int rank = rank_of[set_of[j]], first = offset_of[j];
+    for (int a = 0; a < rank; a++) {
+      right_[first + a] = -s->z[first + a];
+      for (int c = 0; c < SHARED; c++) N[air + c][first + a] = 0.0;
+      for (int m = 0; m < nodes; m++) {
+        right_[first + a] += W[m][a] * pull[m][j];
+        for (int c = 0; c < SHARED; c++) N[air + c][first + a] += W[m][a] * to_shared[m][j][c];
+      }
+    }
+    for (int k = 1; k <= j; k++) {
+      double(*V)[MOST_NODES] = wave[set_of[k]];
+      int other = rank_of[set_of[k]];
+      for (int m = 0; m < nodes; m++)
+        for (int b = 0; b < other; b++)
+          pushed[m][b] = own[m][j][k] * V[m][b] + (m + 1 < nodes ? next[m][j][k] * V[m + 1][b] : 0.0) +
+                         (m > 0 ? next[m - 1][k][j] * V[m - 1][b] : 0.0);
+      for (int a = 0; a < rank; a++) {
+        double *out = N[first + a] + offset_of[k];
+        for (int b = 0; b < other; b++) out[b] = j == k && a == b;
+        for (int m = 0; m < nodes; m++)
+          for (int b = 0; b < other; b++) out[b] += W[m][a] * pushed[m][b];
+      }
+    }
+  }
+  priors(s, wanted, information);
+  for (int j = 0; j < SHARED; j++) {
+    for (int k = 0; k <= j; k++) N[air + j][air + k] = shared[j][k] + (j == k ? information[j] : 0.0);
+    right_[air + j] = shared_pull[j] + information[j] * wanted[j];
+  }
+  return cholesky();
+}
+
+/* Variance of the lens along one axis, and its change by the blur's logarithm and the sharpness. */
+static double lens_variance(double blur, double sharpness, double *by_log, double *by_sharpness) {
+  double limit = fmax(blur, 0.15), whole = 1.0, second = 0.0, fourth = 0.0;
+  for (int k = 1; k <= (int)ceil(5.0 * limit); k++) {
+    double weight = 2.0 * exp(-0.5 * k * k / (limit * limit));
+    whole += weight, second += weight * k * k, fourth += weight * pow(k, 4.0);
+  }
+  double sampled_ = second / whole, smooth_ = blur * blur;
+  *by_log = (1.0 - sharpness) * 2.0 * smooth_ + sharpness * (fourth / whole - sampled_ * sampled_) / (limit * limit);
+  *by_sharpness = sampled_ - smooth_;
+  return (1.0 - sharpness) * smooth_ + sharpness * sampled_;
+}
+
+/* The blur after a step. Blur and sharpness turn along a bent valley: the lens's variance goes as far as their
+   derivatives say, the sharpness as it is told, and the blur follows (Newton). */
+static double blur_after(const State *s, double log_step, double sharpness_step) {
+  double plain = s->blur * exp(log_step), blur = plain, by_log, by_sharpness;
+  double variance = lens_variance(s->blur, s->sharpness, &by_log, &by_sharpness);
+  if (!(variance > 0.0 && by_log > 0.0)) return plain;
+  double wanted = log(variance) + (by_log * log_step + by_sharpness * sharpness_step) / variance;
+  for (int round = 0; round < MOST_ROUNDS; round++) {
+    variance = lens_variance(blur, s->sharpness + sharpness_step, &by_log, &by_sharpness);
+    if (!(variance > 0.0 && by_log > 0.0)) return plain;
+    double off = (wanted - log(variance)) * variance / by_log;
+    blur *= exp(clip(off, -MOST_ROUND, MOST_ROUND));
+    if (fabs(off) < ROUNDED) return blur;
+  }
+  return plain;
+}
+
+static void move(State *s, const double *step, double scale) {
+  const double *own = step + air;
+  double brighter = fmax(1.0 + scale * own[GAIN], LEAST_GAIN);
+  for (int i = 0; i < POSE; i++) s->away[i] += scale * own[TURN + i];
+  s->blur = blur_after(s, scale * own[BLUR], scale * own[SHARPNESS]);
+  s->sharpness += scale * own[SHARPNESS];
+  /* brightness is a product of gain and air: taken like this, it moves as the derivatives say, however far */
+  s->gain *= brighter;
+  s->background += scale * own[BACKGROUND];
+  for (int i = 0; i < air; i++) s->z[i] += scale * step[i] / brighter;
+}
+
+/* By how many pixels a step moves the limb at most. */
+static double motion_px(const double *step) {
+  double most = 0.0;
+  for (int i = 0; i < count; i++) most = fmax(most, fabs(product(step + air + TURN, near_[i].by_pose, POSE)));
+  return most / median_width;
+}
+
+/* The square of a step of the pose over its own covariance: Cholesky's last rows. */
+static double size_of(const double *step) {
+  double size = 0.0;
+  for (int j = 0; j < POSE; j++) {
+    double sum = 0.0;
+    for (int i = j; i < POSE; i++) sum += L[unknowns - POSE + i][unknowns - POSE + j] * step[unknowns - POSE + i];
+    size += sum * sum;
+  }
+  return size;
+}
+
+/* Goes as far along a step as the pixels become more probable; 0 for no way. Where less than half of the merit is gained
+   that the step promised, as in a bent valley, the parabola through what is known of the way says how far to go. */
+static int search_along(State *s, const double *step, double promised) {
+  static State origin, found;
+  double merit_before = merit_of(s), best = INFINITY, share = 1.0;
+  origin = *s;
+  for (int trial = 0; trial < MOST_TRIALS; trial++) {
+    *s = origin;
+    move(s, step, share);
+    look(s);
+    double merit = merit_of(s);
+    if (merit < best && merit <= merit_before + ROUNDING) best = merit, found = *s;
+    else if (best < INFINITY) break;
+    if (merit_before - merit >= 0.5 * promised * share * (2.0 - share) - ROUNDING) break;
+    double bend = (merit - merit_before + 2.0 * promised * share) / (share * share);
+    share = clip(promised / bend, LEAST_SHARE * share, MOST_SHARE * share);
+  }
+  *s = best < INFINITY ? found : origin;
+  look(s);
+  return best < INFINITY;
+}
+
+/* The most probable state near a start; returns the steps it took, 0 without an answer, and says why. */
+static int fit(State *s, const char **reason) {
+  static double step[MOST_UNKNOWNS];
+  int settled = 0, few = width * height > FEW_PX, round = 0;
+  double away_px = 0.0, size = INFINITY;
+  *reason = "too little limb in view";
+  if (!select_pixels(s)) return 0;
+  *reason = "the image is not brighter where the limb should be";
+  if (!levels(s)) return 0;
+  weigh(s);
+  *reason = "the limb in view does not determine the fit's unknowns";
+  while (round++ < MOST_STEPS) {
+    if (!equations(s)) return 0;
+    memcpy(step, right_, sizeof(double) * unknowns);
+    solve(step);
+    double promised = product(step, right_, unknowns), most_px = fmax(LARGEST_M / median_width, LARGEST_PX);
+    double over = fmax(motion_px(step) / most_px, fmax(fabs(step[air + BLUR]), fabs(step[air + GAIN])) / LARGEST_LOG);
+    for (int i = 0; over > 1.0 && i < unknowns; i++) step[i] /= over;
+    promised /= fmax(over * over, 1.0);
+    size = size_of(step);
+    int held = settled >= SETTLING_STEPS;
+    if (held && size < CONVERGED && promised < 1.0) {
+      move(s, step, 1.0);
+      look(s);
+      return round;
+    }
+    double moved_px = motion_px(step);
+    int improved = search_along(s, step, promised);
+    if (held && !improved) return round;
+    if (held) continue;
+    away_px += moved_px;
+    int close = size < SETTLED || !improved;
+    if ((close && few) || away_px > (close ? CLOSE_PX : RESELECT_PX)) {
+      if (!select_pixels(s)) return 0;
+      look(s);
+      few = few && !close;
+      away_px = 0.0;
+    }
+    double changed = weigh(s);
+    settled = close && changed < STEADY ? settled + 1 : 0;
+    /* what is alike is known of residuals that nothing but noise and shapes without a mode is left in */
+    double beyond = settled >= SETTLING_STEPS ? alike() : 1.0;
+    double factor = 1.0 + (beyond - 1.0) * clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0);
+    for (int i = 0; i < count; i++) near_[i].weight /= factor;
+  }
+  *reason = "no convergence";
+  return size > 1.0 ? 0 : MOST_STEPS;
+}
+
+/* The start */
+
+/* The tilt near the prior's attitude at which the predicted picture is most like a coarse copy of the image. */
+static int start(State *s) {
+  enum { MOST_COARSE = 64 * 64, AZIMUTHS = 24, MOST_GRID = 1024, STEPS = 14, FINER_STEPS = 4, COARSE_PX = 56 };
+  static double value[MOST_COARSE], radius[MOST_COARSE], light[MOST_COARSE], u[MOST_COARSE][3];
+  static double profile[AZIMUTHS][MOST_GRID], blurred[AZIMUTHS][MOST_GRID];
+  static int bin[MOST_COARSE];
+  static Node at;
+  double nadir[3], a[3], b[3], distance = sqrt(dot(s->r, s->r)), to_limb = sqrt(distance * distance - A_M * A_M);
+  double fine = 1e3, best[2] = {0, 0}, score = -INFINITY, mean = 0.0, power = 0.0, spare, n_[3];
+  int n = 0, factor = ((width > height ? width : height) + COARSE_PX - 1) / COARSE_PX;
+  nadir_of(s, nadir);
+  basis(nadir, a, b);
+  for (int row = 0; row + factor <= height; row += factor)
+    for (int column = 0; column + factor <= width; column += factor, n++) {
+      sight(column + (factor - 1) / 2, row + (factor - 1) / 2, u[n]);
+      value[n] = 0.0;
+      for (int i = 0; i < factor; i++)
+        for (int j = 0; j < factor; j++) value[n] += image[(row + i) * width + column + j] / (double)(factor * factor);
+      light[n] = pow(u[n][2], 4.0);
+      double down = dot(nadir, u[n]), h = lowest(s, u[n], &spare, n_);
+      /* the Earth's radius there, as the ellipsoid has it; beyond a right angle from the nadir there is only space */
+      radius[n] = down > 0.0 ? distance * sqrt(fmax(1.0 - down * down, 0.0)) - h : 0.0;
+      int i = (int)floor(atan2(dot(b, u[n]), dot(a, u[n])) * AZIMUTHS / (2.0 * PI) + 0.5);
+      bin[n] = (i + AZIMUTHS) % AZIMUTHS;
+      mean += value[n];
+    }
+  mean /= n;
+  for (int i = 0; i < n; i++) value[i] -= mean, power += value[i] * value[i];
+  double low = limb_height_m[0], high = limb_height_m[LIMB_H - 1] + 60e3;
+  int size = (int)ceil((high - low) / fine);
+  if (size > MOST_GRID) size = MOST_GRID, fine = (high - low) / size;
+  double cosine = to_limb / distance, sine = sqrt(1.0 - cosine * cosine);
+  for (int k = 0; k < AZIMUTHS; k++) {
+    double angle = 2.0 * PI * k / AZIMUTHS, los[3];
+    for (int i = 0; i < 3; i++) los[i] = sine * (cos(angle) * a[i] + sin(angle) * b[i]) + cosine * nadir[i];
+    look_up(s, los, &at);
+    for (int g = 0; g < size; g++) {
+      double share, h = low + g * fine;
+      int i = before(limb_height_m, LIMB_H, h, &share);
+      profile[k][g] = h > limb_height_m[LIMB_H - 1] ? 0.0 : (1.0 - share) * at.mean[i] + share * at.mean[i + 1];
+    }
+  }
+  double step = 3.5 * sigma_q / STEPS, pixel_rad = factor / fmax(fx, fy), finest = fmax(4e3 / to_limb, 0.5 * pixel_rad);
+  for (int reach = STEPS;; reach = FINER_STEPS, step /= 3.0) {
+    double sigma = fmax(step, pixel_rad) * to_limb * 0.5 / fine, middle[2] = {best[0], best[1]};
+    int taps = (int)fmin(4.0 * sigma + 0.5, MOST_GRID);
+    for (int k = 0; k < AZIMUTHS; k++)
+      for (int g = 0; g < size; g++) {
+        double sum = 0.0, weights = 0.0;
+        for (int t = -taps; t <= taps; t += 1 + taps / 40) {
+          double w = exp(-0.5 * t * t / (sigma * sigma));
+          sum += w * profile[k][(int)clip(g + t, 0, size - 1)], weights += w;
+        }
+        blurred[k][g] = sum / weights;
+      }
+    for (int i = -reach; i <= reach; i++)
+      for (int j = -reach; j <= reach; j++) {
+        double tilt[2] = {middle[0] + i * step, middle[1] + j * step}, down[3], x = 0.0, xx = 0.0, xy = 0.0;
+        for (int c = 0; c < 3; c++) down[c] = nadir[c] + tilt[0] * a[c] + tilt[1] * b[c];
+        unit(down);
+        for (int p = 0; p < n; p++) {
+          double c = dot(down, u[p]);
+          if (c <= 0.0) continue;
+          int g = (int)clip((distance * sqrt(fmax(1.0 - c * c, 0.0)) - radius[p] - low) / fine, 0.0, size - 1.0);
+          double level = light[p] * blurred[bin[p]][g];
+          x += level, xx += level * level, xy += level * value[p];
+        }
+        double like = -(tilt[0] * tilt[0] + tilt[1] * tilt[1]) / (sigma_q * sigma_q);
+        if (xy > 0.0) like -= n * log(fmax(1.0 - xy * xy / fmax((xx - x * x / n) * power, 1e-300), 1e-12));
+        if (like > score || (i == -reach && j == -reach)) score = like, best[0] = tilt[0], best[1] = tilt[1];
+      }
+    if (step <= finest) break;
+  }
+  if (!(score > 0.0)) return 0;
+  double down[3], w[3];
+  for (int c = 0; c < 3; c++) down[c] = nadir[c] + best[0] * a[c] + best[1] * b[c];
+  unit(down);
+  cross(nadir, down, w);
+  double length = sqrt(dot(w, w));
+  for (int c = 0; length > 0.0 && c < 3; c++) w[c] *= asin(length) / length;
+  turn(s->R, w);
+  return 1;
+}
+
+/* The answer */
 
 static int refuse(const char *status, const char *reason) {
   printf("{\"status\": \"%s\", \"reason\": \"%s\"}\n", status, reason);
   return 0;
 }
 
+/* Mean square of the nadir's error: by the turn w it moves by w x nadir, by the position by -R (across r) / |r|. */
+static double nadir_variance(const State *s, const double *nadir) {
+  static double f[MOST_UNKNOWNS];
+  double variance = 0.0, r2 = dot(s->r, s->r);
+  for (int c = 0; c < 3; c++) {
+    double e[3] = {0, 0, 0}, g[POSE] = {0}, arm[3], down[3];
+    e[c] = 1.0;
+    cross(nadir, e, arm);
+    times_transposed(s->R[0], e, down);
+    double radial = dot(down, s->r) / r2;
+    for (int i = 0; i < 3; i++) g[i] = arm[i], g[3 + i] = -(down[i] - radial * s->r[i]) / sqrt(r2);
+    memset(f, 0, sizeof f);
+    memcpy(f + air + TURN, g, sizeof g);
+    solve(f);
+    for (int i = 0; i < POSE; i++) variance += g[i] * f[air + TURN + i];
+  }
+  return variance;
+}
+
+/* Share of the pixels' variance that the prediction explains. */
+static double explained(void) {
+  double weights = 0.0, mean = 0.0, left = 0.0, whole = 0.0;
+  for (int i = 0; i < count; i++) weights += near_[i].weight, mean += near_[i].weight * near_[i].value;
+  mean /= weights;
+  for (int i = 0; i < count; i++) {
+    left += near_[i].weight * near_[i].off * near_[i].off;
+    whole += near_[i].weight * pow(near_[i].value - mean, 2.0);
+  }
+  return 1.0 - left / whole;
+}
+
+/* The largest coefficient of any function in its own standard deviations. */
+static double improbable(void) {
+  double most = 0.0;
+  for (int k = 1; k < functions; k++)
+    for (int m = 0; m < nodes; m++)
+      most = fmax(most, fabs(coefficient[m][k]) / (set_of[k] == LIMB_K + 1 ? AIR_GAIN_SIGMA : 1.0));
+  return most;
+}
+
 int main(void) {
-  static State s, mean;
-  double q[4];
+  static State s;
+  double q[4], nadir[3], w[3];
+  const char *reason;
   if (scanf("%d %d %lf %lf %lf %lf", &width, &height, &fx, &fy, &cx, &cy) != 6 ||
       scanf("%lf %lf %lf %lf", &s.r[0], &s.r[1], &s.r[2], &sigma_r) != 4 ||
       scanf("%lf %lf %lf %lf %lf", &q[0], &q[1], &q[2], &q[3], &sigma_q) != 5 ||
       scanf("%lf %lf %lf %lf", &month, &sun[0], &sun[1], &sun[2]) != 4 ||
-      scanf("%lf %lf %lf", &blur_prior, &blur_sigma, &lift_sigma) != 3 || getchar() != '\n' || width < 8 ||
-      height < 8 || (long)width * height > MOST_PIXELS ||
+      scanf("%lf %lf %lf %lf %lf", &s.blur, &blur_sigma, &lift_sigma, &s.gain, &gain_sigma) != 5 || getchar() != '\n' ||
+      width < 8 || height < 8 || width > 32767 || height > 32767 || (long)width * height > MOST_PIXELS ||
       fread(image, sizeof *image, (size_t)width * height, stdin) != (size_t)width * height)
     return refuse("bad_input", "the image or what is known beside it cannot be read");
-  double x = q[0], y = q[1], z = q[2], w = q[3];
-  double R[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)},
-                    {2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)},
-                    {2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)}};
-  memcpy(s.R, R, sizeof R);
+  from_quaternion(q, s.R);
   if (dot(s.r, s.r) < A_M * A_M * 1.0001) return refuse("bad_input", "the position lies in the Earth");
-  s.blur = sqrt(blur_prior * blur_prior + PIXEL_VARIANCE);
-  s.gain = 1.0;
-  mean = s;
-  start(&s);
-  if (!choose(&s) || !information()) return refuse("no_limb", "too little limb in view");
-  look(&s);
-  if (!levels(&s)) return refuse("no_limb", "the image is not brighter where the limb should be");
-  weigh(&s);
-  double step[MOST_UNKNOWNS], last[3] = {0, 0, 0}, damping = 1.0;
-  int n = 0, settled = 0, steps = 0;
-  for (; steps < 25 && settled < 2; steps++) {
-    n = equations(&s, &mean);
-    for (int i = 0; i < n; i++) memcpy(L[i], N[i], sizeof(double) * n);
-    if (!cholesky(L, n)) return refuse("not_converged", "the equations are singular");
-    memcpy(step, right_, sizeof(double) * n);
-    solve(L, n, step);
-    /* a turn about the nadir hardly changes the image */
-    double down[3], about, moved, limit;
-    nadir_of(&s, down);
-    about = dot(step, down);
-    moved = sqrt(fmax(dot(step, step) - about * about, 0.0)) * fmax(fx, fy);
-    limit = moved > 3.0 ? 3.0 / moved : 1.0;
-    /* Gauss-Newton may swing about the answer: a step that goes back on the last is halved, and those after it too */
-    if (dot(step, last) < 0.0) damping *= 0.5;
-    memcpy(last, step, sizeof last);
-    for (int i = 0; i < n; i++) step[i] *= limit * damping;
-    move(&s, step);
-    if (moved > 1.0) {
-      int had = nodes;
-      if (!choose(&s)) return refuse("no_limb", "too little limb in view");
-      if (nodes != had) memset(s.a, 0, sizeof s.a);
-      if (!information()) return refuse("not_converged", "the equations are singular");
-    }
-    look(&s);
-    if (steps < 6) weigh(&s);
-    settled = moved < SETTLED_PX ? settled + 1 : 0;
-  }
-  if (settled < 2) return refuse("not_converged", "no convergence");
-  n = equations(&s, &mean);
-  for (int i = 0; i < n; i++) memcpy(L[i], N[i], sizeof(double) * n);
-  if (!cholesky(L, n)) return refuse("not_converged", "the equations are singular");
-  /* nadir = -R r / |r|: by the turn w it moves by w x nadir, by the position by -R (across r) / |r| */
-  double nadir[3], variance = 0.0, norm = sqrt(dot(s.r, s.r)), explained = 0.0, whole = 0.0, average = 0.0, at;
+  s.sharpness = SHARPNESS_PRIOR;
+  prior = s;
+  if (!start(&s)) return refuse("no_limb", "no tilt near the prior's makes the image like a limb");
+  int steps = fit(&s, &reason);
+  rest(&s);
+  if (!steps) return refuse("no_limb", reason);
+  if (!(explained() > LEAST_EXPLAINED)) return refuse("no_limb", "the predicted limb explains too little of the image");
+  if (improbable() > MOST_IMPROBABLE) return refuse("ambiguous", "the air would be far from what its table knows");
+  turn_between(s.R[0], prior.R[0], w);
+  for (int i = 0; i < 3; i++)
+    if (fabs(w[i]) > MOST_SIGMA * sigma_q) return refuse("ambiguous", "the limb lies far from the prior's attitude");
   nadir_of(&s, nadir);
-  for (int c = 0; c < 3; c++) {
-    double e[3] = {0, 0, 0}, g[MOST_UNKNOWNS] = {0}, f[MOST_UNKNOWNS], arm[3], down[3];
-    e[c] = 1.0;
-    cross(nadir, e, arm);
-    times_transposed(s.R, e, down);
-    double radial = dot(down, s.r) / (norm * norm);
-    for (int i = 0; i < 3; i++) g[i] = arm[i], g[3 + i] = -(down[i] - radial * s.r[i]) / norm;
-    memcpy(f, g, sizeof f);
-    solve(L, n, f);
-    for (int i = 0; i < n; i++) variance += g[i] * f[i];
-  }
-  for (int i = 0; i < count; i++) average += near_[i].value / count;
-  for (int i = 0; i < count; i++) {
-    double off = near_[i].value - s.background - s.gain * near_[i].light * level_of(&s, &near_[i], &at);
-    explained += off * off, whole += pow(near_[i].value - average, 2.0);
-  }
-  if (explained > 0.3 * whole) return refuse("no_limb", "the predicted limb explains too little of the image");
+  to_quaternion(s.R, q);
   printf("{\"status\": \"valid\", \"nadir_cam\": [%.12f, %.12f, %.12f], \"sigma_nadir_arcsec\": %.4f, ", nadir[0], nadir[1],
-         nadir[2], sqrt(variance) * 180.0 / PI * 3600.0);
-  printf("\"reason\": \"%d steps, %d pixels, %d nodes\"}\n", steps, count, nodes);
+         nadir[2], sqrt(nadir_variance(&s, nadir)) * 180.0 / PI * 3600.0);
+  printf("\"q_cam_from_itrs\": [%.12f, %.12f, %.12f, %.12f], ", q[0], q[1], q[2], q[3]);
+  printf("\"position_itrs_km\": [%.6f, %.6f, %.6f], \"lift_m\": %.3f, ", s.r[0] / 1e3, s.r[1] / 1e3, s.r[2] / 1e3, s.lift);
+  printf("\"reason\": \"%d steps, %d pixels, %d nodes, %d unknowns\"}\n", steps, count, nodes, unknowns);
   return 0;
 }

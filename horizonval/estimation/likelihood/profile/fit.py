@@ -15,7 +15,8 @@ Every prior is rows of the same equations::
 ``C`` is what is claimed; of it the part of the first unknowns alone, ``(J_1^T W J_1 + P_1)^-1``, is what it would be if
 the air were known.
 
-The noise is that of :mod:`.noise`. Where neighbouring residuals are alike, all variances are larger by how much more
+Where the converter's floor cuts noise off, what a pixel shows in the mean is not ``I``: see :mod:`.floor`. The noise is
+that of :mod:`.noise`. Where neighbouring residuals are alike, all variances are larger by how much more
 their sums over squares scatter than independent ones would, of the size of squares where that is most.
 
 **Neglected.** That residuals may be alike over more than the largest square.

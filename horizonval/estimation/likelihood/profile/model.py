@@ -20,6 +20,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.blurred import BlurredProfiles, blur_after
+from horizonval.estimation.likelihood.profile.floor import floor_of
 from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
 from horizonval.estimation.likelihood.profile.pixels import profile_pixels
 from horizonval.estimation.likelihood.profile.ray_height import level_distance
@@ -90,6 +91,8 @@ class Seen:
         Radiance.
     changes : ndarray, shape (3, n)
         By the distance across the limb [1/m], the logarithm of the blur, the sharpness.
+    kept : ndarray
+        Of a change of light, that the converter's floor leaves in the mean.
     residuals : ndarray
     """
 
@@ -97,6 +100,7 @@ class Seen:
     share: FloatArray
     level: FloatArray
     changes: FloatArray
+    kept: FloatArray
     residuals: FloatArray
 
 
@@ -158,6 +162,7 @@ class ProfileModel:
         last = first + coarse * next_fast_len(int(np.ceil((ends[1] + GRID_RIMS * rim - first) / coarse)), real=True)
         self.air = knowledge.air(near.normal_cam, near.los_cam, pose, (first, last - 0.5 * step, step), curve)
         self.tables = BlurredProfiles(self.air.functions, self.air.step_m, near.boxes_m)
+        self._floor = floor_of(near.values[near.ray.height_m > high + rim + pose.height_m], float(image.min()))
         across, by_height = level_distance(near.ray.height_m - pose.height_m, curve)
         self._across = across
         lowering = -np.ones((1, len(across)))
@@ -188,8 +193,11 @@ class ProfileModel:
         bend[..., :-1] = (0.5 * air.step_m) * (changes[1, :, :-1] - changes[1, :, 1:])
         level, slope, by_blur, by_sharpness, bent = self._read(np.concatenate([changes, bend]), place, share).T
         level = level + share * (1.0 - share) * bent
-        residuals = near.values - now.background - now.gain * near.light * level
-        return Seen(place, share, level, np.array([slope, by_blur, by_sharpness]), residuals)
+        shown = now.background + now.gain * near.light * level
+        kept = np.ones_like(shown)
+        if self._floor is not None:
+            shown, kept = self._floor.expected(shown)
+        return Seen(place, share, level, np.array([slope, by_blur, by_sharpness]), kept, near.values - shown)
 
     def _read(self, tables: FloatArray, place: np.ndarray, share: FloatArray) -> FloatArray:
         """Return tables (c, m, n) at places of the grid and shares of the next, shape (n, c)."""
@@ -211,9 +219,10 @@ class ProfileModel:
         """Return the normal equations of a step."""
         near = self.near
         root = np.sqrt(inverse_variance)
-        amplitude = now.gain * near.light * root
+        kept = root * look.kept
+        amplitude = now.gain * near.light * kept
         residuals = root * look.residuals
-        shared = self._shared(now, amplitude, root, look.level, look.changes)
+        shared = self._shared(now, amplitude, kept, look.level, look.changes)
         sums, squares = self._by_sector(look, amplitude, shared)
         functions = self.tables.values(now.blur, now.sharpness, self.every)[:, 1:]
         bends = _bends(functions)

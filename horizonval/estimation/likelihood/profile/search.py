@@ -32,25 +32,27 @@ from horizonval.geometry.camera import CameraModel
 MOST_STEPS = 40
 FEW_PX = 6000
 """Candidates, at least, of the pixels that a first part of the way asks for: enough to be within a tenth of a pixel."""
-SETTLED = 0.3
+SETTLED = 0.03
 SETTLING_STEPS = 2
 """Steps of a square below the first, after which the noise is held: what a pose that is not there yet leaves would be
 taken for noise."""
-STEADY = 0.1
-"""Of the logarithm of the noise's variance from step to step: what a first guess leaves is no noise."""
+STEADY = 0.03
+"""Of the logarithms of the pixels' variances from step to step: what a first guess leaves is no noise."""
 CONVERGED = 1e-2
 """Square of a step of the pose over its own covariance: a tenth of a standard deviation, and it is still taken."""
 MOST_TRIALS, LEAST_SHARE, MOST_SHARE = 8, 0.1, 0.7
 """Of places along a step, and how much nearer the next one lies than the last."""
 ROUNDING = 1e-3
 """Of a merit that counts squares in variances: so little worse is not worse, a thirtieth of a standard deviation."""
-RESELECT_PX, NEAR_PX = 1.0, 0.05
+RESELECT_PX, NEAR_PX = 1.0, 0.02
 """Way of the limb after which the pixels are chosen again: on the way, and once it is found, so that no start matters.
-"""
+With 0.05, and a noise that was held after steps of 0.3 and changes of 0.1, starts a third of a pixel apart ended up to
+0.2 standard deviations from each other."""
 LARGEST_MOTION_M, LARGEST_MOTION_PX, LARGEST_LOG_STEP = 15e3, 3.0, 0.5
 """Of the limb and of the logarithms: two scale heights of the air or some pixels, beyond which derivatives mislead."""
-LEAST_ALIKE = 1.2
-"""Of independent residuals it is 1 to a tenth."""
+LEAST_ALIKE, SURELY_ALIKE = 1.1, 1.3
+"""Between which it begins to count: of independent residuals it is 1 to a tenth. A step in place of the slope moved
+nadirs by a fifth of a standard deviation."""
 
 
 class ProfileSearch:
@@ -71,7 +73,6 @@ class ProfileSearch:
         self.image, self.camera, self.knowledge = image, camera, knowledge
         self.steps: list[FloatArray] = []
         self.covariance = self.known = np.empty((0, 0))
-        self._mean_weight = 1.0
         self._priors = np.array([knowledge.blur_log_sigma, knowledge.sharpness_sigma, knowledge.gain_log_sigma]) ** -2.0
         few = FEW_PX if image.size > FEW_PX else None
         self._choose(start, knowledge.blur_px, few)
@@ -117,7 +118,8 @@ class ProfileSearch:
             if settled >= SETTLING_STEPS:
                 # What is alike is known of residuals that nothing but noise and shapes without a mode is left in.
                 beyond = alike(self.model.near.pixels, self.look.residuals, self.inverse_variance)
-                self.inverse_variance /= beyond if beyond > LEAST_ALIKE else 1.0
+                counts = np.clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0)
+                self.inverse_variance /= 1.0 + counts * (beyond - 1.0)
         if size > 1.0:
             raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
         return self
@@ -206,14 +208,14 @@ class ProfileSearch:
         self.now, self.look = now, self.model.look(now)
 
     def _weigh(self) -> float:
-        """Weigh the pixels by the residuals as they are; return by how much the variances changed (a logarithm)."""
-        light = self.model.near.light
+        """Weigh the pixels by the residuals as they are; return by how much their logarithms changed (rms)."""
+        light, before = self.model.near.light, self.inverse_variance
         per_px = light * self.look.changes[0] * self.model.width_m
         self.inverse_variance = weighed(
-            self.look.residuals, light * self.look.level, self.model.below_clouds, per_px, self.inverse_variance > 0.0
+            self.look.residuals, light * self.look.level, self.model.below_clouds, per_px, before > 0.0
         )
-        before, self._mean_weight = self._mean_weight, max(float(np.mean(self.inverse_variance)), 1e-300)
-        return abs(float(np.log(self._mean_weight / before)))
+        both = (before > 0.0) & (self.inverse_variance > 0.0)
+        return float(np.sqrt(np.mean(np.log(self.inverse_variance[both] / before[both]) ** 2)))
 
     def _merit(self, now: Guess, look: Seen) -> float:
         wanted = self._wanted(now)

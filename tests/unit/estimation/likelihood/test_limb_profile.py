@@ -117,9 +117,12 @@ def picture(cam: np.ndarray, r: np.ndarray, rng: np.random.Generator, *, modes: 
 
 
 def along_limb(chord2: np.ndarray, length_rad: float, normals: np.ndarray) -> np.ndarray:
-    """Random functions along the limb with a Gaussian correlation, shape of the unit normals (nodes, k)."""
+    """Random functions along the limb with a Gaussian correlation, shape of the unit normals (nodes, k).
+
+    By the symmetric root: the signs of eigenvectors are others with other threads, and pictures with them.
+    """
     variance, vectors = np.linalg.eigh(np.exp(-0.5 * chord2 / length_rad**2))
-    return np.asarray(vectors @ (np.sqrt(np.maximum(variance, 0.0))[:, None] * normals))
+    return np.asarray(vectors @ (np.sqrt(np.maximum(variance, 0.0))[:, None] * (vectors.T @ normals)))
 
 
 def view(seed: int, altitude_m: float = 600e3) -> tuple[np.ndarray, np.ndarray, np.random.Generator]:

@@ -1,0 +1,186 @@
+/* Vectors, turns, sorting, cosine transforms, and a small quadratic programme; C99, no allocation. */
+#ifndef MATHS_H
+#define MATHS_H
+#include <math.h>
+#include <string.h>
+
+#define PI 3.14159265358979323846
+#define HALF 512
+#define GRID (HALF + 1)
+
+static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static double clip(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
+
+static void cross(const double *a, const double *b, double *out) {
+  out[0] = a[1] * b[2] - a[2] * b[1];
+  out[1] = a[2] * b[0] - a[0] * b[2];
+  out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static void unit(double *v) {
+  double s = sqrt(dot(v, v));
+  for (int i = 0; i < 3; i++) v[i] /= s;
+}
+
+/* Matrices of three rows are handed over as nine numbers. */
+static void times(const double *M, const double *v, double *out) {
+  for (int i = 0; i < 3; i++) out[i] = dot(M + 3 * i, v);
+}
+
+static void times_transposed(const double *M, const double *v, double *out) {
+  for (int i = 0; i < 3; i++) out[i] = M[i] * v[0] + M[3 + i] * v[1] + M[6 + i] * v[2];
+}
+
+/* Two unit vectors across a third. */
+static void basis(const double *axis, double *a, double *b) {
+  double helper[3] = {0, 0, 0};
+  int least = 0;
+  for (int i = 1; i < 3; i++)
+    if (fabs(axis[i]) < fabs(axis[least])) least = i;
+  helper[least] = 1.0;
+  cross(helper, axis, a);
+  unit(a);
+  cross(axis, a, b);
+}
+
+/* R <- exp(w) R */
+static void turn(double R[3][3], const double *w) {
+  double angle = sqrt(dot(w, w)), new_[3][3];
+  if (angle == 0.0) return;
+  double k[3] = {w[0] / angle, w[1] / angle, w[2] / angle}, c = cos(angle), s = sin(angle);
+  for (int j = 0; j < 3; j++) {
+    double v[3] = {R[0][j], R[1][j], R[2][j]}, kv[3], along = (1.0 - c) * dot(k, v);
+    cross(k, v, kv);
+    for (int i = 0; i < 3; i++) new_[i][j] = c * v[i] + s * kv[i] + along * k[i];
+  }
+  memcpy(R, new_, sizeof new_);
+}
+
+/* The rotation vector of A B^T, small enough to be told by its antisymmetric part and angle. */
+static void turn_between(const double *A, const double *B, double *w) {
+  double M[3][3];
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++) M[i][j] = dot(A + 3 * i, B + 3 * j);
+  double v[3] = {M[2][1] - M[1][2], M[0][2] - M[2][0], M[1][0] - M[0][1]};
+  double s = 0.5 * sqrt(dot(v, v)), c = 0.5 * (M[0][0] + M[1][1] + M[2][2] - 1.0), angle = atan2(s, c);
+  double factor = s > 1e-12 ? 0.5 * angle / s : 0.5;
+  for (int i = 0; i < 3; i++) w[i] = factor * v[i];
+}
+
+static void from_quaternion(const double *q, double R[3][3]) {
+  double x = q[0], y = q[1], z = q[2], w = q[3];
+  double M[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)},
+                    {2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)},
+                    {2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)}};
+  memcpy(R, M, sizeof M);
+}
+
+static void to_quaternion(double R[3][3], double *q) {
+  double squares[4] = {1 + R[0][0] - R[1][1] - R[2][2], 1 - R[0][0] + R[1][1] - R[2][2], 1 - R[0][0] - R[1][1] + R[2][2],
+                       1 + R[0][0] + R[1][1] + R[2][2]};
+  int k = 0;
+  for (int i = 1; i < 4; i++)
+    if (squares[i] > squares[k]) k = i;
+  double twice[4][4] = {{squares[0], R[1][0] + R[0][1], R[2][0] + R[0][2], R[2][1] - R[1][2]},
+                        {R[1][0] + R[0][1], squares[1], R[2][1] + R[1][2], R[0][2] - R[2][0]},
+                        {R[2][0] + R[0][2], R[2][1] + R[1][2], squares[2], R[1][0] - R[0][1]},
+                        {R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1], squares[3]}};
+  for (int i = 0; i < 4; i++) q[i] = 0.5 * twice[k][i] / sqrt(squares[k]);
+}
+
+/* Shell's sort. */
+static void sort(double *x, int n) {
+  int gap = 1;
+  while (gap < n / 3) gap = 3 * gap + 1;
+  for (; gap > 0; gap /= 3)
+    for (int i = gap; i < n; i++) {
+      double v = x[i];
+      int j = i;
+      for (; j >= gap && x[j - gap] > v; j -= gap) x[j] = x[j - gap];
+      x[j] = v;
+    }
+}
+
+/* Sorts the numbers. */
+static double median(double *x, int n) {
+  sort(x, n);
+  return 0.5 * (x[(n - 1) / 2] + x[n / 2]);
+}
+
+/* Sum of products. */
+static double product(const double *a, const double *b, int n) {
+  double s[4] = {0, 0, 0, 0};
+  int i = 0;
+  for (; i + 3 < n; i += 4)
+    for (int j = 0; j < 4; j++) s[j] += a[i + j] * b[i + j];
+  for (; i < n; i++) s[0] += a[i] * b[i];
+  return s[0] + s[1] + s[2] + s[3];
+}
+
+/* Cosine transform of two even sequences at once: radix 2 of 2 HALF complex numbers, of which the second half mirrors
+   the first. General sequences (re, im) go through fft alone. */
+static void fft(double *re, double *im) {
+  enum { SIZE = 2 * HALF };
+  static double cosine[SIZE / 2], sine[SIZE / 2];
+  if (cosine[0] == 0.0)
+    for (int i = 0; i < SIZE / 2; i++) cosine[i] = cos(2.0 * PI * i / SIZE), sine[i] = -sin(2.0 * PI * i / SIZE);
+  for (int i = 1, j = 0; i < SIZE; i++) {
+    int bit = SIZE / 2;
+    for (; j & bit; bit /= 2) j ^= bit;
+    j ^= bit;
+    if (i < j) {
+      double t = re[i];
+      re[i] = re[j], re[j] = t;
+      t = im[i], im[i] = im[j], im[j] = t;
+    }
+  }
+  for (int size = 2; size <= SIZE; size *= 2)
+    for (int first = 0; first < SIZE; first += size)
+      for (int k = 0; k < size / 2; k++) {
+        int a = first + k, b = a + size / 2, w = k * (SIZE / size);
+        double x = re[b] * cosine[w] - im[b] * sine[w], y = re[b] * sine[w] + im[b] * cosine[w];
+        re[b] = re[a] - x, im[b] = im[a] - y;
+        re[a] += x, im[a] += y;
+      }
+}
+
+static void cosines(double *a, double *b, double scale) {
+  static double re[2 * HALF], im[2 * HALF];
+  for (int i = 0; i <= HALF; i++) {
+    int mirror = (2 * HALF - i) % (2 * HALF);
+    re[i] = re[mirror] = a[i];
+    im[i] = im[mirror] = b[i];
+  }
+  fft(re, im);
+  for (int i = 0; i <= HALF; i++) a[i] = scale * re[i], b[i] = scale * im[i];
+}
+
+static double sinc(double x) { return fabs(x) < 1e-8 ? 1.0 : sin(PI * x) / (PI * x); }
+
+/* The minimum of x A x - 2 x b with no x below 0, of three unknowns: the best of all choices of those above 0. */
+static void not_negative(double A[3][3], const double *b, double *x) {
+  double best = 0.0;
+  x[0] = x[1] = x[2] = 0.0;
+  for (int chosen = 1; chosen < 8; chosen++) {
+    double M[3][4], y[3] = {0, 0, 0}, value = 0.0;
+    int ok = 1;
+    for (int i = 0; i < 3; i++)
+      for (int j = 0; j < 4; j++) {
+        int in = chosen >> i & 1 && (j == 3 || chosen >> j & 1);
+        M[i][j] = in ? (j < 3 ? A[i][j] : b[i]) : i == j ? 1.0 : 0.0;
+      }
+    for (int k = 0; k < 3; k++)
+      for (int i = k + 1; i < 3; i++)
+        for (int j = 3; j >= k; j--) M[i][j] -= M[i][k] / M[k][k] * M[k][j];
+    for (int i = 2; i >= 0; i--) {
+      y[i] = M[i][3];
+      for (int j = i + 1; j < 3; j++) y[i] -= M[i][j] * y[j];
+      y[i] /= M[i][i];
+      ok = ok && y[i] >= 0.0;
+    }
+    for (int i = 0; i < 3; i++) value -= y[i] * b[i];
+    if (ok && value < best) best = value, memcpy(x, y, sizeof y);
+  }
+}
+
+#endif
