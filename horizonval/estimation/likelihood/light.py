@@ -41,6 +41,9 @@ NORMAL_QUARTILE = 0.67448975
 MOST_ALIKE = 0.8
 """Share of a pixel's residual that its neighbour has: above, 81 pixels and more would be as one, and a sector's window
 of 24 by 8 has no more than two."""
+DARKEST = 1e-3
+"""Least variance of space over the Earth's. Of whole levels space may be all alike; it is known to a level then, and
+pixels just above it must not decide the limb alone."""
 ROUNDS = 2
 """Of weighing: by all pixels, then without the outliers that these show."""
 
@@ -149,7 +152,8 @@ def _noise(residuals: FloatArray, edge: FloatArray, sectors: int) -> tuple[float
     # Every sector has spent one of its pixels' freedom on the level to either side.
     counts = (float((edge < SPACE_LEVEL).sum()), float((edge > EARTH_LEVEL).sum()))
     freedom = [max(1.0 - sectors / max(count, 1.0), 0.5) for count in counts]
-    line = (max(space / freedom[0], floor), max(earth / freedom[1], floor))
+    earth = max(earth / freedom[1], floor)
+    line = (max(space / freedom[0], DARKEST * earth, floor), earth)
     between = (edge >= MIDDLE_LEVEL) & (edge <= 1.0 - MIDDLE_LEVEL)
     share = np.clip(edge[between], 0.0, 1.0)
     if len(share) <= FEWEST_PIXELS:

@@ -14,12 +14,14 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard.guard import guarded
 from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M
+from horizonval.estimation.likelihood.edge_profile import edge_profile
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
 from horizonval.estimation.likelihood.height.band_heights import BandHeights, band_heights
 from horizonval.estimation.likelihood.height.edge_height import edge_height
 from horizonval.estimation.likelihood.height.limb_places import ArcPlaces, LimbHeights
 from horizonval.estimation.likelihood.height.uneven_limb import UnevenLimb
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, sphere_knowledge
+from horizonval.estimation.likelihood.light import light_basis, weighed
 from horizonval.estimation.methods import limb_sphere
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel
@@ -186,6 +188,17 @@ def test_uneven_ground_is_not_averaged_as_noise_is() -> None:
         assert claim > 3.0 * even
         ratios.append((error / claim) ** 2)
     assert np.mean(ratios) < 1.5
+
+
+def test_a_space_of_one_level_is_not_known_for_sure() -> None:
+    """Whole levels of a dark sky have no noise, and would outweigh the limb by as much as one likes."""
+    rng = np.random.default_rng(3)
+    x = np.tile(np.linspace(-12.0, 8.0, 81), 24)
+    edge = edge_profile(x, 0.8).level
+    values = np.rint(10.0 + 100.0 * edge + rng.normal(0.0, 2.0, len(x)) * (edge > 0.01))
+    light = weighed(light_basis(edge, x, np.zeros_like(x)), values, np.array([0, len(x)]))
+    assert light.variance[1] == pytest.approx(4.0, rel=0.2)
+    assert light.weights.max() < 1.3e3 / light.variance[1]
 
 
 def test_a_limb_that_is_all_saturated_is_refused() -> None:
