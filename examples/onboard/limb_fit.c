@@ -19,7 +19,8 @@
        step = (J^T W J + Q)^-1 (J^T W residuals + Q (prior - now)),        C = (J^T W J + Q)^-1
 
    The noise is found in the residuals: of dark pixels, as bright as the pixel, as its square below the highest clouds,
-   as the slope's square; and more where neighbouring residuals are alike. Pixels and noise are chosen anew until both
+   as the slope's square; and more where neighbouring residuals are alike. Where the converter cuts noise off at its
+   lowest level, dark pixels are taken for what they then show in the mean. Pixels and noise are chosen anew until both
    stand still, closer than `limb-profile` asks for, so that an answer depends little on where the search started.
 
    Left out: lenses with distortion. Not as in `limb-profile`: MOST_NODES, half of what it has at most, which is less
@@ -65,7 +66,8 @@ static const double LEFT_LENGTH = 0.1, AIR_GAIN_SIGMA = 0.01, AIR_GAIN_LENGTH = 
 /* Noise. */
 static const double OUTLIER = 5.0, CLOUD_TOP_M = 16e3, DARK = 0.05, BRIGHT = 0.5, QUARTILE = 0.67448975;
 static const double LEAST_ALIKE = 1.1, SURELY_ALIKE = 1.3;
-enum { FEWEST_PIXELS = 20, WEIGHINGS = 3 };
+static const double LEAST_SHARE_DARK = 0.01;
+enum { FEWEST_PIXELS = 20, WEIGHINGS = 3, FEWEST_DARK = 50 };
 /* Steps. */
 enum { MOST_STEPS = 40, SETTLING_STEPS = 2, MOST_TRIALS = 8, MOST_ROUNDS = 8, FEW_PX = 6000 };
 static const double SETTLED = 0.03, STEADY = 0.03, CONVERGED = 1e-2, RESELECT_PX = 1.0, CLOSE_PX = 0.005, ROUNDING = 1e-3;
@@ -82,7 +84,7 @@ typedef struct {
 typedef struct {
   double value, light;                               /* of the image */
   double h, y, by_pose[POSE];                        /* height, and way across the limb with its derivatives */
-  double share, level, slope, off, weight;           /* of what is predicted; weight is 1 / variance */
+  double share, level, slope, kept, off, weight;     /* of what is predicted, its change by light; 1 / variance */
   float along;                                       /* from its node to the next */
   int16_t column, row, node, place;
 } Pixel;
@@ -99,7 +101,7 @@ static State prior;
 static Pixel near_[MOST_NEAR];
 static Node node[MOST_NODES];
 static int count, nodes, functions, unknowns, air;
-static double curve, grid_low, grid_step, median_width;
+static double curve, grid_low, grid_step, median_width, floor_level, floor_sigma;
 static int kind_of[FUNCTIONS], set_of[FUNCTIONS], offset_of[FUNCTIONS], rank_of[SETS], pivot_of[SETS][MOST_NODES];
 static double wave[SETS][MOST_NODES][MOST_NODES];
 
@@ -295,9 +297,28 @@ static void rest(State *s) {
   memset(s->away, 0, sizeof s->away);
 }
 
+/* Noise about the lowest level, of the share and the mean of dark pixels there; 0 where the floor cuts nothing off, or
+   where too few pixels tell. */
+static double noise_at_floor(int dark, double share, double mean) {
+  double low = -10.0, high = 10.0, sigma = mean;
+  if (dark < FEWEST_DARK || !(share > LEAST_SHARE_DARK && share < 1.0 - LEAST_SHARE_DARK && mean > 0.0)) return 0.0;
+  for (int i = 0; i < 60; i++) {
+    double middle = 0.5 * (low + high);
+    if (normal(middle) < share) low = middle;
+    else high = middle;
+  }
+  for (int i = 0; i < 20; i++) {
+    double z = 0.5 / sigma - low;
+    sigma = mean / (exp(-0.5 * z * z) / sqrt(2.0 * PI) + z * normal(z));
+  }
+  return sigma > 0.5 && sigma < 1e6 ? sigma : 0.0;
+}
+
 /* Chooses the pixels near the limb; 0 if there is too little limb. Nodes are as many pixels apart, from the end of the
    widest gap in azimuth on. */
 static int choose(State *s) {
+  double dark_above, dark_mean = 0.0;
+  int dark = 0, at_floor = 0;
   rest(s);
   double r2 = dot(s->r, s->r), to_limb = sqrt(fmax(r2 - A_M * A_M, 1.0)), pixel_m = to_limb / fmax(fx, fy), spare;
   double rim = EDGE_BLURS * sqrt(s->blur * s->blur + PIXEL_VARIANCE) * pixel_m;
@@ -306,6 +327,9 @@ static int choose(State *s) {
   curve = 0.5 * A_M / fmax(r2 - A_M * A_M, 1.0);
   grid_low = across(bottom, &spare) - GRID_RIMS * rim;
   grid_step = (across(top, &spare) + GRID_RIMS * rim - grid_low) / HALF;
+  dark_above = limb_height_m[LIMB_H - 1] + rim + s->lift;
+  floor_level = image[0];
+  for (int i = 1; i < width * height; i++) floor_level = fmin(floor_level, image[i]);
   nadir_of(s, nadir);
   basis(nadir, a, b);
   static double azimuth[MOST_NEAR], sorted[MOST_NEAR], on_limb[MOST_NEAR];
@@ -327,6 +351,7 @@ static int choose(State *s) {
       p->value = image[row * width + column];
       p->light = pow(u[2], 4.0);
       p->weight = 1.0;
+      if (p->h > dark_above) dark++, at_floor += p->value <= floor_level, dark_mean += p->value - floor_level;
       azimuth[count] = sorted[count] = atan2(dot(b, u), dot(a, u));
       if (fabs(p->h) < pixel_m) {
         double by_column = across_at(s, column + 0.5, row) - across_at(s, column - 0.5, row);
@@ -336,6 +361,7 @@ static int choose(State *s) {
       if (++count == MOST_NEAR) return 0;
     }
   if (limb < FEWEST_LIMB_PX) return 0;
+  floor_sigma = noise_at_floor(dark, at_floor / fmax(dark, 1.0), dark_mean / fmax(dark, 1.0));
   sort(sorted, count);
   int first = 0;
   double gap = sorted[0] + 2.0 * PI - sorted[count - 1];
@@ -389,9 +415,10 @@ static void functions_of_air(void) {
   int second[LIMB_K + 1] = {0}, bump[BUMPS] = {0};
   static double bump_of[BUMPS][GRID];
   double last = grid_low + HALF * grid_step;
-  for (int k = 0; k < LIMB_K; k++) rank_of[k] = root_of_covariance(limb_correlation_rad[k], 1.0, wave[k], pivot_of[k]);
-  rank_of[LIMB_K] = root_of_covariance(LEFT_LENGTH, 1.0, wave[LIMB_K], pivot_of[LIMB_K]);
-  rank_of[LIMB_K + 1] = root_of_covariance(AIR_GAIN_LENGTH, AIR_GAIN_SIGMA, wave[LIMB_K + 1], pivot_of[LIMB_K + 1]);
+  for (int k = 0; k < SETS; k++) {
+    double length = k < LIMB_K ? (double)limb_correlation_rad[k] : k == LIMB_K ? LEFT_LENGTH : AIR_GAIN_LENGTH;
+    rank_of[k] = root_of_covariance(length, k == LIMB_K + 1 ? AIR_GAIN_SIGMA : 1.0, wave[k], pivot_of[k]);
+  }
   for (int j = 0; j < BUMPS; j++)
     for (int g = 0; g < GRID; g++) {
       double y = grid_low + g * grid_step, away = fabs(y - curve * y * y - LOWEST_BUMP_M - j * BUMP_M) / BUMP_M;
@@ -520,7 +547,10 @@ static void look(const State *s) {
     /* between two heights a parabola that their slopes bend: model and derivative are of one piece */
     double bend = 0.5 * grid_step * (read_grid(slope_at, p, 0.0) - read_grid(slope_at, p, 1.0));
     p->level = read_grid(level_at, p, p->share) + p->share * (1.0 - p->share) * bend;
-    p->off = p->value - s->background - s->gain * p->light * p->level;
+    double shown = s->background + s->gain * p->light * p->level, z = (shown - floor_level) / floor_sigma;
+    p->kept = floor_sigma > 0.0 ? normal(z) : 1.0;
+    if (floor_sigma > 0.0) shown = floor_level + floor_sigma * (exp(-0.5 * z * z) / sqrt(2.0 * PI) + z * p->kept);
+    p->off = p->value - shown;
   }
 }
 
@@ -729,12 +759,12 @@ static int equations(const State *s) {
     const Pixel *p = &near_[i];
     if (p->weight == 0.0) continue;
     const Node *a = &node[p->node], *b = a + 1;
-    double amplitude = s->gain * p->light, J[SHARED], row[2][FUNCTIONS];
+    double amplitude = s->gain * p->light * p->kept, J[SHARED], row[2][FUNCTIONS];
     double lifted = 2.0 * s->blur * s->blur * ((1.0 - p->along) * a->lift_m + p->along * b->lift_m);
     J[BLUR] = amplitude * (read_grid(blur_at, p, p->share) + p->slope * lifted);
     J[SHARPNESS] = amplitude * read_grid(sharp_at, p, p->share);
     J[GAIN] = amplitude * p->level;
-    J[BACKGROUND] = 1.0;
+    J[BACKGROUND] = p->kept;
     for (int c = 0; c < POSE; c++) J[TURN + c] = amplitude * p->slope * p->by_pose[c];
     for (int e = 0; e < 2; e++) {
       double along = amplitude * (e ? p->along : 1.0 - p->along), low = along * (1.0 - p->share), high = along * p->share;

@@ -107,6 +107,9 @@ static double median(double *x, int n) {
   return 0.5 * (x[(n - 1) / 2] + x[n / 2]);
 }
 
+/* Share of a normal number's values that are below z. */
+static double normal(double z) { return 0.5 * erfc(-z / sqrt(2.0)); }
+
 /* Sum of products. */
 static double product(const double *a, const double *b, int n) {
   double s[4] = {0, 0, 0, 0};

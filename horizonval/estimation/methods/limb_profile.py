@@ -123,7 +123,8 @@ def _missing(observation: Observation) -> str:
     if observation.band_kind is None or observation.band_um is None:
         return "the camera's one band (kind and wavelengths)"
     if prior.climate not in (None, BY_LATITUDE_MONTH) and not prior.climate.lower().endswith(TABLE_ENDING):
-        known = f'climate = "{BY_LATITUDE_MONTH}", or a table of `horizonval templates SUITE -o table.npz`'
+        table = f"`horizonval templates SUITE --air {prior.climate} -o X.npz`"
+        known = f'climate = "{BY_LATITUDE_MONTH}", or a table of {table}'
         return f"the air by latitude and month ({known}; found {prior.climate!r})"
     return ""
 
