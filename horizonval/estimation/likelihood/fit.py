@@ -249,7 +249,11 @@ class _Search:
                 self.model, self.light = self._look(None)
                 new = self._merit()
             merit = new
-        raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
+        pose_step = full[:POSE]
+        # Blur and softness may go on to and fro where nothing tells them apart, with the pose in its place.
+        if float(pose_step @ np.linalg.solve(self.covariance[:POSE, :POSE], pose_step)) > CONVERGED:
+            raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
+        return self
 
     def _look(self, held: LimbLight | None) -> tuple[LimbModel, LimbLight]:
         """Return model and light of the present unknowns, weighed anew or as it was held."""
