@@ -38,6 +38,14 @@ PER_PLACE = 4
 BLUR_PX, BLUR_LOG_SIGMA, LIFT_SIGMA_M = 0.7, 0.3, 300.0
 """What `limb-profile` takes for known where nobody says it."""
 
+SEASONS = """list = [
+  { scene.name = "january", platform.epoch_utc = 2026-01-15T12:00:00Z, platform.latitude_deg = 50.0, platform.altitude_km = 500.0, camera.mount_roll_deg = 66.0 },
+  { scene.name = "april", platform.epoch_utc = 2026-04-15T12:00:00Z, platform.latitude_deg = -35.0, platform.altitude_km = 800.0, camera.mount_roll_deg = 61.0 },
+  { scene.name = "july", platform.epoch_utc = 2026-07-15T12:00:00Z, platform.latitude_deg = 5.0, platform.altitude_km = 1400.0, camera.mount_roll_deg = 53.0 },
+]
+"""  # noqa: E501  (rows of a table)
+TILTS = f"""sobol = {{ n = {PER_PLACE}, ranges = {{ "attitude.roll_deg" = [-3.0, 3.0], "attitude.pitch_deg" = [-3.0, 3.0] }} }}
+"""  # noqa: E501
 SUITE = f"""
 [suite]
 name = "onboard"
@@ -58,23 +66,11 @@ climate = "by_latitude_month"
 
 [[cases]]
 name = "infrared"
-list = [
-  {{ scene.name = "january", platform.epoch_utc = 2026-01-15T12:00:00Z, platform.latitude_deg = 50.0, platform.altitude_km = 500.0, camera.mount_roll_deg = 66.0 }},
-  {{ scene.name = "april", platform.epoch_utc = 2026-04-15T12:00:00Z, platform.latitude_deg = -35.0, platform.altitude_km = 800.0, camera.mount_roll_deg = 61.0 }},
-  {{ scene.name = "july", platform.epoch_utc = 2026-07-15T12:00:00Z, platform.latitude_deg = 5.0, platform.altitude_km = 1400.0, camera.mount_roll_deg = 53.0 }},
-]
-sobol = {{ n = {PER_PLACE}, ranges = {{ "attitude.roll_deg" = [-3.0, 3.0], "attitude.pitch_deg" = [-3.0, 3.0] }} }}
-
+{SEASONS}{TILTS}
 [[cases]]
 name = "carbon-dioxide"
 base = {{ camera = {{ band = [{{ name = "co2", kind = "thermal", lo_um = 14.0, hi_um = 16.3 }}] }} }}
-list = [
-  {{ scene.name = "january", platform.epoch_utc = 2026-01-15T12:00:00Z, platform.latitude_deg = 50.0, platform.altitude_km = 500.0, camera.mount_roll_deg = 66.0 }},
-  {{ scene.name = "april", platform.epoch_utc = 2026-04-15T12:00:00Z, platform.latitude_deg = -35.0, platform.altitude_km = 800.0, camera.mount_roll_deg = 61.0 }},
-  {{ scene.name = "july", platform.epoch_utc = 2026-07-15T12:00:00Z, platform.latitude_deg = 5.0, platform.altitude_km = 1400.0, camera.mount_roll_deg = 53.0 }},
-]
-sobol = {{ n = {PER_PLACE}, ranges = {{ "attitude.roll_deg" = [-3.0, 3.0], "attitude.pitch_deg" = [-3.0, 3.0] }} }}
-
+{SEASONS}{TILTS}
 [[cases]]
 name = "visible"
 base = {{ camera = {{ file = "vis-cmos-512-60deg", camera = {{ width = 160, height = 120, fov_deg = 57.0 }}, detector = {{ exposure_s = 7e-5 }} }} }}
@@ -82,8 +78,7 @@ list = [
   {{ scene.name = "haze", platform.epoch_utc = 2026-04-15T11:20:00Z, platform.latitude_deg = 20.0, platform.altitude_km = 500.0, camera.mount_roll_deg = 66.0, atmosphere.aerosol_optical_depth_550nm = 0.4 }},
   {{ scene.name = "clear", platform.epoch_utc = 2026-07-15T11:20:00Z, platform.latitude_deg = 30.0, platform.altitude_km = 800.0, camera.mount_roll_deg = 61.0 }},
 ]
-sobol = {{ n = {PER_PLACE}, ranges = {{ "attitude.roll_deg" = [-3.0, 3.0], "attitude.pitch_deg" = [-3.0, 3.0] }} }}
-"""  # noqa: E501  (rows of a table)
+{TILTS}"""  # noqa: E501  (rows of a table)
 
 
 def cases(folder: Path) -> tuple[Case, ...]:
