@@ -31,10 +31,16 @@ HALF_STEP = 0.5
 
 @dataclass(frozen=True)
 class Floor:
-    """Lowest level that there is, and the standard deviation of the noise about it."""
+    """Lowest level that there is, the standard deviation of the noise, and what space shines above the level."""
 
     level: float
     sigma: float
+    space: float = 0.0
+
+    @property
+    def background(self) -> float:
+        """Of space, without the floor."""
+        return self.level + self.space
 
     def expected(self, level: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what pixels of these levels show in the mean, and its derivative by the level."""
@@ -64,4 +70,6 @@ def floor_of(dark: FloatArray, lowest: float) -> Floor | None:
     for _ in range(ROUNDS):
         z = HALF_STEP / sigma - below
         sigma = mean / float(np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi) + z * ndtr(z))
-    return Floor(lowest, sigma) if np.isfinite(sigma) and sigma > HALF_STEP else None
+    if not (np.isfinite(sigma) and sigma > HALF_STEP):
+        return None
+    return Floor(lowest, sigma, HALF_STEP - below * sigma)

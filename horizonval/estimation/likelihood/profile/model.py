@@ -162,7 +162,7 @@ class ProfileModel:
         last = first + coarse * next_fast_len(int(np.ceil((ends[1] + GRID_RIMS * rim - first) / coarse)), real=True)
         self.air = knowledge.air(near.normal_cam, near.los_cam, pose, (first, last - 0.5 * step, step), curve)
         self.tables = BlurredProfiles(self.air.functions, self.air.step_m, near.boxes_m)
-        self._floor = floor_of(near.values[near.ray.height_m > high + rim + pose.height_m], float(image.min()))
+        self.floor = floor_of(near.values[near.ray.height_m > high + rim + pose.height_m], float(image.min()))
         across, by_height = level_distance(near.ray.height_m - pose.height_m, curve)
         self._across = across
         lowering = -np.ones((1, len(across)))
@@ -195,8 +195,8 @@ class ProfileModel:
         level = level + share * (1.0 - share) * bent
         shown = now.background + now.gain * near.light * level
         kept = np.ones_like(shown)
-        if self._floor is not None:
-            shown, kept = self._floor.expected(shown)
+        if self.floor is not None:
+            shown, kept = self.floor.expected(shown)
         return Seen(place, share, level, np.array([slope, by_blur, by_sharpness]), kept, near.values - shown)
 
     def _read(self, tables: FloatArray, place: np.ndarray, share: FloatArray) -> FloatArray:

@@ -17,6 +17,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.knowledge import ProfileKnowledge
 from horizonval.estimation.likelihood.profile.model import (
+    BACKGROUND,
     BLUR,
     GAIN,
     POSE,
@@ -143,6 +144,8 @@ class ProfileSearch:
         light, values = bare.level * self.model.near.light, self.model.near.values
         rows = np.array([light, np.ones_like(light)])
         gain, background = np.linalg.solve(rows @ rows.T, rows @ values)
+        if self.model.floor is not None:
+            background = self.model.floor.background
         if not gain > 0.0:
             raise np.linalg.LinAlgError("the image is not brighter where the limb's profile is")
         return replace(now, gain=float(gain), background=float(background))
@@ -157,6 +160,9 @@ class ProfileSearch:
         right = parts.right
         right[:POSE] += self.knowledge.information @ wanted[:POSE]
         right[[BLUR, SHARPNESS, GAIN]] += self._priors * wanted[POSE:]
+        away, information = self._off_floor(self.now)
+        shared[BACKGROUND, BACKGROUND] += information
+        right[BACKGROUND] += information * away
         if not (np.isfinite(shared).all() and np.isfinite(right).all() and np.isfinite(parts.air).all()):
             raise np.linalg.LinAlgError("the fit's equations have no solution")
         # A unit normal unknown of the air has the information 1.
@@ -221,7 +227,17 @@ class ProfileSearch:
         wanted = self._wanted(now)
         squares = float(self.inverse_variance @ look.residuals**2) + float(now.air @ now.air)
         squares += float(wanted[:POSE] @ self.knowledge.information @ wanted[:POSE])
-        return squares + float(self._priors @ wanted[POSE:] ** 2)
+        away, information = self._off_floor(now)
+        return squares + float(self._priors @ wanted[POSE:] ** 2) + information * away**2
+
+    def _off_floor(self, now: Guess) -> tuple[float, float]:
+        """Return the step of the background to what dark pixels at the floor tell of it, and its information.
+
+        Far below the floor no pixel shows how far, and no derivative leads back. It is as wide as the noise of one
+        pixel: what all of them tell comes from the pixels of the fit.
+        """
+        floor = self.model.floor
+        return (0.0, 0.0) if floor is None else (floor.background - now.background, floor.sigma**-2)
 
     def _wanted(self, now: Guess | None = None) -> FloatArray:
         """Return the step to the priors' values: of the pose, and of blur, sharpness and gain."""
