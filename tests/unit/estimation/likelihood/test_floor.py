@@ -21,6 +21,7 @@ def test_the_noise_is_found_from_what_is_left_of_it(level: float, sigma: float, 
     assert found is not None
     # 20 000 draws tell a share to 0.7 %, and the noise to 2 %
     assert found.sigma == pytest.approx(sigma, rel=0.03)
+    assert found.background == pytest.approx(level, abs=0.03 * sigma)
     for shown in (level - 0.5 * sigma, level, level + sigma, level + 4.0 * sigma):
         expected, slope = found.expected(np.array([shown]))
         assert expected[0] == pytest.approx(cut(rng, shown, sigma, 200_000, lowest).mean(), abs=0.03 * sigma)

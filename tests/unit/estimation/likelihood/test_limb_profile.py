@@ -24,6 +24,7 @@ from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, Profi
 from horizonval.estimation.likelihood.profile.known_air import KnownAir
 from horizonval.estimation.likelihood.profile.model import SHARED, Guess, ProfileModel
 from horizonval.estimation.likelihood.profile.ray_height import ray_height
+from horizonval.estimation.likelihood.profile.search import ProfileSearch
 from horizonval.estimation.likelihood.profile.start import start_pose
 from horizonval.estimation.likelihood.templates import LimbTemplates, load_templates
 from horizonval.estimation.methods import limb_profile
@@ -37,7 +38,7 @@ A_M, B_M = 6378137.0, 6356752.314245
 RADIUS_M = 6371e3
 CAMERA = CameraModel(96, 72, 90.0, 90.0, 47.5, 35.5)
 HEIGHT_M = np.concatenate([np.linspace(-400e3, -10e3, 40), np.arange(-9e3, 95e3, 1e3)])
-FINE, BLUR_PX, NOISE = 6, 0.6, 4.0
+FINE, BLUR_PX, NOISE, BLACK = 6, 0.6, 4.0, 50.0
 LENGTH_RAD = 0.2
 POSITION_SIGMA_M, TILT_SIGMA_RAD = 1e3, np.radians(1.0)
 EPOCH = datetime(2026, 1, 16, 12, tzinfo=UTC)
@@ -112,7 +113,7 @@ def picture(cam: np.ndarray, r: np.ndarray, rng: np.random.Generator, *, modes: 
         sky = sky + rest(np.stack([azimuth, height], axis=-1)) * left_profile(height)
     sky = np.where(along > 0.0, sky, 0.0) / length**4
     means = gaussian_filter(sky, BLUR_PX * FINE).reshape(v.size // FINE, FINE, u.size // FINE, FINE).mean(axis=(1, 3))
-    clean = 50.0 + 1800.0 * means[margin:-margin, margin:-margin]
+    clean = BLACK + 1800.0 * means[margin:-margin, margin:-margin]
     return np.rint(clean + rng.normal(0.0, NOISE, clean.shape))
 
 
@@ -418,6 +419,21 @@ def test_no_start_takes_it_long(seed: int, monkeypatch: pytest.MonkeyPatch) -> N
     claimed = float(np.sqrt(np.trace(by @ fits[0].covariance @ by.T)))
     for fit in fits[1:]:
         assert float(np.linalg.norm(fit.pose.nadir_cam - fits[0].pose.nadir_cam)) < 0.3 * claimed
+
+
+def test_a_background_far_below_the_floor_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Noise of 20 levels, cut off at 0 where space is: from 40 sigma below, where no pixel shows how far below it is."""
+    image, knowledge, start = knowledge_of(1, CAMERA, monkeypatch)
+    noise = np.random.default_rng(3).normal(0.0, 20.0, image.shape)
+    search = ProfileSearch(np.maximum(np.rint(image - BLACK + noise), 0.0), CAMERA, start, knowledge)
+    floor = search.model.floor
+    assert floor is not None
+    assert floor.sigma == pytest.approx(20.0, rel=0.1)
+    search.now = replace(search.now, background=-40.0 * floor.sigma)
+    search.look = search.model.look(search.now)
+    search.run()
+    # hundreds of dark pixels tell it to a tenth of one's noise
+    assert abs(search.now.background) < 0.5 * floor.sigma
 
 
 def seen(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Observation, np.ndarray]:
