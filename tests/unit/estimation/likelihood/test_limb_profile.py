@@ -422,7 +422,7 @@ def test_no_start_takes_it_long(seed: int, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_background_far_below_the_floor_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Noise of 20 levels, cut off at 0 where space is: from 40 sigma below, where no pixel shows how far below it is."""
+    """Noise of 20 levels, cut off at 0 where space is: from 40 sigma below, where no pixel shows how far."""
     image, knowledge, start = knowledge_of(1, CAMERA, monkeypatch)
     noise = np.random.default_rng(3).normal(0.0, 20.0, image.shape)
     search = ProfileSearch(np.maximum(np.rint(image - BLACK + noise), 0.0), CAMERA, start, knowledge)
