@@ -389,6 +389,7 @@ def test_a_moon_below_every_horizon_lights_nothing(mi: Any, moon_zenith_deg: flo
     assert np.array_equal(with_moon, without)
 
 
+@pytest.mark.slow
 def test_threads_change_no_bit_of_sun_moon_and_night(mi: Any) -> None:
     dip = math.degrees(math.acos(6378e3 / (6378e3 + 500e3)))
     sunrise = _night(

@@ -195,14 +195,15 @@ def test_the_digest_is_quick_and_the_same_in_every_process(tmp_path: Path, monke
     assert made[0].stdout.strip() == code.code_digest("horizonval.suites.units.case")
     # Without what earlier processes left; and what they left does not change it.
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(code, "_known", None)
-    code.code_digest.cache_clear()
-    assert code.code_digest("horizonval.suites.units.case") == made[0].stdout.strip()
-    monkeypatch.setattr(code, "_known", None)
-    code.code_digest.cache_clear()
-    start = time.process_time()
-    code.code_digest("horizonval.suites.units.case")
-    assert time.process_time() - start < 0.3
+    spent = []
+    for _ in range(2):
+        monkeypatch.setattr(code, "_known", None)
+        code.code_digest.cache_clear()
+        start = time.process_time()
+        assert code.code_digest("horizonval.suites.units.case") == made[0].stdout.strip()
+        spent.append(time.process_time() - start)
+    # What the first one kept saves reading all imports again: it takes a fifteenth of the time.
+    assert spent[1] < 0.5 * spent[0]
 
 
 def test_the_version_names_the_release_and_the_code() -> None:

@@ -82,6 +82,7 @@ def test_position_of_a_frame_from_tables() -> None:
     assert max(_worst(_visible(), ("up", "east"), pixels=3e-4, least_steady=0.95).values()) < 1e-5
 
 
+@pytest.mark.slow
 def test_attitude_of_a_frame_with_all_orders() -> None:
     """The skylight on the ground is found in single precision: over a 1e-3th of a pixel its rounding is 1e-5."""
     scene = _visible(render={**SINGLE, "orders": "all"})
