@@ -102,16 +102,10 @@ def thermal_in(air: UniformAir, band: Band, months: FloatArray, progress: Progre
     for i, j in np.ndindex(*calm.shape[:2]):
         latitude, month = float(LATITUDE_DEG[i]), float(months[j])
         progress.step("known air", f"latitude {latitude:g}, month {month:g}")
-
-        def profile(
-            cover: thermal_states.Cover = thermal_states.CLEAR, latitude: float = latitude, month: float = month
-        ) -> FloatArray:
-            model = thermal_states.thermal_model(gases, [band], latitude, month, cover)
-            return thermal_states.thermal_profiles(model, latitude, [band])[0]
-
-        calm[i, j] = profile()
+        calm[i, j] = _profile(gases, band, latitude, month, thermal_states.CLEAR)
         for k in range(covered.shape[2]):
-            covered[i, j, k] = profile(warm if air.clear else thermal_states.cover_of(latitude, month, k))
+            cover = warm if air.clear else thermal_states.cover_of(latitude, month, k)
+            covered[i, j, k] = _profile(gases, band, latitude, month, cover)
     departures = covered - calm[:, :, None]
     table = LimbTemplates(
         band_kind="thermal",
@@ -136,6 +130,11 @@ def thermal_in(air: UniformAir, band: Band, months: FloatArray, progress: Progre
         correlation_rad=found.correlation_rad,
         left_sigma=np.sqrt(found.left_variance),
     )
+
+
+def _profile(gases: GasState, band: Band, latitude_deg: float, month: float, cover: thermal_states.Cover) -> FloatArray:
+    model = thermal_states.thermal_model(gases, [band], latitude_deg, month, cover)
+    return thermal_states.thermal_profiles(model, latitude_deg, [band])[0]
 
 
 def sunlit_in(air: UniformAir, band: Band, whole: LimbTemplates, progress: Progress) -> LimbTemplates:

@@ -46,9 +46,8 @@ class Floor:
         """Return what pixels of these levels show in the mean, and its derivative by the level."""
         z = (level - self.level) / self.sigma
         above = ndtr(z)
-        return self.level + self.sigma * np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi) + (
-            level - self.level
-        ) * above, above
+        beside = self.sigma * np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
+        return self.level + beside + (level - self.level) * above, above
 
 
 def floor_of(dark: FloatArray, lowest: float) -> Floor | None:
