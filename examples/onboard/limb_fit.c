@@ -101,7 +101,7 @@ static State prior;
 static Pixel near_[MOST_NEAR];
 static Node node[MOST_NODES];
 static int count, nodes, functions, unknowns, air;
-static double curve, grid_low, grid_step, median_width, floor_level, floor_sigma;
+static double curve, grid_low, grid_step, median_width, floor_level, floor_sigma, floor_space;
 static int kind_of[FUNCTIONS], set_of[FUNCTIONS], offset_of[FUNCTIONS], rank_of[SETS], pivot_of[SETS][MOST_NODES];
 static double wave[SETS][MOST_NODES][MOST_NODES];
 
@@ -298,7 +298,7 @@ static void rest(State *s) {
 }
 
 /* Noise about the lowest level, of the share and the mean of dark pixels there; 0 where the floor cuts nothing off, or
-   where too few pixels tell. */
+   where too few pixels tell. Space without the floor is kept: far below it no pixel shows how far. */
 static double noise_at_floor(int dark, double share, double mean) {
   double low = -10.0, high = 10.0, sigma = mean;
   if (dark < FEWEST_DARK || !(share > LEAST_SHARE_DARK && share < 1.0 - LEAST_SHARE_DARK && mean > 0.0)) return 0.0;
@@ -311,6 +311,7 @@ static double noise_at_floor(int dark, double share, double mean) {
     double z = 0.5 / sigma - low;
     sigma = mean / (exp(-0.5 * z * z) / sqrt(2.0 * PI) + z * normal(z));
   }
+  floor_space = floor_level + 0.5 - low * sigma;
   return sigma > 0.5 && sigma < 1e6 ? sigma : 0.0;
 }
 
@@ -588,7 +589,7 @@ static int levels(State *s) {
     x += level, y += near_[i].value, xx += level * level, xy += level * near_[i].value;
   }
   s->gain = (n * xy - x * y) / (n * xx - x * x);
-  s->background = (y - s->gain * x) / n;
+  s->background = floor_sigma > 0.0 ? floor_space : (y - s->gain * x) / n;
   look(s);
   return s->gain > 0.0;
 }
@@ -693,7 +694,8 @@ static void priors(const State *s, double *wanted, double *information) {
   wanted[BLUR] = log(prior.blur / s->blur), information[BLUR] = 1.0 / (blur_sigma * blur_sigma);
   wanted[SHARPNESS] = prior.sharpness - s->sharpness, information[SHARPNESS] = 1.0 / (SHARPNESS_SIGMA * SHARPNESS_SIGMA);
   wanted[GAIN] = log(prior.gain / s->gain), information[GAIN] = gain_sigma > 0.0 ? 1.0 / (gain_sigma * gain_sigma) : 0.0;
-  wanted[BACKGROUND] = information[BACKGROUND] = 0.0;
+  wanted[BACKGROUND] = floor_space - s->background;
+  information[BACKGROUND] = floor_sigma > 0.0 ? 1.0 / (floor_sigma * floor_sigma) : 0.0;
 }
 
 /* What the most probable unknowns make smallest. */
