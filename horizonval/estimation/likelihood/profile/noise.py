@@ -88,6 +88,8 @@ def _components(squares: FloatArray, expected: FloatArray, parts: FloatArray, in
     weight = inside / expected
     rows = parts * weight
     normal = rows @ rows.T
+    if not np.isfinite(normal).all():
+        raise np.linalg.LinAlgError("the residuals have left the numbers that there are")
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     root = np.linalg.cholesky(normal / np.outer(size, size) + 1e-9 * np.eye(len(parts)))
     right = np.linalg.solve(root, (rows @ (squares * weight)) / size)
