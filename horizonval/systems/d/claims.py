@@ -7,7 +7,7 @@ from typing import Any
 
 from horizonval.core.json_types import JsonObject
 from horizonval.systems.d.rows import TEXT
-from horizonval.systems.d.score import Score
+from horizonval.systems.d.score import StepScore
 from horizonval.systems.d.settings import MOMENTS, PUBLISHED, QUANTUM_DEG, TABLES
 from horizonval.systems.d.steps import cross_axis
 from horizonval.systems.result import Claim, ComparisonRow, Status
@@ -16,7 +16,9 @@ SCATTERS = 3.0
 """Standard deviations of whole pixels' rounding that a mean or a standard deviation may be off."""
 
 
-def claims(score: Score, hard: dict[str, JsonObject], rows: Sequence[ComparisonRow], departure: float) -> list[Claim]:
+def claims(
+    score: StepScore, hard: dict[str, JsonObject], rows: Sequence[ComparisonRow], departure: float
+) -> list[Claim]:
     """Return every printed figure, judged; ``departure`` [deg] is the largest of a reading from the printed one."""
     measured = {row.name: row for row in rows}
     return [
@@ -60,7 +62,7 @@ def _checked(key: str, measured: dict[str, ComparisonRow]) -> Claim:
     return TEXT.claim(key, PUBLISHED.figures[key].value, status, measured=row.measured)
 
 
-def _across(score: Score, departure: float) -> Claim:
+def _across(score: StepScore, departure: float) -> Claim:
     """Return the figures of an untilted axis that are not zero."""
     across = int(cross_axis().sum())
     right = max(right for _, right in score.rendered.values())

@@ -14,7 +14,7 @@ from horizonval.core.json_types import JsonObject
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.systems.d.budget import air_alone
 from horizonval.systems.d.rows import pixel_errors
-from horizonval.systems.d.score import Score
+from horizonval.systems.d.score import StepScore
 from horizonval.systems.d.settings import ALL, PRINTED, PUBLISHED, QUANTUM_DEG, TABLES
 
 BLUE, ORANGE, GREEN, BLACK = "#0072b2", "#d55e00", "#009e73", "#000000"
@@ -61,7 +61,7 @@ def draw_rows(pictures: dict[str, JsonObject]) -> MplFigure:
     return figure
 
 
-def draw_steps(score: Score) -> MplFigure:
+def draw_steps(score: StepScore) -> MplFigure:
     """Counts on the printed step by chance, and those that were read."""
     figure = MplFigure(figsize=(8.0, 3.6), layout="constrained")
     ax = figure.subplots()

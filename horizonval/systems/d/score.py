@@ -16,7 +16,7 @@ from horizonval.systems.d.steps import (
     PHASES,
     TRUE_DEG,
     BestPhases,
-    Variant,
+    HeadVariant,
     alike_phases,
     best_phases,
     chance,
@@ -30,12 +30,12 @@ from horizonval.systems.d.steps import (
 )
 from horizonval.systems.result import ComparisonRow, Table
 
-PLAIN = Variant(perspective=False)
-FLAT = Variant(perspective=True)
+PLAIN = HeadVariant(perspective=False)
+FLAT = HeadVariant(perspective=True)
 
 
 @dataclass(frozen=True)
-class Score:
+class StepScore:
     """Figures on the printed step.
 
     ``rendered``: by the name of the frames, with those of the untilted axis; ``truth``: of the rounded truth;
@@ -46,15 +46,15 @@ class Score:
     rendered: dict[str, tuple[int, int]]
     truth: int
     chance: np.ndarray
-    best: dict[Variant, BestPhases]
-    variants: dict[Variant, list[int]]
+    best: dict[HeadVariant, BestPhases]
+    variants: dict[HeadVariant, list[int]]
 
     def by_chance(self, reached: int) -> float:
         """Return the share of phases that do as well."""
         return float((self.chance >= reached).mean())
 
 
-def score_steps(readings: dict[str, dict[str, JsonObject]], rng: np.random.Generator) -> Score:
+def score_steps(readings: dict[str, dict[str, JsonObject]], rng: np.random.Generator) -> StepScore:
     """Count; ``readings`` are those of all settings, by the name of the frames."""
     crossings = variants()
     across = cross_axis()
@@ -62,7 +62,7 @@ def score_steps(readings: dict[str, dict[str, JsonObject]], rng: np.random.Gener
     def both(steps: FloatArray) -> tuple[int, int]:
         return count(steps), int((same_step(steps) & across).sum())
 
-    return Score(
+    return StepScore(
         rendered={name: both(rendered_steps(one)) for name, one in readings.items()},
         truth=count(TRUE_DEG / QUANTUM_DEG),
         chance=chance(crossings[PLAIN], rng),
@@ -71,7 +71,7 @@ def score_steps(readings: dict[str, dict[str, JsonObject]], rng: np.random.Gener
     )
 
 
-def step_rows(score: Score) -> list[ComparisonRow]:
+def step_rows(score: StepScore) -> list[ComparisonRow]:
     """Return what is on the printed step, against what needs no sensor and against chance."""
     across = int(cross_axis().sum())
     distinct = len({(s.roll_deg, s.pitch_deg, s.altitude_km) for s in COLUMNS})
@@ -105,7 +105,7 @@ def step_rows(score: Score) -> list[ComparisonRow]:
     return rows
 
 
-def variant_table(score: Score) -> Table:
+def variant_table(score: StepScore) -> Table:
     """Return the counts of every variant: pixels centred on the axis as here, and over all phases."""
     lines = []
     for one, counts in score.variants.items():

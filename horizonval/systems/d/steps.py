@@ -54,7 +54,7 @@ TRUE_DEG = np.array([[s.pitch_deg, s.roll_deg] for s in COLUMNS])
 
 
 @dataclass(frozen=True)
-class Variant:
+class HeadVariant:
     """A way in which the published simulation may have made its rows.
 
     ``perspective``: a picture with a flat focal plane of 160 pixels over 16 deg, instead of pixels of equal angle;
@@ -66,7 +66,7 @@ class Variant:
     limb_km: float = 0.0
 
 
-def crossing(setting: Setting, variant: Variant) -> FloatArray:
+def crossing(setting: Setting, variant: HeadVariant) -> FloatArray:
     """Return where the limb of a sphere crosses the rows of heads A to D, pixels from the heads' axes, shape (4,).
 
     In the plane of a row, spanned by the axis ``b`` and the outward direction ``u``, the limb ``d . n = cos rho`` lies
@@ -144,10 +144,10 @@ def rendered_steps(readings: dict[str, JsonObject]) -> FloatArray:
     return np.where(np.array(seen)[:, None], steps_of(np.array(pixels, dtype=float)), math.nan)
 
 
-def variants() -> dict[Variant, FloatArray]:
+def variants() -> dict[HeadVariant, FloatArray]:
     """Return the crossings of all columns for every variant, each of shape (columns, 4)."""
-    tried = [Variant(p, row) for p, row in itertools.product((False, True), ROWS_PX)]
-    tried += [Variant(p, 0.0, h) for p, h in itertools.product((False, True), LIMB_HEIGHTS_KM[1:])]
+    tried = [HeadVariant(p, row) for p, row in itertools.product((False, True), ROWS_PX)]
+    tried += [HeadVariant(p, 0.0, h) for p, h in itertools.product((False, True), LIMB_HEIGHTS_KM[1:])]
     return {one: np.array([crossing(s, one) for s in COLUMNS]) for one in tried}
 
 

@@ -17,7 +17,7 @@ from horizonval.systems.d.steps import (
     COLUMNS,
     PRINTED_STEPS,
     TRUE_DEG,
-    Variant,
+    HeadVariant,
     best_phases,
     chance,
     count,
@@ -99,7 +99,7 @@ def test_closed_crossings_are_those_of_the_cone() -> None:
     """Small tilts move a crossing by ``-theta cos a + phi sin a``; level, all four are alike."""
     level = next(s for s in COLUMNS if s.key == "roll 0, pitch 0, yaw 0, 400 km")
     tilted = next(s for s in COLUMNS if s.key == "roll 1, pitch 0, yaw 0, 400 km")
-    at_rest, moved = (crossing(s, Variant(perspective=False)) for s in (level, tilted))
+    at_rest, moved = (crossing(s, HeadVariant(perspective=False)) for s in (level, tilted))
     assert np.ptp(at_rest) < 1e-9
     azimuth = np.radians([135.0, 225.0, 315.0, 45.0])
     assert moved - at_rest == pytest.approx(10.0 * np.sin(azimuth), abs=0.1)
@@ -108,7 +108,7 @@ def test_closed_crossings_are_those_of_the_cone() -> None:
 
 
 def test_phases_by_chance_never_do_better_than_chosen_ones_can() -> None:
-    crossings = np.array([crossing(s, Variant(perspective=False)) for s in COLUMNS])
+    crossings = np.array([crossing(s, HeadVariant(perspective=False)) for s in COLUMNS])
     counts = chance(crossings, np.random.default_rng(1))
     best = best_phases(crossings)
     assert counts.mean() < 30 < best.count <= PRINTED - len(odd_columns())
