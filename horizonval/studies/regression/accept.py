@@ -229,8 +229,10 @@ def _pack(run: Path, night: Mapping[str, Any]) -> Pack:
         for band, about in record["bands"].items():
             radiance = arrays[f"radiance.{band}"].astype(np.float64)
             frames.append(FrozenFrame(scene, band, about["radiance_sha256"], radiance, arrays["regions"]))
-            for replicate, sha in enumerate(about["images"]):
-                image = FrozenImage(scene, band, replicate, about["full_scale"], arrays[f"dn.{band}.{replicate}"])
+            of_images = zip(about["images"], about["radiance_per_dn"], strict=True)
+            for replicate, (sha, radiance_per_dn) in enumerate(of_images):
+                dn = arrays[f"dn.{band}.{replicate}"]
+                image = FrozenImage(scene, band, replicate, about["full_scale"], dn, radiance_per_dn)
                 if image.sha256 != sha:
                     raise DamagedFileError(f"the image {scene} {band} {replicate} has changed", where=str(path))
                 images.append(image)

@@ -18,7 +18,7 @@ from horizonval.jobs.engine import Recorded
 from horizonval.jobs.kept import Record
 from horizonval.jobs.stopwatch import Stopwatch
 from horizonval.spec.load import Case
-from horizonval.studies.regression.units import render_scene, replay_scene
+from horizonval.studies.regression.units import Seen, render_scene, replay_scene
 from horizonval.suites.identity import code_of
 from horizonval.suites.plan import CasePlan
 
@@ -41,7 +41,7 @@ class Task:
     replicates: int = 1
     pack: Path | None = None
     scene: str = ""
-    known: frozenset[str] = frozenset()
+    known: frozenset[Seen] = frozenset()
     depends_on: str = ""
 
 
@@ -71,7 +71,7 @@ class NightWork(Recorded[Task]):
         if item.case is not None:
             table = item.case.table or ""
             case = [item.case.scene.model_dump(mode="json"), item.case.camera.model_dump(mode="json")]
-        content = [item.kind, case, table, item.scene, sorted(item.known), item.depends_on, item.replicates]
+        content = [item.kind, case, table, item.scene, sorted(item.known, key=str), item.depends_on, item.replicates]
         code = code_digest(*CODE[item.kind], *code_of(self.plan.estimators if item.kind != "anchors" else ()))
         text = json.dumps([content, self.plan.content(), code], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()

@@ -43,11 +43,11 @@ from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics.decide import Verdict, night_verdict
 from horizonval.studies.regression.statistics.gates import GateInputs, Measured, changed, measure, pairs_of
 from horizonval.studies.regression.statistics.judge import judge
-from horizonval.studies.regression.units import is_due
+from horizonval.studies.regression.units import Seen, is_due
 from horizonval.suites.plan import CasePlan, plan_of
 from horizonval.suites.suite import load_suite
 
-NIGHT_SCHEMA = 1
+NIGHT_SCHEMA = 2
 LANES: tuple[Lane, ...] = ("replay", "rerender", "fresh")
 WORK = ".work"
 EXIT = {Verdict.PASS: 0, Verdict.IMPROVED: 0, Verdict.FAIL: 1, Verdict.INCONCLUSIVE: 3}
@@ -174,10 +174,10 @@ class _Gathered:
     def first_tasks(self) -> dict[str, Task]:
         """Return what every night does, by name."""
         tasks = {"anchors": Task("anchors", "anchors")}
-        known: frozenset[str] = frozenset()
+        known: frozenset[Seen] = frozenset()
         if self.accepted is not None and "replay" in self.wanted.lanes:
             pack = self.accepted.images
-            known = frozenset(image.sha256 for image in pack.images)
+            known = frozenset((image.sha256, image.radiance_per_dn) for image in pack.images)
             digest = str(self.accepted.head["pack_sha256"])
             for scene in dict.fromkeys(image.scene for image in pack.images):
                 name = f"replay/{scene}"

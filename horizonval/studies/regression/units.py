@@ -29,7 +29,7 @@ from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.studies.regression.baseline.pack import FrozenImage, digest, read_pack
 from horizonval.studies.regression.regions import noise_in_space, regions_of
 from horizonval.studies.regression.row import ReplicateRow
-from horizonval.suites.observation import method_radius_m, observation_of
+from horizonval.suites.observation import method_radius_m, observation_of, radiance_per_dn
 from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import camera_name
 
@@ -37,13 +37,15 @@ Record = dict[str, Any]
 Run = Callable[[str, Observation], Fit | Refusal]
 Render = Callable[[Any, CameraSpec], RadianceFrame]
 Observe = Callable[..., DetectorImage]
+Seen = tuple[str, float | None]
+"""What an estimator is shown of an image: its digest, and the band radiance of a digital number, None if not known."""
 
 
 def render_scene(
     case: Case,
     plan: CasePlan,
     replicates: int,
-    known: Iterable[str] = (),
+    known: Iterable[Seen] = (),
     *,
     estimate: bool = True,
     render: Render | None = None,
@@ -59,8 +61,8 @@ def render_scene(
     plan : CasePlan
         Estimators and what they may use.
     replicates : int
-    known : iterable of str
-        Digests of images on which the estimators are run anyway; they are left out here.
+    known : iterable of (str, float or None)
+        Images, each with its calibration, on which the estimators are run anyway; they are left out here.
     estimate : bool
     render, observe, run : callable, optional
         In place of the package's own, for experiments with faults.
@@ -69,7 +71,8 @@ def render_scene(
     -------
     record : dict
         ``scene``, ``table``, ``camera``, ``truth`` (plain), ``bands``: by name ``{radiance_sha256, expected,
-        borderline, bound_arcsec, full_scale, images, noise_dn}``, and ``rows`` (:class:`ReplicateRow`, plain).
+        borderline, bound_arcsec, full_scale, images, radiance_per_dn, noise_dn}``, and ``rows``
+        (:class:`ReplicateRow`, plain).
     arrays : dict of ndarray
         ``radiance.<band>`` (float32), ``regions``, ``dn.<band>.<seed>``.
     """
@@ -87,14 +90,16 @@ def render_scene(
         about["bound_arcsec"] = None if bound is None else rounded("bound_arcsec", bound)
         clean = observe(frame, case.camera, band=band, seed=0, noise=False).dn
         arrays[f"radiance.{band}"] = frame.radiance[band]
-        images, noise, full_scale = [], [], 0
+        images, calibrations, noise, full_scale = [], [], [], 0
         for seed in range(replicates):
             image = observe(frame, case.camera, band=band, seed=seed)
             sha, full_scale = digest(image.dn), image.full_scale
+            calibration = radiance_per_dn(image)
             images.append(sha)
+            calibrations.append(calibration)
             arrays[f"dn.{band}.{seed}"] = image.dn
             noise.append(noise_in_space(image.dn, clean, regions))
-            if estimate and sha not in skipped:
+            if estimate and (sha, calibration) not in skipped:
                 found = estimate_image(case.name, seed, image, plan, run)
                 rows += [replace(row, **about) for row in found]
         known_noise = [value for value in noise if value is not None]
@@ -105,6 +110,7 @@ def render_scene(
             "bound_arcsec": about["bound_arcsec"],
             "full_scale": full_scale,
             "images": images,
+            "radiance_per_dn": calibrations,
             "noise_dn": math.sqrt(float(np.mean(np.square(known_noise)))) if known_noise else None,
         }
     record = {
@@ -143,7 +149,8 @@ def estimate_frozen(
     """Return the rows of some frozen images; ``run`` in place of the estimators, for experiments with faults."""
     rows: list[ReplicateRow] = []
     for frozen in images:
-        image = DetectorImage(frozen.dn, frozen.band, truth, frozen.full_scale)
+        known = {} if frozen.radiance_per_dn is None else {"radiance_per_dn": frozen.radiance_per_dn}
+        image = DetectorImage(frozen.dn, frozen.band, truth, frozen.full_scale, known)
         rows += estimate_image(scene, frozen.replicate, image, plan, run)
     return rows
 

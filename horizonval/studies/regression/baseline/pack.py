@@ -24,7 +24,9 @@ from numpy.typing import NDArray
 from horizonval.core import atomic, files
 from horizonval.core.errors import DamagedFileError, UserError
 
-PACK_SCHEMA = 1
+PACK_SCHEMA = 2
+UNCALIBRATED_SCHEMA = 1
+"""Of packs from before images carried the calibration of their detector; they are read without one."""
 CODES = 4095
 Key = tuple[str, str]
 """Scene and band."""
@@ -32,13 +34,18 @@ Key = tuple[str, str]
 
 @dataclass(frozen=True)
 class FrozenImage:
-    """A detector image, shape (H, W), uint16; ``replicate`` is the seed of its noise."""
+    """A detector image, shape (H, W), uint16.
+
+    ``replicate`` is the seed of its noise; ``radiance_per_dn`` [W m-2 sr-1] the calibration of its detector, which an
+    estimator is given beside the pixels, None where there is none.
+    """
 
     scene: str
     band: str
     replicate: int
     full_scale: int
     dn: NDArray[np.uint16]
+    radiance_per_dn: float | None = None
 
     @property
     def sha256(self) -> str:
@@ -98,7 +105,7 @@ def write_pack(path: Path, pack: Pack) -> None:
         "schema": PACK_SCHEMA,
         "truths": pack.truths,
         "images": [
-            [m.scene, m.band, m.replicate, m.full_scale, m.sha256, name, k]
+            [m.scene, m.band, m.replicate, m.full_scale, m.sha256, name, k, m.radiance_per_dn]
             for (_, name, k), m in ((entry, pack.images[entry[0]]) for entry in sorted(images))
         ],
         "frames": [
@@ -135,12 +142,14 @@ def read_pack(path: Path) -> Pack:
         with files.open_file(path) as stream, np.load(stream, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         head = json.loads(arrays["head"].tobytes())
-        if head["schema"] != PACK_SCHEMA:
+        if head["schema"] not in (UNCALIBRATED_SCHEMA, PACK_SCHEMA):
             raise DamagedFileError(f"schema {head['schema']}", where=str(path), expected=f"schema {PACK_SCHEMA}")
+        calibrated = head["schema"] == PACK_SCHEMA
         images = []
-        for scene, band, replicate, full_scale, sha, name, k in head["images"]:
+        for scene, band, replicate, full_scale, sha, name, k, *calibration in head["images"]:
             dn = _from_planes(arrays[f"{name}_high"][k], arrays[f"{name}_low"][k])
-            image = FrozenImage(scene, band, replicate, full_scale, dn)
+            (radiance_per_dn,) = calibration if calibrated else (None,)
+            image = FrozenImage(scene, band, replicate, full_scale, dn, radiance_per_dn)
             if image.sha256 != sha:
                 raise DamagedFileError(f"the image {scene} {band} {replicate} is not what was frozen", where=str(path))
             images.append(image)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from scipy.special import erf
@@ -72,7 +74,7 @@ def test_noise_in_space_is_that_of_space():
 def some_pack() -> Pack:
     rng = np.random.default_rng(1)
     images = [
-        FrozenImage(f"s{i}", "vis", k, 511, rng.integers(0, 512, (20 + i, 30)).astype(np.uint16))
+        FrozenImage(f"s{i}", "vis", k, 511, rng.integers(0, 512, (20 + i, 30)).astype(np.uint16), k / 3 if k else None)
         for i in range(2)
         for k in range(3)
     ]
@@ -93,6 +95,7 @@ def test_a_pack_comes_back_and_equal_content_gives_equal_bytes(tmp_path):
     for mine, theirs in zip(read.images, made.images, strict=True):
         assert (mine.scene, mine.replicate, mine.full_scale) == (theirs.scene, theirs.replicate, theirs.full_scale)
         assert np.array_equal(mine.dn, theirs.dn)
+        assert mine.radiance_per_dn == theirs.radiance_per_dn
     for frame, other in zip(read.frames, made.frames, strict=True):
         assert np.array_equal(frame.regions, other.regions)
         # Half a step of the code at the brightest pixel; its square far below.
@@ -100,6 +103,33 @@ def test_a_pack_comes_back_and_equal_content_gives_equal_bytes(tmp_path):
     # NumPy alone opens it.
     with np.load(tmp_path / "a.npz") as file:
         assert file["dn_20x30_low"].shape == (3, 20, 30)
+
+
+def rewritten(path, change):
+    """Change the head of a pack."""
+    with np.load(path) as file:
+        arrays = dict(file)
+    head = json.loads(arrays["head"].tobytes())
+    change(head)
+    arrays["head"] = np.frombuffer(json.dumps(head).encode(), dtype=np.uint8)
+    np.savez(path, **arrays)
+
+
+def test_a_pack_from_before_calibrations_is_read_without_and_a_later_one_refused(tmp_path):
+    def before(head):
+        head |= {"schema": 1, "images": [image[:-1] for image in head["images"]]}
+
+    made = some_pack()
+    old, new = tmp_path / "old.npz", tmp_path / "new.npz"
+    write_pack(old, made)
+    rewritten(old, before)
+    read = read_pack(old)
+    assert [image.sha256 for image in read.images] == [image.sha256 for image in made.images]
+    assert {image.radiance_per_dn for image in read.images} == {None}
+    write_pack(new, made)
+    rewritten(new, lambda head: head.update(schema=3))
+    with pytest.raises(DamagedFileError, match="schema 3"):
+        read_pack(new)
 
 
 def test_a_damaged_pack_is_refused(tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import replace
+from dataclasses import fields, replace
 from xml.etree import ElementTree
 
 import pytest
@@ -12,6 +12,9 @@ from page_commands import cards_of, commands_of
 
 from horizonval import cli
 from horizonval.core.errors import DamagedFileError, UserError
+from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
+from horizonval.frame import FrameTruth
 from horizonval.jobs import engine
 from horizonval.store.folder import read_json, write_json
 from horizonval.store.manifest import verify_folder
@@ -28,6 +31,7 @@ from horizonval.studies.regression.baseline.baseline import (
 )
 from horizonval.studies.regression.baseline.pack import read_pack
 from horizonval.studies.regression.night import Wanted, run_night
+from horizonval.studies.regression.units import estimate_frozen, render_scene
 
 ANCHOR = {"name": "stub", "verdict": "PASS", "found": 0.0, "limit": 1.0, "unit": "m", "n": 1, "what": "nothing"}
 
@@ -246,6 +250,35 @@ def test_frozen_images_are_those_of_the_night(accepted, night):
     pack = read_pack(pack_path(accepted.baseline))
     for image in pack.images:
         assert (image.dn == night.arrays[image.scene]["dn.vis.0"]).all()
+
+
+def test_an_estimator_is_shown_of_a_frozen_image_what_it_is_shown_of_a_new_one(accepted, night):
+    """Calibration and all: without it a fit of the whole profile takes the gain for free."""
+    shown = {}
+
+    def run_of(kind):
+        def run(name, observation):
+            shown.setdefault(kind, []).append(observation)
+            return Refusal(Outcome.NO_LIMB, "not asked")
+
+        return run
+
+    pack = read_pack(pack_path(accepted.baseline))
+    frozen = next(image for image in pack.images)
+    case, truth = night.case(frozen.scene), FrameTruth.from_dict(dict(pack.truths[frozen.scene]))
+    render = {"render": lambda scene, camera: night.frames[scene.scene.name]}
+    render_scene(case, night.plan, 1, run=run_of("new"), **render)
+    estimate_frozen(truth, frozen.scene, [frozen], night.plan, run=run_of("frozen"))
+    new, again = shown["new"][0], shown["frozen"][0]
+    assert new.radiance_per_dn == again.radiance_per_dn > 0.0
+    for field in fields(new):
+        assert repr(getattr(new, field.name)) == repr(getattr(again, field.name)), field.name
+    assert repr(vars(new.prior)) == repr(vars(again.prior))
+    # One that was frozen without is another image to an estimator, and is estimated again.
+    for calibration, rows in ((frozen.radiance_per_dn, 0), (None, 1)):
+        known = [(frozen.sha256, calibration)]
+        record, _ = render_scene(case, night.plan, 1, known, run=run_of("known"), **render)
+        assert len(record["rows"]) == rows
 
 
 def test_the_command_says_it_in_its_status(accepted, here, capsys, tmp_path):

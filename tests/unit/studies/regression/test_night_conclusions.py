@@ -75,7 +75,7 @@ def row(scene: str, replicate: int, error: float | None, image: str, **columns: 
 def rendered(task: Task, rows: list[ReplicateRow], images: list[str], radiance: str = "same") -> dict[str, Any]:
     assert task.case is not None
     about = {"radiance_sha256": radiance, "expected": "valid", "borderline": False, "full_scale": 1023}
-    band = about | {"images": images, "noise_dn": 1.0}
+    band = about | {"images": images, "radiance_per_dn": [None] * len(images), "noise_dn": 1.0}
     return {
         "scene": task.case.name,
         "table": task.case.table,
