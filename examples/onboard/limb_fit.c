@@ -26,12 +26,13 @@
    Left out: lenses with distortion. Not as in `limb-profile`: MOST_NODES, half of what it has at most, which is less
    only where more than 1.1 rad of limb at the Earth's centre are in view.
 
-   Standard input: one line of 24 numbers, and then width * height values of 16 bits in the machine's order, row by row:
+   Standard input: one line of 27 numbers, and then width * height values of 16 bits in the machine's order, row by row:
      width height fx fy cx cy                  pixels
      rx ry rz  sigma_position                  m, Earth-fixed axes
      qx qy qz qw  sigma_attitude               from Earth-fixed to camera axes; rad, about any axis
      month                                     1.0 in the middle of January
-     sx sy sz                                  towards the Sun, camera axes
+     sx sy sz                                  towards the Sun as a sensor reads it, camera axes
+     tx ty tz                                  towards the Sun as the time says it, Earth-fixed axes
      blur  blur_log_sigma  lift_sigma          px of the lens, m
      gain  gain_log_sigma                      values per radiance of the table on the axis; sigma 0 without calibration
    Standard output: one JSON object, as docs/howto/estimator-program.md says; beside its keys q_cam_from_itrs,
@@ -96,7 +97,7 @@ typedef struct {
 
 static uint16_t image[MOST_PIXELS];
 static int width, height;
-static double fx, fy, cx, cy, sigma_r, sigma_q, month, sun[3], blur_sigma, lift_sigma, gain_sigma;
+static double fx, fy, cx, cy, sigma_r, sigma_q, month, sun_read[3], sun_known[3], blur_sigma, lift_sigma, gain_sigma;
 static State prior;
 
 static Pixel near_[MOST_NEAR];
@@ -190,6 +191,16 @@ static void prepare_splines(void) {
       root_of_mean[row * LIMB_H + h] = sqrt(fmax(limb_mean_scale[row] * limb_mean[row * LIMB_H + h], 0.0));
 }
 
+/* Towards the Sun, camera axes: how far from the nadir she stands is as time and place say it, about it as it was read. */
+static void sun_of(const State *s, double *sun) {
+  double nadir[3], level[3], down = -dot(sun_known, s->r) / sqrt(dot(s->r, s->r)), along;
+  nadir_of(s, nadir);
+  along = dot(sun_read, nadir);
+  for (int i = 0; i < 3; i++) level[i] = sun_read[i] - along * nadir[i];
+  double size = sqrt(fmax(1.0 - down * down, 0.0)) / fmax(sqrt(dot(level, level)), 1e-9);
+  for (int i = 0; i < 3; i++) sun[i] = down * nadir[i] + size * level[i];
+}
+
 /* Where a normal n and a line of sight u, camera axes, are in the table. */
 static void find(const State *s, const double *n, const double *u, Place *at) {
   double a, b, first, second, up[3], row[LIMB_A + 1], column[LIMB_B];
@@ -203,6 +214,8 @@ static void find(const State *s, const double *n, const double *u, Place *at) {
     double end = j + 1 < LIMB_B ? limb_second[next] : limb_second[0] + 12.0;
     b = (second - limb_second[j]) / (end - limb_second[j]);
   } else {
+    double sun[3];
+    sun_of(s, sun);
     cross(n, u, up);
     first = acos(clip(dot(n, sun), -1.0, 1.0));
     second = fabs(atan2(dot(up, sun), dot(u, sun)));
@@ -1148,7 +1161,8 @@ int main(void) {
   if (scanf("%d %d %lf %lf %lf %lf", &width, &height, &fx, &fy, &cx, &cy) != 6 ||
       scanf("%lf %lf %lf %lf", &s.r[0], &s.r[1], &s.r[2], &sigma_r) != 4 ||
       scanf("%lf %lf %lf %lf %lf", &q[0], &q[1], &q[2], &q[3], &sigma_q) != 5 ||
-      scanf("%lf %lf %lf %lf", &month, &sun[0], &sun[1], &sun[2]) != 4 ||
+      scanf("%lf %lf %lf %lf", &month, &sun_read[0], &sun_read[1], &sun_read[2]) != 4 ||
+      scanf("%lf %lf %lf", &sun_known[0], &sun_known[1], &sun_known[2]) != 3 ||
       scanf("%lf %lf %lf %lf %lf", &s.blur, &blur_sigma, &lift_sigma, &s.gain, &gain_sigma) != 5 || getchar() != '\n' ||
       width < 8 || height < 8 || width > 32767 || height > 32767 || (long)width * height > MOST_PIXELS ||
       fread(image, sizeof *image, (size_t)width * height, stdin) != (size_t)width * height)

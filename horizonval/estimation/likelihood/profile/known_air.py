@@ -4,6 +4,10 @@ With the normal ``u`` of the ellipsoid beneath a place of the limb, the line of 
 and the direction ``s`` of the Sun: zenith angle ``acos(s . u)``, azimuth from the line of sight ``atan2(s . (u x d),
 s . d)``.
 
+How far from the zenith of the observer the Sun stands is known from time and place, whatever the attitude, and how she
+stands about it from a Sun sensor, or else from the attitude: a sensor that reads whole degrees would leave a limb near
+the terminator half a kilometre off.
+
 A line that passes ``h`` above the limb is turned outwards by ``b = h / l`` at the distance ``l`` of the limb, and its
 lowest point lies as much nearer: under another Sun, half a degree away from low orbit at the height of 20 km. Sunlit
 tables are read where every line has its own lowest point::
@@ -26,6 +30,8 @@ from horizonval.estimation.likelihood.templates import LimbTemplates
 FARTHEST_RAD, STEPS = 0.25, 6
 """Of the ends of lines before their lowest points, and at how many places tables are read up to there: deeper lines,
 with lowest points 160 km below the source of their light, keep the last."""
+LEAST_LEVEL = 1e-9
+"""Of a direction's level part: a Sun that is read straight above or below has no azimuth, and needs none."""
 SUNLIT_M = np.linspace(-20e3, 80e3, 6)
 """Heights whose lines' lowest points sunlit tables are read at. Between them light changes evenly with the Sun, who
 stands at most 0.8 deg elsewhere from one to the next (200 km); below and above is little more."""
@@ -39,9 +45,9 @@ class KnownAir:
     templates : LimbTemplates
     epoch_utc : datetime
     sun_cam : ndarray, shape (3,), or None
-        As a Sun sensor sees it; it needs no attitude.
+        As a Sun sensor sees it.
     sun_itrs : ndarray, shape (3,)
-        As the time says it, where no sensor does.
+        As the time says it.
     """
 
     def __init__(
@@ -121,7 +127,17 @@ class KnownAir:
         if self._templates.band_kind == "thermal":
             latitude = np.arcsin(np.clip(normal_cam @ pose.cam_from_itrs[:, 2], -1.0, 1.0))
             return latitude, month_of(self._epoch)
-        sun = self._sun_cam if self._sun_cam is not None else pose.cam_from_itrs @ self._sun_itrs
+        sun = self._towards_sun(pose)
         zenith = np.arccos(np.clip(normal_cam @ sun, -1.0, 1.0))
         azimuth = np.arctan2(np.cross(normal_cam, los_cam) @ sun, los_cam @ sun)
         return zenith, azimuth
+
+    def _towards_sun(self, pose: LimbPose) -> FloatArray:
+        """Return the direction of the Sun in camera axes, shape (3,)."""
+        if self._sun_cam is None:
+            return np.asarray(pose.cam_from_itrs @ self._sun_itrs)
+        nadir = pose.nadir_cam
+        down = -float(self._sun_itrs @ pose.r_itrs) / float(np.linalg.norm(pose.r_itrs))
+        level = self._sun_cam - float(self._sun_cam @ nadir) * nadir
+        size = max(float(np.linalg.norm(level)), LEAST_LEVEL)
+        return np.asarray(down * nadir + np.sqrt(max(1.0 - down**2, 0.0)) * level / size)
