@@ -63,8 +63,8 @@ class WeatherField:
     """The weather of one day: what is drawn follows from the seed alone.
 
     ``month``: of the climate that it is the weather of. ``warming_k``: of a warming in the winter hemisphere; None
-    draws whether there is one. ``opposite``: waves and surface pressure with the other sign, the warming as it is. A day
-    and its opposite have the climate for their mean, so that an ensemble of such pairs has it however few they are.
+    draws whether there is one. ``opposite``: waves and surface pressure with the other sign, the warming as it is. A
+    day and its opposite have the climate for their mean, so that an ensemble of such pairs has it however few they are.
     """
 
     seed: int
