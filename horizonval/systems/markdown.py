@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
 import jinja2
 
-from horizonval.systems.result import Cell, ComparisonRow, Figure, Reproduction, Table
+from horizonval.systems.result import Cell, ComparisonRow, Figure, Reproduction, Status, Table
 
 
 def page(result: Reproduction, seed: int) -> str:
@@ -18,8 +19,12 @@ def page(result: Reproduction, seed: int) -> str:
         heads,
         *([r.name, as_printed(r.published), number(r.measured), r.unit, _met(r), r.why] for r in result.rows),
     ]
+    claims = [
+        ["printed", "where", "figure", "our reading", "measured", "would fail if", "status"],
+        *([c.what, c.where, c.printed, c.reading, c.measured, c.fails, f"**{c.status}**"] for c in result.claims),
+    ]
     template = _environment().get_template(result.template)
-    return template.render(result=result, rows=rows, seed=seed, **result.summary)
+    return template.render(result=result, rows=rows, claims=claims, seed=seed, **result.summary)
 
 
 def first_page(contents: Sequence[dict[str, Any]]) -> str:
@@ -29,7 +34,9 @@ def first_page(contents: Sequence[dict[str, Any]]) -> str:
         barred = [row for row in content["rows"] if row["holds"] is not None]
         missed = [row for row in barred if not row["holds"]]
         counts = {"rows": len(content["rows"]), "bars": len(barred), "met": len(barred) - len(missed)}
-        systems.append({**content, **counts, "missed": missed})
+        judged = Counter(claim["status"] for claim in content.get("claims", ()))
+        verdicts = ", ".join(f"{judged[status]} {status}" for status in Status if judged[status])
+        systems.append({**content, **counts, "missed": missed, "verdicts": verdicts})
     return _environment().get_template("page/first_page.md.jinja").render(systems=systems)
 
 

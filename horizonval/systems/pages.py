@@ -47,6 +47,8 @@ def write_reproduction(result: Reproduction, folder: Path, seed: int) -> dict[st
         "version": code_version(),
         "seed": seed,
         "settings": result.settings,
+        "claims": [claim.plain() for claim in result.claims],
+        "choices": list(result.choices),
         "rows": [row.plain() for row in result.rows],
         "tables": [
             {"title": t.title, "columns": list(t.columns), "rows": [list(r) for r in t.rows]} for t in result.tables

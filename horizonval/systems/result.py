@@ -2,18 +2,74 @@
 
 Everything here is plain data (but for the figures' drawing functions), so that the JSON file, the readable page and
 the printed table all say the same.
+
+A *claim* is what the source prints, with our reading of it and what became of it; a *row* is a measured figure, with a
+bar where there is something that it can miss. A bar that the truth itself passes, or chance, is none.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
 
 Cell = str | int | float | None
+
+
+class Status(StrEnum):
+    """What became of a printed figure.
+
+    ``REPRODUCED``: measured within what is said to make it fail. ``BOUNDED``: ours lies on the better side of it, or
+    agrees under sizes or a reading that the source does not give. ``CONTRADICTED``: measured, and not so.
+    ``NOT_DETERMINABLE``: the source says too little for any measurement to decide.
+    """
+
+    REPRODUCED = "reproduced"
+    BOUNDED = "bounded"
+    CONTRADICTED = "contradicted"
+    NOT_DETERMINABLE = "not determinable"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One printed figure, or one printed table's figures of a kind, judged.
+
+    Attributes
+    ----------
+    what : str
+        Unique within the system.
+    where : str
+        Page, table, figure or part of the source.
+    printed, reading, measured : str
+        The figure as printed, what we take it to mean, and ours with its unit.
+    fails : str
+        What would have made us call it contradicted.
+    status : Status
+    """
+
+    what: str
+    where: str
+    printed: str
+    reading: str
+    measured: str
+    fails: str
+    status: Status
+
+    def plain(self) -> dict[str, str]:
+        """Return the claim as in the JSON file."""
+        return {
+            "what": self.what,
+            "where": self.where,
+            "printed": self.printed,
+            "reading": self.reading,
+            "measured": self.measured,
+            "fails": self.fails,
+            "status": str(self.status),
+        }
 
 
 @dataclass(frozen=True)
@@ -108,6 +164,10 @@ class Reproduction:
         Of the page, from this folder on; its summary says in a few sentences what was done and what came of it.
     summary : dict
         Numbers of this run in the summary, by their names in the template.
+    claims : tuple of Claim
+        Every printed figure of the source.
+    choices : tuple of str
+        What was chosen after a result had been seen, and therefore proves nothing.
     """
 
     system: str
@@ -119,3 +179,5 @@ class Reproduction:
     settings: dict[str, Any] = field(default_factory=dict)
     template: str = "page/layout.md.jinja"
     summary: Mapping[str, Any] = field(default_factory=dict)
+    claims: tuple[Claim, ...] = ()
+    choices: tuple[str, ...] = ()

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel, ConfigDict
 
 from horizonval.systems.published import published, read_toml
-from horizonval.systems.result import Cell, ComparisonRow, Figure, Reproduction, Table
+from horizonval.systems.result import Cell, Claim, ComparisonRow, Figure, Reproduction, Status, Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MplFigure
@@ -30,6 +30,16 @@ class RowText(_TextModel):
     name: str
     unit: str = ""
     why: str
+
+
+class ClaimText(_TextModel):
+    """A claim's name, our reading of what is printed, what is measured, and what would make it fail."""
+
+    what: str
+    where: str = ""
+    reading: str
+    measured: str
+    fails: str
 
 
 class TableText(_TextModel):
@@ -49,8 +59,10 @@ class PageText(_TextModel):
         Its letter.
     title : str
         What the system is.
-    rows, tables : dict
+    rows, tables, claims : dict
         By key.
+    choices : tuple of str
+        What was chosen after a result had been seen.
     figures : dict of str
         Captions, by the figure's name.
     phrases : dict of str
@@ -61,6 +73,8 @@ class PageText(_TextModel):
     title: str
     rows: dict[str, RowText]
     tables: dict[str, TableText] = {}
+    claims: dict[str, ClaimText] = {}
+    choices: tuple[str, ...] = ()
     figures: dict[str, str] = {}
     phrases: dict[str, str] = {}
 
@@ -80,6 +94,29 @@ class PageText(_TextModel):
         text = self.rows[key]
         name, unit, why = (part.format(**fields) for part in (text.name, text.unit, text.why))
         return ComparisonRow(name, published, measured, unit, why, limit, against, at_least)
+
+    def claim(
+        self, key: str, printed: float | str, status: Status, /, *, figure: str | None = None, **fields: Any
+    ) -> Claim:
+        """Return a judged claim.
+
+        Parameters
+        ----------
+        key : str
+            Of the text; also of the printed figure or table, unless ``figure`` names that, and unless the text says
+            itself where it stands.
+        printed : float or str
+            As printed, with the unit if it is a text.
+        status : Status
+        """
+        text = self.claims[key]
+        what, reading, measured, fails = (
+            part.format(**fields) for part in (text.what, text.reading, text.measured, text.fails)
+        )
+        source = published(self.system)
+        where = text.where or (source.figures | source.tables)[figure or key].where
+        shown = printed if isinstance(printed, str) else f"{printed:.7g} {source.figures[figure or key].unit}".strip()
+        return Claim(what, where, shown, reading, measured, fails, status)
 
     def table(self, key: str, lines: Iterable[Iterable[Cell]], /, **fields: Any) -> Table:
         """Return a table of the page with these lines."""
@@ -103,6 +140,7 @@ class PageText(_TextModel):
         tables: Iterable[Table],
         figures: Iterable[Figure],
         settings: dict[str, Any],
+        claims: Iterable[Claim] = (),
         **summary: Any,
     ) -> Reproduction:
         """Return the whole page; ``summary`` are the fields of the system's ``page/page.md.jinja``."""
@@ -116,6 +154,8 @@ class PageText(_TextModel):
             tables=tuple(tables),
             figures=tuple(figures),
             settings=settings,
+            claims=tuple(claims),
+            choices=self.choices,
         )
 
 

@@ -13,6 +13,8 @@ mounting, :func:`published_axes` says in which axes P and R are pitch and roll.
 **Two methods.** ``linear-heads-published``: whole-pixel crossings and the formula, which neglects second-order terms
 (a few hundredths of a degree at 5 deg of roll and pitch). ``linear-heads``: sub-pixel crossings, and instead of the
 formula the cone through the four lines of sight, whose axis is the nadir at any angle; it needs no altitude either.
+The published pipeline does not ask whether there is a limb at all: it claims an attitude of whatever the rows hold, and
+so does the bare method here. ``guarded-linear-heads-published`` asks.
 
 Spherical Earth with a limb equally high all round: what differs between the heads (oblateness, 21 km between pole and
 equator; colder and lower air towards the winter pole) goes into the nadir and is not in the claimed covariance.
@@ -104,10 +106,6 @@ def run_published(observation: Observation) -> Fit | Refusal:
     forward = published_axes(rows)
     if isinstance(forward, Refusal):
         return forward
-    # Whether there is a limb at all the published pipeline does not ask; a claim without one would be worth nothing.
-    located = [sub_pixel_crossing(r.row) for r in rows]
-    if (refusal := _missing(rows, located)) is not None:
-        return refusal
     crossings = [published_crossing(r.row) for r in rows]
     columns = np.array([c.fine for c in crossings])
     ifov = float(np.mean([r.pixel_rad(c) for r, c in zip(rows, columns, strict=True)]))

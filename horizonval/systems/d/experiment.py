@@ -13,6 +13,7 @@ from typing import Any
 from horizonval.core.json_types import JsonObject
 from horizonval.systems.d import figures as figures
 from horizonval.systems.d.budget import budget
+from horizonval.systems.d.claims import claims
 from horizonval.systems.d.frames import (
     AIR,
     CAMERA,
@@ -30,7 +31,6 @@ from horizonval.systems.d.frames import (
 from horizonval.systems.d.rows import (
     TEXT,
     cause_rows,
-    entry_rows,
     largest_departure,
     moment_rows,
     range_rows,
@@ -39,7 +39,8 @@ from horizonval.systems.d.rows import (
     tables,
     worst,
 )
-from horizonval.systems.d.settings import ALL, PRINTED, PUBLISHED, QUANTUM_DEG, TWO_QUANTA_DEG
+from horizonval.systems.d.score import score_steps, step_rows, variant_table
+from horizonval.systems.d.settings import ALL, PRINTED, PUBLISHED, QUANTUM_DEG
 from horizonval.systems.result import Reproduction
 from horizonval.systems.task_cache import TaskCache
 
@@ -58,6 +59,7 @@ def reproduce(cache: TaskCache) -> Reproduction:
     aim = cache.each("D: the infrared horizon", infrared_aim, {"400 km": {"planet": SOFT}})["400 km"]
     hard = _read(cache, "D: hard limb", HARD, {})
     soft = _read(cache, "D: infrared limb", SOFT, {"aim_deg": aim["aim_deg"]})
+    flat = _read(cache, "D: hard limb, flat focal plane", HARD, {"projection": "pinhole"})
     orbit = _fly(cache, aim["aim_deg"])
     ends = _ends(cache, aim["aim_deg"])
     tilted = {"pitch": -5.0, "roll": 5.0, "rows": 160}
@@ -67,8 +69,12 @@ def reproduce(cache: TaskCache) -> Reproduction:
     }
     pictures = cache.each("D: pictures", picture, views)
     budget_rows, budget_table = budget(hard, soft, orbit)
+    rendered = {"hard limb": hard, "hard limb, flat focal plane": flat, "infrared limb": soft}
+    score = score_steps(rendered, cache.rng("linear heads", "phases"))
+    departure = largest_departure(hard)
     rows = (
-        *entry_rows(hard),
+        *step_rows(score),
+        TEXT.row("departure", departure),
         *moment_rows(hard),
         *cause_rows(hard),
         *sub_pixel_rows(hard, soft, aim),
@@ -77,10 +83,11 @@ def reproduce(cache: TaskCache) -> Reproduction:
     )
     return TEXT.reproduction(
         rows=rows,
-        tables=(*tables(hard, soft), budget_table, range_table(ends)),
+        tables=(variant_table(score), *tables(hard, soft), budget_table, range_table(ends)),
         figures=(
             TEXT.figure("pictures", partial(figures.draw_pictures, pictures)),
             TEXT.figure("rows", partial(figures.draw_rows, pictures)),
+            TEXT.figure("steps", partial(figures.draw_steps, score)),
             TEXT.figure("quantisation", partial(figures.draw_quantisation, hard)),
             TEXT.figure("errors", partial(figures.draw_errors, hard, soft)),
             TEXT.figure("orbit", partial(figures.draw_orbit, orbit)),
@@ -97,9 +104,10 @@ def reproduce(cache: TaskCache) -> Reproduction:
             },
             "axes": TEXT.phrase("axes"),
         },
-        entries=sum(row.limit == TWO_QUANTA_DEG for row in rows),
+        claims=claims(score, hard, rows, departure),
         printed=PRINTED,
-        departure=largest_departure(rows),
+        score=score,
+        departure=departure,
         two_steps=2 * QUANTUM_DEG,
         worst=worst(hard, "sub_pixel"),
     )
@@ -115,7 +123,7 @@ def _read(cache: TaskCache, title: str, planet: dict[str, Any], more: JsonObject
             "yaw": s.yaw_deg,
             "altitude_km": s.altitude_km,
             "seed": cache.seed,
-            "noise": DRAWS if key in NOISY else 0,
+            "noise": DRAWS if key in NOISY and "projection" not in more else 0,
             **more,
         }
         for key, s in ALL.items()

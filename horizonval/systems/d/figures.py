@@ -14,7 +14,8 @@ from horizonval.core.json_types import JsonObject
 from horizonval.geometry.frames import nadir_of_roll_pitch
 from horizonval.systems.d.budget import air_alone
 from horizonval.systems.d.rows import pixel_errors
-from horizonval.systems.d.settings import ALL, PUBLISHED, QUANTUM_DEG, TABLES
+from horizonval.systems.d.score import StepScore
+from horizonval.systems.d.settings import ALL, PRINTED, PUBLISHED, QUANTUM_DEG, TABLES
 
 BLUE, ORANGE, GREEN, BLACK = "#0072b2", "#d55e00", "#009e73", "#000000"
 HEADS = ("az45", "az135", "az225", "az315")
@@ -57,6 +58,22 @@ def draw_rows(pictures: dict[str, JsonObject]) -> MplFigure:
         ax.axvline(head["published_px"], color=colour, ls=style, lw=0.9)
     ax.set(xlim=(50, 110), xlabel="column [pixels of 0.1°], outwards", ylabel="signal / largest of the row")
     ax.legend(loc="upper right", frameon=False)
+    return figure
+
+
+def draw_steps(score: StepScore) -> MplFigure:
+    """Counts on the printed step by chance, and those that were read."""
+    figure = MplFigure(figsize=(8.0, 3.6), layout="constrained")
+    ax = figure.subplots()
+    counts = np.bincount(score.chance, minlength=PRINTED + 1) / len(score.chance)
+    ax.bar(np.arange(len(counts)), 100.0 * counts, width=0.9, color="#c8c8c8", label="phases by chance")
+    marks = [(reached, name) for name, (reached, _) in score.rendered.items()]
+    marks += [(score.truth, "rounded truth"), (max(b.count for b in score.best.values()), "phases chosen for it")]
+    styles = zip((BLUE, GREEN, ORANGE, BLACK, BLACK), ("-", "--", "-.", "-", ":"), strict=True)
+    for (reached, name), (colour, style) in zip(marks, styles, strict=True):
+        ax.axvline(reached, color=colour, ls=style, lw=1.6, label=f"{name}: {reached}")
+    ax.set(xlabel=f"figures on the printed step, of {PRINTED}", ylabel="share of the draws [%]", xlim=(0, PRINTED + 1))
+    ax.legend(frameon=False, fontsize=8, loc="upper left")
     return figure
 
 

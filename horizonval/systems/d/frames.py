@@ -82,10 +82,11 @@ def head_camera(item: JsonObject) -> CameraSpec:
     """Return the shipped camera with an item's changes.
 
     ``rows``: 160 for pictures as published, instead of a line; ``aim_deg``: nadir angle of the heads; ``optic``: keys
-    of the lens.
+    of the lens; ``projection``: of the pixels.
     """
     camera = load_camera(CAMERA)
-    geometry = camera.camera.model_copy(update={"height": item.get("rows", 1)})
+    changed = {"height": item.get("rows", 1), "projection": item.get("projection", camera.camera.projection)}
+    geometry = camera.camera.model_copy(update=changed)
     lens = camera.optics.model_copy(update=item.get("optic", {}))
     heads = camera.head
     if "aim_deg" in item:

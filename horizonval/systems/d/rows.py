@@ -10,11 +10,9 @@ from horizonval.core.json_types import JsonObject
 from horizonval.estimation.methods.linear_heads import published_angles
 from horizonval.systems.d.settings import (
     MOMENTS,
-    PRINTED,
     PUBLISHED,
     QUANTUM_DEG,
     TABLES,
-    TWO_QUANTA_DEG,
     Setting,
 )
 from horizonval.systems.result import ComparisonRow, Table
@@ -22,6 +20,7 @@ from horizonval.systems.text import page_text
 
 TEXT = page_text("D")
 SUB_PIXEL_LIMIT_DEG = 0.005
+METHODS = ("published", "sub_pixel")
 
 
 def _entries(readings: dict[str, JsonObject]) -> list[tuple[int, Setting, str, float | None, float | None, JsonObject]]:
@@ -48,38 +47,9 @@ def pixel_errors(readings: dict[str, JsonObject]) -> tuple[np.ndarray, np.ndarra
     return whole, exact, sub
 
 
-def entry_rows(hard: dict[str, JsonObject]) -> list[ComparisonRow]:
-    """Return a row for every figure of the tables that was read, and one that says whether all printed ones were."""
-    again = sum(printed is not None and ours is not None for _, _, _, printed, ours, _ in _entries(hard))
-    rows = [TEXT.row("read_again", again, PRINTED, limit=PRINTED, at_least=True, printed=PRINTED)]
-    for number, setting, axis, printed, ours, reading in _entries(hard):
-        if ours is None:
-            continue
-        exact = exact_angle(reading, axis)
-        rows.append(
-            TEXT.row(
-                "entry",
-                ours + 0.0,
-                printed,
-                limit=None if printed is None else TWO_QUANTA_DEG,
-                against=printed,
-                table=number,
-                axis=axis,
-                setting=setting.key,
-                exact=four_digits(exact),
-                rounding=four_digits(ours - exact),
-                apart=_apart(ours, printed),
-            )
-        )
-    return rows
-
-
-def _apart(ours: float, printed: float | None) -> str:
-    """Return in words how many whole pixels of one crossing lie between a reading and the printed one."""
-    if printed is None:
-        return TEXT.phrase("print_lost")
-    steps = abs(round((ours - printed) / QUANTUM_DEG))
-    return TEXT.phrase({0: "same_step", 1: "one_step"}.get(steps, "steps"), steps=steps, quantum=QUANTUM_DEG)
+def largest_departure(hard: dict[str, JsonObject]) -> float:
+    """Return the largest departure [deg] of a reading from the printed one."""
+    return max(abs(o - p) for _, _, _, p, o, _ in _entries(hard) if p is not None and o is not None)
 
 
 def four_digits(value: float) -> str:
@@ -175,14 +145,19 @@ def range_rows(ends: dict[str, dict[str, JsonObject]]) -> list[ComparisonRow]:
 
 
 def tables(hard: dict[str, JsonObject], soft: dict[str, JsonObject]) -> list[Table]:
-    """Return the published tables with ours beside: hard limb, infrared limb, sub-pixel."""
+    """Return the published tables with ours beside: hard limb, infrared limb, sub-pixel, and how many steps apart."""
 
     def cell(value: float | None) -> str:
         return "lost" if value is None else four_digits(value)
 
+    def apart(ours: float | None, printed: float | None) -> str:
+        return "" if ours is None or printed is None else f"{abs(round((ours - printed) / QUANTUM_DEG))}"
+
     def line(s: Setting, axis: str) -> list[str | float]:
-        ours = [readings[s.key][method][axis] for readings in (hard, soft) for method in ("published", "sub_pixel")]
-        return [s.key, axis, s.true_deg(axis), *map(cell, (s.read[axis], *ours))]
+        read = s.read[axis]
+        hard_limb, infrared = ([readings[s.key][m][axis] for m in METHODS] for readings in (hard, soft))
+        steps = apart(hard_limb[0], read), apart(infrared[0], read)
+        return [s.key, axis, s.true_deg(axis), *map(cell, (read, *hard_limb, *infrared)), *steps]
 
     return [
         TEXT.table("published", [line(s, axis) for s in settings for axis in s.read], number=number)
@@ -196,8 +171,3 @@ def range_table(ends: dict[str, dict[str, JsonObject]]) -> Table:
     lines = [(limb, "none" if tilt is None else f"{tilt:.2f}") for limb, tilt in tilts.items()]
     lines += [(name, f"{end['altitude_km']:.0f} km") for name, end in ends["altitude"].items()]
     return TEXT.table("range", lines)
-
-
-def largest_departure(rows: tuple[ComparisonRow, ...]) -> float:
-    """Return the largest departure [deg] from a printed reading."""
-    return max(abs(r.measured - (r.against or 0.0)) for r in rows if r.limit == TWO_QUANTA_DEG)

@@ -9,7 +9,6 @@ from horizonval.systems.published import published
 PUBLISHED = published("D")
 QUANTUM_DEG = PUBLISHED.number("element") / 8.0**0.5
 """Weight of one whole pixel in roll and pitch: every published figure is a whole multiple of 0.035355 deg."""
-TWO_QUANTA_DEG = 0.0708
 
 
 @dataclass(frozen=True)

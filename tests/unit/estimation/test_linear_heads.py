@@ -10,6 +10,7 @@ import pytest
 
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.methods.guarded import LINEAR_HEADS_PUBLISHED
 from horizonval.estimation.methods.linear_heads import (
     ESTIMATOR,
     PUBLISHED,
@@ -170,7 +171,7 @@ def test_a_head_without_limb_is_a_refusal() -> None:
     seen = observation(*crossings(0.0, 0.0))
     space = np.random.default_rng(2).normal(20.0, 2.0, (1, 160)).round()
     heads = {**seen.heads, "az225": replace(seen.heads["az225"], image=space)}
-    for estimator in (PUBLISHED, ESTIMATOR):
+    for estimator in (LINEAR_HEADS_PUBLISHED, ESTIMATOR):
         result = estimator.run(replace(seen, heads=heads))
         assert isinstance(result, Refusal)
         assert result.status is Outcome.NO_LIMB
@@ -195,3 +196,19 @@ def test_heads_that_contradict_each_other_are_refused() -> None:
     result = ESTIMATOR.run(observation(columns + np.array([30.0, 0.0, 30.0, 0.0]), mounts))
     assert isinstance(result, Refusal)
     assert result.status is Outcome.AMBIGUOUS
+
+
+def test_the_published_method_claims_without_a_limb_and_its_guarded_one_does_not() -> None:
+    """Bare is bare: rows of noise have a largest difference too."""
+    columns, mounts = crossings(0.0, 0.0)
+    seen = observation(columns, mounts)
+    noise = np.random.default_rng(2)
+    heads = {name: replace(h, image=np.round(noise.normal(500.0, 5.0, (1, 160)))) for name, h in seen.heads.items()}
+    blind = replace(heads[NAMES[0]], heads=heads)
+    fit = PUBLISHED.run(blind)
+    assert isinstance(fit, Fit)
+    assert np.isfinite(fit.covariance_nadir_cam).all()
+    flat = {name: replace(h, image=np.full((1, 160), 500.0)) for name, h in seen.heads.items()}
+    assert isinstance(PUBLISHED.run(replace(flat[NAMES[0]], heads=flat)), Fit)
+    assert isinstance(ESTIMATOR.run(blind), Refusal)
+    assert isinstance(LINEAR_HEADS_PUBLISHED.run(blind), Refusal)
