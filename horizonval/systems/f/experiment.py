@@ -140,8 +140,7 @@ def _claims(errors: Errors, deficits: Mapping[str, np.ndarray]) -> Iterator[Clai
             axis=one.worst_axis,
         )
     found = abs(correlation(errors[WINDOW]["fraction"], deficits[WINDOW]))
-    status = Status.REPRODUCED if found >= LEAST_CORRELATION else Status.CONTRADICTED
-    yield TEXT.claim("one_to_one", print_of("one_to_one"), status, found=found)
+    yield TEXT.claim("one_to_one", print_of("one_to_one"), Status.NOT_DETERMINABLE, found=found)
     yield TEXT.claim("size", print_of("size"), Status.NOT_DETERMINABLE, added=added_deg(errors[WINDOW]["fraction"]))
 
 

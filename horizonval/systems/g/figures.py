@@ -42,6 +42,7 @@ def draw_altitudes(
         km = [one.altitude_km for one in found]
         axes[0].plot(km, [one.level_deg for one in found], "-o", ms=3, color=colour, label=f"{name}, level")
         axes[0].plot(km, [one.tilted_deg for one in found], "--s", ms=3, color=colour, label=f"{name}, up to 0.5 deg")
+        axes[0].plot(km, [one.unchecked_deg for one in found], ":^", ms=3, color=colour)
         axes[1].plot(km, [100.0 * one.out_of_range for one in found], "-o", ms=3, color=colour)
         axes[1].plot(km, [100.0 * one.refused for one in found], "--s", ms=3, color=colour)
         axes[2].plot(km, [one.scale for one in found], "-o", ms=3, color=colour)
