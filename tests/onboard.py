@@ -146,7 +146,7 @@ def by_c(observation: Observation, program: Path) -> dict[str, Any]:
         *(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy),
         *(*prior.r_itrs, prior.position_sigma_m),
         *(*prior.q_cam_from_itrs, prior.attitude_sigma_rad[0]),
-        *(month_of(prior.epoch_utc), *sun),
+        *(month_of(prior.epoch_utc), *sun, *towards_sun),
         *(BLUR_PX, BLUR_LOG_SIGMA, LIFT_SIGMA_M, gain, gain_log_sigma),
     ]
     return answer(program, known, observation.image)

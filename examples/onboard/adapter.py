@@ -22,6 +22,7 @@ camera = tomllib.loads(Path(sys.argv[2]).read_text())["camera"]
 prior = tomllib.loads(Path(sys.argv[3]).read_text())["prior"]
 epoch = prior["epoch_utc"]
 attitude = prior["q_cam_from_itrs"]
+towards_sun = sun_itrs(epoch)[0]
 numbers = [
     *(camera[key] for key in ("width", "height", "fx", "fy", "cx", "cy")),
     *(1e3 * x for x in prior["position_itrs_km"]),
@@ -29,7 +30,8 @@ numbers = [
     *attitude,
     np.radians(max(prior["attitude_sigma_deg"])),
     month_of(epoch if epoch.tzinfo else epoch.replace(tzinfo=UTC)),
-    *Rotation.from_quat(attitude).apply(sun_itrs(epoch)[0]),
+    *Rotation.from_quat(attitude).apply(towards_sun),
+    *towards_sun,
     *(BLUR_PX, BLUR_LOG_SIGMA, LIFT_SIGMA_M, GAIN, NOT_CALIBRATED),
 ]
 line = " ".join(f"{x:.17g}" for x in numbers) + "\n"

@@ -26,12 +26,13 @@
    Left out: lenses with distortion. Not as in `limb-profile`: MOST_NODES, half of what it has at most, which is less
    only where more than 1.1 rad of limb at the Earth's centre are in view.
 
-   Standard input: one line of 24 numbers, and then width * height values of 16 bits in the machine's order, row by row:
+   Standard input: one line of 27 numbers, and then width * height values of 16 bits in the machine's order, row by row:
      width height fx fy cx cy                  pixels
      rx ry rz  sigma_position                  m, Earth-fixed axes
      qx qy qz qw  sigma_attitude               from Earth-fixed to camera axes; rad, about any axis
      month                                     1.0 in the middle of January
-     sx sy sz                                  towards the Sun, camera axes
+     sx sy sz                                  towards the Sun as a sensor reads it, camera axes
+     tx ty tz                                  towards the Sun as the time says it, Earth-fixed axes
      blur  blur_log_sigma  lift_sigma          px of the lens, m
      gain  gain_log_sigma                      values per radiance of the table on the axis; sigma 0 without calibration
    Standard output: one JSON object, as docs/howto/estimator-program.md says; beside its keys q_cam_from_itrs,
@@ -63,6 +64,7 @@ enum { BORDER_PX = 2, FEWEST_LIMB_PX = 8 };
 /* Air. */
 static const double LEFT_OUT = 1e-5, BUMP_M = 6e3, LOWEST_BUMP_M = -15e3, LEAST_BUMP = 3e-3, LEAST_APART = 0.05;
 static const double LEFT_LENGTH = 0.1, AIR_GAIN_SIGMA = 0.01, AIR_GAIN_LENGTH = 0.3, ENDS_STEP = 0.05;
+static const double SUNLIT_M = -20e3, SUNLIT_STEP_M = 20e3;
 /* Noise. */
 static const double OUTLIER = 5.0, CLOUD_TOP_M = 16e3, DARK = 0.05, BRIGHT = 0.5, QUARTILE = 0.67448975;
 static const double LEAST_ALIKE = 1.1, SURELY_ALIKE = 1.3;
@@ -95,7 +97,7 @@ typedef struct {
 
 static uint16_t image[MOST_PIXELS];
 static int width, height;
-static double fx, fy, cx, cy, sigma_r, sigma_q, month, sun[3], blur_sigma, lift_sigma, gain_sigma;
+static double fx, fy, cx, cy, sigma_r, sigma_q, month, sun_read[3], sun_known[3], blur_sigma, lift_sigma, gain_sigma;
 static State prior;
 
 static Pixel near_[MOST_NEAR];
@@ -162,9 +164,46 @@ static int before(const float *axis, int n, double x, double *share) {
   return i;
 }
 
-/* Four rows of the table and their shares for a place of the limb: the normal n and the line of sight u, camera axes. */
-static void corners(const State *s, const double *n, const double *u, int *corner, double *share) {
-  double a, b, first, second, up[3];
+/* A place of the limb in the table: four rows and their shares by straight lines, and what every row counts for by
+   splines where the Sun shines. */
+typedef struct {
+  int corner[4];
+  double share[4], curved[LIMB_A * LIMB_B];
+} Place;
+
+/* Zenith angles of the Sun: tables that reach beyond the first are taken for dark at the second. */
+static const double TWILIGHT = 1.7104226669544429, DARK_AT = 1.8500490071139892, ROUNDED_RAD = 1e-6;
+static float zenith[LIMB_A + 1];
+static double of_zenith[(LIMB_A + 1) * (LIMB_A + 1)], of_azimuth[LIMB_B * LIMB_B];
+static int zeniths;
+static float root_of_mean[LIMB_A * LIMB_B * LIMB_H];
+
+static void prepare_splines(void) {
+  double spare[LIMB_A + LIMB_B + 1];
+  zeniths = LIMB_A;
+  memcpy(zenith, limb_first, sizeof limb_first);
+  if (zenith[LIMB_A - 1] >= TWILIGHT && zenith[LIMB_A - 1] < DARK_AT) zenith[zeniths++] = DARK_AT;
+  spline_slopes(zenith, zeniths, 0, 1, of_zenith, spare);
+  spline_slopes(limb_second, LIMB_B, limb_second[0] < ROUNDED_RAD, limb_second[LIMB_B - 1] > PI - ROUNDED_RAD, of_azimuth,
+                spare);
+  for (int row = 0; row < LIMB_A * LIMB_B; row++)
+    for (int h = 0; h < LIMB_H; h++)
+      root_of_mean[row * LIMB_H + h] = sqrt(fmax(limb_mean_scale[row] * limb_mean[row * LIMB_H + h], 0.0));
+}
+
+/* Towards the Sun, camera axes: how far from the nadir she stands is as time and place say it, about it as it was read. */
+static void sun_of(const State *s, double *sun) {
+  double nadir[3], level[3], down = -dot(sun_known, s->r) / sqrt(dot(s->r, s->r)), along;
+  nadir_of(s, nadir);
+  along = dot(sun_read, nadir);
+  for (int i = 0; i < 3; i++) level[i] = sun_read[i] - along * nadir[i];
+  double size = sqrt(fmax(1.0 - down * down, 0.0)) / fmax(sqrt(dot(level, level)), 1e-9);
+  for (int i = 0; i < 3; i++) sun[i] = down * nadir[i] + size * level[i];
+}
+
+/* Where a normal n and a line of sight u, camera axes, are in the table. */
+static void find(const State *s, const double *n, const double *u, Place *at) {
+  double a, b, first, second, up[3], row[LIMB_A + 1], column[LIMB_B];
   int i, j, next, below;
   if (LIMB_THERMAL) {
     times_transposed(s->R[0], n, up);
@@ -175,54 +214,78 @@ static void corners(const State *s, const double *n, const double *u, int *corne
     double end = j + 1 < LIMB_B ? limb_second[next] : limb_second[0] + 12.0;
     b = (second - limb_second[j]) / (end - limb_second[j]);
   } else {
+    double sun[3];
+    sun_of(s, sun);
     cross(n, u, up);
     first = acos(clip(dot(n, sun), -1.0, 1.0));
     second = fabs(atan2(dot(up, sun), dot(u, sun)));
     j = before(limb_second, LIMB_B, second, &b);
     next = j + 1 < LIMB_B ? j + 1 : j;
+    spline_weights(zenith, zeniths, of_zenith, first, row);
+    spline_weights(limb_second, LIMB_B, of_azimuth, second, column);
+    for (int k = 0; k < LIMB_A; k++)
+      for (int l = 0; l < LIMB_B; l++) at->curved[k * LIMB_B + l] = row[k] * column[l];
   }
   i = before(limb_first, LIMB_A, first, &a);
   below = i + 1 < LIMB_A ? i + 1 : i;
-  corner[0] = i * LIMB_B + j, corner[1] = i * LIMB_B + next;
-  corner[2] = below * LIMB_B + j, corner[3] = below * LIMB_B + next;
-  share[0] = (1 - a) * (1 - b), share[1] = (1 - a) * b, share[2] = a * (1 - b), share[3] = a * b;
+  at->corner[0] = i * LIMB_B + j, at->corner[1] = i * LIMB_B + next;
+  at->corner[2] = below * LIMB_B + j, at->corner[3] = below * LIMB_B + next;
+  at->share[0] = (1 - a) * (1 - b), at->share[1] = (1 - a) * b, at->share[2] = a * (1 - b), at->share[3] = a * b;
 }
 
-static double mean_at(const int *corner, const double *share, int h) {
+static double mean_at(const Place *at, int h) {
   double sum = 0.0;
-  for (int c = 0; c < 4; c++) sum += share[c] * limb_mean_scale[corner[c]] * limb_mean[corner[c] * LIMB_H + h];
+  if (LIMB_THERMAL) {
+    for (int c = 0; c < 4; c++)
+      sum += at->share[c] * limb_mean_scale[at->corner[c]] * limb_mean[at->corner[c] * LIMB_H + h];
+    return sum;
+  }
+  for (int row = 0; row < LIMB_A * LIMB_B; row++) sum += at->curved[row] * root_of_mean[row * LIMB_H + h];
+  return sum > 0.0 ? sum * sum : 0.0;
+}
+
+static double mode_at(const Place *at, int k, int h) {
+  double sum = 0.0;
+  int rows = LIMB_THERMAL ? 4 : LIMB_A * LIMB_B;
+  for (int i = 0; i < rows; i++) {
+    int row = (LIMB_THERMAL ? at->corner[i] : i) * (LIMB_K + 1) + k;
+    sum += (LIMB_THERMAL ? at->share[i] : at->curved[i]) * limb_modes_scale[row] * limb_modes[row * LIMB_H + h];
+  }
   return sum;
 }
 
 /* The table's profiles at a node whose line of sight is u. A line that passes below the height z from which light comes
    ends earlier, by the angle d = (2 (z - h) / R)^1/2: thermal means are those of the latitude there, and a mode is there
-   alike with what it is at the lowest point as exp(-d^2 / 2 l^2). */
+   alike with what it is at the lowest point as exp(-d^2 / 2 l^2). A line that passes h above the limb, l away, is turned
+   by h / l and has its lowest point as much nearer: sunlit means are those of the Sun there. */
 static void look_up(const State *s, const double *u, Node *at) {
   enum { ENDS = 6 };
-  int corner[4], end_corner[ENDS][4];
-  double share[4], end_share[ENDS][4], n[3], distance;
+  static Place here, end[ENDS];
+  double n[3], distance;
   lowest(s, u, &distance, at->up);
   times(s->R[0], at->up, n);
-  corners(s, n, u, corner, share);
+  find(s, n, u, &here);
   for (int h = 0; h < LIMB_H; h++) {
-    at->mean[h] = mean_at(corner, share, h);
+    at->mean[h] = mean_at(&here, h);
     at->left[h] = 0.0;
-    for (int c = 0; c < 4; c++) at->left[h] += share[c] * limb_left_scale[corner[c]] * limb_left[corner[c] * LIMB_H + h];
-    for (int k = 0; k < LIMB_K; k++) {
-      at->modes[k][h] = 0.0;
-      for (int c = 0; c < 4; c++) {
-        int row = corner[c] * (LIMB_K + 1) + k;
-        at->modes[k][h] += share[c] * limb_modes_scale[row] * limb_modes[row * LIMB_H + h];
-      }
-    }
+    for (int c = 0; c < 4; c++)
+      at->left[h] += here.share[c] * limb_left_scale[here.corner[c]] * limb_left[here.corner[c] * LIMB_H + h];
+    for (int k = 0; k < LIMB_K; k++) at->modes[k][h] = mode_at(&here, k, h);
   }
   for (int e = 0; e < ENDS; e++) {
-    double angle = e * ENDS_STEP, end[3];
-    for (int i = 0; i < 3; i++) end[i] = cos(angle) * n[i] - sin(angle) * u[i];
-    corners(s, end, u, end_corner[e], end_share[e]);
+    double angle = LIMB_THERMAL ? e * ENDS_STEP : (SUNLIT_M + e * SUNLIT_STEP_M) * sqrt(2.0 * curve / EARTH_M);
+    double up[3], line[3];
+    for (int i = 0; i < 3; i++) up[i] = cos(angle) * n[i] - sin(angle) * u[i], line[i] = cos(angle) * u[i] + sin(angle) * n[i];
+    find(s, up, LIMB_THERMAL ? u : line, &end[e]);
   }
-  /* the means are moved by their own brightest height, the modes by that of the moved means */
-  for (int pass = 0; pass < 2; pass++) {
+  if (!LIMB_THERMAL)
+    for (int h = 0; h < LIMB_H; h++) {
+      double place = clip((limb_height_m[h] - SUNLIT_M) / SUNLIT_STEP_M, 0.0, ENDS - 1.0);
+      int e = place < ENDS - 2 ? (int)place : ENDS - 2;
+      at->mean[h] = (e + 1 - place) * mean_at(&end[e], h) + (place - e) * mean_at(&end[e + 1], h);
+    }
+  /* thermal means are moved by their own brightest height, the modes by that of the moved means */
+  for (int pass = LIMB_THERMAL ? 0 : 1; pass < 2; pass++) {
     double largest = 0.0, source = 0.0;
     for (int h = 0; h < LIMB_H; h++) largest = fmax(largest, at->mean[h]);
     for (int h = 0; h < LIMB_H; h++)
@@ -232,9 +295,7 @@ static void look_up(const State *s, const double *u, Node *at) {
       int e = (int)place;
       if (pass == 1)
         for (int k = 0; k < LIMB_K; k++) at->alike[k][h] = exp(-0.5 * pow(away / limb_correlation_rad[k], 2.0));
-      else if (LIMB_THERMAL)
-        at->mean[h] = (e + 1 - place) * mean_at(end_corner[e], end_share[e], h) +
-                      (place - e) * mean_at(end_corner[e + 1], end_share[e + 1], h);
+      else at->mean[h] = (e + 1 - place) * mean_at(&end[e], h) + (place - e) * mean_at(&end[e + 1], h);
     }
   }
 }
@@ -396,6 +457,13 @@ static int choose(State *s) {
     for (int e = 0; e < 2; e++) {
       double t = start + (e ? clip(border[m], ends[0], ends[1]) : border[m]), *v = e ? seen : u;
       for (int i = 0; i < 3; i++) v[i] = sine * (cos(t) * a[i] + sin(t) * b[i]) + at_centre * nadir[i];
+    }
+    /* The limb of the ellipsoid is up to 21 km lower than that of a sphere. */
+    for (int k = 0; k < 2; k++) {
+      double n[3], n_cam[3], distance, h = lowest(s, u, &distance, n);
+      times(s->R[0], n, n_cam);
+      for (int i = 0; i < 3; i++) u[i] -= n_cam[i] * h / distance;
+      unit(u);
     }
     look_up(s, u, &node[m]);
     double column = cx + fx * seen[0] / seen[2], row = cy + fy * seen[1] / seen[2], here = across_at(s, column, row);
@@ -1093,11 +1161,13 @@ int main(void) {
   if (scanf("%d %d %lf %lf %lf %lf", &width, &height, &fx, &fy, &cx, &cy) != 6 ||
       scanf("%lf %lf %lf %lf", &s.r[0], &s.r[1], &s.r[2], &sigma_r) != 4 ||
       scanf("%lf %lf %lf %lf %lf", &q[0], &q[1], &q[2], &q[3], &sigma_q) != 5 ||
-      scanf("%lf %lf %lf %lf", &month, &sun[0], &sun[1], &sun[2]) != 4 ||
+      scanf("%lf %lf %lf %lf", &month, &sun_read[0], &sun_read[1], &sun_read[2]) != 4 ||
+      scanf("%lf %lf %lf", &sun_known[0], &sun_known[1], &sun_known[2]) != 3 ||
       scanf("%lf %lf %lf %lf %lf", &s.blur, &blur_sigma, &lift_sigma, &s.gain, &gain_sigma) != 5 || getchar() != '\n' ||
       width < 8 || height < 8 || width > 32767 || height > 32767 || (long)width * height > MOST_PIXELS ||
       fread(image, sizeof *image, (size_t)width * height, stdin) != (size_t)width * height)
     return refuse("bad_input", "the image or what is known beside it cannot be read");
+  prepare_splines();
   from_quaternion(q, s.R);
   if (dot(s.r, s.r) < A_M * A_M * 1.0001) return refuse("bad_input", "the position lies in the Earth");
   s.sharpness = SHARPNESS_PRIOR;

@@ -1,4 +1,4 @@
-/* Vectors, turns, sorting, cosine transforms, and a small quadratic programme; C99, no allocation. */
+/* Vectors, turns, sorting, cosine transforms, splines, and a small quadratic programme; C99, no allocation. */
 #ifndef MATHS_H
 #define MATHS_H
 #include <math.h>
@@ -184,6 +184,48 @@ static void not_negative(double A[3][3], const double *b, double *x) {
     for (int i = 0; i < 3; i++) value -= y[i] * b[i];
     if (ok && value < best) best = value, memcpy(x, y, sizeof y);
   }
+}
+
+/* A cubic spline through places of an axis. Its slopes are S times the values there, so that its second derivative is
+   steady; at the ends 0 where they are level, else those of the parabola through three places. next_share: room for n. */
+static void spline_slopes(const float *axis, int n, int level_first, int level_last, double *S, double *next_share) {
+  memset(S, 0, (size_t)n * n * sizeof *S);
+  if (n == 1) return;
+  for (int i = 0; i < n; i++) {
+    double *row = S + i * n, low = 0.0, diagonal = 1.0, above = 0.0;
+    if (i > 0 && i < n - 1) {
+      double before = axis[i] - axis[i - 1], after = axis[i + 1] - axis[i];
+      low = after, diagonal = 2.0 * (before + after), above = before;
+      row[i - 1] = -3.0 * after / before, row[i + 1] = 3.0 * before / after;
+      row[i] = -row[i - 1] - row[i + 1];
+    } else if (i == 0 ? !level_first : !level_last) {
+      int a = i == 0 ? 0 : n - 1, b = i == 0 ? 1 : n - 2, c = i == 0 ? 2 : n - 3;
+      double near = axis[b] - axis[a], far = n > 2 ? axis[c] - axis[b] : 0.0, bend = n > 2 ? near / (near + far) : 0.0;
+      row[b] = (1.0 + bend) / near, row[a] = -row[b];
+      if (n > 2) row[b] += bend / far, row[c] = -bend / far;
+    }
+    if (i > 0) {
+      diagonal -= low * next_share[i - 1];
+      for (int j = 0; j < n; j++) row[j] -= low * row[j - n];
+    }
+    for (int j = 0; j < n; j++) row[j] /= diagonal;
+    next_share[i] = above / diagonal;
+  }
+  for (int i = n - 2; i >= 0; i--)
+    for (int j = 0; j < n; j++) S[i * n + j] -= next_share[i] * S[(i + 1) * n + j];
+}
+
+/* What the values at the places of an axis count for at x; its ends hold. */
+static void spline_weights(const float *axis, int n, const double *S, double x, double *w) {
+  int i = 0;
+  memset(w, 0, n * sizeof *w);
+  w[0] = 1.0;
+  if (n == 1) return;
+  while (i < n - 2 && x >= axis[i + 1]) i++;
+  double h = axis[i + 1] - axis[i], t = clip((x - axis[i]) / h, 0.0, 1.0), rest = 1.0 - t;
+  for (int j = 0; j < n; j++) w[j] = h * t * rest * (rest * S[i * n + j] - t * S[(i + 1) * n + j]);
+  w[i] += (1.0 + 2.0 * t) * rest * rest;
+  w[i + 1] += t * t * (3.0 - 2.0 * t);
 }
 
 #endif

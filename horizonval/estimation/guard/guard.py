@@ -53,6 +53,8 @@ from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.ranks import median
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty, limb_directions
+from horizonval.estimation.limb.smaller import in_whole
+from horizonval.estimation.limb.smaller import smaller as of_wider_pixels
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project, unproject
 from horizonval.geometry.cone import Cone, fit_cone
@@ -173,20 +175,8 @@ class _GuardPoints:
 
 def smaller(observation: Observation, scale: int) -> Observation:
     """Return what a detector with pixels as wide as ``scale`` would have seen; columns and rows left over are cut."""
-    camera = observation.camera
-    width, height = camera.width // scale, camera.height // scale
-    whole = np.asarray(observation.image, dtype=np.float64)[: height * scale, : width * scale]
-    image = whole.reshape(height, scale, width, scale).mean(axis=(1, 3))
-    small = replace(
-        camera,
-        width=width,
-        height=height,
-        fx=camera.fx / scale,
-        fy=camera.fy / scale,
-        cx=(camera.cx + 0.5) / scale - 0.5,
-        cy=(camera.cy + 0.5) / scale - 0.5,
-    )
-    return replace(observation, image=image, camera=small)
+    image, camera = of_wider_pixels(observation.image, observation.camera, scale)
+    return replace(observation, image=image, camera=camera)
 
 
 def _into_twilight(
@@ -306,7 +296,7 @@ def _run(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     if found.scale > 1:
         # A limb that is many pixels deep is an edge in a smaller copy, and all that is asked of it is asked there.
         result = _run(estimator, smaller(observation, found.scale))
-        return replace(result, points=found.scale * (result.points + 0.5) - 0.5)
+        return replace(result, points=in_whole(result.points, found.scale))
     limb = _trusted(picture, found, observation, estimator.estimates)
     if isinstance(limb, Refusal):
         return limb

@@ -1,7 +1,15 @@
-"""From a limb's likelihood to what an estimator claims: start points in, nadir and covariance out, or a refusal."""
+"""From a limb's likelihood to what an estimator claims: start points in, nadir and covariance out, or a refusal.
+
+The edge of the fit is one exponential in a window of some pixels. Where a pixel sees less of the air than its scale
+height, the limb is tens of pixels deep, of another shape than that, and larger than the window: a sector's levels then
+take the place of its edge, and the search may walk to and fro without an end. The same limb is fitted then in copies
+with wider pixels, by halves, as far as the pixels before saw less than a scale height. Its light is averaged there and
+not thrown away, so that of so soft an edge little is lost, and its covariance is that of the copy's own pixels.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -10,10 +18,12 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.likelihood.fit import fit_limb, nadir_derivative
+from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, NotConverged, fit_limb, nadir_derivative
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
 from horizonval.estimation.limb.picture import Picture
+from horizonval.estimation.limb.smaller import in_whole, smaller
 from horizonval.estimation.observation import Fit, Observation
+from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.geometry.horizon import angular_radius
@@ -32,10 +42,34 @@ def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge
     knowledge : LimbKnowledge
     """
     try:
-        found = fit_limb(picture.grey, observation.camera, start, knowledge, picture.noise_sigma)
+        found = _fitted(picture, observation.camera, start, knowledge)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"the likelihood of the limb: {e}")
     return fit_of(found, observation, knowledge.ellipsoid)
+
+
+def _fitted(
+    picture: Picture, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge, scale: int = 1
+) -> LimbLikelihoodFit:
+    """Return the fit of a picture with pixels ``scale`` times as wide, or of the widest that the limb asks for."""
+    if scale > 1:
+        image, small = smaller(picture.grey, camera, scale)
+        here, known = Picture(image, picture.full_scale), replace(knowledge, blur_px=knowledge.blur_px / scale)
+    else:
+        here, small, known = picture, camera, knowledge
+    try:
+        found = fit_limb(here.grey, small, start, known, here.noise_sigma)
+    except NotConverged:
+        if not _pixel_m(small, start, knowledge) < knowledge.scale_height_m:
+            raise
+        return _fitted(picture, camera, start, knowledge, 2 * scale)
+    return replace(found, uv=in_whole(found.uv, scale))
+
+
+def _pixel_m(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) -> float:
+    """Return how much of the air a pixel on the axis sees, at the distance of the limb."""
+    to_limb_2 = float(pose.r_itrs @ pose.r_itrs) - float(knowledge.ellipsoid.axes_m[0]) ** 2
+    return float(np.sqrt(max(to_limb_2, 0.0))) / max(camera.fx, camera.fy)
 
 
 class PoseFit(Protocol):

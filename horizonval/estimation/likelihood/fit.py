@@ -62,6 +62,10 @@ MOST_HALVINGS = 10
 """Of a step that makes the pixels less probable: to a thousandth of it."""
 
 
+class NotConverged(np.linalg.LinAlgError):
+    """Steps without an end."""
+
+
 @dataclass(frozen=True)
 class LimbLikelihoodFit:
     """The most probable pose.
@@ -169,7 +173,9 @@ def fit_limb(
     Raises
     ------
     numpy.linalg.LinAlgError
-        Too little limb in view, or no convergence.
+        Too little limb in view.
+    NotConverged
+        One of them: no convergence.
     """
     found = _Search(image, camera, start, knowledge).run()
     near, model, light, covariance = found.near, found.model, found.light, found.covariance
@@ -213,8 +219,7 @@ class _Search:
 
         Raises
         ------
-        numpy.linalg.LinAlgError
-            No convergence.
+        NotConverged
         """
         settled = 0
         merit = self._merit()
@@ -252,7 +257,7 @@ class _Search:
         pose_step = full[:POSE]
         # Blur and softness may go on to and fro where nothing tells them apart, with the pose in its place.
         if float(pose_step @ np.linalg.solve(self.covariance[:POSE, :POSE], pose_step)) > CONVERGED:
-            raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
+            raise NotConverged(f"no convergence in {MOST_STEPS} steps")
         return self
 
     def _look(self, held: LimbLight | None) -> tuple[LimbModel, LimbLight]:

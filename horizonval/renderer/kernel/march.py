@@ -341,7 +341,7 @@ def _integrate(
     def body(
         i: mi.UInt32, t0: mi.Float64, tau: Values, radiance: Values, state: State
     ) -> tuple[mi.UInt32, mi.Float64, Values, Values, State]:
-        light, (looked, _) = source.over_round(t0, bound(mi.Float64(i) + float(together)), state)
+        light, (looked, _) = source.over_round(t0, bound(mi.Float64(i) + float(together)), state, i == 0)
 
         def step(
             k: mi.UInt32, t0: mi.Float64, tau: Values, radiance: Values, bending: mi.Float64 | None

@@ -97,10 +97,13 @@ class RaySource(Protocol):
         """How many steps share lookups."""
 
     def state_at(self, t: mi.Float64, bending: mi.Float64 | None) -> State:
-        """Return the state at ray parameters."""
+        """Return the state where rays begin."""
 
-    def over_round(self, t0: mi.Float64, t1: mi.Float64, state: State) -> tuple[DiffuseAlong, State]:
-        """Return the diffuse source between ray parameters, and the state at the latter; ``state`` is at the former."""
+    def over_round(self, t0: mi.Float64, t1: mi.Float64, state: State, begins: mi.Bool) -> tuple[DiffuseAlong, State]:
+        """Return the diffuse source between ray parameters, and the state at the latter; ``state`` is at the former.
+
+        ``begins``: whether rays begin there.
+        """
 
     def over_step(
         self, t0: mi.Float64, t1: mi.Float64, bending: mi.Float64 | None, light: DiffuseAlong
@@ -146,7 +149,7 @@ class EmittingRays:
         """Nothing is carried."""
         return [], None
 
-    def over_round(self, t0: mi.Float64, t1: mi.Float64, state: State) -> tuple[DiffuseAlong, State]:
+    def over_round(self, t0: mi.Float64, t1: mi.Float64, state: State, begins: mi.Bool) -> tuple[DiffuseAlong, State]:
         """Return nothing: the place is enough."""
         return DiffuseAlong(t0, t0), state
 
@@ -221,10 +224,18 @@ class SunlitRays:
         return cls(batch, planet, o, d, sun, steps, bent, molecular)
 
     def state_at(self, t: mi.Float64, bending: mi.Float64 | None) -> State:
+        """Return the state where rays begin; in rounds of several lookups the first of them finds it."""
+        bending = None if self.bent is None else bending
+        if self.round.lookups == 1:
+            return self._look(t, bending), bending
+        parts = 1 if self.batch.bounce is None else 2
+        return [dr.zeros(mi.Float32, dr.width(t)) for _ in range(2 * parts * self.batch.width)], bending
+
+    def _look(self, t: mi.Float64, bending: mi.Float64 | None) -> list[mi.Float32]:
         """Return ``ln`` of the diffuse source per scattering coefficient, in the order of ``SolarNodes.source_at``."""
-        batch, bending = self.batch, None if self.bent is None else bending
+        batch = self.batch
         if batch.diffuse is None:
-            return [], bending
+            return []
         # in single precision heights are good to a metre, plenty for light that changes over kilometres
         x, y, z = (mi.Float32(v) for v in along(self.o, self.d, t))
         height, normal = self.planet.height_and_normal((x, y, z))
@@ -239,9 +250,9 @@ class SunlitRays:
             height, sun = mi.Float32(self.bent.true_height(i, w)), self.bent.sun_at(bending)
         fields = [batch.diffuse] if batch.bounce is None else [batch.diffuse, batch.bounce.field]
         looked = [field.log_sources(height, normal, self.d, sun, batch.cos2, asymmetry, forward) for field in fields]
-        return [source for sources in looked for source in sources], bending
+        return [source for sources in looked for source in sources]
 
-    def over_round(self, t0: mi.Float64, t1: mi.Float64, state: State) -> tuple[DiffuseAlong, State]:
+    def over_round(self, t0: mi.Float64, t1: mi.Float64, state: State, begins: mi.Bool) -> tuple[DiffuseAlong, State]:
         """Return the diffuse source between ray parameters, and the state at the latter."""
         first, bending = state
         if not first:
@@ -252,18 +263,22 @@ class SunlitRays:
         def look(
             k: mi.UInt32, t: mi.Float64, bending: mi.Float64 | None, looked: list[list[mi.Float32]]
         ) -> tuple[mi.UInt32, mi.Float64, mi.Float64 | None, list[list[mi.Float32]]]:
-            end = t1 if count == 1 else t + part
+            end = t1 if count == 1 else dr.select(k == 0, t, t + part)
             if self.bent is not None and bending is not None:
                 grid = self.batch.grid
                 _, _, bending = bending_over_step(self.planet, self.bent, grid, self.o, self.d, t, end, bending)
-            return k + 1, end, bending, [*looked[1:], self.state_at(end, bending)[0]]
+            return k + 1, end, bending, [*looked[1:], self._look(end, bending)]
 
         zero = dr.zeros(mi.Float32, dr.width(t0))
-        begin = mi.UInt32(0), t0 + 0.0, bending, [[zero + 0.0 for _ in first] for _ in range(count)]
-        # the many lines of a lookup are once in the kernel
-        _, _, _, looked = repeated(count, begin, look, "lookups")
+        before = [[zero + 0.0 for _ in first] for _ in range(count)]
+        if count == 1:
+            looked = look(mi.UInt32(1), t0, bending, [*before, first])[-1]
+        else:
+            # the many lines of a lookup are once in the kernel, that where rays begin among them
+            number = dr.select(begins, mi.UInt32(0), 1)
+            looked = repeated(count + 1, (number, t0 + 0.0, bending, [*before, first]), look, "lookups", begins)[-1]
         length = dr.maximum(t1 - t0, 1e-3)
-        return DiffuseAlong(t0, 1.0 / length, _powers([first, *looked])), (looked[-1], None)
+        return DiffuseAlong(t0, 1.0 / length, _powers(looked)), (looked[-1], None)
 
     def over_step(
         self, t0: mi.Float64, t1: mi.Float64, bending: mi.Float64 | None, light: DiffuseAlong
@@ -321,14 +336,22 @@ def _powers(looked: Sequence[Sequence[mi.Float32]]) -> list[list[mi.Float32]]:
     ]
 
 
-def repeated(count: int, start: tuple[Any, ...], body: Callable[..., tuple[Any, ...]], label: str) -> tuple[Any, ...]:
+def repeated(
+    count: int,
+    start: tuple[Any, ...],
+    body: Callable[..., tuple[Any, ...]],
+    label: str,
+    first: mi.Bool | None = None,
+) -> tuple[Any, ...]:
     """Return what ``count`` rounds of a kernel's loop carry, whose counter is first; one round needs no loop.
 
-    Nor do derivatives: a loop within a loop knows none by what it does not carry itself.
+    Nor do derivatives: a loop within a loop knows none by what it does not carry itself. ``first``: whether the counter
+    begins at 0, and not at 1; None: always.
     """
     if count == 1 or dr.grad_enabled(start):
-        for _ in range(count):
-            start = body(*start)
+        for k in range(count):
+            following = body(*start)
+            start = following if k or first is None else dr.select(first, following, start)
         return start
     return dr.while_loop(start, lambda k, *_: k < count, body, label=label)
 

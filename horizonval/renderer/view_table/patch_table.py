@@ -34,6 +34,7 @@ from horizonval.renderer.view_table.spline_patch import (
     COEFFICIENTS,
     INTERVALS,
     NODES,
+    between,
     coefficients_of,
     predicted,
     spline_weights,
@@ -149,7 +150,7 @@ class PatchTable:
         for size, patches in part.items():
             known, values = values[: len(patches)], values[len(patches) :]
             allowed = self.tabulated.allowed(known)
-            error = [(np.abs(predicted(known, axis) - known) / allowed).max(axis=(1, 2, 3)) for axis in (0, 1)]
+            error = [_largest_miss(known, allowed, axis) for axis in (0, 1)]
             finest = (FINEST if size[1] else FINEST_ROWS, FINEST)
             coarse = np.stack([(e > 1.0) & (n < f) for e, n, f in zip(error, size, finest, strict=True)], axis=1)
             last = ~coarse.any(axis=1)
@@ -242,6 +243,15 @@ class PatchTable:
                         k = p * PACKET + q
                         total[k] = dr.fma(weight, mi.Float64(value), total[k])
         return total
+
+
+def _largest_miss(values: FloatArray, allowed: FloatArray, axis: int) -> FloatArray:
+    """Return for every patch how far its splines through every second node along an axis are off, of what they may."""
+    miss = predicted(values, axis)
+    np.subtract(miss, between(values, axis), out=miss)
+    np.abs(miss, out=miss)
+    np.divide(miss, between(allowed, axis), out=miss)
+    return np.asarray(miss.max(axis=(1, 2, 3)))
 
 
 def _node_keys(patches: NDArray[np.int64], size: tuple[int, int]) -> NDArray[np.int64]:

@@ -11,6 +11,7 @@ neighbours. On an edge it depends on that edge's nodes alone, so that patches of
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
 import mitsuba as mi
@@ -22,6 +23,8 @@ from horizonval.renderer.types import Number, Values
 INTERVALS = 8
 NODES = INTERVALS + 1
 COEFFICIENTS = INTERVALS + 3
+VALUES_AT_ONCE = 60_000
+"""Half a megabyte of them, as a processor keeps near."""
 
 
 def spline_matrix(intervals: int) -> FloatArray:
@@ -47,23 +50,33 @@ def to_coefficients() -> FloatArray:
 
 @cache
 def prediction() -> FloatArray:
-    """Return the matrix that makes values at all nodes of a patch from those at every second one."""
+    """Return the matrix that makes values at every second node of a patch, from its second on, from the others."""
     half = spline_matrix(INTERVALS // 2)
-    out = np.zeros((NODES, len(half)))
-    for i in range(NODES):
-        place = min(i // 2, INTERVALS // 2 - 1)
-        out[i, place : place + 4] = spline_weights(0.5 * i - place)
+    out = np.zeros((INTERVALS // 2, len(half)))
+    for place in range(INTERVALS // 2):
+        out[place, place : place + 4] = spline_weights(0.5)
     return out @ half
 
 
 def _along(matrix: FloatArray, values: FloatArray, axis: int) -> FloatArray:
     """Return a matrix times values along an axis of (..., NODES, NODES, q).
 
-    Term by term: a product of matrices would round by how many patches there are.
+    Term by term: a product of matrices would round by how many patches there are. A few patches at a time, which stay
+    in a processor's cache.
     """
-    nodes = np.moveaxis(values, axis - 3, 0)
-    terms = (np.multiply.outer(matrix[:, i], nodes[i]) for i in range(len(nodes)))
-    return np.asarray(np.moveaxis(sum(terms, start=np.zeros(())), 0, axis - 3))
+    shape = list(values.shape)
+    shape[axis - 3] = len(matrix)
+    patches, product = values.reshape(-1, *values.shape[-3:]), np.empty((math.prod(shape[:-3]), *shape[-3:]))
+    few = max(VALUES_AT_ONCE // math.prod(shape[-3:]), 1)
+    for first in range(0, len(patches), few):
+        nodes, totals = (np.moveaxis(part[first : first + few], axis - 3, 0) for part in (patches, product))
+        term = np.empty(nodes.shape[1:])
+        for weights, total in zip(matrix, totals, strict=True):
+            np.multiply(nodes[0], weights[0], out=total)
+            for node, weight in zip(nodes[1:], weights[1:], strict=True):
+                np.multiply(node, weight, out=term)
+                total += term
+    return product.reshape(shape)
 
 
 def coefficients_of(values: FloatArray) -> FloatArray:
@@ -72,8 +85,13 @@ def coefficients_of(values: FloatArray) -> FloatArray:
 
 
 def predicted(values: FloatArray, axis: int) -> FloatArray:
-    """Return values (..., NODES, NODES, q) as the splines through every second node along an axis (0, 1) have them."""
-    return _along(prediction(), values.take(range(0, NODES, 2), axis=axis - 3), axis)
+    """Return values as the splines through every second node along an axis (0, 1) have them, at the nodes between."""
+    return _along(prediction(), between(values, axis, 0), axis)
+
+
+def between(values: FloatArray, axis: int, first: int = 1) -> FloatArray:
+    """Return the values of every second node along an axis (0, 1) of (..., NODES, NODES, q)."""
+    return values[(..., *[slice(first, None, 2) if k == axis else slice(None) for k in range(2)], slice(None))]
 
 
 def spline_weights(w: Number) -> list[Number]:

@@ -10,6 +10,12 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.templates import LimbTemplates, quantised
 
+BETWEEN = {
+    "thermal": "Linear between nodes and heights",
+    "solar": "Between nodes splines of the mean's root and of modes, linear between heights",
+}
+"""Nodes and heights, as :mod:`horizonval.estimation.likelihood.templates` has it."""
+
 
 def header_text(table: LimbTemplates, comment: str) -> str:
     """Return the text of a header.
@@ -21,7 +27,7 @@ def header_text(table: LimbTemplates, comment: str) -> str:
     lines = [
         "/* Profiles of the limb, made by `horizonval templates SUITE -o table.h`.",
         *textwrap.wrap(comment, 100, initial_indent="   ", subsequent_indent="   "),
-        "   Multilinear between nodes and heights; value = scale * whole number. W m-2 sr-1 um-1, metres, radians. */",
+        f"   {BETWEEN[table.band_kind]}; value = scale * whole number. W m-2 sr-1 um-1, metres, radians. */",
         "#ifndef LIMB_TABLE_H",
         "#define LIMB_TABLE_H",
         "#include <stdint.h>",

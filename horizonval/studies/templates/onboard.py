@@ -19,6 +19,11 @@ from horizonval.core.errors import UserError
 from horizonval.estimation.likelihood.templates import LimbTemplates, quantised
 
 FEWEST_HEIGHTS = 8
+FAINT = 1e-3
+"""Of the brightest light of a table: where a limb has less it is dark, and no share of it counts."""
+BESIDE = 2
+"""Nodes of a sunlit table on either side of those between which limbs are met: a spline's end bends it there, and a
+quarter as much from node to node."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +68,12 @@ def cut_down(whole: LimbTemplates, places: LimbPlaces, error: float) -> CutTable
         raise UserError("no limb is in view in any frame", expected="a camera that looks at the limb")
     if not 1e-4 <= error <= 0.1:
         raise UserError(f"found {error:g}", where="--error", expected="a share from 0.0001 to 0.1")
-    rows = _around(whole.axes[0], places.first)
+    beside = 0 if whole.band_kind == "thermal" else BESIDE
+    rows = _around(whole.axes[0], places.first, beside)
     if whole.band_kind == "thermal":
         columns = months_around(whole.axes[1], places.second)
     else:
-        columns = _around(whole.axes[1], np.abs((places.second + np.pi) % (2.0 * np.pi) - np.pi))
+        columns = _around(whole.axes[1], np.abs((places.second + np.pi) % (2.0 * np.pi) - np.pi), beside)
     low = max(int(np.searchsorted(whole.height_m, places.lowest_m, side="right")) - 1, 0)
     grid = np.ix_(rows, columns)
     near = replace(
@@ -95,10 +101,10 @@ def cut_down(whole: LimbTemplates, places: LimbPlaces, error: float) -> CutTable
     return CutTable(table, float(np.abs(off).max()), float(np.sqrt(np.mean(off**2))), size)
 
 
-def _around(axis: FloatArray, x: FloatArray) -> np.ndarray:
-    """Return the nodes of an axis that the interpolation at some places reads."""
+def _around(axis: FloatArray, x: FloatArray, beside: int = 0) -> np.ndarray:
+    """Return the nodes of an axis that the interpolation at some places reads, and so many on either side."""
     i = np.clip(np.searchsorted(axis, x, side="right") - 1, 0, max(len(axis) - 2, 0))
-    return np.arange(int(i.min()), min(int(i.max()) + 1, len(axis) - 1) + 1)
+    return np.arange(max(int(i.min()) - beside, 0), min(int(i.max()) + 1 + beside, len(axis) - 1) + 1)
 
 
 def months_around(axis: FloatArray, month: FloatArray) -> np.ndarray:
@@ -169,10 +175,11 @@ def _rounded(table: LimbTemplates) -> LimbTemplates:
 def _differences(whole: LimbTemplates, cut: LimbTemplates, places: LimbPlaces) -> FloatArray:
     """Return by how much mean and modes at the places differ, shares of the largest mean."""
     mean, modes, _ = whole.at(places.first, places.second)
+    scale = np.maximum(mean.max(axis=1), FAINT * max(float(whole.mean.max()), 1e-30))
     mean_cut, modes_cut, _ = cut.at(places.first, places.second)
     before = np.concatenate([mean[:, None], modes], axis=1)
     after = np.concatenate([mean_cut[:, None], modes_cut], axis=1)
     i = np.clip(np.searchsorted(cut.height_m, whole.height_m, side="right") - 1, 0, len(cut.height_m) - 2)
     w = (whole.height_m - cut.height_m[i]) / (cut.height_m[i + 1] - cut.height_m[i])
     between = after[..., i] * (1.0 - w) + after[..., i + 1] * w
-    return np.asarray((between - before) / np.maximum(mean.max(axis=1), 1e-30)[:, None, None])
+    return np.asarray((between - before) / scale[:, None, None])

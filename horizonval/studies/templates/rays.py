@@ -20,6 +20,13 @@ LATITUDE_DEG = np.linspace(-90.0, 90.0, 19)
 MONTHS = np.arange(1.0, 13.0)
 SUN_ZENITH_DEG = np.array([0.0, 25.0, 45.0, 60.0, 70.0, 76.0, 80.0, 83.0, 86.0, 88.0, 90.0, 92.0, 94.0, 96.0, 99.0])
 SUN_AZIMUTH_DEG = np.array([0.0, 20.0, 45.0, 75.0, 105.0, 140.0, 180.0])
+_KNOWN_HIGH = (0.0, 25.0, 45.0, 60.0, 69.0, 75.0, 79.0, 82.0, 84.5, 86.5)
+_KNOWN_LOW = (*range(88, 94), 94.5, 96.0, 98.0, 100.0, 103.0)
+KNOWN_ZENITH_DEG = np.array([*_KNOWN_HIGH, *_KNOWN_LOW])
+KNOWN_AZIMUTH_DEG = np.array([0.0, 10.0, 20.0, 35.0, 50.0, 70.0, 90.0, 115.0, 145.0, 180.0])
+"""Places of sunlit tables of one air that is known, whose errors no spread of airs hides: splines through them leave
+0.1 % of a profile's shape up to 88 deg, 0.6 % (rms) from 88 to 95 deg, where those of the ensemble's tables leave 0.3
+and 1.5 %."""
 
 
 def edge_weights(height_m: FloatArray) -> FloatArray:

@@ -172,9 +172,13 @@ def raised(model: OpticalModel, top_m: float) -> OpticalModel:
 
 
 def sunlit_profiles(
-    state: SunlitState, band: Band = WHOLE, progress: Progress | None = None, air: Mapping[str, Any] | None = None
+    state: SunlitState,
+    band: Band = WHOLE,
+    progress: Progress | None = None,
+    air: Mapping[str, Any] | None = None,
+    sun_deg: tuple[FloatArray, FloatArray] = (SUN_ZENITH_DEG, SUN_AZIMUTH_DEG),
 ) -> FloatArray:
-    """Return T at the nodes of a band over the Sun's angles of the table [1/sr], shape (nodes, A, B, H)."""
+    """Return T at the nodes of a band over the Sun's zenith angles and azimuths [1/sr], shape (nodes, A, B, H)."""
     from horizonval.renderer.kernel.batching import IMAGE_TABLE
     from horizonval.renderer.plugin.backend import activate
     from horizonval.renderer.rays.radiance import radiance_along_rays
@@ -182,7 +186,7 @@ def sunlit_profiles(
 
     activate()
     model = sunlit_model(state, band, air)
-    zenith, azimuth = np.meshgrid(np.radians(SUN_ZENITH_DEG), np.radians(SUN_AZIMUTH_DEG), indexing="ij")
+    zenith, azimuth = np.meshgrid(*map(np.radians, sun_deg), indexing="ij")
     sun = np.stack(
         [np.sin(zenith) * np.cos(azimuth), np.sin(zenith) * np.sin(azimuth), np.cos(zenith)], axis=-1
     ).reshape(-1, 3)
@@ -215,10 +219,14 @@ def band_shares(band: Band) -> FloatArray:
 
 
 def band_profiles(
-    state: SunlitState, band: Band, progress: Progress | None = None, air: Mapping[str, Any] | None = None
+    state: SunlitState,
+    band: Band,
+    progress: Progress | None = None,
+    air: Mapping[str, Any] | None = None,
+    sun_deg: tuple[FloatArray, FloatArray] = (SUN_ZENITH_DEG, SUN_AZIMUTH_DEG),
 ) -> FloatArray:
     """Return a band's profiles in its own nodes [W m-2 sr-1 um-1], shape (A, B, H)."""
     model = sunlit_model(state, band, air)
     weight = np.array([node.weight * node.solar_irradiance for node in model.nodes])
-    total = np.tensordot(weight, sunlit_profiles(state, band, progress, air), axes=(0, 0))
+    total = np.tensordot(weight, sunlit_profiles(state, band, progress, air, sun_deg), axes=(0, 0))
     return np.asarray(total / sum(node.weight for node in model.nodes))

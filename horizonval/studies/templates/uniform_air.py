@@ -4,8 +4,8 @@ Thermal: that column is marched at every latitude of the table, over the ground 
 same states of cloud, haze and ground as in the shipped tables, so that their modes alone are left.
 
 Sunlit: profiles of the air ``P`` and of the shipped tables' base ``P_0``, clear, are marched in the band's own nodes,
-and all of the shipped table is multiplied with ``P / P_0``, its modes of air left out: what haze, ground and cloud make
-of light is taken to be the same share of it in any air.
+under more Suns than the shipped tables have, and all of the shipped table is multiplied with ``P / P_0``, its modes of
+air left out: what haze, ground and cloud make of light is taken to be the same share of it in any air.
 
 ``clear``: the mean is that of the air with the mean haze; of modes those of haze and ground are left where the Sun
 shines, and in thermal bands a ground that is warmer or colder than the climate's by 5 K (rms), as in the shipped ones.
@@ -34,7 +34,7 @@ from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
 from horizonval.spec.sensor.camera import Band
 from horizonval.spec.sensor.prior import is_climate_file
 from horizonval.studies.templates import sunlit_states, thermal_states
-from horizonval.studies.templates.rays import HEIGHT_M, LATITUDE_DEG
+from horizonval.studies.templates.rays import HEIGHT_M, KNOWN_AZIMUTH_DEG, KNOWN_ZENITH_DEG, LATITUDE_DEG
 from horizonval.studies.templates.sunlit_table import FAINT
 from horizonval.studies.templates.thermal_table import COVER_MODES, cover_modes
 
@@ -139,19 +139,26 @@ def _profile(gases: GasState, band: Band, latitude_deg: float, month: float, cov
 
 def sunlit_in(air: UniformAir, band: Band, whole: LimbTemplates, progress: Progress) -> LimbTemplates:
     """Return the table of a sunlit band, from the shipped one of the bands most like it."""
-    profile = sunlit_states.band_profiles(sunlit_states.BASE, band, progress, air.keys)
-    base = sunlit_states.band_profiles(sunlit_states.BASE, band, progress)
+    sun_deg = (KNOWN_ZENITH_DEG, KNOWN_AZIMUTH_DEG)
+    axes = (np.radians(sun_deg[0]), np.radians(sun_deg[1]))
+    profile = sunlit_states.band_profiles(sunlit_states.BASE, band, progress, air.keys, sun_deg)
+    base = sunlit_states.band_profiles(sunlit_states.BASE, band, progress, sun_deg=sun_deg)
     known = base > FAINT * base.max(axis=-1, keepdims=True)
     ratio = np.where(known, profile / np.where(known, base, 1.0), 1.0)
     left_out = CLOUDY_KINDS if air.clear else ("air",)
     kept = np.array([kind not in left_out for kind in whole.mode_kinds])
+    zenith, azimuth = np.meshgrid(*axes, indexing="ij")
+    mean, modes, left_sigma = (
+        values.reshape(*zenith.shape, *values.shape[1:]) for values in whole.at(zenith.ravel(), azimuth.ravel())
+    )
     return replace(
         whole,
         band_um=bands.limits_um(band),
-        mean=profile if air.clear else whole.mean * ratio,
-        modes=whole.modes[:, :, kept] * ratio[:, :, None],
+        axes=axes,
+        mean=profile if air.clear else mean * ratio,
+        modes=modes[:, :, kept] * ratio[:, :, None],
         mode_kinds=tuple(kind for kind, stays in zip(whole.mode_kinds, kept, strict=True) if stays),
         correlation_rad=whole.correlation_rad[kept],
-        left_sigma=np.zeros_like(profile) if air.clear else whole.left_sigma * ratio,
+        left_sigma=np.zeros_like(profile) if air.clear else left_sigma * ratio,
         made_by=f"horizonval templates --air, {dict(air.keys)}",
     )

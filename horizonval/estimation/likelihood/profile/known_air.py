@@ -3,6 +3,16 @@ r"""The air that a fit leans on: a table of profiles, read where the limb in vie
 With the normal ``u`` of the ellipsoid beneath a place of the limb, the line of sight ``d`` to it, which is level there,
 and the direction ``s`` of the Sun: zenith angle ``acos(s . u)``, azimuth from the line of sight ``atan2(s . (u x d),
 s . d)``.
+
+How far from the zenith of the observer the Sun stands is known from time and place, whatever the attitude, and how she
+stands about it from a Sun sensor, or else from the attitude: a sensor that reads whole degrees would leave a limb near
+the terminator half a kilometre off.
+
+A line that passes ``h`` above the limb is turned outwards by ``b = h / l`` at the distance ``l`` of the limb, and its
+lowest point lies as much nearer: under another Sun, half a degree away from low orbit at the height of 20 km. Sunlit
+tables are read where every line has its own lowest point::
+
+    u' = cos b u - sin b d,      d' = cos b d + sin b u
 """
 
 from __future__ import annotations
@@ -14,12 +24,17 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.atmosphere.climate import month_of
 from horizonval.estimation.likelihood.knowledge import LimbPose
-from horizonval.estimation.likelihood.profile.air import NodeAir, before_lowest_rad, node_air
+from horizonval.estimation.likelihood.profile.air import EARTH_RADIUS_M, NodeAir, before_lowest_rad, node_air
 from horizonval.estimation.likelihood.templates import LimbTemplates
 
 FARTHEST_RAD, STEPS = 0.25, 6
 """Of the ends of lines before their lowest points, and at how many places tables are read up to there: deeper lines,
 with lowest points 160 km below the source of their light, keep the last."""
+LEAST_LEVEL = 1e-9
+"""Of a direction's level part: a Sun that is read straight above or below has no azimuth, and needs none."""
+SUNLIT_M = np.linspace(-20e3, 80e3, 6)
+"""Heights whose lines' lowest points sunlit tables are read at. Between them light changes evenly with the Sun, who
+stands at most 0.8 deg elsewhere from one to the next (200 km); below and above is little more."""
 
 
 class KnownAir:
@@ -30,9 +45,9 @@ class KnownAir:
     templates : LimbTemplates
     epoch_utc : datetime
     sun_cam : ndarray, shape (3,), or None
-        As a Sun sensor sees it; it needs no attitude.
+        As a Sun sensor sees it.
     sun_itrs : ndarray, shape (3,)
-        As the time says it, where no sensor does.
+        As the time says it.
     """
 
     def __init__(
@@ -58,7 +73,10 @@ class KnownAir:
         """Return the air at places along the limb; parameters as for ``ProfileKnowledge.air``."""
         table = self._templates
         mean, modes, left = table.at(*self._place(normal_cam, los_cam, pose))
-        mean = self._where_lines_end(mean, normal_cam, los_cam, pose)
+        if table.band_kind == "thermal":
+            mean = self._where_lines_end(mean, normal_cam, los_cam, pose)
+        else:
+            mean = self._under_own_sun(normal_cam, los_cam, pose, curve)
         places = normal_cam @ pose.cam_from_itrs
         return node_air(table.height_m, mean, modes, left, table.correlation_rad, places, grid_m, curve)
 
@@ -70,8 +88,6 @@ class KnownAir:
         A thermal table is of one column of air: where a line ends before its lowest point, the column is that of its
         end. Sunlit tables have no places.
         """
-        if self._templates.band_kind != "thermal":
-            return mean
         height = self._templates.height_m
         away = before_lowest_rad(height, mean)
         steps = np.linspace(0.0, FARTHEST_RAD, STEPS)
@@ -82,6 +98,20 @@ class KnownAir:
         share = place - first
         node, row = np.indices(mean.shape)
         return np.asarray(at[first, node, row] * (1.0 - share) + at[first + 1, node, row] * share)
+
+    def _under_own_sun(self, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose, curve: float) -> FloatArray:
+        """Return means (m, h), every height's under the Sun of its own line's lowest point."""
+        turn = SUNLIT_M * np.sqrt(2.0 * curve / EARTH_RADIUS_M)
+        cosine, sine = np.cos(turn)[:, None, None], np.sin(turn)[:, None, None]
+        normal, los = cosine * normal_cam - sine * los_cam, cosine * los_cam + sine * normal_cam
+        means = self._templates.mean_at(*self._place(normal.reshape(-1, 3), los.reshape(-1, 3), pose))
+        all_of_them = means.reshape(len(turn), len(normal_cam), -1)
+        place = np.interp(self._templates.height_m, SUNLIT_M, np.arange(len(SUNLIT_M)))
+        first = np.minimum(place.astype(np.intp), len(SUNLIT_M) - 2)
+        share, row = place - first, np.arange(len(place))
+        return np.asarray(
+            all_of_them[first, :, row] * (1.0 - share)[:, None] + all_of_them[first + 1, :, row] * share[:, None]
+        ).T
 
     def means(self, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose, height_m: FloatArray) -> FloatArray:
         """Return the mean profiles at places (m, 3) on heights (n,), shape (m, n); above the table nothing."""
@@ -96,7 +126,17 @@ class KnownAir:
         if self._templates.band_kind == "thermal":
             latitude = np.arcsin(np.clip(normal_cam @ pose.cam_from_itrs[:, 2], -1.0, 1.0))
             return latitude, month_of(self._epoch)
-        sun = self._sun_cam if self._sun_cam is not None else pose.cam_from_itrs @ self._sun_itrs
+        sun = self._towards_sun(pose)
         zenith = np.arccos(np.clip(normal_cam @ sun, -1.0, 1.0))
         azimuth = np.arctan2(np.cross(normal_cam, los_cam) @ sun, los_cam @ sun)
         return zenith, azimuth
+
+    def _towards_sun(self, pose: LimbPose) -> FloatArray:
+        """Return the direction of the Sun in camera axes, shape (3,)."""
+        if self._sun_cam is None:
+            return np.asarray(pose.cam_from_itrs @ self._sun_itrs)
+        nadir = pose.nadir_cam
+        down = -float(self._sun_itrs @ pose.r_itrs) / float(np.linalg.norm(pose.r_itrs))
+        level = self._sun_cam - float(self._sun_cam @ nadir) * nadir
+        size = max(float(np.linalg.norm(level)), LEAST_LEVEL)
+        return np.asarray(down * nadir + np.sqrt(max(1.0 - down**2, 0.0)) * level / size)

@@ -26,6 +26,8 @@ BORDER_PX = 2
 """Of the image, left out: what a pixel there gets from outside nobody knows, nor how its scale changes."""
 BEND_PLACES = 200
 """Along the limb: the bend is interpolated between them."""
+LEVELLINGS = 2
+"""Of nodes: each leaves the square over the Earth's radius of a height, of 21 km 70 m and then nothing."""
 WIDER = 1.5
 """Of the window in pixels: a lens's scale may be so much larger at its border than in the middle."""
 
@@ -136,7 +138,7 @@ def profile_pixels(
     basis = tangent_basis(pose.nadir_cam)
     turn = borders + azimuth[order[0]]
     outwards = basis @ np.array([np.cos(turn), np.sin(turn)])
-    los_cam = np.sqrt(1.0 - at_centre**2) * outwards + at_centre * pose.nadir_cam[:, None]
+    los_cam = _level_los(np.sqrt(1.0 - at_centre**2) * outwards + at_centre * pose.nadir_cam[:, None], pose, axes)
     beneath = ray_height(los_cam, pose.cam_from_itrs, pose.r_itrs, axes).normal_cam
     return ProfilePixels(
         pixels=near,
@@ -152,6 +154,18 @@ def profile_pixels(
         normal_cam=beneath.T,
         los_cam=los_cam.T,
     )
+
+
+def _level_los(los_cam: FloatArray, pose: LimbPose, axes: FloatArray) -> FloatArray:
+    """Return lines of sight (3, n) to a sphere's limb turned so that they touch the ellipsoid.
+
+    Its limb stands up to 21 km lower, which from low orbit is half a degree of place on the Earth, and of the Sun.
+    """
+    for _ in range(LEVELLINGS):
+        ray = ray_height(los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
+        los_cam = los_cam - ray.normal_cam * (ray.height_m / ray.distance_m)
+        los_cam = los_cam / np.linalg.norm(los_cam, axis=0)
+    return los_cam
 
 
 def _laplacian(camera: CameraModel, uv: FloatArray, pose: LimbPose, axes: FloatArray, curve: float) -> FloatArray:

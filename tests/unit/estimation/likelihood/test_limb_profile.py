@@ -23,6 +23,7 @@ from horizonval.estimation.likelihood.profile.fit import fit_profile
 from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, ProfileKnowledge
 from horizonval.estimation.likelihood.profile.known_air import KnownAir
 from horizonval.estimation.likelihood.profile.model import SHARED, Guess, ProfileModel
+from horizonval.estimation.likelihood.profile.pixels import profile_pixels
 from horizonval.estimation.likelihood.profile.ray_height import ray_height
 from horizonval.estimation.likelihood.profile.search import ProfileSearch
 from horizonval.estimation.likelihood.profile.start import start_pose
@@ -31,7 +32,7 @@ from horizonval.estimation.methods import limb_profile
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
-from horizonval.geometry.ellipsoid import sphere
+from horizonval.geometry.ellipsoid import WGS84, sphere
 
 ARCSEC = np.radians(1.0 / 3600.0)
 A_M, B_M = 6378137.0, 6356752.314245
@@ -233,6 +234,55 @@ def test_lines_below_the_limb_see_the_air_where_they_end() -> None:
     np.testing.assert_allclose(near, np.exp(-0.5 * (ends / LENGTH_RAD) ** 2), atol=6e-3)
     np.testing.assert_allclose(near**2 + elsewhere**2, 1.0, atol=2e-3)
     assert len(nodes.waves) == 3
+
+
+def sunlit(light: Any) -> LimbTemplates:
+    """Profiles that are even over height, as bright as a function of the Sun's zenith angle and azimuth says."""
+    zenith, azimuth = np.radians(np.arange(0.0, 91.0, 5.0)), np.radians(np.arange(0.0, 181.0, 15.0))
+    height = np.array([-60e3, 0.0, 60e3])
+    mean = light(zenith[:, None, None], azimuth[None, :, None]) * np.ones(3)
+    none = np.zeros((*mean.shape[:2], 0, 3))
+    return LimbTemplates(
+        "solar", (0.45, 0.75), height, (zenith, azimuth), mean, none, (), np.zeros(0), np.zeros_like(mean)
+    )
+
+
+def test_every_height_stands_under_its_own_sun() -> None:
+    distance_m, zenith = 2.0e6, np.radians(40.0)
+    heights = replace(sunlit(lambda z, a: (1.0 + z + 0.0 * a) ** 2), height_m=np.linspace(-20e3, 60e3, 3))
+    normal, los = np.array([[1.0, 0.0, 0.0]] * 2), np.array([[0.0, 0.0, 1.0]] * 2)
+    air = KnownAir(heights, EPOCH, None, np.array([np.cos(zenith), 0.0, np.sin(zenith)]))
+    curve = RADIUS_M / (2.0 * distance_m**2)
+    nodes = air.nodes(normal, los, LimbPose(np.eye(3), np.array([7e6, 0.0, 0.0])), (-15e3, 55e3, 500.0), curve)
+    y = nodes.bottom_m + nodes.step_m * np.arange(nodes.functions.shape[2])
+    # Who looks higher looks at what is nearer: ahead, where the Sun is, she stands lower there.
+    inside = slice(2, -2)
+    expected = (1.0 + zenith + (y - curve * y**2) / distance_m) ** 2
+    np.testing.assert_allclose(nodes.functions[0, 0, inside], expected[inside], rtol=3e-4)
+
+
+def test_a_sun_sensor_says_the_azimuth_alone() -> None:
+    place = LimbPose(np.eye(3), np.array([7e6, 0.0, 0.0]))
+    sun = np.array([0.5, 0.6, np.sqrt(1.0 - 0.5**2 - 0.6**2)])
+    table = sunlit(lambda z, a: 1.0 + z + np.sin(a) ** 2)
+    normal, los, at = np.array([[0.8, 0.6, 0.0]]), np.array([[0.0, 0.0, 1.0]]), np.array([10e3])
+
+    def light(read: np.ndarray | None) -> float:
+        return float(KnownAir(table, EPOCH, read, sun).means(normal, los, place, at)[0, 0])
+
+    level = np.cross([1.0, 0.0, 0.0], sun)
+    higher = Rotation.from_rotvec(np.radians(0.4) * level / np.linalg.norm(level)).apply(sun)
+    assert light(higher) == pytest.approx(light(None), rel=1e-12)
+    assert light(Rotation.from_rotvec([np.radians(0.4), 0.0, 0.0]).apply(sun)) != pytest.approx(light(None), rel=1e-4)
+
+
+def test_nodes_stand_on_the_limb_of_the_ellipsoid() -> None:
+    r, cam, _ = view(1)
+    pose, axes = LimbPose(cam, r), WGS84.axes_m
+    curve = 0.5 * axes[0] / (r @ r - axes[0] ** 2)
+    near = profile_pixels(np.zeros((CAMERA.height, CAMERA.width)), CAMERA, pose, WGS84, (-40e3, 60e3), curve)
+    heights = ray_height(near.los_cam.T, cam, r, axes).height_m
+    assert np.abs(heights).max() < 1.0
 
 
 def test_height_of_a_ray_is_the_least_along_it() -> None:

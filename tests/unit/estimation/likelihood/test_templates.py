@@ -69,6 +69,35 @@ def test_azimuths_have_no_side_and_ends_hold():
     np.testing.assert_allclose(t.at(2.5, 0.7)[0], t.at(np.radians(95.0), 0.7)[0], rtol=1e-12)
 
 
+def test_tables_that_reach_into_twilight_end_in_the_dark():
+    t = table("solar")
+    evening = replace(t, axes=(np.radians([0.0, 60.0, 99.0]), t.axes[1]))
+    assert evening.at(np.radians(106.0), 0.7)[0].max() < 1e-12
+    assert evening.at(np.radians(106.0), 0.7)[1].max() < 1e-12
+    light = evening.mean_at(np.radians([99.0, 101.0, 103.0, 105.0, 120.0]), 0.7)[:, 0]
+    assert (np.diff(light) <= 0.0).all()
+    assert light[-1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_sunlit_profiles_between_places_are_splines_of_their_roots():
+    """Light that changes with the azimuth as a forward peak does: straight lines would be off by 7 %."""
+    t = table("solar")
+    azimuth = np.radians([0.0, 20.0, 45.0, 75.0, 105.0, 140.0, 180.0])
+    root = 2.0 + np.cos(azimuth)
+    mean = np.broadcast_to((root**2)[None, :, None], (3, 7, 4)).copy()
+    fine = replace(
+        t,
+        axes=(t.axes[0], azimuth),
+        mean=mean,
+        modes=np.zeros((3, 7, 0, 4)),
+        mode_kinds=(),
+        correlation_rad=np.zeros(0),
+        left_sigma=0.0 * mean,
+    )
+    at = np.radians(np.linspace(-180.0, 180.0, 37))
+    np.testing.assert_allclose(fine.mean_at(0.5, at)[:, 0], (2.0 + np.cos(at)) ** 2, rtol=3e-3)
+
+
 def test_a_file_keeps_the_table_to_its_rounding_and_has_always_the_same_bytes(tmp_path):
     t = table()
     t.save(tmp_path / "a.npz")
