@@ -27,14 +27,19 @@ climate = "{table}"
 def main(folder: Path) -> None:
     """Make everything in ``folder``."""
     run = hv.run(SUITE, out=folder / "run")
-    print(f"{'band':11} {'air':11} {'frames':>6} {'refused':>7} {'median':>6} {'rms':>6} {'largest':>7} {'NEES':>5}")
+    print(f"{'band':11} {'pixels':>6} {'air':11} {'frames':>6} {'refused':>7}", end=" ")
+    print(f"{'median':>6} {'rms':>6} {'largest':>7} {'NEES':>5}")
     images: dict[str, list[Path]] = {}
     for band, address in run.rows().project('band, image_address, "case"').order('"case"').project("#1, #2").fetchall():
         images.setdefault(band, []).append(folder / "run" / "archive" / address[:2] / f"{address}.exr")
     for band in sorted(images):
         for air, prior in (("climate", None), (AIR, prior_of(band, folder))):
-            seen = [hv.open_image(path) for path in images[band]]
-            report(band, air, [hv.score(hv.estimate(image, ESTIMATOR, prior=prior), image) for image in seen])
+            scores: dict[int, list[hv.Score]] = {}
+            for image in map(hv.open_image, images[band]):
+                score = hv.score(hv.estimate(image, ESTIMATOR, prior=prior), image)
+                scores.setdefault(image.dn.shape[1], []).append(score)
+            for width in sorted(scores):
+                report(band, width, air, scores[width])
 
 
 def prior_of(band: str, folder: Path) -> Path:
@@ -46,13 +51,13 @@ def prior_of(band: str, folder: Path) -> Path:
     return prior
 
 
-def report(band: str, air: str, scores: Sequence[hv.Score]) -> None:
+def report(band: str, width: int, air: str, scores: Sequence[hv.Score]) -> None:
     """Print the errors of the nadir [arcsec], and their squares over what is claimed and expected: 1 where it holds."""
     errors = known(score.nadir_error_arcsec for score in scores)
     squares = known(score.nees_nadir_total for score in scores)
     rms = math.sqrt(fmean(error**2 for error in errors))
     print(
-        f"{band:11} {air:11} {len(scores):6} {len(scores) - len(errors):7} {median(errors):6.0f} {rms:6.0f} "
+        f"{band:11} {width:6} {air:11} {len(scores):6} {len(scores) - len(errors):7} {median(errors):6.0f} {rms:6.0f} "
         f"{max(errors):7.0f} {fmean(squares) / 2.0:5.1f}"
     )
 
