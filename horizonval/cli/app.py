@@ -14,7 +14,7 @@ import typer
 from horizonval.cli.archive import archive_app
 from horizonval.cli.campaign import report, run
 from horizonval.cli.check import check
-from horizonval.cli.images import estimate, observe, sheet
+from horizonval.cli.images import estimate, observe, oracle, sheet
 from horizonval.cli.info import doctor, list_names, schema, templates
 from horizonval.cli.regression import baseline_app, regress
 from horizonval.cli.rendering import gallery, mitsuba, radiance, render
@@ -42,6 +42,7 @@ COMMANDS: tuple[Callable[..., int | None], ...] = (
     observe,
     sheet,
     estimate,
+    oracle,
     radiance,
     report,
     study,

@@ -77,6 +77,33 @@ def sheet(
     print(f"{out}: {len(tiles)} images")
 
 
+def oracle(
+    image: Annotated[
+        list[Path], typer.Argument(help="Frames or detector images of ours (EXR); of several a line each.")
+    ],
+    as_json: Json = False,
+) -> None:
+    """What an ideal horizon sensor reads where an image was taken, from the pose in its header; pixels are not looked
+    at.
+
+    Roll and pitch errors against the nearest point of the horizon, and the elevations of the sensor's axes over the
+    tangent plane there: both readings of the published module's documentation. With --json a list, one object an image.
+    """
+    from horizonval.commands.oracle import oracle_of_file
+
+    readings = [oracle_of_file(path) for path in image]
+    if as_json:
+        print_json(readings)
+        return
+    for reading in readings:
+        if reading["roll_error_deg"] is None:
+            print(f"{reading['file']}: no nearest horizon point: {reading['status']}")
+            continue
+        errors = f"roll error {reading['roll_error_deg']:.6f}, pitch error {reading['pitch_error_deg']:.6f} deg"
+        other = f"elevations {reading['roll_elevation_deg']:.6f}, {reading['pitch_elevation_deg']:.6f} deg"
+        print(f"{reading['file']}: {errors} (other reading: {other})")
+
+
 def estimate(
     image: Annotated[
         list[Path],

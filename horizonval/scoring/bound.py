@@ -37,6 +37,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.frame import DetectorImage, FrameTruth
+from horizonval.geometry.directions import tangent_basis
 from horizonval.scoring.information.information import UNKNOWNS, LimbInformation, carried
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.spec.sensor.prior import PriorSpec
@@ -44,8 +45,6 @@ from horizonval.spec.sensor.prior import PriorSpec
 ANY_LIMB_SIGMA_M = {"solar": 12e3, "thermal": 21e3}
 """Of the height of a limb of which nothing is said: from 2 km below the ground to 40 km above it, or to 70 km, every
 height alike; a twelfth of the square width is its variance."""
-FIXED_RAD, FIXED_M = 1e-8, 1e-3
-"""Of what is no unknown: far below any bound, and above rounding."""
 HOPELESS_RAD = math.radians(30.0)
 """A bound beyond says that the image does not determine the nadir."""
 ARCSEC = math.radians(1.0 / 3600.0)
@@ -105,7 +104,7 @@ def bound_of(information: LimbInformation | None, truth: FrameTruth, band: str) 
     body_from_itrs = (body_from_cam * Rotation.from_quat(truth.q_cam_from_itrs)).as_matrix()
     nadir = body_from_cam.apply(np.array(truth.nadir_geocentric_cam))
     prior = _prior(truth)
-    pose = _pose_rows(prior, truth.camera_spec, r, nadir)
+    pose = _pose_rows(prior, truth.camera_spec, r)
     across = -(np.eye(3) - np.outer(nadir, nadir)) @ body_from_itrs / np.linalg.norm(r)
     by_step = np.zeros((4, UNKNOWNS))
     by_step[:3, :3] = np.array([[0.0, -nadir[2], nadir[1]], [nadir[2], 0.0, -nadir[0]], [-nadir[1], nadir[0], 0.0]])
@@ -115,20 +114,31 @@ def bound_of(information: LimbInformation | None, truth: FrameTruth, band: str) 
     if prior.limb_height_sigma_km is not None:
         height = 1e3 * prior.limb_height_sigma_km
     flattened = math.sqrt(2.0 / 15.0) * (truth.ellipsoid_a_m - truth.ellipsoid_b_m)
-    shape = FIXED_M if prior.position_sigma_km is not None else max(flattened, FIXED_M)
-    noise, _ = _left(information.by_noise, pose, FIXED_M, FIXED_M, by_step)
-    known, altitude = _left(information.by_knowledge, pose, height, shape, by_step)
+    shape = 0.0 if prior.position_sigma_km is not None else flattened
+    free = _free(prior, r, nadir)
+    noise, _ = _left(information.by_noise, pose, free, 0.0, 0.0, by_step)
+    known, altitude = _left(information.by_knowledge, pose, free, height, shape, by_step)
     return Bound(noise, known, altitude)
 
 
 def _left(
-    information: FloatArray, pose: FloatArray, height_sigma_m: float, shape_sigma_m: float, by_step: FloatArray
+    information: FloatArray,
+    pose: FloatArray,
+    free_pose: FloatArray,
+    height_sigma_m: float,
+    shape_sigma_m: float,
+    by_step: FloatArray,
 ) -> tuple[float | None, float | None]:
-    """Return the standard deviations of nadir [rad] and altitude [m]; None where the nadir is not determined."""
+    """Return the standard deviations of nadir [rad] and altitude [m]; None where the nadir is not determined.
+
+    ``free_pose``: of :func:`_free`. A height or shape of no standard deviation is no unknown.
+    """
     total = information + pose
-    total[np.arange(6, UNKNOWNS), np.arange(6, UNKNOWNS)] += np.array(
-        [height_sigma_m**-2, *[shape_sigma_m**-2] * (UNKNOWNS - 7)]
-    )
+    kept = [6] * (height_sigma_m > 0.0) + [*range(7, UNKNOWNS)] * (shape_sigma_m > 0.0)
+    for k in kept:
+        total[k, k] += (height_sigma_m if k == 6 else shape_sigma_m) ** -2
+    free = np.column_stack([free_pose, np.eye(UNKNOWNS)[:, kept]])
+    total = free.T @ total @ free
     size = np.sqrt(np.diag(total))
     if not (size > 0.0).all():
         return None, None
@@ -136,25 +146,37 @@ def _left(
         covariance = np.linalg.inv(total / np.outer(size, size)) / np.outer(size, size)
     except np.linalg.LinAlgError:
         return None, None
-    out = np.einsum("ij,jk,ik->i", by_step, covariance, by_step)
+    steps = by_step @ free
+    out = np.einsum("ij,jk,ik->i", steps, covariance, steps)
     nadir = math.sqrt(max(float(out[:3].sum()), 0.0))
     if not (math.isfinite(nadir) and 0.0 < nadir < HOPELESS_RAD and (np.diag(covariance) > 0.0).all()):
         return None, None
-    return nadir, math.sqrt(float(out[3]))
+    return nadir, math.sqrt(max(float(out[3]), 0.0))
 
 
-def _pose_rows(prior: PriorSpec, camera: CameraSpec, r_itrs: FloatArray, nadir_body: FloatArray) -> FloatArray:
-    """Return the information on all unknowns, shape (12, 12), of what is said of the pose."""
+def _free(prior: PriorSpec, r_itrs: FloatArray, nadir_body: FloatArray) -> FloatArray:
+    """Return directions in the unknowns, shape (12, k), that turn and position are free in.
+
+    What is known exactly is left out of the equations: as a row of large weight, it would bury in its rounding what a
+    far disc says of the altitude.
+    """
+    up = r_itrs / np.linalg.norm(r_itrs)
+    turn = tangent_basis(nadir_body) if prior.attitude_sigma_deg is None else np.eye(3)
+    place = up[:, None] if prior.position_sigma_km is None else np.eye(3)
+    free = np.zeros((UNKNOWNS, turn.shape[1] + place.shape[1]))
+    free[:3, : turn.shape[1]] = turn
+    free[3:6, turn.shape[1] :] = place
+    return free
+
+
+def _pose_rows(prior: PriorSpec, camera: CameraSpec, r_itrs: FloatArray) -> FloatArray:
+    """Return the information on all unknowns, shape (12, 12), of what is said of the pose with an error."""
     rows = np.zeros((UNKNOWNS, UNKNOWNS))
     up = r_itrs / np.linalg.norm(r_itrs)
     if prior.attitude_sigma_deg is not None:
         rows[:3, :3] = np.diag(np.radians(np.array(prior.attitude_sigma_deg)) ** -2.0)
-    else:
-        rows[:3, :3] = np.outer(nadir_body, nadir_body) / FIXED_RAD**2
     if prior.position_sigma_km is not None:
         rows[3:6, 3:6] = np.eye(3) / (1e3 * prior.position_sigma_km) ** 2
-    else:
-        rows[3:6, 3:6] = (np.eye(3) - np.outer(up, up)) / FIXED_M**2
     known_km = prior.altitude_sigma_km
     if known_km is None and camera.platform.altitude_km is not None:
         known_km = camera.platform.altitude_sigma_km

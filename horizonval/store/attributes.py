@@ -20,6 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, camera_from_spec
 from horizonval.geometry.rotation import julian_utc
@@ -52,6 +53,10 @@ UNITS = {
     "horizonval:epoch_tai_mjd": "d",
     "horizonval:exposure_s": "s",
     "horizonval:focal_length_px": "px",
+    "horizonval:horizon_pitch_elevation_deg": "deg",
+    "horizonval:horizon_pitch_error_deg": "deg",
+    "horizonval:horizon_roll_elevation_deg": "deg",
+    "horizonval:horizon_roll_error_deg": "deg",
     "horizonval:image_circle_deg": "deg",
     "horizonval:itrs_to_camera": "m",
     "horizonval:principal_point_px": "px",
@@ -125,6 +130,7 @@ def own_attributes(truth: FrameTruth, spec: CameraSpec, exposure_s: float | None
         **quaternion,
         "sun_direction_itrs": np.array(truth.sun_itrs),
         "nadir_direction_camera": np.array(truth.nadir_geocentric_cam),
+        **_horizon_reading(truth),
         "epoch_tai_mjd": _double(_tai_mjd(truth)),
         "focal_length_px": np.array([camera.fx, camera.fy]),
         "principal_point_px": np.array([camera.cx, camera.cy]),
@@ -142,6 +148,21 @@ def own_attributes(truth: FrameTruth, spec: CameraSpec, exposure_s: float | None
     if isinstance(spec.detector, Cmos):
         attributes["exposure_s"] = _double(spec.detector.exposure_s if exposure_s is None else exposure_s)
     return attributes
+
+
+def _horizon_reading(truth: FrameTruth) -> dict[str, Any]:
+    """Return what the ideal sensor reads, by both readings of its documentation; nothing where it reads nothing."""
+    radius_m = float(np.linalg.norm(truth.r_itrs)) * math.sin(truth.angular_radius_rad)
+    found = ideal_horizon_sensor(np.array(truth.r_itrs), np.array(truth.q_cam_from_itrs), radius_m)
+    if found.status is not ReadingStatus.DEFINED:
+        return {}
+    angles = {
+        "horizon_roll_error_deg": found.roll_error_rad,
+        "horizon_pitch_error_deg": found.pitch_error_rad,
+        "horizon_roll_elevation_deg": found.roll_elevation_rad,
+        "horizon_pitch_elevation_deg": found.pitch_elevation_rad,
+    }
+    return {name: _double(math.degrees(angle)) for name, angle in angles.items()}
 
 
 def camera_of(truth: FrameTruth, observation: Mapping[str, Any] | None = None) -> CameraSpec:

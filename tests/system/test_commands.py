@@ -83,6 +83,7 @@ def test_help_and_wrong_use(horizonval):
         "mitsuba",
         "observe",
         "sheet",
+        "oracle",
         "estimate",
         "radiance",
         "report",

@@ -63,12 +63,14 @@ class WeatherField:
     """The weather of one day: what is drawn follows from the seed alone.
 
     ``month``: of the climate that it is the weather of. ``warming_k``: of a warming in the winter hemisphere; None
-    draws whether there is one.
+    draws whether there is one. ``opposite``: waves and surface pressure with the other sign, the warming as it is. A
+    day and its opposite have the climate for their mean, so that an ensemble of such pairs has it however few they are.
     """
 
     seed: int
     month: float
     warming_k: float | None = None
+    opposite: bool = False
 
     def warming(self) -> tuple[float, int, float]:
         """Return amplitude [K], pole and longitude of the warm side [rad] of the warming; 0 K without one."""
@@ -78,6 +80,10 @@ class WeatherField:
             low, high = warming.DRAWN_K
             amplitude = low + (high - low) * size if happens < warming.chance(self.month) else 0.0
         return float(amplitude), warming.winter_pole(self.month), float(origin) * math.tau
+
+    @property
+    def _sign(self) -> float:
+        return -1.0 if self.opposite else 1.0
 
     def at(self, latitude_deg: ArrayLike, longitude_deg: ArrayLike, height_m: ArrayLike) -> Deviations:
         """Return the deviations at places and log-pressure heights."""
@@ -90,7 +96,7 @@ class WeatherField:
             if not weights[c].any():
                 continue
             part = self._waves(coefficients[c], shares(name, height), modes[c], latitude, longitude, height)
-            total += np.sqrt(weights[c])[:, None] * spread[c].ravel() * part
+            total += self._sign * np.sqrt(weights[c])[:, None] * spread[c].ravel() * part
         kelvin, ozone, water = np.moveaxis(total.reshape(len(latitude), 3, len(height)), 1, 0)
         half = 0.5 * np.einsum("cn,cqk->qnk", weights, spread[:, 1:] ** 2)
         ozone, water = ozone - half[0], water - half[1]
@@ -132,7 +138,7 @@ class WeatherField:
         coefficients = _random(self.seed, "surface").standard_normal((1, WAVES, 2, 2 * ORDERS - 1))
         share, one = np.array(SHARES_LOW)[:, None], np.ones((1, 3, 1))
         unit = self._waves(coefficients, share, one, latitude_deg, longitude_deg, np.zeros(1))[:, 0]
-        return 100.0 * np.interp(np.abs(latitude_deg), _SURFACE_DEG, _SURFACE_HPA) * unit
+        return self._sign * 100.0 * np.interp(np.abs(latitude_deg), _SURFACE_DEG, _SURFACE_HPA) * unit
 
 
 def shares(class_name: str, height_m: FloatArray) -> FloatArray:

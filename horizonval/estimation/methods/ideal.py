@@ -11,6 +11,16 @@ Input is the pose, not an image. With the Earth's centre C, the sensor at P and 
    horizon's up axis: positive above the horizon (towards space), negative below it.
 
 With the boresight exactly at nadir or zenith every horizon point is equally near: that is a status, not a number.
+
+Steps 2 and 3 are one reading of the documentation, which says that H's axes come of a projection "onto the plane at H"
+and takes the pitch's sign from the product with its axis "across the horizon". Taken to the letter the second is the
+axis along the horizon, whose product with the boresight is zero in every pose, so that it is read here as the one
+square to the horizon, *up*. Of the first the other reading is that the sensor's own axes are projected on the Earth's
+tangent plane at H: then each error is the angle between an axis and its projection, its elevation over that plane::
+
+    roll = asin(right . up) = asin(sin(roll error) |cos(pitch error)|),     pitch = asin(boresight . up)
+
+They agree where the boresight is on the horizon. :class:`HorizonReading` has both.
 """
 
 from __future__ import annotations
@@ -53,12 +63,17 @@ class HorizonReading:
         Unit vector to the nearest horizon point (NaN-free zeros unless ``defined``).
     roll_error_rad, pitch_error_rad : float
         Zero unless ``defined``.
+    roll_elevation_rad, pitch_elevation_rad : float
+        By the other reading: of the right axis and of the boresight over the Earth's tangent plane at the horizon
+        point.
     """
 
     status: ReadingStatus
     horizon_cam: FloatArray
     roll_error_rad: float = 0.0
     pitch_error_rad: float = 0.0
+    roll_elevation_rad: float = 0.0
+    pitch_elevation_rad: float = 0.0
 
 
 def ideal_horizon_sensor(r: FloatArray, q_cam_from_ref: FloatArray, radius_m: float) -> HorizonReading:
@@ -98,7 +113,14 @@ def ideal_horizon_sensor(r: FloatArray, q_cam_from_ref: FloatArray, radius_m: fl
     horizon_right = np.cross(horizon, up)
     roll = float(off_axis_angle(right, horizon_right)) * _sign(float(right @ up))
     pitch = float(off_axis_angle(boresight, horizon)) * _sign(float(boresight @ up))
-    return HorizonReading(ReadingStatus.DEFINED, horizon, roll, pitch)
+    elevations = (_elevation(axis, up) for axis in (right, boresight))
+    return HorizonReading(ReadingStatus.DEFINED, horizon, roll, pitch, *elevations)
+
+
+def _elevation(axis: FloatArray, up: FloatArray) -> float:
+    """Return the angle [rad] of a unit vector over the plane that ``up`` is square to."""
+    lift = float(axis @ up)
+    return float(np.arctan2(lift, np.linalg.norm(axis - lift * up)))
 
 
 def _sign(value: float) -> float:

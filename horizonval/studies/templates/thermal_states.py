@@ -4,7 +4,9 @@ Every place of the table has
 
 - the calm climate of the weather model, :func:`horizonval.earth.atmosphere.columns.weather_columns`;
 - *air*: :data:`WEATHERS` days drawn with it, one draw serving all latitudes of its month, and the blend of the AFGL
-  climates, which scenes may have instead, as one more;
+  climates, which scenes may have instead, as one more. Days come in pairs, each with its opposite, and warmings in as
+  many of them as they have of all days: days drawn one by one, seven a month, had a mean whose limb in the carbon
+  dioxide band stood up to 0.8 km from the climate's, 0.3 km rms;
 - *below*: :data:`COVERS` states of what else is there, on the calm air: opaque clouds in three states of four, cirrus
   as often as it is seen, the ground warmer or colder than the climate by 5 K rms, on land or sea by halves, haze of 0.5
   to 2 times the mean (one standard deviation), a volcanic stratosphere in one of ten.
@@ -42,13 +44,14 @@ from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral import bands
 from horizonval.earth.surface import surface_temperature
 from horizonval.earth.surface.ground_emission import uniform_ground
+from horizonval.earth.weather import warming
 from horizonval.earth.weather.field import WeatherField
 from horizonval.geometry.ellipsoid import WGS84
 from horizonval.spec.sensor.camera import Band
 from horizonval.studies.stability.orbit import rays_along_parallels
 from horizonval.studies.templates.rays import HEIGHT_M
 
-WEATHERS, COVERS = 7, 6
+WEATHERS, COVERS = 12, 6
 CLOUDS, VOLCANIC = 0.75, 0.1
 GROUND_SIGMA_K, HAZE_SIGMA = 5.0, math.log(2.0)
 SIGHT_M, SIGHT_STEP_M = 300e3, 15e3
@@ -146,9 +149,18 @@ def air_of_state(latitude_deg: float, month: float, number: int, altitude_m: Flo
     """Return the gases of one of the states of air; the last is the blend of the AFGL climates."""
     if number == WEATHERS:
         return afgl.blended([climate_weights(latitude_deg, month)], altitude_m)
-    longitude = draws("longitude", month, number).uniform(-180.0, 180.0)
-    field = WeatherField(seed_of("weather", month, number), month)
+    pair = number // 2
+    longitude = draws("longitude", month, pair).uniform(-180.0, 180.0)
+    field = WeatherField(seed_of("weather", month, pair), month, _warming_k(month, number), bool(number % 2))
     return columns.weather_columns(field, np.array([latitude_deg]), np.array([longitude]), altitude_m)
+
+
+def _warming_k(month: float, number: int) -> float:
+    """Return the amplitude of a state's warming, 0 for none; of all states of a month warmings have their own share."""
+    happens, _ = draws("warming", month, 0).random(2)
+    _, size = draws("warming", month, number).random(2)
+    low, high = warming.DRAWN_K
+    return low + (high - low) * float(size) if (number + happens) / WEATHERS < warming.chance(month) else 0.0
 
 
 def thermal_model(

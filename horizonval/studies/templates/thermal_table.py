@@ -22,7 +22,7 @@ from horizonval.studies.templates.rays import HEIGHT_M, LATITUDE_DEG, MONTHS, ed
 
 AIR_MODES, COVER_MODES = 5, 2
 KEPT = ("calm", "air", "below")
-VERSION = 1
+VERSION = 2
 """Of the states: raised where they change, so that months made before are made again."""
 
 

@@ -47,7 +47,7 @@ ESTIMATORS = (
 
 
 def against_oracle(item: JsonObject) -> JsonObject:
-    """Render one frame; return the oracle's departure from its truth and each image estimator's from both [rad]."""
+    """Render one frame; return the oracle's departure from its truth and each image estimator's error [rad]."""
     from horizonval.renderer.scene.frame import render_frame
     from horizonval.sensor.observe import observe
 
@@ -85,9 +85,5 @@ def against_oracle(item: JsonObject) -> JsonObject:
         fit = registry.run_safely(estimator, observation_of(image, estimator))
         scored = score(truth, estimator, fit)
         if isinstance(fit, Fit) and scored.nadir_error_arcsec is not None:
-            error = scored.nadir_error_arcsec * ARCSEC
-            result["estimators"][name] = {
-                "error": error,
-                "apart": abs(angle_between(oracle.nadir_cam, fit.nadir_cam / np.linalg.norm(fit.nadir_cam)) - error),
-            }
+            result["estimators"][name] = {"error": scored.nadir_error_arcsec * ARCSEC}
     return result

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
-from horizonval.estimation.methods.ideal import ReadingStatus, ideal_horizon_sensor
+from horizonval.estimation.methods.ideal import HorizonReading, ReadingStatus, ideal_horizon_sensor
 from horizonval.geometry.directions import angle_between, perpendicular
 from horizonval.geometry.ellipsoid import sphere
 from horizonval.geometry.horizon import horizon_directions, limb_side
@@ -108,6 +108,8 @@ def departures(item: JsonObject) -> JsonObject:
     documented: list[tuple[float, float, float]] = []
     exact: list[tuple[float, float, float]] = []
     tangents: list[float] = []
+    literal: list[float] = []
+    elevation: list[float] = []
     for r, q in poses:
         ours = ideal_horizon_sensor(r, q, RADIUS_M)
         seen = Rotation.from_quat(q).inv().apply(ours.horizon_cam)
@@ -115,14 +117,37 @@ def departures(item: JsonObject) -> JsonObject:
             roll, pitch, point = other(r, q, RADIUS_M)
             roll_off = abs(math.remainder(ours.roll_error_rad - roll, math.tau))
             into.append((roll_off, abs(ours.pitch_error_rad - pitch), angle_between(seen, point)))
+        literal.append(_literal_sign(r, q, seen))
+        elevation.append(_elevations_apart(ours, roll, pitch))
         # A tangent's nearest point to the centre lies on the sphere, seen from there under a right angle.
         tangents.append(abs(math.asin(np.linalg.norm(np.cross(r, seen)) / np.linalg.norm(r)) - _theta(r)))
     return {
         "documented": np.max(documented, axis=0).tolist(),
         "exact": np.max(exact, axis=0).tolist(),
         "tangent": float(np.max(tangents)),
+        "literal": float(np.max(literal)),
+        "elevation": float(np.max(elevation)),
         "brute": float(max(_brute_force(r, q) for r, q in poses[: item["brute"]])),
     }
+
+
+def _literal_sign(r: FloatArray, q_cam_from_ref: FloatArray, point: FloatArray) -> float:
+    """Return the size of the product of the boresight with the axis along the horizon at H, whose sign it would be."""
+    forward = Rotation.from_quat(q_cam_from_ref).inv().apply([0.0, 0.0, 1.0])
+    along = np.cross(point, r)
+    return abs(float(forward @ along)) / float(np.linalg.norm(along))
+
+
+def _elevations_apart(ours: HorizonReading, roll: float, pitch: float) -> float:
+    """Return by how much the sines of the other reading's angles leave their closed form in the first one's angles.
+
+    Sines, since an elevation near a quarter turn is lost in the rounding of its sine. With the boresight beyond the
+    zenith of the horizon point the first reading's roll changes its sign, which the elevation does not.
+    """
+    return max(
+        abs(math.sin(ours.roll_elevation_rad) - math.sin(roll) * abs(math.cos(pitch))),
+        abs(math.sin(ours.pitch_elevation_rad) - math.sin(pitch)),
+    )
 
 
 def _theta(r: FloatArray) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import lru_cache
@@ -65,6 +66,11 @@ class ExactPass:
     angles_rad: FloatArray
     r_itrs: FloatArray
     r_gcrs: FloatArray
+
+    def at(self, instants: Sequence[int]) -> ExactPass:
+        """Return the truth at some of the instants."""
+        i = np.asarray(instants, int)
+        return ExactPass(self.times_s[i], self.angles_rad[i], self.r_itrs[i], self.r_gcrs[i])
 
     def measured(self, angles_rad: FloatArray) -> TwoStationPass:
         """Return a pass in which these angles were measured."""

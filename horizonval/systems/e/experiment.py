@@ -27,42 +27,66 @@ from horizonval.systems.e.case import (
     exact_pass,
     rounded,
 )
-from horizonval.systems.e.from_frames import frames_part_of
+from horizonval.systems.e.claims import claims
+from horizonval.systems.e.from_frames import frames_part_of, located_from
 from horizonval.systems.e.localisation.celestial import celestial_errors
-from horizonval.systems.e.localisation.pipeline import ALPHA, locate
+from horizonval.systems.e.localisation.pipeline import ALPHA, PUBLISHED_ALPHA, PUBLISHED_WIDTH_S, locate
 from horizonval.systems.e.localisation.smoothing import smooth_clamped
 from horizonval.systems.e.localisation.triangulation import triangulate
 from horizonval.systems.e.passes.rows import frame_part
-from horizonval.systems.e.tables import TEXT, Rows, cases, mean, meaning_table, noise_table, rounding_table
-from horizonval.systems.e.trials import WHITE_ARCSEC, gathered, items_of, rounding_items, work
+from horizonval.systems.e.tables import (
+    TEXT,
+    Rows,
+    as_published,
+    cases,
+    factor_table,
+    mean,
+    meaning_table,
+    noise_table,
+    rounding_table,
+    streak_table,
+)
+from horizonval.systems.e.trials import WHITE_ARCSEC, gathered, items_of, rounding_items, streak_items, work
 from horizonval.systems.result import ComparisonRow, Figure, Reproduction
 from horizonval.systems.task_cache import TaskCache
 
-DRAWS = 48
-"""Independent passes behind every figure of the noise table."""
+DRAWS = 200
+"""Independent passes behind every figure of the noise table, and rounding grids behind those with the grid at
+random."""
+FEWER_DRAWS = 40
+"""Behind what stands beside the tables: the reading with the most noise, and noise on top of measured streaks."""
 
-_MEANING_DRAWS = 48
 _CLAMPED_S = 5.0
 
 
 def reproduce(cache: TaskCache) -> Reproduction:
     """Do the experiment: rounding, noise, honesty of the covariances; then from rendered frames."""
     columns = {
-        meaning: noise.plain_column(meaning, cache.rng("localisation", "meaning", meaning.description), _MEANING_DRAWS)
+        meaning: noise.plain_column(meaning, cache.rng("localisation", "meaning", meaning.description), DRAWS)
         for meaning in noise.MEANINGS
     }
     nearest = min(columns, key=lambda meaning: noise.distance(columns[meaning]))
     seed = cache.seed
-    items = rounding_items(seed, 24) | items_of("white", DRAWS, seed, kind="white")
-    for name, meaning, draws in (("noisy", nearest, DRAWS), ("noisiest", noise.LARGEST, 24)):
+    items = rounding_items(seed, DRAWS) | items_of("white", DRAWS, seed, kind="white")
+    for name, meaning, draws in (("noisy", nearest, DRAWS), ("noisiest", noise.LARGEST, FEWER_DRAWS)):
         for amount in NOISE_ARCSEC:
             items |= items_of(
-                f"{name} {amount:g}", draws, seed, kind="noisy", shape=meaning.shape, order=meaning.order, amount=amount
+                f"{name} {amount:g}",
+                draws,
+                seed,
+                kind="noisy",
+                shape=meaning.shape,
+                order=meaning.order,
+                amount=amount,
+                alphas=name == "noisy",
             )
     items |= items_of("exact", 1, seed, kind="exact")
     rows = dict(gathered(cache.each("localisation from angles", work, items)))
     frames = frame_part(cache, ENVISAT, STATIONS, EPOCH_UTC, exact_pass().times_s)
     from_frames = frames_part_of(frames.passes)
+    _, measured, both = located_from(frames.passes)
+    streaks = streak_items(seed, FEWER_DRAWS, nearest, measured.angles_rad, np.flatnonzero(both))
+    rows |= dict(gathered(cache.each("localisation from streaks", work, streaks)))
     six = cases()
 
     def share(method: str) -> FloatArray:
@@ -72,6 +96,7 @@ def reproduce(cache: TaskCache) -> Reproduction:
         rows=(
             *_plain_rows(rows, nearest),
             *_proposed_rows(rows),
+            *_published_rows(rows),
             *_check_rows(rows, nearest, columns),
             *from_frames.rows,
             *frames.rows,
@@ -79,6 +104,8 @@ def reproduce(cache: TaskCache) -> Reproduction:
         tables=(
             rounding_table(rows),
             noise_table(rows, nearest, DRAWS),
+            factor_table(rows),
+            streak_table(rows, FEWER_DRAWS),
             meaning_table(columns),
             from_frames.table,
             *frames.tables,
@@ -88,9 +115,13 @@ def reproduce(cache: TaskCache) -> Reproduction:
             "element_set": [ENVISAT.line1, ENVISAT.line2],
             "epoch_utc": EPOCH_UTC.isoformat(),
             "draws": DRAWS,
+            "seed": seed,
             "forgetting_factor": ALPHA,
             "noise_meaning": nearest.description,
         },
+        claims=claims(rows, nearest, DRAWS),
+        published=np.array([as_published(rows, k, 0) / np.array(p["proposed"]) for k, _, p in six]),
+        published_filtered=np.array([as_published(rows, k, 1) / np.array(p["proposed"]) for k, _, p in six]),
         kernels={q: rows[f"rounded {q:g}"]["kernel"][0][1] for q in ROUNDING_DEG},
         proposed=share("proposed"),
         batch=share("batch"),
@@ -135,6 +166,21 @@ def _proposed_rows(rows: Rows) -> list[ComparisonRow]:
     return out
 
 
+def _published_rows(rows: Rows) -> list[ComparisonRow]:
+    """Return the published order with the published factor, beside what is printed for it."""
+    out = []
+    for key, case, printed in cases():
+        smoothed, filtered = (as_published(rows, key, stage) for stage in (0, 1))
+        for i, ((quantity, unit), theirs) in enumerate(zip(QUANTITIES, printed["proposed"], strict=True)):
+            names: dict[str, Any] = {"case": case, "quantity": quantity, "unit": unit, "passes": len(rows[key]["rms"])}
+            ratio = float(smoothed[i] / theirs)
+            fields: dict[str, Any] = {"alpha": PUBLISHED_ALPHA, "width_s": PUBLISHED_WIDTH_S, "ratio": ratio}
+            out.append(
+                TEXT.row("as_published", float(smoothed[i]), theirs, filtered=float(filtered[i]), **names, **fields)
+            )
+    return out
+
+
 def _check_rows(
     rows: Rows, nearest: noise.NoiseReading, columns: dict[noise.NoiseReading, FloatArray]
 ) -> list[ComparisonRow]:
@@ -150,11 +196,15 @@ def _check_rows(
             ("shifted", ROUNDING_DEG, PUBLISHED_ROUNDING["proposed"]),
         )
     )
+    streaks: dict[str, Any] = {
+        m: sum(beaten(f"streaks {key}", m, printed["proposed"]) for key, _, printed in six) for m in METHODS
+    }
     largest = columns[noise.LARGEST]
     clamped = float(pictures.clamped_bias(_CLAMPED_S)[[0, -1]].max())
     out = [
         TEXT.row("beaten_proposed", wins["proposed"], 18, limit=18, at_least=True, **wins),
         TEXT.row("beaten_batch", wins["batch"], limit=18, at_least=True),
+        TEXT.row("beaten_streaks", streaks["proposed"], 18, limit=18, at_least=True, **streaks),
         TEXT.row(
             "beaten_largest_noise",
             noisiest,
@@ -174,13 +224,12 @@ def _check_rows(
     squares = rows["white"]["squares"]
     low, high = (float(stats.chi2.ppf(p, 3 * len(squares)) / len(squares)) for p in (0.005, 0.995))
     for method, column in zip(METHODS[2:], squares.T, strict=True):
-        limit, against = ((high - low) / 2.0, (high + low) / 2.0) if method == "batch" else (None, None)
         out.append(
             TEXT.row(
                 "covariance",
                 float(column.mean()),
-                limit=limit,
-                against=against,
+                limit=(high - low) / 2.0,
+                against=(high + low) / 2.0,
                 method=method,
                 noise_arcsec=WHITE_ARCSEC,
                 passes=len(column),

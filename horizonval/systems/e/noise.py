@@ -60,9 +60,15 @@ LARGEST = NoiseReading("sigma", "before")
 """The reading with the most noise."""
 
 
-def noisy(meaning: NoiseReading, amount: float, rng: np.random.Generator, draws: int | None = None) -> FloatArray:
-    """Return the pass's angles with noise and rounding, shape (n, 4), or (draws, n, 4)."""
-    exact = exact_pass().angles_rad
+def noisy(
+    meaning: NoiseReading,
+    amount: float,
+    rng: np.random.Generator,
+    draws: int | None = None,
+    angles_rad: FloatArray | None = None,
+) -> FloatArray:
+    """Return angles with noise and rounding, shape (n, 4), or (draws, n, 4); the pass's exact ones, or those given."""
+    exact = exact_pass().angles_rad if angles_rad is None else angles_rad
     scale = np.sqrt(amount) if meaning.shape == "variance" else amount
     shape = exact.shape if draws is None else (draws, *exact.shape)
     noise = scale * ARCSEC * SHAPES[meaning.shape][1](rng, shape)

@@ -17,6 +17,8 @@ from horizonval.systems.e.case import (
     ROUNDING_DEG,
     Figures,
 )
+from horizonval.systems.e.localisation.pipeline import ALPHA
+from horizonval.systems.e.trials import ALPHAS
 from horizonval.systems.result import Cell, Table
 from horizonval.systems.text import page_text
 
@@ -30,6 +32,11 @@ TEXT = page_text("E")
 def mean(rows: Rows, row: str, method: str) -> FloatArray:
     """Return a row's three errors of a method, means over its draws, shape (3,)."""
     return rows[row]["rms"][:, METHODS.index(method)].mean(axis=0)
+
+
+def as_published(rows: Rows, row: str, stage: int) -> FloatArray:
+    """Return a row's three errors of the published order, means over its draws, shape (3,); stage 1 has the filter."""
+    return rows[row]["published"][:, stage].mean(axis=0)
 
 
 def half_width(rows: Rows, row: str, method: str) -> FloatArray:
@@ -59,7 +66,10 @@ def rounding_table(rows: Rows) -> Table:
             half = half_width(rows, f"shifted {q:g}", "proposed")[j]
             ours = [round(float(mean(rows, f"rounded {q:g}", m)[j]), 3) for m in METHODS]
             printed = [PUBLISHED_ROUNDING[k][i][j] for k in ("plain", "proposed")]
-            lines.append((f"{q:g} deg", f"{quantity} [{unit}]", *printed, *ours, f"{shifted:.3g} ± {half:.1g}"))
+            published = [round(float(as_published(rows, f"rounded {q:g}", stage)[j]), 3) for stage in (0, 1)]
+            lines.append(
+                (f"{q:g} deg", f"{quantity} [{unit}]", *printed, *published, *ours, f"{shifted:.3g} ± {half:.1g}")
+            )
     return TEXT.table("rounding", lines)
 
 
@@ -73,8 +83,35 @@ def noise_table(rows: Rows, nearest: noise.NoiseReading, draws: int) -> Table:
                 for m in METHODS
             ]
             printed = [PUBLISHED_NOISE[k][i][j] for k in ("plain", "proposed")]
-            lines.append((f"{n:g} arcsec", f"{quantity} [{unit}]", *printed, *ours))
+            published = [f"{as_published(rows, f'noisy {n:g}', stage)[j]:.3g}" for stage in (0, 1)]
+            lines.append((f"{n:g} arcsec", f"{quantity} [{unit}]", *printed, *published, *ours))
     return TEXT.table("noise", lines, rounding_deg=NOISE_ROUNDING_DEG, reading=nearest.description, draws=draws)
+
+
+def streak_table(rows: Rows, draws: int) -> Table:
+    """Return both published tables again, from angles measured in rendered frames."""
+    lines: list[tuple[Cell, ...]] = []
+    for key, case, printed in cases():
+        for j, (quantity, unit) in enumerate(QUANTITIES):
+            row = f"streaks {key}"
+            ours = [float(f"{mean(rows, row, m)[j]:.3g}") for m in METHODS]
+            published = [float(f"{as_published(rows, row, stage)[j]:.3g}") for stage in (0, 1)]
+            lines.append((case, f"{quantity} [{unit}]", printed["plain"][j], printed["proposed"][j], *published, *ours))
+    return TEXT.table("streaks", lines, draws=draws)
+
+
+def factor_table(rows: Rows) -> Table:
+    """Return how many of the 18 printed proposed figures are matched or beaten with every forgetting factor."""
+    keys = [(key, np.array(printed["proposed"])) for key, _, printed in cases()]
+    lines: list[tuple[Cell, ...]] = []
+    for i, alpha in enumerate(ALPHAS):
+        counts = [sum(int((rows[k]["alphas"][:, i, s].mean(axis=0) <= p).sum()) for k, p in keys) for s in (0, 1)]
+        lines.append((f"{alpha:g}", *counts))
+    counts = [sum(int((mean(rows, k, m) <= p).sum()) for k, p in keys) for m in ("filtered", "proposed")]
+    lines.insert(1, (f"{ALPHA:g}", *counts))
+    counts = [sum(int((as_published(rows, k, s) <= p).sum()) for k, p in keys) for s in (0, 1)]
+    lines.append((TEXT.phrase("as_published"), counts[1], None))
+    return TEXT.table("factors", lines)
 
 
 def meaning_table(columns: dict[noise.NoiseReading, FloatArray]) -> Table:

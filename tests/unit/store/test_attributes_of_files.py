@@ -175,3 +175,16 @@ def test_masks_follow_the_maps(truth: FrameTruth) -> None:
     assert masks.earth(maps).tolist() == [[1, 1, 0, 0, 1, 0]]
     assert masks.sunlit(maps, truth).tolist() == [[1, 0, 1, 0, 0, 0]]
     assert masks.saturated(np.array([[0, 1022, 1023, 1024]]), 1023).tolist() == [[0, 0, 1, 1]]
+
+
+def test_the_ideal_sensors_reading_is_in_the_header(truth: FrameTruth) -> None:
+    """By both readings; the boresight's elevation over the plane at the horizon point is its angle from the horizon."""
+    own = own_attributes(truth, truth.camera_spec)
+    roll, pitch = (own[f"horizon_{axis}_error_deg"][0] for axis in ("roll", "pitch"))
+    boresight = math.degrees(math.acos(truth.nadir_geocentric_cam[2]))
+    assert pitch == pytest.approx(boresight - math.degrees(truth.angular_radius_rad), abs=1e-9)
+    lift = math.sin(math.radians(roll)) * math.cos(math.radians(pitch))
+    assert own["horizon_roll_elevation_deg"][0] == pytest.approx(math.degrees(math.asin(lift)), abs=1e-9)
+    down = truth_at(CAMERA, pitch_deg=0.0, roll_deg=0.0)
+    if abs(down.nadir_geocentric_cam[2]) == 1.0:
+        assert "horizon_roll_error_deg" not in own_attributes(down, down.camera_spec)

@@ -7,8 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from horizonval.estimation.methods.ideal import ideal_horizon_sensor
+from horizonval.geometry.ellipsoid import sphere
+from horizonval.geometry.horizon import horizon_directions
 from horizonval.systems.c import poses as ideal_module_poses
 from horizonval.systems.c.experiment import LIMIT_RAD
+from horizonval.systems.c.picture import edge_points, reading_of_edge
 from horizonval.systems.c.poses import (
     RADIUS_M,
     departures,
@@ -52,3 +55,31 @@ def test_comparison_notices_a_turn_of_two_nanoradians(monkeypatch: pytest.Monkey
     monkeypatch.setattr(ideal_module_poses, "ideal_horizon_sensor", turned)
     found = departures({"seed": 5, "count": 20, "brute": 2})
     assert min(found["exact"]) > LIMIT_RAD
+
+
+def test_an_edge_is_read_from_the_shares_of_its_pixels() -> None:
+    """A straight edge over a picture, Earth below or to the right: exact, since a column's sum is the mean place."""
+    columns = np.arange(40.0)
+    edge = 11.3 + 0.25 * columns
+    below = np.clip(np.arange(30.0)[:, None] + 0.5 - edge, 0.0, 1.0)
+    points = edge_points(below)
+    assert len(points) > 30
+    assert points[:, 1] == pytest.approx(np.interp(points[:, 0], columns, edge), abs=1e-12)
+    upright = edge_points(np.clip(np.arange(60.0) + 0.5 - (20.7 + 0.1 * np.arange(50.0))[:, None], 0.0, 1.0))
+    assert upright[:, 0] == pytest.approx(20.7 + 0.1 * upright[:, 1], abs=1e-12)
+
+
+def test_a_picture_is_read_as_the_pose_is() -> None:
+    """Lines of sight to the exact horizon, half of it in view; and a module off by a minute of arc would show."""
+    q = pose_above_horizon(R, RADIUS_M, np.radians(-7.0), np.radians(130.0), 0.4)
+    los = Rotation.from_quat(q).apply(horizon_directions(R, sphere(RADIUS_M), np.linspace(-1.0, 1.0, 50)))
+    roll, pitch = reading_of_edge(los)
+    found = ideal_horizon_sensor(R, q, RADIUS_M)
+    assert (roll, pitch) == pytest.approx((found.roll_error_rad, found.pitch_error_rad), abs=1e-9)
+
+
+def test_the_other_reading_is_an_elevation() -> None:
+    q = pose_above_horizon(R, RADIUS_M, np.radians(30.0), np.radians(50.0), 0.7)
+    found = ideal_horizon_sensor(R, q, RADIUS_M)
+    assert np.sin(found.pitch_elevation_rad) == pytest.approx(0.5)
+    assert np.sin(found.roll_elevation_rad) == pytest.approx(np.sin(np.radians(50.0)) * np.cos(np.radians(30.0)))

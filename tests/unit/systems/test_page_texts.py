@@ -17,7 +17,7 @@ import horizonval.systems
 from horizonval.core.code import digest_below
 from horizonval.systems import markdown
 from horizonval.systems.published import PrintedTable, Published, published
-from horizonval.systems.result import ComparisonRow, Reproduction, Table
+from horizonval.systems.result import Claim, ComparisonRow, Reproduction, Status, Table
 from horizonval.systems.systems import SYSTEMS
 from horizonval.systems.text import PageText, page_text
 
@@ -43,6 +43,19 @@ def test_committed_rows_say_what_the_texts_say(system: str) -> None:
 
 
 @pytest.mark.parametrize("system", SYSTEMS)
+def test_committed_claims_say_what_the_texts_say_and_their_statuses_are_known(system: str) -> None:
+    content = json.loads((PAGES / f"{system}.json").read_text())
+    texts = page_text(system).claims.values()
+    for claim in content.get("claims", ()):
+        assert claim["status"] in list(Status)
+        assert all(claim.values())
+        assert any(_pattern(text.what).fullmatch(claim["what"]) for text in texts), claim["what"]
+    assert len({claim["what"] for claim in content.get("claims", ())}) == len(content.get("claims", ()))
+    for choice in content.get("choices", ()):
+        assert choice in (PAGES / f"{system}.md").read_text()
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
 def test_committed_pages_show_every_caption(system: str) -> None:
     page = (PAGES / f"{system}.md").read_text()
     text = page_text(system)
@@ -63,7 +76,17 @@ def test_committed_pages_are_made_of_the_committed_numbers(system: str) -> None:
         Table(t["title"], tuple(t["columns"]), tuple(map(tuple, t["rows"])), captions.get(t["title"], ""))
         for t in content["tables"]
     )
-    result = Reproduction(system, content["title"], content["source"], rows, tables, settings=content["settings"])
+    claims = tuple(Claim(**{**claim, "status": Status(claim["status"])}) for claim in content.get("claims", ()))
+    result = Reproduction(
+        system,
+        content["title"],
+        content["source"],
+        rows,
+        tables,
+        settings=content["settings"],
+        claims=claims,
+        choices=tuple(content.get("choices", ())),
+    )
     committed = (PAGES / f"{system}.md").read_text()
     head, *sections = markdown.page(result, content["seed"]).split("\n## ")
     assert committed.startswith(head.split("\n\n\n")[0])

@@ -102,14 +102,13 @@ class KnownAir:
     def _under_own_sun(self, normal_cam: FloatArray, los_cam: FloatArray, pose: LimbPose, curve: float) -> FloatArray:
         """Return means (m, h), every height's under the Sun of its own line's lowest point."""
         turn = SUNLIT_M * np.sqrt(2.0 * curve / EARTH_RADIUS_M)
-        at = []
-        for cosine, sine in zip(np.cos(turn), np.sin(turn), strict=True):
-            normal, los = cosine * normal_cam - sine * los_cam, cosine * los_cam + sine * normal_cam
-            at.append(self._templates.mean_at(*self._place(normal, los, pose)))
+        cosine, sine = np.cos(turn)[:, None, None], np.sin(turn)[:, None, None]
+        normal, los = cosine * normal_cam - sine * los_cam, cosine * los_cam + sine * normal_cam
+        means = self._templates.mean_at(*self._place(normal.reshape(-1, 3), los.reshape(-1, 3), pose))
+        all_of_them = means.reshape(len(turn), len(normal_cam), -1)
         place = np.interp(self._templates.height_m, SUNLIT_M, np.arange(len(SUNLIT_M)))
         first = np.minimum(place.astype(np.intp), len(SUNLIT_M) - 2)
         share, row = place - first, np.arange(len(place))
-        all_of_them = np.array(at)
         return np.asarray(
             all_of_them[first, :, row] * (1.0 - share)[:, None] + all_of_them[first + 1, :, row] * share[:, None]
         ).T

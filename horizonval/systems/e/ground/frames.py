@@ -96,7 +96,9 @@ class Exposure:
 class Frames:
     """The exposures of one station: pass, sky, camera, satellite, errors, seed.
 
-    ``dimmer_mag`` makes the satellite fainter, to find out how faint it may be; infinite for an empty sky.
+    ``dimmer_mag`` makes the satellite fainter, to find out how faint it may be; infinite for an empty sky. ``blur``:
+    the point spread as a sum of Gaussians, shares of the light and widths in units of the calibrated one, which is what
+    a fit takes it for.
     """
 
     path: Pass
@@ -106,6 +108,7 @@ class Frames:
     errors: StationErrors
     seed: int
     dimmer_mag: float = 0.0
+    blur: tuple[tuple[float, float], ...] = ((1.0, 1.0),)
 
     @cached_property
     def air(self) -> tuple[RefractingAir, Correction]:
@@ -156,8 +159,10 @@ class Frames:
         shape, sigma = sky_e.shape, self.camera.optics.psf_sigma_px
         stars_uv, stars_share = self._stars(second)
         stars_e = cam.electrons_of_irradiance(float(below) * stars_share, self.camera)
-        light = sky_e + streak_image(path_uv, satellite_e, sigma, (shape[0], shape[1]))
-        light += points_image(stars_uv, stars_e, sigma, (shape[0], shape[1]))
+        light = sky_e
+        for part, width in self.blur:
+            light = light + streak_image(path_uv, part * satellite_e, width * sigma, (shape[0], shape[1]))
+            light += points_image(stars_uv, part * stars_e, width * sigma, (shape[0], shape[1]))
         dn = cam.digital_numbers(light, self.camera, station.name, self._name(second), self.seed)
         return Exposure(
             dn,

@@ -16,7 +16,10 @@ Journal 3, 1965), with the covariances that the filter used::
 
     G = P_k F^T (P-_{k+1})^-1,     xs_k = x_k + G (xs_{k+1} - x-_{k+1}),     Ps_k = P_k + G (Ps_{k+1} - P-_{k+1}) G^T
 
-The filter takes errors of different instants as independent.
+The filter takes errors of different instants as independent. Where they are not, its covariances are not those of its
+states; the states' weights on the measurements are (:func:`weights`)::
+
+    w_k = (I - K_k H) F_k w_{k-1} + K_k e_k^T,     ws_k = w_k + G (ws_{k+1} - F_{k+1} w_k)
 """
 
 from __future__ import annotations
@@ -45,6 +48,7 @@ class Track:
     predicted, predicted_covariances, transitions : ndarray
         Before the update, and the derivative of the prediction by the state before it: what the way back needs.
     innovations : ndarray, shape (n, ..., 3)
+    gains : ndarray, shape (n, ..., m, 3)
     r, q : ndarray, shape (..., 3, 3) and (..., m, m)
         The noise covariances as they stood at the end.
     """
@@ -55,6 +59,7 @@ class Track:
     predicted_covariances: FloatArray
     transitions: FloatArray
     innovations: FloatArray
+    gains: FloatArray
     r: FloatArray
     q: FloatArray
 
@@ -107,11 +112,11 @@ def filter_positions(
         if alpha < 1.0:
             r_now = alpha * r_now + (1.0 - alpha) * (_outer(y[k] - x[..., :3]) + seen)
             q_now = alpha * q_now + (1.0 - alpha) * _outer(step)
-        rows.append((x, p, before, p_before, np.broadcast_to(f, p.shape), d))
-    states, covariances, predicted, p_predicted, transitions, innovations = (
+        rows.append((x, p, before, p_before, np.broadcast_to(f, p.shape), d, gain))
+    states, covariances, predicted, p_predicted, transitions, innovations, gains = (
         np.stack(column) for column in zip(*rows, strict=True)
     )
-    return Track(states, covariances, predicted, p_predicted, transitions, innovations, r_now, q_now)
+    return Track(states, covariances, predicted, p_predicted, transitions, innovations, gains, r_now, q_now)
 
 
 def rts_smoother(track: Track) -> tuple[FloatArray, FloatArray]:
@@ -119,10 +124,38 @@ def rts_smoother(track: Track) -> tuple[FloatArray, FloatArray]:
     states, covariances = list(track.states), list(track.covariances)
     for k in range(len(states) - 2, -1, -1):
         p_next = track.predicted_covariances[k + 1]
-        gain = np.swapaxes(np.linalg.solve(p_next, track.transitions[k + 1] @ covariances[k]), -1, -2)
+        gain = _way_back(track, k)
         states[k] = states[k] + np.einsum("...ij,...j->...i", gain, states[k + 1] - track.predicted[k + 1])
         covariances[k] = covariances[k] + gain @ (covariances[k + 1] - p_next) @ np.swapaxes(gain, -1, -2)
     return np.stack(states), np.stack(covariances)
+
+
+def weights(track: Track, start: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what every state is of the measurements, forward and after the way back, shape (n, m, n, 3) each.
+
+    The derivatives of one series' states by the measured positions, with the gains as they came out. ``start`` of
+    shape (m, n, 3): those of the state that the filter began with.
+    """
+    count, size = track.states.shape
+    one = np.eye(size)
+    forward = np.zeros((count, *start.shape))
+    w = start
+    for k in range(count):
+        keep = one - np.concatenate([track.gains[k], np.zeros((size, size - 3))], axis=1)
+        w = np.tensordot(keep @ track.transitions[k], w, axes=1)
+        w[:, k] += track.gains[k]
+        forward[k] = w
+    back = forward.copy()
+    for k in range(count - 2, -1, -1):
+        rest = back[k + 1] - np.tensordot(track.transitions[k + 1], forward[k], axes=1)
+        back[k] += np.tensordot(_way_back(track, k), rest, axes=1)
+    return forward, back
+
+
+def _way_back(track: Track, k: int) -> FloatArray:
+    """Return the gain ``G`` with which what comes after instant ``k`` is heard."""
+    known = track.transitions[k + 1] @ track.covariances[k]
+    return np.asarray(np.swapaxes(np.linalg.solve(track.predicted_covariances[k + 1], known), -1, -2))
 
 
 def _outer(v: FloatArray) -> FloatArray:

@@ -4,8 +4,18 @@
 squares, adaptive Kalman filter, celestial coordinates; then the filter's way back. ``batch``: all angles at once.
 
 The filter is given smoothed positions, whose errors hang together over the smoother's width, and takes them as
-independent: it counts the same news ``1 / mean |row|^2`` times (rows of the smoother). Its states are hardly touched by
-that, its covariances are too small by this factor; here they are multiplied by it.
+independent. Its states are hardly touched by that, but what it says of them counts the same news many times. What is
+claimed here is therefore not the filter's own covariance: every state is a weighted sum of the smoothed positions,
+these are one of the angles, and the angles' errors are independent from instant to instant::
+
+    P_k = sum_j V_kj C_j V_kj^T,     V_kj = sum_i w_ki S_ij D_j
+
+with the states' weights ``w`` (:func:`horizonval.systems.e.localisation.kalman.weights`), the smoother's matrix ``S``,
+the positions' derivatives ``D`` by the angles, and the angles' covariances ``C``. Neglected: that the gains, being
+adapted, depend on the errors themselves.
+
+``as published`` is the printed order with the printed factor: a Gaussian mean of the directions, least squares, the
+filter, no way back (:func:`locate_as_published`).
 """
 
 from __future__ import annotations
@@ -15,19 +25,30 @@ from datetime import datetime
 
 import numpy as np
 from numpy.polynomial import polynomial
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.rotation import itrs_from_gcrs, turn
 from horizonval.systems.e.localisation.batch import OrbitFit, fit_orbit
-from horizonval.systems.e.localisation.kalman import Track, filter_positions, rts_smoother
+from horizonval.systems.e.localisation.kalman import Track, filter_positions, rts_smoother, weights
 from horizonval.systems.e.localisation.motion import propagate, transition
-from horizonval.systems.e.localisation.smoothing import KernelChoice, choose_kernel, smooth, smoother_matrix
+from horizonval.systems.e.localisation.smoothing import (
+    KernelChoice,
+    choose_kernel,
+    smooth,
+    smooth_extended,
+    smoother_matrix,
+)
 from horizonval.systems.e.localisation.stations import Station
 from horizonval.systems.e.localisation.triangulation import triangulate, triangulate_with_partials
 
 ALPHA = 0.995
-"""Forgetting factor: a memory of 200 measurements, about a pass. The published 0.3 remembers one or two."""
+"""Forgetting factor: a memory of 200 measurements, about a pass. Chosen after the results of others had been seen."""
+PUBLISHED_ALPHA = 0.3
+"""Remembers one or two measurements."""
+PUBLISHED_WIDTH_S = 1.0
+"""Standard deviation of the published Gaussian mean. The paper does not print it; among the widths tried this one comes
+nearest to its figures, so that what it gives beside them is a fit of one number, not a test."""
 
 _START_S, _START_LEAST = 20.0, 12
 _START_SPEED_M_S = 100.0
@@ -79,8 +100,6 @@ class PassPositions:
     filtered_covariances, proposed_covariances, batch_covariances : ndarray, shape (n, 3, 3)
         [m^2]
     kernel : KernelChoice
-    repeats : float
-        How many neighbouring smoothed directions tell the same.
     orbit : OrbitFit
     """
 
@@ -93,7 +112,6 @@ class PassPositions:
     proposed_covariances: FloatArray
     batch_covariances: FloatArray
     kernel: KernelChoice
-    repeats: float
     orbit: OrbitFit
 
 
@@ -115,25 +133,52 @@ def locate(measured: TwoStationPass, *, alpha: float = ALPHA) -> PassPositions:
     partials = back @ triangulate_with_partials(measured.stations, angles)[1]
     r = share * np.mean(partials @ spread @ np.swapaxes(partials, -1, -2), axis=0)
     track = follow(t, positions, r, alpha=alpha)
-    states, covariances = rts_smoother(track)
+    states, _ = rts_smoother(track)
     middle = len(t) // 2
     orbit = fit_orbit(
         measured.stations, t, angles, spread, turns, _carried(states[middle], t, middle), measured.consider_partials_rad
     )
     considered = _considered(partials, measured.consider_partials_rad)
+    seen = partials @ _root(np.broadcast_to(spread, (len(t), 4, 4)))
+    forward, way_back = (
+        _claimed(w[:, :3], smoother_matrix(t, kernel.kernel), seen) for w in weights(track, _start_weights(t))
+    )
     return PassPositions(
         plain=plain,
         smoothed=positions,
         filtered=track.states[:, :3],
         proposed=states[:, :3],
         batch=orbit.states_gcrs[:, :3],
-        filtered_covariances=track.covariances[:, :3, :3] / share + considered,
-        proposed_covariances=covariances[:, :3, :3] / share + considered,
+        filtered_covariances=forward + considered,
+        proposed_covariances=way_back + considered,
         batch_covariances=orbit.covariances[:, :3, :3],
         kernel=kernel,
-        repeats=1.0 / share,
         orbit=orbit,
     )
+
+
+def locate_as_published(
+    measured: TwoStationPass, *, alpha: float = PUBLISHED_ALPHA, width_s: float = PUBLISHED_WIDTH_S
+) -> tuple[FloatArray, FloatArray]:
+    """Return positions in celestial axes [m], shape (n, 3) each: smoothed, and after the filter that follows.
+
+    A Gaussian mean of one width for all passes, the directions carried on in a straight line beyond both ends. The
+    paper does not say how its filter begins; here with the first position and its difference to the second.
+    """
+    t, angles = measured.times_s, measured.angles_rad
+    first, second = measured.stations
+    back = np.swapaxes(itrs_from_gcrs(measured.epoch_utc, t), -1, -2)
+    raw = measured.directions_itrs
+    smoothed = [smooth_extended(t, u, width_s) for u in raw]
+    positions = turn(back, triangulate(first.r_itrs, second.r_itrs, *smoothed)[0])
+    spread = np.eye(4) * _angle_sigma(choose_kernel(t, *raw).sigma_rad, angles) ** 2
+    partials = back @ triangulate_with_partials(measured.stations, angles)[1]
+    r = np.mean(partials @ spread @ np.swapaxes(partials, -1, -2), axis=0)
+    step = float(t[1] - t[0])
+    start = np.concatenate([positions[0], (positions[1] - positions[0]) / step])
+    spread6 = np.kron(np.diag([1.0, 2.0 / step**2]), r)
+    track = filter_positions(t, positions, r, _DRIFT * np.eye(6), start, spread6, _motion, alpha=alpha)
+    return positions, track.states[:, :3]
 
 
 def follow(times_s: ArrayLike, r_gcrs: ArrayLike, covariance: ArrayLike, *, alpha: float = ALPHA) -> Track:
@@ -142,7 +187,7 @@ def follow(times_s: ArrayLike, r_gcrs: ArrayLike, covariance: ArrayLike, *, alph
     It begins with a cubic through the first 20 s (at least 12 positions), and believes its speed to 100 m/s.
     """
     t, r = np.asarray(times_s, float), np.asarray(r_gcrs, float)
-    early = t <= max(t[0] + _START_S, t[min(_START_LEAST, len(t)) - 1])
+    early = _early(t)
     coefficients = polynomial.polyfit(t[early] - t[0], r[early], 3)
     spread = np.zeros((6, 6))
     spread[:3, :3] = 4.0 * np.asarray(covariance, float)
@@ -154,9 +199,43 @@ def follow(times_s: ArrayLike, r_gcrs: ArrayLike, covariance: ArrayLike, *, alph
         _DRIFT * np.eye(6),
         np.concatenate(coefficients[:2]),
         spread,
-        lambda x, dt: (propagate(x, dt), transition(x, dt)),
+        _motion,
         alpha=alpha,
     )
+
+
+def _motion(state: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
+    """Return the state after a time, and its derivative by the state."""
+    return propagate(state, dt_s), transition(state, dt_s)
+
+
+def _early(t: FloatArray) -> NDArray[np.bool_]:
+    """Return which measurements the filter's start is made of, shape (n,)."""
+    return np.asarray(t <= max(t[0] + _START_S, t[min(_START_LEAST, len(t)) - 1]))
+
+
+def _start_weights(t: FloatArray) -> FloatArray:
+    """Return what the filter's start is of the positions, shape (6, n, 3): place and speed of the cubic."""
+    early = _early(t)
+    fit = np.zeros((2, len(t)))
+    fit[:, early] = np.linalg.pinv(polynomial.polyvander(t[early] - t[0], 3))[:2]
+    return np.einsum("pn,ab->panb", fit, np.eye(3)).reshape(6, len(t), 3)
+
+
+def _root(spread: FloatArray) -> FloatArray:
+    """Return roots ``L`` of covariances, ``L L^T``, shape (n, 4, 4): they need not be definite."""
+    values, vectors = np.linalg.eigh(spread)
+    return vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+
+
+def _claimed(of_positions: FloatArray, smoother: FloatArray, seen: FloatArray) -> FloatArray:
+    """Return covariances, shape (n, 3, 3), of states with weights (n, 3, n, 3) on the smoothed positions.
+
+    ``seen``, shape (n, 3, 4): what one standard deviation of every independent error does to a position.
+    """
+    of_raw = np.einsum("kaib,ij->kajb", of_positions, smoother, optimize=True)
+    parts = np.einsum("kajb,jbe->kaje", of_raw, seen, optimize=True).reshape(len(of_positions), 3, -1)
+    return np.asarray(parts @ np.swapaxes(parts, -1, -2))
 
 
 def _considered(partials: FloatArray, consider_partials_rad: FloatArray | None) -> FloatArray:

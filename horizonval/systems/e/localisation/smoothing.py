@@ -82,12 +82,33 @@ def smooth_clamped(times_s: ArrayLike, directions: ArrayLike, width_s: float) ->
 
     Needs equal steps.
     """
-    t, u = np.asarray(times_s, float), np.asarray(directions, float)
-    step = float(t[1] - t[0])
-    reach = int(np.ceil(5.0 * width_s / step))
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / width_s) ** 2)
-    padded = np.concatenate([np.repeat(u[:1], reach, axis=0), u, np.repeat(u[-1:], reach, axis=0)])
-    smoothed = np.stack([np.convolve(padded[:, i], weights, mode="valid") for i in range(u.shape[1])], axis=1)
+    u = np.asarray(directions, float)
+    reach = _reach(times_s, width_s)
+    return _gaussian_mean(times_s, width_s, np.repeat(u[:1], reach, axis=0), u, np.repeat(u[-1:], reach, axis=0))
+
+
+def smooth_extended(times_s: ArrayLike, directions: ArrayLike, width_s: float) -> FloatArray:
+    """Return the weighted mean with the vectors carried on beyond both ends by the last difference.
+
+    Needs equal steps.
+    """
+    u = np.asarray(directions, float)
+    beyond = np.arange(1, _reach(times_s, width_s) + 1)[:, None]
+    before, after = u[0] - beyond[::-1] * (u[1] - u[0]), u[-1] + beyond * (u[-1] - u[-2])
+    return _gaussian_mean(times_s, width_s, before, u, after)
+
+
+def _reach(times_s: ArrayLike, width_s: float) -> int:
+    t = np.asarray(times_s, float)
+    return int(np.ceil(5.0 * width_s / float(t[1] - t[0])))
+
+
+def _gaussian_mean(times_s: ArrayLike, width_s: float, *parts: FloatArray) -> FloatArray:
+    """Return unit vectors: the weighted mean of what lies before, in and after a series, where the series is."""
+    t, reach = np.asarray(times_s, float), _reach(times_s, width_s)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) * float(t[1] - t[0]) / width_s) ** 2)
+    padded = np.concatenate(parts)
+    smoothed = np.stack([np.convolve(padded[:, i], weights, mode="valid") for i in range(padded.shape[1])], axis=1)
     return smoothed / np.linalg.norm(smoothed, axis=-1, keepdims=True)
 
 

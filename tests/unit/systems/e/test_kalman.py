@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from horizonval.systems.e.localisation.kalman import filter_positions, rts_smoother
+from horizonval.systems.e.localisation.kalman import filter_positions, rts_smoother, weights
 
 DT = 1.0
 F = np.block([[np.eye(3), DT * np.eye(3)], [np.zeros((3, 3)), np.eye(3)]])
@@ -99,3 +99,16 @@ def test_one_step_of_the_adaptation_is_as_printed() -> None:
     e = y[0] - H @ gain @ d
     assert track.r == pytest.approx(alpha * R + (1 - alpha) * (np.outer(e, e) + H @ p @ H.T))
     assert track.q == pytest.approx(alpha * Q + (1 - alpha) * gain @ np.outer(d, d) @ gain.T)
+
+
+def test_weights_are_what_the_states_are_of_the_measurements() -> None:
+    """A linear filter: its states are the start's share and the weighted sum of the measurements, both ways."""
+    _, measured = _simulated(30, 1, 7, Q)
+    y, t = measured[:, 0], np.arange(30.0)
+    start = np.zeros((6, 30, 3))
+    start[:3, 0] = np.eye(3)
+    first = np.concatenate([y[0], np.zeros(3)])
+    track = filter_positions(t, y, R, Q, first, 100.0 * np.eye(6), _motion)
+    forward, back = weights(track, start)
+    assert np.einsum("kmic,ic->km", forward, y) == pytest.approx(track.states, abs=1e-9)
+    assert np.einsum("kmic,ic->km", back, y) == pytest.approx(rts_smoother(track)[0], abs=1e-9)

@@ -12,6 +12,7 @@ from horizonval.systems.e.localisation.smoothing import (
     scatter,
     smooth,
     smooth_clamped,
+    smooth_extended,
     smoother_matrix,
     straight_pass,
 )
@@ -61,6 +62,14 @@ def test_clamped_mean_is_drawn_inwards_at_the_ends() -> None:
     assert bias[0] == pytest.approx(rate[0] * width / np.sqrt(2.0 * np.pi), rel=0.04)
     local = np.linalg.norm(smooth(TIMES, u, Kernel(3, width)) - u, axis=1)
     assert local[[0, -1]].max() < 1e-3 * bias[[0, -1]].min()
+
+
+def test_carried_on_in_a_straight_line_the_ends_keep_their_place() -> None:
+    """What is left is the curvature of the path over a second, 1e-5 here; clamped ends miss by 1e-2."""
+    u = _flight()
+    carried, clamped = (np.linalg.norm(f(TIMES, u, 1.0) - u, axis=1) for f in (smooth_extended, smooth_clamped))
+    assert carried.max() < 1e-4
+    assert clamped[[0, -1]].min() > 20.0 * carried.max()
 
 
 def test_a_straight_flight_is_found_from_its_directions() -> None:
