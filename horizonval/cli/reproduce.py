@@ -16,7 +16,9 @@ from horizonval.cli.work import resumable
 def reproduce(
     systems: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[A|B|C|D|E|all]...", help="Published systems; all by default.", autocompletion=systems),
+        typer.Argument(
+            metavar="[A|B|C|D|E|F|G|all]...", help="Published systems; all by default.", autocompletion=systems
+        ),
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the pages; made if need be.")] = ...,  # type: ignore[assignment]
     seed: Annotated[int, typer.Option(min=0, help="Of all noise in the experiments.")] = 0,

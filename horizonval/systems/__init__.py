@@ -1,1 +1,1 @@
-"""Five published systems, reproduced."""
+"""Published systems, reproduced."""

@@ -65,7 +65,7 @@ def write_reproduction(result: Reproduction, folder: Path, seed: int) -> dict[st
 def write_first_page(folder: Path) -> Path:
     """Write ``README.md`` of all systems whose JSON file lies in the folder; return its path."""
     contents = [
-        content for path in sorted(folder.glob("[A-E].json")) if (content := read_json(path, bound=False)) is not None
+        content for path in sorted(folder.glob("[A-G].json")) if (content := read_json(path, bound=False)) is not None
     ]
     path = folder / "README.md"
     atomic.write_text(path, markdown.first_page(contents))

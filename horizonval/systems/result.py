@@ -153,7 +153,7 @@ class Reproduction:
     Attributes
     ----------
     system : str
-        The letter of the command: A to E.
+        The letter of the command: A to G.
     title, source : str
         What the system is, and who published it.
     rows, tables, figures

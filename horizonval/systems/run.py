@@ -81,6 +81,6 @@ def _check_folder(out: Path) -> None:
         raise UserError("no such folder", where=str(out.parent), fix="create it first")
     if out.exists() and not out.is_dir():
         raise UserError("is a file", where=str(out), expected="a folder")
-    ours = (out / WORK).is_dir() or any(out.glob("[A-E].json"))
+    ours = (out / WORK).is_dir() or any(out.glob("[A-G].json"))
     if out.is_dir() and any(out.iterdir()) and not ours:
         raise UserError("holds something else", where=str(out), expected="a new folder, or one of this command")

@@ -9,7 +9,7 @@ from horizonval.core.errors import UserError
 from horizonval.systems.result import Reproduction
 from horizonval.systems.task_cache import TaskCache
 
-SYSTEMS = ("A", "B", "C", "D", "E")
+SYSTEMS = ("A", "B", "C", "D", "E", "F", "G")
 """Letters of the published systems; each has a package of its name here."""
 
 

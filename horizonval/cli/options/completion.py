@@ -56,7 +56,9 @@ def lists(incomplete: str) -> list[tuple[str, str]]:
 
 def systems(incomplete: str) -> list[tuple[str, str]]:
     """Offer the letters of the published systems."""
-    return [(name, "") for name in ("A", "B", "C", "D", "E", "all") if name.lower().startswith(incomplete.lower())]
+    return [
+        (name, "") for name in ("A", "B", "C", "D", "E", "F", "G", "all") if name.lower().startswith(incomplete.lower())
+    ]
 
 
 def kinds_of_files(incomplete: str) -> list[tuple[str, str]]:

@@ -178,13 +178,14 @@ class SunlitStations:
     """Places along rays at which a march tells what it has added up: piece by piece even in t.
 
     ``cuts``: where the pieces begin and end, rising [m]; ``numbers``: of the stations there, from 0 to ``count`` less
-    one, size-1 arrays. ``steps`` steps from each station to the next, ``before`` steps up to the first. Where
-    ``shadow`` may cut the rays, both are shared by the pieces before, in and behind the umbra, a third to each, so that
-    no step straddles its edge.
+    one, size-1 arrays. ``taken``: how many steps are behind there, from the first station on, as many to each interval
+    of a piece; ``steps`` of all, and ``before`` steps up to the first. Where ``shadow`` may cut the rays, both are
+    shared by the pieces before, in and behind the umbra, a third to each, so that no step straddles its edge.
     """
 
     cuts: tuple[mi.Float64, ...]
     numbers: tuple[mi.Float64, ...]
+    taken: tuple[mi.Float64, ...]
     count: int
     steps: int
     before: int
@@ -192,25 +193,39 @@ class SunlitStations:
 
     def piece(self, past: Callable[[int], mi.Bool]) -> tuple[mi.Float64, mi.Float64, mi.Float64, mi.Float64]:
         """Return begin and end of pieces [m], and the numbers of the stations there; ``past``: cut k is behind."""
-        low, high, first, last = self.cuts[0], self.cuts[1], self.numbers[0], self.numbers[1]
-        for k in range(1, len(self.cuts) - 1):
-            behind = past(k)
-            low, high = dr.select(behind, self.cuts[k], low), dr.select(behind, self.cuts[k + 1], high)
-            first, last = dr.select(behind, self.numbers[k], first), dr.select(behind, self.numbers[k + 1], last)
-        return low, high, first, last
+        low, high = self._ends(self.cuts, past)
+        return low, high, *self._ends(self.numbers, past)
+
+    def interval(self, past: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
+        """Return the station that steps come from, counted from the first station, and their share of the interval."""
+
+        def behind(k: int) -> mi.Bool:
+            return past >= self.taken[k]
+
+        (first, last), (number, following) = (self._ends(of, behind) for of in (self.taken, self.numbers))
+        intervals = (past - first) * ((following - number) / (last - first))
+        whole = dr.floor(intervals + 1e-9)
+        return number + whole, intervals - whole
+
+    @staticmethod
+    def _ends(values: tuple[mi.Float64, ...], past: Callable[[int], mi.Bool]) -> tuple[mi.Float64, mi.Float64]:
+        low, high = values[0], values[1]
+        for k in range(1, len(values) - 1):
+            low, high = dr.select(past(k), values[k], low), dr.select(past(k), values[k + 1], high)
+        return low, high
 
     def bound(self, path: AirPath, edges: tuple[mi.Float64, mi.Float64], c: float, i: mi.Float64) -> mi.Float64:
         """Return the ray parameter at the beginning of a step; ``edges`` of the umbra, ``c`` as of :func:`warp`."""
         start = path.t_low - path.length_before
         ahead = i < self.before
         past = dr.maximum(i - self.before, 0.0)
-        station = dr.floor(past * (1.0 / self.steps) + 1e-9)
+        station, within = self.interval(past)
         first, last, number, following = self.piece(lambda k: station >= self.numbers[k])
         spacing = (last - first) / (following - number)
         low = dr.select(ahead, start, dr.fma(spacing, station - number, first))
         high = dr.select(ahead, self.cuts[0], low + spacing)
         pieces = 3.0 if self.shadow else 1.0
-        share = dr.select(ahead, i * (pieces / self.before), (past - station * self.steps) * (pieces / self.steps))
+        share = dr.select(ahead, i * (pieces / self.before), within * pieces)
         begin, end = low, high
         if self.shadow:
             piece = dr.minimum(dr.floor(share + 1e-9), 2.0)
@@ -244,7 +259,7 @@ def march_to_stations(
     ends = mi.Bool(to_ground)
     dr.make_opaque(ends)
     path = find_path(planet, top_m, o, d, ends)
-    count = stations.before + (stations.count - 1) * stations.steps
+    count = stations.before + stations.steps
     source: RaySource
     if isinstance(batch, SolarNodes):
         source = SunlitRays.of(batch, planet, path, o, d, sun, count, concentration)
@@ -261,10 +276,10 @@ def march_to_stations(
         return stations.bound(path, edges, concentration, i)
 
     def note(i: mi.UInt32, tau: Values, radiance: Values) -> None:
-        past = i - stations.before
+        station, within = stations.interval(dr.maximum(mi.Float64(i) - stations.before, 0.0))
         # the last round may go past the last station
-        here = (i >= stations.before) & (i <= count) & (past % stations.steps == 0)
-        index = past // stations.steps * width + lane
+        here = (i >= stations.before) & (i <= count) & (within < 1e-6)
+        index = mi.UInt32(station) * width + lane
         for values, value in zip(noted, [*radiance, *tau], strict=True):
             dr.scatter(values, value, index, here, mode=dr.ReduceMode.NoConflicts)
 

@@ -34,6 +34,9 @@ STEPS, STEPS_BEFORE = 1, 32
 """Of the march: from one station to the next, and up to the first. Against 128 before, six frames drawn at random were
 off by 5e-5 at most and by 3e-6 in the median; with 64 by 5e-5 and 7e-7. With two from one station to the next the worst
 pixels under clouds were as far from the march."""
+STEPS_IN_LAYER = 4
+"""From one station to the next in layers of thin cloud, which few stations cross. With 1, 2 and 4 a frame under clouds
+was off by 4e-3, 5e-4 and 1e-4, in the median by 1.4e-4, 3e-5 and 7e-6."""
 IN_SHADOW, IN_SHADOW_BEFORE = 6, 12
 """How many times as many where the Earth's shadow may cut rays, where each of three pieces has a third of them."""
 ABOVE_TOPS_M = 3000.0
@@ -67,10 +70,24 @@ def stations_along(
     cuts = [first]
     for t in [*down, *([] if to_ground else up)]:
         cuts.append(dr.clip(t, cuts[-1], last))
-    numbers = _numbers([highest, *levels, 0.0], to_ground)
+    heights = [highest, *levels, 0.0]
+    numbers = _numbers(heights, to_ground)
     shadow = not light.shines_everywhere(coordinates)
-    steps, before = (IN_SHADOW * STEPS, IN_SHADOW_BEFORE * STEPS_BEFORE) if shadow else (STEPS, STEPS_BEFORE)
-    return SunlitStations((*cuts, last), tuple(constant(n) for n in numbers), STATIONS, steps, before, shadow)
+    times, before = (IN_SHADOW, IN_SHADOW_BEFORE * STEPS_BEFORE) if shadow else (1, STEPS_BEFORE)
+    inside = (light.in_layer(0.5 * sum(ends)) for ends in pairwise(heights))
+    each = [times * (STEPS_IN_LAYER if layer else STEPS) for layer in inside]
+    if not to_ground:
+        each += each[-2::-1]
+    taken = [0, *accumulate(n * (end - begin) for n, (begin, end) in zip(each, pairwise(numbers), strict=True))]
+    return SunlitStations(
+        (*cuts, last),
+        tuple(constant(n) for n in numbers),
+        tuple(constant(n) for n in taken),
+        STATIONS,
+        taken[-1],
+        before,
+        shadow,
+    )
 
 
 def _numbers(heights_m: Sequence[float], to_ground: bool) -> list[int]:

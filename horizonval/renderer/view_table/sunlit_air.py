@@ -67,6 +67,11 @@ class Light:
         """Heights at which layers of thin cloud, or of airglow, begin and end."""
         return {edge for batch in self.batches if batch is not None for band in batch.bands for edge in band[:2]}
 
+    def in_layer(self, height_m: float) -> bool:
+        """Return whether a layer of thin cloud, or of airglow, is at a height."""
+        bands = [band for batch in self.batches if batch is not None for band in batch.bands]
+        return any(band.base_m < height_m < band.top_m for band in bands)
+
     @property
     def air_top_m(self) -> float:
         """Height above which nothing scatters in the batches' own columns: ``top_m``, or a few of their steps below."""

@@ -59,7 +59,7 @@ def test_stations_tell_what_marches_find_that_end_there(
     o, d = _rays(down)
     sun = constant_vector(sun_itrs)
     first, last = way_through(PLANET, o, d, 18e3, to_ground)
-    stations = SunlitStations((first, last), _numbers(4.0), count=5, steps=48, before=192)
+    stations = SunlitStations((first, last), _numbers(4.0), _numbers(192.0), count=5, steps=192, before=192)
     radiance, _, transmittance = march_to_stations(
         PLANET, top_m, batch, o, d, sun, to_ground, SOLAR_CONCENTRATION, stations
     )
@@ -73,14 +73,16 @@ def test_stations_tell_what_marches_find_that_end_there(
 
 
 def test_every_piece_has_its_own_even_stations(lit_air) -> None:
-    """The same light as at stations of other numbers in the same places; 1e-5, since steps between them are others."""
+    """The same light as at stations of other numbers in the same places; 1e-5, since steps between them are others:
+    in the second piece twice as many.
+    """
     top_m, batch = lit_air
     o, d = _rays(0.9)
     sun = constant_vector((0.6, 0.8, 0.0))
     first, last = way_through(PLANET, o, d, 18e3, True)
     cut = first + 0.25 * (last - first)
-    pieces = SunlitStations((first, cut, last), _numbers(3.0, 9.0), 10, steps=24, before=192)
-    whole = SunlitStations((first, last), _numbers(24.0), 25, steps=24, before=192)
+    pieces = SunlitStations((first, cut, last), _numbers(3.0, 9.0), _numbers(72.0, 360.0), 10, steps=360, before=192)
+    whole = SunlitStations((first, last), _numbers(24.0), _numbers(576.0), 25, steps=576, before=192)
     found = []
     for stations in (pieces, whole):
         light = march_to_stations(PLANET, top_m, batch, o, d, sun, True, SOLAR_CONCENTRATION, stations)
@@ -98,7 +100,9 @@ def test_rays_without_a_shadow_need_no_pieces(lit_air, down: float, to_ground: b
     first, last = way_through(PLANET, o, d, 18e3, to_ground)
     found = []
     for pieces in (3, 1):
-        stations = SunlitStations((first, last), _numbers(4.0), 5, 4 * pieces, 32 * pieces, shadow=pieces == 3)
+        steps = 16 * pieces
+        numbers, taken = _numbers(4.0), _numbers(float(steps))
+        stations = SunlitStations((first, last), numbers, taken, 5, steps, 32 * pieces, shadow=pieces == 3)
         sun = constant_vector((0.9, np.sqrt(1.0 - 0.81), 0.0))
         light = march_to_stations(PLANET, top_m, batch, o, d, sun, to_ground, SOLAR_CONCENTRATION, stations)
         found.append([np.array(v[0]) for v in (light[0], light[2])])

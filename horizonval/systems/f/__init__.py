@@ -1,0 +1,1 @@
+"""System F: a conical scanner, and what cold clouds do to it."""

@@ -1,0 +1,164 @@
+"""System F: a conical scanner of the seventies, in the carbon dioxide band and in a window, under clear sky and clouds.
+
+The publication names cold clouds as the principal cause of its two scanners' noise. Here the same scan is made with and
+without clouds, so that what they add is a difference and no guess.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from horizonval.systems.f import figures as figures
+from horizonval.systems.f.errors import THRESHOLDS, BandErrors, band_errors, plateau_deficits
+from horizonval.systems.f.hard_edge import worst_error_deg
+from horizonval.systems.f.scans import scan
+from horizonval.systems.f.settings import ALTITUDE_KM, BANDS, CO2, ELECTRONICS, INCLINATION_DEG, PLACES, WINDOW
+from horizonval.systems.published import published
+from horizonval.systems.result import Claim, ComparisonRow, Reproduction, Status, Table
+from horizonval.systems.task_cache import TaskCache
+from horizonval.systems.text import page_text
+from horizonval.systems.weather_viewpoints import weather_places
+
+TEXT = page_text("F")
+PRINTED = published("F")
+HARD_LIMIT_DEG = 1e-3
+LEAST_RATIO = 5.0
+LEAST_CORRELATION = 0.7
+"""The bars were set before any scan was made."""
+
+Errors = Mapping[str, Mapping[str, BandErrors]]
+
+
+def reproduce(cache: TaskCache) -> Reproduction:
+    """Make the scans and return rows, claims, table and figures."""
+    places = weather_places(PLACES, INCLINATION_DEG, cache.seed)
+    items = {
+        f"{name}, {band}": {**place, "altitude_km": ALTITUDE_KM, "band_um": list(limits)}
+        for band, limits in BANDS.items()
+        for name, place in places.items()
+    }
+    made = cache.each("F: scans", scan, items)
+    scans = {band: {name: made[f"{name}, {band}"] for name in places} for band in BANDS}
+    errors = {band: {kind: band_errors(scans[band], places, kind) for kind in THRESHOLDS} for band in BANDS}
+    deficits = {band: plateau_deficits(scans[band]) for band in BANDS}
+    rows = tuple(_rows(errors, deficits))
+    return TEXT.reproduction(
+        rows=rows,
+        tables=[_table(errors)],
+        figures=[
+            TEXT.figure("scans", partial(figures.draw_scans, scans)),
+            TEXT.figure("errors", partial(figures.draw_errors, errors)),
+        ],
+        settings={"altitude_km": ALTITUDE_KM, "inclination_deg": INCLINATION_DEG, **asdict(ELECTRONICS)},
+        claims=_claims(errors, deficits),
+        places=PLACES,
+        window={kind: added_deg(errors[WINDOW][kind]) for kind in THRESHOLDS},
+        co2={kind: added_deg(errors[CO2][kind]) for kind in THRESHOLDS},
+        clear={kind: clear_deg(errors[CO2][kind]) for kind in THRESHOLDS},
+        window_clear={kind: clear_deg(errors[WINDOW][kind]) for kind in THRESHOLDS},
+        largest=max(
+            float(np.nanmax(np.abs(errors[WINDOW][k].added(errors[WINDOW][k].worst_axis)))) for k in THRESHOLDS
+        ),
+    )
+
+
+def added_deg(errors: BandErrors) -> float:
+    """Return one standard deviation of what clouds add, in the worse axis."""
+    return float(np.nanstd(errors.added(errors.worst_axis)))
+
+
+def clear_deg(errors: BandErrors) -> float:
+    """Return one standard deviation of the clear scans' errors, in the axis that clouds disturb more."""
+    found = errors.pitch if errors.worst_axis == "pitch" else errors.roll
+    return float(np.std(found["clear"]))
+
+
+def correlation(errors: BandErrors, deficits: np.ndarray) -> float:
+    """Return the correlation of the pitch that clouds add with the difference of both plateaus' deficits."""
+    added = errors.added("pitch")
+    known = np.isfinite(added)
+    return float(np.corrcoef(added[known], (deficits[:, 0] - deficits[:, 1])[known])[0, 1])
+
+
+def _rows(errors: Errors, deficits: Mapping[str, np.ndarray]) -> Iterator[ComparisonRow]:
+    yield TEXT.row("hard_edge", worst_error_deg(), limit=HARD_LIMIT_DEG)
+    for kind in THRESHOLDS:
+        window, co2 = errors[WINDOW][kind], errors[CO2][kind]
+        phrase = TEXT.phrase(kind)
+        for band, one in ((WINDOW, window), (CO2, co2)):
+            where: dict[str, Any] = {"band": band, "threshold": phrase, "axis": one.worst_axis, "places": PLACES}
+            largest = float(np.nanmax(np.abs(one.added(one.worst_axis))))
+            mean = float(np.nanmean(one.added(one.worst_axis)))
+            yield TEXT.row("added", added_deg(one), largest=largest, mean=mean, **where)
+            yield TEXT.row("clear", clear_deg(one), height=one.height_km, sigma=float(np.max(one.sigma)), **where)
+        ratio = added_deg(window) / max(added_deg(co2), 1e-9)
+        yield TEXT.row("ratio", ratio, limit=LEAST_RATIO, at_least=True, threshold=phrase)
+        share = added_deg(window) / clear_deg(window)
+        yield TEXT.row("principal", share, limit=1.0, at_least=True, threshold=phrase)
+    yield TEXT.row(
+        "correlation", abs(correlation(errors[WINDOW]["fraction"], deficits[WINDOW])), limit=LEAST_CORRELATION,
+        at_least=True,
+    )  # fmt: skip
+    for band in BANDS:
+        one = errors[band]["fixed"]
+        yield TEXT.row("spare", float(one.spare), band=band, places=PLACES, refused=one.refused)
+
+
+def _claims(errors: Errors, deficits: Mapping[str, np.ndarray]) -> Iterator[Claim]:
+    def print_of(key: str) -> str:
+        return str(PRINTED.figures[key].value)
+
+    principal = all(added_deg(errors[WINDOW][k]) > clear_deg(errors[WINDOW][k]) for k in THRESHOLDS)
+    yield TEXT.claim(
+        "principal",
+        print_of("principal"),
+        Status.BOUNDED if principal else Status.CONTRADICTED,
+        fixed=added_deg(errors[WINDOW]["fixed"]),
+        fraction=added_deg(errors[WINDOW]["fraction"]),
+        clear_fixed=clear_deg(errors[WINDOW]["fixed"]),
+        clear_fraction=clear_deg(errors[WINDOW]["fraction"]),
+        co2_fixed=added_deg(errors[CO2]["fixed"]),
+        co2_fraction=added_deg(errors[CO2]["fraction"]),
+        co2_clear=clear_deg(errors[CO2]["fraction"]),
+    )
+    for kind in THRESHOLDS:
+        one = errors[WINDOW][kind]
+        seen = added_deg(one) > float(np.max(one.sigma))
+        yield TEXT.claim(
+            kind,
+            print_of(kind),
+            Status.REPRODUCED if seen else Status.CONTRADICTED,
+            added=added_deg(one),
+            co2=added_deg(errors[CO2][kind]),
+            sigma=float(np.max(one.sigma)),
+            mean=float(np.nanmean(one.added(one.worst_axis))),
+            axis=one.worst_axis,
+        )
+    found = abs(correlation(errors[WINDOW]["fraction"], deficits[WINDOW]))
+    yield TEXT.claim("one_to_one", print_of("one_to_one"), Status.NOT_DETERMINABLE, found=found)
+    yield TEXT.claim("size", print_of("size"), Status.NOT_DETERMINABLE, added=added_deg(errors[WINDOW]["fraction"]))
+
+
+def _table(errors: Errors) -> Table:
+    def lines() -> Iterator[list[str | float]]:
+        for band, by_kind in errors.items():
+            for kind, one in by_kind.items():
+                for axis, found in (("pitch", one.pitch), ("roll", one.roll)):
+                    added = one.added(axis)
+                    yield [
+                        band,
+                        TEXT.phrase(kind),
+                        axis,
+                        float(np.mean(found["clear"])),
+                        float(np.std(found["clear"])),
+                        float(np.nanmean(added)),
+                        float(np.nanstd(added)),
+                        float(np.nanmax(np.abs(added))),
+                    ]
+
+    return TEXT.table("errors", lines(), places=PLACES)
