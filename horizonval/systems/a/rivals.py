@@ -49,7 +49,7 @@ PIXELS, FIELD_DEG = 400, 60.0
 
 
 @dataclass(frozen=True)
-class Seen:
+class SeenPixels:
     """Whole pixels of one camera: lines of sight (n, 3) and places (n, 2), the camera, and what the method is told."""
 
     los: FloatArray
@@ -82,8 +82,8 @@ def compare(item: JsonObject) -> JsonObject:
     )
     second = render_frame(turned, camera)
     beside = find_canny_pixels(second.radiance["vis"].astype(np.float64), model, None)
-    seen = Seen(points.los_cam, points.uv, model, radius_of(item["altitude_km"]))
-    off = Seen(points.los_cam, points.uv, model, radius_of(item["altitude_km"] * (1.0 + ALTITUDE_OFF)))
+    seen = SeenPixels(points.los_cam, points.uv, model, radius_of(item["altitude_km"]))
+    off = SeenPixels(points.los_cam, points.uv, model, radius_of(item["altitude_km"] * (1.0 + ALTITUDE_OFF)))
     observation = Observation(image=image, camera=model, full_scale=None)
     methods: dict[str, Callable[[], FloatArray | None]] = {
         "altitude_free": lambda: _published(points, observation),
@@ -95,7 +95,7 @@ def compare(item: JsonObject) -> JsonObject:
     if isinstance(beside, LimbPoints):
         to_second = Rotation.from_quat(second.truth.q_cam_from_itrs)
         mounting = Rotation.from_quat(frame.truth.q_cam_from_itrs) * to_second.inv()
-        other = Seen(mounting.apply(beside.los_cam), beside.uv, model, seen.rho)
+        other = SeenPixels(mounting.apply(beside.los_cam), beside.uv, model, seen.rho)
         methods["two_sensors"] = lambda: two_sensors(seen, other)
     search_s = _seconds(lambda: find_canny_pixels(image, model, None), 3)
     result: JsonObject = {"search_s": search_s, "points": len(points.uv)}
@@ -107,7 +107,7 @@ def compare(item: JsonObject) -> JsonObject:
     return result
 
 
-def known_altitude(seen: Seen) -> FloatArray:
+def known_altitude(seen: SeenPixels) -> FloatArray:
     """Return the nadir from an altitude that is known, by Gauss-Newton on the unit sphere from the closed form."""
     nadir = altitude_free_closed_form.solve(seen.los)[0]
     for _ in range(STEPS):
@@ -120,7 +120,7 @@ def known_altitude(seen: Seen) -> FloatArray:
     return np.asarray(nadir)
 
 
-def straight_line(seen: Seen) -> FloatArray:
+def straight_line(seen: SeenPixels) -> FloatArray:
     """Return the nadir from a line through the pixels; which side the Earth is on the arc's bend says."""
     middle = seen.uv.mean(axis=0)
     along = np.linalg.svd(seen.uv - middle, full_matrices=False)[2][0]
@@ -135,7 +135,7 @@ def straight_line(seen: Seen) -> FloatArray:
     return np.asarray(math.cos(seen.rho) * horizon + math.sin(seen.rho) * normal)
 
 
-def two_sensors(first: Seen, second: Seen) -> FloatArray | None:
+def two_sensors(first: SeenPixels, second: SeenPixels) -> FloatArray | None:
     """Return the nadir from the chords of two arcs; None where they are parallel."""
     nadir = np.cross(_chord(first), _chord(second))
     size = float(np.linalg.norm(nadir))
@@ -145,7 +145,7 @@ def two_sensors(first: Seen, second: Seen) -> FloatArray | None:
     return np.asarray(nadir if float(np.mean(first.los @ nadir)) > 0.0 else -nadir)
 
 
-def _chord(seen: Seen) -> FloatArray:
+def _chord(seen: SeenPixels) -> FloatArray:
     """Return the difference of the lines of sight to the two pixels of an arc that are farthest apart."""
     middle = seen.los.mean(axis=0)
     one = seen.los[np.argmax(np.linalg.norm(seen.los - middle, axis=1))]

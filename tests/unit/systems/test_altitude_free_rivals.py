@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
-from horizonval.systems.a.rivals import Seen, known_altitude, straight_line, two_sensors
+from horizonval.systems.a.rivals import SeenPixels, known_altitude, straight_line, two_sensors
 
 CAMERA = CameraModel(400, 400, 346.0, 346.0, 199.5, 199.5)
 
 
-def seen(nadir: np.ndarray, rho: float, told: float | None = None) -> Seen:
+def seen(nadir: np.ndarray, rho: float, told: float | None = None) -> SeenPixels:
     """Return the exact limb that falls into the camera."""
     basis = tangent_basis(nadir)
     turn = np.linspace(0.0, 2.0 * np.pi, 4001)
@@ -24,7 +24,7 @@ def seen(nadir: np.ndarray, rho: float, told: float | None = None) -> Seen:
     )
     uv, in_front = project(CAMERA, los)
     inside = in_front & (np.abs(uv - 199.5) < 200.0).all(axis=1)
-    return Seen(los[inside], uv[inside], CAMERA, rho if told is None else told)
+    return SeenPixels(los[inside], uv[inside], CAMERA, rho if told is None else told)
 
 
 NADIR = np.array([0.2, 0.85, 0.6]) / np.linalg.norm([0.2, 0.85, 0.6])
@@ -47,6 +47,6 @@ def test_two_chords_are_exact() -> None:
     """The second camera is the first one turned about the nadir, its lines of sight in the first one's axes."""
     first = seen(NADIR, RHO)
     turned = Rotation.from_rotvec(0.5 * math.pi * NADIR).apply(first.los)
-    found = two_sensors(first, Seen(turned, first.uv, CAMERA, RHO))
+    found = two_sensors(first, SeenPixels(turned, first.uv, CAMERA, RHO))
     assert found is not None
     assert off_axis_angle(found, NADIR) == pytest.approx(0.0, abs=1e-9)
