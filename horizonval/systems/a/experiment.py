@@ -10,8 +10,11 @@ from __future__ import annotations
 from functools import partial
 
 from horizonval.systems.a import figures as figures
+from horizonval.systems.a import rivals
 from horizonval.systems.a.bank import grid, measure, set_ups
 from horizonval.systems.a.check import check
+from horizonval.systems.a.claims import claims
+from horizonval.systems.a.rival_rows import rival_rows, rival_table
 from horizonval.systems.a.rows import (
     accuracy_rows,
     check_rows,
@@ -42,21 +45,25 @@ def reproduce(cache: TaskCache) -> Reproduction:
     published = set_ups(seed)
     shown = cache.each("set-ups", measure, published)
     checks = cache.each("image generator", check, published)
+    compared = cache.each("rivals", rivals.compare, rivals.items(seed))
     solvers = cache.each("solvers", compare, conditions(seed))
     items = grid(seed)
     bank = bank_of(items, cache.each("grid of conditions", measure, items))
     lowest_km, seen = lowest_attitudes(bank)
     sharp = sharp_frames(bank)
+    rows = (
+        *set_up_rows(shown),
+        *check_rows(checks),
+        *convergence_rows(shown, bank),
+        *accuracy_rows(bank),
+        *rival_rows(compared),
+        *trend_rows(bank),
+        *closed_form_rows(bank, solvers),
+    )
     return TEXT.reproduction(
-        rows=(
-            *set_up_rows(shown),
-            *check_rows(checks),
-            *convergence_rows(shown, bank),
-            *accuracy_rows(bank),
-            *trend_rows(bank),
-            *closed_form_rows(bank, solvers),
-        ),
-        tables=(*(error_table(bank, method) for method in METHODS), solver_table(solvers)),
+        rows=rows,
+        claims=claims(rows, compared),
+        tables=(rival_table(compared), *(error_table(bank, method) for method in METHODS), solver_table(solvers)),
         figures=(
             TEXT.figure("set-ups", partial(figures.draw_set_ups, shown)),
             TEXT.figure("convergence", partial(figures.draw_convergence, next(iter(shown.values())))),
