@@ -137,6 +137,9 @@ def by_c(observation: Observation, program: Path) -> dict[str, Any]:
     sun = observation.sun_cam
     if sun is None:
         sun = Rotation.from_quat(prior.q_cam_from_itrs).apply(towards_sun)
+    of_time = limb_profile._sun_of_time(observation, towards_sun)
+    if of_time is None:
+        of_time = np.zeros(3)
     gain, gain_log_sigma = 1.0, 0.0
     if observation.radiance_per_dn is not None and observation.band_width_um is not None:
         sunlight = (AU_M / distance_m) ** 2 if observation.band_kind == "solar" else 1.0
@@ -146,7 +149,7 @@ def by_c(observation: Observation, program: Path) -> dict[str, Any]:
         *(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy),
         *(*prior.r_itrs, prior.position_sigma_m),
         *(*prior.q_cam_from_itrs, prior.attitude_sigma_rad[0]),
-        *(month_of(prior.epoch_utc), *sun, *towards_sun),
+        *(month_of(prior.epoch_utc), *sun, *of_time),
         *(BLUR_PX, BLUR_LOG_SIGMA, LIFT_SIGMA_M, gain, gain_log_sigma),
     ]
     return answer(program, known, observation.image)

@@ -32,7 +32,7 @@
      qx qy qz qw  sigma_attitude               from Earth-fixed to camera axes; rad, about any axis
      month                                     1.0 in the middle of January
      sx sy sz                                  towards the Sun as a sensor reads it, camera axes
-     tx ty tz                                  towards the Sun as the time says it, Earth-fixed axes
+     tx ty tz                                  towards the Sun as the time says it, Earth-fixed axes; 0 0 0: it is not said
      blur  blur_log_sigma  lift_sigma          px of the lens, m
      gain  gain_log_sigma                      values per radiance of the table on the axis; sigma 0 without calibration
    Standard output: one JSON object, as docs/howto/estimator-program.md says; beside its keys q_cam_from_itrs,
@@ -191,8 +191,12 @@ static void prepare_splines(void) {
       root_of_mean[row * LIMB_H + h] = sqrt(fmax(limb_mean_scale[row] * limb_mean[row * LIMB_H + h], 0.0));
 }
 
-/* Towards the Sun, camera axes: how far from the nadir she stands is as time and place say it, about it as it was read. */
+/* Towards the Sun, camera axes: how far from the nadir it stands is as time and place say it, about it as it was read. */
 static void sun_of(const State *s, double *sun) {
+  if (dot(sun_known, sun_known) == 0.0) {
+    for (int i = 0; i < 3; i++) sun[i] = sun_read[i];
+    return;
+  }
   double nadir[3], level[3], down = -dot(sun_known, s->r) / sqrt(dot(s->r, s->r)), along;
   nadir_of(s, nadir);
   along = dot(sun_read, nadir);

@@ -17,20 +17,23 @@ What it refuses: an image that no tilt makes like a limb, or of which the fit ex
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.likelihood.claim import fit_of
+from horizonval.estimation.likelihood.height.uneven_limb import SUN_SIGMA_RAD
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.fit import fit_profile
 from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, ProfileKnowledge
-from horizonval.estimation.likelihood.profile.known_air import KnownAir
+from horizonval.estimation.likelihood.profile.known_air import KnownAir, sun_of_time
 from horizonval.estimation.likelihood.profile.start import start_pose
 from horizonval.estimation.likelihood.templates import LimbTemplates, is_of_band, shipped_templates, templates_of
 from horizonval.estimation.limb.finder import picture_of
@@ -80,8 +83,8 @@ def run(observation: Observation) -> Fit | Refusal:
     towards_sun_itrs, sun_distance_m = sun_itrs(prior.epoch_utc)
     # Tables of sunlit bands have the Sun at its mean distance.
     sunlight = (AU_M / sun_distance_m) ** 2 if observation.band_kind == "solar" else 1.0
-    air = KnownAir(templates, prior.epoch_utc, observation.sun_cam, towards_sun_itrs)
     mean = LimbPose(Rotation.from_quat(prior.q_cam_from_itrs).as_matrix(), prior.r_itrs)
+    air = KnownAir(templates, prior.epoch_utc, observation.sun_cam, _sun_of_time(observation, towards_sun_itrs))
     cam_from_body = Rotation.from_quat(observation.q_cam_from_body).as_matrix()
     information = np.zeros((7, 7))
     information[:3, :3] = cam_from_body @ np.diag(prior.attitude_sigma_rad**-2.0) @ cam_from_body.T
@@ -109,6 +112,17 @@ def run(observation: Observation) -> Fit | Refusal:
         return Refusal(Outcome.NO_LIMB, f"the profile of the limb: {e}")
     doubt = _doubt(found, prior, cam_from_body)
     return fit_of(found, observation, ellipsoid) if doubt is None else doubt
+
+
+def _sun_of_time(observation: Observation, towards_sun_itrs: FloatArray) -> FloatArray | None:
+    """Return the Sun's direction as the time says it, None if a Sun sensor contradicts it."""
+    prior = observation.prior
+    assert prior.q_cam_from_itrs is not None
+    assert prior.attitude_sigma_rad is not None
+    reading = SUN_SIGMA_RAD if prior.sun_sigma_rad is None else prior.sun_sigma_rad
+    sigma = math.hypot(float(prior.attitude_sigma_rad.max()), reading)
+    cam_from_itrs = Rotation.from_quat(prior.q_cam_from_itrs).as_matrix()
+    return sun_of_time(towards_sun_itrs, observation.sun_cam, cam_from_itrs, sigma)
 
 
 def _missing(observation: Observation) -> str:

@@ -4,9 +4,10 @@ With the normal ``u`` of the ellipsoid beneath a place of the limb, the line of 
 and the direction ``s`` of the Sun: zenith angle ``acos(s . u)``, azimuth from the line of sight ``atan2(s . (u x d),
 s . d)``.
 
-How far from the zenith of the observer the Sun stands is known from time and place, whatever the attitude, and how she
+How far from the zenith of the observer the Sun stands is known from time and place, whatever the attitude, and how it
 stands about it from a Sun sensor, or else from the attitude: a sensor that reads whole degrees would leave a limb near
-the terminator half a kilometre off.
+the terminator half a kilometre off. A sensor that sees the Sun where time and attitude cannot have it is believed
+alone: a clock that is hours off, or a scene whose Sun was put somewhere.
 
 A line that passes ``h`` above the limb is turned outwards by ``b = h / l`` at the distance ``l`` of the limb, and its
 lowest point lies as much nearer: under another Sun, half a degree away from low orbit at the height of 20 km. Sunlit
@@ -26,14 +27,17 @@ from horizonval.earth.atmosphere.climate import month_of
 from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.air import EARTH_RADIUS_M, NodeAir, before_lowest_rad, node_air
 from horizonval.estimation.likelihood.templates import LimbTemplates
+from horizonval.geometry.directions import off_axis_angle
 
 FARTHEST_RAD, STEPS = 0.25, 6
 """Of the ends of lines before their lowest points, and at how many places tables are read up to there: deeper lines,
 with lowest points 160 km below the source of their light, keep the last."""
+CONTRADICTED = 5.0
+"""Standard deviations: chance is as far off in both axes once in 270 000, exp(-5^2 / 2)."""
 LEAST_LEVEL = 1e-9
 """Of a direction's level part: a Sun that is read straight above or below has no azimuth, and needs none."""
 SUNLIT_M = np.linspace(-20e3, 80e3, 6)
-"""Heights whose lines' lowest points sunlit tables are read at. Between them light changes evenly with the Sun, who
+"""Heights whose lines' lowest points sunlit tables are read at. Between them light changes evenly with the Sun, which
 stands at most 0.8 deg elsewhere from one to the next (200 km); below and above is little more."""
 
 
@@ -46,12 +50,12 @@ class KnownAir:
     epoch_utc : datetime
     sun_cam : ndarray, shape (3,), or None
         As a Sun sensor sees it.
-    sun_itrs : ndarray, shape (3,)
-        As the time says it.
+    sun_itrs : ndarray, shape (3,), or None
+        As the time says it; None where the sensor alone is believed, :func:`sun_of_time`. One of the two is there.
     """
 
     def __init__(
-        self, templates: LimbTemplates, epoch_utc: datetime, sun_cam: FloatArray | None, sun_itrs: FloatArray
+        self, templates: LimbTemplates, epoch_utc: datetime, sun_cam: FloatArray | None, sun_itrs: FloatArray | None
     ) -> None:
         self._templates, self._epoch = templates, epoch_utc
         self._sun_cam, self._sun_itrs = sun_cam, sun_itrs
@@ -133,6 +137,9 @@ class KnownAir:
 
     def _towards_sun(self, pose: LimbPose) -> FloatArray:
         """Return the direction of the Sun in camera axes, shape (3,)."""
+        if self._sun_itrs is None:
+            assert self._sun_cam is not None
+            return self._sun_cam
         if self._sun_cam is None:
             return np.asarray(pose.cam_from_itrs @ self._sun_itrs)
         nadir = pose.nadir_cam
@@ -140,3 +147,24 @@ class KnownAir:
         level = self._sun_cam - float(self._sun_cam @ nadir) * nadir
         size = max(float(np.linalg.norm(level)), LEAST_LEVEL)
         return np.asarray(down * nadir + np.sqrt(max(1.0 - down**2, 0.0)) * level / size)
+
+
+def sun_of_time(
+    sun_itrs: FloatArray, sun_cam: FloatArray | None, cam_from_itrs: FloatArray, sigma_rad: float
+) -> FloatArray | None:
+    """Return the direction of the Sun as the time says it, or None if a sensor's reading contradicts it.
+
+    Parameters
+    ----------
+    sun_itrs : ndarray, shape (3,)
+        By the time.
+    sun_cam : ndarray, shape (3,), or None
+        Of the sensor; without one there is nothing to contradict.
+    cam_from_itrs : ndarray, shape (3, 3)
+        The attitude that is known.
+    sigma_rad : float
+        Standard deviation of the angle between the two, of attitude and sensor together.
+    """
+    if sun_cam is None or float(off_axis_angle(sun_cam, cam_from_itrs @ sun_itrs)) <= CONTRADICTED * sigma_rad:
+        return sun_itrs
+    return None

@@ -21,7 +21,7 @@ from horizonval.estimation.likelihood.knowledge import LimbPose
 from horizonval.estimation.likelihood.profile.blurred import BlurredProfiles
 from horizonval.estimation.likelihood.profile.fit import fit_profile
 from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, ProfileKnowledge
-from horizonval.estimation.likelihood.profile.known_air import KnownAir
+from horizonval.estimation.likelihood.profile.known_air import KnownAir, sun_of_time
 from horizonval.estimation.likelihood.profile.model import SHARED, Guess, ProfileModel
 from horizonval.estimation.likelihood.profile.pixels import profile_pixels
 from horizonval.estimation.likelihood.profile.ray_height import ray_height
@@ -255,7 +255,7 @@ def test_every_height_stands_under_its_own_sun() -> None:
     curve = RADIUS_M / (2.0 * distance_m**2)
     nodes = air.nodes(normal, los, LimbPose(np.eye(3), np.array([7e6, 0.0, 0.0])), (-15e3, 55e3, 500.0), curve)
     y = nodes.bottom_m + nodes.step_m * np.arange(nodes.functions.shape[2])
-    # Who looks higher looks at what is nearer: ahead, where the Sun is, she stands lower there.
+    # Who looks higher looks at what is nearer: ahead, where the Sun is, it stands lower there.
     inside = slice(2, -2)
     expected = (1.0 + zenith + (y - curve * y**2) / distance_m) ** 2
     np.testing.assert_allclose(nodes.functions[0, 0, inside], expected[inside], rtol=3e-4)
@@ -274,6 +274,21 @@ def test_a_sun_sensor_says_the_azimuth_alone() -> None:
     higher = Rotation.from_rotvec(np.radians(0.4) * level / np.linalg.norm(level)).apply(sun)
     assert light(higher) == pytest.approx(light(None), rel=1e-12)
     assert light(Rotation.from_rotvec([np.radians(0.4), 0.0, 0.0]).apply(sun)) != pytest.approx(light(None), rel=1e-4)
+
+
+def test_a_sun_sensor_that_contradicts_the_time_is_believed_alone() -> None:
+    """The same light as under a Sun that the time says to be where the sensor sees it."""
+    place = LimbPose(np.eye(3), np.array([7e6, 0.0, 0.0]))
+    sun = np.array([0.5, 0.6, np.sqrt(1.0 - 0.5**2 - 0.6**2)])
+    hours_off = Rotation.from_rotvec([0.0, 0.4, 0.5]).apply(sun)
+    two_degrees = np.radians(2.0)
+    assert sun_of_time(hours_off, sun, np.eye(3), two_degrees) is None
+    assert sun_of_time(sun, Rotation.from_rotvec([0.0, two_degrees, 0.0]).apply(sun), np.eye(3), two_degrees) is sun
+    assert sun_of_time(sun, None, np.eye(3), two_degrees) is sun
+    table = sunlit(lambda z, a: 1.0 + z + np.sin(a) ** 2)
+    normal, los, at = np.array([[0.8, 0.6, 0.0]]), np.array([[0.0, 0.0, 1.0]]), np.array([10e3])
+    right, read = (KnownAir(table, EPOCH, sun, one).means(normal, los, place, at) for one in (sun, None))
+    np.testing.assert_allclose(read, right, rtol=1e-12)
 
 
 def test_nodes_stand_on_the_limb_of_the_ellipsoid() -> None:
