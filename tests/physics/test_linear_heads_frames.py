@@ -15,8 +15,8 @@ from horizonval.systems.d.settings import QUANTUM_DEG
     ("roll", "pitch", "printed"), [(3.0, -3.0, (3.0052, -3.0052)), (0.0, -1.0, (-0.0354, -1.0253))]
 )
 def test_hard_limb_reads_as_published(roll: float, pitch: float, printed: tuple[float, float]) -> None:
-    """Within two whole-pixel steps of the print, which has four digits; the sub-pixel crossing within 0.005 deg of the truth, and the area
-    within 0.02 px of the exact crossing (12 bits and the lens's fall-off across the window)."""
+    """Within two whole-pixel steps of the print, which has four digits; the sub-pixel crossing within 0.005 deg of the
+    truth, and the area within 0.02 px of the exact crossing (12 bits and the lens's fall-off across the window)."""
     found = read_heads({"planet": HARD, "roll": roll, "pitch": pitch})
     whole, sub = found["published"], found["sub_pixel"]
     assert [whole["roll"], whole["pitch"]] == pytest.approx(printed, abs=2.0 * QUANTUM_DEG + 1e-4)
