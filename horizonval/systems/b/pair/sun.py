@@ -40,7 +40,8 @@ middle of the rest."""
 ATTITUDES_DEG = ((0.0, 0.0), (3.0, -2.0), (-2.0, 3.0), (2.0, 4.0))
 """Pitch and roll of the views of one height."""
 WIDTH_PX = 512
-GOOD, ORDINARY = "good lens", "ordinary lens"
+CLEAN, GOOD, ORDINARY = LENSES = "lens without glare", "good lens", "ordinary lens"
+"""The first is a second control: the same Sun and the same ground, and nothing scattered, mirrored or let in."""
 FIXED, AUTOMATIC = "fixed exposure", "automatic exposure"
 ORDINARY_SHARES = {"scattered": 0.05, "ghost": 1e-3, "stray": 10.0}
 """Written down before any frame was seen: scatter of 5 % (the good one has 0.3 %), ghosts of 1e-3 (1e-4), ten times the
@@ -78,10 +79,7 @@ class GlareOutcome:
 
 def sun_in_frame(cache: TaskCache) -> dict[tuple[str, str], GlareOutcome]:
     """Do the experiment: outcomes by lens and exposure."""
-    cameras = {
-        f"{lens}, {exposure}": _camera(lens, exposure)
-        for lens, exposure in product((GOOD, ORDINARY), (FIXED, AUTOMATIC))
-    }
+    cameras = {f"{lens}, {exposure}": _camera(lens, exposure) for lens, exposure in product(LENSES, (FIXED, AUTOMATIC))}
     items = {}
     for (place, azimuth), zenith, (number, (pitch, roll)) in product(
         AZIMUTHS_DEG.items(), ZENITH_DEG, enumerate(ATTITUDES_DEG)
@@ -100,7 +98,7 @@ def sun_in_frame(cache: TaskCache) -> dict[tuple[str, str], GlareOutcome]:
     found = cache.each("B: Sun inside and outside the frame", views, items)
     keys = list(product(AZIMUTHS_DEG, ZENITH_DEG, range(len(ATTITUDES_DEG))))
     outcomes = {}
-    for lens, exposure in product((GOOD, ORDINARY), (FIXED, AUTOMATIC)):
+    for lens, exposure in product(LENSES, (FIXED, AUTOMATIC)):
         seen = {key: one[f"{lens}, {exposure}"] for key, one in zip(keys, found.values(), strict=True)}
         right = {
             place: np.array([float(is_right(one)) for (where, _, _), one in seen.items() if where == place])
@@ -117,7 +115,7 @@ def is_right(one: JsonObject) -> bool:
 
 def _camera(lens: str, exposure: str) -> JsonObject:
     optics = glare_optics(**(ORDINARY_SHARES if lens == ORDINARY else {}))
-    camera = pair(WIDTH_PX, tables={"optics": optics})
+    camera = pair(WIDTH_PX, tables=None if lens == CLEAN else {"optics": optics})
     if exposure == AUTOMATIC:
         camera["detector"] = {**camera["detector"], "auto_exposure": AUTO}
     return camera
