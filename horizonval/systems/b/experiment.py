@@ -10,6 +10,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+from horizonval.systems.b.claims import claims
 from horizonval.systems.b.pair import figures
 from horizonval.systems.b.pair.applicability import applicability
 from horizonval.systems.b.pair.frames import ALTITUDE_KM, FIELD_DEG, pair
@@ -18,7 +19,16 @@ from horizonval.systems.b.pair.orbit_report import orbit_rows, orbit_table, verd
 from horizonval.systems.b.pair.region_report import earth_table, ends_table, region_rows, region_summary
 from horizonval.systems.b.pair.sun import sun_in_frame
 from horizonval.systems.b.pair.sun_report import sun_rows, sun_table
-from horizonval.systems.b.rig.experiment import measure_rig, rig_figures, rig_rows, rig_summary, rig_view
+from horizonval.systems.b.rig import figures as rig_pictures
+from horizonval.systems.b.rig.experiment import (
+    film_rows,
+    measure_rig,
+    rig_figures,
+    rig_rows,
+    rig_summary,
+    rig_view,
+)
+from horizonval.systems.b.rig.film import film
 from horizonval.systems.b.rig.tables import ablation_table, sensitivity_table
 from horizonval.systems.published import published
 from horizonval.systems.result import Reproduction
@@ -26,7 +36,7 @@ from horizonval.systems.task_cache import TaskCache
 from horizonval.systems.text import page_text
 
 TEXT = page_text("B")
-SHOWN_SUN_DEG = (30.0, 80.0, 98.0, 109.0, 112.0)
+SHOWN_SUN_DEG = (60.0, 80.0, 98.0, 106.0, 110.0)
 
 
 def reproduce(cache: TaskCache) -> Reproduction:
@@ -36,9 +46,19 @@ def reproduce(cache: TaskCache) -> Reproduction:
     suns = sun_in_frame(cache)
     rig, picture = measure_rig(cache)
     view = rig_view(cache, picture)
+    shown = film(cache, picture)
+    summary = rig_summary(rig, cache.rng("plausible benches"))
+    rows = (
+        *region_rows(region),
+        *orbit_rows(orbit),
+        *sun_rows(suns, cache.rng("twins")),
+        *rig_rows(rig, cache.rng("plausible benches")),
+        *film_rows(shown),
+    )
     maps: dict[str, Any] = {f"{FIELD_DEG:g} deg": region.model, "60 deg": region.shipped}
     return TEXT.reproduction(
-        rows=(*region_rows(region), *orbit_rows(orbit), *sun_rows(suns), *rig_rows(rig)),
+        rows=rows,
+        claims=claims(rows, summary, verdict(orbit)),
         tables=(
             ends_table(region.model),
             earth_table(region),
@@ -53,10 +73,11 @@ def reproduce(cache: TaskCache) -> Reproduction:
             TEXT.figure("orbit", partial(figures.orbit, orbit)),
             TEXT.figure("sun", partial(figures.sun, suns, SHOWN_SUN_DEG)),
             *rig_figures(rig, view),
+            TEXT.figure("film", partial(rig_pictures.film, shown)),
         ),
         settings={"cameras": pair(), "altitude_km": ALTITUDE_KM},
         region=region_summary(region),
         verdict=verdict(orbit),
-        rig=rig_summary(rig),
+        rig=summary,
         published={"model": published("B").number("model_rms"), "rig": published("B").number("rig_rms")},
     )

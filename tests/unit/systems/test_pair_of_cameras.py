@@ -14,6 +14,7 @@ from horizonval.systems.b.pair import figures
 from horizonval.systems.b.pair.applicability import Map, grid, rms
 from horizonval.systems.b.pair.frames import pair
 from horizonval.systems.b.pair.orbit import COASTS, INCLINATION_DEG, INFRARED, LINEAR, VISIBLE, Lap, place
+from horizonval.systems.b.pair.sun import GlareOutcome, is_right
 
 
 def found(error_deg: float | None, searched_deg: float | None = None) -> dict[str, Any]:
@@ -101,3 +102,18 @@ def test_the_rms_leaves_out_what_is_missing() -> None:
 def test_the_figures_draw() -> None:
     assert len(figures.maps({"one": made_map({(30.0, 0.0): None}), "two": made_map({(0.0, 0.0): 3.0})}).axes) == 3
     assert figures.orbit(made_lap()).axes[0].get_yscale() == "log"
+
+
+def test_twins_belong_together_and_the_interval_is_of_their_difference() -> None:
+    """Half of the views fail inside and none outside; where both fail alike nothing is left for the glare."""
+    rng = np.random.default_rng(3)
+    glare = GlareOutcome(np.tile([1.0, 0.0], 20), np.ones(40), {})
+    low, high = glare.interval(rng)
+    assert glare.difference == pytest.approx(0.5)
+    assert 0.3 < low < 0.5 < high < 0.7
+    dark = GlareOutcome(np.tile([1.0, 0.0], 20), np.tile([1.0, 0.0], 20), {})
+    assert dark.difference == 0.0
+    assert dark.interval(rng) == (0.0, 0.0)
+    assert is_right(found(0.9))
+    assert not is_right(found(1.1))
+    assert not is_right(found(None))

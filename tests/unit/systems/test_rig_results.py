@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from horizonval.systems.b.rig import experiment, figures, runs, tables
+from horizonval.systems.b.rig import design, experiment, figures, film, runs, tables
+from horizonval.systems.b.rig.plausible import own_deviation_deg, percentile_of, plausible_benches
 from horizonval.systems.b.rig.results import RigResults
 from horizonval.systems.b.rig.runs import IMPERFECTIONS, BenchRun
 
@@ -56,11 +57,41 @@ def test_independent_imperfections_add_up_and_their_shares_make_the_whole():
 
 
 def test_rows_have_names_of_their_own_and_bars_that_can_be_missed():
-    kept = {row.name: row.holds for row in experiment.rig_rows(results(SIZES))}
-    missed = {row.name: row.holds for row in experiment.rig_rows(results([3.0 * size for size in SIZES]))}
-    assert len(kept) == 7
-    assert [v for v in kept.values() if v is not None] == [True] * 4
-    assert next(iter(missed.values())) is False
+    made = results(SIZES)
+    kept = {row.name: row.holds for row in rows_of(made)}
+    rough = replace(made, after={name: run(0.2) for name in made.order}, whole=run(1.0))
+    assert len(kept) == len(rows_of(made)) == 10 + len(IMPERFECTIONS)
+    assert [v for v in kept.values() if v is not None] == [True] * 2
+    assert [row.holds for row in rows_of(rough) if row.holds is not None] == [False] * 2
+
+
+def rows_of(made):
+    return experiment.rig_rows(made, np.random.default_rng(0))
+
+
+def test_the_range_over_plausible_benches_follows_the_sizes():
+    """One effect of 0.4 deg, the same at all tilts: half to twice of it as root mean square, none of it as scatter."""
+    sign = design.signs()[:, 0]
+    reference = np.broadcast_to(TILTS, (16, 3))
+    benches = plausible_benches(
+        BenchRun(TILTS, reference + 0.4 * sign[:, None], reference), 0.0, np.random.default_rng(1)
+    )
+    low, high = np.percentile(benches.rms_deg, [0.0, 100.0])
+    assert (low, high) == pytest.approx((0.2, 0.8), rel=1e-3)
+    assert np.abs(benches.deviation_deg).max() < 1e-9
+    assert percentile_of(benches.rms_deg, 0.4) == pytest.approx(50.0, abs=2.0)
+    assert own_deviation_deg(run(0.3)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_film_rests_at_five_tilts_and_a_mean_of_samples_is_late_in_motion():
+    assert film.length_s() == pytest.approx(5 * 5.0 + 40.0)
+    assert film.tilt_at(np.array([-1.0, 4.9, 10.0, 15.1, film.length_s()])) == pytest.approx([-20, -20, -15, -10, 20])
+    rng = np.random.default_rng(2)
+    resting = np.mean([film.reading_deg(3.0, 0.0, 0.0, rng) for _ in range(50)])
+    moving = np.mean([film.reading_deg(10.0, 0.0, 0.0, rng) for _ in range(50)])
+    assert resting == pytest.approx(-20.0, abs=0.02)
+    # 63 of 100 samples are half a sample less than the module's closed form
+    assert moving == pytest.approx(-15.0 - 0.315, abs=0.02)
 
 
 def test_imperfections_are_counted_until_the_rms_stays_below_a_limit():

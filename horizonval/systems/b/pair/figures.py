@@ -12,10 +12,9 @@ from matplotlib.figure import Figure as MplFigure
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
 
-from horizonval.core.json_types import JsonObject
 from horizonval.systems.b.pair.applicability import LIMIT_DEG, REGION_DEG, Map
 from horizonval.systems.b.pair.orbit import COASTS, INFRARED, LINEAR, VISIBLE, Lap, errors_deg
-from horizonval.systems.b.pair.sun import LIMB_ZENITH_DEG
+from horizonval.systems.b.pair.sun import LIMB_ZENITH_DEG, GlareOutcome
 
 _NORM = LogNorm(0.003, 10.0, clip=True)
 _COLOURS = "viridis_r"
@@ -112,17 +111,17 @@ def orbit(lap: Lap) -> MplFigure:
     return figure
 
 
-def sun(found: Mapping[str, Mapping[float, JsonObject]], shown: tuple[float, ...]) -> MplFigure:
-    """What the forward camera sees of the Sun at some heights, one row per lens, and what the method says."""
+def sun(found: Mapping[tuple[str, str], GlareOutcome], shown: tuple[float, ...]) -> MplFigure:
+    """What the forward camera sees of the Sun at some heights, by lens and exposure, and what the method says."""
     figure = MplFigure(figsize=(2.35 * len(shown), 2.75 * len(found)), layout="constrained")
     axes = figure.subplots(len(found), len(shown), squeeze=False)
-    for row, (lens, views) in zip(axes, found.items(), strict=True):
+    for row, ((lens, exposure), outcome) in zip(axes, found.items(), strict=True):
         for panel, zenith in zip(row, shown, strict=True):
-            one = views[zenith]
+            one = outcome.views["inside", zenith, 0]
             panel.imshow(np.sqrt(np.array(one["pictures"]["forward"]) / 255.0), cmap="gray", vmin=0, vmax=1)
             error = one["error_deg"].get("SIGHT")
             error_text = f"{error:.2f} deg" if error is not None else f"no answer: {one['status'].replace('_', ' ')}"
             panel.set_title(f"Sun {round(LIMB_ZENITH_DEG - zenith)} deg over the limb\n{error_text}", fontsize=8)
             panel.set(xticks=[], yticks=[])
-        row[0].set_ylabel(lens)
+        row[0].set_ylabel(f"{lens},\n{exposure}")
     return figure

@@ -62,13 +62,17 @@ def pair(width: int = 1024, field_deg: float = FIELD_DEG, tables: JsonObject | N
     return {**camera, **(tables or {})}
 
 
-def glare_optics(scattered: float | None = None, ghost: float | None = None) -> JsonObject:
-    """Return the optics of a lens with scatter, ghost and a baffle that leaks; a worse one with larger shares."""
+def glare_optics(scattered: float | None = None, ghost: float | None = None, stray: float = 1.0) -> JsonObject:
+    """Return the optics of a lens with scatter, ghost and a baffle that leaks; a worse one with larger shares.
+
+    ``stray`` multiplies what the baffle lets through.
+    """
     optics: JsonObject = _stated(load_camera(WITH_GLARE).optics.model_dump(mode="json"))
     if scattered is not None:
         optics["scatter"] = {**optics["scatter"], "tis": scattered}
     if ghost is not None:
         optics["ghost"] = [{**one, "ratio": ghost} for one in optics["ghost"]]
+    optics["stray"] = {**optics["stray"], "pst": [stray * share for share in optics["stray"]["pst"]]}
     return optics
 
 
@@ -116,6 +120,26 @@ def view(item: JsonObject) -> JsonObject:
         found["searched"] = searched(images)
     if item.get("picture"):
         found["pictures"] = {name: small(image) for name, image in images.items()}
+    return found
+
+
+def views(item: JsonObject) -> JsonObject:
+    """Return what the method makes of one view through several cameras of the same geometry, by the cameras' names.
+
+    ``item``: ``cameras``, and the rest as for :func:`view`, whose frames are rendered once.
+    """
+    cameras = {name: CameraSpec.model_validate(camera) for name, camera in item["cameras"].items()}
+    first = next(iter(cameras.values()))
+    frames = {}
+    for head in first.head:
+        chosen = SceneSpec.model_validate({**item["scene"], "camera": {"file": "pair", "head": head.name}})
+        frames[head.name] = render_frame(chosen, first)
+    found = {}
+    for name, camera in cameras.items():
+        images = {head: observe(frame, camera, seed=item["seed"]) for head, frame in frames.items()}
+        found[name] = measured(images) | {"searched": searched(images)}
+        if item.get("picture"):
+            found[name]["pictures"] = {head: small(image) for head, image in images.items()}
     return found
 
 

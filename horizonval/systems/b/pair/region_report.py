@@ -10,7 +10,6 @@ from horizonval.estimation.methods.video_vertical import END_PIXELS, PIXEL_SIGMA
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.b.pair.applicability import (
-    LIMIT_DEG,
     PUBLISHED,
     REGION_DEG,
     Applicability,
@@ -52,7 +51,6 @@ def region_rows(region: Applicability) -> list[ComparisonRow]:
     finite = error[inside][np.isfinite(error[inside])]
     camera = camera_from_spec(CameraSpec.model_validate(pair()).camera)
     unanswered = np.isnan(error)
-    claims = {key: figure.value for key, figure in PUBLISHED.figures.items()}
     return [
         TEXT.row(
             "model",
@@ -73,17 +71,12 @@ def region_rows(region: Applicability) -> list[ComparisonRow]:
         TEXT.row(
             "region",
             model.half_side_deg(),
-            claims["region_in_words"],
-            limit=REGION_DEG,
-            at_least=True,
             missed=int(np.sum(unanswered & model.horizon_missed())),
             unanswered=int(unanswered.sum()),
         ),
         TEXT.row(
             "region_error",
             float(finite.max()) if len(finite) else 180.0,
-            claims["region_error_in_words"],
-            limit=LIMIT_DEG,
             attitudes=len(finite),
         ),
         TEXT.row("region_shipped", region.shipped.half_side_deg()),

@@ -11,6 +11,7 @@ from matplotlib.patches import Rectangle
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.json_types import JsonObject
+from horizonval.systems.b.rig.film import Film
 from horizonval.systems.b.rig.frames import MAGNIFIER, SPAN, read_png
 from horizonval.systems.b.rig.results import RigResults
 from horizonval.systems.b.rig.runs import BenchRun
@@ -59,6 +60,25 @@ def errors(whole: BenchRun, perfect: BenchRun) -> Figure:
     axes.set_xlabel("tilt of the stage, deg")
     axes.set_ylabel("estimate minus accelerometer, deg")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.14), ncols=2)
+    return figure
+
+
+def film(shown: Film) -> Figure:
+    """Draw the film: tilts against time, and the published error."""
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    tilts, error = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    tilts.plot(shown.times_s, shown.reference_deg, color="black", linewidth=1.2, label="accelerometer, last 64 samples")
+    tilts.plot(shown.times_s, shown.estimated_deg, "o", color=ALONE, markersize=4, label="camera")
+    tilts.set_ylabel("tilt, deg")
+    tilts.legend(loc="upper left")
+    for resting, colour, mark, label in ((True, ALONE, "o", "at rest"), (False, LEFT, "^", "in motion")):
+        chosen = shown.resting == resting
+        text = f"{label}: {shown.mean_deg(resting):+.2f} ± {shown.deviation_deg(resting):.2f} deg"
+        error.plot(shown.times_s[chosen], shown.error_deg[chosen], mark, color=colour, markersize=4, label=text)
+    error.axhline(0.0, color="black", linewidth=0.6)
+    error.set_ylabel("estimate minus\naccelerometer, deg")
+    error.set_xlabel("time, s")
+    error.legend(loc="upper center", bbox_to_anchor=(0.5, 1.2), ncols=2)
     return figure
 
 

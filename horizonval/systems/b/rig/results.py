@@ -51,6 +51,12 @@ class RigResults:
         }
         return shares | {"mounting": 1.0 - sum(shares.values())}
 
+    def causes(self) -> dict[str, float]:
+        """Return the share of every cause in the sum of squares, the floor taken off."""
+        excess = {name: max(self._excess(name), 0.0) for name in self.order}
+        total = sum(excess.values())
+        return {name: value / total for name, value in excess.items()}
+
     def switched_off_below(self, limit_deg: float) -> int:
         """Return how many imperfections, the largest first, must go for the RMS to stay below a limit.
 
