@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from horizonval.geometry.camera import CameraModel, pixel_grid, unproject
+from horizonval.systems.b.pair.tilt import tilt_rad
 from horizonval.systems.b.rig import bench, design, runs
 from horizonval.systems.b.rig.accelerometer import NOISE_MG, SAMPLES, STEP_MG, Accelerometer
 from horizonval.systems.b.rig.panel import Panel, levels, share_shown
-from horizonval.systems.b.rig.tilt import tilt_rad
 
 CAMERA = CameraModel(512, 512, 443.4, 443.4, 255.5, 255.5)
 

@@ -19,7 +19,8 @@ from horizonval.frame import DetectorImage
 from horizonval.geometry.camera import camera_from_spec
 from horizonval.spec.load import load_camera
 from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.systems.b.rig import bench, detector, panel, picture, tilt
+from horizonval.systems.b.pair import tilt
+from horizonval.systems.b.rig import bench, detector, panel, picture
 
 CAMERA = "vis-cmos-512-60deg"
 DISTANCE_MM = 200.0
