@@ -137,7 +137,7 @@ def by_c(observation: Observation, program: Path) -> dict[str, Any]:
     sun = observation.sun_cam
     if sun is None:
         sun = Rotation.from_quat(prior.q_cam_from_itrs).apply(towards_sun)
-    of_time = limb_profile._sun_of_time(observation, towards_sun)
+    of_time = limb_profile.known_sun_itrs(observation, towards_sun)
     if of_time is None:
         of_time = np.zeros(3)
     gain, gain_log_sigma = 1.0, 0.0

@@ -123,7 +123,7 @@ def test_every_draw(first: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="one pixel of the frame is off by more than a thousandth")
+@pytest.mark.xfail(strict=True, raises=AssertionError, reason="one pixel of the frame is off by more than a thousandth")
 @pytest.mark.parametrize("number", MISSED)
 def test_draws_that_are_missed(number: int) -> None:
     activate()

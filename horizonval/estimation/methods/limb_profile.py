@@ -84,7 +84,7 @@ def run(observation: Observation) -> Fit | Refusal:
     # Tables of sunlit bands have the Sun at its mean distance.
     sunlight = (AU_M / sun_distance_m) ** 2 if observation.band_kind == "solar" else 1.0
     mean = LimbPose(Rotation.from_quat(prior.q_cam_from_itrs).as_matrix(), prior.r_itrs)
-    air = KnownAir(templates, prior.epoch_utc, observation.sun_cam, _sun_of_time(observation, towards_sun_itrs))
+    air = KnownAir(templates, prior.epoch_utc, observation.sun_cam, known_sun_itrs(observation, towards_sun_itrs))
     cam_from_body = Rotation.from_quat(observation.q_cam_from_body).as_matrix()
     information = np.zeros((7, 7))
     information[:3, :3] = cam_from_body @ np.diag(prior.attitude_sigma_rad**-2.0) @ cam_from_body.T
@@ -114,7 +114,7 @@ def run(observation: Observation) -> Fit | Refusal:
     return fit_of(found, observation, ellipsoid) if doubt is None else doubt
 
 
-def _sun_of_time(observation: Observation, towards_sun_itrs: FloatArray) -> FloatArray | None:
+def known_sun_itrs(observation: Observation, towards_sun_itrs: FloatArray) -> FloatArray | None:
     """Return the Sun's direction as the time says it, None if a Sun sensor contradicts it."""
     prior = observation.prior
     assert prior.q_cam_from_itrs is not None

@@ -11,7 +11,7 @@ from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.rays.radiance import check_observers, unit_directions
 from horizonval.renderer.rays.thermal_radiance import NODES
-from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
+from horizonval.renderer.refraction.apparent_radius import apparent_planet
 from horizonval.renderer.tables import table_of, vectors
 from horizonval.renderer.thermal.emission_columns import AirColumns
 from horizonval.renderer.thermal.emission_march import Stations, march_emission
@@ -58,9 +58,7 @@ def cloud_top_radiance(
     activate()
     direction = unit_directions(direction, "dir")
     check_observers(observer_m, radius_m, polar_radius_m)
-    planet = Planet(radius_m, polar_radius_m or radius_m)
-    air = None if model.refractivity is None else to_apparent_radius(model, planet)
-    apparent = planet if air is None else air.planet
+    apparent, air = apparent_planet(model, Planet(radius_m, polar_radius_m or radius_m))
     o, d = vectors(observer_m), vectors(direction)
     o = o if air is None else air.apparent_position(o)
     end = table_of(mi.Float64, np.asarray(distance_m, dtype=np.float64))

@@ -13,7 +13,7 @@ from horizonval.earth.surface.ground_emission import ground_k
 from horizonval.renderer.planet import Planet
 from horizonval.renderer.plugin.backend import activate
 from horizonval.renderer.rays.radiance import check_observers, unit_directions
-from horizonval.renderer.refraction.apparent_radius import to_apparent_radius
+from horizonval.renderer.refraction.apparent_radius import apparent_planet
 from horizonval.renderer.tables import vectors
 from horizonval.renderer.thermal.emission_columns import AirColumns
 from horizonval.renderer.thermal.emission_ground import GroundSource, kinds_of, mirrored, places_below
@@ -66,9 +66,7 @@ def thermal_radiance(
     activate()
     direction = unit_directions(direction, "dir")
     check_observers(observer_m, radius_m, polar_radius_m)
-    planet = Planet(radius_m, polar_radius_m or radius_m)
-    air = None if model.refractivity is None else to_apparent_radius(model, planet)
-    apparent = planet if air is None else air.planet
+    apparent, air = apparent_planet(model, Planet(radius_m, polar_radius_m or radius_m))
     sun = np.asarray(sun_itrs, dtype=np.float64)
     out: dict[str, FloatArray] = {}
     for band in model.thermal:

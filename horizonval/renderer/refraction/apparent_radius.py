@@ -103,6 +103,14 @@ class ApparentRadiusAir:
         return x, y, z
 
 
+def apparent_planet(model: OpticalModel, planet: Planet) -> tuple[Planet, ApparentRadiusAir | None]:
+    """Return the planet that straight rays see, and the air that makes them straight: none where nothing bends light."""
+    if model.refractivity is None:
+        return planet, None
+    air = to_apparent_radius(model, planet)
+    return air.planet, air
+
+
 def to_apparent_radius(model: OpticalModel, planet: Planet) -> ApparentRadiusAir:
     """Return a model over apparent heights, in which light goes straight.
 
