@@ -104,7 +104,7 @@ class ApparentRadiusAir:
 
 
 def apparent_planet(model: OpticalModel, planet: Planet) -> tuple[Planet, ApparentRadiusAir | None]:
-    """Return the planet that straight rays see, and the air that makes them straight: none where nothing bends light."""
+    """Return the planet that straight rays see, and the air that makes them straight: none if nothing bends light."""
     if model.refractivity is None:
         return planet, None
     air = to_apparent_radius(model, planet)
