@@ -19,7 +19,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION, find_path, warp
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
-from horizonval.renderer.refraction.bent_ray import RefractedSunTable
+from horizonval.renderer.refraction.bent_ray import RefractedSunTable, small_sincos
 from horizonval.renderer.tables import AltitudeGrid, SunTable, interpolate, table_of
 from horizonval.renderer.types import Real, Vec, Vec3, in_single
 
@@ -163,7 +163,7 @@ def vertical_of(normal: Vec3[Real], d: Vec3[Real], angle: Real) -> Vec3[Real]:
     """Return the verticals where rays have turned by an angle, from the normals where they would be straight."""
     slope = dot(normal, d)
     forward = (d[0] - slope * normal[0], d[1] - slope * normal[1], d[2] - slope * normal[2])
-    sine, cosine = dr.sincos(angle)
+    sine, cosine = small_sincos(angle)
     sine = sine * dr.rsqrt(dr.maximum(dot(forward, forward), 1e-12))
     x, y, z = (dr.fma(cosine, normal[k], sine * forward[k]) for k in range(3))
     return x, y, z

@@ -73,18 +73,23 @@ class Light:
         return any(band.base_m < height_m < band.top_m for band in bands)
 
     @property
-    def air_top_m(self) -> float:
-        """Height above which nothing scatters in the batches' own columns: ``top_m``, or a few of their steps below."""
-        tops = []
+    def air_ends_m(self) -> tuple[float, float]:
+        """Heights between which what scatters in the batches' own columns ends: two neighbouring nodes of theirs.
+
+        Both are ``top_m`` where it does not end below.
+        """
+        ends = []
         for batch in self.batches:
             if isinstance(batch, SolarNodes) and batch.columns is None:
                 air = np.flatnonzero(np.array(batch.extinction).reshape(-1, batch.width).any(axis=1))
-                altitude_m = np.array(batch.grid.altitude_m)
+                nodes_m = np.array(batch.grid.altitude_m)
                 if len(air):
-                    tops.append(min(float(altitude_m[min(air[-1] + 1, len(altitude_m) - 1)]), self.top_m))
+                    last, above = (float(nodes_m[min(air[-1] + k, len(nodes_m) - 1)]) for k in (0, 1))
+                    ends.append((min(above, self.top_m), min(last, self.top_m)))
             elif batch is not None:
-                tops.append(self.top_m)
-        return max(tops, default=self.top_m)
+                ends.append((self.top_m, self.top_m))
+        top, last = max(ends, default=(self.top_m, self.top_m))
+        return last, top
 
     @property
     def over_varied_ground(self) -> bool:
