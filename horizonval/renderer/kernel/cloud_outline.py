@@ -11,8 +11,9 @@ clears all clouds when::
 A first ray passes :data:`FIRST_M` above the limb and looks at some points only; a second one, turned by what the first
 has found, looks at all, so that it is turned by little. With refraction heights are the apparent ones, in which the
 turned ray is as straight as the first; the points are those below the bent ray, which turned bends by more or less and
-passes the same clouds earlier or later, so that a third ray looks at all again. Points lie as densely as those of the search for clouds
-(:mod:`.clouds`); those over squares whose highest top would stay below what is found already are skipped.
+passes the same clouds earlier or later, so that a third ray looks at all again. Points lie as densely as those of the
+search for clouds (:mod:`.clouds`); those over squares whose highest top would stay below what is found already are
+skipped.
 
 Across a cell run a few lines along the image axis in which the limb is steeper, and the outline crosses each as far
 from its middle as the height there is worth. Clouds have no gaps below, so a line is covered from the outline inwards,
