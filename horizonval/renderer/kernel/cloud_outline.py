@@ -169,7 +169,8 @@ class OutlineTable:
         weight, following = place - mi.Float64(i), dr.select(i == self.count - 1, 0, i + 1)
         dr.eval(i, weight, following)
         self._cover(view, clouds, coordinates, i, following)
-        return dr.lerp(*(dr.gather(mi.Float64, self._kernel, k) for k in (i, following)), weight)
+        low, high = (dr.gather(mi.Float64, self._kernel, k) for k in (i, following))
+        return dr.fma(high - low, weight, low)
 
     def _cover(
         self,
@@ -186,7 +187,9 @@ class OutlineTable:
         if not len(missing):
             return
         number = (missing[:, None] * BLOCK + np.arange(BLOCK)).ravel()
-        self._values[number] = _limb_functions(view, clouds, coordinates, number * (2.0 * math.pi / self.count))
+        self._values[number] = _limb_functions(
+            view, clouds, coordinates, np.asarray(number * (2.0 * math.pi / self.count))
+        )
         self._made[missing] = True
         self._kernel = table_of(mi.Float64, self._values)
 
