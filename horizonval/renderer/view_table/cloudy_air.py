@@ -45,8 +45,8 @@ root in its height."""
 LOOSER = 2.0
 """Times the tolerance of the air's other tables, with the Sun at most 75 deg from the zenith. With so few steps from
 station to station profiles' kinks at their nodes show, a patch that is halved has half the error, not a sixteenth, and
-what it misses is seen in few pixels. Of eight frames four took a third less rays, and none was further off, in its worst
-pixel or the median. With the Sun at 80 deg in haze the worst went from 1.0e-3 to 1.7e-3."""
+what it misses is seen in few pixels. Of eight frames four took a third less rays, and none was further off, in its
+worst pixel or the median. With the Sun at 80 deg in haze the worst went from 1.0e-3 to 1.7e-3."""
 LEAST_INTERVALS = 3
 """Of a piece: a cubic goes through four stations."""
 
