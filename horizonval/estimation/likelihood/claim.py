@@ -54,21 +54,23 @@ def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge
 
 def _fitted(picture: Picture, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> LimbLikelihoodFit:
     """Return the fit in pixels as wide as the limb is deep, or in those of the picture where they are as wide."""
-    scale, pixel_m = 1, _pixel_m(camera, start, knowledge)
-    while scale * pixel_m < knowledge.scale_height_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
-        scale *= 2
+    scale = limb_scale(camera, start, knowledge)
     if scale == 1:
         return fit_limb(picture.grey, camera, start, knowledge, picture.noise_sigma)
     image, small = smaller(picture.grey, camera, scale)
-    here, known = Picture(image, picture.full_scale), replace(knowledge, blur_px=knowledge.blur_px / scale)
-    found = fit_limb(here.grey, small, start, known, here.noise_sigma)
+    copy = Picture(image, picture.full_scale)
+    found = fit_limb(copy.grey, small, start, knowledge.in_wider_pixels(scale), copy.noise_sigma)
     return replace(found, uv=in_whole(found.uv, scale))
 
 
-def _pixel_m(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) -> float:
-    """Return how much of the air a pixel on the axis sees, at the distance of the limb."""
+def limb_scale(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) -> int:
+    """Return how many pixels together see as much as the air's scale height at the limb: a power of two, or 1."""
     to_limb_2 = float(pose.r_itrs @ pose.r_itrs) - float(knowledge.ellipsoid.axes_m[0]) ** 2
-    return float(np.sqrt(max(to_limb_2, 0.0))) / max(camera.fx, camera.fy)
+    pixel_m = float(np.sqrt(max(to_limb_2, 0.0))) / max(camera.fx, camera.fy)
+    scale = 1
+    while scale * pixel_m < knowledge.scale_height_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
+        scale *= 2
+    return scale
 
 
 class PoseFit(Protocol):

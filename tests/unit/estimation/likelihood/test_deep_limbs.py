@@ -63,7 +63,7 @@ def megapixel(seed: int, kind: str, band_um: tuple[float, float]) -> tuple[Obser
 def test_an_ellipsoid_is_fitted_to_a_megapixel_and_claims_what_it_is_off_by(
     kind: str, band_um: tuple[float, float]
 ) -> None:
-    """In pixels of 2.9 km, where one exponential is not the limb's shape, errors were 1.4 to 3.5 times the claims."""
+    """In pixels of 2.9 km, where one exponential is not the limb's shape, errors were 1.05 to 3.5 times the claims."""
     squares = []
     for seed in range(4):
         seen, nadir = megapixel(seed, kind, band_um)
@@ -72,7 +72,7 @@ def test_an_ellipsoid_is_fitted_to_a_megapixel_and_claims_what_it_is_off_by(
         claimed = np.sqrt(np.trace(fit.total_covariance_nadir_cam))
         assert claimed < np.radians(0.1)
         squares.append((np.linalg.norm(np.cross(fit.nadir_cam, nadir)) / claimed) ** 2)
-    # Eight numbers, of which chance leaves the mean square below 2.5 in all but 0.1 % of draws of independent ones.
+    # Of eight independent numbers the mean square is beyond 2.5 once in a hundred draws.
     assert np.mean(squares) < 2.5
 
 
