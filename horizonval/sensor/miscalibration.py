@@ -79,12 +79,12 @@ class CalibrationErrors:
         UserError
             One that folds inside the image, or has no distortion to be wrong.
         """
-        told = miscalibrated(camera, self.focal_length, self.principal_point_px, self.distortion_px)
+        believed = miscalibrated(camera, self.focal_length, self.principal_point_px, self.distortion_px)
         try:
-            check_invertible(told, where="calibration: distortion_error_px, distortion_sigma_px")
+            check_invertible(believed, where="calibration: distortion_error_px, distortion_sigma_px")
         except UserError as e:
             raise e.at("calibration: the camera as it is told") from e
-        return told
+        return believed
 
     def mounting(self, q_cam_from_body: Any) -> FloatArray:
         """Return a mounting as it is told, shape (4,); the mounting itself where it is right."""
@@ -130,10 +130,10 @@ def drawn_errors(spec: CalibrationSpec, scene: dict[str, Any], head: str | None)
     )
 
 
-def told_sigmas(spec: CalibrationSpec) -> Calibration | None:
+def stated_sigmas(spec: CalibrationSpec) -> Calibration | None:
     """Return what estimators are told of the calibration's errors; None where nothing is said of them."""
     x, y, z = (math.radians(sigma) for sigma in spec.mounting_sigma_deg)
-    told = Calibration(
+    stated = Calibration(
         focal_length_sigma=spec.focal_length_sigma_percent / 100.0,
         principal_point_sigma_px=spec.principal_point_sigma_px,
         distortion_sigma_px=spec.distortion_sigma_px,
@@ -141,7 +141,7 @@ def told_sigmas(spec: CalibrationSpec) -> Calibration | None:
         exposure_offset_sigma_s=spec.exposure_offset_sigma_s,
         clock_sigma_s=spec.clock_sigma_s,
     )
-    return None if told == Calibration() else told
+    return None if stated == Calibration() else stated
 
 
 def believed_prior(
@@ -190,17 +190,17 @@ def along_orbit(truth: FrameTruth, seconds: float) -> FloatArray:
 
 def _attitude(q_cam_from_itrs: FloatArray, truth: FrameTruth, errors: CalibrationErrors) -> FloatArray:
     """Return an attitude as it is told: by the wrong mounting, at the stamp, in axes of the wrong time."""
-    told = Rotation.from_quat(q_cam_from_itrs)
+    believed = Rotation.from_quat(q_cam_from_itrs)
     if errors.exposure_offset_s != 0.0:
         # A camera that turns by w dt afterwards stood turned by it the other way before.
-        told = Rotation.from_rotvec(errors.exposure_offset_s * _inertial_rate_cam(truth)) * told
+        believed = Rotation.from_rotvec(errors.exposure_offset_s * _inertial_rate_cam(truth)) * believed
     late = errors.clock_s - errors.exposure_offset_s
     if late != 0.0:
-        told = told * Rotation.from_matrix(_earth_turned(late)).inv()
+        believed = believed * Rotation.from_matrix(_earth_turned(late)).inv()
     if any(errors.mounting_rad):
         right = Rotation.from_quat(truth.q_cam_from_body)
-        told = Rotation.from_quat(errors.mounting(truth.q_cam_from_body)) * right.inv() * told
-    return told.as_quat(canonical=True)
+        believed = Rotation.from_quat(errors.mounting(truth.q_cam_from_body)) * right.inv() * believed
+    return believed.as_quat(canonical=True)
 
 
 def _earth_turned(seconds: float) -> FloatArray:

@@ -139,8 +139,8 @@ def _check_case(case: Case, cameras: set[int], matters: set[tuple[str, int, floa
         cameras.add(camera)
     place_from_spec(case.scene)
     if case.scene.calibration is not None:
-        told = drawn_errors(case.scene.calibration, case.scene.model_dump(mode="json"), case.scene.camera.head)
-        told.camera(camera_from_spec(case.camera.camera))
+        errors = drawn_errors(case.scene.calibration, case.scene.model_dump(mode="json"), case.scene.camera.head)
+        errors.camera(camera_from_spec(case.camera.camera))
     if case.scene.prior is not None:
         _check_prior(case.scene.prior, case.camera)
     try:

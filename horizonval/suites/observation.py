@@ -17,7 +17,7 @@ from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.sensor import knowledge
 from horizonval.sensor.detector import cmos
-from horizonval.sensor.miscalibration import believed_prior, calibration_of, errors_of, told_sigmas
+from horizonval.sensor.miscalibration import believed_prior, calibration_of, errors_of, stated_sigmas
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.spec.sensor.detector import Cmos
 from horizonval.spec.sensor.prior import PriorSpec
@@ -41,7 +41,7 @@ def observation_of(
     spec = truth.camera_spec
     name = band_of(source, band)
     seen = next((one for one in spec.band if one.name == name), None)
-    errors, sigmas = errors_of(truth), told_sigmas(calibration_of(truth))
+    errors, sigmas = errors_of(truth), stated_sigmas(calibration_of(truth))
     prior = known_of(truth, name, known)
     sun = coarse_sun_cam(truth)
     if prior.sun_sigma_rad is not None:
@@ -149,7 +149,7 @@ def known_of(truth: FrameTruth, band: str, known: PriorSpec | Prior | None = Non
     spec = scene_prior(truth) if known is None else known
     drawn = knowledge.drawn_prior(spec, truth, band)
     calibration = calibration_of(truth)
-    return believed_prior(drawn, spec, truth, errors_of(truth), told_sigmas(calibration))
+    return believed_prior(drawn, spec, truth, errors_of(truth), stated_sigmas(calibration))
 
 
 def _by_mounting(direction_cam: FloatArray, truth: FrameTruth, mounting: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from horizonval.estimation.miscalibrated import k1_per_px, miscalibrated
 from horizonval.estimation.observation import Observation
 from horizonval.frame import FrameTruth
 from horizonval.geometry.camera import CameraModel, project, unproject
-from horizonval.sensor.miscalibration import along_orbit, errors_of, told_sigmas
+from horizonval.sensor.miscalibration import along_orbit, errors_of, stated_sigmas
 from horizonval.spec.sensor.calibration import CalibrationSpec
 from horizonval.suites.observation import observation_of
 
@@ -211,4 +211,4 @@ def test_sigmas_are_told_and_widen_the_prior() -> None:
     assert np.allclose(np.degrees(wrong.prior.attitude_sigma_rad), np.hypot(0.5, [0.5, 0.5, 1.2]))
     assert wrong.prior.position_sigma_m == pytest.approx(math.hypot(1e3, 7617.0), rel=2e-3)
     assert right.prior.position_sigma_m == 1e3
-    assert told_sigmas(CalibrationSpec(focal_length_error_percent=1.0)) is None
+    assert stated_sigmas(CalibrationSpec(focal_length_error_percent=1.0)) is None
