@@ -38,6 +38,7 @@ SLOW = {
     "docs/howto/archive.md",
     "docs/howto/nightly.md",
     "docs/howto/prior.md",
+    "docs/howto/calibration.md",
     "docs/howto/trade-study.md",
     "docs/results/published.md",
 }

@@ -44,6 +44,7 @@ from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.guard_heads import run_heads
 from horizonval.estimation.guard.limb_model import blur_of, model_covariance
 from horizonval.estimation.guard.three_tests import SeenLimb, doubted
+from horizonval.estimation.guard.wider_pixels import in_wider_pixels
 from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
@@ -54,7 +55,6 @@ from horizonval.estimation.limb.ranks import median
 from horizonval.estimation.limb.result import LimbPoints
 from horizonval.estimation.limb.shape.cone import ConeUncertainty, cone_uncertainty, limb_directions
 from horizonval.estimation.limb.smaller import in_whole
-from horizonval.estimation.limb.smaller import smaller as of_wider_pixels
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import project, unproject
 from horizonval.geometry.cone import Cone, fit_cone
@@ -173,12 +173,6 @@ class _GuardPoints:
         return _GuardPoints(self.seen[rows], self.los[rows], patterns, self.bright_inside)
 
 
-def smaller(observation: Observation, scale: int) -> Observation:
-    """Return what a detector with pixels as wide as ``scale`` would have seen; columns and rows left over are cut."""
-    image, camera = of_wider_pixels(observation.image, observation.camera, scale)
-    return replace(observation, image=image, camera=camera)
-
-
 def _into_twilight(
     los: FloatArray, image: FloatArray, observation: Observation, sun: FloatArray, bright_inside: bool
 ) -> FloatArray:
@@ -295,7 +289,7 @@ def _run(estimator: Estimator, observation: Observation) -> Fit | Refusal:
     found, picture = searched
     if found.scale > 1:
         # A limb that is many pixels deep is an edge in a smaller copy, and all that is asked of it is asked there.
-        result = _run(estimator, smaller(observation, found.scale))
+        result = _run(estimator, in_wider_pixels(observation, found.scale))
         return replace(result, points=in_whole(result.points, found.scale))
     limb = _trusted(picture, found, observation, estimator.estimates)
     if isinstance(limb, Refusal):

@@ -35,7 +35,9 @@ from horizonval.core.refusal import Refusal
 from horizonval.earth.limb_relief import limb_height_m
 from horizonval.estimation.guard import guard_limits as limits
 from horizonval.estimation.guard.limb_pieces import LimbPieces, limb_pieces
+from horizonval.estimation.guard.wider_pixels import in_wider_pixels
 from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_SIGMA_M, knowledge_in_air
+from horizonval.estimation.likelihood.claim import limb_scale
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
 from horizonval.estimation.likelihood.knowledge import LimbPose, sphere_knowledge
 from horizonval.estimation.observation import Fit, Observation
@@ -96,9 +98,13 @@ def doubted(claim: Fit, observation: Observation, seen: SeenLimb | None = None) 
     nadir = np.asarray(claim.nadir_cam) if seen is None else seen.nadir_cam
     planet, mean, information = sphere_knowledge(nadir, radius, distance - radius)
     knowledge = knowledge_in_air(observation, planet, mean, information, observation.prior.flattening * radius)
+    start = LimbPose(np.eye(3), -distance * nadir)
+    # A limb many pixels deep is no edge in the image's own pixels: it is asked for where the fits see it.
+    scale = limb_scale(observation.camera, start, knowledge)
+    observation, knowledge = in_wider_pixels(observation, scale), knowledge.in_wider_pixels(scale)
     image = np.asarray(observation.image, dtype=np.float64)
     try:
-        found = fit_limb(image, observation.camera, LimbPose(np.eye(3), -distance * nadir), knowledge)
+        found = fit_limb(image, observation.camera, start, knowledge)
         pieces = limb_pieces(image, observation, found, knowledge)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"the limb that the claim predicts: {e}", claim.points)

@@ -2,9 +2,10 @@
 
 The edge of the fit is one exponential in a window of some pixels. Where a pixel sees less of the air than its scale
 height, the limb is tens of pixels deep, of another shape than that, and larger than the window: a sector's levels then
-take the place of its edge, and the search may walk to and fro without an end. The same limb is fitted then in copies
-with wider pixels, by halves, as far as the pixels before saw less than a scale height. Its light is averaged there and
-not thrown away, so that of so soft an edge little is lost, and its covariance is that of the copy's own pixels.
+take the place of its edge, and the fit settles where it should not or walks to and fro without an end. Such a limb is
+fitted in a copy with wider pixels, by halves, as far as the pixels before saw less than a scale height. Its light is
+averaged there and not thrown away, so that of so soft an edge little is lost, and its covariance is that of the copy's
+own pixels.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, NotConverged, fit_limb, nadir_derivative
+from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb, nadir_derivative
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
 from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.smaller import in_whole, smaller
@@ -27,6 +28,9 @@ from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.geometry.frames import roll_pitch_of_nadir
 from horizonval.geometry.horizon import angular_radius
+
+LEAST_PX = 32
+"""Of a copy, across: two windows of the fit, and a limb that bends."""
 
 
 def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge: LimbKnowledge) -> Fit | Refusal:
@@ -48,28 +52,25 @@ def claim(picture: Picture, observation: Observation, start: LimbPose, knowledge
     return fit_of(found, observation, knowledge.ellipsoid)
 
 
-def _fitted(
-    picture: Picture, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge, scale: int = 1
-) -> LimbLikelihoodFit:
-    """Return the fit of a picture with pixels ``scale`` times as wide, or of the widest that the limb asks for."""
-    if scale > 1:
-        image, small = smaller(picture.grey, camera, scale)
-        here, known = Picture(image, picture.full_scale), replace(knowledge, blur_px=knowledge.blur_px / scale)
-    else:
-        here, small, known = picture, camera, knowledge
-    try:
-        found = fit_limb(here.grey, small, start, known, here.noise_sigma)
-    except NotConverged:
-        if not _pixel_m(small, start, knowledge) < knowledge.scale_height_m:
-            raise
-        return _fitted(picture, camera, start, knowledge, 2 * scale)
+def _fitted(picture: Picture, camera: CameraModel, start: LimbPose, knowledge: LimbKnowledge) -> LimbLikelihoodFit:
+    """Return the fit in pixels as wide as the limb is deep, or in those of the picture where they are as wide."""
+    scale = limb_scale(camera, start, knowledge)
+    if scale == 1:
+        return fit_limb(picture.grey, camera, start, knowledge, picture.noise_sigma)
+    image, small = smaller(picture.grey, camera, scale)
+    copy = Picture(image, picture.full_scale)
+    found = fit_limb(copy.grey, small, start, knowledge.in_wider_pixels(scale), copy.noise_sigma)
     return replace(found, uv=in_whole(found.uv, scale))
 
 
-def _pixel_m(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) -> float:
-    """Return how much of the air a pixel on the axis sees, at the distance of the limb."""
+def limb_scale(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) -> int:
+    """Return how many pixels together see as much as the air's scale height at the limb: a power of two, or 1."""
     to_limb_2 = float(pose.r_itrs @ pose.r_itrs) - float(knowledge.ellipsoid.axes_m[0]) ** 2
-    return float(np.sqrt(max(to_limb_2, 0.0))) / max(camera.fx, camera.fy)
+    pixel_m = float(np.sqrt(max(to_limb_2, 0.0))) / max(camera.fx, camera.fy)
+    scale = 1
+    while scale * pixel_m < knowledge.scale_height_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
+        scale *= 2
+    return scale
 
 
 class PoseFit(Protocol):

@@ -62,10 +62,6 @@ MOST_HALVINGS = 10
 """Of a step that makes the pixels less probable: to a thousandth of it."""
 
 
-class NotConverged(np.linalg.LinAlgError):
-    """Steps without an end."""
-
-
 @dataclass(frozen=True)
 class LimbLikelihoodFit:
     """The most probable pose.
@@ -173,9 +169,7 @@ def fit_limb(
     Raises
     ------
     numpy.linalg.LinAlgError
-        Too little limb in view.
-    NotConverged
-        One of them: no convergence.
+        Too little limb in view, or no convergence.
     """
     found = _Search(image, camera, start, knowledge).run()
     near, model, light, covariance = found.near, found.model, found.light, found.covariance
@@ -219,7 +213,8 @@ class _Search:
 
         Raises
         ------
-        NotConverged
+        numpy.linalg.LinAlgError
+            No convergence, or no solution on the way.
         """
         settled = 0
         merit = self._merit()
@@ -257,7 +252,7 @@ class _Search:
         pose_step = full[:POSE]
         # Blur and softness may go on to and fro where nothing tells them apart, with the pose in its place.
         if float(pose_step @ np.linalg.solve(self.covariance[:POSE, :POSE], pose_step)) > CONVERGED:
-            raise NotConverged(f"no convergence in {MOST_STEPS} steps")
+            raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
         return self
 
     def _look(self, held: LimbLight | None) -> tuple[LimbModel, LimbLight]:

@@ -6,7 +6,7 @@ and known altitude, sphere and ellipsoid, are the same fit with other rows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -99,6 +99,10 @@ class LimbKnowledge:
     flattened_m: float = 0.0
     uneven: LimbHeights | None = None
     middle_sigma_m: float = np.inf
+
+    def in_wider_pixels(self, scale: int) -> LimbKnowledge:
+        """Return what is known of the same limb in pixels ``scale`` times as wide."""
+        return replace(self, blur_px=self.blur_px / scale)
 
 
 def sphere_knowledge(

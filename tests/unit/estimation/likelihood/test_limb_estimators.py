@@ -15,7 +15,7 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
 from horizonval.estimation.likelihood import claim as claims
-from horizonval.estimation.likelihood.fit import NotConverged, fit_limb
+from horizonval.estimation.likelihood.fit import fit_limb
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel, unproject
@@ -174,30 +174,37 @@ def test_a_small_disc_is_the_earth_where_the_altitude_says_so(altitude_m: float 
         assert _error(found, disc.nadir) < 5.0 * _claimed(found)
 
 
-def test_a_limb_that_no_search_settles_on_is_fitted_in_wider_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_limb_deeper_than_a_pixel_is_fitted_in_wider_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where a pixel sees less than a scale height: nadir within the claim, points where the image has the limb."""
     there = replace(LEVEL, width=320, height=240, focal_px=600.0)
     camera = CameraModel(320, 240, 600.0, 600.0, 159.5, 119.5)
     sizes: list[int] = []
 
-    def unsettled(image: np.ndarray, camera: CameraModel, *rest: Any) -> Any:
+    def watched(image: np.ndarray, camera: CameraModel, *rest: Any) -> Any:
         sizes.append(camera.width)
-        if camera.width == 320:
-            raise NotConverged("no convergence")
         return fit_limb(image, camera, *rest)
 
-    monkeypatch.setattr(claims, "fit_limb", unsettled)
+    monkeypatch.setattr(claims, "fit_limb", watched)
     image = noisy(picture(there), np.random.default_rng(5))
     seen = Observation(image, camera, full_scale=255.0, prior=Prior(shape="sphere"))
     fit = registry.get("limb-sphere").run(seen)
-    assert sizes == [320, 160]
+    assert sizes == [160]
     assert _error(fit, there.nadir) < 3.0 * _claimed(fit)
     assert isinstance(fit, Fit)
     rho = float(np.arcsin(RADIUS_M / (RADIUS_M + there.altitude_m)))
     off_px = (np.arccos(unproject(camera, fit.points) @ there.nadir) - rho) * camera.fx
     # A scale height is two pixels, and a copy's pixel two more.
     assert np.abs(off_px).max() < 6.0
-    # A pixel that sees more than a scale height is never made wider.
-    monkeypatch.setattr(claims, "fit_limb", lambda *_: (_ for _ in ()).throw(NotConverged("no convergence")))
+    # A pixel that sees more than a scale height is not made wider.
+    wide = Observation(noisy(picture(LEVEL), np.random.default_rng(5)), CAMERA, full_scale=255.0)
+    assert isinstance(registry.get("limb-sphere").run(wide), Fit)
+    assert sizes == [160, CAMERA.width]
+
+
+def test_a_fit_that_does_not_end_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def endless(*_: Any) -> Any:
+        raise np.linalg.LinAlgError("no convergence in 30 steps")
+
+    monkeypatch.setattr(claims, "fit_limb", endless)
     wide = Observation(noisy(picture(LEVEL), np.random.default_rng(5)), CAMERA, full_scale=255.0)
     assert registry.get("limb-sphere").run(wide).status is Outcome.NOT_CONVERGED

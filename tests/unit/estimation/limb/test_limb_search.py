@@ -14,7 +14,8 @@ from scipy.special import ndtr
 
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.guard.guard import guarded, smaller
+from horizonval.estimation.guard.guard import guarded
+from horizonval.estimation.guard.wider_pixels import in_wider_pixels
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.result import LimbPoints
@@ -190,7 +191,7 @@ def test_the_guard_looks_at_a_deep_limb_in_a_smaller_copy() -> None:
     rho = math.radians(60.0)
     image = picture(depth_px(camera, nadir, rho), width_px=9.0)
     seen = Observation(image=image, camera=camera, full_scale=1023.0, prior=Prior(shape="sphere"), band_kind="thermal")
-    small = smaller(seen, 4)
+    small = in_wider_pixels(seen, 4)
     assert small.image.shape == (120, 120)
     assert small.image[3, 5] == pytest.approx(image[12:16, 20:24].mean())
     there = unproject(small.camera, np.array([30.0, 40.0]))
