@@ -130,6 +130,9 @@ def limb_information(
         if not weight.sum() > 0.0:
             return None
         height += float(weight @ motion.height_m / weight.sum())
+        if not np.sum((r_itrs / (ellipsoid.axes_m + height)) ** 2) > 1.0:
+            # Light that no limb below the camera could be: what shows most is not the limb.
+            return None
     pose = by_limb * motion.by_pose
     if body_from_cam is not None:
         pose[:3] = body_from_cam @ pose[:3]
