@@ -19,6 +19,7 @@ from horizonval.cli.info import doctor, list_names, schema, templates
 from horizonval.cli.regression import baseline_app, regress
 from horizonval.cli.rendering import gallery, mitsuba, radiance, render
 from horizonval.cli.reproduce import reproduce
+from horizonval.cli.serving import serve
 from horizonval.cli.study import study
 from horizonval.core.errors import UserError, printable
 from horizonval.core.machine.caches import settle_libraries
@@ -40,6 +41,7 @@ COMMANDS: tuple[Callable[..., int | None], ...] = (
     render,
     mitsuba,
     observe,
+    serve,
     sheet,
     estimate,
     oracle,
