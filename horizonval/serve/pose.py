@@ -66,7 +66,7 @@ def place_keywords(request: ImageRequest, scene: SceneSpec) -> dict[str, Any]:
                 where="request: position_itrs_km",
                 expected="a place above the ground, in kilometres along Earth-fixed axes",
             )
-        found |= dict(zip(GEODETIC, (math.degrees(latitude), math.degrees(longitude), height / 1e3), strict=True))
+        found |= dict(zip(GEODETIC, (_degrees(latitude), _degrees(longitude), height / 1e3), strict=True))
     if request.velocity_itrs_km_s is not None:
         radians = (math.radians(found["latitude_deg"]), math.radians(found["longitude_deg"]))
         r_itrs = itrs_from_geodetic(*radians, found["altitude_km"] * 1e3, ellipsoid)
@@ -79,7 +79,7 @@ def place_keywords(request: ImageRequest, scene: SceneSpec) -> dict[str, Any]:
                 expected="a velocity that says where x of lvlh points",
                 fix="give heading_deg in its place",
             )
-        found["heading_deg"] = math.degrees(float(orbit.heading(r_itrs, velocity)))
+        found["heading_deg"] = _degrees(float(orbit.heading(r_itrs, velocity)))
     return found
 
 
@@ -98,10 +98,15 @@ def attitude_keywords(request: ImageRequest, scene: SceneSpec) -> dict[str, Any]
         q_lvlh_from_itrs = lvlh_from_itrs(place_from_spec(scene)[1], math.radians(scene.platform.heading_deg))
         q_body_from_lvlh = tuple(compose(request.q_body_from_itrs, inverse(q_lvlh_from_itrs)))
     if q_body_from_lvlh is not None:
-        angles = [math.degrees(angle) for angle in to_yaw_pitch_roll(q_body_from_lvlh)]
+        angles = [_degrees(angle) for angle in to_yaw_pitch_roll(q_body_from_lvlh)]
         found |= dict(zip(ANGLES, angles, strict=True))
     return {key: value for key, value in found.items() if value is not None}
 
 
 def _either(value: Any, otherwise: Any) -> Any:
     return otherwise if value is None else value
+
+
+def _degrees(angle_rad: float) -> float:
+    """Return an angle in degrees, and none as 0: that of -0 would be another scene, with other noise."""
+    return math.degrees(angle_rad) + 0.0

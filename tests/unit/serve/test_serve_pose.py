@@ -63,6 +63,12 @@ def test_a_quaternion_against_lvlh_and_its_angles_are_the_same():
     assert [found[key] for key in ("yaw_deg", "pitch_deg", "roll_deg")] == pytest.approx([12, -4, 3], abs=1e-13)
 
 
+def test_the_identity_is_the_scene_without_angles():
+    """Bit by bit: the noise is drawn from the scene as it is written."""
+    found = attitude_keywords(ImageRequest(q_body_from_lvlh=(0.0, 0.0, 0.0, 1.0)), SCENE.spec)
+    assert [str(value) for value in found.values()] == ["0.0", "0.0", "0.0"]
+
+
 def test_rates_and_single_angles_go_through():
     request = ImageRequest(roll_deg=2.0, rate_deg_s=(0.0, 0.5, 0.0), hold="inertial")
     assert attitude_keywords(request, SCENE.spec) == {

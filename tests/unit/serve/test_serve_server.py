@@ -5,7 +5,6 @@ The renderer is replaced by a function that answers at once with the request's s
 
 from __future__ import annotations
 
-import random
 import socket
 import stat
 import subprocess
@@ -18,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from serve_faults import REQUEST, after_faults
 
 import horizonval as hv
 from horizonval.serve import server as serving
@@ -27,12 +27,10 @@ from horizonval.serve.request import ImageRequest
 from horizonval.serve.server import MOST_CLIENTS, Server
 from horizonval.wire import SCHEMA
 from horizonval.wire.address import Address
-from horizonval.wire.framing import HEADER, MAGIC, receive, send
+from horizonval.wire.framing import receive, send
 from horizonval.wire.packing import array_to_map, pack, unpack
 
 TIME_LIMIT_S = 1.0
-REQUEST = pack({"schema": SCHEMA, "kind": "image", "seed": 5})
-FRAME = HEADER.pack(MAGIC, len(REQUEST)) + REQUEST
 
 
 def answered(request: ImageRequest) -> dict[str, Any]:
@@ -79,62 +77,15 @@ def run(tmp_path: Path) -> Iterator[Callable[..., Running]]:
             running.stop()
 
 
-def fault(running: Running, kind: str, rng: random.Random) -> None:
-    """Do to a server what no client should."""
-    with running.raw() as stream:
-        if kind == "gone at once":
-            return
-        if kind == "gone before its answer":
-            stream.sendall(FRAME)
-        elif kind == "half a message":
-            stream.sendall(FRAME[: rng.randrange(1, len(FRAME))])
-        elif kind == "garbage":
-            stream.sendall(b"X" + rng.randbytes(rng.randrange(0, 3000)))
-            assert unpack(receive(stream, 1 << 20, 5.0) or b"")["kind"] == "error"
-        elif kind == "a garbled message":
-            body = bytearray(REQUEST)
-            body[rng.randrange(len(body))] ^= 1 << rng.randrange(8)
-            send(stream, bytes(body), 5.0)
-            assert unpack(receive(stream, 1 << 20, 5.0) or b"")["kind"] in ("error", "image")
-        elif kind == "too long":
-            stream.sendall(HEADER.pack(MAGIC, MOST_REQUEST_BYTES + rng.randrange(1, 1 << 31)))
-            assert unpack(receive(stream, 1 << 20, 5.0) or b"")["kind"] == "error"
-        elif kind == "many at once, never read":
-            stream.sendall(FRAME * rng.randrange(2, 40))
-        elif kind == "reset":
-            stream.sendall(FRAME[: rng.randrange(len(FRAME))])
-            stream.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
-
-
-FAULTS = [
-    "gone at once", "gone before its answer", "half a message", "garbage", "a garbled message", "too long",
-    "many at once, never read", "reset",
-]  # fmt: skip
-
-
-def _after_faults(running: Running, faults: int, seed: int) -> None:
-    rng = random.Random(seed)
-    with running.client() as steady:
-        for number in range(faults):
-            fault(running, FAULTS[number % len(FAULTS)], rng)
-            assert steady.image(seed=number).dn[0, 0] == number
-        end = time.monotonic() + 10.0
-        while steady.status()["clients"] > 1 and time.monotonic() < end:
-            time.sleep(0.05)
-        status = steady.status()
-    assert status["clients"] == 1
-    assert status["refused"] >= faults // len(FAULTS)
-
-
 @pytest.mark.parametrize("address", [None, Address(None, "127.0.0.1", 0)], ids=["unix", "tcp"])
 def test_faults_of_one_client_are_nothing_to_another(run, address):
-    _after_faults(run(**({} if address is None else {"address": address})), 16, 1)
+    after_faults(run(**({} if address is None else {"address": address})).address, 16, 1)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("address", [None, Address(None, "127.0.0.1", 0)], ids=["unix", "tcp"])
 def test_two_hundred_faults_are_nothing_to_another(run, address):
-    _after_faults(run(**({} if address is None else {"address": address})), 200, 2)
+    after_faults(run(**({} if address is None else {"address": address})).address, 200, 2)
 
 
 def test_a_refusal_says_what_where_and_what_to_do_and_the_client_goes_on(run):
