@@ -36,7 +36,19 @@ FLAT = {
     "seed": ("scene", "seed"),
 }
 """Keywords of :class:`Scene`, and the table and key of a scene file that each of them is."""
-TABLES = ("attitude", "earth", "atmosphere", "surface", "clouds", "moon", "night", "part", "render", "prior")
+TABLES = (
+    "attitude",
+    "earth",
+    "atmosphere",
+    "surface",
+    "clouds",
+    "moon",
+    "night",
+    "part",
+    "render",
+    "prior",
+    "calibration",
+)
 """Keywords that are a whole table of a scene file."""
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
 
@@ -41,7 +42,7 @@ class Observation:
     image : ndarray, shape (H, W)
         Digital numbers (or any grey level that grows, or falls, with radiance), float64.
     camera : CameraModel
-        Calibrated intrinsics.
+        Calibrated intrinsics, right as far as ``calibration`` says.
     q_cam_from_body : ndarray, shape (4,)
         Mounting, scalar last. Identity when camera and body axes coincide.
     full_scale : float or None
@@ -62,6 +63,8 @@ class Observation:
     sun_cam : ndarray, shape (3,), or None
         Direction to the Sun in camera axes as a Sun sensor gives it, right to ``prior.sun_sigma_rad``, or without that
         to a degree; None where there is no such sensor or it sees no Sun.
+    calibration : Calibration or None
+        How well camera, mounting and time are known; None where they are taken for exact.
     oracle : OraclePose or None
         Only for estimators with ``needs = "pose"``.
     heads : mapping of str to Observation
@@ -88,6 +91,7 @@ class Observation:
     band_width_um: float | None = None
     radiance_per_dn: float | None = None
     sun_cam: FloatArray | None = None
+    calibration: Calibration | None = None
     oracle: OraclePose | None = None
     heads: Mapping[str, Observation] = field(default_factory=dict)
 

@@ -16,6 +16,7 @@ from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
 from horizonval.scoring.bound import NO_BOUND, Bound
 from horizonval.scoring.expected import Expected
+from horizonval.sensor.miscalibration import errors_of
 from horizonval.truth.infrared_horizon.curve import visible_height_m
 
 
@@ -245,6 +246,30 @@ class Conditions:
         float | None,
         Meaning("Mean height of the infrared horizon in view (half plateau, clear sky); empty in solar bands.", "km"),
     ] = None
+    focal_length_error_percent: Annotated[
+        float | None,
+        Meaning(
+            "Told less true focal length; empty without `[calibration]`, as the columns that follow.",
+            "%",
+        ),
+    ] = None
+    principal_point_error_u_px: Annotated[float | None, Meaning("The same of the principal point's column.", "px")] = (
+        None
+    )
+    principal_point_error_v_px: Annotated[float | None, Meaning("The same of its row.", "px")] = None
+    distortion_error_px: Annotated[
+        float | None, Meaning("The same of the radial distortion, at the image's farthest corner.", "px")
+    ] = None
+    mounting_error_x_deg: Annotated[
+        float | None,
+        Meaning("Told less true mounting about the body's x: what it adds to the roll of a level body.", "deg"),
+    ] = None
+    mounting_error_y_deg: Annotated[float | None, Meaning("The same about its y.", "deg")] = None
+    mounting_error_z_deg: Annotated[float | None, Meaning("The same about its z.", "deg")] = None
+    exposure_offset_s: Annotated[
+        float | None, Meaning("By how much later than its stamp the image was taken.", "s")
+    ] = None
+    clock_error_s: Annotated[float | None, Meaning("By how much the clock was ahead.", "s")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -337,7 +362,28 @@ def conditions_of(truth: FrameTruth, expected: Expected, band: str, bound: Bound
         bound_arcsec=bound.known_arcsec,
         bound_altitude_km=None if bound.altitude_m is None else bound.altitude_m / 1e3,
         ir_horizon_km=None if infrared_height_m is None else infrared_height_m / 1e3,
+        **_of_calibration(truth),
     )
+
+
+def _of_calibration(truth: FrameTruth) -> dict[str, float]:
+    """Return what was wrong of the camera and the time that an estimator was told; nothing without the table."""
+    if truth.scene.get("calibration") is None:
+        return {}
+    errors = errors_of(truth)
+    u, v = errors.principal_point_px
+    x, y, z = (math.degrees(angle) for angle in errors.mounting_rad)
+    return {
+        "focal_length_error_percent": 100.0 * errors.focal_length,
+        "principal_point_error_u_px": u,
+        "principal_point_error_v_px": v,
+        "distortion_error_px": errors.distortion_px,
+        "mounting_error_x_deg": x,
+        "mounting_error_y_deg": y,
+        "mounting_error_z_deg": z,
+        "exposure_offset_s": errors.exposure_offset_s,
+        "clock_error_s": errors.clock_s,
+    }
 
 
 def make_row(

@@ -14,6 +14,7 @@ from horizonval.spec.earth.ground import Earth, Surface
 from horizonval.spec.earth.layer import CloudLayer
 from horizonval.spec.earth.lights import Moon, Night, SunOverride
 from horizonval.spec.numbers import Angle, Finite, FrameName, Listed, PlainName, Whole
+from horizonval.spec.sensor.calibration import CalibrationSpec
 from horizonval.spec.sensor.prior import PriorSpec
 from horizonval.spec.spacecraft.part import SpacecraftPart
 from horizonval.spec.units import unit
@@ -143,7 +144,7 @@ class RenderSettings(Model):
 class SceneSpec(Model):
     """One scene file: one camera, one pose, one planet, one instant."""
 
-    later_keys: ClassVar[frozenset[str]] = frozenset({"layer", "part", "prior"})
+    later_keys: ClassVar[frozenset[str]] = frozenset({"layer", "part", "prior", "calibration"})
 
     scene: SceneName = SceneName()
     """Name and seed."""
@@ -177,6 +178,10 @@ class SceneSpec(Model):
     """Accuracy of the rendering."""
     prior: PriorSpec | None = None
     """What is known beside the image; without the table the shape of the planet, and what the camera file says. It
+    changes neither frame nor noise.
+    """
+    calibration: CalibrationSpec | None = None
+    """By how much the camera and the time that estimators are told are wrong; without the table they are right. It
     changes neither frame nor noise.
     """
 

@@ -23,6 +23,7 @@ SUFFIXES = {
     "k": "K",
     "c": "deg C",
     "k_per_min": "K/min",
+    "percent": "%",
     "ppm": "ppm",
     "px": "px",
     "e": "electrons",

@@ -13,6 +13,7 @@ from horizonval.geometry.pose import place_from_spec
 from horizonval.geometry.rotation import julian_utc
 from horizonval.renderer.scene.frame_memory import refuse_too_large
 from horizonval.sensor.knowledge import refuse_unknown_climate
+from horizonval.sensor.miscalibration import drawn_errors
 from horizonval.spec.load import Case, Suite
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.spec.sensor.prior import PriorSpec, is_limb_table
@@ -137,6 +138,9 @@ def _check_case(case: Case, cameras: set[int], matters: set[tuple[str, int, floa
         check_invertible(camera_from_spec(case.camera.camera))
         cameras.add(camera)
     place_from_spec(case.scene)
+    if case.scene.calibration is not None:
+        errors = drawn_errors(case.scene.calibration, case.scene.model_dump(mode="json"), case.scene.camera.head)
+        errors.camera(camera_from_spec(case.camera.camera))
     if case.scene.prior is not None:
         _check_prior(case.scene.prior, case.camera)
     try:

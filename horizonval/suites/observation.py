@@ -14,8 +14,10 @@ from horizonval.earth.spectral.bands import limits_um, width_um
 from horizonval.estimation.observation import Estimator, Observation, OraclePose
 from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
+from horizonval.geometry.frames import inverse, rotate
 from horizonval.sensor import knowledge
 from horizonval.sensor.detector import cmos
+from horizonval.sensor.miscalibration import believed_prior, calibration_of, errors_of, stated_sigmas
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.spec.sensor.detector import Cmos
 from horizonval.spec.sensor.prior import PriorSpec
@@ -30,31 +32,38 @@ def observation_of(
 ) -> Observation:
     """Return the observation of a detector image, or of one band of a frame (radiance, without a converter).
 
-    The truth in the header gives the calibrated camera and its mounting, which a flight computer knows too; the pose
-    itself is handed only to an estimator that is ideal by definition. Of the rest of the truth it has what ``[prior]``
-    of the scene says, or ``known`` in its place: the same whenever it is asked for.
+    The truth in the header gives the calibrated camera and its mounting, which a flight computer knows too, with the
+    errors that ``[calibration]`` of the scene says (:mod:`horizonval.sensor.miscalibration`); the pose itself is handed
+    only to an estimator that is ideal by definition. Of the rest of the truth it has what ``[prior]`` of the scene
+    says, or ``known`` in its place: the same whenever it is asked for.
     """
     truth = source.truth
     spec = truth.camera_spec
     name = band_of(source, band)
     seen = next((one for one in spec.band if one.name == name), None)
+    errors, sigmas = errors_of(truth), stated_sigmas(calibration_of(truth))
     prior = known_of(truth, name, known)
-    sigma = prior.sun_sigma_rad
+    sun = coarse_sun_cam(truth)
+    if prior.sun_sigma_rad is not None:
+        sun = knowledge.sun_reading_cam(prior.sun_sigma_rad, truth)
+    mounting = errors.mounting(truth.q_cam_from_body)
     if isinstance(source, DetectorImage):
         grey, full_scale = source.dn.astype(np.float64), float(source.full_scale)
     else:
         grey, full_scale = source.radiance[name].astype(np.float64), None
     return Observation(
         image=grey,
-        camera=truth.camera_model,
-        q_cam_from_body=np.array(truth.q_cam_from_body),
+        camera=errors.camera(truth.camera_model),
+        q_cam_from_body=mounting,
         full_scale=full_scale,
         prior=with_altitude_of(spec, prior),
         band_kind=None if seen is None else seen.kind,
         band_um=None if seen is None else limits_um(seen),
         band_width_um=None if seen is None else width_um(seen),
         radiance_per_dn=radiance_per_dn(source) if isinstance(source, DetectorImage) else None,
-        sun_cam=coarse_sun_cam(truth) if sigma is None else knowledge.sun_reading_cam(sigma, truth),
+        # A Sun sensor is mounted on the body as well, and its reading comes to the camera as the mounting is believed.
+        sun_cam=sun if sun is None or not any(errors.mounting_rad) else _by_mounting(sun, truth, mounting),
+        calibration=sigmas,
         oracle=oracle_pose(truth) if estimator.needs == "pose" else None,
     )
 
@@ -137,7 +146,15 @@ def known_of(truth: FrameTruth, band: str, known: PriorSpec | Prior | None = Non
     """Return what is known of a frame: as the scene says, or as ``known`` says in its place."""
     if isinstance(known, Prior):
         return known
-    return knowledge.drawn_prior(scene_prior(truth) if known is None else known, truth, band)
+    spec = scene_prior(truth) if known is None else known
+    drawn = knowledge.drawn_prior(spec, truth, band)
+    calibration = calibration_of(truth)
+    return believed_prior(drawn, spec, truth, errors_of(truth), stated_sigmas(calibration))
+
+
+def _by_mounting(direction_cam: FloatArray, truth: FrameTruth, mounting: FloatArray) -> FloatArray:
+    """Return a direction that is known on the body in the axes of a camera with the mounting that is believed."""
+    return rotate(mounting, rotate(inverse(truth.q_cam_from_body), direction_cam))
 
 
 def with_altitude_of(camera: CameraSpec, prior: Prior) -> Prior:

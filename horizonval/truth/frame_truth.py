@@ -36,13 +36,16 @@ from horizonval.spec.sensor.camera import Band, CameraSpec
 from horizonval.truth.infrared_horizon.around import infrared_horizon
 from horizonval.truth.parts_in_view import parts_truth
 
+BESIDE = ("prior", "calibration")
+"""Tables of a scene that change neither frame nor noise."""
+
 
 def scene_id(scene: dict[str, Any], camera: dict[str, Any]) -> str:
     """Return the sha256 hex digest of resolved scene, camera and frame schema, as JSON with sorted keys.
 
-    What is known beside the image is left out: whoever knows more sees the same, noise included.
+    What is known beside the image, rightly or not, is left out: whoever knows more sees the same, noise included.
     """
-    seen = {key: table for key, table in scene.items() if key != "prior"}
+    seen = {key: table for key, table in scene.items() if key not in BESIDE}
     document = {"camera": camera, "frame_schema": FRAME_SCHEMA, "scene": seen}
     text = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
     return hashlib.sha256(text.encode("ascii")).hexdigest()

@@ -38,7 +38,8 @@ def scene_of(name: str, spec: CameraSpec) -> SceneSpec:
     altitude_km = 400.0
     if "geo" in name:
         altitude_km = 35786.0
-    elif not spec.head and spec.camera.projection != "fisheye":
+    elif spec.camera.projection != "fisheye" and (not spec.head or spec.head[0].name == "right"):
+        # A head to the right looks where the housing is mounted; others have mountings of their own.
         camera["mount_roll_deg"] = 70.0
     return SceneSpec.model_validate(
         {

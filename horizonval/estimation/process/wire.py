@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.answer import MOST_POINTS, checked
+from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.observation import Fit, Observation, OraclePose
 from horizonval.estimation.prior import Prior
 from horizonval.geometry.camera import CameraModel
@@ -79,7 +80,7 @@ def _observation_tree(observation: Observation, arrays: list[NDArray[Any]], plac
         # Few numbers: JSON keeps every bit of them.
         return value.isoformat() if isinstance(value, datetime) else np.asarray(value).tolist()
 
-    oracle = observation.oracle
+    oracle, calibration = observation.oracle, observation.calibration
     camera = {key: list(v) if isinstance(v, tuple) else v for key, v in vars(observation.camera).items()}
     return {
         "image": put(observation.image),
@@ -92,6 +93,7 @@ def _observation_tree(observation: Observation, arrays: list[NDArray[Any]], plac
         "band_width_um": number(observation.band_width_um),
         "radiance_per_dn": number(observation.radiance_per_dn),
         "band_um": None if observation.band_um is None else [float(limit) for limit in observation.band_um],
+        "calibration": None if calibration is None else vars(calibration),
         "oracle": None if oracle is None else [put(oracle.r_itrs), put(oracle.q_cam_from_itrs), float(oracle.radius_m)],
         "heads": {name: _observation_tree(head, arrays, places) for name, head in observation.heads.items()},
     }
@@ -99,7 +101,7 @@ def _observation_tree(observation: Observation, arrays: list[NDArray[Any]], plac
 
 def _observation(tree: dict[str, Any], arrays: list[NDArray[Any]]) -> Observation:
     camera = tree["camera"]
-    oracle = tree["oracle"]
+    oracle, calibration = tree["oracle"], tree["calibration"]
     return Observation(
         image=arrays[tree["image"]],
         camera=CameraModel(**(camera | {"distortion": tuple(camera["distortion"])})),
@@ -111,9 +113,14 @@ def _observation(tree: dict[str, Any], arrays: list[NDArray[Any]]) -> Observatio
         radiance_per_dn=tree["radiance_per_dn"],
         band_um=None if tree["band_um"] is None else (tree["band_um"][0], tree["band_um"][1]),
         sun_cam=None if tree["sun_cam"] is None else arrays[tree["sun_cam"]],
+        calibration=None if calibration is None else _calibration(calibration),
         oracle=None if oracle is None else OraclePose(arrays[oracle[0]], arrays[oracle[1]], oracle[2]),
         heads={name: _observation(head, arrays) for name, head in tree["heads"].items()},
     )
+
+
+def _calibration(tree: dict[str, Any]) -> Calibration:
+    return Calibration(**(tree | {"mounting_sigma_rad": tuple(tree["mounting_sigma_rad"])}))
 
 
 def _prior(tree: dict[str, Any]) -> Prior:

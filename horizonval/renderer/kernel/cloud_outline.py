@@ -1,34 +1,44 @@
 r"""The outline of cloud tops against the air above the horizon: what share of a cell lies below it.
 
-Across a cell run a few lines along the image axis in which the limb is steeper. Where a line crosses the outline is
-found from one ray through its middle, without a search: the ray passes ground points i at distances t_i in heights h_i,
-under tops z_i. Turned upwards by delta it gains ``t_i delta cos(e_i)`` there, e_i its elevation, so that it just clears
-all clouds when::
+Seen from one place the outline is a height above the hard limb for every azimuth, whatever the camera looks at. It is
+found once, at as many azimuths as cells need (:class:`OutlineTable`), where frames first look, and is linear between.
+Each of its values is found from one ray, without a search: the ray passes ground points i at distances t_i in heights
+h_i, under tops z_i. Turned upwards by delta it gains ``t_i delta cos(e_i)`` there, e_i its elevation, so that it just
+clears all clouds when::
 
     delta = max over i of (z_i - h_i) / (t_i cos e_i)
 
-and the line crosses the outline as far from its middle as that angle is worth. A turn within a cell moves the points by
-nothing else. With refraction heights are the apparent ones, in which the turned ray is as straight as the first; the
-points are those below the bent ray, which turned bends by a little more or less and passes the same clouds up to 3 km
-earlier or later. Points lie as densely as those of the search for clouds (:mod:`.clouds`); those over squares whose
-highest top would stay below what is found already are skipped.
+A first ray passes :data:`FIRST_M` above the limb and looks at some points only; a second one, turned by what the first
+has found, looks at all, so that it is turned by little. With refraction heights are the apparent ones, in which the
+turned ray is as straight as the first; the points are those below the bent ray, which turned bends by more or less and
+passes the same clouds earlier or later, so that a third ray looks at all again. Points lie as densely as those of the
+search for clouds (:mod:`.clouds`); those over squares whose highest top would stay below what is found already are
+skipped.
 
-Clouds have no gaps below, so a line is covered from the outline inwards, down to the hard edge if that cuts it. The
-share of a cell is the mean of its lines.
+Across a cell run a few lines along the image axis in which the limb is steeper, and the outline crosses each as far
+from its middle as the height there is worth. Clouds have no gaps below, so a line is covered from the outline inwards,
+down to the hard edge if that cuts it. The share of a cell is the mean of its lines.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
+from horizonval.core.arrays import FloatArray
+from horizonval.core.digests import content_digest
 from horizonval.earth.clouds.relief import BASE_M
 from horizonval.renderer.kernel.clouds import BENDING_NODES_ABOVE, NO_TOP_M, SKIP_MARGIN_M, CloudTable
 from horizonval.renderer.kernel.frame_geometry import FrameGeometry, limb_function
+from horizonval.renderer.kernel.ray_coordinates import RayCoordinates
 from horizonval.renderer.planet import along, dot
 from horizonval.renderer.refraction.bending import turn_between, vertical_of
+from horizonval.renderer.table_store import TABLES
+from horizonval.renderer.tables import table_of, vectors
 from horizonval.renderer.types import Vec, Vec3, in_single
 
 LINES = 4
@@ -39,6 +49,14 @@ STEEPEST = 1.01
 """1 / cos e at most, in the layer of the tops beside the limb."""
 LEAST_SHARE = 1.0 / 256.0
 """Of a cell, to have a ray of its own."""
+FIRST_M = 6000.0
+"""Above the limb, where the first ray of an azimuth passes."""
+MARGIN_M = 1000.0
+"""Below what the first ray has found, at the limb: clouds are looked for down to there."""
+FEWEST, MOST = 2**10, 2**20
+"""Azimuths of the outline all round: as many as four to the smallest cell, in powers of two."""
+BLOCK = 64
+"""Of azimuths that are found together."""
 
 
 @dataclass(frozen=True)
@@ -90,13 +108,18 @@ def outline_cells(
         return dr.gather(mi.Float64, u, of) + x, dr.gather(mi.Float64, v, of) + y
 
     middle, outer, inner = (limb(*place(cell, across, mi.Float64(t))) for t in (0.0, -0.5, 0.5))
-    per_line = dr.maximum(inner - outer, 1e-15)
-    hard = dr.clip(-middle / per_line, -0.5, 0.5)
-    dr.eval(per_line, hard, inner)
+
+    def where(level: mi.Float64 | float) -> mi.Float64:
+        """Return where lines have a limb function, which bends: straight on both sides of the middle."""
+        out = (level - middle) / dr.maximum(middle - outer, 1e-15)
+        return dr.clip(
+            0.5 * dr.select(level < middle, out, (level - middle) / dr.maximum(inner - middle, 1e-15)), -0.5, 0.5
+        )
+
+    hard = where(0.0)
+    dr.eval(hard, middle, outer, inner)
     direction = view.rays.direction(*place(cell, across, mi.Float64(0.0)))
-    dr.eval(direction)
-    turn = _turn(view, clouds, direction, inner)
-    top = dr.minimum(dr.clip(-turn / per_line, -0.5, 0.5), hard)
+    top = dr.minimum(where(outline_of(view, clouds).at(view, clouds, direction)), hard)
     dr.eval(top)
 
     none, first_line = dr.zeros(mi.Float64, count), dr.zeros(mi.UInt32, count)
@@ -113,6 +136,8 @@ def outline_cells(
         longest_free, free_at = dr.select(freer, low + 0.5, longest_free), dr.select(freer, 0.5 * low - 0.25, free_at)
         free_line = dr.select(freer, mi.UInt32(k), free_line)
     rest = 1.0 - ground
+    # of a corner that no line meets one ray is enough: there is no place on a line for a second
+    covered = dr.select(longest_free > 0.0, covered, rest)
     covered = dr.select(covered < LEAST_SHARE, mi.Float64(0.0), dr.minimum(covered, rest))
     covered = dr.select(rest - covered < LEAST_SHARE, rest, covered)
 
@@ -125,13 +150,123 @@ def outline_cells(
     return cells
 
 
-def _turn(view: FrameGeometry, table: CloudTable, d: Vec, inner: mi.Float64) -> mi.Float64:
-    """Return the delta of the module text [rad], far below zero where no cloud stands; ``inner``: limb function of the
-    lowest ray that counts.
+class OutlineTable:
+    """The outline from one camera position: the limb function of what just clears the clouds, by azimuth.
+
+    ``count`` values all round, 0 where nothing stands above the hard limb. They are found where cells first look.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self._values = np.zeros(count)
+        self._made = np.zeros(count // BLOCK, dtype=bool)
+        self._kernel = table_of(mi.Float64, self._values)
+
+    @property
+    def size_bytes(self) -> int:
+        """Return the memory of the table."""
+        return 2 * self._values.nbytes
+
+    def at(self, view: FrameGeometry, clouds: CloudTable, direction: Vec) -> mi.Float64:
+        """Return the limb function on the outline at the azimuths of directions; what is missing is found."""
+        coordinates = _coordinates(view)
+        _, azimuth = coordinates.place(view.origin, direction, to_ground=False)
+        turns = azimuth * (0.5 / math.pi)
+        place = (turns - dr.floor(turns)) * float(self.count)
+        i = dr.minimum(mi.UInt32(place), self.count - 1)
+        weight, following = place - mi.Float64(i), dr.select(i == self.count - 1, 0, i + 1)
+        dr.eval(i, weight, following)
+        self._cover(view, clouds, coordinates, i, following)
+        low, high = (dr.gather(mi.Float64, self._kernel, k) for k in (i, following))
+        return dr.fma(high - low, weight, low)
+
+    def _cover(
+        self,
+        view: FrameGeometry,
+        clouds: CloudTable,
+        coordinates: RayCoordinates,
+        i: mi.UInt32,
+        following: mi.UInt32,
+    ) -> None:
+        seen = dr.zeros(mi.UInt32, len(self._made))
+        for k in (i, following):
+            dr.scatter(seen, mi.UInt32(1), k // BLOCK)
+        missing = np.flatnonzero((np.array(seen) > 0) & ~self._made)
+        if not len(missing):
+            return
+        number = (missing[:, None] * BLOCK + np.arange(BLOCK)).ravel()
+        self._values[number] = _limb_functions(
+            view, clouds, coordinates, np.asarray(number * (2.0 * math.pi / self.count))
+        )
+        self._made[missing] = True
+        self._kernel = table_of(mi.Float64, self._values)
+
+
+def outline_of(view: FrameGeometry, clouds: CloudTable) -> OutlineTable:
+    """Return the outline that a frame sees, as far as it is known."""
+    planet, bending = view.planet, view.bending
+    longest = max(float(f[0]) for f in view.rays.values[:2])
+    # a cell's azimuths are as far apart as the sine of the limb's nadir angle makes them
+    distance = math.sqrt(sum(float(c[0]) ** 2 for c in planet.stretch(view.origin)))
+    needed = 2.0 * math.pi * LINES * longest * view.subsamples * planet.a_m / distance
+    count = min(max(2 ** math.ceil(math.log2(needed)), FEWEST), MOST)
+    key = content_digest(
+        "cloud outline",
+        clouds.field,
+        (planet.a_m, planet.b_m),
+        tuple(float(c[0]) for c in view.origin),
+        None if bending is None else [np.array(column) for column in bending.single],
+        count,
+        mi.variant(),
+    )
+    return TABLES.get_or_make(key, lambda: OutlineTable(count), lambda table: table.size_bytes)
+
+
+def _coordinates(view: FrameGeometry) -> RayCoordinates:
+    return RayCoordinates.of(view.planet, np.array([float(c[0]) for c in view.origin]), view.top_m)
+
+
+def _limb_functions(
+    view: FrameGeometry, clouds: CloudTable, coordinates: RayCoordinates, azimuth: FloatArray
+) -> FloatArray:
+    """Return the limb function on the outline at azimuths [rad]."""
+    distance, radius = coordinates.distance_m, view.planet.a_m
+    first = FIRST_M
+    if coordinates.inside:
+        first = math.asin(min((radius + FIRST_M) / distance, 1.0)) - math.asin(radius / distance)
+    d = vectors(coordinates.directions(np.full(len(azimuth), first), azimuth, to_ground=False))
+    lowest = dr.zeros(mi.Float64, len(azimuth))
+    turn = _turn(view, clouds, d, lowest, everywhere=False)
+    for _ in range(1 if view.bending is None else 2):
+        d = _turned(view, d, turn)
+        nearest, _, _ = view.planet.chord(view.origin, d)
+        lowest = dr.maximum(-limb_function(view, d) * nearest - MARGIN_M, 0.0)
+        lowest = dr.select(turn > 0.5 * NONE, lowest, 0.0)
+        dr.eval(d, lowest)
+        turn = _turn(view, clouds, d, lowest, everywhere=True)
+    found = dr.minimum(limb_function(view, _turned(view, d, turn)), 0.0)
+    return np.array(dr.select(turn > 0.5 * NONE, found, 0.0))
+
+
+def _turned(view: FrameGeometry, d: Vec, turn: mi.Float64) -> Vec:
+    """Return directions turned upwards by angles, as long as clouds are seen there."""
+    nearest, _, _ = view.planet.chord(view.origin, d)
+    _, normal = view.planet.height_and_normal(along(view.origin, d, nearest))
+    sine, cosine = dr.sincos(dr.select(turn > 0.5 * NONE, turn, 0.0))
+    slope = dot(normal, d)
+    up = [n - slope * c for n, c in zip(normal, d, strict=True)]
+    scale = sine * dr.rsqrt(up[0] * up[0] + up[1] * up[1] + up[2] * up[2])
+    x, y, z = (dr.fma(d[k], cosine, up[k] * scale) for k in range(3))
+    return x, y, z
+
+
+def _turn(view: FrameGeometry, table: CloudTable, d: Vec, lowest: mi.Float64, *, everywhere: bool) -> mi.Float64:
+    """Return the delta of the module text [rad], far below zero where no cloud stands.
+
+    ``lowest``: height [m] at the limb down to which clouds count; ``everywhere``: look at more than some points.
     """
     planet, o = view.planet, view.origin
     nearest, _, _ = planet.chord(o, d)
-    lowest = dr.maximum(-inner * nearest, 0.0)
     half = dr.sqrt(dr.maximum(table.layer_m - lowest, 0.0) * (2.0 * planet.a_m + table.layer_m))
     start = dr.maximum(nearest - half, table.step_m)
     count = dr.select(half > 0.0, dr.ceil((nearest + half - start) / table.step_m), -1.0)
@@ -192,7 +327,8 @@ def _turn(view: FrameGeometry, table: CloudTable, d: Vec, inner: mi.Float64) -> 
     highest = dr.full(single, NONE, dr.width(d[0]))
     last = single(count)
     # a glance at some points first: what stays below the highest of them is skipped then
-    for pass_of, label in ((glance, "cloud glance"), (look, "cloud outline")):
+    passes = [(glance, "cloud glance"), (look, "cloud outline")]
+    for pass_of, label in passes if everywhere else passes[:1]:
         highest = dr.while_loop(
             (zero + 0.0, zero + 0.0, at_start, rate_at_start, highest),
             lambda i, before, angle, rate, highest: i <= last,

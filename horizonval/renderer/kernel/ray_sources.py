@@ -217,7 +217,8 @@ class SunlitRays:
             edges = umbra(planet, path, o, d, sun, concentration)
         steps: Steps | LayeredSteps
         if batch.bands and to_ground is not None:
-            steps = layered_steps(planet, path, o, d, batch.bands, count, concentration, edges)
+            spare = steady and lit
+            steps = layered_steps(planet, path, o, d, batch.bands, count, concentration, edges, spare=spare)
         else:
             steps = lit_steps(path, *edges, count, steady)
         molecular = batch.molecular_light(dot(d, sun)) if bent is None else []

@@ -19,14 +19,15 @@ from horizonval.core.arrays import FloatArray
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.ray_path import SOLAR_CONCENTRATION, find_path, warp
 from horizonval.renderer.refraction.apparent_radius import ApparentRadiusAir
-from horizonval.renderer.refraction.bent_ray import RefractedSunTable
+from horizonval.renderer.refraction.bent_ray import RefractedSunTable, small_sincos
 from horizonval.renderer.tables import AltitudeGrid, SunTable, interpolate, table_of
-from horizonval.renderer.types import Real, Vec, Vec3, in_single
+from horizonval.renderer.types import Real, Vec, Vec3, constant, in_single
 
 BENDING_NODES = 128
 GRID_STEP_M = 25.0
 """Of the tables over heights, at most: even, so that no place needs a search. Their linear pieces are a model's own, as
 the tables have nodes a tenth as far apart; between them true heights are off by centimetres."""
+ENTERING_NODES = 257
 LEAST_RISE = 1e-9
 """Of the table's coordinate from one direction to the next: above rounding, far below its thousandths between nodes."""
 
@@ -154,6 +155,34 @@ class BendingField:
         return float(sphere.angle(o, (mi.Float64(1.0), zero, zero))[0])
 
 
+@dataclass(frozen=True)
+class EnteringAngles:
+    """By how much light from space has turned where it comes down to a height, by the cosine of its angle there.
+
+    ``values``: [rad], at cosines ``(k / (n - 1))^2``.
+    """
+
+    values: mi.Float32
+
+    @classmethod
+    def of(cls, field: BendingField, height_m: float) -> EnteringAngles:
+        """Build for a height above the apparent planet. That is a sphere in here: 3e-6 rad."""
+        radius = field.planet.mean_radius_m
+        sphere, zero = replace(field, planet=Planet(radius, radius)), mi.Float64(0.0)
+        mu = table_of(mi.Float64, np.linspace(0.0, 1.0, ENTERING_NODES) ** 2)
+        o = (zero, zero, constant(radius + height_m))
+        # upwards, as light is the same both ways
+        values = mi.Float32(sphere.angle(o, (dr.sqrt(1.0 - mu * mu), zero, mu)))
+        dr.eval(values)
+        return cls(values)
+
+    def at(self, mu: mi.Float32) -> mi.Float32:
+        """Return the angles at cosines."""
+        x = dr.sqrt(dr.clip(mu, 0.0, 1.0)) * (ENTERING_NODES - 1.0)
+        i = dr.minimum(mi.UInt32(x), ENTERING_NODES - 2)
+        return interpolate(self.values, i, x - mi.Float32(i), 1)[0]
+
+
 def _even(top_m: float) -> FloatArray:
     """Return even heights from the ground to a top."""
     return np.linspace(0.0, top_m, math.ceil(top_m / GRID_STEP_M) + 1)
@@ -163,7 +192,7 @@ def vertical_of(normal: Vec3[Real], d: Vec3[Real], angle: Real) -> Vec3[Real]:
     """Return the verticals where rays have turned by an angle, from the normals where they would be straight."""
     slope = dot(normal, d)
     forward = (d[0] - slope * normal[0], d[1] - slope * normal[1], d[2] - slope * normal[2])
-    sine, cosine = dr.sincos(angle)
+    sine, cosine = small_sincos(angle)
     sine = sine * dr.rsqrt(dr.maximum(dot(forward, forward), 1e-12))
     x, y, z = (dr.fma(cosine, normal[k], sine * forward[k]) for k in range(3))
     return x, y, z

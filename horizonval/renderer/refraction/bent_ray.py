@@ -14,7 +14,7 @@ from horizonval.renderer.column_air import ColumnAir, DepthFactor
 from horizonval.renderer.planet import Planet, along, dot
 from horizonval.renderer.ray_path import GAUSS_LOW, AirPath, warp
 from horizonval.renderer.tables import TAU_FLOOR, AltitudeGrid, SunShell, interpolate, through_shells
-from horizonval.renderer.types import Values, Vec
+from horizonval.renderer.types import Real, Values, Vec
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class RefractedSunTable:
         x = dr.sqrt(h * (1.0 / self.top_m)) * (self.n_height - 1)
         i = dr.minimum(mi.UInt32(x), self.n_height - 2)
         w = x - mi.Float64(i)
-        sine, cosine = _small_sincos(interpolate(self.grazing_bending, i, w, 1)[0])
+        sine, cosine = small_sincos(interpolate(self.grazing_bending, i, w, 1)[0])
         r = self.radius_m + h
         return i, w, -(dr.sqrt(h * (2.0 * self.radius_m + h)) * cosine + self.radius_m * sine) / r
 
 
-def _small_sincos(angle: mi.Float64) -> tuple[mi.Float64, mi.Float64]:
+def small_sincos(angle: Real) -> tuple[Real, Real]:
     """Return sine and cosine of an angle of at most 0.1 rad, good to 1e-9."""
     a2 = angle * angle
     return angle * (1.0 - a2 * (1.0 / 6.0 - a2 * (1.0 / 120.0))), 1.0 - a2 * (0.5 - a2 * (1.0 / 24.0))
@@ -140,7 +140,7 @@ class BentRay:
 
     def sun_at(self, bending: mi.Float64) -> Vec:
         """Return the true Sun as the straight ray's own frame sees it at a bending angle of the bent ray."""
-        sine, cosine = _small_sincos(bending)
+        sine, cosine = small_sincos(bending)
         less = cosine - 1.0
         along = less * self.along_sun - sine * self.up_sun
         up = sine * self.along_sun + less * self.up_sun

@@ -39,7 +39,7 @@ def viewpoint_key(scene: SceneSpec, camera: CameraSpec) -> str:
 
 def _place(scene: SceneSpec) -> dict[str, Any]:
     """Return what a scene says but for its name and where the camera looks."""
-    place = scene.model_dump(mode="json", exclude={"scene", "camera", "attitude", "prior"})
+    place = scene.model_dump(mode="json", exclude={"scene", "camera", "attitude", "prior", "calibration"})
     del place["platform"]["heading_deg"]
     return place
 

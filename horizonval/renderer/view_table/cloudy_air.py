@@ -42,6 +42,11 @@ IN_SHADOW, IN_SHADOW_BEFORE = 6, 12
 ABOVE_TOPS_M = 3000.0
 """The stations begin this much above the highest cloud: at the very edge of a layer a ray's way through it has a square
 root in its height."""
+LOOSER = 2.0
+"""Times the tolerance of the air's other tables, with the Sun at most 75 deg from the zenith. With so few steps from
+station to station profiles' kinks at their nodes show, a patch that is halved has half the error, not a sixteenth, and
+what it misses is seen in few pixels. Of eight frames four took a third less rays, and none was further off, in its
+worst pixel or the median. With the Sun at 80 deg in haze the worst went from 1.0e-3 to 1.7e-3."""
 LEAST_INTERVALS = 3
 """Of a piece: a cubic goes through four stations."""
 
@@ -129,7 +134,7 @@ def cloudy_air(light: Light, plane: RayPlane, top_m: float) -> PatchTable:
                 out[:, :, bounce_packet(count, False, k), n] = np.array(b).reshape(STATIONS, -1).T
         return out.reshape(len(x), -1)
 
-    return air_table(light, coordinates, values, stations=STATIONS)
+    return air_table(light, coordinates, values, stations=STATIONS, looser=LOOSER)
 
 
 def place_among(stations: SunlitStations, t: mi.Float64) -> StationPlace:

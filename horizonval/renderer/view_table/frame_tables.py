@@ -144,7 +144,8 @@ class FrameTables:
             clouded = indices_where(hit.cloud)
         for light in self._lights:
             coordinates = RayCoordinates.of(self.view.planet, self._origin, light.top_m)
-            plane = RayPlane.of(coordinates, to_ground, light.edges_m, light.air_top_m)
+            last_m, top_m = light.air_ends_m
+            plane = RayPlane.of(coordinates, to_ground, {*light.edges_m, last_m}, top_m)
             x, azimuth = plane.place(self.view.origin, direction)
             dr.eval(x, azimuth)
             table = self._table(light, plane)

@@ -73,26 +73,34 @@ class Light:
         return any(band.base_m < height_m < band.top_m for band in bands)
 
     @property
-    def air_top_m(self) -> float:
-        """Height above which nothing scatters in the batches' own columns: ``top_m``, or a few of their steps below."""
-        tops = []
+    def air_ends_m(self) -> tuple[float, float]:
+        """Heights between which what scatters in the batches' own columns ends: two neighbouring nodes of theirs.
+
+        Both are ``top_m`` where it does not end below.
+        """
+        ends = []
         for batch in self.batches:
             if isinstance(batch, SolarNodes) and batch.columns is None:
                 air = np.flatnonzero(np.array(batch.extinction).reshape(-1, batch.width).any(axis=1))
-                altitude_m = np.array(batch.grid.altitude_m)
+                nodes_m = np.array(batch.grid.altitude_m)
                 if len(air):
-                    tops.append(min(float(altitude_m[min(air[-1] + 1, len(altitude_m) - 1)]), self.top_m))
+                    last, above = (float(nodes_m[min(air[-1] + k, len(nodes_m) - 1)]) for k in (0, 1))
+                    ends.append((min(above, self.top_m), min(last, self.top_m)))
             elif batch is not None:
-                tops.append(self.top_m)
-        return max(tops, default=self.top_m)
+                ends.append((self.top_m, self.top_m))
+        top, last = max(ends, default=(self.top_m, self.top_m))
+        return last, top
 
     @property
     def over_varied_ground(self) -> bool:
         """Whether the ground's part of the light is kept apart."""
         return any(isinstance(b, SolarNodes) and b.bounce is not None for b in self.batches)
 
-    def tolerance(self, coordinates: RayCoordinates) -> float:
-        """Return what the light's tables may be off, as a share of the radiance."""
+    def tolerance(self, coordinates: RayCoordinates, looser: float = 1.0) -> float:
+        """Return what the light's tables may be off, as a share of the radiance.
+
+        ``looser``: times that of others under a Sun at most 75 deg from the zenith.
+        """
         up = coordinates.origin / np.linalg.norm(coordinates.origin)
         cosine = float(up @ np.array([float(c[0]) for c in self.direction]))
         if self.name != "sun" or cosine <= HIGH_SUN:
@@ -100,7 +108,9 @@ class Light:
         if any(isinstance(batch, SolarNodes) and batch.on_a_map for batch in self.batches):
             return TOLERANCE_ON_A_MAP
         hazy = any(isinstance(batch, SolarNodes) and batch.particles is not None for batch in self.batches)
-        return TOLERANCE_IN_HAZE if hazy and cosine < LOW_SUN else TOLERANCE
+        if cosine < LOW_SUN:
+            return TOLERANCE_IN_HAZE if hazy else TOLERANCE
+        return looser * TOLERANCE
 
     def shines_everywhere(self, coordinates: RayCoordinates) -> bool:
         """Return whether the light is up wherever air is in sight, so that no shadow cuts a ray."""
@@ -220,28 +230,41 @@ def air_table(
     values: Callable[[FloatArray, FloatArray], FloatArray],
     bends: bool = False,
     stations: int = 1,
+    looser: float = 1.0,
 ) -> PatchTable:
-    """Return an empty table of ``values``, whose quantities are, for every station, those of :func:`sunlit_air`."""
+    """Return an empty table of ``values``, whose quantities are, for every station, those of :func:`sunlit_air`.
+
+    ``looser``: as of :meth:`Light.tolerance`.
+    """
     x, azimuth = np.meshgrid(
         np.linspace(0.0, 1.0, SURVEY_ROWS), np.arange(SURVEY_AZIMUTHS) * (2.0 * np.pi / SURVEY_AZIMUTHS)
     )
     packets, count = packets_of(light, bends), len(light.batches)
-    survey = values(x.ravel(), azimuth.ravel())
-    brightest = survey.reshape(-1, stations, packets * PACKET).max(axis=(0, 1))
     packet = np.arange(packets * PACKET) // PACKET
-    floor = np.where((packet % 2 == 0) | (packet >= 2 * count), np.maximum(FAINTEST * brightest, 1e-30), OPAQUE)
-    if bends:
-        floor[packet == bending_packet(count)] = BENT_RAD
-    # what the ground adds may be as far off as the radiance that it is added to
     ground = packet >= bounce_packet(count, bends, 0)
+    tolerance = light.tolerance(coordinates, looser)
+    # what the ground adds may be as far off as the radiance that it is added to
     scale = np.where(ground, packet - bounce_packet(count, bends, 0), 0) * 2 * PACKET + np.arange(len(packet)) % PACKET
     scale = np.where(ground, scale, np.arange(len(packet)))
-    floor = np.tile(floor[scale], stations)
-    scale = (np.arange(stations)[:, None] * len(packet) + scale).ravel()
-    tolerance = light.tolerance(coordinates)
+    floors: list[FloatArray] = []
+
+    def values_first(place: FloatArray, turned: FloatArray) -> FloatArray:
+        """March the survey beside the first nodes: a launch less."""
+        if floors:
+            return values(place, turned)
+        found = values(np.concatenate([place, x.ravel()]), np.concatenate([turned, azimuth.ravel()]))
+        brightest = found[len(place) :].reshape(-1, stations, packets * PACKET).max(axis=(0, 1))
+        radiances = (packet % 2 == 0) | (packet >= 2 * count)
+        floor = np.where(radiances, np.maximum(FAINTEST * brightest, 1e-30), OPAQUE)
+        if bends:
+            floor[packet == bending_packet(count)] = BENT_RAD
+        floors.append(np.tile(floor[scale], stations))
+        return found[: len(place)]
+
+    scales = (np.arange(stations)[:, None] * len(packet) + scale).ravel()
 
     def allowed(known: FloatArray) -> FloatArray:
         size = np.abs(known)
-        return tolerance * np.maximum(np.maximum(size, size[..., scale]) if ground.any() else size, floor)
+        return tolerance * np.maximum(np.maximum(size, size[..., scales]) if ground.any() else size, floors[0])
 
-    return PatchTable(Tabulated(values, allowed, packets * PACKET * stations, single=stations > 1))
+    return PatchTable(Tabulated(values_first, allowed, packets * PACKET * stations, single=stations > 1))

@@ -14,6 +14,7 @@ import pytest
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.answer import MOST_POINTS, checked
+from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.observation import Fit, Observation, OraclePose
 from horizonval.estimation.prior import Prior
 from horizonval.estimation.process.wire import (
@@ -82,6 +83,7 @@ def test_an_observation_comes_through_to_the_bit() -> None:
     camera = CameraModel(6, 5, 55.5, 54.5, 2.5, 2.0, (0.1, 0.2, 0.3, 0.4, 0.5), "fisheye", np.float64(1.1))
     oracle = OraclePose(np.arange(3.0), np.arange(4.0), 6.4e6)
     head = Observation(RNG.normal(size=(5, 6)).T.copy().T, camera, full_scale=1023.0, oracle=oracle, prior=PRIOR)
+    head = replace(head, calibration=Calibration(0.01 / 3, 0.1, 0.2, (0.1, 0.2, 0.3 / 7), 1.0, 2.0))
     whole = replace(head, heads={"a": head, "b": replace(head, image=np.arange(30, dtype=np.uint16).reshape(5, 6))})
     back = unpack_observation(np.frombuffer(_packed(whole), dtype=np.uint8))
     assert list(back.heads) == ["a", "b"]
@@ -93,6 +95,7 @@ def test_an_observation_comes_through_to_the_bit() -> None:
         assert np.array_equal(one.image, other.image)
         assert one.image.dtype == other.image.dtype
         assert (one.full_scale, one.sun_cam) == (other.full_scale, other.sun_cam)
+        assert one.calibration == other.calibration
         for name, value in vars(one.prior).items():
             assert _same(value, getattr(other.prior, name)), name
     assert unpack_observation(np.frombuffer(_packed(replace(head, prior=Prior())), np.uint8)).prior.known == ()

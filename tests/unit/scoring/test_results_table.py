@@ -66,6 +66,15 @@ bound_noise_arcsec DOUBLE
 bound_arcsec DOUBLE
 bound_altitude_km DOUBLE
 ir_horizon_km DOUBLE
+focal_length_error_percent DOUBLE
+principal_point_error_u_px DOUBLE
+principal_point_error_v_px DOUBLE
+distortion_error_px DOUBLE
+mounting_error_x_deg DOUBLE
+mounting_error_y_deg DOUBLE
+mounting_error_z_deg DOUBLE
+exposure_offset_s DOUBLE
+clock_error_s DOUBLE
 error_over_bound DOUBLE
 frame_address VARCHAR
 image_address VARCHAR

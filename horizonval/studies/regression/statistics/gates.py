@@ -61,6 +61,9 @@ def measure(gate: GateSpec, now: GateInputs, base: GateInputs) -> Measured:
     if gate.lane == "fresh":
         mine, theirs = _chosen(gate, now.fresh), _chosen(gate, base.fresh)
         if now.fresh_night != base.fresh_night or not now.fresh_night:
+            # A method that only one of them has would be taken for a change of all.
+            both = {row.estimator for row in mine} & {row.estimator for row in theirs}
+            mine, theirs = ([row for row in rows if row.estimator in both] for rows in (mine, theirs))
             return Measured(gate, _independent(gate, mine, theirs), (), paired=False)
     else:
         mine, theirs = _chosen(gate, now.rows), _chosen(gate, base.rows)
@@ -113,13 +116,25 @@ def _is_sound(row: ReplicateRow) -> bool:
     return not row.false_valid
 
 
+def _nadir_error(row: ReplicateRow) -> float | None:
+    return row.nadir_error_arcsec
+
+
+def _over_bound(row: ReplicateRow) -> float | None:
+    return row.error_over_bound
+
+
+ERROR_OF: dict[str, Callable[[ReplicateRow], float | None]] = {
+    "nadir_error": _nadir_error,
+    "error_over_bound": _over_bound,
+}
+"""Metrics whose mean over claims is compared; the others are shares."""
+
+
 def _paired(gate: GateSpec, pairs: Sequence[tuple[ReplicateRow, ReplicateRow]]) -> Measured:
-    if gate.metric == "nadir_error":
-        both = [
-            (n.nadir_error_arcsec - b.nadir_error_arcsec, n.scene)
-            for n, b in pairs
-            if n.nadir_error_arcsec is not None and b.nadir_error_arcsec is not None
-        ]
+    if gate.metric in ERROR_OF:
+        values = [(ERROR_OF[gate.metric](n), ERROR_OF[gate.metric](b), n.scene) for n, b in pairs]
+        both = [(now - before, scene) for now, before, scene in values if now is not None and before is not None]
         estimate = paired_difference([d for d, _ in both], [scene for _, scene in both])
         return Measured(gate, estimate, _weightiest(both), paired=True)
     good: Callable[[ReplicateRow], bool] = _is_sound
@@ -131,9 +146,9 @@ def _paired(gate: GateSpec, pairs: Sequence[tuple[ReplicateRow, ReplicateRow]]) 
 
 
 def _independent(gate: GateSpec, now: Sequence[ReplicateRow], base: Sequence[ReplicateRow]) -> Estimate | None:
-    if gate.metric == "nadir_error":
+    if gate.metric in ERROR_OF:
         mine, theirs = (
-            [(r.nadir_error_arcsec, r.scene) for r in rows if r.nadir_error_arcsec is not None] for rows in (now, base)
+            [(error, r.scene) for r in rows if (error := ERROR_OF[gate.metric](r)) is not None] for rows in (now, base)
         )
         return independent_difference(
             [error for error, _ in mine],
