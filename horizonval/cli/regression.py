@@ -12,10 +12,13 @@ from horizonval.cli.options.completion import shipped
 from horizonval.cli.printing import print_dry_run, print_json
 from horizonval.cli.work import resumable
 from horizonval.core.errors import UserError
+from horizonval.core.json_types import JsonObject
+from horizonval.core.progress import Progress
 
 baseline_app = typer.Typer(help="The accepted baseline of the nightly regression.", rich_markup_mode=None)
 
 BASELINES = Path("results/baseline")
+PAGES = Path("results/published")
 BaselineFile = Annotated[
     Path | None, typer.Option("--baseline", metavar="FILE", help="By default results/baseline/SUITE.json.")
 ]
@@ -31,7 +34,7 @@ def regress(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the nights; made if need be.")] = Path("regress"),
     baseline: BaselineFile = None,
     lane: Annotated[
-        list[str] | None, typer.Option(help="replay, rerender or fresh; repeatable. All by default.")
+        list[str] | None, typer.Option(help="replay, rerender, fresh or published; repeatable. All by default.")
     ] = None,
     night: Annotated[str | None, typer.Option(metavar="DATE", help="Label and seed; today (UTC) by default.")] = None,
     reference: Annotated[
@@ -47,6 +50,7 @@ def regress(
     0 pass (or improved), 1 regression, 2 incomplete (no baseline, failed frames, wrong use), 3 inconclusive.
     """
     from datetime import UTC, datetime
+    from functools import partial
 
     from horizonval.studies.regression.night import LANES, Wanted, run_night
 
@@ -63,7 +67,7 @@ def regress(
         print_dry_run(of_night(wanted), as_json)
         return 0
     with resumable(f"night {label}", "units", kept="units") as progress:
-        verdict = run_night(wanted, progress)
+        verdict = run_night(wanted, progress, partial(_published, workers))
     if as_json:
         print_json(verdict)
     else:
@@ -88,13 +92,30 @@ def baseline_accept(
         print(f"{path}: {path.stat().st_size / 1e3:.1f} kB")
 
 
+def _published(workers: int | None, folder: Path, progress: Progress) -> list[JsonObject]:
+    from horizonval.jobs.execution import available_cpus
+    from horizonval.systems.key_figures import key_figures
+    from horizonval.systems.task_cache import TaskCache
+
+    return key_figures(TaskCache(folder, workers=workers or available_cpus(), progress=progress), PAGES)
+
+
 def _print_verdict(verdict: dict[str, Any]) -> None:
-    from horizonval.studies.regression.formatting import anchor_sentence, gate_sentence
+    from horizonval.studies.regression.formatting import anchor_sentence, gate_sentence, published_sentence
 
     for gate in verdict["gates"]:
         print(f"{gate['verdict']:12} {gate['name']} ({gate['against']}): {gate_sentence(gate)}")
     for anchor in verdict["anchors"]:
         print(f"{anchor['verdict']:12} anchor {anchor['name']}: {anchor_sentence(anchor)}")
+    if verdict["published"]:
+        same = sum(one["verdict"] == "PASS" for one in verdict["published"])
+        print(
+            f"{'PASS' if same == len(verdict['published']) else 'FAIL':12} published systems: {same} of "
+            f"{len(verdict['published'])} figures as accepted"
+        )
+    for one in verdict["published"]:
+        if one["verdict"] != "PASS":
+            print(f"{one['verdict']:12} system {one['system']}, {one['name']}: {published_sentence(one)}")
     for problem in verdict["problems"]:
         print(f"problem: {problem}")
     for step in verdict["trend"]:

@@ -12,6 +12,7 @@ from horizonval.core.errors import UserError
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.execution import available_cpus
 from horizonval.store.folder import RunFolder, intact_json, write_json
+from horizonval.systems.key_figures import INPUTS, STORED_OF, make_inputs, write_inputs
 from horizonval.systems.pages import write_first_page, write_reproduction
 from horizonval.systems.systems import chosen, experiment
 from horizonval.systems.task_cache import TaskCache
@@ -67,6 +68,8 @@ def reproduce_systems(
             write_json(out / TIMINGS, spent)
             write_first_page(out)
             yield content
+        if set(letters) >= STORED_OF:
+            write_inputs(out / INPUTS, make_inputs(cache))
 
 
 def _remove_temporary_files(out: Path) -> None:

@@ -17,9 +17,9 @@ DAY_FLOOR, DAY_WORST, DAY_MEDIAN = 1e-3, 1e-3, 2e-5
 TWILIGHT_FLOOR, TWILIGHT_WORST = 1e-4, 3e-3
 LAST_OF_DAY_DEG = 85.0
 BANDS = (BLUE, GREEN, RED, NIR)
-MISSED = (154, 179)
-"""Draws with one pixel of 700 and of 1 200 off by 2.7e-3 and 1.1e-3, where the march agrees with itself to 2e-5: pixels
-on the limb, from 9 200 and 7 000 km, part of which a cloud hides. Why the table is off there is not known."""
+CORNERS = (154, 179)
+"""Draws with a cell whose part above the limb is a corner that no line across met: its ray was one into the Earth,
+which tables know nothing of, and one pixel was off by 2.7e-3 and 1.1e-3."""
 BROWN = [-0.12, 0.03, 4e-4, -3e-4, -0.004]
 
 
@@ -108,7 +108,7 @@ def judge(number: int, finer: int = FINER) -> list[str]:
     return judge(number, 4 * FINER) if wrong and finer == FINER else wrong
 
 
-@pytest.mark.parametrize("number", [0, 1, 2])
+@pytest.mark.parametrize("number", [0, 1, 2, *CORNERS])
 def test_some_draws(number: int) -> None:
     activate()
     assert not judge(number)
@@ -118,13 +118,5 @@ def test_some_draws(number: int) -> None:
 @pytest.mark.parametrize("first", range(0, DRAWS, 10))
 def test_every_draw(first: int) -> None:
     activate()
-    wrong = [line for number in range(first, first + 10) if number not in MISSED for line in judge(number)]
+    wrong = [line for number in range(first, first + 10) for line in judge(number)]
     assert not wrong, "\n".join(wrong)
-
-
-@pytest.mark.slow
-@pytest.mark.xfail(strict=True, raises=AssertionError, reason="one pixel of the frame is off by more than a thousandth")
-@pytest.mark.parametrize("number", MISSED)
-def test_draws_that_are_missed(number: int) -> None:
-    activate()
-    assert not judge(number)

@@ -22,8 +22,11 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    """A night whose errors are ten percent larger, after 40 others of which the last ten stand a step higher."""
+def pages(tmp_path_factory):
+    """A night whose errors are ten percent larger, after others; by how many of these.
+
+    Of 40 the last ten stand a step higher.
+    """
     suite = load_suite(ROOT / "scenes" / "suites" / "nightly.toml")
     base = read_baseline(ROOT / "results" / "baseline" / "nightly.json", "nightly")
     now = [
@@ -74,16 +77,35 @@ def page(tmp_path_factory):
                 "what": "x",
             }
         ],
+        "published": [
+            {
+                "system": system,
+                "name": "roll error, 3000 km, 60 deg, 400 px",
+                "unit": "deg",
+                "accepted": 0.0113697,
+                "measured": 0.0113697 + 0.001 * (system == "D"),
+                "verdict": "FAIL" if system == "D" else "PASS",
+            }
+            for system in "ABCDEFG"
+        ],
         "fresh": {"batches": 1, "scenes": 64},
         "trend": [],
     }
-    path = tmp_path_factory.mktemp("page") / "index.html"
-    write_page(path, verdict, nights)
-    return path.as_uri()
+    folder = tmp_path_factory.mktemp("page")
+    written = {}
+    for count, last in (("40", nights), ("1", nights[:1]), ("3", nights[:3]), ("60", sixty(nights))):
+        written[count] = folder / f"{count}.html"
+        write_page(written[count], verdict, last)
+    return {count: path.as_uri() for count, path in written.items()}
+
+
+def sixty(nights):
+    return [{**nights[i % 40], "night": f"night {i:02d}"} for i in range(60)]
 
 
 @pytest.mark.parametrize("width", [700, 1400])
-def test_the_page_of_a_night(tmp_path, page, width):
+def test_the_page_of_a_night(tmp_path, pages, width):
+    page = pages["40"]
     with Browser(tmp_path, width=width) as browser:
         browser.open(page)
         assert browser.complaints == []
@@ -95,3 +117,17 @@ def test_the_page_of_a_night(tmp_path, page, width):
         text = browser.evaluate("document.body.innerText")
         assert "FAIL" in text
         assert "day_005" in text
+        assert "System D" in text
+
+
+@pytest.mark.parametrize("count", ["1", "3", "60"])
+def test_few_nights_are_not_stretched_and_many_fit(tmp_path, pages, count):
+    with Browser(tmp_path, width=1400) as browser:
+        browser.open(pages[count])
+        assert browser.complaints == []
+        assert browser.evaluate("document.documentElement.scrollWidth") <= 1400
+        wide = browser.evaluate(
+            "Math.max(...[...document.querySelectorAll('.figures img')].map(i => i.getBoundingClientRect().width))"
+        )
+        assert 300 < wide <= 620
+        assert f"the last {count} nights" in browser.evaluate("document.body.innerText")

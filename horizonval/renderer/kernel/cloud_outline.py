@@ -108,12 +108,18 @@ def outline_cells(
         return dr.gather(mi.Float64, u, of) + x, dr.gather(mi.Float64, v, of) + y
 
     middle, outer, inner = (limb(*place(cell, across, mi.Float64(t))) for t in (0.0, -0.5, 0.5))
-    per_line = dr.maximum(inner - outer, 1e-15)
-    hard = dr.clip(-middle / per_line, -0.5, 0.5)
-    dr.eval(per_line, hard)
+
+    def where(level: mi.Float64 | float) -> mi.Float64:
+        """Return where lines have a limb function, which bends: straight on both sides of the middle."""
+        out = (level - middle) / dr.maximum(middle - outer, 1e-15)
+        return dr.clip(
+            0.5 * dr.select(level < middle, out, (level - middle) / dr.maximum(inner - middle, 1e-15)), -0.5, 0.5
+        )
+
+    hard = where(0.0)
+    dr.eval(hard, middle, outer, inner)
     direction = view.rays.direction(*place(cell, across, mi.Float64(0.0)))
-    crossing = outline_of(view, clouds).at(view, clouds, direction)
-    top = dr.minimum(dr.clip((crossing - middle) / per_line, -0.5, 0.5), hard)
+    top = dr.minimum(where(outline_of(view, clouds).at(view, clouds, direction)), hard)
     dr.eval(top)
 
     none, first_line = dr.zeros(mi.Float64, count), dr.zeros(mi.UInt32, count)
@@ -130,6 +136,8 @@ def outline_cells(
         longest_free, free_at = dr.select(freer, low + 0.5, longest_free), dr.select(freer, 0.5 * low - 0.25, free_at)
         free_line = dr.select(freer, mi.UInt32(k), free_line)
     rest = 1.0 - ground
+    # of a corner that no line meets one ray is enough: there is no place on a line for a second
+    covered = dr.select(longest_free > 0.0, covered, rest)
     covered = dr.select(covered < LEAST_SHARE, mi.Float64(0.0), dr.minimum(covered, rest))
     covered = dr.select(rest - covered < LEAST_SHARE, rest, covered)
 

@@ -23,7 +23,7 @@ from horizonval.studies.regression.baseline.baseline import (
 )
 from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage, Pack
 from horizonval.studies.regression.formatting import figure
-from horizonval.studies.regression.night import LANES, NIGHT_SCHEMA, WORK
+from horizonval.studies.regression.night import LANES, NIGHT_SCHEMA, PUBLISHED, WORK
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics.gates import GateInputs, pairs_of
 
@@ -56,7 +56,7 @@ def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> 
     if night is None or night.get("schema") != NIGHT_SCHEMA:
         raise UserError("no night.json of this version", where=str(run), expected="the folder of `horizonval regress`")
     verdict = read_json(run / "verdict.json") or {}
-    missing = [lane for lane in LANES if lane != "replay" and lane not in night["lanes"]]
+    missing = [lane for lane in LANES if lane not in ("replay", PUBLISHED) and lane not in night["lanes"]]
     if missing:
         raise UserError(f"lane {missing[0]} was left out", where=str(run), fix="run the night with all lanes")
     if night["failed"]:

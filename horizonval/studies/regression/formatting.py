@@ -1,4 +1,4 @@
-"""Gates and anchors in sentences, with units and counts: for the terminal, JUnit and the page."""
+"""Gates, anchors and published figures in sentences, with units and counts: for the terminal, JUnit and the page."""
 
 from __future__ import annotations
 
@@ -34,6 +34,13 @@ def scenes(gate: Mapping[str, Any]) -> str:
     """Return the scenes that weigh most, and how many more there are."""
     more = gate["n_scenes"] - len(gate["scenes"])
     return ", ".join(gate["scenes"]) + (f" and {more} more" if more > 0 else "")
+
+
+def published_sentence(one: Mapping[str, Any]) -> str:
+    """Return a key figure of a published system, tonight and accepted."""
+    if one["accepted"] is None:
+        return f"{figure(one['measured'], 6)} {one['unit']}; its page has no such figure"
+    return f"{figure(one['measured'], 6)} {one['unit']}, accepted {figure(one['accepted'], 6)}"
 
 
 def anchor_sentence(anchor: Mapping[str, Any]) -> str:

@@ -1,4 +1,5 @@
-"""The verdict as JUnit XML, which CI services show: a test case for every gate, every anchor, and for completeness.
+"""The verdict as JUnit XML, which CI services show: a test case for every gate, anchor and published figure, and one
+for completeness.
 
 FAIL is a failure. INCONCLUSIVE is ``skipped`` with its reason: neither passed nor failed, and shown as neither.
 """
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from horizonval.studies.regression.formatting import anchor_sentence, gate_sentence
+from horizonval.studies.regression.formatting import anchor_sentence, gate_sentence, published_sentence
 from horizonval.studies.regression.statistics.decide import Verdict
 
 
@@ -31,6 +32,9 @@ def write_junit(path: Path, verdict: Mapping[str, Any]) -> None:
         _case(suite, f"{name}.{gate['against']}", gate["name"], gate["verdict"], gate_sentence(gate))
     for anchor in verdict["anchors"]:
         _case(suite, f"{name}.anchors", anchor["name"], anchor["verdict"], anchor_sentence(anchor))
+    for one in verdict["published"]:
+        title = f"{one['system']}: {one['name']}"
+        _case(suite, f"{name}.published", title, one["verdict"], published_sentence(one))
     case = ElementTree.SubElement(suite, "testcase", classname=name, name="complete")
     if verdict["problems"]:
         text = "; ".join(verdict["problems"])

@@ -14,10 +14,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+import resource
+import shutil
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -48,8 +51,14 @@ from horizonval.suites.plan import CasePlan, plan_of
 from horizonval.suites.suite import load_suite
 
 NIGHT_SCHEMA = 2
-LANES: tuple[Lane, ...] = ("replay", "rerender", "fresh")
+NightLane = Lane | Literal["published"]
+LANES: tuple[NightLane, ...] = ("replay", "rerender", "fresh", "published")
 WORK = ".work"
+PUBLISHED = "published"
+"""The lane without gates, and its folder in that of the work."""
+Published = Callable[[Path, Progress], Sequence[JsonObject]]
+"""Computes key figures of the published systems in a folder, each a plain
+``{system, name, unit, accepted, measured, verdict}``."""
 EXIT = {Verdict.PASS: 0, Verdict.IMPROVED: 0, Verdict.FAIL: 1, Verdict.INCONCLUSIVE: 3}
 INCOMPLETE = 2
 MOST_CHANGES = 200
@@ -78,13 +87,20 @@ class Wanted:
     out: Path
     baseline: Path
     night: str
-    lanes: tuple[Lane, ...] = LANES
+    lanes: tuple[NightLane, ...] = LANES
     workers: int | None = None
     reference: Path | None = None
 
 
-def run_night(wanted: Wanted, progress: Progress | None = None) -> JsonObject:
+def run_night(wanted: Wanted, progress: Progress | None = None, published: Published | None = None) -> JsonObject:
     """Do a night and return the content of ``verdict.json``.
+
+    Parameters
+    ----------
+    wanted : Wanted
+    progress : Progress, optional
+    published : callable, optional
+        What the lane of that name does, in a suite that asks for it; without, it is left out.
 
     Raises
     ------
@@ -113,6 +129,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None) -> JsonObject:
             path.unlink(missing_ok=True)
         gathered = _Gathered(suite, spec, plan, wanted, accepted, progress or Silent())
         gathered.work_first()
+        gathered.compute_published(published)
         verdict = gathered.verdict(release, reference)
         write_json(wanted.out / "night.json", gathered.content(), indent=None)
         # A folder that serves every night must not grow with them.
@@ -166,10 +183,26 @@ class _Gathered:
         self.fresh: list[ReplicateRow] = []
         self.batches = 0
         self.anchors: list[JsonObject] = []
+        self.published: list[JsonObject] = []
+        self.replay_s: list[float] = []
 
     def work_first(self) -> None:
         """Do what every night does."""
         self._work(self.first_tasks())
+
+    def compute_published(self, compute: Published | None) -> None:
+        """Compute key figures of the published systems again, in a suite that asks for it."""
+        if compute is None or not self.spec.published or PUBLISHED not in self.wanted.lanes:
+            return
+        folder = self.wanted.out / WORK / PUBLISHED
+        try:
+            folder.mkdir(exist_ok=True)
+            self.published = list(compute(folder, self._progress))
+        except (UserError, RuntimeError) as error:
+            self.failed[PUBLISHED] = str(error)
+            return
+        # An interrupted night goes on from it; a finished one must not leave what the next has no use for.
+        shutil.rmtree(folder)
 
     def first_tasks(self) -> dict[str, Task]:
         """Return what every night does, by name."""
@@ -207,6 +240,8 @@ class _Gathered:
         self.identities |= {work.identity(task) for task in tasks.values()}
         done = do(work, list(tasks.values()), Execution(self.wanted.workers), self._progress)
         for name, one in done.items():
+            if tasks[name].kind == "replay" and one.spent is not None:
+                self.replay_s.append(one.spent.seconds)
             if one.result is None:
                 self.failed[name] = one.error or "its result cannot be read"
             else:
@@ -336,11 +371,11 @@ class _Gathered:
             if about.get("missing_scenes"):
                 count = len(about["missing_scenes"])
                 problems.append(f"{count} scenes of the baseline ({about['name']}) are not in the suite any more")
-        verdicts = [Verdict(g["verdict"]) for g in gates] + [Verdict(a["verdict"]) for a in self.anchors]
+        verdicts = [Verdict(one["verdict"]) for one in [*gates, *self.anchors, *self.published]]
         if self.accepted is None:
             verdicts.append(Verdict.FAIL)
         verdict = night_verdict(verdicts)
-        proven = any(Verdict(item["verdict"]) is Verdict.FAIL for item in [*gates, *self.anchors])
+        proven = any(Verdict(item["verdict"]) is Verdict.FAIL for item in [*gates, *self.anchors, *self.published])
         status = EXIT[verdict] if proven or not problems else INCOMPLETE
         if problems and not proven and verdict in (Verdict.PASS, Verdict.IMPROVED):
             # What was not looked at has not passed.
@@ -358,9 +393,21 @@ class _Gathered:
             "comparisons": comparisons,
             "gates": gates,
             "anchors": self.anchors,
+            "published": self.published,
             "fresh": {"night": self.wanted.night, "batches": self.batches, "scenes": _count(self.fresh)},
-            "levels": _levels(self.all_rows() or self.replayed, self.fresh),
+            "levels": _levels(self.all_rows() or self.replayed, self.fresh) | self._cost(),
         }
+
+    def _cost(self) -> JsonObject:
+        """Return speed and memory: followed from night to night, no gate, since they are a machine's and its load's."""
+        found: JsonObject = {}
+        if self.replay_s and self.replayed:
+            n = len({(row.scene, row.band, row.replicate) for row in self.replayed})
+            found["replay: time of an image"] = {"value": sum(self.replay_s) / n, "unit": "s", "n": n}
+        # Kilobytes, on macOS bytes.
+        peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+        mebibytes = peak / (1024.0**2 if sys.platform == "darwin" else 1024.0)
+        return found | {"largest process: memory": {"value": mebibytes, "unit": "MiB", "n": 1}}
 
     def content(self) -> JsonObject:
         """Return what a baseline is made of."""

@@ -28,6 +28,7 @@ def write_page(path: Path, verdict: Mapping[str, Any], nights: Sequence[Mapping[
         kinds=KINDS,
         headline=headline(verdict),
         groups=_groups(verdict),
+        systems=_systems(verdict["published"]),
         trends=_trends(nights),
         nights=nights,
         most=MOST_LISTED,
@@ -39,6 +40,7 @@ def headline(verdict: Mapping[str, Any]) -> str:
     """Return the night in one sentence: what failed, else what is open, else how many gates hold."""
     failed = [f"{g['name']} (against the {g['against']} baseline)" for g in verdict["gates"] if g["verdict"] == "FAIL"]
     failed += [f"anchor {a['name']}" for a in verdict["anchors"] if a["verdict"] == "FAIL"]
+    failed += [f"system {one['system']}, {one['name']}" for one in verdict["published"] if one["verdict"] == "FAIL"]
     if failed:
         return "Regression: " + ", ".join(failed) + "."
     if verdict["problems"]:
@@ -49,7 +51,9 @@ def headline(verdict: Mapping[str, Any]) -> str:
     better = [g["name"] for g in verdict["gates"] if g["verdict"] == "IMPROVED"]
     if better:
         return "Better than the baseline: " + ", ".join(better) + ". Accept a new one to hold what was won."
-    return f"All {len(verdict['gates'])} comparisons and {len(verdict['anchors'])} physics anchors hold."
+    hold = f"All {len(verdict['gates'])} comparisons and {len(verdict['anchors'])} physics anchors hold"
+    count = len(verdict["published"])
+    return f"{hold}, and {count} figures of the published systems are as accepted." if count else f"{hold}."
 
 
 def _short(unit: str) -> str:
@@ -65,6 +69,16 @@ def _groups(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
             picture = figure_uri(trend_plots.gates_in_margins(gates), 8.6, 1.5 + 0.34 * len(gates))
         groups.append({"about": about, "gates": gates, "picture": picture})
     return groups
+
+
+def _systems(published: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return by system how many figures there are, and those that changed."""
+    letters = sorted({one["system"] for one in published})
+    own = {letter: [one for one in published if one["system"] == letter] for letter in letters}
+    return [
+        {"system": letter, "n": len(all_of), "changed": [one for one in all_of if one["verdict"] != "PASS"]}
+        for letter, all_of in own.items()
+    ]
 
 
 def _trends(nights: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

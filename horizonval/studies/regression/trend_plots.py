@@ -88,6 +88,10 @@ def trend(name: str, one: Mapping[str, Any], verdicts: Mapping[str, str]) -> Dra
         if len(set(one["values"])) == 1:
             pad = max(abs(one["values"][0]) * 0.05, 0.5)
             axes.set_ylim(one["values"][0] - pad, one["values"][0] + pad)
+        elif len(parts) > 1:
+            # The date of a step stands at the top, where the marks of the higher level would cross it.
+            low, high = axes.get_ylim()
+            axes.set_ylim(low, high + 0.12 * (high - low))
         axes.set_ylabel(one["unit"])
         figure.legend(loc="outside upper right", ncols=4, fontsize=8)
 

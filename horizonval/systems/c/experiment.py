@@ -35,11 +35,10 @@ BRUTE = 100
 def reproduce(cache: TaskCache) -> Reproduction:
     """Do the comparisons and return rows, table and figure."""
     seed = cache.seed
-    random = cache.each("C: random poses", departures, {"poses": {"seed": seed, "count": POSES, "brute": BRUTE}})
-    known = cache.each("C: known poses", known_poses, {"poses": {"seed": seed, "count": POSES}})["poses"]
+    random, known = _measured_poses(cache)
     pictures = cache.each("C: pictures", against_picture, items(seed))
     frames = cache.each("C: frames", against_oracle, {k: {**v, "seed": seed} for k, v in FRAMES.items()})
-    rows = (*_pose_rows(random["poses"], known), *_picture_rows(pictures), *_frame_rows(frames))
+    rows = (*_pose_rows(random, known), *_picture_rows(pictures), *_frame_rows(frames))
     angles = (
         (frame, estimator, answer["error"] / ARCSEC)
         for frame, result in frames.items()
@@ -48,12 +47,25 @@ def reproduce(cache: TaskCache) -> Reproduction:
     return TEXT.reproduction(
         rows=rows,
         tables=[TEXT.table("pictures", _picture_lines(pictures)), TEXT.table("estimators", angles)],
-        claims=_claims(random["poses"], known, pictures),
+        claims=_claims(random, known, pictures),
         figures=[TEXT.figure("readings", draw_readings)],
         settings={"radius_m": RADIUS_M, "poses": POSES, "minimised": BRUTE, "altitude_km": [100, 100_000]},
         worst=max(row.measured for row in rows if row.unit == "rad"),
         seen=max(_apart_px(one) for one in pictures.values()),
     )
+
+
+def measured_pose_rows(cache: TaskCache) -> list[ComparisonRow]:
+    """Return the rows that need no picture."""
+    return _pose_rows(*_measured_poses(cache))
+
+
+def _measured_poses(cache: TaskCache) -> tuple[JsonObject, JsonObject]:
+    """Return what the module makes of random poses and of those that are known."""
+    seed = cache.seed
+    random = cache.each("C: random poses", departures, {"poses": {"seed": seed, "count": POSES, "brute": BRUTE}})
+    known = cache.each("C: known poses", known_poses, {"poses": {"seed": seed, "count": POSES}})
+    return random["poses"], known["poses"]
 
 
 def _pose_rows(random: JsonObject, known: JsonObject) -> list[ComparisonRow]:

@@ -57,9 +57,9 @@ SOFT_ALTITUDES_KM = (300.0, 400.0, 500.0)
 def reproduce(cache: TaskCache) -> Reproduction:
     """Do the experiments and return tables, rows and figures."""
     aim = cache.each("D: the infrared horizon", infrared_aim, {"400 km": {"planet": SOFT}})["400 km"]
-    hard = _read(cache, "D: hard limb", HARD, {})
-    soft = _read(cache, "D: infrared limb", SOFT, {"aim_deg": aim["aim_deg"]})
-    flat = _read(cache, "D: hard limb, flat focal plane", HARD, {"projection": "pinhole"})
+    hard = read_tables(cache, "D: hard limb", HARD, {})
+    soft = read_tables(cache, "D: infrared limb", SOFT, {"aim_deg": aim["aim_deg"]})
+    flat = read_tables(cache, "D: hard limb, flat focal plane", HARD, {"projection": "pinhole"})
     orbit = _fly(cache, aim["aim_deg"])
     ends = _ends(cache, aim["aim_deg"])
     tilted = {"pitch": -5.0, "roll": 5.0, "rows": 160}
@@ -113,7 +113,7 @@ def reproduce(cache: TaskCache) -> Reproduction:
     )
 
 
-def _read(cache: TaskCache, title: str, planet: dict[str, Any], more: JsonObject) -> dict[str, JsonObject]:
+def read_tables(cache: TaskCache, title: str, planet: dict[str, Any], more: JsonObject) -> dict[str, JsonObject]:
     """Return the readings of all settings of the tables, by their keys."""
     items = {
         key: {

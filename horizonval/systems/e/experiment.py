@@ -132,9 +132,22 @@ def reproduce(cache: TaskCache) -> Reproduction:
     )
 
 
+def rounding_rows(cache: TaskCache) -> list[ComparisonRow]:
+    """Return the rows of the rounding table, in which nothing is drawn."""
+    own = {name: item for name, item in rounding_items(cache.seed, 1).items() if item["kind"] == "rounded"}
+    items = {name: {**item, "alphas": False} for name, item in own.items()}
+    rows = dict(gathered(cache.each("E: rounding", work, items)))
+    return [*_plain_rows(rows, noise.LARGEST), *_proposed_rows(rows), *_published_rows(rows)]
+
+
+def _known_cases(rows: Rows) -> list[tuple[str, str, dict[str, Figures]]]:
+    """Return the published rows that were computed."""
+    return [one for one in cases() if one[0] in rows]
+
+
 def _plain_rows(rows: Rows, nearest: noise.NoiseReading) -> list[ComparisonRow]:
     out = []
-    for key, case, printed in cases():
+    for key, case, printed in _known_cases(rows):
         rounded_only = key.startswith("rounded")
         for (quantity, unit), theirs, ours in zip(QUANTITIES, printed["plain"], mean(rows, key, "plain"), strict=True):
             out.append(
@@ -157,7 +170,7 @@ def _plain_rows(rows: Rows, nearest: noise.NoiseReading) -> list[ComparisonRow]:
 
 def _proposed_rows(rows: Rows) -> list[ComparisonRow]:
     out = []
-    for key, case, printed in cases():
+    for key, case, printed in _known_cases(rows):
         columns = {method: mean(rows, key, method) for method in METHODS}
         for i, ((quantity, unit), theirs) in enumerate(zip(QUANTITIES, printed["proposed"], strict=True)):
             ours: dict[str, Any] = {method: float(column[i]) for method, column in columns.items()}
@@ -169,7 +182,7 @@ def _proposed_rows(rows: Rows) -> list[ComparisonRow]:
 def _published_rows(rows: Rows) -> list[ComparisonRow]:
     """Return the published order with the published factor, beside what is printed for it."""
     out = []
-    for key, case, printed in cases():
+    for key, case, printed in _known_cases(rows):
         smoothed, filtered = (as_published(rows, key, stage) for stage in (0, 1))
         for i, ((quantity, unit), theirs) in enumerate(zip(QUANTITIES, printed["proposed"], strict=True)):
             names: dict[str, Any] = {"case": case, "quantity": quantity, "unit": unit, "passes": len(rows[key]["rms"])}

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from horizonval.core.json_types import JsonObject
 from horizonval.systems.f import figures as figures
 from horizonval.systems.f.errors import THRESHOLDS, BandErrors, band_errors, plateau_deficits
 from horizonval.systems.f.hard_edge import worst_error_deg
@@ -37,15 +38,9 @@ Errors = Mapping[str, Mapping[str, BandErrors]]
 def reproduce(cache: TaskCache) -> Reproduction:
     """Make the scans and return rows, claims, table and figures."""
     places = weather_places(PLACES, INCLINATION_DEG, cache.seed)
-    items = {
-        f"{name}, {band}": {**place, "altitude_km": ALTITUDE_KM, "band_um": list(limits)}
-        for band, limits in BANDS.items()
-        for name, place in places.items()
-    }
-    made = cache.each("F: scans", scan, items)
-    scans = {band: {name: made[f"{name}, {band}"] for name in places} for band in BANDS}
-    errors = {band: {kind: band_errors(scans[band], places, kind) for kind in THRESHOLDS} for band in BANDS}
-    deficits = {band: plateau_deficits(scans[band]) for band in BANDS}
+    made = cache.each("F: scans", scan, scan_items(places))
+    scans = _by_band(made, places)
+    errors, deficits = _measured(scans, places)
     rows = tuple(_rows(errors, deficits))
     return TEXT.reproduction(
         rows=rows,
@@ -65,6 +60,32 @@ def reproduce(cache: TaskCache) -> Reproduction:
             float(np.nanmax(np.abs(errors[WINDOW][k].added(errors[WINDOW][k].worst_axis)))) for k in THRESHOLDS
         ),
     )
+
+
+def scan_items(places: Mapping[str, JsonObject]) -> dict[str, JsonObject]:
+    """Return the items of all scans by name."""
+    return {
+        f"{name}, {band}": {**place, "altitude_km": ALTITUDE_KM, "band_um": list(limits)}
+        for band, limits in BANDS.items()
+        for name, place in places.items()
+    }
+
+
+def rows_of_scans(made: Mapping[str, JsonObject], seed: int) -> list[ComparisonRow]:
+    """Return all rows of scans that were made under a seed, by the names of :func:`scan_items`."""
+    places = weather_places(PLACES, INCLINATION_DEG, seed)
+    return list(_rows(*_measured(_by_band(made, places), places)))
+
+
+def _by_band(made: Mapping[str, JsonObject], places: Mapping[str, JsonObject]) -> dict[str, dict[str, JsonObject]]:
+    return {band: {name: made[f"{name}, {band}"] for name in places} for band in BANDS}
+
+
+def _measured(
+    scans: Mapping[str, Mapping[str, JsonObject]], places: Mapping[str, JsonObject]
+) -> tuple[Errors, dict[str, np.ndarray]]:
+    errors = {band: {kind: band_errors(scans[band], places, kind) for kind in THRESHOLDS} for band in BANDS}
+    return errors, {band: plateau_deficits(scans[band]) for band in BANDS}
 
 
 def added_deg(errors: BandErrors) -> float:

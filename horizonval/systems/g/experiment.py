@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.json_types import JsonObject
 from horizonval.systems.g import figures as figures
 from horizonval.systems.g.design import DESIGN_KM, TILT_RAD, QuadrantDesign, design, width_rad, working_range_rad
 from horizonval.systems.g.errors import LEVEL, TILTS_DEG, AltitudeErrors, by_altitude, fly
@@ -41,7 +42,7 @@ Flown = Mapping[Processing, Sequence[AltitudeErrors]]
 def reproduce(cache: TaskCache) -> Reproduction:
     """Design at 350 km, fly everywhere, and return rows, claims, tables and figures."""
     items = weather_places(PLACES, INCLINATION_DEG, cache.seed)
-    made = cache.each("G: limbs", limb_profiles, {k: {**v, "altitudes_km": ALTITUDES_KM} for k, v in items.items()})
+    made = cache.each("G: limbs", limb_profiles, limb_items(items))
     places = [WeatherPlace.of(item) for item in items.values()]
     profiles = np.array([one["radiance"] for one in made.values()])
     seen = {km: _seen(places, km, profiles[:, i]) for i, km in enumerate(ALTITUDES_KM)}
@@ -56,7 +57,7 @@ def reproduce(cache: TaskCache) -> Reproduction:
                 fly(design(places, at_design, level, p, math.radians(w)), places, km, seen[km]) for w in WIDTHS_DEG
             ]
     ours = designs["normalised"]
-    rows = tuple(_rows(designs, flown, widths))
+    rows = tuple(_rows(designs, flown))
     found = {p: {one.altitude_km: one for one in found} for p, found in flown.items()}
     return TEXT.reproduction(
         rows=rows,
@@ -152,9 +153,30 @@ def _compared(widths: Mapping[str, Sequence[AltitudeErrors]]) -> str:
     return TEXT.phrase("compared", low=good(DESIGN_KM), high=good(RAISED_KM))
 
 
-def _rows(
-    designs: Mapping[Processing, QuadrantDesign], flown: Flown, widths: Mapping[str, Sequence[AltitudeErrors]]
-) -> Iterator[ComparisonRow]:
+def limb_items(places: Mapping[str, JsonObject]) -> dict[str, JsonObject]:
+    """Return the items of all limbs by name."""
+    return {name: {**place, "altitudes_km": ALTITUDES_KM} for name, place in places.items()}
+
+
+def rows_of_limbs(profiles: FloatArray, altitudes_km: Sequence[float], seed: int) -> list[ComparisonRow]:
+    """Return all rows of limbs that were made under a seed.
+
+    Parameters
+    ----------
+    profiles : ndarray, shape (places, altitudes, 4, rays)
+        Of :func:`horizonval.systems.g.profiles.limb_profiles`.
+    altitudes_km : sequence of float
+        The two of the mission among them.
+    seed : int
+    """
+    places = [WeatherPlace.of(item) for item in weather_places(PLACES, INCLINATION_DEG, seed).values()]
+    seen = {km: _seen(places, km, profiles[:, i]) for i, km in enumerate(altitudes_km)}
+    at_design, level = profiles[:, list(altitudes_km).index(DESIGN_KM)], seen[DESIGN_KM][:, LEVEL]
+    designs = {p: design(places, at_design, level, p) for p in PROCESSINGS}
+    return list(_rows(designs, {p: by_altitude(d, places, seen) for p, d in designs.items()}))
+
+
+def _rows(designs: Mapping[Processing, QuadrantDesign], flown: Flown) -> Iterator[ComparisonRow]:
     ours = designs["normalised"]
     yield TEXT.row(
         "width",

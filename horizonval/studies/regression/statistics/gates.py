@@ -113,13 +113,25 @@ def _is_sound(row: ReplicateRow) -> bool:
     return not row.false_valid
 
 
+def _nadir_error(row: ReplicateRow) -> float | None:
+    return row.nadir_error_arcsec
+
+
+def _over_bound(row: ReplicateRow) -> float | None:
+    return row.error_over_bound
+
+
+ERROR_OF: dict[str, Callable[[ReplicateRow], float | None]] = {
+    "nadir_error": _nadir_error,
+    "error_over_bound": _over_bound,
+}
+"""Metrics whose mean over claims is compared; the others are shares."""
+
+
 def _paired(gate: GateSpec, pairs: Sequence[tuple[ReplicateRow, ReplicateRow]]) -> Measured:
-    if gate.metric == "nadir_error":
-        both = [
-            (n.nadir_error_arcsec - b.nadir_error_arcsec, n.scene)
-            for n, b in pairs
-            if n.nadir_error_arcsec is not None and b.nadir_error_arcsec is not None
-        ]
+    if gate.metric in ERROR_OF:
+        values = [(ERROR_OF[gate.metric](n), ERROR_OF[gate.metric](b), n.scene) for n, b in pairs]
+        both = [(now - before, scene) for now, before, scene in values if now is not None and before is not None]
         estimate = paired_difference([d for d, _ in both], [scene for _, scene in both])
         return Measured(gate, estimate, _weightiest(both), paired=True)
     good: Callable[[ReplicateRow], bool] = _is_sound
@@ -131,9 +143,9 @@ def _paired(gate: GateSpec, pairs: Sequence[tuple[ReplicateRow, ReplicateRow]]) 
 
 
 def _independent(gate: GateSpec, now: Sequence[ReplicateRow], base: Sequence[ReplicateRow]) -> Estimate | None:
-    if gate.metric == "nadir_error":
+    if gate.metric in ERROR_OF:
         mine, theirs = (
-            [(r.nadir_error_arcsec, r.scene) for r in rows if r.nadir_error_arcsec is not None] for rows in (now, base)
+            [(error, r.scene) for r in rows if (error := ERROR_OF[gate.metric](r)) is not None] for rows in (now, base)
         )
         return independent_difference(
             [error for error, _ in mine],

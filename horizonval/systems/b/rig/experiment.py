@@ -50,6 +50,12 @@ def measure_rig(cache: TaskCache) -> tuple[RigResults, str]:
     return measure(cache, picture), picture
 
 
+def perfect_row(cache: TaskCache, packed: str) -> ComparisonRow:
+    """Return the row of the bench with every imperfection switched off, from the panel's packed picture."""
+    perfect = runs.run_all(cache, _kept_picture(cache, packed), {"perfect": ((), TILTS_DEG)})["perfect"]
+    return _perfect_row(perfect.rms_deg)
+
+
 def film_rows(shown: Film) -> tuple[ComparisonRow, ...]:
     """Return the published error of the film at rest and in motion."""
     late_deg = RATE_DEG_S * SAMPLES / (2.0 * SAMPLE_HZ)
@@ -104,7 +110,6 @@ def rig_rows(results: RigResults, rng: np.random.Generator) -> tuple[ComparisonR
     whole, perfect = results.whole.rms_deg, results.perfect.rms_deg
     largest = results.order[0]
     shares: dict[str, Any] = {name: 100 * share for name, share in results.families().items()}
-    width = load_camera(CAMERA).camera.width
     count = len(results.order)
     return (
         TEXT.row(
@@ -140,14 +145,7 @@ def rig_rows(results: RigResults, rng: np.random.Generator) -> tuple[ComparisonR
             results.whole.true_rms_deg,
             percent=100.0 * (1.0 - (results.whole.true_rms_deg / whole) ** 2),
         ),
-        TEXT.row(
-            "rig_perfect",
-            results.after[results.order[-1]].rms_deg,
-            TEXT.phrase("rig_model", model_deg=PUBLISHED_MODEL_DEG),
-            limit=LARGEST_PERFECT_DEG,
-            width=width,
-            turn_deg=np.degrees(1.0 / width),
-        ),
+        _perfect_row(results.after[results.order[-1]].rms_deg),
         TEXT.row(
             "rig_switched_off",
             results.switched_off_below(LARGEST_PERFECT_DEG),
@@ -174,6 +172,18 @@ def rig_rows(results: RigResults, rng: np.random.Generator) -> tuple[ComparisonR
     )
 
 
+def _perfect_row(rms_deg: float) -> ComparisonRow:
+    width = load_camera(CAMERA).camera.width
+    return TEXT.row(
+        "rig_perfect",
+        rms_deg,
+        TEXT.phrase("rig_model", model_deg=PUBLISHED_MODEL_DEG),
+        limit=LARGEST_PERFECT_DEG,
+        width=width,
+        turn_deg=np.degrees(1.0 / width),
+    )
+
+
 def rig_summary(results: RigResults, rng: np.random.Generator) -> dict[str, float]:
     """Return the numbers of the page's summary: rms [deg], and shares of the mean square [%]."""
     shares = {name: 100 * share for name, share in results.families().items()}
@@ -192,7 +202,11 @@ def rig_summary(results: RigResults, rng: np.random.Generator) -> dict[str, floa
 
 def _picture_file(cache: TaskCache) -> str:
     """Make the panel's picture; return its file, whose name is its digest."""
-    text = cache.each("panel's picture", make_picture, {"picture": {}})["picture"]["png"]
+    return _kept_picture(cache, cache.each("panel's picture", make_picture, {"picture": {}})["picture"]["png"])
+
+
+def _kept_picture(cache: TaskCache, text: str) -> str:
+    """Write the panel's packed picture into the cache's folder; return its file."""
     path = cache.folder / f"panel-{hashlib.sha256(text.encode('ascii')).hexdigest()[:16]}.txt"
     atomic.write_text(path, text)
     return str(path)

@@ -12,7 +12,7 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation import registry
 from horizonval.sensor.observe import observe
-from horizonval.spec.regression import GateSpec
+from horizonval.spec.regression import UNITS, GateSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.studies.regression.regions import LIMB, regions_of
 from horizonval.studies.regression.row import ReplicateRow
@@ -152,7 +152,7 @@ def rows_of(outcomes, *, due=True, false=()):
 
 
 def gate_of(metric, lane="replay", margin=1.5):
-    unit = "arcsec" if metric == "nadir_error" else "percentage points"
+    unit = UNITS[metric]
     reason = "as in the nightly suite, for this test"
     return GateSpec(name=metric, lane=lane, metric=metric, margin=margin, unit=unit, reason=reason)
 
@@ -211,3 +211,33 @@ def test_fresh_scenes_are_paired_only_with_the_same_night():
     assert other.estimate.p_worse > 0.01
     unknown = measure(gate, GateInputs(fresh=now), GateInputs(fresh=now))
     assert not unknown.paired
+
+
+def bounded(bound, error):
+    return [replace(row, bound_arcsec=bound, nadir_error_arcsec=error) for row in rows_of([Outcome.VALID] * 40)]
+
+
+@pytest.mark.parametrize("lane", ["replay", "fresh"])
+def test_an_error_further_from_its_bound_is_caught(lane):
+    """Also where the error itself is the same: frames that allow more are used worse."""
+
+    def inputs(rows, night):
+        spread = [replace(r, nadir_error_arcsec=r.nadir_error_arcsec + i % 5) for i, r in enumerate(rows)]
+        return GateInputs(spread) if lane == "replay" else GateInputs(fresh=spread, fresh_night=night)
+
+    gate = gate_of("error_over_bound", lane, margin=0.2)
+    base = inputs(bounded(100.0, 120.0), "then")
+    (worse,) = judge([("accepted", measure(gate, inputs(bounded(80.0, 120.0), "tonight"), base))])
+    assert (worse["verdict"], worse["unit"]) == ("FAIL", "1")
+    assert worse["estimate"]["value"] == pytest.approx(122.0 / 80.0 - 1.22)
+    (same,) = judge([("accepted", measure(gate, inputs(bounded(100.0, 121.0), "tonight"), base))])
+    assert same["verdict"] == "PASS"
+    (better,) = judge([("accepted", measure(gate, inputs(bounded(100.0, 60.0), "tonight"), base))])
+    assert better["verdict"] == "IMPROVED"
+
+
+def test_without_bounds_nothing_is_decided_about_them():
+    """Baselines from before they were kept."""
+    now, base = bounded(100.0, 120.0), bounded(None, 120.0)
+    (gate,) = judge([("accepted", measure(gate_of("error_over_bound"), GateInputs(now), GateInputs(base)))])
+    assert (gate["verdict"], gate["estimate"]) == ("INCONCLUSIVE", None)

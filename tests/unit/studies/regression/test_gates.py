@@ -246,7 +246,14 @@ def test_junit_counts_what_failed_was_skipped_and_is_missing(tmp_path: Path) -> 
     ]
     assert anchor_sentence(anchors[1]) == "not run"
     for problems in ([], ["one", "two"]):
-        verdict = {"suite": "s", "night": "n", "verdict": "FAIL", "gates": [failing], "anchors": anchors}
+        verdict = {
+            "suite": "s",
+            "night": "n",
+            "verdict": "FAIL",
+            "gates": [failing],
+            "anchors": anchors,
+            "published": [],
+        }
         verdict |= {"problems": problems, "environment": {"version": "1", "commit": "abc"}}
         write_junit(tmp_path / "junit.xml", verdict)
         suite = ElementTree.parse(tmp_path / "junit.xml").getroot()[0]

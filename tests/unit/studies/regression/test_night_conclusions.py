@@ -18,6 +18,7 @@ from horizonval.studies.regression.baseline.baseline import Baseline, read_basel
 from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage, Pack
 from horizonval.studies.regression.bench import Task
 from horizonval.studies.regression.night import Wanted, _check_folder, _checked, _content, _Gathered, seed_of_night
+from horizonval.studies.regression.page import headline
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics.gates import GateInputs
 from horizonval.suites.suite import load_suite
@@ -245,6 +246,46 @@ def test_what_was_not_looked_at_has_not_passed(bench: Bench) -> None:
     bench.anchor["verdict"] = "FAIL"
     failed = bench.night(accepted).verdict(None, None)
     assert (failed["verdict"], failed["exit_status"]) == ("FAIL", 1), "a proven failure outweighs what is missing"
+
+
+def figure_of(system: str, verdict: str = "PASS") -> dict[str, Any]:
+    about = {"system": system, "name": "roll", "unit": "deg", "accepted": 1.0, "measured": 1.0, "verdict": verdict}
+    return about
+
+
+def test_a_published_figure_that_changed_fails_the_night_by_name(bench: Bench) -> None:
+    accepted = bench.accepted()
+    bench.spec = bench.spec.model_copy(update={"published": True})
+
+    def night(*figures: dict[str, Any], **changes: Any) -> tuple[_Gathered, dict[str, Any]]:
+        gathered = bench.night(accepted, **changes)
+        (gathered.wanted.out / module.WORK).mkdir(parents=True, exist_ok=True)
+        gathered.compute_published(lambda folder, _: list(figures) if folder.is_dir() else [])
+        return gathered, gathered.verdict(None, None)
+
+    gathered, quiet = night(figure_of("A"), figure_of("G"))
+    assert (quiet["verdict"], len(quiet["published"])) == ("PASS", 2)
+    assert not (gathered.wanted.out / module.WORK / module.PUBLISHED).exists(), "nothing is left for the next night"
+    _, loud = night(figure_of("A"), figure_of("G", "FAIL"))
+    assert (loud["verdict"], loud["exit_status"]) == ("FAIL", 1)
+    assert headline(loud) == "Regression: system G, roll."
+    _, left_out = night(figure_of("G", "FAIL"), lanes=("replay",))
+    assert (left_out["verdict"], left_out["published"]) == ("PASS", [])
+
+
+def test_published_figures_that_cannot_be_computed_leave_the_night_incomplete(bench: Bench) -> None:
+    accepted = bench.accepted()
+    bench.spec = bench.spec.model_copy(update={"published": True})
+    gathered = bench.night(accepted)
+    (gathered.wanted.out / module.WORK).mkdir(parents=True)
+
+    def missing(*_: Any) -> list[dict[str, Any]]:
+        raise UserError("no such page", where="A.json")
+
+    gathered.compute_published(missing)
+    found = gathered.verdict(None, None)
+    assert (found["verdict"], found["exit_status"]) == ("INCONCLUSIVE", 2)
+    assert found["problems"][0].startswith("published: ")
 
 
 def test_lanes_that_are_left_out_are_not_asked_for(bench: Bench) -> None:
