@@ -20,7 +20,7 @@ def calibrate(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Camera file to write, for `horizonval estimate --camera`."),
+        typer.Option("--out", "-o", help="Camera file to write; the --camera of estimates."),
     ] = None,
     camera: Annotated[
         str | None,
