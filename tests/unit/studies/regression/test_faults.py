@@ -241,3 +241,12 @@ def test_without_bounds_nothing_is_decided_about_them():
     now, base = bounded(100.0, 120.0), bounded(None, 120.0)
     (gate,) = judge([("accepted", measure(gate_of("error_over_bound"), GateInputs(now), GateInputs(base)))])
     assert (gate["verdict"], gate["estimate"]) == ("INCONCLUSIVE", None)
+
+
+def test_a_method_that_the_baseline_has_not_changes_nothing():
+    base = bounded(100.0, 120.0)
+    new = [replace(row, estimator="new", nadir_error_arcsec=5000.0) for row in base]
+    gate = gate_of("nadir_error", "fresh", margin=20.0)
+    found = measure(gate, GateInputs(fresh=[*base, *new], fresh_night="b"), GateInputs(fresh=base, fresh_night="a"))
+    assert not found.paired
+    assert found.estimate.value == 0.0
