@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from horizonval.cli.archive import archive_app
+from horizonval.cli.calibration import calibrate
 from horizonval.cli.campaign import report, run
 from horizonval.cli.check import check
 from horizonval.cli.images import estimate, observe, oracle, sheet
@@ -45,6 +46,7 @@ COMMANDS: tuple[Callable[..., int | None], ...] = (
     sheet,
     estimate,
     oracle,
+    calibrate,
     radiance,
     report,
     study,
