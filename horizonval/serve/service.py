@@ -51,7 +51,7 @@ def serve(
     token = None if token_file is None else read_token(token_file)
     check_reach(address, token)
     source = ImageSource(scene)
-    with listening(address) as (listener, reached):
+    with _ended_by_sigterm(), listening(address) as (listener, reached):
         # What the scene cannot do is said now, and the tables of its place are there for the first client.
         source.first_image()
         server = Server(source.answer, source.about(), token=token, time_limit_s=time_limit_s, most_images=most_images)
@@ -59,6 +59,19 @@ def serve(
             ready(reached, source.about())
             server.run(listener)
     return server.served
+
+
+@contextlib.contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """Let SIGTERM end a start as SIGINT does, so that no socket stays behind."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextlib.contextmanager

@@ -270,6 +270,21 @@ def test_a_killed_servers_socket_is_taken_over(folder, tmp_path):
     assert (running.process.returncode, output) == (0, "2 images served\n")
 
 
+@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+def test_a_start_that_is_interrupted_leaves_no_socket(folder, tmp_path, kind):
+    words = [str(PROGRAM), "serve", "--scene", "one.toml", "--socket", str(tmp_path / "s.sock")]
+    with subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        end = time.monotonic() + 60
+        while not (tmp_path / "s.sock").exists() and time.monotonic() < end:
+            time.sleep(0.01)
+        process.send_signal(kind)
+        output, errors = process.communicate(timeout=60)
+    # Where the first image was there already, it is the orderly end.
+    assert process.returncode == (0 if output else 130)
+    assert "Traceback" not in errors
+    assert not (tmp_path / "s.sock").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "parts"),
     [
