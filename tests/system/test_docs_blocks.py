@@ -56,13 +56,13 @@ def test_every_block_of_the_page_runs(page, tmp_path):
 
 
 def test_the_pages_are_found():
-    assert len([name for name in PAGES if name.startswith("docs/howto/")]) == 8
+    assert len([name for name in PAGES if name.startswith("docs/howto/")]) == 9
     assert "docs/quickstart.md" in PAGES
     assert set(PAGES) > SLOW
 
 
 EXAMPLES = [path.name for path in sorted((ROOT / "examples").glob("*.py"))]
-SLOW_EXAMPLES = {"right_air.py"}
+SLOW_EXAMPLES = {"right_air.py", "calibration_sensitivity.py"}
 
 
 @pytest.mark.parametrize(
