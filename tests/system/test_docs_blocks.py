@@ -65,7 +65,7 @@ def test_the_pages_are_found():
 
 
 EXAMPLES = [path.name for path in sorted((ROOT / "examples").glob("*.py"))]
-SLOW_EXAMPLES = {"right_air.py"}
+SLOW_EXAMPLES = {"right_air.py", "calibration_sensitivity.py"}
 
 
 @pytest.mark.parametrize(
