@@ -25,6 +25,7 @@ from horizonval.core.llvm import name_library
 if TYPE_CHECKING:
     from horizonval.api.camera import Camera
     from horizonval.api.check import check
+    from horizonval.api.client import Client
     from horizonval.api.derivatives import FrameDerivatives
     from horizonval.api.estimate import estimate, score
     from horizonval.api.frame import Frame, open_frame, render, render_reference
@@ -44,6 +45,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Camera",
+    "Client",
     "Estimator",
     "Fit",
     "Frame",
@@ -79,6 +81,7 @@ __all__ = [
 _HOMES = {
     "api.camera": ("Camera",),
     "api.check": ("check",),
+    "api.client": ("Client",),
     "api.derivatives": ("FrameDerivatives",),
     "api.estimate": ("estimate", "score"),
     "api.frame": ("Frame", "open_frame", "render", "render_reference"),

@@ -122,7 +122,7 @@ class Session:
         """The camera that looks."""
         return self.scene.camera
 
-    def frame(self, attitude: Attitude | None = None) -> Frame:
+    def frame(self, attitude: Attitude | None = None, *, maps: bool = True) -> Frame:
         """Return the frame of an attitude: radiance per band, truth maps, and the exact truth.
 
         Parameters
@@ -132,6 +132,8 @@ class Session:
             scalar last, of length 1; or a mapping with any of the keys ``yaw_deg``, ``pitch_deg``, ``roll_deg``,
             ``rate_deg_s``, ``hold``, ``mount_yaw_deg``, ``mount_pitch_deg`` and ``mount_roll_deg`` of a scene. What is
             not said is as in ``scene``; left out, all of it.
+        maps : bool
+            False leaves out the truth maps, which a detector does not need: quicker.
 
         Returns
         -------
@@ -151,7 +153,7 @@ class Session:
         >>> frame.scene.spec.attitude.yaw_deg
         10.0
         """
-        return Frame.of(self._rendered(attitude, maps=True))
+        return Frame.of(self._rendered(attitude, maps=maps))
 
     def image(
         self,

@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from horizonval.cli.archive import archive_app
+from horizonval.cli.calibration import calibrate
 from horizonval.cli.campaign import report, run
 from horizonval.cli.check import check
 from horizonval.cli.images import estimate, observe, oracle, sheet
@@ -19,6 +20,7 @@ from horizonval.cli.info import doctor, list_names, schema, templates
 from horizonval.cli.regression import baseline_app, regress
 from horizonval.cli.rendering import gallery, mitsuba, radiance, render
 from horizonval.cli.reproduce import reproduce
+from horizonval.cli.serving import serve
 from horizonval.cli.study import study
 from horizonval.core.errors import UserError, printable
 from horizonval.core.machine.caches import settle_libraries
@@ -40,9 +42,11 @@ COMMANDS: tuple[Callable[..., int | None], ...] = (
     render,
     mitsuba,
     observe,
+    serve,
     sheet,
     estimate,
     oracle,
+    calibrate,
     radiance,
     report,
     study,

@@ -84,6 +84,7 @@ def test_help_and_wrong_use(horizonval):
         "observe",
         "sheet",
         "oracle",
+        "calibrate",
         "estimate",
         "radiance",
         "report",

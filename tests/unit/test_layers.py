@@ -14,8 +14,8 @@ import horizonval
 PACKAGE = Path(horizonval.__file__).parent
 
 ROOMS = [
-    "cli", "api", "commands", "systems", "precheck", "studies", "suites", "report", "jobs", "scoring", "store",
-    "sensor", "renderer", "estimation", "truth", "frame", "earth", "geometry", "spec", "core",
+    "cli", "serve", "api", "commands", "systems", "precheck", "studies", "suites", "report", "jobs", "scoring", "store",
+    "sensor", "renderer", "estimation", "truth", "frame", "earth", "geometry", "spec", "wire", "core",
 ]  # fmt: skip
 """From top to bottom. A room may import any room that stands later in this list."""
 
@@ -23,7 +23,19 @@ STRANGERS = {("renderer", "sensor"), ("sensor", "renderer"), ("estimation", "fra
 """Pairs that must not know each other although the order would allow it."""
 
 HEAVY = {"mitsuba", "drjit"}
-LIGHT_ROOMS = ("core", "geometry", "earth", "spec", "truth", "frame", "estimation", "sensor", "scoring", "store")
+LIGHT_ROOMS = (
+    "core",
+    "wire",
+    "geometry",
+    "earth",
+    "spec",
+    "truth",
+    "frame",
+    "estimation",
+    "sensor",
+    "scoring",
+    "store",
+)
 
 
 def _modules() -> dict[str, Path]:

@@ -265,7 +265,7 @@ class _Search:
         return model, solved(model.basis, self.near.values, starts, held.weights, held.variance, spread)
 
     def _merit(self) -> float:
-        information, wanted = _priors(self.knowledge, self.now)
+        information, wanted = priors(self.knowledge, self.now)
         squares = float(self.light.weights @ self.light.residuals**2) + self.light.levels.penalty
         return squares + float(wanted @ information @ wanted)
 
@@ -273,7 +273,7 @@ class _Search:
         starts, light = self.near.sectors.starts, self.light
         jacobian = limb_jacobian(self.near, self.model, light.of_pixel, self.now.state)
         normal, right = eliminated(jacobian, self.model.basis, light.residuals, light.weights, starts, light.levels)
-        information, wanted = _priors(self.knowledge, self.now)
+        information, wanted = priors(self.knowledge, self.now)
         if not (np.isfinite(normal).all() and np.isfinite(right).all()):
             raise np.linalg.LinAlgError("the fit's equations have no solution")
         return normal + information, right + information @ wanted
@@ -340,7 +340,7 @@ def limb_jacobian(near: LimbPixels, model: LimbModel, levels: FloatArray, state:
     )
 
 
-def _priors(knowledge: LimbKnowledge, now: LimbUnknowns) -> tuple[FloatArray, FloatArray]:
+def priors(knowledge: LimbKnowledge, now: LimbUnknowns) -> tuple[FloatArray, FloatArray]:
     """Return the priors' information (p, p) and the step (p,) that leads to their values."""
     count = POSE + 2 + len(now.relief)
     information = np.zeros((count, count))

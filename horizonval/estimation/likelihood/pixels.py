@@ -57,6 +57,24 @@ class NearPixels:
             self.by_row[:, which],
         )
 
+    def seen_by(self, camera: CameraModel) -> NearPixels:
+        """Return the same pixels with the lines of sight of another camera."""
+        return _of_camera(PIXEL_DIRECTIONS.of(camera), self.columns, self.rows)
+
+
+def _of_camera(directions: FloatArray, columns: NDArray[np.intp], rows: NDArray[np.intp]) -> NearPixels:
+    """Return pixels by their numbers, of a camera's directions, shape (H, W, 3)."""
+    height, width = directions.shape[:2]
+    right, left = np.minimum(columns + 1, width - 1), np.maximum(columns - 1, 0)
+    below, above = np.minimum(rows + 1, height - 1), np.maximum(rows - 1, 0)
+    return NearPixels(
+        columns,
+        rows,
+        np.ascontiguousarray(directions[rows, columns].T),
+        ((directions[rows, right] - directions[rows, left]) / np.maximum(right - left, 1)[:, None]).T.copy(),
+        ((directions[below, columns] - directions[above, columns]) / np.maximum(below - above, 1)[:, None]).T.copy(),
+    )
+
 
 def image_scale(angle: LimbAngle, by_column: FloatArray, by_row: FloatArray) -> FloatArray:
     """Return how fast the angle from the limb grows across it in the image [rad/px], shape (n,)."""
@@ -87,22 +105,13 @@ def near_pixels(
         One to two times so many squares' pixels, evenly spread, where there are more.
     """
     directions = PIXEL_DIRECTIONS.of(camera)
-    height, width = directions.shape[:2]
     columns, rows = _squares(directions, cam_from_itrs, r_itrs, axes_m, outside_px + REACH_PX, inside_px + REACH_PX)
     if most is not None and len(columns) > most:
         # The same pixels for every pose near by: of all by a power of two, on oblique lines through the image.
         every = 1 << int(np.log2(len(columns) / most))
         chosen = (columns + rows * round(OBLIQUE * every)) % every == 0
         columns, rows = columns[chosen], rows[chosen]
-    right, left = np.minimum(columns + 1, width - 1), np.maximum(columns - 1, 0)
-    below, above = np.minimum(rows + 1, height - 1), np.maximum(rows - 1, 0)
-    pixels = NearPixels(
-        columns,
-        rows,
-        np.ascontiguousarray(directions[rows, columns].T),
-        ((directions[rows, right] - directions[rows, left]) / np.maximum(right - left, 1)[:, None]).T.copy(),
-        ((directions[below, columns] - directions[above, columns]) / np.maximum(below - above, 1)[:, None]).T.copy(),
-    )
+    pixels = _of_camera(directions, columns, rows)
     with np.errstate(invalid="ignore", divide="ignore"):
         angle = limb_angle(pixels.los_cam, cam_from_itrs, r_itrs, axes_m)
         x = angle.delta / image_scale(angle, pixels.by_column, pixels.by_row)

@@ -1,0 +1,256 @@
+"""Images from a server (``horizonval serve``), as a simulation asks for them."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from horizonval.api.image import Image
+from horizonval.api.scene import plain
+from horizonval.core.errors import UserError
+from horizonval.frame import FrameTruth
+from horizonval.wire import SCHEMA
+from horizonval.wire.address import Address
+from horizonval.wire.framing import LONGEST_BODY, receive, send
+from horizonval.wire.packing import array_of_map, check_installed, pack, unpack
+from horizonval.wire.problem import error_of_message
+
+_RETRY_S = 0.05
+
+
+@dataclass(frozen=True)
+class ServedImage:
+    """What a server answered to a request.
+
+    Attributes
+    ----------
+    dn : ndarray, shape (H, W), uint16
+        Digital numbers.
+    band : str
+    head : str or None
+        Of a camera with several.
+    seed : int
+        Of the noise.
+    full_scale : int
+        Largest digital number of the converter.
+    scene_id : str
+        Digest of the scene and camera that were rendered.
+    truth : FrameTruth or None
+        The exact truth, where it was asked for.
+    radiance : ndarray, shape (H, W), float32, or None
+        Of the band [W m-2 sr-1], where it was asked for.
+    observation : dict
+        Seed and detector settings; comes with the truth.
+    """
+
+    dn: NDArray[np.uint16]
+    band: str
+    head: str | None
+    seed: int
+    full_scale: int
+    scene_id: str
+    truth: FrameTruth | None = None
+    radiance: NDArray[np.float32] | None = None
+    observation: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def image(self) -> Image:
+        """The same as :func:`horizonval.observe` gives it, for estimators and files.
+
+        Raises
+        ------
+        UserError
+            It was asked for without its truth.
+        """
+        if self.truth is None:
+            raise UserError("came without its truth", where="ServedImage", fix="ask with truth=True")
+        return Image(self.dn, self.band, self.truth, self.full_scale, self.observation)
+
+    def __repr__(self) -> str:
+        height, width = self.dn.shape
+        return f"<ServedImage {width} x {height} px, band {self.band}, seed {self.seed}>"
+
+
+class Client:
+    """Asks a server for images, one after another; each call waits for its answer.
+
+    Start one with `horizonval serve --scene SCENE`. Made for one thread; several clients may ask one server.
+
+    Parameters
+    ----------
+    address : str
+        ``ipc://PATH`` or ``tcp://HOST:PORT``; the server's default without.
+    token : str, optional
+        The word in the server's ``--token-file``.
+    timeout_s : float
+        How long an answer may take. The first image of a place takes seconds.
+    wait_s : float
+        How long to wait for a server to be there.
+
+    Raises
+    ------
+    UserError
+        Nobody listens there, or there is no such address.
+
+    Examples
+    --------
+    >>> import horizonval as hv
+    >>> hv.Client("ipc://nobody.sock")
+    Traceback (most recent call last):
+    horizonval.core.errors.UserError: ipc://nobody.sock: nobody listens there; ...
+    """
+
+    def __init__(
+        self, address: str = "", *, token: str | None = None, timeout_s: float = 120.0, wait_s: float = 0.0
+    ) -> None:
+        check_installed()
+        self.address = Address.parse(address)
+        self._token, self._timeout_s = token, timeout_s
+        end = time.monotonic() + wait_s
+        while True:
+            try:
+                self._stream = self.address.connect(timeout_s)
+                return
+            except OSError as e:
+                # A server makes its socket before it can answer, so a refused one may only be late.
+                if time.monotonic() >= end:
+                    raise UserError(
+                        "nobody listens there",
+                        where=str(self.address),
+                        fix="start a server with `horizonval serve --scene SCENE`",
+                    ) from e
+            time.sleep(_RETRY_S)
+
+    def image(
+        self,
+        *,
+        epoch: str | datetime | None = None,
+        latitude_deg: float | None = None,
+        longitude_deg: float | None = None,
+        altitude_km: float | None = None,
+        heading_deg: float | None = None,
+        position_itrs_km: Sequence[float] | NDArray[np.float64] | None = None,
+        velocity_itrs_km_s: Sequence[float] | NDArray[np.float64] | None = None,
+        yaw_deg: float | None = None,
+        pitch_deg: float | None = None,
+        roll_deg: float | None = None,
+        q_body_from_lvlh: Sequence[float] | NDArray[np.float64] | None = None,
+        q_body_from_itrs: Sequence[float] | NDArray[np.float64] | None = None,
+        rate_deg_s: Sequence[float] | NDArray[np.float64] | None = None,
+        hold: str | None = None,
+        exposure_s: float | None = None,
+        seed: int = 0,
+        band: str | None = None,
+        head: str | None = None,
+        truth: bool = False,
+        radiance: bool = False,
+    ) -> ServedImage:
+        """Return the image of a pose; what is left out is as in the server's scene, whatever was asked before.
+
+        Parameters
+        ----------
+        epoch : str or datetime, optional
+            UTC.
+        latitude_deg, longitude_deg, altitude_km : float, optional
+            Geodetic position.
+        heading_deg : float, optional
+            Geocentric azimuth of the velocity among the stars, from north over east.
+        position_itrs_km : array_like, shape (3,), optional
+            Along Earth-fixed axes, in place of the geodetic position.
+        velocity_itrs_km_s : array_like, shape (3,), optional
+            How fast the Earth-fixed position changes, in place of the heading.
+        yaw_deg, pitch_deg, roll_deg : float, optional
+            Body against lvlh.
+        q_body_from_lvlh, q_body_from_itrs : array_like, shape (4,), optional
+            Scalar last; one of them in place of the angles.
+        rate_deg_s : array_like, shape (3,), optional
+            Angular velocity in body axes, which blurs the exposure.
+        hold : {"lvlh", "inertial"}, optional
+            What the rate is counted from.
+        exposure_s : float, optional
+        seed : int
+            Another one is another draw of all noise.
+        band, head : str, optional
+        truth, radiance : bool
+            Whether the answer holds them.
+
+        Returns
+        -------
+        ServedImage
+
+        Raises
+        ------
+        UserError
+            What the server refused, in its words; no answer in time, or a lost connection.
+        """
+        given = {key: value for key, value in locals().items() if key not in ("self", "epoch") and value is not None}
+        if epoch is not None:
+            given["epoch_utc"] = epoch.isoformat() if isinstance(epoch, datetime) else epoch
+        answer = self._ask("image", plain(given))
+        stated = answer.get("truth")
+        packed = answer.get("radiance")
+        return ServedImage(
+            dn=array_of_map(answer.get("dn"), "reply: dn"),
+            band=answer["band"],
+            head=answer["head"],
+            seed=answer["seed"],
+            full_scale=answer["full_scale"],
+            scene_id=answer["scene_id"],
+            truth=None if stated is None else FrameTruth.from_dict(stated),
+            radiance=None if packed is None else array_of_map(packed, "reply: radiance"),
+            observation=answer.get("observation", {}),
+        )
+
+    def status(self) -> dict[str, Any]:
+        """Return what the server says of itself: version, scene, camera, bands, heads, images served.
+
+        Raises
+        ------
+        UserError
+            As :meth:`image`.
+        """
+        return {key: value for key, value in self._ask("status", {}).items() if key not in ("schema", "kind")}
+
+    def close(self) -> None:
+        """End the connection."""
+        self._stream.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<Client of {self.address}>"
+
+    def _ask(self, kind: str, keys: Mapping[str, Any]) -> dict[str, Any]:
+        request = {"schema": SCHEMA, "kind": kind, **keys}
+        if self._token is not None:
+            request["token"] = self._token
+        where = str(self.address)
+        try:
+            # A server that has no place says so and closes; its words can be read although nothing can be sent.
+            with contextlib.suppress(ConnectionError):
+                send(self._stream, pack(request), self._timeout_s)
+            body = receive(self._stream, LONGEST_BODY, self._timeout_s, self._timeout_s)
+        except OSError as e:
+            self.close()
+            raise UserError(f"the connection is lost ({e})", where=where, fix="connect again") from e
+        except UserError as e:
+            self.close()
+            raise e.inside(where) from e
+        if body is None:
+            self.close()
+            raise UserError("the server has closed the connection", where=where, fix="connect again")
+        reply = unpack(body)
+        if reply.get("kind") == "error":
+            raise error_of_message(reply)
+        return reply

@@ -1,0 +1,193 @@
+r"""One frame of a calibration: its own unknowns, and its equations in them and in what all frames share.
+
+The pixels across the limb are those of :mod:`horizonval.estimation.likelihood.fit`, and so are the frame's own unknowns
+``x``: pose, blur, scale height, relief. An error ``c`` of the camera moves the limb in the image as it changes the
+pixels' lines of sight ``d``, and through the prior of the pose: the platform states the attitude of its body, and the
+height of a limb is known about a mean that all frames share::
+
+    d image / d c = (d image / d delta) (d delta / d d) (d d / d c)
+    (x - m - A c)^T P (x - m - A c)
+
+Derivatives by pose and lens are central differences of the model itself: a turn and a shift of the
+principal point are alike to a hundredth, and the fit's own derivatives are right to a few thousandths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.calibration.shared import (
+    BEND,
+    HEIGHT,
+    SHARED,
+    TURN,
+    SharedUnknowns,
+    seen_by_changed,
+)
+from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
+from horizonval.estimation.likelihood.ellipsoid_start import EllipsoidStart
+from horizonval.estimation.likelihood.fit import (
+    LARGEST_LOG_STEP,
+    LARGEST_SCALE_STEP_M,
+    POSE,
+    LimbState,
+    LimbUnknowns,
+    by_sector,
+    limb_jacobian,
+    predicted,
+    priors,
+    scatter,
+)
+from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
+from horizonval.estimation.likelihood.light import LimbLight, solved, weighed
+from horizonval.estimation.likelihood.limb_pixels import LimbPixels, limb_pixels
+from horizonval.estimation.likelihood.sectors import eliminated
+from horizonval.geometry.camera import CameraModel
+
+STEP_PX = 0.02
+"""Of the limb in the image, over which its pixels are differentiated."""
+OF_LENS = 4
+"""Of the shared unknowns, those that move the image come first."""
+
+
+class CalibrationFrame:
+    """A frame on the way to the most probable camera.
+
+    Parameters
+    ----------
+    start : EllipsoidStart
+    camera : CameraModel
+        As it was told.
+    bends : bool
+        Whether its distortion may be wrong.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Too little limb in view.
+    """
+
+    def __init__(self, start: EllipsoidStart, camera: CameraModel, *, bends: bool = False) -> None:
+        self.bends = bends
+        self.image, self.told, self.knowledge = start.picture.grey, camera, start.knowledge
+        state = LimbState(float(np.sqrt(self.knowledge.blur_px**2 + PIXEL_VARIANCE)), self.knowledge.scale_height_m)
+        self.now = LimbUnknowns(start.pose, state, np.zeros(0))
+        self.light: LimbLight | None = None
+        self.factor = 1.0
+        self._gain = np.empty((0, SHARED))
+        self._own = np.empty(0)
+
+    @property
+    def pixel_m(self) -> float:
+        """What a pixel sees at the distance of the limb."""
+        pose = self.knowledge.mean
+        to_limb_2 = float(pose.r_itrs @ pose.r_itrs) - float(self.knowledge.ellipsoid.axes_m[0]) ** 2
+        return float(np.sqrt(max(to_limb_2, 0.0))) / max(self.told.fx, self.told.fy)
+
+    def equations(self, shared: SharedUnknowns, *, held: bool) -> tuple[FloatArray, FloatArray]:
+        """Return the normal matrix (8, 8) and right side (8,) of what is shared, the frame's own eliminated.
+
+        Parameters
+        ----------
+        shared : SharedUnknowns
+        held : bool
+            Whether pixels, weights and scatter stay as they were.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            Too little limb in view, or equations without a solution.
+        """
+        camera = shared.camera(self.told)
+        if not held or self.light is None:
+            self._select(camera)
+        else:
+            self._follow(camera)
+        near = self.near
+        knowledge = replace(self.knowledge, mean=self._mean(shared))
+        model = predicted(near, self.now, knowledge)
+        starts = near.sectors.starts
+        if not held or self.light is None:
+            self.light = weighed(model.basis, near.values, starts, near.neighbours)
+            _, off = by_sector(near, model, self.light, self.now.relief)
+            self.factor = max(scatter(near, model, self.light, off), 1.0)
+        else:
+            was = self.light
+            spread = was.levels.spread_information
+            self.light = solved(model.basis, near.values, starts, was.weights, was.variance, spread)
+        light = self.light
+        own = limb_jacobian(near, model, light.of_pixel, self.now.state)
+        own[:POSE], by_lens = self._derivatives(camera, knowledge, light)
+        of_shared = np.zeros((SHARED, len(light.residuals)))
+        of_shared[:OF_LENS] = by_lens
+        jacobian = np.concatenate([own, of_shared])
+        normal, right = eliminated(jacobian, model.basis, light.residuals, light.weights, starts, light.levels)
+        information, wanted = priors(knowledge, self.now)
+        count = len(own)
+        to_prior = np.zeros((count, count + SHARED))
+        to_prior[:, :count] = np.eye(count)
+        to_prior[:3, count + TURN.start : count + TURN.stop] = -np.eye(3)
+        to_prior[POSE - 1, count + HEIGHT] = -1.0
+        total = normal / self.factor + to_prior.T @ information @ to_prior
+        pull = right / self.factor + to_prior.T @ (information @ wanted)
+        if not (np.isfinite(total).all() and np.isfinite(pull).all()):
+            raise np.linalg.LinAlgError("the frame's equations have no solution")
+        size = np.sqrt(np.diag(total)[:count])
+        inverse = np.linalg.inv(total[:count, :count] / np.outer(size, size)) / np.outer(size, size)
+        cross = total[count:, :count]
+        self._gain, self._own = inverse @ cross.T, inverse @ pull[:count]
+        return total[count:, count:] - cross @ self._gain, pull[count:] - cross @ self._own
+
+    def step(self, of_shared: FloatArray) -> None:
+        """Take the frame's own step (Schur's complement, back) for a step of what is shared, shape (8,)."""
+        step = self._own - self._gain @ of_shared
+        step[POSE] = np.clip(step[POSE], -LARGEST_LOG_STEP, LARGEST_LOG_STEP)
+        step[POSE + 1] = np.clip(step[POSE + 1], -LARGEST_SCALE_STEP_M, LARGEST_SCALE_STEP_M)
+        self.now = self.now.moved(step)
+
+    def _derivatives(
+        self, camera: CameraModel, knowledge: LimbKnowledge, light: LimbLight
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives of the pixels by the pose, shape (7, n), and by the lens, shape (4, n).
+
+        A turn and a shift of the principal point are alike to a hundredth. Their difference is what is asked for, and
+        derivatives that leave out how the scale changes across the limb are right to a few thousandths only.
+        """
+        pixel_rad, pixel_m = 1.0 / max(camera.fx, camera.fy), self.pixel_m
+
+        def value(near: LimbPixels, now: LimbUnknowns) -> FloatArray:
+            basis = predicted(near, now, knowledge).basis
+            return np.asarray(np.einsum("ij,ij->j", basis, light.of_pixel))
+
+        by_pose = []
+        for number, size in enumerate(STEP_PX * np.array([*[pixel_rad] * 3, *[pixel_m] * 4])):
+            step = size * np.eye(POSE + 2 + len(self.now.relief))[number]
+            ahead, behind = self.now.moved(step), self.now.moved(-step)
+            by_pose.append((value(self.near, ahead) - value(self.near, behind)) / (2.0 * size))
+        by_lens = np.zeros((OF_LENS, len(light.residuals)))
+        for number, size in enumerate(STEP_PX * np.array([pixel_rad, 1.0, 1.0, 1.0])):
+            if number == BEND and not self.bends:
+                continue
+            step = size * np.eye(OF_LENS)[number]
+            moved = [replace(self.near, pixels=seen_by_changed(camera, self.near.pixels, s)) for s in (step, -step)]
+            by_lens[number] = (value(moved[0], self.now) - value(moved[1], self.now)) / (2.0 * size)
+        return np.array(by_pose), by_lens
+
+    def _mean(self, shared: SharedUnknowns) -> LimbPose:
+        """Return the pose that the priors have of the frame, with the mounting and the height as they are now."""
+        stated = self.knowledge.mean
+        height = stated.height_m + float(shared.values[HEIGHT])
+        return LimbPose(shared.turn @ stated.cam_from_itrs, stated.r_itrs, height)
+
+    def _select(self, camera: CameraModel) -> None:
+        now = self.now
+        self.near = limb_pixels(self.image, camera, now.pose, self.knowledge, now.state.blur, now.state.scale_m)
+        if len(self.near.modes) != len(now.relief):
+            self.now = LimbUnknowns(now.pose, now.state, np.zeros(len(self.near.modes)))
+
+    def _follow(self, camera: CameraModel) -> None:
+        """Give the pixels that were chosen the lines of sight of another camera."""
+        self.near = replace(self.near, pixels=self.near.pixels.seen_by(camera))

@@ -1,0 +1,89 @@
+"""What all frames of a camera share: the errors of its calibration, and what is wrong of the limb's model alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.limb_pixels import MISPLACED_PX
+from horizonval.estimation.likelihood.pixels import NearPixels
+from horizonval.estimation.miscalibrated import k1_per_px, miscalibrated
+from horizonval.estimation.observation import Observation
+from horizonval.geometry.camera import CameraModel, unproject
+
+FOCAL, POINT, BEND, TURN, HEIGHT = 0, slice(1, 3), 3, slice(4, 7), 7
+SHARED = 8
+"""ln f, principal point [px], distortion at the farthest corner [px], turn of the mounting in camera axes [rad], and
+height of all limbs [m]."""
+FOCAL_SIGMA, POINT_SIGMA_PX, MOUNTING_SIGMA_RAD = 0.05, 20.0, np.radians(2.0)
+"""Of a camera of which nothing is said: as it comes from a data sheet and a workshop."""
+
+
+@dataclass(frozen=True)
+class SharedUnknowns:
+    """The errors of a camera, counted from what was told of it."""
+
+    values: FloatArray
+
+    def camera(self, camera: CameraModel) -> CameraModel:
+        """Return the camera as it is now believed, of the one that was told."""
+        u, v = self.values[POINT]
+        bend = float(self.values[BEND])
+        focal = float(np.expm1(self.values[FOCAL]))
+        return miscalibrated(camera, focal, (float(u), float(v)), bend)
+
+    @property
+    def turn(self) -> FloatArray:
+        """Matrix (3, 3) from the camera's axes as told to those of the camera as it is."""
+        return np.asarray(Rotation.from_rotvec(self.values[TURN]).as_matrix())
+
+
+def prior_sigmas(observation: Observation, height_sigma_m: float, pixel_m: float) -> FloatArray:
+    """Return the standard deviations, shape (8,), of what all frames share before any is looked at.
+
+    Parameters
+    ----------
+    observation : Observation
+    height_sigma_m : float
+        Of the height of the limb.
+    pixel_m : float
+        What a pixel sees at the limb: the model's edge may be off by a share of it in all frames alike.
+    """
+    said = observation.calibration
+    sigmas = np.empty(SHARED)
+    sigmas[FOCAL] = said.focal_length_sigma if said and said.focal_length_sigma > 0.0 else FOCAL_SIGMA
+    sigmas[POINT] = said.principal_point_sigma_px if said and said.principal_point_sigma_px > 0.0 else POINT_SIGMA_PX
+    # A distortion that nobody says is wrong is right.
+    sigmas[BEND] = said.distortion_sigma_px if said else 0.0
+    sigmas[TURN] = MOUNTING_SIGMA_RAD
+    if said and any(said.mounting_sigma_rad):
+        sigmas[TURN] = max(said.mounting_sigma_rad)
+    sigmas[HEIGHT] = np.hypot(height_sigma_m, MISPLACED_PX * pixel_m)
+    return sigmas
+
+
+def seen_by_changed(camera: CameraModel, pixels: NearPixels, step: FloatArray) -> NearPixels:
+    """Return pixels with the lines of sight of a camera whose ln f, principal point and distortion are a step away.
+
+    Parameters
+    ----------
+    camera : CameraModel
+    pixels : NearPixels
+    step : ndarray, shape (4,)
+    """
+    bend = k1_per_px(camera) * float(step[3]) if step[3] else 0.0
+    changed = replace(
+        camera,
+        fx=camera.fx * float(np.exp(step[0])),
+        fy=camera.fy * float(np.exp(step[0])),
+        cx=camera.cx + float(step[1]),
+        cy=camera.cy + float(step[2]),
+        distortion=(camera.distortion[0] + bend, *camera.distortion[1:]),
+    )
+    here = np.column_stack([pixels.columns, pixels.rows]).astype(float)
+    sides = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    middle, right, left, below, above = unproject(changed, here + sides[:, None, :]).transpose(0, 2, 1)
+    return replace(pixels, los_cam=middle, by_column=0.5 * (right - left), by_row=0.5 * (below - above))

@@ -1,0 +1,200 @@
+r"""The camera that makes the limbs of many frames most probable: self-calibration over a pass.
+
+Focal length, principal point, distortion and mounting are shared by all frames; pose, light, blur, scale height and
+relief are each frame's own. Gauss-Newton on the likelihood of all pixels across all limbs, with each frame's own
+unknowns eliminated (Schur's complement; Triggs, McLauchlan, Hartley and Fitzgibbon, "Bundle adjustment", 2000, section
+6). With a frame's normal matrix in own and shared unknowns::
+
+    N_i = [[X, Z], [Z^T, S]],    step_c = (sum (S - Z^T X^-1 Z) + P_c)^-1 sum (b_c - Z^T X^-1 b_x) + ...,
+    C = (sum (S - Z^T X^-1 Z) + P_c)^-1
+
+``C`` is the covariance that is claimed of the camera.
+
+**What is degenerate.** A disc of one size is a short focal length under a low orbit and a long one under a high orbit:
+where the limb keeps its place in the image, focal length is known as well as the limb's angular radius, ``d ln f ~
+(dh / d) / (sin rho cos rho)`` with ``d`` the distance to the limb, and the height of all limbs is one unknown with the
+prior's whole sigma. Attitudes of the platform that carry the limb across the image determine it without: a turn that
+is known against the pixels that the limb moves by. Principal point and mounting move the limb alike but for the square
+of the field; the yaw of the mounting about the nadir is seen by the Earth's flattening and by other rolls alone. What
+the frames do not determine keeps its prior, and is named.
+
+**Neglected.** Errors of the stated attitude and position that successive frames share, but for a turn of the mounting,
+which is that of the attitude's mean error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.likelihood.air import limb_height_prior
+from horizonval.estimation.likelihood.calibration.frame import CalibrationFrame
+from horizonval.estimation.likelihood.calibration.shared import (
+    BEND,
+    FOCAL,
+    HEIGHT,
+    SHARED,
+    TURN,
+    SharedUnknowns,
+    prior_sigmas,
+)
+from horizonval.estimation.likelihood.ellipsoid_start import ellipsoid_start
+from horizonval.estimation.observation import Observation
+from horizonval.geometry.camera import CameraModel
+from horizonval.geometry.frames import compose
+
+FEWEST_FRAMES = 2
+MOST_STEPS, SETTLING_STEPS = 25, 5
+"""Gauss-Newton's; pixels and weights are chosen anew while it settles."""
+CONVERGED = 1e-4
+"""Square of a step over its covariance: a hundredth of a standard deviation."""
+DETERMINED = 0.5
+"""Of the prior's sigma: what keeps more of it was not determined by the frames."""
+NAMES = (
+    "focal length",
+    "principal point u",
+    "principal point v",
+    "distortion",
+    "mounting x",
+    "mounting y",
+    "mounting z",
+)
+"""Of the rows of a covariance."""
+
+
+@dataclass(frozen=True)
+class CameraCalibration:
+    """A camera that many frames determined.
+
+    Attributes
+    ----------
+    camera : CameraModel
+    q_cam_from_body : ndarray, shape (4,)
+    covariance : ndarray, shape (7, 7)
+        Of ln f, principal point (2) [px], distortion at the farthest corner [px], and a turn of the camera in its own
+        axes (3) [rad].
+    change : ndarray, shape (7,)
+        From the camera that was told, in the same terms.
+    prior_sigma : ndarray, shape (7,)
+    height_m, height_sigma_m : float
+        By how much all limbs stand above what was known of them.
+    frames : int
+        That were used.
+    left_out : tuple of str
+        Why others were not.
+    steps : int
+    """
+
+    camera: CameraModel
+    q_cam_from_body: FloatArray
+    covariance: FloatArray
+    change: FloatArray
+    prior_sigma: FloatArray
+    height_m: float
+    height_sigma_m: float
+    frames: int
+    left_out: tuple[str, ...]
+    steps: int
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviations, shape (7,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def not_determined(self) -> tuple[str, ...]:
+        """Names of what the frames say little of, and the priors most."""
+        open_ = self.sigma > DETERMINED * self.prior_sigma
+        return tuple(name for k, name in enumerate(NAMES) if open_[k] and k != BEND)
+
+    def __repr__(self) -> str:
+        percent = 100.0 * self.sigma[FOCAL]
+        return f"<CameraCalibration fx {self.camera.fx:.4f} px to {percent:.4f} %, {self.frames} frames>"
+
+
+def calibrate(observations: Sequence[Observation]) -> CameraCalibration | Refusal:
+    """Return the camera that took all images, or why they do not determine its focal length.
+
+    Parameters
+    ----------
+    observations : sequence of Observation
+        Of one camera as it was told, each with a position and an attitude in its prior. What is said of the
+        calibration's sigmas is the prior of the shared unknowns; without, 5 %, 20 px and 2 deg.
+    """
+    if not observations:
+        return Refusal(Outcome.BAD_INPUT, "no image to calibrate with")
+    first = observations[0]
+    frames, left_out = [], []
+    bends = first.calibration is not None and first.calibration.distortion_sigma_px > 0.0
+    for number, observation in enumerate(observations):
+        if observation.camera != first.camera or not np.array_equal(observation.q_cam_from_body, first.q_cam_from_body):
+            return Refusal(Outcome.BAD_INPUT, f"image {number + 1} is of another camera or mounting than the first")
+        start = ellipsoid_start(observation, "limb-calibrate")
+        if isinstance(start, Refusal):
+            if start.status is Outcome.BAD_INPUT:
+                return start
+            left_out.append(f"image {number + 1}: {start.reason}")
+            continue
+        frames.append(CalibrationFrame(start, observation.camera, bends=bends))
+    if len(frames) < FEWEST_FRAMES:
+        return Refusal(
+            Outcome.NO_LIMB, f"{len(frames)} images with a limb; {FEWEST_FRAMES} are needed; " + "; ".join(left_out[:3])
+        )
+    sigmas = prior_sigmas(first, limb_height_prior(first)[1], float(np.median([one.pixel_m for one in frames])))
+    try:
+        shared, covariance, steps = _solve(frames, sigmas)
+    except np.linalg.LinAlgError as e:
+        return Refusal(Outcome.NOT_CONVERGED, f"limb-calibrate: {e}")
+    of_camera = slice(0, TURN.stop)
+    found = CameraCalibration(
+        camera=shared.camera(first.camera),
+        q_cam_from_body=compose(Rotation.from_rotvec(shared.values[TURN]).as_quat(), first.q_cam_from_body),
+        covariance=covariance[of_camera, of_camera],
+        change=shared.values[of_camera],
+        prior_sigma=sigmas[of_camera],
+        height_m=float(shared.values[HEIGHT]),
+        height_sigma_m=float(np.sqrt(covariance[HEIGHT, HEIGHT])),
+        frames=len(frames),
+        left_out=tuple(left_out),
+        steps=steps,
+    )
+    if NAMES[FOCAL] in found.not_determined:
+        return Refusal(
+            Outcome.AMBIGUOUS,
+            f"the focal length is not observable: {100 * found.sigma[FOCAL]:.3g} % of {100 * sigmas[FOCAL]:.3g} % are "
+            "left; turn the body so that the limb crosses the image, or know the height of the limb",
+        )
+    return found
+
+
+def _solve(frames: Sequence[CalibrationFrame], sigmas: FloatArray) -> tuple[SharedUnknowns, FloatArray, int]:
+    """Return the most probable shared unknowns, their covariance (8, 8), and the number of steps.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+    """
+    shared = SharedUnknowns(np.zeros(SHARED))
+    for number in range(MOST_STEPS):
+        held = number >= SETTLING_STEPS
+        # In units of the priors' sigmas: theirs is the unit matrix.
+        normal, right = np.eye(SHARED), -shared.values / np.where(sigmas > 0.0, sigmas, 1.0)
+        for frame in frames:
+            of_frame, pull = frame.equations(shared, held=held)
+            normal += of_frame * np.outer(sigmas, sigmas)
+            right += pull * sigmas
+        inverse = np.linalg.inv(normal)
+        step = inverse @ right
+        covariance = inverse * np.outer(sigmas, sigmas)
+        shared = SharedUnknowns(shared.values + sigmas * step)
+        for frame in frames:
+            frame.step(sigmas * step)
+        if held and float(step @ normal @ step) < CONVERGED:
+            return shared, covariance, number + 1
+    raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
