@@ -40,9 +40,6 @@ STORED_OF = frozenset("BFG")
 """Systems of which something is stored."""
 SAME_SHARE = 1e-6
 """Of a figure: float32 images and processors' own sines differ by less; the pages show four digits."""
-WIDER_SHARE = {"G": 5e-5}
-"""G's committed page is older than its stored limbs, whose rays differ from the page's by 1.3e-5 in the worst figure.
-Set after that had been seen, and to be left out when the page is made again."""
 ROUND_OFF = 1e-10
 """In the figure's own unit: errors of exact formulas are round-off themselves."""
 Inputs = dict[str, Any]
@@ -64,8 +61,7 @@ class KeyFigure:
         """Whether nothing has changed but for the last digits."""
         if self.accepted is None:
             return False
-        share = WIDER_SHARE.get(self.system, SAME_SHARE)
-        return abs(self.measured - self.accepted) <= max(ROUND_OFF, share * abs(self.accepted))
+        return abs(self.measured - self.accepted) <= max(ROUND_OFF, SAME_SHARE * abs(self.accepted))
 
     def plain(self) -> JsonObject:
         """Return plain data, with a verdict in a night's words."""
