@@ -134,10 +134,11 @@ def page(found: Found) -> str:
         "```",
         "",
         "A row of the image is worth its angle in every method of one camera, and a degree of mounting is a degree in",
-        "all methods but `linear-heads-published`, whose formula takes the azimuths of its heads alone from the mounting.",
-        "Focal length: nothing by symmetry of a disc in the middle (a test holds it), with the disc off the axis by 3 deg",
-        "a percent of that. Time acts on priors alone: methods of the image have exactly 0. `guarded-limb-sphere` has no",
-        "answer where it would claim more than 0.1 deg: from low orbits, where it knows nothing of the altitude.",
+        "all methods but `linear-heads-published`, whose formula takes the azimuths of its heads alone from the",
+        "mounting. Focal length: nothing by symmetry of a disc in the middle (a test holds it), with the disc off the",
+        "axis by 3 deg a percent of that. Time acts on priors alone: methods of the image have exactly 0.",
+        "`guarded-limb-sphere` has no answer where it would claim more than 0.1 deg: from low orbits, where it knows",
+        "nothing of the altitude.",
     ]
     for kind in sorted(found):
         lines += ["", f"## {kind}", "", "| method | " + " | ".join(f"{name}, {unit}" for name, unit, *_ in AXES) + " |"]
