@@ -237,6 +237,6 @@ def test_shipped_studies_load_and_check(path):
     assert study.suite.name == path.stem
 
 
-def test_the_full_study_has_48_cameras_with_three_methods():
+def test_the_full_study_has_48_cameras_with_three_methods_and_16_pairs_with_one():
     study = expand(*read_study("altitude-free-optics", 2))
-    assert len(study.designs) == 48 * 3
+    assert [sum(design.heads == heads for design in study.designs) for heads in (1, 2)] == [48 * 3, 16]
