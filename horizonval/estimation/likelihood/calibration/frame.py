@@ -141,9 +141,9 @@ class CalibrationFrame:
         self._gain, self._own = inverse @ cross.T, inverse @ pull[:count]
         return total[count:, count:] - cross @ self._gain, pull[count:] - cross @ self._own
 
-    def step(self, of_shared: FloatArray) -> None:
-        """Take the frame's own step (Schur's complement, back) for a step of what is shared, shape (8,)."""
-        step = self._own - self._gain @ of_shared
+    def step(self, of_shared: FloatArray, share: float = 1.0) -> None:
+        """Take a share of the frame's own step (Schur's complement, back) for a step of what is shared, shape (8,)."""
+        step = share * (self._own - self._gain @ of_shared)
         step[POSE] = np.clip(step[POSE], -LARGEST_LOG_STEP, LARGEST_LOG_STEP)
         step[POSE + 1] = np.clip(step[POSE + 1], -LARGEST_SCALE_STEP_M, LARGEST_SCALE_STEP_M)
         self.now = self.now.moved(step)

@@ -50,8 +50,10 @@ from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.frames import compose
 
 FEWEST_FRAMES = 2
-MOST_STEPS, SETTLING_STEPS = 25, 5
+MOST_STEPS, SETTLING_STEPS = 60, 5
 """Gauss-Newton's; pixels and weights are chosen anew while it settles."""
+FALLEN, LEAST_SHARE = 0.5, 0.125
+"""Of a step's square by the next one, that the search comes nearer; the least share of a step that is taken."""
 CONVERGED = 1e-4
 """Square of a step over its covariance: a hundredth of a standard deviation."""
 DETERMINED = 0.5
@@ -181,6 +183,7 @@ def _solve(frames: Sequence[CalibrationFrame], sigmas: FloatArray) -> tuple[Shar
     numpy.linalg.LinAlgError
     """
     shared = SharedUnknowns(np.zeros(SHARED))
+    share, before = 1.0, np.inf
     for number in range(MOST_STEPS):
         held = number >= SETTLING_STEPS
         # In units of the priors' sigmas: theirs is the unit matrix.
@@ -192,9 +195,14 @@ def _solve(frames: Sequence[CalibrationFrame], sigmas: FloatArray) -> tuple[Shar
         inverse = np.linalg.inv(normal)
         step = inverse @ right
         covariance = inverse * np.outer(sigmas, sigmas)
-        shared = SharedUnknowns(shared.values + sigmas * step)
+        square = float(step @ normal @ step)
+        if held and square > FALLEN * before:
+            # To and fro across the best place, as softness and blur of edges go: half of a step ends it.
+            share = max(0.5 * share, LEAST_SHARE)
+        before = square if held else np.inf
+        shared = SharedUnknowns(shared.values + share * sigmas * step)
         for frame in frames:
-            frame.step(sigmas * step)
-        if held and float(step @ normal @ step) < CONVERGED:
+            frame.step(sigmas * step, share)
+        if held and square < CONVERGED:
             return shared, covariance, number + 1
     raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
