@@ -11,6 +11,7 @@ from horizonval.cli.checks import check_target
 from horizonval.cli.options import Json
 from horizonval.cli.options.completion import files, shipped
 from horizonval.cli.printing import print_json
+from horizonval.cli.work import watched
 
 
 def calibrate(
@@ -50,7 +51,8 @@ def calibrate(
         check_target(out)
     spec = load_camera(camera) if camera is not None else None
     known = prior_from(prior) if prior is not None else None
-    report, text = calibrated(observations_of(images, spec, camera or "", known))
+    with watched("calibrate", "images") as progress:
+        report, text = calibrated(observations_of(images, spec, camera or "", known), progress)
     if out is not None and text is not None:
         write_text(out, text)
     if as_json:

@@ -11,6 +11,7 @@ from typing import Any
 from horizonval.commands.estimate import observation_from
 from horizonval.commands.picture import read_picture
 from horizonval.core.errors import UserError
+from horizonval.core.progress import Progress
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.likelihood.calibration.shared import FOCAL, POINT, TURN
 from horizonval.estimation.likelihood.calibration.solve import CameraCalibration, calibrate
@@ -83,9 +84,11 @@ def report_of(found: CameraCalibration | Refusal) -> dict[str, Any]:
     }
 
 
-def calibrated(observations: Sequence[Observation]) -> tuple[dict[str, Any], str | None]:
+def calibrated(
+    observations: Sequence[Observation], progress: Progress | None = None
+) -> tuple[dict[str, Any], str | None]:
     """Return the report of a calibration, and the camera file that it makes; None after a refusal."""
-    found = calibrate(observations)
+    found = calibrate(observations, progress)
     report = report_of(found)
     if isinstance(found, Refusal):
         return report, None

@@ -64,6 +64,17 @@ def size_text(size_bytes: float) -> str:
     return f"{size_bytes / 1e9:.1f} GB" if size_bytes < 1e11 else f"{size_bytes / 1e9:.0f} GB"
 
 
+def peak_mebibytes() -> float | None:
+    """Return the most memory that this process or one of its children that have ended had; None on Windows."""
+    if sys.platform == "win32":
+        return None
+    import resource
+
+    # Kilobytes, on macOS bytes.
+    peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return peak / (1024.0**2 if sys.platform == "darwin" else 1024.0)
+
+
 def _process_bytes() -> list[float]:
     """Return what the limits of the process leave (``ulimit -v``, ``ulimit -d``); nothing where there are none."""
     if sys.platform == "win32":

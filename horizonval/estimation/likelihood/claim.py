@@ -21,6 +21,7 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb, nadir_derivative
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
+from horizonval.estimation.likelihood.pixels import pixel_at_limb_m
 from horizonval.estimation.limb.picture import Picture
 from horizonval.estimation.limb.smaller import in_whole, smaller
 from horizonval.estimation.observation import Fit, Observation
@@ -65,8 +66,7 @@ def _fitted(picture: Picture, camera: CameraModel, start: LimbPose, knowledge: L
 
 def limb_scale(camera: CameraModel, pose: LimbPose, knowledge: LimbKnowledge) -> int:
     """Return how many pixels together see as much as the air's scale height at the limb: a power of two, or 1."""
-    to_limb_2 = float(pose.r_itrs @ pose.r_itrs) - float(knowledge.ellipsoid.axes_m[0]) ** 2
-    pixel_m = float(np.sqrt(max(to_limb_2, 0.0))) / max(camera.fx, camera.fy)
+    pixel_m = pixel_at_limb_m(camera, pose.r_itrs, float(knowledge.ellipsoid.axes_m[0]))
     scale = 1
     while scale * pixel_m < knowledge.scale_height_m and min(camera.width, camera.height) >= 2 * scale * LEAST_PX:
         scale *= 2

@@ -76,6 +76,12 @@ def _of_camera(directions: FloatArray, columns: NDArray[np.intp], rows: NDArray[
     )
 
 
+def pixel_at_limb_m(camera: CameraModel, r_itrs: FloatArray, radius_m: float) -> float:
+    """Return what a pixel on the axis sees at the distance of the limb."""
+    to_limb_2 = float(r_itrs @ r_itrs) - radius_m**2
+    return float(np.sqrt(max(to_limb_2, 0.0))) / max(camera.fx, camera.fy)
+
+
 def image_scale(angle: LimbAngle, by_column: FloatArray, by_row: FloatArray) -> FloatArray:
     """Return how fast the angle from the limb grows across it in the image [rad/px], shape (n,)."""
     return np.hypot(*_gradient(angle, by_column, by_row))

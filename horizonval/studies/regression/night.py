@@ -14,9 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import resource
 import shutil
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +26,7 @@ from horizonval.core import atomic
 from horizonval.core.cache import read_arrays
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
+from horizonval.core.machine.memory import peak_mebibytes
 from horizonval.core.progress import Progress, Silent
 from horizonval.jobs.engine import do
 from horizonval.jobs.execution import Execution
@@ -404,10 +403,9 @@ class _Gathered:
         if self.replay_s and self.replayed:
             n = len({(row.scene, row.band, row.replicate) for row in self.replayed})
             found["replay: time of an image"] = {"value": sum(self.replay_s) / n, "unit": "s", "n": n}
-        # Kilobytes, on macOS bytes.
-        peak = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-        mebibytes = peak / (1024.0**2 if sys.platform == "darwin" else 1024.0)
-        return found | {"largest process: memory": {"value": mebibytes, "unit": "MiB", "n": 1}}
+        if (peak := peak_mebibytes()) is not None:
+            found["largest process: memory"] = {"value": peak, "unit": "MiB", "n": 1}
+        return found
 
     def content(self) -> JsonObject:
         """Return what a baseline is made of."""

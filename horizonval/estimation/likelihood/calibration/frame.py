@@ -44,6 +44,7 @@ from horizonval.estimation.likelihood.fit import (
 from horizonval.estimation.likelihood.knowledge import LimbKnowledge, LimbPose
 from horizonval.estimation.likelihood.light import LimbLight, solved, weighed
 from horizonval.estimation.likelihood.limb_pixels import LimbPixels, limb_pixels
+from horizonval.estimation.likelihood.pixels import pixel_at_limb_m
 from horizonval.estimation.likelihood.sectors import eliminated
 from horizonval.geometry.camera import CameraModel
 
@@ -83,9 +84,7 @@ class CalibrationFrame:
     @property
     def pixel_m(self) -> float:
         """What a pixel sees at the distance of the limb."""
-        pose = self.knowledge.mean
-        to_limb_2 = float(pose.r_itrs @ pose.r_itrs) - float(self.knowledge.ellipsoid.axes_m[0]) ** 2
-        return float(np.sqrt(max(to_limb_2, 0.0))) / max(self.told.fx, self.told.fy)
+        return pixel_at_limb_m(self.told, self.knowledge.mean.r_itrs, float(self.knowledge.ellipsoid.axes_m[0]))
 
     def equations(self, shared: SharedUnknowns, *, held: bool) -> tuple[FloatArray, FloatArray]:
         """Return the normal matrix (8, 8) and right side (8,) of what is shared, the frame's own eliminated.

@@ -24,6 +24,7 @@ which is that of the attitude's mean error.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -32,6 +33,7 @@ from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
+from horizonval.core.progress import Progress, Silent
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.likelihood.air import limb_height_prior
 from horizonval.estimation.likelihood.calibration.frame import CalibrationFrame
@@ -120,7 +122,7 @@ class CameraCalibration:
         return f"<CameraCalibration fx {self.camera.fx:.4f} px to {percent:.4f} %, {self.frames} frames>"
 
 
-def calibrate(observations: Sequence[Observation]) -> CameraCalibration | Refusal:
+def calibrate(observations: Sequence[Observation], progress: Progress | None = None) -> CameraCalibration | Refusal:
     """Return the camera that took all images, or why they do not determine its focal length.
 
     Parameters
@@ -128,6 +130,8 @@ def calibrate(observations: Sequence[Observation]) -> CameraCalibration | Refusa
     observations : sequence of Observation
         Of one camera as it was told, each with a position and an attitude in its prior. What is said of the
         calibration's sigmas is the prior of the shared unknowns; without, 5 %, 20 px and 2 deg.
+    progress : Progress, optional
+        Told of every step over all images; there are 10 to 60, each of some tenths of a second an image.
     """
     if not observations:
         return Refusal(Outcome.BAD_INPUT, "no image to calibrate with")
@@ -150,7 +154,7 @@ def calibrate(observations: Sequence[Observation]) -> CameraCalibration | Refusa
         )
     sigmas = prior_sigmas(first, limb_height_prior(first)[1], float(np.median([one.pixel_m for one in frames])))
     try:
-        shared, covariance, steps = _solve(frames, sigmas)
+        shared, covariance, steps = _solve(frames, sigmas, progress or Silent())
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"limb-calibrate: {e}")
     of_camera = slice(0, TURN.stop)
@@ -175,7 +179,9 @@ def calibrate(observations: Sequence[Observation]) -> CameraCalibration | Refusa
     return found
 
 
-def _solve(frames: Sequence[CalibrationFrame], sigmas: FloatArray) -> tuple[SharedUnknowns, FloatArray, int]:
+def _solve(
+    frames: Sequence[CalibrationFrame], sigmas: FloatArray, progress: Progress
+) -> tuple[SharedUnknowns, FloatArray, int]:
     """Return the most probable shared unknowns, their covariance (8, 8), and the number of steps.
 
     Raises
@@ -201,6 +207,7 @@ def _solve(frames: Sequence[CalibrationFrame], sigmas: FloatArray) -> tuple[Shar
             share = max(0.5 * share, LEAST_SHARE)
         before = square if held else np.inf
         shared = SharedUnknowns(shared.values + share * sigmas * step)
+        progress.step("calibration", f"step {number + 1} of at most {MOST_STEPS}, {math.sqrt(square):.2g} sigma long")
         for frame in frames:
             frame.step(sigmas * step, share)
         if held and square < CONVERGED:
