@@ -34,7 +34,7 @@ def test_the_recipe_asks_for_what_the_wheel_asks_for() -> None:
         name = found[1].lower()
         if name not in COMES_WITH_DRJIT:
             wanted[CONDA_NAMES.get(name, name)] = f">={found[2]}"
-    asked = dict(line.split(" ") for line in RECIPE["requirements"]["run"])
+    asked = dict(line.split(" ", 1) for line in RECIPE["requirements"]["run"])
     assert asked.pop("python") == ">=${{ python_min }}"
     assert asked == wanted
     assert PROJECT["requires-python"] == f">={RECIPE['context']['python_min']}"
