@@ -141,7 +141,7 @@ def thermal_in(air: UniformAir, band: Band, months: FloatArray, progress: Progre
 def ground_around_k(latitude_deg: float, month: float) -> tuple[float, float]:
     """Return the mean temperature of a month's ground round a circle of latitude, and its standard deviation [K]."""
     ground = climate_ground(month)
-    longitude = np.arange(LONGITUDES) * (2.0 * np.pi / LONGITUDES)
+    longitude = np.linspace(0.0, 2.0 * np.pi, LONGITUDES, endpoint=False)
     latitude = np.full(LONGITUDES, np.radians(latitude_deg))
     mean, square = 0.0, 0.0
     for noon in (0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi):
