@@ -85,8 +85,8 @@ def program(tmp_path: Path) -> Call:
 def horizonval(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Call:
     """Run a command line inside this process, which saves a program's start; an escaping exception fails the test."""
 
-    def call(*arguments: object) -> subprocess.CompletedProcess[str]:
-        monkeypatch.chdir(tmp_path)
+    def call(*arguments: object, folder: Path = tmp_path) -> subprocess.CompletedProcess[str]:
+        monkeypatch.chdir(folder)
         capfd.readouterr()
         status = cli.run_command_line([str(a) for a in arguments])
         output, errors = capfd.readouterr()

@@ -92,7 +92,7 @@ def test_the_commands_of_a_scene_of_all_heads_give_its_result_again(run, horizon
     reports = []
     for command in again.commands:
         words = shlex.split(command)[1:]
-        done = horizonval(*words, *(["--json"] if words[0] == "estimate" else []), cwd=folder)
+        done = horizonval(*words, *(["--json"] if words[0] == "estimate" else []), folder=folder)
         assert done.returncode == 0, done.stderr
         if words[0] == "estimate":
             reports.append(json.loads(done.stdout))

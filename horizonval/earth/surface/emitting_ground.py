@@ -40,7 +40,7 @@ def emitting_ground(scene: SceneSpec, lowest_air_k: float | FloatArray) -> Groun
     rows = climate_rows.all_rows()
     month = climate_rows.month(scene)
     if surface.kind == "earth" and fixed is None:
-        return _climate(rows, month, cloud)
+        return climate_ground(month, cloud)
     by_latitude = climate_rows.varies(scene) or columns.weather_of(scene) is not None
     if surface.kind != "earth" and fixed is None and by_latitude:
         air = afgl.blended(climate_rows.weights(rows, month), np.zeros(1)).temperature_k[:, 0]
@@ -58,8 +58,9 @@ def lowest_air_k(columns: Columns) -> FloatArray:
     return np.asarray(kelvin.reshape(len(rows), len(around)).mean(axis=1))
 
 
-def _climate(rows: FloatArray, month: float, cloud_emissivity: float) -> GroundEmission:
-    """Return the ground of a month. What is published is the mean of the land as high as it lies."""
+def climate_ground(month: float, cloud_emissivity: float = 1.0) -> GroundEmission:
+    """Return the ground of an "earth" in a month. What is published is the mean of the land as high as it lies."""
+    rows = climate_rows.all_rows()
     latitude = np.degrees(np.arcsin(rows))
     sea_level = surface_temperature.LAND_LAPSE_K_M * ground_map.mean_height_m(latitude)
     swing = surface_temperature.land_daily_swing_k(latitude)

@@ -203,6 +203,7 @@ class _Search:
         self.image, self.camera, self.knowledge = image, camera, knowledge
         state = LimbState(float(np.sqrt(knowledge.blur_px**2 + PIXEL_VARIANCE)), knowledge.scale_height_m)
         self.near = limb_pixels(image, camera, start, knowledge, state.blur, state.scale_m)
+        self._known: tuple[LimbUnknowns, FloatArray, FloatArray] | None = None
         self.now = LimbUnknowns(start, state, np.zeros(len(self.near.modes)))
         self.steps: list[FloatArray] = []
         self.model, self.light = self._look(None)
@@ -265,7 +266,7 @@ class _Search:
         return model, solved(model.basis, self.near.values, starts, held.weights, held.variance, spread)
 
     def _merit(self) -> float:
-        information, wanted = priors(self.knowledge, self.now)
+        information, wanted = self._priors()
         squares = float(self.light.weights @ self.light.residuals**2) + self.light.levels.penalty
         return squares + float(wanted @ information @ wanted)
 
@@ -273,10 +274,16 @@ class _Search:
         starts, light = self.near.sectors.starts, self.light
         jacobian = limb_jacobian(self.near, self.model, light.of_pixel, self.now.state)
         normal, right = eliminated(jacobian, self.model.basis, light.residuals, light.weights, starts, light.levels)
-        information, wanted = priors(self.knowledge, self.now)
+        information, wanted = self._priors()
         if not (np.isfinite(normal).all() and np.isfinite(right).all()):
             raise np.linalg.LinAlgError("the fit's equations have no solution")
         return normal + information, right + information @ wanted
+
+    def _priors(self) -> tuple[FloatArray, FloatArray]:
+        """Return :func:`priors` of the present unknowns."""
+        if self._known is None or self._known[0] is not self.now:
+            self._known = (self.now, *priors(self.knowledge, self.now))
+        return self._known[1:]
 
     def _bounded(self, step: FloatArray, covariance: FloatArray) -> FloatArray:
         """Return a step within the reach of the derivatives."""

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.earth.limb_relief import Relief
 from horizonval.estimation.likelihood.height.limb_places import LimbHeights
+from horizonval.geometry.directions import rotation_vector
 from horizonval.geometry.ellipsoid import Ellipsoid
 
 BLUR_PX = 0.7
@@ -53,7 +54,7 @@ class LimbPose:
 
     def step_to(self, other: LimbPose) -> FloatArray:
         """Return the step, shape (7,), that leads to another pose."""
-        turn = Rotation.from_matrix(other.cam_from_itrs @ self.cam_from_itrs.T).as_rotvec()
+        turn = rotation_vector(other.cam_from_itrs @ self.cam_from_itrs.T)
         return np.concatenate([turn, other.r_itrs - self.r_itrs, [other.height_m - self.height_m]])
 
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.sectors import Levels, solve_levels
+from horizonval.estimation.limb.ranks import median
 
 OUTLIER = 5.0
 EVEN = 0.05
@@ -160,7 +161,7 @@ def _noise(residuals: FloatArray, edge: FloatArray, sectors: int) -> tuple[float
         return line[0], line[1], 0.0
     expected = _expected(share, (*line, 0.0))
     squares = residuals[between] ** 2
-    inside = squares <= OUTLIER**2 * float(np.median(squares / expected)) / NORMAL_QUARTILE**2 * expected
+    inside = squares <= OUTLIER**2 * median(squares / expected) / NORMAL_QUARTILE**2 * expected
     squares, expected, share = squares[inside], expected[inside], share[inside]
     beyond = float((squares - expected).sum())
     # The square of a normal number has twice its variance squared for a variance.
@@ -184,7 +185,7 @@ def _alike(light: LimbLight, basis: FloatArray, neighbours: NDArray[np.intp] | N
     level = light.of_pixel[1, within]
     size = np.where(np.abs(level) > 0.0, level, 1.0)
     relative = light.residuals[within] / size
-    largest = OUTLIER * float(np.median(np.abs(relative))) / NORMAL_QUARTILE
+    largest = OUTLIER * median(np.abs(relative)) / NORMAL_QUARTILE
     relative = np.clip(relative, -largest, largest)
     depth = np.rint(basis[2, within] / edge[within]).astype(np.intp)
     depth -= depth.min()
@@ -206,5 +207,5 @@ def _alike(light: LimbLight, basis: FloatArray, neighbours: NDArray[np.intp] | N
 def _spread_of(some: FloatArray, all_of_them: FloatArray) -> float:
     """Return the mean square of residuals that are no outliers by their quartiles."""
     size = np.abs(some if len(some) > FEWEST_PIXELS else all_of_them)
-    inside = size <= OUTLIER * float(np.median(size)) / NORMAL_QUARTILE
+    inside = size <= OUTLIER * median(size) / NORMAL_QUARTILE
     return float(np.mean(size[inside] ** 2))

@@ -172,21 +172,18 @@ def limb_bend(
         NaN where a neighbour sees nothing.
     """
 
-    to_right, to_below = np.array([0.5, 0.0]), np.array([0.0, 0.5])
-
-    def gradient(middle: FloatArray) -> tuple[FloatArray, FloatArray]:
-        los, right, left, below, above = (
-            unproject(camera, place).T
-            for place in (middle, middle + to_right, middle - to_right, middle + to_below, middle - to_below)
-        )
+    steps = np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
+    middle = uv + steps[:, None]
+    around = middle + np.concatenate([np.zeros((1, 2)), steps])[:, None, None]
+    los, right, left, below, above = np.moveaxis(unproject(camera, around).reshape(5, -1, 3), -1, 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
         angle = limb_angle(np.ascontiguousarray(los), cam_from_itrs, r_itrs, axes_m)
         by_column, by_row = _gradient(angle, right - left, below - above)
         size = np.hypot(by_column, by_row)
-        return by_column / size, by_row / size
-
-    with np.errstate(invalid="ignore", divide="ignore"):
-        across = gradient(uv + to_right)[0] - gradient(uv - to_right)[0]
-        return np.asarray(across + gradient(uv + to_below)[1] - gradient(uv - to_below)[1])
+        (to_right, to_left, _, _), (_, _, to_below, to_above) = np.array([by_column / size, by_row / size]).reshape(
+            2, 4, -1
+        )
+        return np.asarray(to_right - to_left + to_below - to_above)
 
 
 def _gradient(angle: LimbAngle, by_column: FloatArray, by_row: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -34,6 +34,8 @@ CENTRED = 2
 """Of the levels, those that scatter about a mean: background and amplitude, not the shading."""
 SIGNIFICANT = 3.0
 """Standard deviations by which the sectors' scatter must exceed what noise makes of them to be a scatter of theirs."""
+SINGULAR = 1e-12
+"""Of the largest eigenvalue: a combination of levels with less is not determined."""
 NO_SPREAD = 1e-6
 """Of the variance of the mean level: the smallest spread of sectors; it keeps the matrices regular."""
 
@@ -132,9 +134,10 @@ def solve_levels(
     all_grams = _grams(together, starts)
     grams, right = all_grams[:, :k, :k], all_grams[:, :k, k]
     if spread_information is None:
-        noise = np.linalg.pinv(grams, rcond=1e-12, hermitian=True)
-        free = np.einsum("ijk,ik->ij", noise, right)
-        spread_information = 1.0 / _spread(free, np.einsum("ijj->ij", noise))
+        inverse, vectors = _inverse_parts(grams)
+        along = np.einsum("ikj,ik->ij", vectors, right)
+        free = np.einsum("ijk,ik->ij", vectors, inverse * along)
+        spread_information = 1.0 / _spread(free, np.einsum("ijk,ik->ij", vectors**2, inverse))
     information = spread_information
     own = np.linalg.inv(grams + np.diag(information))
     held = np.eye(k) - grams @ own
@@ -143,6 +146,14 @@ def solve_levels(
     mean[:CENTRED] = np.linalg.lstsq((held @ grams).sum(axis=0)[:CENTRED, :CENTRED], pull, rcond=None)[0]
     departure = np.einsum("ijk,ik->ij", own, right - grams @ mean)
     return Levels(mean + departure, information, float((departure**2 @ information).sum()))
+
+
+def _inverse_parts(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return eigenvalues and vectors of the pseudo-inverse of symmetric matrices (..., k, k)."""
+    values, vectors = np.linalg.eigh(matrices)
+    size = np.abs(values)
+    determined = size > SINGULAR * size.max(axis=-1, keepdims=True)
+    return np.divide(1.0, values, out=np.zeros_like(values), where=determined), vectors
 
 
 def _spread(free: FloatArray, noise_variance: FloatArray) -> FloatArray:
@@ -191,8 +202,9 @@ def eliminated(
     shared = grams[:, :p, :p].sum(axis=0) - (by_own @ cross.transpose(0, 2, 1)).sum(axis=0)
     to_mean = (cross - by_own @ inner).sum(axis=0)[:, :CENTRED]
     mean = (inner - inner @ own @ inner).sum(axis=0)[:CENTRED, :CENTRED]
-    normal = shared - to_mean @ np.linalg.pinv(mean, rcond=1e-12, hermitian=True) @ to_mean.T
-    return normal, jacobian @ (weights * residuals)
+    inverse, vectors = _inverse_parts(mean)
+    along = to_mean @ vectors
+    return shared - (along * inverse) @ along.T, jacobian @ (weights * residuals)
 
 
 def _grams(rows: FloatArray, starts: NDArray[np.intp]) -> FloatArray:

@@ -41,10 +41,11 @@ def check_image(image: FloatArray, full_scale: float | None = None) -> Refusal |
         return Refusal(
             Outcome.BAD_INPUT, f"the image is {columns} x {rows} pixels; {SMALLEST_SIDE_PX} a side are needed"
         )
-    if not np.isfinite(image).all():
+    low, high = float(image.min()), float(image.max())
+    # Either of them is not finite if any pixel is not.
+    if not (np.isfinite(low) and np.isfinite(high)):
         bad = int(image.size - np.isfinite(image).sum())
         return Refusal(Outcome.BAD_INPUT, f"{bad} pixels are not finite")
-    low, high = float(image.min()), float(image.max())
     if high == low:
         return _flat(high, full_scale)
     if full_scale is not None:

@@ -238,7 +238,7 @@ def _proposed(level: PyramidLevel, number: int, camera: CameraModel) -> list[_Ca
 def _same(one: _Candidate, other: _Candidate) -> bool:
     """Whether two cones have the same limb in view, to the pixels of the coarser one."""
     off = off_axis_angle(one.los, other.axis_cam) - other.rho_rad
-    return bool(np.median(np.abs(off)) < SHIFTS_PX[-1] * max(one.evidence.px_rad, other.evidence.px_rad))
+    return bool(median(np.abs(off)) < SHIFTS_PX[-1] * max(one.evidence.px_rad, other.evidence.px_rad))
 
 
 def _followed(levels: list[PyramidLevel], camera: CameraModel, start: _Candidate) -> _Candidate:
@@ -260,10 +260,12 @@ def _fitted(level: PyramidLevel, number: int, camera: CameraModel, start: _Candi
 
     The likelihood need not rise: it hardly changes with a shift that all sectors have together.
     """
-    evidence = weigh(level, camera, start.axis_cam, start.rho_rad)
-    if evidence is None:
-        return None
-    best = _Candidate(start.axis_cam, start.rho_rad, number, level.scale, evidence)
+    best = start
+    if start.number != number:
+        seen = weigh(level, camera, start.axis_cam, start.rho_rad)
+        if seen is None:
+            return None
+        best = _Candidate(start.axis_cam, start.rho_rad, number, level.scale, seen)
     for _ in range(REFITS):
         shows = best.evidence.shows
         if np.count_nonzero(shows) < 3:
@@ -294,7 +296,7 @@ def _judged(levels: list[PyramidLevel], camera: CameraModel, found: _Candidate) 
             Outcome.NO_LIMB,
             f"the best curve's inside is what its edge says along {evidence.bright_side:.0%} of it only",
         )
-    bright = abs(float(np.median(evidence.step[evidence.shows])))
+    bright = abs(median(evidence.step[evidence.shows]))
     if bright < LEAST_SIGNAL * _grain(levels[0], camera, found):
         return Refusal(Outcome.NO_LIMB, "the best curve's inside is noise")
     if (refusal := _sky(levels[-1], camera, found)) is not None:
@@ -349,11 +351,11 @@ def _sky(coarsest: PyramidLevel, camera: CameraModel, found: _Candidate) -> Refu
     with np.errstate(invalid="ignore"):
         sky = known & (outside > margin)
     shows = found.evidence.shows
-    step = abs(float(np.median(found.evidence.step[shows])))
+    step = abs(median(found.evidence.step[shows]))
     if np.count_nonzero(sky) < FEWEST_POINTS:
         return None
     levels = coarsest.grey[v[sky], u[sky]].astype(np.float64)
-    other = float(np.mean(np.abs(levels - np.median(levels)) > OTHER_SHARE * step))
+    other = float(np.mean(np.abs(levels - median(levels)) > OTHER_SHARE * step))
     if other > MOST_OTHER:
         return Refusal(Outcome.NO_LIMB, f"{other:.0%} of what lies outside the best curve is no space")
     return None

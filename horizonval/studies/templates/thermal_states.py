@@ -181,14 +181,17 @@ def thermal_model(
     haze = aerosol(cover.haze[0], levels, depth_below_10_km=cover.haze[1])
     emitting = EmittingAir(GRID_M, np.zeros(1), air.with_halocarbons(), haze, layers=cover.layers)
     made = tuple(_with_cloud(emitting.band(band, ""), cover.top_m) for band in some_bands)
-    place = np.array([latitude_deg])
-    warm = cover.land * surface_temperature.land_k(place, month) + (1 - cover.land) * surface_temperature.sea_k(
-        place, month
-    )
     density = np.exp(np.interp(GRID_M, levels, np.log(air.pressure_pa[0] / (1.380649e-23 * air.temperature_k[0]))))
     index = rayleigh.refractivity(density, [bands.reference_wavelength_um(band) for band in some_bands])
-    ground = uniform_ground(float(warm[0]) + cover.ground_warmer_k, 1.0)
+    ground = uniform_ground(ground_k(latitude_deg, month, cover), 1.0)
     return OpticalModel(GRID_M, float(GRID_M[-1]), (), 0.0, 1.0, refractivity=index, thermal=made, emission=ground)
+
+
+def ground_k(latitude_deg: float, month: float, cover: Cover) -> float:
+    """Return the temperature of the ground of a state [K]."""
+    place = np.array([latitude_deg])
+    sea, land = surface_temperature.sea_k(place, month), surface_temperature.land_k(place, month)
+    return float((cover.land * land + (1 - cover.land) * sea)[0]) + cover.ground_warmer_k
 
 
 def _with_cloud(band: EmittingBand, top_m: float) -> EmittingBand:

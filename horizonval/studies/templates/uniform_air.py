@@ -8,7 +8,9 @@ under more Suns than the shipped tables have, and all of the shipped table is mu
 air left out: what haze, ground and cloud make of light is taken to be the same share of it in any air.
 
 ``clear``: the mean is that of the air with the mean haze; of modes those of haze and ground are left where the Sun
-shines, and in thermal bands a ground that is warmer or colder than the climate's by 5 K (rms), as in the shipped ones.
+shines, and in thermal bands a ground that is as warm as the climate's mean round the circle of latitude, and warmer or
+colder by what places and hours of that circle scatter by, and by 5 K (rms) of the day as in the shipped ones. With half
+sea and half land everywhere, and 5 K alone, ice sheets were seven standard deviations away, and refused.
 """
 
 from __future__ import annotations
@@ -28,6 +30,8 @@ from horizonval.earth.atmosphere.air import air_of
 from horizonval.earth.atmosphere.emitting_air import emitting_air
 from horizonval.earth.gases.gas_state import GasState
 from horizonval.earth.spectral import bands
+from horizonval.earth.surface.emitting_ground import climate_ground
+from horizonval.earth.surface.ground_emission import emitting_places, ground_k
 from horizonval.estimation.likelihood.templates import LimbTemplates
 from horizonval.spec.earth.atmosphere import Atmosphere
 from horizonval.spec.scene import CameraUse, Platform, SceneName, SceneSpec
@@ -38,6 +42,8 @@ from horizonval.studies.templates.rays import HEIGHT_M, KNOWN_AZIMUTH_DEG, KNOWN
 from horizonval.studies.templates.sunlit_table import FAINT
 from horizonval.studies.templates.thermal_table import COVER_MODES, cover_modes
 
+LONGITUDES = 360
+"""Of the places round a circle of latitude, at every hour that the Sun makes there."""
 GROUND_CORRELATION_RAD = 0.5
 """Seas and continents, as in the sunlit tables."""
 CLOUDY_KINDS = ("air", "scene", "below")
@@ -98,13 +104,13 @@ def thermal_in(air: UniformAir, band: Band, months: FloatArray, progress: Progre
     gases = air.gases()
     calm = np.zeros((len(LATITUDE_DEG), len(months), len(HEIGHT_M)))
     covered = np.zeros((*calm.shape[:2], 1 if air.clear else thermal_states.COVERS, len(HEIGHT_M)))
-    warm = replace(thermal_states.CLEAR, ground_warmer_k=thermal_states.GROUND_SIGMA_K)
     for i, j in np.ndindex(*calm.shape[:2]):
         latitude, month = float(LATITUDE_DEG[i]), float(months[j])
         progress.step("known air", f"latitude {latitude:g}, month {month:g}")
-        calm[i, j] = _profile(gases, band, latitude, month, thermal_states.CLEAR)
+        clear, warm = _clear_covers(latitude, month) if air.clear else (thermal_states.CLEAR, None)
+        calm[i, j] = _profile(gases, band, latitude, month, clear)
         for k in range(covered.shape[2]):
-            cover = warm if air.clear else thermal_states.cover_of(latitude, month, k)
+            cover = thermal_states.cover_of(latitude, month, k) if warm is None else warm
             covered[i, j, k] = _profile(gases, band, latitude, month, cover)
     departures = covered - calm[:, :, None]
     table = LimbTemplates(
@@ -130,6 +136,32 @@ def thermal_in(air: UniformAir, band: Band, months: FloatArray, progress: Progre
         correlation_rad=found.correlation_rad,
         left_sigma=np.sqrt(found.left_variance),
     )
+
+
+def ground_around_k(latitude_deg: float, month: float) -> tuple[float, float]:
+    """Return the mean temperature of a month's ground round a circle of latitude, and its standard deviation [K]."""
+    ground = climate_ground(month)
+    longitude = np.linspace(0.0, 2.0 * np.pi, LONGITUDES, endpoint=False)
+    latitude = np.full(LONGITUDES, np.radians(latitude_deg))
+    mean, square = 0.0, 0.0
+    for noon in (0.0, 0.5 * np.pi, np.pi, 1.5 * np.pi):
+        at = emitting_places(ground, latitude, longitude, noon)
+        for kind, share in at.shares.items():
+            kelvin = ground_k(ground, kind, at)
+            mean += 0.25 * float(np.mean(share * kelvin))
+            square += 0.25 * float(np.mean(share * kelvin**2))
+    return mean, float(np.sqrt(max(square - mean**2, 0.0)))
+
+
+def _clear_covers(latitude_deg: float, month: float) -> tuple[thermal_states.Cover, thermal_states.Cover]:
+    """Return a clear sky over the mean ground of a place, and over one that is warmer by a standard deviation."""
+    mean_k, spread_k = ground_around_k(latitude_deg, month)
+    mean = replace(
+        thermal_states.CLEAR,
+        ground_warmer_k=mean_k - thermal_states.ground_k(latitude_deg, month, thermal_states.CLEAR),
+    )
+    sigma_k = float(np.hypot(spread_k, thermal_states.GROUND_SIGMA_K))
+    return mean, replace(mean, ground_warmer_k=mean.ground_warmer_k + sigma_k)
 
 
 def _profile(gases: GasState, band: Band, latitude_deg: float, month: float, cover: thermal_states.Cover) -> FloatArray:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from horizonval.geometry.directions import (
     GOLDEN_ANGLE_RAD,
@@ -13,6 +14,7 @@ from horizonval.geometry.directions import (
     fibonacci_sphere,
     off_axis_angle,
     perpendicular,
+    rotation_vector,
     tangent_basis,
 )
 
@@ -49,3 +51,10 @@ def test_the_spiral_spreads_points_evenly():
 
 def test_the_golden_angle_divides_the_circle_in_the_golden_ratio():
     assert math.tau / GOLDEN_ANGLE_RAD - 1.0 == pytest.approx((1.0 + math.sqrt(5.0)) / 2.0)
+
+
+@pytest.mark.parametrize("angle_rad", [0.0, 1e-9, 1e-3, 1.0, 1.6, 3.0])
+def test_rotation_vector_is_scipys(angle_rad):
+    axis = np.array([0.48, -0.6, 0.64])
+    matrix = Rotation.from_rotvec(angle_rad * axis).as_matrix()
+    np.testing.assert_allclose(rotation_vector(matrix), angle_rad * axis, rtol=0.0, atol=4e-16 + 4e-16 * angle_rad)

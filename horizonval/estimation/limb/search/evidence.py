@@ -137,22 +137,18 @@ def weigh(level: PyramidLevel, camera: CameraModel, axis_cam: FloatArray, rho_ra
     offsets = np.arange(-REACH_PX, reach + 1.0)
     profiles, known = read_profiles(level, trace, offsets)
     used = sectors * PROFILES
-    weight = known[:used].reshape(sectors, PROFILES, -1)
-    count = weight.sum(axis=1)
-    total = np.where(weight, profiles[:used].reshape(weight.shape), 0.0).sum(axis=1)
-    middle = np.abs(offsets) <= SHIFTS_PX[-1] + 1.0
-    good = (count > 0).mean(axis=1) >= FEWEST_KNOWN
-    good &= (count[:, middle] > 0).all(axis=1)
+    mean, good = _sector_means(
+        profiles[:used].reshape(sectors, PROFILES, -1), known[:used].reshape(sectors, PROFILES, -1), offsets
+    )
     if not good.any():
         return None
-    mean = _without_gaps(total[good] / np.maximum(count[good], 1), count[good] > 0)
     widths = allowed_widths(trace, rho_rad, level.scale)
     log_ratio, step, space, shift, width = _compared(mean, reach, widths, level.noise / np.sqrt(PROFILES))
     bright = bool(np.sum(np.where(log_ratio > 0.0, log_ratio, 0.0) * np.sign(step)) > 0.0)
     log_ratio = np.where((step > 0.0) == bright, log_ratio, -np.abs(log_ratio))
     first = np.flatnonzero(good) * PROFILES + PROFILES // 2
     uv = trace.uv[first] + level.scale * shift[:, None] * trace.inwards[first]
-    px_rad = float(np.median(trace.px_rad)) * level.scale
+    px_rad = trace.middle_px_rad * level.scale
     sector_px = trace.spacing * PROFILES
     return Evidence(
         log_ratio,
@@ -169,13 +165,13 @@ def weigh(level: PyramidLevel, camera: CameraModel, axis_cam: FloatArray, rho_ra
 
 def inner_reach(trace: Trace, rho_rad: float, scale: float) -> int:
     """Return how far inside a profile may go [px of the level]: not to the middle of a small disc."""
-    radius = rho_rad / (float(np.median(trace.px_rad)) * scale)
+    radius = rho_rad / (trace.middle_px_rad * scale)
     return int(np.clip(radius, 2.0, REACH_PX))
 
 
 def allowed_widths(trace: Trace, rho_rad: float, scale: float) -> tuple[float, ...]:
     """Return the widths of an edge that lens or air may have in a level; the sharpest always."""
-    km = MEAN_RADIUS_M / np.tan(rho_rad) * float(np.median(trace.px_rad)) * scale
+    km = MEAN_RADIUS_M / np.tan(rho_rad) * trace.middle_px_rad * scale
     # A lens may blur its own pixels, not the means of many.
     lens = WIDTHS_PX[2] if scale == 1.0 else WIDTHS_PX[1]
     return tuple(width for width in WIDTHS_PX if width <= max(lens, AIR_WIDTH_M / km))
@@ -187,10 +183,22 @@ def read_profiles(level: PyramidLevel, trace: Trace, offsets: FloatArray) -> tup
     return level.at(places)
 
 
+def _sector_means(
+    profiles: FloatArray, known: NDArray[np.bool_], offsets: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the means (g, k) of sectors' profiles (m, p, k) where enough of them is known, and where that is, (m,)."""
+    if known.all():
+        return profiles.mean(axis=1), np.ones(len(profiles), dtype=bool)
+    count = known.sum(axis=1)
+    total = np.where(known, profiles, 0.0).sum(axis=1)
+    middle = np.abs(offsets) <= SHIFTS_PX[-1] + 1.0
+    good = (count > 0).mean(axis=1) >= FEWEST_KNOWN
+    good &= (count[:, middle] > 0).all(axis=1)
+    return _without_gaps(total[good] / np.maximum(count[good], 1), count[good] > 0), good
+
+
 def _without_gaps(mean: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
     """Return profiles with unknown samples at the level of the nearest known one."""
-    if known.all():
-        return mean
     place = np.arange(mean.shape[1])
     before = np.maximum.accumulate(np.where(known, place, -1), axis=1)
     behind = np.minimum.accumulate(np.where(known, place, 10**6)[:, ::-1], axis=1)[:, ::-1]

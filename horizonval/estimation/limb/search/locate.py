@@ -214,7 +214,12 @@ class _Shape:
         if not self.bare:
             return edge * x / REACH_PX, (edge + x * slope) / REACH_PX
         at, root, change = _blurred_root(self.width)
-        return np.interp(x, at, root), np.interp(x, at, change)
+        # The table is even: no search for the place in it is needed.
+        place = np.clip((x - at[0]) / ROOT_STEP_PX, 0.0, len(at) - 1.000001)
+        before = place.astype(np.intp)
+        share = place - before
+        between = [one[before] + share * (one[before + 1] - one[before]) for one in (root, change)]
+        return between[0], between[1]
 
 
 @cache
@@ -273,5 +278,5 @@ def _pooled(azimuth: FloatArray, shading: FloatArray, good: NDArray[np.bool_]) -
     for _ in range(3):
         coefficients = np.linalg.lstsq(design[used], shading[used], rcond=1e-9)[0]
         off = np.abs(shading - design @ coefficients)
-        used = good & (off <= CLIP_SIGMAS * 1.4826 * float(np.median(off[good])) + TINY)
+        used = good & (off <= CLIP_SIGMAS * 1.4826 * median(off[good]) + TINY)
     return np.asarray(design @ coefficients)

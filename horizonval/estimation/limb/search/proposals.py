@@ -91,17 +91,7 @@ def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) ->
         return []
     rng = np.random.default_rng(np.random.SeedSequence(n))
     triples = rng.integers(0, n, size=(TRIPLES, 3))
-    axes, cosines = cones_through(*(edges.los[triples[:, i]] for i in range(3)))
-    good = axes.any(axis=1) & (cosines > np.cos(largest_rho_rad))
-    signs = np.empty((3, len(triples)), dtype=bool)
-    for i in range(3):
-        across = np.einsum("ij,ij->i", axes, edges.by_across[triples[:, i]])
-        along = np.einsum("ij,ij->i", axes, edges.by_along[triples[:, i]])
-        good &= across * across >= COS_GRADIENT**2 * (across * across + along * along)
-        signs[i] = across > 0.0
-    good &= (signs[0] == signs[1]) & (signs[1] == signs[2])
-    rows = np.flatnonzero(good)[:MOST_CONES]
-    axes, cosines, inside = axes[rows], cosines[rows], signs[0][rows]
+    axes, cosines, inside = _agreeing(edges, triples, largest_rho_rad)
     found: list[Proposal] = []
     if not len(axes):
         return found
@@ -124,6 +114,32 @@ def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) ->
         rho = _half_angle(edges.los[support], axis, cosine)
         found.append(Proposal(axis, rho, level.scale * float(np.count_nonzero(support))))
     return found
+
+
+def _agreeing(
+    edges: _Edges, triples: NDArray[np.int64], largest_rho_rad: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return the first cones through triples (t, 3) of edges that agree: axes, cosines, bright side inside."""
+    batches: list[tuple[FloatArray, FloatArray, NDArray[np.bool_]]] = []
+    found = 0
+    # Where a quarter of the triples and more agree, the first part of them gives all that are asked for.
+    for some in np.array_split(triples, len(triples) // (4 * MOST_CONES)):
+        axes, cosines = cones_through(*(edges.los[some[:, i]] for i in range(3)))
+        good = axes.any(axis=1) & (cosines > np.cos(largest_rho_rad))
+        signs = np.empty((3, len(some)), dtype=bool)
+        for i in range(3):
+            across = np.einsum("ij,ij->i", axes, edges.by_across[some[:, i]])
+            along = np.einsum("ij,ij->i", axes, edges.by_along[some[:, i]])
+            good &= across * across >= COS_GRADIENT**2 * (across * across + along * along)
+            signs[i] = across > 0.0
+        good &= (signs[0] == signs[1]) & (signs[1] == signs[2])
+        rows = np.flatnonzero(good)[: MOST_CONES - found]
+        batches.append((axes[rows], cosines[rows], signs[0][rows]))
+        found += len(rows)
+        if found == MOST_CONES:
+            break
+    axes, cosines, inside = (np.concatenate(parts) for parts in zip(*batches, strict=True))
+    return axes, cosines, inside
 
 
 def edge_points(level: PyramidLevel) -> tuple[FloatArray, FloatArray]:

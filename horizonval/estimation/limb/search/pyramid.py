@@ -48,17 +48,20 @@ class PyramidLevel:
         Pixels of the picture per pixel.
     floor : float
         Smallest noise that is believed.
+    measured : float, optional
+        Noise of a pixel, where that is known; else it is measured here.
     """
 
     grey: NDArray[np.float32]
     known: NDArray[np.bool_] | None
     scale: float
     floor: float
+    measured: float | None = None
 
     @cached_property
     def noise(self) -> float:
         """Standard deviation of a pixel's noise, by what neighbours show."""
-        return max(noise_sigma(self.grey), self.floor)
+        return max(noise_sigma(self.grey) if self.measured is None else self.measured, self.floor)
 
     def at(self, uv: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return the levels at places (..., 2) of this level, interpolated linearly, and which are known."""
@@ -94,7 +97,9 @@ def levels_of(picture: Picture, camera: CameraModel) -> list[PyramidLevel]:
     share = None if known is None else known.astype(np.float32)
     levels = []
     for grey, scale in zip(greys, scales, strict=True):
-        levels.append(PyramidLevel(grey, None if share is None else share > KNOWN_SHARE, scale, floor))
+        # A picture of whole numbers is sooner counted than ranked.
+        measured = picture.noise_sigma if grey is picture.single else None
+        levels.append(PyramidLevel(grey, None if share is None else share > KNOWN_SHARE, scale, floor, measured))
         share = None if share is None else np.asarray(cv2.pyrDown(share), dtype=np.float32)
     return levels
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.ranks import median
 from horizonval.geometry.camera import CameraModel, project, unproject
 from horizonval.geometry.directions import tangent_basis
 
@@ -40,6 +42,11 @@ class Trace:
     px_rad: FloatArray
     azimuth: FloatArray
     spacing: float
+
+    @cached_property
+    def middle_px_rad(self) -> float:
+        """Median angle of a pixel across the limb."""
+        return median(self.px_rad)
 
     def take(self, which: NDArray[np.bool_]) -> Trace:
         """Return some of the places."""
@@ -76,13 +83,14 @@ def trace_limb(camera: CameraModel, axis_cam: FloatArray, rho_rad: float, spacin
     count = int(np.clip(along[-1] / spacing_px, 2, most))
     wanted = (np.arange(count) + 0.5) * along[-1] / count
     azimuth = np.interp(wanted, along, azimuth)
-    uv, seen = project(camera, on_cone(axis_cam, basis, rho_rad, azimuth))
-    inner, seen_inner = project(camera, on_cone(axis_cam, basis, rho_rad - STEP_RAD, azimuth))
-    outer, seen_outer = project(camera, on_cone(axis_cam, basis, rho_rad + STEP_RAD, azimuth))
+    rho = rho_rad + STEP_RAD * np.array([0.0, -1.0, 1.0, 0.0])[:, None]
+    around = np.array([azimuth, azimuth, azimuth, azimuth + STEP_RAD])
+    # Across the limb in the image, which is not where the axis lies: at right angles to the limb itself.
+    (uv, inner, outer, along_limb), (seen, seen_inner, seen_outer, _) = project(
+        camera, on_cone(axis_cam, basis, rho, around)
+    )
     with np.errstate(invalid="ignore"):
         seen &= seen_inner & seen_outer & ((uv >= 0.0) & (uv <= (camera.width - 1, camera.height - 1))).all(axis=1)
-    # Across the limb in the image, which is not where the axis lies: at right angles to the limb itself.
-    along_limb, _ = project(camera, on_cone(axis_cam, basis, rho_rad, azimuth + STEP_RAD))
     tangent, radial = (along_limb - uv)[seen], (inner - outer)[seen]
     normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
     normal /= np.maximum(np.hypot(*normal.T), 1e-300)[:, None]
@@ -92,7 +100,7 @@ def trace_limb(camera: CameraModel, axis_cam: FloatArray, rho_rad: float, spacin
     return Trace(uv[seen], normal, px_rad, np.arctan2(np.sin(azimuth[seen]), np.cos(azimuth[seen])), along[-1] / count)
 
 
-def on_cone(axis: FloatArray, basis: FloatArray, rho: float, azimuth: FloatArray) -> FloatArray:
-    """Return lines of sight on a cone, shape (n, 3), at azimuths (n,) in a basis (3, 2) across its axis."""
-    around = np.cos(azimuth)[:, None] * basis[:, 0] + np.sin(azimuth)[:, None] * basis[:, 1]
-    return np.asarray(np.cos(rho) * axis + np.sin(rho) * around)
+def on_cone(axis: FloatArray, basis: FloatArray, rho: float | FloatArray, azimuth: FloatArray) -> FloatArray:
+    """Return lines of sight on cones, shape (..., 3), at azimuths (...) in a basis (3, 2) across their axis."""
+    around = np.cos(azimuth)[..., None] * basis[:, 0] + np.sin(azimuth)[..., None] * basis[:, 1]
+    return np.asarray(np.cos(rho)[..., None] * axis + np.sin(rho)[..., None] * around)

@@ -9,9 +9,10 @@ import horizonval as hv
 from horizonval.commands.templates import mission_table
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Silent
+from horizonval.earth.surface import surface_temperature
 from horizonval.estimation.likelihood.templates import shipped_templates
 from horizonval.spec.sensor.camera import Band
-from horizonval.studies.templates.uniform_air import UniformAir, sunlit_in, thermal_in
+from horizonval.studies.templates.uniform_air import UniformAir, ground_around_k, sunlit_in, thermal_in
 
 
 @pytest.mark.parametrize(
@@ -37,6 +38,18 @@ def test_a_profile_file_is_an_air(tmp_path) -> None:
     path.write_text("\n".join(["altitude_km,temperature_K,pressure_hPa,ozone_ppmv", *rows]))
     gases = UniformAir.named(str(path)).gases()
     assert np.interp(20e3, gases.altitude_m, gases.temperature_k[0]) == pytest.approx(217.0, abs=0.5)
+
+
+@pytest.mark.parametrize("month", [1.5, 7.5])
+def test_ground_round_a_circle_is_that_of_its_places(month: float) -> None:
+    """Hardly any land lies at 56.5 deg south, and no sea ice; the pole is ice, at one height."""
+    sea, _ = ground_around_k(-56.5, month)
+    assert sea == pytest.approx(float(surface_temperature.sea_k(np.array([-56.5]), month)[0]), abs=0.1)
+    pole, scatter = ground_around_k(-89.9, month)
+    assert scatter < 3.0
+    # Amundsen-Scott, monthly means of many years: -28 C in January, -60 C in July.
+    assert pole == pytest.approx({1.5: 245.0, 7.5: 213.0}[month], abs=6.0)
+    assert ground_around_k(-75.0, month)[1] > 10.0
 
 
 FINER = 4
