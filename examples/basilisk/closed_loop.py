@@ -72,7 +72,7 @@ class Sensor:
 
 
 SENSORS = {
-    "visible": Sensor("visible.toml", "guarded-limb-ellipsoid"),
+    "visible": Sensor("visible.toml", "limb-ellipsoid"),
     "infrared": Sensor("infrared.toml", "limb-heads", ("right", "left")),
     "truth": Sensor(),
 }

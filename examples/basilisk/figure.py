@@ -18,7 +18,7 @@ TITLES = {
     "infrared": "two infrared cameras, {estimator}",
     "truth": "the truth as the sensor",
 }
-ESTIMATORS = {"visible": "guarded-limb-ellipsoid", "infrared": "limb-heads", "truth": ""}
+ESTIMATORS = {"visible": "limb-ellipsoid", "infrared": "limb-heads", "truth": ""}
 SHADES = {"eclipse": "#b9c2cf", "Sun in frame": "#f6dfa4"}
 LEAST_DEG = 1e-3
 
