@@ -15,17 +15,16 @@ import numpy as np
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.limb.checks import check_image
+from horizonval.estimation.limb.checks import DARK_LEVEL, check_image
 from horizonval.estimation.limb.edges import find_edges
 from horizonval.estimation.limb.picture import Picture
+from horizonval.estimation.limb.ranks import TRIM_SIGMAS
 from horizonval.estimation.limb.shape.circle import Circle, fit_circle
 
 RIM_PX = 2
 """The blur before Canny reflects the image at its border: edges in the last pixels are bent."""
 FEWEST_PIXELS = 24
-DARK_SHARE = 0.2
-"""Of full scale: an image without an edge whose brightest pixels stay below it shows nothing lit."""
-TRIM_SIGMAS = 3.5
+"""A shorter arc of 100 px radius bends by less than the 0.7 px that whole pixels are off."""
 SMALLEST_TRIM_PX = 1.5
 """Whole pixels lie up to 0.7 px from any curve."""
 
@@ -53,7 +52,7 @@ def find_arc(image: FloatArray, full_scale: float | None = None) -> Arc | Refusa
     edges = find_edges(Picture(grey, full_scale).eight_bit, RIM_PX)
     uv = longest_chain(edges.uv, (grey.shape[0], grey.shape[1]))
     if len(uv) < FEWEST_PIXELS:
-        if full_scale is not None and float(np.percentile(grey, 99.9)) < DARK_SHARE * full_scale:
+        if full_scale is not None and float(np.percentile(grey, 99.9)) < DARK_LEVEL * full_scale:
             return Refusal(Outcome.DARK, f"no edge of {FEWEST_PIXELS} pixels in a dark image")
         return Refusal(Outcome.NO_LIMB, f"the longest edge has {len(uv)} pixels; {FEWEST_PIXELS} are needed")
     for _ in range(2):

@@ -14,10 +14,13 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 
 SMALLEST_SIDE_PX = 8
+"""A profile across an edge has five pixels at least, and one to either side to be moved by."""
 SATURATED_SHARE = 0.9
 """Above this share of saturated pixels nothing is left to see a limb in."""
 COMMON_FULL_SCALES = (1.0, 255.0, 1023.0, 4095.0, 16383.0, 65535.0)
 """Full scales of float, 8, 10, 12, 14 and 16 bit images: a constant image at one of these is saturated, not dark."""
+DARK_LEVEL = 0.2
+"""Of full scale: an image without an edge whose brightest pixels stay below it shows nothing lit."""
 DARK_SHARE = 0.01
 """A constant image below this share of full scale is called dark."""
 

@@ -33,7 +33,9 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 
 FINE_STEP = 0.1
+"""[px], as published."""
 FINE_REACH = 2
+"""[px] to either side of the coarse crossing, as published."""
 NOISE_REACH = 6
 """Pixels to either side of the steepest one in which noise may make another one the steepest."""
 RESOLVED_PX = 2.0
@@ -47,12 +49,16 @@ and with pixels of 0.1 deg."""
 SPACE = (10, 26)
 """Pixels outside a resolved limb that make its dark level."""
 NEAREST_SPACE = 6
+"""Pixels outside of the crossing, where a row that ends soon has its dark level."""
 NEAR_SYSTEMATIC_PX = 0.1
 """Where the row ends too soon its last three pixels serve, from 6 pixels outside the crossing on. There the limb still
 has some 2 % of its plateau, which moves the half by less than this."""
 LEVEL_PIXELS = 8
+"""That make the level beside an unresolved edge: it is known to a third of a pixel's noise."""
 FEWEST_LEVEL_PIXELS = 3
+"""The same, and of a resolved limb's dark level, where the row ends: to 0.6 of it."""
 CONTRAST_SIGMA = 8.0
+"""Standard deviations of a pixel's noise that a step must have to be one. Chosen."""
 OWN_SHARE = 0.6
 """Share of the row's whole range that the step must have: a slope from end to end is no limb."""
 SYSTEMATIC_PX = 5e-3

@@ -25,11 +25,11 @@ from scipy.ndimage import uniform_filter1d
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
-from horizonval.estimation.limb.checks import check_image
+from horizonval.estimation.limb.checks import DARK_LEVEL, check_image
 from horizonval.estimation.limb.edges import Edges, find_edges
 from horizonval.estimation.limb.picture import Picture
-from horizonval.estimation.limb.ranks import median, percentile
-from horizonval.estimation.limb.result import LimbPoints
+from horizonval.estimation.limb.ranks import TRIM_SIGMAS, median, percentile
+from horizonval.estimation.limb.result import FEWEST_POINTS, LimbPoints
 from horizonval.estimation.limb.search.evidence import (
     MOST_SECTORS,
     PROFILES,
@@ -51,8 +51,6 @@ from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.cone import Cone, fit_cone
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
-FEWEST_POINTS = 8
-"""Of three unknowns, and something to see their scatter by."""
 STILL_SHOWN = float(np.sqrt(0.5))
 """Of the largest likelihood of all sizes that one must have to be gone on to, where the edge is as wide there as any
 that is tried: a limb that is resolved tells no more in smaller pixels, and soon does not fit into the window."""
@@ -94,12 +92,8 @@ FADED_SHARE = 0.7
 """Of the step at the limb over that deep inside, its upper quartile along the limb: towards the terminator the ground
 darkens inside of the limb, and the edge sinks below the horizon. Of 0.5 and 0.7 this one put the centre of the
 photograph from 1.45 million km where it belongs."""
-TRIM_SIGMAS = 3.5
-"""Robust ones, beyond which a point is left out: of normal ones one of two thousand is."""
 SMALLEST_TRIM_PX = 0.4
 """Points nearer to the cone are kept: a noiseless limb has no spread but that of the pixels' own squares."""
-MOST_POINTS = 6_000
-"""Along a limb of a fifteen-megapixel image, all of them."""
 SUN_REACH = 2.0
 """Radii of a saturated blob that are left out: its bloom."""
 LARGEST_SUN_RADIUS_RAD = float(np.deg2rad(3.0))
@@ -108,8 +102,8 @@ LIMB_SHARE = 0.4
 """Canny's upper threshold over the image's strong gradients, where all edges are taken for limb. On a picture of 50 to
 200 pixels the shading of a whole disc is steep enough for a lower one."""
 DARK_CONTRAST = 0.02
-DARK_LEVEL = 0.2
-"""An image without edges below these shares of full scale shows an unlit scene, not a uniformly bright one."""
+"""Of full scale, between an image's middle and its brightest pixels, five levels of eight bits: below, and darker than
+:data:`DARK_LEVEL`, it shows an unlit scene and not a uniformly bright one. Chosen."""
 
 
 def find_limb(image: FloatArray, camera: CameraModel, full_scale: float | None = None) -> LimbPoints | Refusal:
@@ -301,9 +295,7 @@ def _judged(levels: list[PyramidLevel], camera: CameraModel, found: _Candidate) 
         return Refusal(Outcome.NO_LIMB, "the best curve's inside is noise")
     if (refusal := _sky(levels[-1], camera, found)) is not None:
         return refusal
-    uv, step, deep = points_of(
-        level, camera, found.axis_cam, found.rho_rad, evidence.width_px, evidence.bright_inside, MOST_POINTS
-    )
+    uv, step, deep = points_of(level, camera, found.axis_cam, found.rho_rad, evidence.width_px, evidence.bright_inside)
     if len(uv):
         uv = uv[_lit(step, deep)]
     uv, los = _trimmed(uv, camera)

@@ -16,11 +16,13 @@ from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.checks import saturated_pixels
 from horizonval.estimation.limb.ranks import level_counts, median, percentile, percentile_of_counts
 
-MOST_LEVELS = 1 << 16
 NOISE_GAIN = 6.0 * 0.6745
 """Median of what the operator that measures noise makes of unit white noise."""
 STRETCH_PERCENTILES = (0.5, 99.9)
+"""Of the levels: dead and hot pixels are fewer than what lies beyond. Chosen."""
 SMALLEST_RANGE_SHARE, SMALLEST_RANGE_SIGMAS = 0.02, 12.0
+"""Between these percentiles, of the whole range and of the noise: less is space alone, with six of its standard
+deviations to either side."""
 
 
 class Picture:
@@ -69,7 +71,7 @@ class Picture:
     @cached_property
     def levels(self) -> NDArray[np.uint16] | None:
         """The image as whole numbers, shape (H, W), if it holds no others; None if it does."""
-        if self.darkest < 0.0 or self.brightest >= MOST_LEVELS:
+        if self.darkest < 0.0 or self.brightest > np.iinfo(np.uint16).max:
             return None
         levels = self.grey.astype(np.uint16)
         return levels if np.array_equal(levels, self.grey) else None

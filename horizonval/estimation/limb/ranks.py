@@ -12,6 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+ROSE_SIGMAS = 5.0
+"""Of noise, from which on a feature is told from it (Rose's criterion)."""
+TRIM_SIGMAS = 3.5
+"""Robust standard deviations beyond which a value of many is left out: of normal ones one of two thousand is."""
 MOST_COUNTED = 1 << 24
 """At once: OpenCV counts in float32, which knows whole numbers up to there."""
 

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from horizonval.core.arrays import FloatArray
 
+FEWEST_POINTS = 8
+"""Of three unknowns, and something to see their scatter by."""
+
 
 @dataclass(frozen=True)
 class LimbPoints:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 LARGEST_SHARE_OF_SIDE = 0.3
 """A blob wider than this share of the image's smaller side is not called the Sun."""
 SMALLEST_PIXELS = 9
+"""Three by three: hot pixels are fewer."""
 SMALLEST_SHARE_OF_SATURATED = 0.6
 """The Sun is most of what is saturated; sunlit clouds saturate in many patches."""
 

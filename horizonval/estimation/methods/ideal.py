@@ -38,7 +38,6 @@ from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import roll_pitch_of_nadir
 
-AXIS_TOLERANCE_RAD = 1e-12
 SIGMA_RAD = 1e-12
 """Standard deviation the oracle claims: rounding of float64 over its few operations."""
 
@@ -96,7 +95,7 @@ def ideal_horizon_sensor(r: FloatArray, q_cam_from_ref: FloatArray, radius_m: fl
     boresight, right = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
     across = boresight - (boresight @ nadir) * nadir
     size = float(np.linalg.norm(across))
-    if size < AXIS_TOLERANCE_RAD:
+    if size < SIGMA_RAD:
         at_nadir = nadir[2] > 0.0
         status = ReadingStatus.BORESIGHT_AT_NADIR if at_nadir else ReadingStatus.BORESIGHT_AT_ZENITH
         return HorizonReading(status, undefined)

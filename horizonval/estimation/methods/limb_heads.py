@@ -32,6 +32,7 @@ from horizonval.geometry.camera import unproject
 from horizonval.geometry.ellipsoid import WGS84, sphere
 
 FEWEST_HEADS = 2
+"""One head is what the methods of one image are for."""
 POINTS_OF_HEAD = 60
 """For the start, at most: heads count alike in it, whatever their pixels."""
 

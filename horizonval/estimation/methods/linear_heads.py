@@ -38,7 +38,9 @@ from horizonval.geometry.directions import off_axis_angle, tangent_basis
 from horizonval.geometry.frames import inverse, nadir_of_roll_pitch, roll_pitch_of_nadir, rotate
 
 QUARTER_TOLERANCE_RAD = np.radians(1.0)
+"""Of heads' azimuths, for a formula in which they are a quarter turn apart. Chosen."""
 DISAGREEMENT_SIGMA = 6.0
+"""Of the crossings' own noise: chance makes two of a thousand million."""
 DISAGREEMENT_RAD = np.radians(1.0)
 """Four crossings of one cone have one condition to spare. The air's latitude and the oblateness spend a tenth of a
 degree of it; more than this is a head that looks at something else."""

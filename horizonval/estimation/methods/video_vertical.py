@@ -39,6 +39,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
 from horizonval.estimation.limb.arc import Arc, find_arc
 from horizonval.estimation.limb.shape.circle import fit_circle
 from horizonval.estimation.limb.shape.cone import SLOW_PX, cone_uncertainty
@@ -49,9 +50,10 @@ from horizonval.geometry.directions import off_axis_angle
 from horizonval.geometry.frames import roll_pitch_of_nadir
 
 HEADS = 2
+"""As published."""
 SMALLEST_SINE = 1e-3
 """Of the angle between the chords: below it their cross product is noise."""
-PIXEL_SIGMA_PX = 12.0**-0.5
+PIXEL_SIGMA_PX = float(np.sqrt(PIXEL_VARIANCE))
 """Of a position that is rounded to whole pixels."""
 END_PIXELS = 8
 """Pixels that make an end of the arc: a third of the shortest arc there is."""

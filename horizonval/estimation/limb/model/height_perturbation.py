@@ -12,13 +12,12 @@ import math
 import numpy as np
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.height.uneven_limb import SUNS
 from horizonval.estimation.limb.model.sunlit import height_under
 from horizonval.geometry.directions import fibonacci_sphere, tangent_basis
 
-SUNS = 64
 MOST_POINTS = 60
 """Points that stand for all of them: heights are smooth along the limb."""
-LIT_RAD = math.radians(90.0)
 
 
 def cone_perturbation(
@@ -67,7 +66,7 @@ def unknown_sun_covariance(
     stride = max(1, len(los_cam) // MOST_POINTS)
     los_cam, blur_rad = los_cam[::stride], blur_rad[::stride]
     height, zenith = height_under(los_cam, axis_cam, rho_rad, fibonacci_sphere(SUNS), blur_rad, band_um)
-    lit = (zenith.max(axis=1) <= LIT_RAD) & np.isfinite(height).all(axis=1)
+    lit = (zenith.max(axis=1) <= 0.5 * np.pi) & np.isfinite(height).all(axis=1)
     if not lit.any():
         return np.zeros((3, 3))
     moved = cone_perturbation(los_cam, axis_cam, rho_rad, height[lit], earth_radius_m)

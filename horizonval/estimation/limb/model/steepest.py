@@ -20,14 +20,19 @@ from scipy.ndimage import gaussian_filter1d, map_coordinates
 from horizonval.core.arrays import FloatArray
 from horizonval.geometry.camera import CameraModel, project
 
-REACH_PX = 10.0
 SEARCH_PX = 6.0
+"""As far as the steepest place is sought from the point that a search has found. Chosen."""
 NEEDED_PX = 4.0
-"""How much of a profile must lie in the image to both sides."""
+"""How much of a profile must lie in the image to both sides, and is read beyond the search: the smoothing's reach."""
+REACH_PX = SEARCH_PX + NEEDED_PX
 STEP_PX = 0.5
+"""Between samples: half of the smoothing, so that a parabola through three of them holds its top."""
 SIGMA_PX = 1.0
+"""Of the smoothing along a profile: about a lens's own blur."""
 PASSES = 2
+"""The second reads the profile about the place that the first has found."""
 ROUNDING = 1e-9
+"""Of the image's largest level: a slope as small is what interpolation leaves of a level image."""
 
 
 def to_steepest(

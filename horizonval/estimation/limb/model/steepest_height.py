@@ -17,6 +17,7 @@ from scipy.special import ndtr
 from horizonval.core.arrays import FloatArray
 
 TYPICAL_M = 20e3
+"""Where the search has its middle: sunlit limbs are steepest from the ground to some 40 km."""
 SEARCH_SIGMAS = 5.0
 """As far as the guard looks for the steepest place: six pixels, of 1.25 pixels of blur."""
 LEAST_REACH_M = 35e3
@@ -24,6 +25,7 @@ LEAST_REACH_M = 35e3
 STEPS = 5.0
 """Of the search's grid in a blur: the parabola between them leaves a thousandth of the blur."""
 FADE_M = 1e3
+"""Over which the light of the last height fades: one step of the shipped tables."""
 
 
 def steepest_height(height_m: FloatArray, profiles: FloatArray, sigma_m: float) -> FloatArray:

@@ -39,13 +39,16 @@ from horizonval.geometry.directions import off_axis_angle, tangent_basis
 NEAREST_PX, FARTHEST_PX = 5.0, 30.0
 """Distance from the limb of the pixels that noise is read from: none of the limb's own profile, the same light."""
 FEWEST_PIXELS = 50
+"""Of either side: their variance is then known to a fifth."""
 NEAR_TOP_PX = 2.0
+"""From a point to the steepest sample beside it. The point is one already: twice the smoothing is the same edge."""
 CLIPPED_SHARE = 0.1
 """Of the pixels in space at one lowest level: noise that is not cut off spreads over several."""
 SATURATED_SHARE = 0.95
+"""Of full scale: brighter pixels may have their noise cut off. Chosen."""
 DIM_SHARE = 0.2
 """Of the median step: fainter pixels say little of how the variance grows with the level."""
-IMMERKAER = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
+IMMERKAER: FloatArray = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
 MEDIAN_OF_SQUARE = 0.4549
 """Median of the square of a standard normal variable."""
 

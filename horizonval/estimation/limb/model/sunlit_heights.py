@@ -27,6 +27,7 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.likelihood.height.band_heights import SEEN_FROM_M
 from horizonval.estimation.likelihood.height.sunlit_profiles import (
     EARTH_RADIUS_M,
     FAINTEST,
@@ -38,7 +39,7 @@ from horizonval.estimation.likelihood.templates import LimbTemplates, shipped_te
 from horizonval.estimation.limb.model.steepest_height import steepest_height
 
 ALTITUDES_M = (300e3, 700e3, 2000e3, 36000e3)
-PATTERNS_FROM_M = 700e3
+"""Of observers: from low orbits to the geostationary one; between them heights are linear in the slant."""
 SIGMAS_M = np.geomspace(4e3, 512e3, 15)
 """A narrower blur sees the layers of one haze, which a mean over many has not."""
 LEAST_LENGTH_RAD = math.radians(28.0)
@@ -65,7 +66,7 @@ class SunlitHeights:
         states = [
             np.maximum(table.mean + s * m, FAINTEST * table.mean) for m in np.moveaxis(long, 2, 0) for s in (1, -1)
         ]
-        changed = _heights(table, np.array(states), PATTERNS_FROM_M)
+        changed = _heights(table, np.array(states), SEEN_FROM_M)
         patterns = 0.5 * (changed[::2] - changed[1::2])
         outside = {"bounds_error": False, "fill_value": np.nan}
         self._mean = RegularGridInterpolator((self._slants, *sheet), mean, **outside)

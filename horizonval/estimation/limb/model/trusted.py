@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.limb.picture import Picture
+from horizonval.estimation.limb.ranks import ROSE_SIGMAS
 from horizonval.estimation.limb.shape.cone import arc_order
 from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.cone import fit_cone
@@ -35,16 +36,18 @@ SATURATED_SHARE = 0.97
 """Of full scale: a pixel of a converter with noise may stay a little below."""
 FADED_SHARE = 0.3
 """Of the limb's own strong steps (their 90th percentile)."""
-FAINT_SIGMAS = 5.0
-"""Rose's criterion for telling a feature from noise."""
 RESTLESS_SHARE = 0.25
+"""Of the limb's typical step, its upper quartile. Chosen."""
 SMOOTHED_RAD = float(np.deg2rad(4.0))
 """Length of limb, by azimuth, over which the step is averaged first: clouds vary faster along it than sunlight."""
 GAP_PX = 6.0
+"""Between neighbours of one stretch, at most: points stand a pixel apart. Chosen."""
 SHORTEST_STRETCH_PX = 20.0
 """Two profiles long: over less the bright and dark sides of a cloud's edge decide."""
 NEAR_PX = (3.0, 4.0, 5.0, 6.0)
+"""From the limb, where its sides are read: from beyond a lens's blur to as far as the steepest place is sought."""
 DEEP_PX = (6.0, 8.0, 10.0, 12.0)
+"""Twice as far: where the level beside the limb is that of Earth or space."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +111,7 @@ def faint(sides: Sides, noise: float, bright_inside: bool = True) -> BoolArray:
     the light that is missing there.
     """
     step = sides.peak - sides.outer if bright_inside else sides.outer - sides.inner
-    return np.asarray(smoothed(step, sides.azimuth) < FAINT_SIGMAS * noise)
+    return np.asarray(smoothed(step, sides.azimuth) < ROSE_SIGMAS * noise)
 
 
 def restless(sides: Sides) -> BoolArray:

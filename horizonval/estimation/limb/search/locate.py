@@ -31,7 +31,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.special import ndtr
 
 from horizonval.core.arrays import FloatArray
-from horizonval.estimation.limb.ranks import median
+from horizonval.estimation.limb.ranks import TRIM_SIGMAS, median
+from horizonval.estimation.limb.result import FEWEST_POINTS
 from horizonval.estimation.limb.search.evidence import (
     INNERMOST,
     REACH_PX,
@@ -55,16 +56,12 @@ FAINTEST = 3.0
 """Standard deviations of a profile's noise by which its step must stand out."""
 BARE_WIDTH_PX = 0.8
 """A lens of 0.7 px and the pixel's own width."""
-FEWEST_PROFILES = 12
-"""Four for every number that their shading has."""
 EDGE_PX = 2.0
 """From the edge: a pixel's diagonal and interpolation spread a hard one over 1.7 px to either side."""
 ROOT_STEP_PX = 0.02
 """Of the table of the blurred root: a hundredth of its narrowest blur's variance."""
 SMALLEST_SPREAD = 0.1
 """Of the limb's direction (rms): arcs below some 100 deg have no shading that bends along them."""
-CLIP_SIGMAS = 3.5
-"""Of a normal distribution one of two thousand is further out."""
 TINY = 1e-9
 """Of levels of unit size: keeps a flat profile's equations regular."""
 
@@ -76,7 +73,6 @@ def points_of(
     rho_rad: float,
     width_px: float,
     bright_inside: bool,
-    most: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return places of the limb [px of the picture], shape (n, 2), in order of azimuth; steps there, and deep inside.
 
@@ -91,10 +87,8 @@ def points_of(
     width_px : float
         Of the edge.
     bright_inside : bool
-    most : int
-        Points.
     """
-    trace = trace_limb(camera, axis_cam, rho_rad, level.scale, most)
+    trace = trace_limb(camera, axis_cam, rho_rad, level.scale)
     if not len(trace.azimuth):
         return np.empty((0, 2)), np.empty(0), np.empty(0)
     offsets = np.arange(-REACH_PX, inner_reach(trace, rho_rad, level.scale) + 1.0)
@@ -105,13 +99,13 @@ def points_of(
     fit = _fitted(profiles, offsets, shape)
     noise = level.noise / np.sqrt(min(REACH_PX, len(offsets) - REACH_PX))
     good = _stands_out(fit, bright_inside, noise)
-    if shape.bare and np.count_nonzero(good) >= FEWEST_PROFILES:
+    if shape.bare and np.count_nonzero(good) >= FEWEST_POINTS:
         fit = _fitted(profiles, offsets, shape, _pooled(trace.azimuth, fit.shading, good))
         # Where it is night, the shading of the day makes a step of nothing: what had none by itself has none.
         good &= _stands_out(fit, bright_inside, noise)
     shift, step = fit.shift, fit.step
     uv = trace.uv + level.scale * shift[:, None] * trace.inwards
-    if shape.bare and width_px == WIDTHS_PX[0] and np.count_nonzero(good) >= FEWEST_PROFILES:
+    if shape.bare and width_px == WIDTHS_PX[0] and np.count_nonzero(good) >= FEWEST_POINTS:
         read, whole_pixels = _by_area(level, uv, trace, profiles, offsets, fit, good)
         whole_pixels &= good
         # Textured ground is uneven over the pixels that an area takes: the places that lie better on a cone are taken.
@@ -132,7 +126,7 @@ def _scatter(uv: FloatArray, camera: CameraModel) -> float:
     """Return the median distance [rad] of places from the cone through them; infinite for too few."""
     los = unproject(camera, uv)
     los = los[np.isfinite(los).all(axis=1)]
-    if len(los) < FEWEST_PROFILES:
+    if len(los) < FEWEST_POINTS:
         return float("inf")
     off = off_axis_angle(los, fit_cone(los).axis_cam)
     return median(np.abs(off - median(off)))
@@ -278,5 +272,5 @@ def _pooled(azimuth: FloatArray, shading: FloatArray, good: NDArray[np.bool_]) -
     for _ in range(3):
         coefficients = np.linalg.lstsq(design[used], shading[used], rcond=1e-9)[0]
         off = np.abs(shading - design @ coefficients)
-        used = good & (off <= CLIP_SIGMAS * 1.4826 * median(off[good]) + TINY)
+        used = good & (off <= TRIM_SIGMAS * 1.4826 * median(off[good]) + TINY)
     return np.asarray(design @ coefficients)

@@ -18,15 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
+from horizonval.estimation.limb.edges import SOBEL_NOISE_GAIN
+from horizonval.estimation.limb.ranks import ROSE_SIGMAS
+from horizonval.estimation.limb.result import FEWEST_POINTS
 from horizonval.estimation.limb.search.pyramid import PyramidLevel
 from horizonval.geometry.camera import CameraModel, unproject
 from horizonval.geometry.cone import cones_through, fit_cone
 
-NOISE_GAIN = 1.14
-"""Standard deviation of a Sobel derivative of unit white noise blurred by one pixel."""
 INT16 = np.iinfo(np.int16)
-EDGE_SIGMAS = 5.0
-"""Rose's criterion for telling a feature from noise; half of it where an edge goes on."""
 UNITS = 8.0
 """Steps of Canny's whole numbers per standard deviation of noise: 4 000 of them fit into 16 bits."""
 CALM_REACH_PX = 4
@@ -43,8 +42,6 @@ TOLERANCE_PX = 1.5
 """A whole pixel lies up to 0.7 px from a curve, and the curve through three of them as far again."""
 KEPT = 4
 """Of a level; what one level does not show another does."""
-FEWEST_EDGES = 6
-"""Twice what determines a cone."""
 
 
 @dataclass(frozen=True)
@@ -83,11 +80,11 @@ def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) ->
     largest_rho_rad : float
     """
     uv, gradient = edge_points(level)
-    if len(uv) < FEWEST_EDGES:
+    if len(uv) < FEWEST_POINTS:
         return []
     edges = _sights(uv * level.scale, gradient, camera, level.scale)
     n = len(edges.los)
-    if n < FEWEST_EDGES:
+    if n < FEWEST_POINTS:
         return []
     rng = np.random.default_rng(np.random.SeedSequence(n))
     triples = rng.integers(0, n, size=(TRIPLES, 3))
@@ -100,7 +97,7 @@ def propose(level: PyramidLevel, camera: CameraModel, largest_rho_rad: float) ->
     for _ in range(KEPT):
         votes = np.count_nonzero(supports & ~taken, axis=1)
         best = int(np.argmax(votes))
-        if votes[best] < FEWEST_EDGES:
+        if votes[best] < FEWEST_POINTS:
             break
         support, axis, cosine = supports[best], axes[best], cosines[best]
         taken |= support
@@ -145,11 +142,12 @@ def _agreeing(
 def edge_points(level: PyramidLevel) -> tuple[FloatArray, FloatArray]:
     """Return places (n, 2) and unit gradients (n, 2) of a level's edges, those with a calm side."""
     smooth = cv2.GaussianBlur(level.grey, (0, 0), 1.0)
-    unit = UNITS / (NOISE_GAIN * level.noise)
+    unit = UNITS / (SOBEL_NOISE_GAIN * level.noise)
     dx, dy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=unit), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=unit)
     strength = cv2.magnitude(dx, dy)
     across, down = (np.clip(d, -INT16.max, INT16.max).astype(np.int16) for d in (dx, dy))
-    mask = cv2.Canny(across, down, 0.5 * EDGE_SIGMAS * UNITS, EDGE_SIGMAS * UNITS, L2gradient=True)
+    # Half of what tells an edge from noise where one goes on.
+    mask = cv2.Canny(across, down, 0.5 * ROSE_SIGMAS * UNITS, ROSE_SIGMAS * UNITS, L2gradient=True)
     rim = 2
     mask[:rim] = mask[-rim:] = mask[:, :rim] = mask[:, -rim:] = 0
     if level.known is not None:

@@ -53,7 +53,9 @@ class Trace:
         return Trace(self.uv[which], self.inwards[which], self.px_rad[which], self.azimuth[which], self.spacing)
 
 
-def trace_limb(camera: CameraModel, axis_cam: FloatArray, rho_rad: float, spacing_px: float, most: int) -> Trace:
+def trace_limb(
+    camera: CameraModel, axis_cam: FloatArray, rho_rad: float, spacing_px: float, most: int | None = None
+) -> Trace:
     """Return evenly spaced places along the limb of a cone that lie in the image.
 
     Parameters
@@ -64,7 +66,7 @@ def trace_limb(camera: CameraModel, axis_cam: FloatArray, rho_rad: float, spacin
         Half-angle.
     spacing_px : float
         Of the places, at least.
-    most : int
+    most : int, optional
         Places; of a longer limb they lie further apart.
     """
     basis = tangent_basis(axis_cam)
@@ -80,7 +82,8 @@ def trace_limb(camera: CameraModel, axis_cam: FloatArray, rho_rad: float, spacin
     along = np.concatenate([[0.0], np.cumsum(np.where(near & np.isfinite(step), step, 0.0))])
     if along[-1] < 1.0:
         return Trace(np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty(0), spacing_px)
-    count = int(np.clip(along[-1] / spacing_px, 2, most))
+    count = max(int(along[-1] / spacing_px), 2)
+    count = count if most is None else min(count, most)
     wanted = (np.arange(count) + 0.5) * along[-1] / count
     azimuth = np.interp(wanted, along, azimuth)
     rho = rho_rad + STEP_RAD * np.array([0.0, -1.0, 1.0, 0.0])[:, None]

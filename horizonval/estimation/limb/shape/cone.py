@@ -16,6 +16,7 @@ from horizonval.geometry.camera import CameraModel, project
 from horizonval.geometry.directions import off_axis_angle, tangent_basis
 
 AZIMUTHS = 7200
+"""Round a limb: a full disc of 2000 px has fewer pixels of it."""
 
 
 def arc_order(los_cam: FloatArray, axis: FloatArray) -> NDArray[np.int64]:
