@@ -36,7 +36,7 @@ from Basilisk.utilities import RigidBodyKinematics, SimulationBaseClass, macros,
 from scipy.spatial.transform import Rotation
 
 from horizonval import __version__
-from horizonval.bridges.basilisk import HorizonAttitude, HorizonCamera
+from horizonval.bridges.basilisk import AttitudeModule, CameraModule
 from horizonval.bridges.inertial import mrp_of_quaternion, quaternion_of_mrp
 from horizonval.core import atomic
 from horizonval.geometry.camera import project
@@ -274,8 +274,8 @@ def run_loop(
 
     camera = None
     if sensor.scene:
-        camera = HorizonCamera(KeptImages(HERE / sensor.scene, kept), EPOCH, heads=sensor.heads, seed=seed)
-        horizon = HorizonAttitude(
+        camera = CameraModule(KeptImages(HERE / sensor.scene, kept), EPOCH, heads=sensor.heads, seed=seed)
+        horizon = AttitudeModule(
             camera, sensor.estimator, position_sigma_m=POSITION_SIGMA_M, attitude_sigma_deg=FIRST_SIGMA_DEG
         )
         camera.scStateInMsg.subscribeTo(craft.scStateOutMsg)
@@ -334,7 +334,7 @@ def run_loop(
 
 
 def _result(
-    rows: Array, record: list[dict[str, Any]], camera: HorizonCamera | None, most_torque_nm: float
+    rows: Array, record: list[dict[str, Any]], camera: CameraModule | None, most_torque_nm: float
 ) -> dict[str, Any]:
     seconds, r, q = rows[:, 0], rows[:, 1:4], rows[:, 4:8]
     lit = np.empty(len(rows))

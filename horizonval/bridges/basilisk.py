@@ -1,7 +1,7 @@
 """Our camera and our attitude as modules of Basilisk (AVS Lab).
 
-:class:`HorizonCamera` reads the spacecraft's state, asks for the image of it, and publishes a ``CameraImageMsg`` for
-each head: the bytes of a PNG in memory, as Basilisk's own image modules take them. :class:`HorizonAttitude` hands the
+:class:`CameraModule` reads the spacecraft's state, asks for the image of it, and publishes a ``CameraImageMsg`` for
+each head: the bytes of a PNG in memory, as Basilisk's own image modules take them. :class:`AttitudeModule` hands the
 images to an estimator and publishes a ``NavAttMsg``: the attitude that was known before, tilted so that its nadir is
 the measured one. A horizon says nothing about the turn around the nadir; that is left as it was.
 
@@ -49,7 +49,7 @@ except ImportError:
 _DOUBLE_BYTES = 8
 
 
-class HorizonCamera(sysModel.SysModel):
+class CameraModule(sysModel.SysModel):
     """Publishes the detector image of the spacecraft's state at every tick of its task.
 
     Parameters
@@ -99,7 +99,7 @@ class HorizonCamera(sysModel.SysModel):
         super().__init__()
         self.ModelTag = "horizonCamera"
         if bits not in (8, 16):
-            raise UserError(f"found {bits!r}", where="HorizonCamera: bits", expected="8 or 16")
+            raise UserError(f"found {bits!r}", where="CameraModule: bits", expected="8 or 16")
         self._images, self._seed, self._bits = images, seed, bits
         self._epoch = epoch_utc.replace(tzinfo=UTC) if epoch_utc.tzinfo is None else epoch_utc.astimezone(UTC)
         self._heads: tuple[str | None, ...] = tuple(heads) or (None,)
@@ -120,7 +120,7 @@ class HorizonCamera(sysModel.SysModel):
         """Start again; the first image has the first seed."""
         if not self.scStateInMsg.isLinked():
             raise UserError(
-                "not linked", where="HorizonCamera: scStateInMsg", fix="subscribe it to the spacecraft's scStateOutMsg"
+                "not linked", where="CameraModule: scStateInMsg", fix="subscribe it to the spacecraft's scStateOutMsg"
             )
         self.served, self.time_ns, self.taken = [], -1, 0
 
@@ -161,7 +161,7 @@ class HorizonCamera(sysModel.SysModel):
             self._buffers[number] = None
 
 
-class HorizonAttitude(sysModel.SysModel):
+class AttitudeModule(sysModel.SysModel):
     """Publishes the attitude that an estimator finds in a camera's new images; after a refusal nothing new.
 
     Stands after its camera in the same task. The message's ``timeTag`` is that of the image, so that readers see
@@ -169,7 +169,7 @@ class HorizonAttitude(sysModel.SysModel):
 
     Parameters
     ----------
-    camera : HorizonCamera
+    camera : CameraModule
     estimator : str or Estimator
         One that claims the geocentric nadir. Of a camera with several heads one that takes all of them.
     position_sigma_m : float
@@ -203,7 +203,7 @@ class HorizonAttitude(sysModel.SysModel):
 
     def __init__(
         self,
-        camera: HorizonCamera,
+        camera: CameraModule,
         estimator: str | Estimator,
         *,
         position_sigma_m: float = 50.0,
@@ -216,7 +216,7 @@ class HorizonAttitude(sysModel.SysModel):
         if self._estimator.estimates != "geocentric":
             raise UserError(
                 f"{self._estimator.name!r} claims the {self._estimator.estimates} vertical",
-                where="HorizonAttitude: estimator",
+                where="AttitudeModule: estimator",
                 expected="one that claims the geocentric nadir",
             )
         self._position_sigma_m = position_sigma_m
@@ -230,7 +230,7 @@ class HorizonAttitude(sysModel.SysModel):
         """Forget the last answer."""
         for name in ("attitudeInMsg", "transInMsg"):
             if linked and not getattr(self, name).isLinked():
-                raise UserError("not linked", where=f"HorizonAttitude: {name}", fix="subscribe it to a message")
+                raise UserError("not linked", where=f"AttitudeModule: {name}", fix="subscribe it to a message")
         self.fit: Fit | Refusal = Refusal(Outcome.NO_LIMB, "no image yet")
         self.nadir_body: FloatArray | None = None
         self.covariance_nadir_body: FloatArray | None = None

@@ -108,13 +108,13 @@ def test_the_module_of_basilisk_gives_them_too(scene, in_process, tmp_path):
 
     from Basilisk.architecture import messaging
 
-    from horizonval.bridges.basilisk import HorizonCamera
+    from horizonval.bridges.basilisk import CameraModule
 
     state = messaging.SCStatesMsgPayload(r_BN_N=R_N, v_BN_N=V_N, sigma_BN=SIGMA, omega_BN_B=OMEGA)
     message = messaging.SCStatesMsg().write(state)
     with served(scene, Address.parse("tcp://127.0.0.1:0")) as client:
         for images in (LocalClient(scene), client):
-            camera = HorizonCamera(images, EPOCH, seed=REQUESTS[1]["seed"], bits=16)
+            camera = CameraModule(images, EPOCH, seed=REQUESTS[1]["seed"], bits=16)
             camera.scStateInMsg.subscribeTo(message)
             camera.Reset(0)
             camera.UpdateState(0)

@@ -21,7 +21,7 @@ from Basilisk.architecture import messaging
 from Basilisk.utilities import RigidBodyKinematics, SimulationBaseClass, macros
 
 import horizonval as hv
-from horizonval.bridges.basilisk import HorizonAttitude, HorizonCamera
+from horizonval.bridges.basilisk import AttitudeModule, CameraModule
 from horizonval.bridges.inertial import mrp_of_quaternion, quaternion_of_mrp, request_of_state
 from horizonval.serve.local import LocalClient
 
@@ -65,8 +65,8 @@ class Loop:
         self.simulation = SimulationBaseClass.SimBaseClass()
         process = self.simulation.CreateNewProcess("p")
         process.addTask(self.simulation.CreateNewTask("t", macros.sec2nano(10.0)))
-        self.camera = HorizonCamera(images, EPOCH, **keywords)
-        self.attitude = HorizonAttitude(self.camera, estimator)
+        self.camera = CameraModule(images, EPOCH, **keywords)
+        self.attitude = AttitudeModule(self.camera, estimator)
         self.state = state_message(sigma)
         self.known = messaging.NavAttMsg().write(messaging.NavAttMsgPayload(sigma_BN=down_sigma((0.0, 0.0)).tolist()))
         self.place = messaging.NavTransMsg().write(messaging.NavTransMsgPayload(r_BN_N=R_N.tolist()))
@@ -160,12 +160,12 @@ def test_after_a_refusal_nothing_new_is_published(images):
 
 def test_mistakes_are_told():
     with pytest.raises(hv.UserError, match="bits"):
-        HorizonCamera(None, EPOCH, bits=12)
+        CameraModule(None, EPOCH, bits=12)
     with pytest.raises(hv.UserError, match="scStateInMsg: not linked"):
-        HorizonCamera(None, EPOCH).Reset(0)
+        CameraModule(None, EPOCH).Reset(0)
     with pytest.raises(hv.UserError, match="geodetic"):
-        HorizonAttitude(
-            HorizonCamera(None, EPOCH),
+        AttitudeModule(
+            CameraModule(None, EPOCH),
             hv.Estimator("other", "Other", run=lambda observation: None, estimates="geodetic"),
         )
 
