@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,8 +15,6 @@ ROSE_SIGMAS = 5.0
 """Of noise, from which on a feature is told from it (Rose's criterion)."""
 TRIM_SIGMAS = 3.5
 """Robust standard deviations beyond which a value of many is left out: of normal ones one of two thousand is."""
-MOST_COUNTED = 1 << 24
-"""At once: OpenCV counts in float32, which knows whole numbers up to there."""
 
 
 def median(values: NDArray[Any]) -> float:
@@ -41,12 +38,7 @@ def percentile(values: NDArray[np.floating[Any]], q: float) -> float:
 
 def level_counts(levels: NDArray[np.uint16] | NDArray[np.float32], top: int) -> NDArray[np.int64]:
     """Return how many pixels have each of the levels up to ``top``, shape (top + 1,)."""
-    counts = np.zeros(top + 1, dtype=np.int64)
-    flat = levels.reshape(-1, 1)
-    for start in range(0, len(flat), MOST_COUNTED):
-        some = cv2.calcHist([flat[start : start + MOST_COUNTED]], [0], None, [top + 1], [0, top + 1])
-        counts += some.ravel().astype(np.int64)
-    return counts
+    return np.bincount(levels.ravel().astype(np.intp), minlength=top + 1)
 
 
 def percentile_of_counts(counts: NDArray[np.int64], q: float) -> float:
