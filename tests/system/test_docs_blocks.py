@@ -22,6 +22,8 @@ DONE_ELSEWHERE = frozenset(
     [
         "pip install .",
         "pip install 'horizonval[serve]'",
+        "pip install 'horizonval[basilisk,serve]'",
+        "python examples/basilisk/closed_loop.py results/in-the-loop",
         'pip install -e ".[test,docs]"',
         "ruff check .",
         "ruff format --check .",
@@ -33,7 +35,7 @@ DONE_ELSEWHERE = frozenset(
         ".ci/run",
     ]
 )
-"""Run by ``.ci/run``; a test cannot install its own package or start itself."""
+"""Run by ``.ci/run``; a test cannot install its own package or start itself. The loop needs Basilisk and minutes."""
 
 SLOW = {
     "docs/howto/archive.md",
