@@ -135,16 +135,20 @@ def archive_export(
     zipped: Annotated[
         bool, typer.Option("--exr", help="EXR compressed by ZIP, for programs with an OpenEXR before 3.4.")
     ] = False,
+    mcap: Annotated[
+        bool, typer.Option("--mcap", help="One MCAP file of ROS 2 messages, in the order of time.")
+    ] = False,
     address: Annotated[list[str] | None, typer.Option(help="Only this one, by its beginning; repeatable.")] = None,
     kind: Kind = None,
     options: EntryOptions = ALL,
 ) -> None:
     """Frames and images as files of other programs."""
+    from horizonval.bridges.mcap import write_mcap
     from horizonval.store.export import export_file
     from horizonval.store.manifest import amend_index
 
-    if not (fits or png or zipped):
-        raise UserError("which format?", where="archive export", expected="--fits, --png, --exr or several")
+    if not (fits or png or zipped or mcap):
+        raise UserError("which format?", where="archive export", expected="--fits, --png, --exr, --mcap or several")
     entry_filter = options.filter(kind)
     if not source.is_dir():
         _refuse_filters(address, entry_filter)
@@ -154,16 +158,21 @@ def archive_export(
         addresses = {store.find(start) for start in address or ()}
         entries = [e for e in store.index.select(entry_filter) if not addresses or e.address in addresses]
         amend_index(store.index)
-        paths = [store.path(e.address) for e in entries if e.kind != "missing"]
+        in_time = sorted(entries, key=lambda e: (e.epoch_utc, e.camera, e.head, e.address)) if mcap else entries
+        paths = [store.path(e.address) for e in in_time if e.kind != "missing"]
     if not paths:
         raise UserError("nothing to export", where=str(source), fix=f"see {command_line('archive', 'ls', source)}")
     out.mkdir(parents=True, exist_ok=True)
     count = 0
     with watched("exporting") as progress:
-        progress.start(len(paths), 0)
-        for path in paths:
+        each = fits or png or zipped
+        progress.start(len(paths) * (each + mcap), 0)
+        for path in paths if each else []:
             count += len(export_file(path, out, fits=fits, png=png, zipped=zipped))
             progress.done(path.name)
+        if mcap:
+            write_mcap(out / f"{source.stem if source.is_file() else 'archive'}.mcap", paths, progress)
+            count += 1
     print(f"{out}: {count} files of {len(paths)} {'entry' if len(paths) == 1 else 'entries'}")
 
 
