@@ -113,7 +113,7 @@ class RunFolder:
 
     def remove_temporary_files(self) -> None:
         """Delete what a killed run was writing; nothing where a link leads. Call only with the lock held."""
-        folders = (self.archive, self.cases, self.state, self.stability)
+        folders = (self.archive, self.cases, self.state, self.stability, self.root / "report")
         below = [path for folder in folders for path in atomic.leftovers(folder)]
         for path in (*below, *atomic.leftovers(self.root, below=False)):
             path.unlink(missing_ok=True)
