@@ -46,6 +46,7 @@ from horizonval.estimation.likelihood.light import LimbLight, solved, weighed
 from horizonval.estimation.likelihood.limb_pixels import LimbPixels, limb_pixels
 from horizonval.estimation.likelihood.pixels import pixel_at_limb_m
 from horizonval.estimation.likelihood.sectors import eliminated
+from horizonval.estimation.limb.smaller import smaller
 from horizonval.geometry.camera import CameraModel
 
 STEP_PX = 0.02
@@ -64,6 +65,9 @@ class CalibrationFrame:
         As it was told.
     bends : bool
         Whether its distortion may be wrong.
+    scale : int
+        Pixels of the image that together are one of those that are fitted, each way. What is shared, and the camera
+        as it was told, are then in those wider pixels.
 
     Raises
     ------
@@ -71,9 +75,12 @@ class CalibrationFrame:
         Too little limb in view.
     """
 
-    def __init__(self, start: EllipsoidStart, camera: CameraModel, *, bends: bool = False) -> None:
+    def __init__(self, start: EllipsoidStart, camera: CameraModel, *, bends: bool = False, scale: int = 1) -> None:
         self.bends = bends
         self.image, self.told, self.knowledge = start.picture.grey, camera, start.knowledge
+        if scale > 1:
+            self.image, self.told = smaller(self.image, camera, scale)
+            self.knowledge = self.knowledge.in_wider_pixels(scale)
         state = LimbState(float(np.sqrt(self.knowledge.blur_px**2 + PIXEL_VARIANCE)), self.knowledge.scale_height_m)
         self.now = LimbUnknowns(start.pose, state, np.zeros(0))
         self.light: LimbLight | None = None

@@ -41,12 +41,15 @@ from horizonval.estimation.likelihood.calibration.shared import (
     BEND,
     FOCAL,
     HEIGHT,
+    POINT,
     SHARED,
     TURN,
     SharedUnknowns,
     prior_sigmas,
 )
+from horizonval.estimation.likelihood.claim import limb_scale
 from horizonval.estimation.likelihood.ellipsoid_start import ellipsoid_start
+from horizonval.estimation.miscalibrated import k1_per_px
 from horizonval.estimation.observation import Observation
 from horizonval.geometry.camera import CameraModel
 from horizonval.geometry.frames import compose
@@ -136,7 +139,7 @@ def calibrate(observations: Sequence[Observation], progress: Progress | None = N
     if not observations:
         return Refusal(Outcome.BAD_INPUT, "no image to calibrate with")
     first = observations[0]
-    frames, left_out = [], []
+    starts, left_out = [], []
     bends = first.calibration is not None and first.calibration.distortion_sigma_px > 0.0
     for number, observation in enumerate(observations):
         if observation.camera != first.camera or not np.array_equal(observation.q_cam_from_body, first.q_cam_from_body):
@@ -147,16 +150,23 @@ def calibrate(observations: Sequence[Observation], progress: Progress | None = N
                 return start
             left_out.append(f"image {number + 1}: {start.reason}")
             continue
-        frames.append(CalibrationFrame(start, observation.camera, bends=bends))
-    if len(frames) < FEWEST_FRAMES:
+        starts.append(start)
+    if len(starts) < FEWEST_FRAMES:
         return Refusal(
-            Outcome.NO_LIMB, f"{len(frames)} images with a limb; {FEWEST_FRAMES} are needed; " + "; ".join(left_out[:3])
+            Outcome.NO_LIMB, f"{len(starts)} images with a limb; {FEWEST_FRAMES} are needed; " + "; ".join(left_out[:3])
         )
-    sigmas = prior_sigmas(first, limb_height_prior(first)[1], float(np.median([one.pixel_m for one in frames])))
+    # As in single images: limbs of many pixels' depth are read in wider ones, here the same in all images.
+    scale = min(limb_scale(first.camera, start.pose, start.knowledge) for start in starts)
+    frames = [CalibrationFrame(start, first.camera, bends=bends, scale=scale) for start in starts]
+    whole = _of_whole_pixels(first.camera, frames[0].told, scale, bends=bends)
+    pixel_m = float(np.median([one.pixel_m for one in frames]))
+    sigmas = prior_sigmas(first, limb_height_prior(first)[1], pixel_m)
     try:
-        shared, covariance, steps = _solve(frames, sigmas, progress or Silent())
+        found_small, small_covariance, steps = _solve(frames, sigmas / whole, progress or Silent())
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NOT_CONVERGED, f"limb-calibrate: {e}")
+    shared = SharedUnknowns(found_small.values * whole)
+    covariance = small_covariance * np.outer(whole, whole)
     of_camera = slice(0, TURN.stop)
     found = CameraCalibration(
         camera=shared.camera(first.camera),
@@ -177,6 +187,15 @@ def calibrate(observations: Sequence[Observation], progress: Progress | None = N
             "left; turn the body so that the limb crosses the image, or know the height of the limb",
         )
     return found
+
+
+def _of_whole_pixels(camera: CameraModel, small: CameraModel, scale: int, *, bends: bool) -> FloatArray:
+    """Return how much of the camera's own errors, shape (8,), one of those in wider pixels is."""
+    whole = np.ones(SHARED)
+    whole[POINT] = scale
+    if bends and scale > 1:
+        whole[BEND] = k1_per_px(small) / k1_per_px(camera)
+    return whole
 
 
 def _solve(

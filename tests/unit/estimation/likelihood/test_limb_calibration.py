@@ -15,7 +15,9 @@ from horizonval.earth.limb_relief import reliefs
 from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.likelihood.calibration.shared import seen_by_changed
 from horizonval.estimation.likelihood.calibration.solve import CameraCalibration, calibrate
+from horizonval.estimation.likelihood.claim import limb_scale
 from horizonval.estimation.likelihood.edge_profile import edge_profile
+from horizonval.estimation.likelihood.ellipsoid_start import EllipsoidStart, ellipsoid_start
 from horizonval.estimation.likelihood.limb_angle import limb_angle
 from horizonval.estimation.likelihood.limb_pixels import MISPLACED_PX
 from horizonval.estimation.likelihood.pixels import NearPixels, image_scale
@@ -38,7 +40,11 @@ TURNS_DEG = (-28.0, -14.0, 0.0, 14.0, 28.0)
 
 
 def limb_image(
-    cam_from_itrs: FloatArray, r_itrs: FloatArray, random: np.random.Generator, uneven_m: float = 0.0
+    cam_from_itrs: FloatArray,
+    r_itrs: FloatArray,
+    random: np.random.Generator,
+    uneven_m: float = 0.0,
+    camera: CameraModel = CAMERA,
 ) -> FloatArray:
     """Return what the camera sees of a soft limb, with noise, shape (H, W).
 
@@ -46,8 +52,8 @@ def limb_image(
     and along the limb by the relief that a limb of an unknown band may have.
     """
     axes = WGS84.axes_m + HEIGHT_M
-    grid = pixel_grid(CAMERA).reshape(-1, 2)
-    los = [unproject(CAMERA, grid + step).T for step in ([0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5])]
+    grid = pixel_grid(camera).reshape(-1, 2)
+    los = [unproject(camera, grid + step).T for step in ([0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5])]
     angle = limb_angle(np.ascontiguousarray(los[0]), cam_from_itrs, r_itrs, axes)
     scale = image_scale(angle, los[1] - los[2], los[3] - los[4])
     soft = SCALE_M * angle.by_height / scale
@@ -60,7 +66,7 @@ def limb_image(
         lift = np.interp(np.mod(np.arctan2(across[1], across[0]), 2.0 * np.pi), nodes, height)
         delta = delta + angle.by_height * lift + MISPLACED_PX * random.standard_normal() * scale
     level = edge_profile(delta / scale, float(np.hypot(BLUR_PX, 12**-0.5)), soft).level
-    return (100.0 + 800.0 * level + NOISE * random.standard_normal(len(level))).reshape(CAMERA.height, CAMERA.width)
+    return (100.0 + 800.0 * level + NOISE * random.standard_normal(len(level))).reshape(camera.height, camera.width)
 
 
 def a_pass(
@@ -70,6 +76,7 @@ def a_pass(
     height_sigma_m: float = 300.0,
     *,
     uneven: bool = False,
+    camera: CameraModel = CAMERA,
 ) -> list[Observation]:
     """Return what an honest platform says of the frames of an orbit, the camera and its mounting right."""
     random = np.random.default_rng(seed)
@@ -84,7 +91,7 @@ def a_pass(
         angles = [turns_deg[number % len(turns_deg)], 3.0 * (number % 3 - 1), 20.0 * (number % 2)]
         turn = Rotation.from_euler("xyz", angles, degrees=True)
         body = turn * level
-        image = limb_image((MOUNT * body).as_matrix(), r, random, height_sigma_m if uneven else 0.0)
+        image = limb_image((MOUNT * body).as_matrix(), r, random, height_sigma_m if uneven else 0.0, camera)
         error = np.radians(ATTITUDE_SIGMA_DEG) * random.standard_normal(3)
         believed = MOUNT * Rotation.from_rotvec(error) * body
         prior = Prior(
@@ -96,7 +103,7 @@ def a_pass(
             limb_height_m=height,
             limb_height_sigma_m=height_sigma_m,
         )
-        made.append(Observation(image=image, camera=CAMERA, q_cam_from_body=MOUNT.as_quat(), prior=prior))
+        made.append(Observation(image=image, camera=camera, q_cam_from_body=MOUNT.as_quat(), prior=prior))
     return made
 
 
@@ -105,7 +112,7 @@ def misled(
 ) -> list[Observation]:
     """Return the same frames told with a wrong camera, whose mounting is off by a turn in camera axes."""
     turn = Rotation.from_rotvec(-turn_rad).as_quat()
-    camera = miscalibrated(CAMERA, focal, point_px)
+    camera = miscalibrated(frames[0].camera, focal, point_px)
     told = []
     for one in frames:
         prior = replace(one.prior, q_cam_from_itrs=compose(turn, one.prior.q_cam_from_itrs))
@@ -113,12 +120,12 @@ def misled(
     return told
 
 
-def errors_of(found: CameraCalibration) -> FloatArray:
+def errors_of(found: CameraCalibration, camera: CameraModel = CAMERA) -> FloatArray:
     """Return found less true: ln f, principal point, distortion, turn of the camera, shape (7,)."""
     turn = Rotation.from_quat(found.q_cam_from_body) * MOUNT.inv()
-    point = [found.camera.cx - CAMERA.cx, found.camera.cy - CAMERA.cy]
-    bend = found.camera.distortion[0] - CAMERA.distortion[0]
-    return np.array([np.log(found.camera.fx / CAMERA.fx), *point, bend, *turn.as_rotvec()])
+    point = [found.camera.cx - camera.cx, found.camera.cy - camera.cy]
+    bend = found.camera.distortion[0] - camera.distortion[0]
+    return np.array([np.log(found.camera.fx / camera.fx), *point, bend, *turn.as_rotvec()])
 
 
 WRONG = (0.01, (1.5, -2.0), np.radians([0.1, -0.2, 0.15]))
@@ -141,6 +148,20 @@ def test_a_percent_of_the_focal_length_is_found() -> None:
     assert found.frames == 20
     assert np.abs(errors_of(found)[USED] / found.sigma[USED]).max() < 3.3
     assert found.change[0] == pytest.approx(-0.01, abs=2e-3)
+
+
+def test_limbs_of_many_pixels_depth_are_read_in_wider_ones() -> None:
+    """A scale height is four pixels deep and the blur a part of one; what is found is in pixels of the camera itself."""
+    fine = CameraModel(width=512, height=510, fx=960.0, fy=960.0, cx=257.3, cy=252.6)
+    frames = a_pass(10, 6, turns_deg=(-6.0, -3.0, 0.0, 3.0, 6.0), camera=fine)
+    start = ellipsoid_start(frames[0], "limb-calibrate")
+    assert isinstance(start, EllipsoidStart)
+    assert limb_scale(fine, start.pose, start.knowledge) == 4
+    found = calibrate(misled(frames, *WRONG))
+    assert isinstance(found, CameraCalibration), found
+    assert found.sigma[0] < WRONG[0] / 4.0
+    assert np.abs(errors_of(found, fine)[USED] / found.sigma[USED]).max() < 3.3
+    assert (found.camera.width, found.camera.height) == (512, 510)
 
 
 @pytest.mark.slow
