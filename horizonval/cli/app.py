@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from horizonval.cli.archive import archive_app
+from horizonval.cli.bench.commands import bench_app
 from horizonval.cli.calibration import calibrate
 from horizonval.cli.campaign import report, run
 from horizonval.cli.check import check
@@ -62,6 +63,7 @@ for _command in COMMANDS:
 app.command("list")(list_names)
 app.add_typer(archive_app, name="archive")
 app.add_typer(baseline_app, name="baseline")
+app.add_typer(bench_app, name="bench")
 
 
 @app.callback(invoke_without_command=True)
@@ -93,7 +95,7 @@ def main() -> None:
 def _command_name(arguments: list[str]) -> str:
     """Return the words that name the command, as far as they can be told before anything is parsed."""
     words = [word for word in arguments[:2] if not word.startswith("-")]
-    return " ".join(words if words[:1] in (["archive"], ["baseline"]) else words[:1]) or "it"
+    return " ".join(words if words[:1] in (["archive"], ["baseline"], ["bench"]) else words[:1]) or "it"
 
 
 def run_command_line(arguments: list[str]) -> int:

@@ -1,0 +1,156 @@
+"""The score sheet of the benchmark, version 1: one number of each method, and what it is made of.
+
+The sheet is arithmetic on six numbers of each frame. It has limits of its own for false claims, the same for every
+method, and takes nothing from the code that makes the rows, so that it stays what it is when that code changes.
+The rules are written for people in ``docs/howto/bench.md``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+SHEET_VERSION = 1
+FALSE_ARCSEC = 1800.0
+"""A claim is false that is further off, whatever it claims of itself."""
+FREE_ARCSEC = 360.0
+"""No claim is false that is nearer, whatever it claims of itself."""
+FALSE_SIGMAS = 5.0
+DEFAULT_SIGMA_ARCSEC = 72.0
+"""Of a claim that claims no uncertainty."""
+DEFAULT_BOUND_ARCSEC = 36.0
+"""Of a frame that is due and has no bound."""
+RESAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the sheet knows of one method on one frame.
+
+    Attributes
+    ----------
+    cell, frame : str
+    due : bool
+        Whether the frame determines the nadir, from truth alone, and is not on the border of that.
+    claimed : bool
+        Whether the method gave an attitude.
+    error_arcsec, sigma_arcsec, bound_arcsec, nees : float or None
+        Nadir error; claimed standard deviation in all; what the limb allows; normalised error squared, of which an
+        honest mean is 2.
+    """
+
+    cell: str
+    frame: str
+    due: bool
+    claimed: bool
+    error_arcsec: float | None = None
+    sigma_arcsec: float | None = None
+    bound_arcsec: float | None = None
+    nees: float | None = None
+
+    @property
+    def is_false(self) -> bool:
+        """Whether it is a claim that misleads."""
+        if not self.claimed or self.error_arcsec is None:
+            return False
+        sigma = self.sigma_arcsec or DEFAULT_SIGMA_ARCSEC
+        beyond_sigma = self.error_arcsec > FREE_ARCSEC and self.error_arcsec > FALSE_SIGMAS * sigma
+        return self.error_arcsec > FALSE_ARCSEC or beyond_sigma
+
+    @property
+    def points(self) -> float:
+        """Points of the frame: -1 for a false claim, up to 1 for a right one where it is due, else 0."""
+        if self.is_false:
+            return -1.0
+        if not (self.due and self.claimed) or self.error_arcsec is None:
+            return 0.0
+        over_bound = self.error_arcsec / (self.bound_arcsec or DEFAULT_BOUND_ARCSEC)
+        return 1.0 / (1.0 + math.log2(max(1.0, over_bound)))
+
+
+def score_of(answers: Sequence[Answer]) -> float:
+    """Return the number that ranks: 100 times the points over the frames that are due; 0 where none is."""
+    due = sum(answer.due for answer in answers)
+    return 100.0 * math.fsum(answer.points for answer in answers) / due if due else 0.0
+
+
+def sheet_of(answers: Sequence[Answer]) -> dict[str, Any]:
+    """Return one method's sheet: all frames under ``all``, and each cell under its name in ``cells``."""
+    cells: dict[str, list[Answer]] = {}
+    for answer in answers:
+        cells.setdefault(answer.cell, []).append(answer)
+    return {
+        "version": SHEET_VERSION,
+        "all": _figures(answers),
+        "cells": {cell: _figures(cells[cell]) for cell in sorted(cells)},
+    }
+
+
+def ranking(methods: Mapping[str, Sequence[Answer]]) -> list[dict[str, Any]]:
+    """Rank methods by their score, ties told.
+
+    A method is tied with the leader of its group if the 95 % interval of the difference of their scores, by resampling
+    frames within cells, the same frames for both, holds 0. The next group begins with the first that is not.
+
+    Returns
+    -------
+    list of dict
+        Best first: ``method``, ``score``, ``rank`` (that of the group's leader), ``tied`` (whether others share it).
+
+    Raises
+    ------
+    ValueError
+        The methods did not see the same frames.
+    """
+    frames = {name: {answer.frame: answer for answer in answers} for name, answers in methods.items()}
+    if len({frozenset(seen) for seen in frames.values()}) > 1:
+        raise ValueError("methods can only be ranked on the same frames")
+    scores = {name: score_of(answers) for name, answers in methods.items()}
+    rows: list[dict[str, Any]] = []
+    leader, rank = "", 0
+    for place, name in enumerate(sorted(scores, key=lambda n: (-scores[n], n)), start=1):
+        if not leader or not _tied(frames[leader], frames[name]):
+            leader, rank = name, place
+        rows.append({"method": name, "score": scores[name], "rank": rank})
+    ranks = [row["rank"] for row in rows]
+    return [row | {"tied": ranks.count(row["rank"]) > 1} for row in rows]
+
+
+def _tied(a: Mapping[str, Answer], b: Mapping[str, Answer]) -> bool:
+    cells: dict[str, list[str]] = {}
+    for name in sorted(a):
+        cells.setdefault(a[name].cell, []).append(name)
+    random = np.random.default_rng(SHEET_VERSION)
+    gained, due = np.zeros(RESAMPLES), np.zeros(RESAMPLES)
+    for cell in sorted(cells):
+        names = cells[cell]
+        drawn = random.integers(len(names), size=(RESAMPLES, len(names)))
+        gained += np.array([a[name].points - b[name].points for name in names])[drawn].sum(axis=1)
+        due += np.array([float(a[name].due) for name in names])[drawn].sum(axis=1)
+    low, high = np.percentile(gained / np.maximum(due, 1.0), [2.5, 97.5])
+    return bool(low <= 0.0 <= high)
+
+
+def _figures(answers: Sequence[Answer]) -> dict[str, Any]:
+    due = [answer for answer in answers if answer.due]
+    claims = [answer for answer in answers if answer.claimed]
+    right = [answer for answer in due if answer.claimed and answer.error_arcsec is not None]
+    errors = [answer.error_arcsec for answer in right if answer.error_arcsec is not None]
+    over = [(answer.error_arcsec or 0.0) / (answer.bound_arcsec or DEFAULT_BOUND_ARCSEC) for answer in right]
+    nees = [answer.nees for answer in claims if answer.nees is not None]
+    return {
+        "frames": len(answers),
+        "due": len(due),
+        "answered": sum(answer.claimed for answer in due),
+        "claims": len(claims),
+        "false": sum(answer.is_false for answer in claims),
+        "score": score_of(answers),
+        "median_error_arcsec": float(np.median(errors)) if errors else None,
+        "p95_error_arcsec": float(np.percentile(errors, 95)) if errors else None,
+        "median_over_bound": float(np.median(over)) if over else None,
+        "mean_nees": math.fsum(nees) / len(nees) if nees else None,
+    }

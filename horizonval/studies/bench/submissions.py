@@ -1,0 +1,156 @@
+"""Frames made, submissions run on them, and all of them scored: a folder for each of the three.
+
+``frames`` is a run of the suite, ``entries/NAME`` what a submission answered, ``scores.json`` and ``README.md`` the
+sheets and the ranking. A submission is asked by the sandbox of every run: it sees image, camera and prior in a process
+of its own, while truth and arithmetic stay with whoever asks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from horizonval.core import atomic
+from horizonval.core.digests import content_digest
+from horizonval.core.errors import UserError, command_line
+from horizonval.core.progress import Progress
+from horizonval.estimation.process.limits import Limits
+from horizonval.jobs.execution import Execution
+from horizonval.scoring.row import Row
+from horizonval.store.folder import RunFolder, read_json, write_json
+from horizonval.store.index import Filter
+from horizonval.store.store import Store
+from horizonval.studies.bench.frames import bench_suite, cell_of, commitment
+from horizonval.studies.bench.sheet import Answer, ranking, sheet_of
+from horizonval.suites.rescore import rescore
+from horizonval.suites.run import run_suite
+
+
+def make_frames(
+    out: Path, seed: int | None, frames_per_cell: int, workers: int | None, progress: Progress
+) -> dict[str, Any]:
+    """Render the frames of a suite, or finish what is there; return what ``bench.json`` says of them.
+
+    Raises
+    ------
+    UserError
+        As :func:`horizonval.suites.run.run_suite`; frames that failed.
+    """
+    suite = bench_suite(seed, frames_per_cell)
+    done = run_suite(suite, out / "frames", progress=progress, execution=Execution(workers))
+    if done.failed:
+        name, why = next(iter(done.failed.items()))
+        raise UserError(f"{len(done.failed)} frames failed, the first {name}: {why}", where=str(out / "frames"))
+    images = Store(out / "frames" / "archive").index.select(Filter(kind="image"))
+    # No seed of a sealed suite: whoever reads the folder of a competition must not draw its frames again.
+    head = {
+        "bench": 1,
+        "sealed": seed is not None,
+        "commitment": commitment(suite.seed),
+        "frames_per_cell": frames_per_cell,
+        "images": len(images),
+        "images_sha256": content_digest(sorted(image.address for image in images)),
+    }
+    write_json(out / "bench.json", head)
+    return head
+
+
+def run_submissions(
+    out: Path, names: Sequence[str], limits: Limits, workers: int, progress: Progress
+) -> dict[str, dict[str, str]]:
+    """Ask submissions about every frame, or finish what is there; return the frames of each that failed, and why.
+
+    Raises
+    ------
+    UserError
+        No frames, or a name that is no estimator.
+    """
+    _head(out)
+    store = Store(out / "frames" / "archive")
+    return {
+        name: rescore(store, out / "entries" / name, (name,), None, workers, limits, progress).failed for name in names
+    }
+
+
+def score_submissions(out: Path) -> dict[str, Any]:
+    """Score what was answered; write and return the content of ``scores.json``, and write the page.
+
+    Raises
+    ------
+    UserError
+        No frames, no answers, or an entry that is not finished.
+    """
+    head = _head(out)
+    methods = {path.name: _answers(path, head["images"]) for path in sorted((out / "entries").glob("*"))}
+    if not methods:
+        raise UserError("no answers to score", where=str(out), fix=command_line("bench", "run", out))
+    scores = {
+        "frames": head,
+        "ranking": ranking(methods),
+        "sheets": {name: sheet_of(answers) for name, answers in methods.items()},
+    }
+    write_json(out / "scores.json", scores)
+    atomic.write_text(out / "README.md", page(scores))
+    return scores
+
+
+def page(scores: dict[str, Any]) -> str:
+    """Return the ranking as Markdown."""
+    head = scores["frames"]
+    kind = f"sealed, commitment `{head['commitment']}`" if head["sealed"] else "public"
+    lines = [
+        "# Ranking of horizon sensing",
+        "",
+        f"Frames: {kind}; {head['frames_per_cell']} of each cell, {head['images']} images,",
+        f"digest `{head['images_sha256']}`.",
+        "",
+        "Score: 100 is the bound on every frame that is due, 0 is silence, a false claim costs a frame.",
+        "Methods of one rank cannot be told apart on these frames.",
+        "",
+        "| rank | method | score | answered, of due | false, of claims | median / bound | 95 % [deg] | NEES |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in scores["ranking"]:
+        f = scores["sheets"][row["method"]]["all"]
+        p95 = None if f["p95_error_arcsec"] is None else f["p95_error_arcsec"] / 3600.0
+        lines.append(
+            f"| {row['rank']}{' =' if row['tied'] else ''} | `{row['method']}` | {row['score']:.1f} "
+            f"| {f['answered']} of {f['due']} | {f['false']} of {f['claims']} "
+            f"| {_number(f['median_over_bound'])} | {_number(p95)} | {_number(f['mean_nees'])} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.3g}"
+
+
+def _head(out: Path) -> dict[str, Any]:
+    head = read_json(out / "bench.json")
+    if head is None:
+        raise UserError("no frames of a benchmark", where=str(out), fix=f"{command_line('bench', 'make')} --out {out}")
+    return dict(head)
+
+
+def _answers(entry: Path, images: int) -> list[Answer]:
+    folder = RunFolder(entry)
+    rows = []
+    for path in sorted(folder.cases.glob("*.json")):
+        record = read_json(path) or {}
+        rows += [Row.from_dict(row) for row in record.get("rows", ())]
+    if len(rows) != images:
+        raise UserError(f"has {len(rows)} of {images} answers", where=str(entry), fix="run the submission again")
+    return [
+        Answer(
+            cell=cell_of(row.case),
+            frame=f"{row.case}/{row.band}",
+            due=row.is_due,
+            claimed=row.is_claim,
+            error_arcsec=row.nadir_error_arcsec,
+            sigma_arcsec=row.sigma_total_arcsec,
+            bound_arcsec=row.bound_arcsec,
+            nees=row.nees_nadir_total,
+        )
+        for row in rows
+    ]
