@@ -94,4 +94,4 @@ def bench_score(folder: Folder, as_json: Json = False) -> None:
     if as_json:
         print_json(scores)
     else:
-        print(printable(page(scores)))
+        print("\n".join(printable(line) for line in page(scores).splitlines()))

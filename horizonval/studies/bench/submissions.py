@@ -15,6 +15,7 @@ from horizonval.core import atomic
 from horizonval.core.digests import content_digest
 from horizonval.core.errors import UserError, command_line
 from horizonval.core.progress import Progress
+from horizonval.estimation import installed
 from horizonval.estimation.process.limits import Limits
 from horizonval.jobs.execution import Execution
 from horizonval.scoring.row import Row
@@ -64,9 +65,13 @@ def run_submissions(
     Raises
     ------
     UserError
-        No frames, or a name that is no estimator.
+        No frames, a name that is no estimator, or one that is given the pose or needs several heads.
     """
     _head(out)
+    for name in names:
+        # Every frame is due an answer of who is told it, so that such a method cannot be ranked.
+        if installed.get(name, limits).needs != "image":
+            raise UserError(f"{name} needs more than one image", where="bench run", expected="a method of one image")
     store = Store(out / "frames" / "archive")
     return {
         name: rescore(store, out / "entries" / name, (name,), None, workers, limits, progress).failed for name in names
@@ -84,7 +89,7 @@ def score_submissions(out: Path) -> dict[str, Any]:
     head = _head(out)
     methods = {path.name: _answers(path, head["images"]) for path in sorted((out / "entries").glob("*"))}
     if not methods:
-        raise UserError("no answers to score", where=str(out), fix=command_line("bench", "run", out))
+        raise UserError("no answers to score", where=str(out), fix="give `horizonval bench run` an --estimator")
     scores = {
         "frames": head,
         "ranking": ranking(methods),
@@ -129,7 +134,7 @@ def _number(value: float | None) -> str:
 def _head(out: Path) -> dict[str, Any]:
     head = read_json(out / "bench.json")
     if head is None:
-        raise UserError("no frames of a benchmark", where=str(out), fix=f"{command_line('bench', 'make')} --out {out}")
+        raise UserError("no frames of a benchmark", where=str(out), fix=command_line("bench", "make", "--out", out))
     return dict(head)
 
 
