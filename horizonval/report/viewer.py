@@ -29,7 +29,8 @@ BUDGET_PX = 12_000_000
 
 def packed(dn: NDArray[np.uint16]) -> str:
     """Return digital numbers, shape (H, W), as the text that the page's code unpacks."""
-    difference = np.diff(dn.astype(np.uint16), axis=1, prepend=np.uint16(0))
+    difference = dn.astype(np.uint16)
+    difference[:, 1:] -= dn[:, :-1]
     planes = np.concatenate([(difference & 0xFF).ravel(), (difference >> 8).ravel()]).astype(np.uint8)
     return base64.b64encode(zlib.compress(planes.tobytes(), 6)).decode("ascii")
 
@@ -86,7 +87,8 @@ def sentence(run: ReportRun, groups: Sequence[Mapping[str, Any]]) -> str:
         return "No frame is due an answer."
     answered = sum(row.is_claim and not row.false_valid for row in due)
     errors = [row.nadir_error_arcsec for row in rows if row.is_claim and row.nadir_error_arcsec is not None]
-    text = f"Right in {percent(answered / len(due))} of {count(len(due), 'answer')} due"
+    who = f" from {count(len(run.judged_estimators), 'estimator')} together" if len(run.judged_estimators) > 1 else ""
+    text = f"Right in {percent(answered / len(due))} of {count(len(due), 'answer')} due{who}"
     if errors:
         median, most = np.percentile(errors, [50.0, 95.0])
         text += f": half of all claims within {DEG.text(float(median))} of the true nadir, 95 % within "
