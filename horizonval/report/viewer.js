@@ -47,6 +47,16 @@
     return dn && x >= 0 && y >= 0 && x < f.width && y < f.height ? dn[y * f.width + x] : null;
   };
 
+  const warmth = (value) => {
+    const heat = frame().heat;
+    if (!heat) return "";
+    const radiance = heat.zero + heat.step * value, table = heat.temperature_k, last = table.length - 1;
+    const text = `\n${radiance.toPrecision(5)} W m-2 sr-1`;
+    if (value < 1) return text;
+    const low = Math.log(heat.zero + heat.step), high = Math.log(heat.zero + heat.step * frame().full);
+    const place = Math.min(last, (last * (Math.log(radiance) - low)) / (high - low)), i = Math.min(last - 1, Math.floor(place));
+    return `${text}, ${(1 / (1 / table[i] + (place - i) * (1 / table[i + 1] - 1 / table[i]))).toFixed(2)} K`;
+  };
   const fit = (c) => {
     const ratio = window.devicePixelRatio || 1;
     c.width = Math.round(c.clientWidth * ratio);
@@ -122,7 +132,7 @@
       find("v-value").textContent = dn ? "Point at the frame for its value." : "This frame's exact numbers are not in the page; the archive has them.";
     } else {
       const near = frame().truth ? nearest(frame().truth, pointer) : null;
-      find("v-value").textContent = `x ${Math.round(pointer[0])}, y ${Math.round(pointer[1])}: ${value} DN of ${frame().full}` +
+      find("v-value").textContent = `x ${Math.round(pointer[0])}, y ${Math.round(pointer[1])}: ${value} DN of ${frame().full}` + warmth(value) +
         (near ? `\n${near.far.toFixed(1)} px from the true horizon` : "");
     }
     profile();

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.earth.spectral.brightness import brightness_temperature_k
 from horizonval.frame import DetectorImage
 from horizonval.report.angle_unit import DEG
 from horizonval.report.formatting import count, percent
@@ -25,6 +26,8 @@ from horizonval.scoring.expected import Expected
 
 BUDGET_PX = 12_000_000
 """Pixels whose numbers one page holds: about 20 MB of noisy 12-bit frames."""
+_NODES = 129
+"""Temperatures of a thermal frame's table."""
 
 
 def packed(dn: NDArray[np.uint16]) -> str:
@@ -43,6 +46,23 @@ def chosen(images: Sequence[DetectorImage | None], budget_px: int = BUDGET_PX) -
         return set(there)
     n = len(there) * budget_px // pixels
     return {there[k * len(there) // n] for k in range(n)}
+
+
+def heat_of(image: DetectorImage) -> dict[str, Any] | None:
+    """Return how a thermal image's digital numbers become radiance and brightness temperature; ``None`` of others.
+
+    ``zero`` and ``step`` [W m-2 sr-1] make radiances. ``temperature_k`` has the temperatures of radiances in equal ratios,
+    from the first step's to full scale's; between them the inverse of the temperature is linear in the logarithm of the
+    radiance to better than 0.01 K.
+    """
+    step = image.observation.get("radiance_per_dn")
+    band = next((one for one in image.truth.camera_spec.band if one.name == image.band), None)
+    if step is None or band is None or band.kind != "thermal":
+        return None
+    zero = float(image.observation["radiance_at_zero"])
+    ends = zero + step, zero + step * image.full_scale
+    kelvin = brightness_temperature_k(band, np.geomspace(*ends, _NODES))
+    return {"zero": zero, "step": step, "temperature_k": [round(float(value), 4) for value in kelvin]}
 
 
 def frame_data(view: CaseView, expected: Expected | None, picture: Any, estimators: Sequence[str]) -> str:
@@ -68,6 +88,7 @@ def frame_data(view: CaseView, expected: Expected | None, picture: Any, estimato
     return json.dumps(
         {
             "band": view.band,
+            "heat": heat_of(image) if image is not None else None,
             "full": image.full_scale if image is not None else 0,
             "black": picture.black_dn if picture is not None else 0,
             "white": picture.white_dn if picture is not None else 1,

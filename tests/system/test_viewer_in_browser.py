@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+import re
+
 import numpy as np
 import pytest
+import synthetic
 from browser import Browser, chromium_path
+from scipy import constants, integrate
 from synthetic import synthetic_cases, toy_image, write_run
 
 from horizonval.report import build_report
@@ -172,3 +177,25 @@ def test_dark_where_the_reader_wants_it(browser, page):
     browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
     assert max(browser.evaluate(back)) < 60
     browser.call("Emulation.setEmulatedMedia", features=[])
+
+
+def test_a_thermal_frame_says_what_a_black_body_would_have_to_be(browser, tmp_path, monkeypatch):
+    def warm(truth):
+        image = toy_image(truth)
+        return dataclasses.replace(image, observation={"radiance_at_zero": 0.0, "radiance_per_dn": 0.15})
+
+    monkeypatch.setattr(synthetic, "toy_image", warm)
+    case = next(case for case in synthetic_cases() if case.truth.scene["scene"]["name"] == "lwir-arc")
+    visit(browser, build_report(write_run(tmp_path / "run", [case])).as_uri())
+    for place in ((0.5, 0.3), (0.5, 0.8)):
+        point_at(browser, *place)
+        words = browser.evaluate("document.getElementById('v-value').textContent")
+        dn, radiance, kelvin = map(float, re.search(r": (\d+) DN.*\n(\S+) W m-2 sr-1, (\S+) K", words).groups())
+        assert radiance == pytest.approx(0.15 * dn, rel=1e-4)
+
+        def emitted(wavelength_m, temperature_k=kelvin):
+            exponent = constants.h * constants.c / (wavelength_m * constants.k * temperature_k)
+            return 2 * constants.h * constants.c**2 / wavelength_m**5 / np.expm1(exponent)
+
+        # A hundredth of a kelvin is 1.6e-4 of the radiance of a body of 300 K, and more of colder ones.
+        assert integrate.quad(emitted, 8e-6, 14e-6)[0] == pytest.approx(radiance, rel=5e-4)
