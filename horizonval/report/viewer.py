@@ -51,9 +51,9 @@ def chosen(images: Sequence[DetectorImage | None], budget_px: int = BUDGET_PX) -
 def heat_of(image: DetectorImage) -> dict[str, Any] | None:
     """Return how a thermal image's digital numbers become radiance and brightness temperature; ``None`` of others.
 
-    ``zero`` and ``step`` [W m-2 sr-1] make radiances. ``temperature_k`` has the temperatures of radiances in equal ratios,
-    from the first step's to full scale's; between them the inverse of the temperature is linear in the logarithm of the
-    radiance to better than 0.01 K.
+    ``zero`` and ``step`` [W m-2 sr-1] make radiances. ``temperature_k`` has the temperatures of radiances in equal
+    ratios, from the first step's to full scale's. Between them the inverse of the temperature is linear in the
+    logarithm of the radiance to better than 0.01 K.
     """
     step = image.observation.get("radiance_per_dn")
     band = next((one for one in image.truth.camera_spec.band if one.name == image.band), None)
