@@ -17,7 +17,7 @@ from urllib.parse import quote
 
 from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
-from horizonval.report import angle_unit, formatting, rerun, template
+from horizonval.report import angle_unit, formatting, rerun, template, viewer
 from horizonval.report.accuracy import accuracy_of
 from horizonval.report.angle_unit import AngleUnit
 from horizonval.report.figures import overlay, picture, plots
@@ -100,7 +100,10 @@ def page_of(run: ReportRun) -> dict[str, Any]:
     pixels = sum(view.image.dn.size for view in run.views if view.image is not None)
     reduced = pixels > picture.LOSSLESS_BUDGET_PX
     shown_views = [view for view in run.views if view.shown]
-    tiles = [_tile(view, run, index, reduced, unit) for index, view in enumerate(shown_views)]
+    numbered = viewer.chosen([view.image for view in shown_views])
+    tiles = [
+        _tile(view, run, index, reduced, unit, numbered=index in numbered) for index, view in enumerate(shown_views)
+    ]
     shown = {tile_row["verdict"] for tile in tiles for tile_row in tile["rows"]}
     cameras = sorted({tile["camera"] for tile in tiles})
     return {
@@ -109,6 +112,8 @@ def page_of(run: ReportRun) -> dict[str, Any]:
         "unit": unit,
         "groups": [{**group, "finding": _finding(group, unit)} for group in _in_order(summary["groups"], run)],
         "headline": _verdict(summary, run, broken),
+        "sentence": viewer.sentence(run, summary["groups"]),
+        "without_numbers": sum(tile["picture"] is not None and not tile["numbers"] for tile in tiles),
         "broken": broken,
         "cameras": cameras,
         "confusions": confusion_section.matrices_of(run.rows, run.judged_estimators),
@@ -218,8 +223,11 @@ def _bound_figure(run: ReportRun, unit: AngleUnit) -> list[dict[str, str]]:
     ]
 
 
-def _tile(view: CaseView, run: ReportRun, index: int, reduced: bool, unit: AngleUnit) -> dict[str, Any]:
+def _tile(
+    view: CaseView, run: ReportRun, index: int, reduced: bool, unit: AngleUnit, *, numbered: bool
+) -> dict[str, Any]:
     image = view.image
+    made = picture.picture_of(image, reduced=reduced) if image is not None else None
     # A frame without any row says so once.
     rows = [_tile_row(view, name, unit) for name in run.estimators if name in view.rows]
     some = next(iter(view.rows.values()), None)
@@ -235,6 +243,8 @@ def _tile(view: CaseView, run: ReportRun, index: int, reduced: bool, unit: Angle
         "expected_meaning": formatting.meaning(expected.outcome) if expected else "",
         "problem": view.problem,
         "picture": None,
+        "numbers": viewer.packed(image.dn) if image is not None and numbered else "",
+        "viewer": viewer.frame_data(view, expected, made, run.estimators),
         "data": json.dumps({row["estimator"]: [row["verdict"].key, row["error"]] for row in rows}),
         "facts": [*_facts(expected, image.truth), *infrared_section.facts_of(image.truth, view.band)]
         if expected and image
@@ -242,7 +252,7 @@ def _tile(view: CaseView, run: ReportRun, index: int, reduced: bool, unit: Angle
         "rerun": None,
     }
     if image is not None:
-        made = picture.picture_of(image, reduced=reduced)
+        assert made is not None
         height, width = image.dn.shape
         tile |= {
             "picture": made,

@@ -71,7 +71,9 @@ def run_submissions(
     for name in names:
         # Every frame is due an answer of who is told it, so that such a method cannot be ranked.
         if installed.get(name, limits).needs != "image":
-            raise UserError(f"{name} needs more than one image", where="bench run", expected="a method of one image")
+            raise UserError(
+                f"{name} is told the pose, or needs several heads", where="bench run", expected="a method of one image"
+            )
     store = Store(out / "frames" / "archive")
     return {
         name: rescore(store, out / "entries" / name, (name,), None, workers, limits, progress).failed for name in names

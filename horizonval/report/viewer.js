@@ -1,0 +1,286 @@
+"use strict";
+(() => {
+  const find = (id) => document.getElementById(id);
+  const frames = [...document.querySelectorAll("#grid .tile")].map((tile) => {
+    const svg = tile.querySelector("svg.image"), numbers = tile.querySelector("script.dn");
+    const curve = (root, kind) => root?.querySelector(`path.${kind}`)?.getAttribute("d") ?? "";
+    const [, , width, height] = (svg?.getAttribute("viewBox") ?? "0 0 1 1").split(" ").map(Number);
+    return {
+      name: tile.id, camera: tile.dataset.camera, width, height, numbers, svg, ...JSON.parse(tile.dataset.viewer),
+      truth: curve(svg, "truth"), infrared: curve(svg, "infrared"),
+      layers: svg ? [...svg.querySelectorAll(".layer")].map((g) => ({ points: curve(g, "points"), limb: curve(g, "limb") })) : [],
+    };
+  });
+  if (!frames.length) return;
+  const colours = { false: "#b34700", crashed: "#b34700", broken: "#b34700", missed: "#8a6100", valid: "#0072b2", bonus: "#0072b2" };
+  const canvas = find("v-frame"), plot = find("v-profile"), line = find("v-line"), scrub = find("v-scrub");
+  const pick = { a: find("v-a"), b: find("v-b") };
+  const names = [...pick.a.options].map((option) => option.value).filter(Boolean);
+  const marks = { t: find("v-truth"), p: find("v-points"), l: find("v-limb") };
+  const state = { frame: 0, zoom: 1, x: null, y: null };
+  let image = null, dn = null, pointer = null, drag = null, turn = 0;
+  const frame = () => frames[state.frame];
+
+  const unpack = async (f) => {
+    const bytes = Uint8Array.from(atob(f.numbers.textContent), (c) => c.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+    const planes = new Uint8Array(await new Response(stream).arrayBuffer());
+    const n = f.width * f.height, out = new Uint16Array(n);
+    for (let i = 0; i < n; i++) {
+      const step = planes[i] | (planes[n + i] << 8);
+      out[i] = i % f.width ? out[i - 1] + step : step;
+    }
+    return out;
+  };
+
+  const scale = () => {
+    const f = frame();
+    return state.zoom * Math.min(canvas.clientWidth / f.width, canvas.clientHeight / f.height);
+  };
+  const centre = () => [state.x ?? (frame().width - 1) / 2, state.y ?? (frame().height - 1) / 2];
+  const pixelAt = (event) => {
+    const box = canvas.getBoundingClientRect(), s = scale(), [x, y] = centre();
+    return [x + (event.clientX - box.left - box.width / 2) / s, y + (event.clientY - box.top - box.height / 2) / s];
+  };
+  const valueAt = (u, v) => {
+    const f = frame(), x = Math.round(u), y = Math.round(v);
+    return dn && x >= 0 && y >= 0 && x < f.width && y < f.height ? dn[y * f.width + x] : null;
+  };
+
+  const warmth = (value) => {
+    const heat = frame().heat;
+    if (!heat) return "";
+    const radiance = heat.zero + heat.step * value, table = heat.temperature_k, last = table.length - 1;
+    const text = `\n${radiance.toPrecision(5)} W m-2 sr-1`;
+    if (value < 1) return text;
+    const low = Math.log(heat.zero + heat.step), high = Math.log(heat.zero + heat.step * frame().full);
+    const place = Math.min(last, (last * (Math.log(radiance) - low)) / (high - low)), i = Math.min(last - 1, Math.floor(place));
+    return `${text}, ${(1 / (1 / table[i] + (place - i) * (1 / table[i + 1] - 1 / table[i]))).toFixed(2)} K`;
+  };
+  const fit = (c) => {
+    const ratio = window.devicePixelRatio || 1;
+    c.width = Math.round(c.clientWidth * ratio);
+    c.height = Math.round(c.clientHeight * ratio);
+    const context = c.getContext("2d");
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    return context;
+  };
+  const draw = () => {
+    const f = frame(), g = fit(canvas), s = scale(), [x, y] = centre();
+    g.translate(canvas.clientWidth / 2 - x * s, canvas.clientHeight / 2 - y * s);
+    g.scale(s, s);
+    g.imageSmoothingEnabled = false;
+    if (image) g.drawImage(image, -0.5, -0.5, f.width, f.height);
+    const stroke = (d, colour, width, dash = []) => {
+      if (!d) return;
+      g.strokeStyle = colour; g.lineWidth = width / s; g.setLineDash(dash.map((part) => part / s)); g.lineCap = dash.length ? "butt" : "round";
+      g.stroke(new Path2D(d));
+    };
+    const look = { a: ["#f0e442", "#ff7a1a"], b: ["#7fe8b8", "#00c896"] };
+    for (const key of ["b", "a"]) {
+      const layer = f.layers[names.indexOf(pick[key].value)];
+      if (!layer) continue;
+      if (marks.l.checked) stroke(layer.limb, look[key][1], 1.6);
+      if (marks.p.checked) stroke(layer.points, look[key][0], 3.2);
+    }
+    if (marks.t.checked) { stroke(f.truth, "#56b4e9", 2, [7, 4]); stroke(f.infrared, "#cc79a7", 2); }
+  };
+
+  const nearest = (d, [u, v]) => {
+    let best = null;
+    for (const part of d.split("M").filter(Boolean)) {
+      const points = part.split("L").map((text) => text.split(" ").map(Number));
+      for (let i = 1; i < points.length; i++) {
+        const [[x0, y0], [x1, y1]] = [points[i - 1], points[i]];
+        const [dx, dy] = [x1 - x0, y1 - y0], length = Math.hypot(dx, dy);
+        if (!length) continue;
+        const t = Math.max(0, Math.min(1, ((u - x0) * dx + (v - y0) * dy) / length ** 2));
+        const foot = [x0 + t * dx, y0 + t * dy], far = Math.hypot(u - foot[0], v - foot[1]);
+        if (!best || far < best.far) best = { far, foot, across: [dy / length, -dx / length] };
+      }
+    }
+    return best;
+  };
+  const profile = () => {
+    const g = fit(plot), w = plot.clientWidth, h = plot.clientHeight, reach = 40;
+    const ink = getComputedStyle(document.body).color;
+    g.font = "12px system-ui, sans-serif"; g.fillStyle = ink;
+    if (!pointer || !dn) { g.fillText("Point at the frame: DN across the true horizon there", 8, h / 2); return; }
+    const near = nearest(frame().truth, pointer) ?? { foot: pointer, across: [1, 0] };
+    const values = [];
+    for (let k = -reach; k <= reach; k++) values.push(valueAt(near.foot[0] + k * near.across[0], near.foot[1] + k * near.across[1]));
+    const seen = values.filter((value) => value !== null);
+    if (!seen.length) return;
+    const [low, high] = [Math.min(...seen), Math.max(...seen)], span = Math.max(1, high - low);
+    g.strokeStyle = "#56b4e9"; g.setLineDash([4, 3]); g.beginPath(); g.moveTo(w / 2, 16); g.lineTo(w / 2, h - 18); g.stroke(); g.setLineDash([]);
+    g.strokeStyle = ink; g.lineWidth = 1.5; g.beginPath();
+    let on = false;
+    values.forEach((value, i) => {
+      if (value === null) { on = false; return; }
+      const at = [(i / (2 * reach)) * w, h - 20 - ((value - low) / span) * (h - 40)];
+      if (on) g.lineTo(...at); else g.moveTo(...at);
+      on = true;
+    });
+    g.stroke();
+    g.fillText(`${high} DN`, 4, 12); g.fillText(`${low}`, 4, h - 22);
+    const words = frame().truth ? "px across the true horizon" : "px along the line (no horizon in view)";
+    g.fillText(`-${reach}`, 4, h - 5); g.fillText(`+${reach}`, w - 28, h - 5); g.fillText(words, Math.max(36, w / 2 - 80), h - 5);
+  };
+  const readOut = () => {
+    const value = pointer && valueAt(...pointer);
+    if (value === null || value === undefined) {
+      find("v-value").textContent = dn ? "Point at the frame for its value." : "This frame's exact numbers are not in the page; the archive has them.";
+    } else {
+      const near = frame().truth ? nearest(frame().truth, pointer) : null;
+      find("v-value").textContent = `x ${Math.round(pointer[0])}, y ${Math.round(pointer[1])}: ${value} DN of ${frame().full}` + warmth(value) +
+        (near ? `\n${near.far.toFixed(1)} px from the true horizon` : "");
+    }
+    profile();
+  };
+
+  const remember = () => {
+    const f = frame(), words = new URLSearchParams({ frame: state.frame, case: f.name, a: pick.a.value, b: pick.b.value, zoom: +state.zoom.toFixed(3) });
+    if (state.x !== null) { words.set("x", state.x.toFixed(1)); words.set("y", state.y.toFixed(1)); }
+    const off = Object.keys(marks).filter((key) => !marks[key].checked).join("");
+    if (off) words.set("off", off);
+    history.replaceState(null, "", `#${words}`);
+  };
+  const score = () => {
+    const cells = (key) => {
+      const row = frame().rows[pick[key].value];
+      if (!pick[key].value) return null;
+      return [`${key.toUpperCase()}: ${pick[key].value}`, row ? `${row.glyph} ${row.label}` : "no result", row?.error || "–", row?.bound || "–", row?.over || "–"];
+    };
+    find("v-scores").tBodies[0].replaceChildren(...["a", "b"].map(cells).filter(Boolean).map((texts) => {
+      const tr = document.createElement("tr");
+      tr.append(...texts.map((text) => Object.assign(document.createElement("td"), { textContent: text })));
+      return tr;
+    }));
+  };
+  const timeline = () => {
+    line.replaceChildren(...frames.map((f, i) => {
+      const cell = document.createElement("i"), top = document.createElement("b"), row = f.rows[pick.a.value];
+      cell.className = `${f.sun ? "sun" : f.light}${i === state.frame ? " here" : ""}`;
+      cell.title = `${f.name}: ${row ? row.label : "no result"}; ${f.light || "no truth"}${f.sun ? ", Sun in the frame" : ""}`;
+      top.style.background = (row && colours[row.kind]) || "#6b7178";
+      if (frames.length <= 80) top.textContent = row?.glyph ?? "–";
+      cell.append(top, document.createElement("u"));
+      return cell;
+    }));
+  };
+  const show = async () => {
+    const mine = ++turn, f = frame();
+    scrub.value = state.frame;
+    timeline(); score();
+    find("v-name").textContent = `${state.frame + 1} of ${frames.length}: ${f.name}`;
+    find("v-facts").textContent = [f.camera, f.band && `band ${f.band}`, f.light, f.sun && "Sun in the frame"].filter(Boolean).join(" · ");
+    const got = f.numbers ? await unpack(f) : null;
+    if (mine !== turn) return;
+    dn = got; image = null;
+    if (dn) {
+      const data = new ImageData(f.width, f.height);
+      for (let i = 0; i < dn.length; i++) {
+        const level = 255 * Math.max(0, Math.min(1, (dn[i] - f.black) / (f.white - f.black))) ** (1 / 1.6);
+        data.data.set([level, level, level, 255], 4 * i);
+      }
+      image = Object.assign(document.createElement("canvas"), { width: f.width, height: f.height });
+      image.getContext("2d").putImageData(data, 0, 0);
+    } else if (f.svg) {
+      const picture = new Image();
+      picture.src = f.svg.querySelector("image").getAttribute("href");
+      await picture.decode();
+      if (mine !== turn) return;
+      image = picture;
+    }
+    draw(); readOut();
+    canvas.dataset.ready = state.frame;
+  };
+  const go = (to, keep) => {
+    state.frame = Math.max(0, Math.min(frames.length - 1, to));
+    if (!keep) { state.x = state.y = null; state.zoom = 1; pointer = null; }
+    remember();
+    return show();
+  };
+  const zoom = (by, at = centre()) => {
+    const before = state.zoom, [x, y] = centre();
+    state.zoom = Math.max(1, Math.min(64, before * by));
+    const share = before / state.zoom;
+    [state.x, state.y] = state.zoom === 1 ? [null, null] : [at[0] + (x - at[0]) * share, at[1] + (y - at[1]) * share];
+    remember(); draw();
+  };
+  const pan = (dx, dy) => {
+    const [x, y] = centre(), f = frame();
+    state.x = Math.max(0, Math.min(f.width - 1, x - dx / scale()));
+    state.y = Math.max(0, Math.min(f.height - 1, y - dy / scale()));
+    remember(); draw();
+  };
+  const whole = () => { state.zoom = 1; state.x = state.y = null; remember(); draw(); };
+
+  canvas.addEventListener("wheel", (event) => { if (!event.ctrlKey && document.activeElement !== canvas) return; event.preventDefault(); zoom(event.deltaY < 0 ? 1.25 : 0.8, pixelAt(event)); }, { passive: false });
+  canvas.addEventListener("pointerdown", (event) => { drag = [event.clientX, event.clientY]; canvas.setPointerCapture(event.pointerId); canvas.focus(); });
+  canvas.addEventListener("pointerup", () => { drag = null; });
+  canvas.addEventListener("pointermove", (event) => {
+    if (drag) { pan(event.clientX - drag[0], event.clientY - drag[1]); drag = [event.clientX, event.clientY]; }
+    pointer = pixelAt(event);
+    readOut();
+  });
+  canvas.addEventListener("dblclick", (event) => zoom(2, pixelAt(event)));
+  line.addEventListener("click", (event) => { const cell = event.target.closest("i"); if (cell) go([...line.children].indexOf(cell)); });
+  scrub.max = frames.length - 1;
+  scrub.addEventListener("input", () => go(Number(scrub.value)));
+  for (const select of Object.values(pick)) select.addEventListener("change", () => { remember(); timeline(); score(); draw(); });
+  for (const box of Object.values(marks)) box.addEventListener("change", () => { remember(); draw(); });
+  find("v-in").addEventListener("click", () => zoom(1.5));
+  find("v-out").addEventListener("click", () => zoom(1 / 1.5));
+  find("v-fit").addEventListener("click", whole);
+  const help = () => { const box = find("v-help"); box.open = !box.open; };
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
+    if (event.target.closest?.("select, input[type=range]") && event.key.startsWith("Arrow")) return;
+    const does = {
+      ArrowRight: () => go(state.frame + 1), ArrowLeft: () => go(state.frame - 1), "+": () => zoom(1.5), "=": () => zoom(1.5),
+      "-": () => zoom(1 / 1.5), 0: whole, t: () => marks.t.click(), p: () => marks.p.click(), l: () => marks.l.click(), "?": help,
+    }[event.key];
+    if (does && !event.target.closest?.("select, textarea")) { event.preventDefault(); does(); }
+  });
+  window.addEventListener("resize", () => { draw(); profile(); });
+
+  const restore = () => {
+    const text = location.hash.slice(1);
+    if (!text.includes("=")) {
+      const named = frames.findIndex((f) => f.name === decodeURIComponent(text));
+      if (named >= 0) state.frame = named;
+      return show();
+    }
+    const words = new URLSearchParams(text), number = (key) => (words.has(key) && Number.isFinite(Number(words.get(key))) ? Number(words.get(key)) : null);
+    const named = frames.findIndex((f) => f.name === words.get("case"));
+    // The number decides where both are given and agree; the name where frames were added since.
+    state.frame = named >= 0 ? named : Math.max(0, Math.min(frames.length - 1, Math.trunc(number("frame") ?? 0)));
+    for (const key of ["a", "b"]) if (words.has(key) && [...pick[key].options].some((o) => o.value === words.get(key))) pick[key].value = words.get(key);
+    for (const key of Object.keys(marks)) marks[key].checked = !(words.get("off") ?? "").includes(key);
+    state.zoom = Math.max(1, Math.min(64, number("zoom") ?? 1));
+    [state.x, state.y] = [number("x"), number("y")];
+    if (state.x === null || state.y === null) state.x = state.y = null;
+    return show();
+  };
+  window.addEventListener("hashchange", restore);
+  restore();
+
+  for (const table of document.querySelectorAll("table.outcomes")) {
+    // Several columns have two lines of heading; the first line's cells stand over the columns one by one.
+    [...table.tHead.rows[0].cells].forEach((head, column) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.append(...head.childNodes);
+      head.append(button);
+      button.addEventListener("click", () => {
+        const down = head.getAttribute("aria-sort") === "ascending";
+        for (const other of table.tHead.rows[0].cells) other.removeAttribute("aria-sort");
+        head.setAttribute("aria-sort", down ? "descending" : "ascending");
+        const key = (row) => { const text = row.cells[column].textContent.trim(), n = parseFloat(text.replace(/^[^\d–-]+/, "")); return column && !Number.isNaN(n) ? n : column ? Infinity : text; };
+        const rows = [...table.tBodies[0].rows].sort((a, b) => { const [x, y] = [key(a), key(b)]; return (x < y ? -1 : x > y ? 1 : 0) * (down ? -1 : 1); });
+        table.tBodies[0].append(...rows);
+      });
+    });
+  }
+})();

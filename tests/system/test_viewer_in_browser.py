@@ -1,0 +1,201 @@
+"""The frame viewer of a report, used in a browser: scrub, zoom, value, overlay, keys, address, sort, dark mode."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+import synthetic
+from browser import Browser, chromium_path
+from scipy import constants, integrate
+from synthetic import synthetic_cases, toy_image, write_run
+
+from horizonval.report import build_report
+
+pytestmark = pytest.mark.skipif(
+    chromium_path() is None, reason="no Chromium on this machine (Debian: apt install chromium)"
+)
+
+READY = """new Promise(done => {
+  const look = () => { const c = document.getElementById('v-frame');
+    if (c.dataset.ready === document.getElementById('v-scrub').value) done(); else setTimeout(look, 10); };
+  look(); })"""
+PICTURE = "document.getElementById('v-frame').toDataURL()"
+NAME = "document.getElementById('v-name').textContent"
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    return build_report(write_run(tmp_path_factory.mktemp("viewer") / "run")).as_uri()
+
+
+@pytest.fixture(scope="module", params=[1400, 700])
+def browser(request, tmp_path_factory):
+    with Browser(tmp_path_factory.mktemp("profile"), width=request.param) as opened:
+        opened.width = request.param
+        yield opened
+
+
+def visit(browser: Browser, address: str) -> None:
+    # A change of the hash alone loads nothing.
+    browser.open("about:blank")
+    browser.requests.clear()
+    browser.complaints.clear()
+    browser.open(address)
+    browser.evaluate(READY)
+
+
+def point_at(browser: Browser, x: float, y: float) -> tuple[float, float]:
+    """Put the pointer on a place of the canvas, given in shares of its size; returns that place on the screen."""
+    left, top, width, height = browser.evaluate(
+        "(() => { const c = document.getElementById('v-frame'); c.scrollIntoView({block: 'center'});"
+        "const b = c.getBoundingClientRect(); return [b.left, b.top, b.width, b.height]; })()"
+    )
+    at = (left + x * width, top + y * height)
+    browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=at[0], y=at[1])
+    return at
+
+
+def test_it_asks_for_nothing_and_fits(browser, page):
+    visit(browser, page)
+    assert [url[:80] for url in browser.requests if url != page and not url.startswith("data:")] == []
+    assert browser.complaints == []
+    assert browser.evaluate("document.documentElement.scrollWidth") <= browser.width
+    assert "°" in browser.evaluate("document.querySelector('.sentence').textContent")
+    # The frame is on the first screen.
+    assert browser.evaluate("document.getElementById('v-frame').getBoundingClientRect().top") < 800
+
+
+def test_the_value_under_the_pointer_is_the_stored_number(browser, page):
+    dn = toy_image(synthetic_cases()[0].truth).dn
+    visit(browser, page)
+    for place in ((0.5, 0.5), (0.45, 0.2), (0.52, 0.83), (0.6, 0.66)):
+        point_at(browser, *place)
+        words = browser.evaluate("document.getElementById('v-value').textContent")
+        where, value = words.split(" DN of 1023")[0].split(": ")
+        x, y = (int(part.split()[1]) for part in where.split(", "))
+        assert int(value) == dn[y, x]
+        # That pixel is where the canvas shows it.
+        width, height = browser.evaluate(
+            "[0, 1].map(i => document.getElementById('v-frame')[['clientWidth', 'clientHeight'][i]])"
+        )
+        scale = min(width / dn.shape[1], height / dn.shape[0])
+        expected = ((place[0] - 0.5) * width / scale + 319.5, (place[1] - 0.5) * height / scale + 239.5)
+        np.testing.assert_allclose((x, y), expected, atol=1.0)
+
+
+def test_keys_scrub_and_zoom(browser, page):
+    visit(browser, page)
+    assert "1 of 8: day-arc" in browser.evaluate(NAME)
+    first = browser.evaluate(PICTURE)
+    browser.press("ArrowRight")
+    browser.evaluate(READY)
+    assert "2 of 8: day-tilted" in browser.evaluate(NAME)
+    second = browser.evaluate(PICTURE)
+    assert second != first
+    browser.press("+")
+    assert browser.evaluate(PICTURE) != second
+    browser.press("0")
+    assert browser.evaluate(PICTURE) == second
+    browser.evaluate("{const s = document.getElementById('v-scrub'); s.value = 3; s.dispatchEvent(new Event('input'))}")
+    browser.evaluate(READY)
+    assert "4 of 8: night" in browser.evaluate(NAME)
+    light = "[...document.querySelectorAll('#v-line i')].map(cell => cell.className.split(' ')[0])"
+    assert browser.evaluate(light) == ["day", "day", "sun", "eclipse", "day", "day", "day", "day"]
+
+
+def test_drag_moves_the_frame(browser, page):
+    visit(browser, page + "#frame=0&zoom=4")
+    before = browser.evaluate(PICTURE)
+    x, y = point_at(browser, 0.5, 0.5)
+    button = {"button": "left", "buttons": 1, "clickCount": 1}
+    browser.call("Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, **button)
+    browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + 40, y=y + 20, **button)
+    browser.call("Input.dispatchMouseEvent", type="mouseReleased", x=x + 40, y=y + 20, **button)
+    assert browser.evaluate(PICTURE) != before
+    assert "x=" in browser.evaluate("location.hash")
+
+
+def test_two_estimators_and_the_truth_are_drawn(browser, page):
+    visit(browser, page)
+    pictures = {browser.evaluate(PICTURE)}
+    for key in ("t", "p", "l"):
+        browser.press(key)
+        pictures.add(browser.evaluate(PICTURE))
+    assert len(pictures) == 4
+    for key in ("t", "p", "l"):
+        browser.press(key)
+    alone = browser.evaluate(PICTURE)
+    browser.evaluate(
+        "{const s = document.getElementById('v-b'); s.value = 'ideal'; s.dispatchEvent(new Event('change'))}"
+    )
+    assert browser.evaluate(PICTURE) != alone
+    assert browser.evaluate("document.getElementById('v-scores').tBodies[0].rows.length") == 2
+
+
+def test_an_address_brings_everything_back(browser, page):
+    visit(browser, page + "#frame=1&a=ideal&b=altitude-free&zoom=4&x=300.0&y=200.0&off=p")
+    shown, picture = browser.evaluate(NAME), browser.evaluate(PICTURE)
+    assert "day-tilted" in shown
+    assert browser.evaluate("['v-a', 'v-b'].map(id => document.getElementById(id).value)") == ["ideal", "altitude-free"]
+    assert not browser.evaluate("document.getElementById('v-points').checked")
+    browser.press("+")
+    browser.press("-")
+    address = browser.evaluate("location.href")
+    visit(browser, address)
+    assert browser.evaluate(NAME) == shown
+    assert browser.evaluate(PICTURE) == picture
+    visit(browser, page + "#night")
+    assert "night" in browser.evaluate(NAME)
+
+
+def test_the_profile_follows_the_pointer(browser, page):
+    visit(browser, page)
+    profile = "document.getElementById('v-profile').toDataURL()"
+    empty = browser.evaluate(profile)
+    point_at(browser, 0.5, 0.5)
+    assert browser.evaluate(profile) != empty
+
+
+def test_tables_sort(browser, page):
+    visit(browser, page)
+    names = "[...document.querySelectorAll('.outcomes tbody tr')].map(row => row.cells[0].textContent)"
+    click = "document.querySelector('.outcomes thead th button').click()"
+    browser.evaluate(click)
+    up = browser.evaluate(names)
+    browser.evaluate(click)
+    assert up == sorted(up)
+    assert browser.evaluate(names) == up[::-1] != up
+
+
+def test_dark_where_the_reader_wants_it(browser, page):
+    back = "getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, 3).map(Number)"
+    visit(browser, page)
+    assert min(browser.evaluate(back)) > 200
+    browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+    assert max(browser.evaluate(back)) < 60
+    browser.call("Emulation.setEmulatedMedia", features=[])
+
+
+def test_a_thermal_frame_says_what_a_black_body_would_have_to_be(browser, tmp_path, monkeypatch):
+    def warm(truth):
+        image = toy_image(truth)
+        return dataclasses.replace(image, observation={"radiance_at_zero": 0.0, "radiance_per_dn": 0.15})
+
+    monkeypatch.setattr(synthetic, "toy_image", warm)
+    case = next(case for case in synthetic_cases() if case.truth.scene["scene"]["name"] == "lwir-arc")
+    visit(browser, build_report(write_run(tmp_path / "run", [case])).as_uri())
+    for place in ((0.5, 0.3), (0.5, 0.8)):
+        point_at(browser, *place)
+        words = browser.evaluate("document.getElementById('v-value').textContent")
+        dn, radiance, kelvin = map(float, re.search(r": (\d+) DN.*\n(\S+) W m-2 sr-1, (\S+) K", words).groups())
+        assert radiance == pytest.approx(0.15 * dn, rel=1e-4)
+
+        def emitted(wavelength_m, temperature_k=kelvin):
+            exponent = constants.h * constants.c / (wavelength_m * constants.k * temperature_k)
+            return 2 * constants.h * constants.c**2 / wavelength_m**5 / np.expm1(exponent)
+
+        # A hundredth of a kelvin is 1.6e-4 of the radiance of a body of 300 K, and more of colder ones.
+        assert integrate.quad(emitted, 8e-6, 14e-6)[0] == pytest.approx(radiance, rel=5e-4)
