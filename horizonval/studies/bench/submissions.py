@@ -91,7 +91,7 @@ def score_submissions(out: Path) -> dict[str, Any]:
     head = _head(out)
     methods = {path.name: _answers(path, head["images"]) for path in sorted((out / "entries").glob("*"))}
     if not methods:
-        raise UserError("no answers to score", where=str(out), fix="give `horizonval bench run` an --estimator")
+        raise UserError("no answers to score", where=str(out), fix="run a submission first")
     scores = {
         "frames": head,
         "ranking": ranking(methods),
