@@ -151,7 +151,7 @@ def test_a_percent_of_the_focal_length_is_found() -> None:
 
 
 def test_limbs_of_many_pixels_depth_are_read_in_wider_ones() -> None:
-    """A scale height is four pixels deep, the blur part of one; what is found is in pixels of the camera itself."""
+    """A scale height is four pixels deep, two are fitted as one; what is found is in the camera's own pixels."""
     fine = CameraModel(width=512, height=510, fx=960.0, fy=960.0, cx=257.3, cy=252.6)
     frames = a_pass(10, 6, turns_deg=(-6.0, -3.0, 0.0, 3.0, 6.0), camera=fine)
     start = ellipsoid_start(frames[0], "limb-calibrate")
