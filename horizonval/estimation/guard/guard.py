@@ -23,6 +23,9 @@ step decides.
 
 Methods of several heads are guarded by :mod:`horizonval.estimation.guard.guard_heads`.
 
+Where the calibration states errors of the lens, all of it is asked again with each of them
+(:mod:`horizonval.estimation.lens_error`), and a claim that they make too uncertain is refused.
+
 A fit from points claims as noise what the detector's noise alone does
 (:mod:`horizonval.estimation.limb.model.steepest_noise`); ``systematic_nadir_cam`` says beside it what the method's
 model leaves out, and what else scatters the points.
@@ -45,6 +48,7 @@ from horizonval.estimation.guard.guard_heads import run_heads
 from horizonval.estimation.guard.limb_model import blur_of, model_covariance
 from horizonval.estimation.guard.three_tests import SeenLimb, doubted
 from horizonval.estimation.guard.wider_pixels import in_wider_pixels
+from horizonval.estimation.lens_error import lens_errors, with_lens_error
 from horizonval.estimation.limb.finder import find_limb_and_picture
 from horizonval.estimation.limb.model.steepest import NEEDED_PX, to_steepest
 from horizonval.estimation.limb.model.steepest_noise import noise_covariance, pixel_variance
@@ -105,8 +109,20 @@ def guarded(estimator: Estimator) -> Estimator:
     """
     run: Callable[[Observation], Fit | Refusal] = estimator.run
     if estimator.needs != "pose":
-        run = partial(run_heads, estimator) if estimator.needs == "heads" else partial(_run, estimator)
+        run = with_lens_error(partial(run_heads if estimator.needs == "heads" else _run, estimator))
+        of_pixels = estimator.needs == "image" and estimator.from_points is None
+        run = partial(_not_too_wide, run, limits.LARGEST_PIXEL_SIGMA_RAD if of_pixels else limits.LARGEST_SIGMA_RAD)
     return replace(estimator, name=f"guarded-{estimator.name}", title=f"{estimator.title}, guarded", run=run)
+
+
+def _not_too_wide(
+    run: Callable[[Observation], Fit | Refusal], largest_rad: float, observation: Observation
+) -> Fit | Refusal:
+    """Return what a guarded method claims, if it is enough for a claim with the errors of its lenses too."""
+    result = run(observation)
+    if isinstance(result, Refusal) or not any(lens_errors(observation)):
+        return result
+    return too_wide(result, largest_rad) or result
 
 
 def trusted_limb(observation: Observation, estimates: str = "geocentric") -> TrustedLimb | Refusal:

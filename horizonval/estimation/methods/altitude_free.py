@@ -34,6 +34,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard.limb_model import model_covariance
+from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.shape.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, arc_order, cone_uncertainty
 from horizonval.estimation.observation import Estimator, Fit, Observation
@@ -218,7 +219,7 @@ def fit_of_cone(
 ESTIMATOR = Estimator(
     name="altitude-free",
     title="Altitude-free Newton method (Raeisy and Ghofrani 2021)",
-    run=run,
+    run=with_lens_error(run),
     estimates="geocentric",
     from_points=fit_points,
 )

@@ -28,6 +28,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.guard.limb_model import model_covariance
+from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.limb.finder import find_limb
 from horizonval.estimation.limb.shape.cone import SLOW_PX, SOFT_SLOW_PX, ConeUncertainty, cone_scatter
 from horizonval.estimation.methods.altitude_free import fit_of_cone
@@ -116,6 +117,6 @@ def fit_points(
 ESTIMATOR = Estimator(
     name="altitude-free-closed-form",
     title="Altitude-free method in closed form (least squares on n / cos rho)",
-    run=run,
+    run=with_lens_error(run),
     estimates="geocentric",
 )

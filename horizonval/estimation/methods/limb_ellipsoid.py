@@ -14,6 +14,7 @@ Where it starts: :mod:`horizonval.estimation.likelihood.ellipsoid_start`.
 from __future__ import annotations
 
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.claim import claim
 from horizonval.estimation.likelihood.ellipsoid_start import ellipsoid_start
 from horizonval.estimation.observation import Estimator, Fit, Observation
@@ -30,6 +31,6 @@ def run(observation: Observation) -> Fit | Refusal:
 ESTIMATOR = Estimator(
     name="limb-ellipsoid",
     title="Limb of the Earth's ellipsoid, maximum likelihood of the pixels, position known",
-    run=run,
+    run=with_lens_error(run),
     estimates="geocentric",
 )

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.air import knowledge_in_air, limb_height_prior
 from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.likelihood.closed_form import position_from_limb
@@ -115,7 +116,7 @@ def _start(observation: Observation, los_body: FloatArray) -> tuple[LimbPose, Li
 ESTIMATOR = Estimator(
     name="limb-heads",
     title="Limb in several heads at once, maximum likelihood of the pixels",
-    run=run,
+    run=with_lens_error(run),
     estimates="geocentric",
     needs="heads",
 )

@@ -28,6 +28,7 @@ from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.claim import fit_of
 from horizonval.estimation.likelihood.height.uneven_limb import SUN_SIGMA_RAD
 from horizonval.estimation.likelihood.knowledge import LimbPose
@@ -181,6 +182,6 @@ def _doubt(found: ProfileFit, prior: Prior, cam_from_body: np.ndarray) -> Refusa
 ESTIMATOR = Estimator(
     name="limb-profile",
     title="Whole profile of the limb, maximum likelihood with rendered profiles of the air",
-    run=run,
+    run=with_lens_error(run),
     estimates="geocentric",
 )

@@ -30,6 +30,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.limb.crossing import published_crossing, sub_pixel_crossing
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.geometry.camera import unproject
@@ -208,7 +209,7 @@ PUBLISHED = Estimator(
 ESTIMATOR = Estimator(
     name="linear-heads",
     title="Four linear infrared heads, sub-pixel crossings and exact cone",
-    run=run,
+    run=with_lens_error(run),
     estimates="geocentric",
     needs="heads",
 )

@@ -39,6 +39,7 @@ from scipy.spatial.transform import Rotation
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.lens_error import with_lens_error
 from horizonval.estimation.likelihood.edge_profile import PIXEL_VARIANCE
 from horizonval.estimation.limb.arc import Arc, find_arc
 from horizonval.estimation.limb.shape.circle import fit_circle
@@ -232,7 +233,7 @@ def _towards_centre(arc: Arc, camera: CameraModel) -> FloatArray:
 ESTIMATOR = Estimator(
     name="video-vertical",
     title="Local vertical from two perpendicular cameras (Belokonov and others 2016)",
-    run=run,
+    run=with_lens_error(run),
     estimates="geocentric",
     needs="heads",
     from_heads=from_heads,

@@ -16,6 +16,7 @@ from scipy.special import ndtr
 
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.calibration import Calibration
 from horizonval.estimation.guard.guard import guarded, trusted_limb
 from horizonval.estimation.limb.model.sunlit import blur_rad, sunlit_limb
 from horizonval.estimation.methods import altitude_free, altitude_free_published
@@ -69,6 +70,20 @@ def test_a_good_limb_passes_and_says_what_the_model_leaves_out():
     # An ellipsoid is known less well than a sphere.
     oblate = GUARDED.run(observe(picture(nadir), prior=Prior()))
     assert np.trace(oblate.systematic_nadir_cam) > np.trace(fit.systematic_nadir_cam)
+
+
+def test_what_the_lens_leaves_open_is_claimed_and_refused_beyond_what_a_claim_needs():
+    """Two pixels of the principal point are 0.82 deg on the axis and half of it at the nadir; a claim needs 0.2 deg."""
+    exact, good, bad = (
+        GUARDED.run(observe(picture(nadir_at()), calibration=Calibration(principal_point_sigma_px=px)))
+        for px in (0.0, 0.2, 2.0)
+    )
+    assert isinstance(exact, Fit)
+    assert isinstance(good, Fit)
+    added = np.linalg.eigvalsh(good.total_covariance_nadir_cam - exact.total_covariance_nadir_cam)
+    assert 0.5 < math.sqrt(added[-1]) / (0.2 * PX) < 1.5
+    assert isinstance(bad, Refusal)
+    assert "determines the nadir to" in bad.reason
 
 
 def test_noise_alone_has_an_honest_covariance():

@@ -1,0 +1,130 @@
+r"""What a camera that is not known exactly adds to what a method claims: the method asked again with other cameras.
+
+A method knows nothing of its camera's errors: its covariance is that of the image. Where the calibration states sigmas
+of the focal length, the principal point and the distortion, each of them is an unknown with a prior, independent of the
+others and of every other head's. With ``n(c)`` the nadir in camera axes that a camera ``c`` makes of the same image::
+
+    C = C_image + sum_k d_k d_k^T,        d_k = n(c + sigma_k e_k) - n(c)
+
+A central difference would cost twice the time, and what it differs by is the square of a sigma that is small. The
+altitude's variance grows alike. What is claimed so is the error of an answer that holds the camera for exact, as all
+methods do; a fit that has the camera's errors among its unknowns would claim a little less.
+
+An answer that one sigma, either way, takes away is none: the method is refused.
+
+**Neglected.** The mounting: it turns roll and pitch, and not the nadir in camera axes; clock and exposure are in the
+sigmas of the prior. What errors of two kinds do together, to second order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from horizonval.core.arrays import FloatArray
+from horizonval.core.outcome import Outcome
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.calibration import Calibration
+from horizonval.estimation.miscalibrated import miscalibrated
+from horizonval.estimation.observation import Fit, Observation
+
+Run = Callable[[Observation], Fit | Refusal]
+SHORTER = 0.25
+"""Of a sigma: where a whole one takes the answer away, its effect is read over a part of it, either way."""
+
+
+def with_lens_error(run: Run) -> Run:
+    """Return a method that adds to its covariance what the stated errors of its lenses do to its answer."""
+    return partial(_allowed, run)
+
+
+def _allowed(run: Run, observation: Observation) -> Fit | Refusal:
+    asked = _held_exact(observation)
+    found = run(asked)
+    if isinstance(found, Refusal):
+        return found
+    along = found.nadir_cam
+    spread, of_altitude = np.zeros((3, 3)), 0.0
+    for name, head, error in lens_errors(observation):
+        moved = _moved(run, asked, found, head, error)
+        if moved is None:
+            return Refusal(
+                Outcome.AMBIGUOUS, f"an error of the {name} of its own sigma leaves the method no answer", found.points
+            )
+        step, altitude_m = moved
+        step = step - along * (along @ step)
+        spread += np.outer(step, step)
+        of_altitude += altitude_m**2
+    if not spread.any():
+        return found
+    systematic = spread if found.systematic_nadir_cam is None else found.systematic_nadir_cam + spread
+    sigma = found.sigma_altitude_m
+    return replace(
+        found,
+        systematic_nadir_cam=systematic,
+        sigma_altitude_m=None if sigma is None else float(np.hypot(sigma, np.sqrt(of_altitude))),
+    )
+
+
+LensError = tuple[float, tuple[float, float], float]
+"""Of focal length, principal point and distortion, as :func:`.miscalibrated.miscalibrated` takes them."""
+
+
+def lens_errors(observation: Observation) -> Iterator[tuple[str, str | None, LensError]]:
+    """Yield the name of every error with a sigma, the head that has it (None of a single camera), and one sigma."""
+    heads: list[tuple[str | None, Observation]] = [*observation.heads.items()] or [(None, observation)]
+    for head, one in heads:
+        said = one.calibration
+        if said is None:
+            continue
+        point = said.principal_point_sigma_px
+        if said.focal_length_sigma > 0.0:
+            yield "focal length", head, (said.focal_length_sigma, (0.0, 0.0), 0.0)
+        if point > 0.0:
+            yield "principal point", head, (0.0, (point, 0.0), 0.0)
+            yield "principal point", head, (0.0, (0.0, point), 0.0)
+        if said.distortion_sigma_px > 0.0:
+            yield "distortion", head, (0.0, (0.0, 0.0), said.distortion_sigma_px)
+
+
+def _moved(
+    run: Run, asked: Observation, found: Fit, head: str | None, error: LensError
+) -> tuple[FloatArray, float] | None:
+    """Return by how much nadir and altitude [m] change with an error of one sigma; None where no answer is left."""
+    for share in (1.0, -1.0, SHORTER, -SHORTER):
+        other = run(_seen_with(asked, head, share, error))
+        if isinstance(other, Fit):
+            known = other.altitude_m is not None and found.altitude_m is not None
+            higher_m = (other.altitude_m or 0.0) - (found.altitude_m or 0.0) if known else 0.0
+            return (other.nadir_cam - found.nadir_cam) / share, higher_m / share
+    return None
+
+
+def _seen_with(asked: Observation, head: str | None, share: float, error: LensError) -> Observation:
+    focal, (u, v), bend = error
+
+    def changed(one: Observation) -> Observation:
+        camera = miscalibrated(one.camera, share * focal, (share * u, share * v), share * bend)
+        return replace(one, camera=camera)
+
+    if head is None:
+        return changed(asked)
+    heads = {name: changed(one) if name == head else one for name, one in asked.heads.items()}
+    # The fields of an observation of several heads are those of its first.
+    first = next(iter(heads.values()))
+    return replace(asked, camera=first.camera, heads=heads)
+
+
+def _held_exact(observation: Observation) -> Observation:
+    """Return the observation with lenses that are taken for exact, so that no method within does this once more."""
+
+    def exact(said: Calibration | None) -> Calibration | None:
+        if said is None:
+            return None
+        return replace(said, focal_length_sigma=0.0, principal_point_sigma_px=0.0, distortion_sigma_px=0.0)
+
+    heads = {name: replace(one, calibration=exact(one.calibration)) for name, one in observation.heads.items()}
+    return replace(observation, calibration=exact(observation.calibration), heads=heads)
