@@ -122,7 +122,8 @@ def _not_too_wide(
     result = run(observation)
     if isinstance(result, Refusal) or not any(lens_errors(observation)):
         return result
-    return too_wide(result, largest_rad) or result
+    refusal = too_wide(result, largest_rad)
+    return result if refusal is None else refusal
 
 
 def trusted_limb(observation: Observation, estimates: str = "geocentric") -> TrustedLimb | Refusal:
