@@ -15,8 +15,8 @@ PACKAGE = Path(horizonval.__file__).parent
 
 ROOMS = [
     "cli", "bridges", "serve", "api", "commands", "systems", "precheck", "studies", "suites", "report", "jobs",
-    "scoring", "store", "sensor", "renderer", "estimation", "truth", "frame", "earth", "geometry", "spec", "wire",
-    "core",
+    "scoring", "store", "sensor", "renderer", "estimation", "truth", "frame", "earth", "formats", "geometry", "spec",
+    "wire", "core",
 ]  # fmt: skip
 """From top to bottom. A room may import any room that stands later in this list."""
 
@@ -27,6 +27,7 @@ HEAVY = {"mitsuba", "drjit"}
 LIGHT_ROOMS = (
     "core",
     "wire",
+    "formats",
     "geometry",
     "earth",
     "spec",
