@@ -1,9 +1,10 @@
 r"""A satellite's states between those that a file has: the polynomial through the nearest of them.
 
 With velocities it is Hermite's through the four nearest states, of degree 7, else Lagrange's through the eight nearest
-positions, whose derivative is the velocity. Of a low circular orbit with states a minute apart either is right to
-micrometres; with five minutes the first to 2 cm and the second to 3 m in the middle of a piece, and to 400 m at its
-ends. Pieces do not know each other: a manoeuvre lies between two.
+positions, whose derivative is the velocity. Of a circular orbit of 6 928 km, states a minute apart are met between them
+to 0.1 um with velocities and to 40 um without. Of states five minutes apart the first are off by 7 mm in the middle of
+a piece and 2 cm at its ends, the second by 1 m and 12 m.
+Pieces do not know each other: a manoeuvre lies between two.
 """
 
 from __future__ import annotations
