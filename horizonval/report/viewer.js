@@ -1,7 +1,8 @@
 "use strict";
 (() => {
   const find = (id) => document.getElementById(id);
-  const frames = [...document.querySelectorAll("#grid .tile")].map((tile) => {
+  const served = "served" in document.documentElement.dataset;
+  let frames = [...document.querySelectorAll("#grid .tile")].map((tile) => {
     const svg = tile.querySelector("svg.image"), numbers = tile.querySelector("script.dn");
     const curve = (root, kind) => root?.querySelector(`path.${kind}`)?.getAttribute("d") ?? "";
     const [, , width, height] = (svg?.getAttribute("viewBox") ?? "0 0 1 1").split(" ").map(Number);
@@ -11,7 +12,7 @@
       layers: svg ? [...svg.querySelectorAll(".layer")].map((g) => ({ points: curve(g, "points"), limb: curve(g, "limb") })) : [],
     };
   });
-  if (!frames.length) return;
+  if (!frames.length && !served) return;
   const colours = { false: "#b34700", crashed: "#b34700", broken: "#b34700", missed: "#8a6100", valid: "#0072b2", bonus: "#0072b2" };
   const canvas = find("v-frame"), plot = find("v-profile"), line = find("v-line"), scrub = find("v-scrub");
   const pick = { a: find("v-a"), b: find("v-b") };
@@ -21,8 +22,25 @@
   let image = null, dn = null, pointer = null, drag = null, turn = 0;
   const frame = () => frames[state.frame];
 
+  // What the page does not hold the server reads from the archive; of what it sent the last frames are kept.
+  const fetched = [];
+  const fetchFrame = async (f) => {
+    const answer = await fetch(`/.view/frame?${new URLSearchParams({ case: f.name, band: f.band })}`), found = await answer.json();
+    if (!answer.ok) { f.problem = found.problem; return; }
+    Object.assign(f, found);
+    fetched.push(f);
+    if (fetched.length > 30) fetched.shift().numbers = null;
+  };
+  const fetchList = async () => {
+    const answer = await fetch("/.view/frames");
+    if (!answer.ok) return;
+    const here = new Map(frames.map((f) => [`${f.name} ${f.band}`, f]));
+    const blank = { width: 1, height: 1, numbers: null, svg: null, truth: "", infrared: "", layers: [], heat: null, full: 0, black: 0, white: 1 };
+    frames = (await answer.json()).map((f) => here.get(`${f.name} ${f.band}`) ?? { ...blank, ...f });
+  };
+
   const unpack = async (f) => {
-    const bytes = Uint8Array.from(atob(f.numbers.textContent), (c) => c.charCodeAt(0));
+    const bytes = Uint8Array.from(atob(f.numbers.textContent ?? f.numbers), (c) => c.charCodeAt(0));
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
     const planes = new Uint8Array(await new Response(stream).arrayBuffer());
     const n = f.width * f.height, out = new Uint16Array(n);
@@ -76,12 +94,27 @@
       g.strokeStyle = colour; g.lineWidth = width / s; g.setLineDash(dash.map((part) => part / s)); g.lineCap = dash.length ? "butt" : "round";
       g.stroke(new Path2D(d));
     };
+    // Rings and crosses: where both estimators have a point, both are seen.
+    const dots = (d, colour, cross) => {
+      // Points closer than their marks are thinned out, until the zoom has room for them.
+      const path = new Path2D(), r = 3.2 / s, gap = 9 / s, taken = new Set();
+      for (const [, u, v] of d.matchAll(/M(\S+) (\S+)h0/g)) {
+        const cell = [u, v].map((at) => Math.floor(Number(at) / gap + (cross ? 0.5 : 0))).join();
+        if (taken.has(cell)) continue;
+        taken.add(cell);
+        const [px, py] = [Number(u), Number(v)];
+        if (cross) { path.moveTo(px - r, py - r); path.lineTo(px + r, py + r); path.moveTo(px - r, py + r); path.lineTo(px + r, py - r); }
+        else { path.moveTo(px + r, py); path.arc(px, py, r, 0, 7); }
+      }
+      g.strokeStyle = colour; g.lineWidth = 1.3 / s; g.setLineDash([]);
+      g.stroke(path);
+    };
     const look = { a: ["#f0e442", "#ff7a1a"], b: ["#7fe8b8", "#00c896"] };
     for (const key of ["b", "a"]) {
       const layer = f.layers[names.indexOf(pick[key].value)];
       if (!layer) continue;
       if (marks.l.checked) stroke(layer.limb, look[key][1], 1.6);
-      if (marks.p.checked) stroke(layer.points, look[key][0], 3.2);
+      if (marks.p.checked) dots(layer.points, look[key][0], key === "b");
     }
     if (marks.t.checked) { stroke(f.truth, "#56b4e9", 2, [7, 4]); stroke(f.infrared, "#cc79a7", 2); }
   };
@@ -127,9 +160,9 @@
     g.fillText(`-${reach}`, 4, h - 5); g.fillText(`+${reach}`, w - 28, h - 5); g.fillText(words, Math.max(36, w / 2 - 80), h - 5);
   };
   const readOut = () => {
-    const value = pointer && valueAt(...pointer);
+    const value = pointer && valueAt(...pointer), f = frame();
     if (value === null || value === undefined) {
-      find("v-value").textContent = dn ? "Point at the frame for its value." : "This frame's exact numbers are not in the page; the archive has them.";
+      find("v-value").textContent = dn ? "Point at the frame for its value." : f.problem ?? (served ? "" : "This frame's exact numbers are not in the page: `horizonval view` reads them from the archive.");
     } else {
       const near = frame().truth ? nearest(frame().truth, pointer) : null;
       find("v-value").textContent = `x ${Math.round(pointer[0])}, y ${Math.round(pointer[1])}: ${value} DN of ${frame().full}` + warmth(value) +
@@ -174,14 +207,19 @@
     timeline(); score();
     find("v-name").textContent = `${state.frame + 1} of ${frames.length}: ${f.name}`;
     find("v-facts").textContent = [f.camera, f.band && `band ${f.band}`, f.light, f.sun && "Sun in the frame"].filter(Boolean).join(" · ");
+    if (!f.numbers && served && !f.problem) {
+      await fetchFrame(f).catch((error) => { f.problem = `The server does not answer (${error.message}).`; });
+      if (mine !== turn) return;
+    }
     const got = f.numbers ? await unpack(f) : null;
     if (mine !== turn) return;
     dn = got; image = null;
     if (dn) {
-      const data = new ImageData(f.width, f.height);
+      const data = new ImageData(f.width, f.height), grey = new Uint8ClampedArray(65536);
+      for (let i = 0; i < 65536; i++) grey[i] = 255 * Math.max(0, Math.min(1, (i - f.black) / (f.white - f.black))) ** (1 / 1.6);
       for (let i = 0; i < dn.length; i++) {
-        const level = 255 * Math.max(0, Math.min(1, (dn[i] - f.black) / (f.white - f.black))) ** (1 / 1.6);
-        data.data.set([level, level, level, 255], 4 * i);
+        data.data[4 * i] = data.data[4 * i + 1] = data.data[4 * i + 2] = grey[dn[i]];
+        data.data[4 * i + 3] = 255;
       }
       image = Object.assign(document.createElement("canvas"), { width: f.width, height: f.height });
       image.getContext("2d").putImageData(data, 0, 0);
@@ -226,7 +264,6 @@
   });
   canvas.addEventListener("dblclick", (event) => zoom(2, pixelAt(event)));
   line.addEventListener("click", (event) => { const cell = event.target.closest("i"); if (cell) go([...line.children].indexOf(cell)); });
-  scrub.max = frames.length - 1;
   scrub.addEventListener("input", () => go(Number(scrub.value)));
   for (const select of Object.values(pick)) select.addEventListener("change", () => { remember(); timeline(); score(); draw(); });
   for (const box of Object.values(marks)) box.addEventListener("change", () => { remember(); draw(); });
@@ -263,8 +300,14 @@
     if (state.x === null || state.y === null) state.x = state.y = null;
     return show();
   };
-  window.addEventListener("hashchange", restore);
-  restore();
+  const start = async () => {
+    if (served) await fetchList();
+    if (!frames.length) return;
+    scrub.max = frames.length - 1;
+    window.addEventListener("hashchange", restore);
+    await restore();
+  };
+  start();
 
   for (const table of document.querySelectorAll("table.outcomes")) {
     // Several columns have two lines of heading; the first line's cells stand over the columns one by one.

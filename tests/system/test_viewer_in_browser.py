@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import threading
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from browser import Browser, chromium_path
 from scipy import constants, integrate
 from synthetic import synthetic_cases, toy_image, write_run
 
-from horizonval.report import build_report
+from horizonval.report import build, build_report, view_server, viewer
 
 pytestmark = pytest.mark.skipif(
     chromium_path() is None, reason="no Chromium on this machine (Debian: apt install chromium)"
@@ -29,6 +30,23 @@ NAME = "document.getElementById('v-name').textContent"
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     return build_report(write_run(tmp_path_factory.mktemp("viewer") / "run")).as_uri()
+
+
+@pytest.fixture(scope="module")
+def long_run(tmp_path_factory):
+    """A page of three of eight frames, one of them with numbers, and the address of a server of it."""
+    run = write_run(tmp_path_factory.mktemp("long") / "run")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "MOST_CASES_SHOWN", 3)
+        patch.setattr(viewer, "chosen", lambda images: {0})
+        page = build_report(run)
+    server = view_server._server(view_server.viewable(run), 0)
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
+    thread.start()
+    yield page, f"http://127.0.0.1:{server.server_address[1]}/report/index.html"
+    server.shutdown()
+    thread.join(10)
+    server.server_close()
 
 
 @pytest.fixture(scope="module", params=[1400, 700])
@@ -177,6 +195,25 @@ def test_dark_where_the_reader_wants_it(browser, page):
     browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
     assert max(browser.evaluate(back)) < 60
     browser.call("Emulation.setEmulatedMedia", features=[])
+
+
+def test_a_server_has_the_frames_that_the_page_leaves_out(browser, long_run):
+    page, address = long_run
+    visit(browser, page.as_uri() + "#frame=1")
+    assert " of 3: " in browser.evaluate(NAME)
+    assert "not in the page" in browser.evaluate("document.getElementById('v-value').textContent")
+    cases = synthetic_cases()
+    for index in (0, 2, 5):
+        name, dn = cases[index].truth.scene["scene"]["name"], toy_image(cases[index].truth).dn
+        visit(browser, f"{address}#case={name}")
+        assert browser.evaluate(NAME) == f"{index + 1} of 8: {name}"
+        assert browser.complaints == []
+        for place in ((0.5, 0.5), (0.52, 0.7)):
+            point_at(browser, *place)
+            words = browser.evaluate("document.getElementById('v-value').textContent")
+            x, y, value = map(int, re.match(r"x (\d+), y (\d+): (\d+) DN of 1023", words).groups())
+            assert value == dn[y, x]
+    assert browser.evaluate("document.querySelectorAll('#v-line i').length") == 8
 
 
 def test_a_thermal_frame_says_what_a_black_body_would_have_to_be(browser, tmp_path, monkeypatch):
