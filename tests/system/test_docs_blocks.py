@@ -61,7 +61,7 @@ def test_every_block_of_the_page_runs(page, tmp_path):
 
 
 def test_the_pages_are_found():
-    assert len([name for name in PAGES if name.startswith("docs/howto/")]) == 10
+    assert len([name for name in PAGES if name.startswith("docs/howto/")]) == 11
     assert "docs/quickstart.md" in PAGES
     assert set(PAGES) > SLOW
 

@@ -8,6 +8,7 @@ of its own, while truth and arithmetic stay with whoever asks.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,9 +59,19 @@ def make_frames(
 
 
 def run_submissions(
-    out: Path, names: Sequence[str], limits: Limits, workers: int, progress: Progress
+    out: Path, names: Sequence[str], limits: Limits, workers: int, progress: Progress, *, contained: bool = True
 ) -> dict[str, dict[str, str]]:
     """Ask submissions about every frame, or finish what is there; return the frames of each that failed, and why.
+
+    Parameters
+    ----------
+    out : Path
+    names : sequence of str
+    limits : Limits
+    workers : int
+    progress : Progress
+    contained : bool
+        Whether the folder of frames and answers is hidden from plug-ins and programs, and the network cut.
 
     Raises
     ------
@@ -68,6 +79,7 @@ def run_submissions(
         No frames, a name that is no estimator, or one that is given the pose or needs several heads.
     """
     _head(out)
+    limits = replace(limits, hidden=(out.resolve(),) if contained else ())
     for name in names:
         # Every frame is due an answer of who is told it, so that such a method cannot be ranked.
         if installed.get(name, limits).needs != "image":

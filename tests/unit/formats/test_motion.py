@@ -107,8 +107,8 @@ def test_earth_fixed_states_are_turned_as_astropy_turns_them(tmp_path: Path) -> 
 
 def test_mean_elements_are_those_of_the_lines(tmp_path: Path) -> None:
     lines = (
-        "1 25544U 98067A   26079.50000000  .00012000  00000-0  22000-3 0  9998",
-        "2 25544  51.6400 208.9163 0006703 130.5360 325.0288 15.49560000 00018",
+        "1 25544U 98067A   26079.50000000  .00012000  00000-0  22000-3 0  9999",
+        "2 25544  51.6400 208.9163 0006703 130.5360 325.0288 15.49560000 00010",
     )
     satellite = Satrec.twoline2rv(*lines)
     fields = {
