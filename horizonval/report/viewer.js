@@ -68,12 +68,45 @@
   const warmth = (value) => {
     const heat = frame().heat;
     if (!heat) return "";
-    const radiance = heat.zero + heat.step * value, table = heat.temperature_k, last = table.length - 1;
+    const radiance = heat.zero + heat.step * value, table = heat.temperature_k, last = (table?.length ?? 0) - 1;
+    const spectral = `${(radiance / heat.width_um).toPrecision(4)} W m-2 sr-1 um-1`;
+    if (!table) return `\n${value < frame().full ? "" : "above "}${spectral}, as on the axis`;
     const text = `\n${radiance.toPrecision(5)} W m-2 sr-1`;
     if (value < 1) return text;
     const low = Math.log(heat.zero + heat.step), high = Math.log(heat.zero + heat.step * frame().full);
     const place = Math.min(last, (last * (Math.log(radiance) - low)) / (high - low)), i = Math.min(last - 1, Math.floor(place));
-    return `${text}, ${(1 / (1 / table[i] + (place - i) * (1 / table[i + 1] - 1 / table[i]))).toFixed(2)} K`;
+    return `${text}, ${(1 / (1 / table[i] + (place - i) * (1 / table[i + 1] - 1 / table[i]))).toFixed(2)} K (${spectral})`;
+  };
+  // Barycentric interpolation between the Chebyshev nodes; see sightline.py.
+  const direction = (u, v) => {
+    const { sight, width, height } = frame();
+    if (!sight) return null;
+    const parts = sight.flat ? 2 : 3, n = Math.round(Math.sqrt(sight.directions.length / parts));
+    const weights = (at, size) => {
+      const places = Array.from({ length: n }, (_, j) => (size - 1 + size * Math.cos((Math.PI * j) / (n - 1))) / 2);
+      const hit = places.findIndex((place) => Math.abs(place - at) < 1e-9);
+      if (hit >= 0) return places.map((_, j) => Number(j === hit));
+      const raw = places.map((place, j) => ((j % 2 ? -1 : 1) * (j === 0 || j === n - 1 ? 0.5 : 1)) / (at - place));
+      const sum = raw.reduce((a, b) => a + b);
+      return raw.map((one) => one / sum);
+    };
+    const across = weights(u, width), down = weights(v, height), d = [0, 0, sight.flat ? 1 : 0];
+    for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) for (let k = 0; k < parts; k++) d[k] += down[i] * across[j] * sight.directions[(i * n + j) * parts + k];
+    const length = Math.hypot(...d);
+    return d.map((one) => one / length);
+  };
+  const above = (d) => {
+    const { nadir, cone: [a, b, c, e, f, g] } = frame().sight, dot = (x, y) => x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
+    const through = ([x, y, z]) => [a * x + b * y + c * z, b * x + e * y + f * z, c * x + f * y + g * z];
+    const side = d.map((one, i) => one - dot(d, nadir) * nadir[i]), length = Math.hypot(...side) || 1, level = side.map((one) => one / length);
+    const [A, B, C] = [dot(nadir, through(nadir)), dot(nadir, through(level)), dot(level, through(level))];
+    return Math.atan2(dot(d, level), dot(d, nadir)) - Math.atan((-B - Math.sqrt(B * B - A * C)) / C);
+  };
+  const bearing = (u, v) => {
+    const d = direction(u, v);
+    if (!d) return "";
+    const degrees = 180 / Math.PI, up = above(d) * degrees;
+    return `\n${(Math.atan2(Math.hypot(d[0], d[1]), d[2]) * degrees).toFixed(3)}° from the axis, ${Math.abs(up).toFixed(3)}° ${up < 0 ? "below" : "above"} the true horizon`;
   };
   const fit = (c) => {
     const ratio = window.devicePixelRatio || 1;
@@ -165,7 +198,7 @@
       find("v-value").textContent = dn ? "Point at the frame for its value." : f.problem ?? (served ? "" : "This frame's exact numbers are not in the page: `horizonval view` reads them from the archive.");
     } else {
       const near = frame().truth ? nearest(frame().truth, pointer) : null;
-      find("v-value").textContent = `x ${Math.round(pointer[0])}, y ${Math.round(pointer[1])}: ${value} DN of ${frame().full}` + warmth(value) +
+      find("v-value").textContent = `x ${Math.round(pointer[0])}, y ${Math.round(pointer[1])}: ${value} DN of ${frame().full}` + warmth(value) + bearing(Math.round(pointer[0]), Math.round(pointer[1])) +
         (near ? `\n${near.far.toFixed(1)} px from the true horizon` : "");
     }
     profile();
@@ -190,11 +223,13 @@
       return tr;
     }));
   };
+  const sunAngle = (f) => (f.sun_deg === null ? "" : `, Sun ${f.sun_deg.toFixed(1)}° from the axis`);
   const timeline = () => {
     line.replaceChildren(...frames.map((f, i) => {
       const cell = document.createElement("i"), top = document.createElement("b"), row = f.rows[pick.a.value];
       cell.className = `${f.sun ? "sun" : f.light}${i === state.frame ? " here" : ""}`;
-      cell.title = `${f.name}: ${row ? row.label : "no result"}; ${f.light || "no truth"}${f.sun ? ", Sun in the frame" : ""}`;
+      cell.title = `${f.name}: ${row ? row.label : "no result"}; ${f.light || "no truth"}${f.sun ? ", Sun in the frame" : ""}${sunAngle(f)}`;
+      cell.style.setProperty("--sun", (f.sun_deg ?? 180) / 180);
       top.style.background = (row && colours[row.kind]) || "#6b7178";
       if (frames.length <= 80) top.textContent = row?.glyph ?? "–";
       cell.append(top, document.createElement("u"));
@@ -206,7 +241,7 @@
     scrub.value = state.frame;
     timeline(); score();
     find("v-name").textContent = `${state.frame + 1} of ${frames.length}: ${f.name}`;
-    find("v-facts").textContent = [f.camera, f.band && `band ${f.band}`, f.light, f.sun && "Sun in the frame"].filter(Boolean).join(" · ");
+    find("v-facts").textContent = [f.camera, f.band && `band ${f.band}`, f.light, f.sun && "Sun in the frame"].filter(Boolean).join(" · ") + sunAngle(f).replace(", ", " · ");
     if (!f.numbers && served && !f.problem) {
       await fetchFrame(f).catch((error) => { f.problem = `The server does not answer (${error.message}).`; });
       if (mine !== turn) return;
@@ -308,22 +343,4 @@
     await restore();
   };
   start();
-
-  for (const table of document.querySelectorAll("table.outcomes")) {
-    // Several columns have two lines of heading; the first line's cells stand over the columns one by one.
-    [...table.tHead.rows[0].cells].forEach((head, column) => {
-      const button = document.createElement("button");
-      button.type = "button";
-      button.append(...head.childNodes);
-      head.append(button);
-      button.addEventListener("click", () => {
-        const down = head.getAttribute("aria-sort") === "ascending";
-        for (const other of table.tHead.rows[0].cells) other.removeAttribute("aria-sort");
-        head.setAttribute("aria-sort", down ? "descending" : "ascending");
-        const key = (row) => { const text = row.cells[column].textContent.trim(), n = parseFloat(text.replace(/^[^\d–-]+/, "")); return column && !Number.isNaN(n) ? n : column ? Infinity : text; };
-        const rows = [...table.tBodies[0].rows].sort((a, b) => { const [x, y] = [key(a), key(b)]; return (x < y ? -1 : x > y ? 1 : 0) * (down ? -1 : 1); });
-        table.tBodies[0].append(...rows);
-      });
-    });
-  }
 })();

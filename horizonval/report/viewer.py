@@ -16,13 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.earth.spectral.bands import width_um
 from horizonval.earth.spectral.brightness import brightness_temperature_k
 from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.report.angle_unit import DEG
 from horizonval.report.figures import overlay
 from horizonval.report.load import CaseView
+from horizonval.report.sightline import sightline_of
 from horizonval.report.verdict import verdict_of
 from horizonval.scoring.expected import Expected
+from horizonval.sensor.calibrated import black_level_dn, radiance_per_dn
 
 BUDGET_PX = 12_000_000
 """Pixels whose numbers one page holds: about 20 MB of noisy 12-bit frames."""
@@ -49,20 +52,30 @@ def chosen(images: Sequence[DetectorImage | None], budget_px: int = BUDGET_PX) -
 
 
 def heat_of(image: DetectorImage) -> dict[str, Any] | None:
-    """Return how a thermal image's digital numbers become radiance and brightness temperature; ``None`` of others.
+    """Return how an image's digital numbers become radiance and brightness temperature; ``None`` without calibration.
 
-    ``zero`` and ``step`` [W m-2 sr-1] make radiances. ``temperature_k`` has the temperatures of radiances in equal
+    ``zero`` and ``step`` [W m-2 sr-1] make radiances, over ``width_um`` those per wavelength: of a photon counting
+    detector as its data sheet has it on the axis, above the black level, with noise and dark current in it.
+    ``temperature_k``, of thermal bands, has the temperatures of radiances in equal
     ratios, from the first step's to full scale's. Between them the inverse of the temperature is linear in the
     logarithm of the radiance to better than 0.01 K.
     """
-    step = image.observation.get("radiance_per_dn")
+    step = radiance_per_dn(image)
     band = next((one for one in image.truth.camera_spec.band if one.name == image.band), None)
-    if step is None or band is None or band.kind != "thermal":
+    if step is None or band is None:
         return None
+    width = width_um(band)
+    if band.kind != "thermal":
+        return {"zero": -step * black_level_dn(image), "step": step, "width_um": width, "temperature_k": None}
     zero = float(image.observation["radiance_at_zero"])
     ends = zero + step, zero + step * image.full_scale
     kelvin = brightness_temperature_k(band, np.geomspace(*ends, _NODES))
-    return {"zero": zero, "step": step, "temperature_k": [round(float(value), 4) for value in kelvin]}
+    return {
+        "zero": zero,
+        "step": step,
+        "width_um": width,
+        "temperature_k": [round(float(value), 4) for value in kelvin],
+    }
 
 
 def rows_of(view: CaseView, estimators: Sequence[str]) -> dict[str, dict[str, str]]:
@@ -110,6 +123,7 @@ def frame_data(view: CaseView, expected: Expected | None, picture: Any, estimato
         "black": picture.black_dn if picture is not None else 0,
         "white": picture.white_dn if picture is not None else 1,
         "rows": rows_of(view, estimators),
+        "sight": sightline_of(image.truth) if image is not None else None,
         **light,
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 import threading
 
@@ -13,6 +14,9 @@ from browser import Browser, chromium_path
 from scipy import constants, integrate
 from synthetic import synthetic_cases, toy_image, write_run
 
+from horizonval.geometry.camera import unproject
+from horizonval.geometry.frames import inverse, rotate
+from horizonval.geometry.horizon import signed_limb_angle
 from horizonval.report import build, build_report, view_server, viewer
 
 pytestmark = pytest.mark.skipif(
@@ -101,7 +105,34 @@ def test_the_value_under_the_pointer_is_the_stored_number(browser, page):
         )
         scale = min(width / dn.shape[1], height / dn.shape[0])
         expected = ((place[0] - 0.5) * width / scale + 319.5, (place[1] - 0.5) * height / scale + 239.5)
-        np.testing.assert_allclose((x, y), expected, atol=1.0)
+        np.testing.assert_allclose((x, y), expected, atol=0.51)
+
+
+def test_the_direction_under_the_pointer_is_that_of_the_camera(browser, page):
+    truth = synthetic_cases()[0].truth
+    visit(browser, page)
+    sides = set()
+    for place in ((0.5, 0.5), (0.45, 0.2), (0.52, 0.83)):
+        point_at(browser, *place)
+        words = browser.evaluate("document.getElementById('v-value').textContent")
+        x, y = (int(part.split()[1]) for part in words.split(":")[0].split(", "))
+        axis, height, side = re.search(r"([\d.]+)° from the axis, ([\d.]+)° (above|below) the true", words).groups()
+        d = unproject(truth.camera_model, (x, y))
+        assert float(axis) == pytest.approx(math.degrees(math.acos(d[2])), abs=2e-3)
+        # The nearest point of the horizon is not straight above or below, but a millionth of a turn aside.
+        inside = signed_limb_angle(rotate(inverse(truth.q_cam_from_itrs), d), truth.r_itrs)
+        signed = float(height) if side == "above" else -float(height)
+        assert signed == pytest.approx(-math.degrees(float(inside)), abs=5e-3)
+        sides.add(side)
+    assert sides == {"above", "below"}
+
+
+def test_the_timeline_says_how_near_the_sun_is(browser, page):
+    visit(browser, page)
+    truths = [case.truth for case in synthetic_cases()]
+    shown = "[...document.querySelectorAll('#v-line i')].map(cell => Number(cell.style.getPropertyValue('--sun')))"
+    expected = [math.acos(truth.sun_cam[2] / math.hypot(*truth.sun_cam)) / math.pi for truth in truths]
+    np.testing.assert_allclose(browser.evaluate(shown), expected, atol=1e-4)
 
 
 def test_keys_scrub_and_zoom(browser, page):
