@@ -7,6 +7,7 @@ of its own, while truth and arithmetic stay with whoever asks.
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +28,9 @@ from horizonval.studies.bench.frames import bench_suite, cell_of, commitment
 from horizonval.studies.bench.sheet import Answer, ranking, sheet_of
 from horizonval.suites.rescore import rescore
 from horizonval.suites.run import run_suite
+
+TIMES = "timings.json"
+"""Seconds of the clock for every image and submission, measured by who asks; no two runs have the same."""
 
 
 def make_frames(
@@ -87,9 +91,14 @@ def run_submissions(
                 f"{name} is told the pose, or needs several heads", where="bench run", expected="a method of one image"
             )
     store = Store(out / "frames" / "archive")
-    return {
-        name: rescore(store, out / "entries" / name, (name,), None, workers, limits, progress).failed for name in names
-    }
+    failed = {}
+    for name in names:
+        done = rescore(store, out / "entries" / name, (name,), None, workers, limits, progress)
+        failed[name] = done.failed
+        seconds = read_json(out / TIMES) or {}
+        now = {image: stages[f"estimate {name}"] for image, stages in done.seconds.items()}
+        write_json(out / TIMES, {**seconds, name: {**seconds.get(name, {}), **now}})
+    return failed
 
 
 def score_submissions(out: Path) -> dict[str, Any]:
@@ -108,6 +117,7 @@ def score_submissions(out: Path) -> dict[str, Any]:
         "frames": head,
         "ranking": ranking(methods),
         "sheets": {name: sheet_of(answers) for name, answers in methods.items()},
+        "median_s": {name: statistics.median(times.values()) for name, times in _times(out).items() if times},
     }
     write_json(out / "scores.json", scores)
     atomic.write_text(out / "README.md", page(scores))
@@ -127,8 +137,10 @@ def page(scores: dict[str, Any]) -> str:
         "Score: 100 is the bound on every frame that is due, 0 is silence, a false claim costs a frame.",
         "Methods of one rank cannot be told apart on these frames.",
         "",
-        "| rank | method | score | answered, of due | false, of claims | median / bound | 95 % [deg] | NEES |",
-        "|---|---|---|---|---|---|---|---|",
+        "Time is that of the clock for the median image, on the machine of this page; it is not scored.",
+        "",
+        "| rank | method | score | answered, of due | false, of claims | median / bound | 95 % [deg] | NEES | ms |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in scores["ranking"]:
         f = scores["sheets"][row["method"]]["all"]
@@ -136,9 +148,18 @@ def page(scores: dict[str, Any]) -> str:
         lines.append(
             f"| {row['rank']}{' =' if row['tied'] else ''} | `{row['method']}` | {row['score']:.1f} "
             f"| {f['answered']} of {f['due']} | {f['false']} of {f['claims']} "
-            f"| {_number(f['median_over_bound'])} | {_number(p95)} | {_number(f['mean_nees'])} |"
+            f"| {_number(f['median_over_bound'])} | {_number(p95)} | {_number(f['mean_nees'])} "
+            f"| {_number(_milliseconds(scores['median_s'].get(row['method'])))} |"
         )
     return "\n".join(lines) + "\n"
+
+
+def _times(out: Path) -> dict[str, dict[str, float]]:
+    return dict(read_json(out / TIMES) or {})
+
+
+def _milliseconds(seconds: float | None) -> float | None:
+    return None if seconds is None else 1e3 * seconds
 
 
 def _number(value: float | None) -> str:
