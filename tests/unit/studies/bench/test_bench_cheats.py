@@ -67,7 +67,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bench")
     (folder / "small.toml").write_text(SUITE)
 
-    def small(_seed: int | None, _count: int) -> Suite:
+    def small(_seed: int | None, _count: int, _group: str) -> Suite:
         return replace(load_suite(folder / "small.toml"), keep="all")
 
     with pytest.MonkeyPatch.context() as patch:
