@@ -45,7 +45,9 @@ def bench_make(
     if as_json:
         print_json(head)
     else:
-        print(f"{out}: {head['images']} images, digest {head['images_sha256']}, commitment {head['commitment']}")
+        for group in ("frames", "heads"):
+            print(f"{out / group}: {head[group]['images']} images, digest {head[group]['images_sha256']}")
+        print(f"commitment {head['commitment']}")
 
 
 @bench_app.command("run")
