@@ -21,6 +21,7 @@ from horizonval.report import angle_unit, formatting, rerun, template, viewer
 from horizonval.report.accuracy import accuracy_of
 from horizonval.report.angle_unit import AngleUnit
 from horizonval.report.figures import overlay, picture, plots
+from horizonval.report.frames_on_demand import striking_frames
 from horizonval.report.headline import headline
 from horizonval.report.load import CaseView, ReportRun, load_run
 from horizonval.report.pages import campaign_page, confusion_section, infrared_section, stability
@@ -78,7 +79,10 @@ def write_report(run_dir: Path) -> list[Path]:
         )
     if campaign is not None:
         page = campaign_page.page_of(run)
-        texts[campaign_page.PAGE] = environment.get_template("campaign.html").render(run=run, **page, **parts)
+        told = sentences(run, summarise(run.rows, run.given_pose, run.orbit)["groups"])
+        texts[campaign_page.PAGE] = environment.get_template("campaign.html").render(
+            run=run, sentences=told, **striking_frames(run), **page, **parts
+        )
         texts |= {figure["file"]: figure["svg"] for section in page["sections"] for figure in section["figures"]}
     pages = run_dir / "report"
     if (pages / campaign_page.FIGURES).is_symlink():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -10,11 +11,16 @@ from typing import Any
 from horizonval.core.errors import UserError
 from horizonval.report import viewer
 from horizonval.report.figures import overlay, picture
-from horizonval.report.load import CaseView, load_case, load_run
+from horizonval.report.load import CaseView, ReportRun, load_case, load_run
+from horizonval.report.verdict import VERDICTS, verdict_of
 from horizonval.scoring.expected import expected_outcome
 
 KEPT = 16
 """Frames whose answers are kept for whoever steps back and forth."""
+
+
+MOST_BESIDE, BESIDE_PX = 16, 4_000_000
+"""Frames, and their pixels, that a page beside the first one holds."""
 
 
 class RunFrames:
@@ -76,6 +82,33 @@ class RunFrames:
         if view.image is None:
             raise UserError(view.problem)
         return one_frame(view, self.estimators)
+
+
+def striking_frames(run: ReportRun) -> dict[str, Any]:
+    """Return what the page beside the first one shows of a run's frames: those that tell most, in the run's order.
+
+    ``frames`` are JSON texts, ``kept`` is how many frames with an image are known, ``viewer_estimators`` whose they
+    are. False claims, crashes and refusals of due frames go first, up to a size that keeps the page small.
+    """
+    views = [view for view in run.views if view.image is not None]
+    order = sorted(
+        views, key=lambda view: min((VERDICTS.index(verdict_of(row)) for row in view.rows.values()), default=9)
+    )
+    chosen: set[tuple[str, str]] = set()
+    pixels = 0
+    for view in order[:MOST_BESIDE]:
+        assert view.image is not None
+        pixels += view.image.dn.size
+        if pixels > BESIDE_PX and chosen:
+            break
+        chosen.add((view.case, view.band))
+    texts = [
+        # No text may end the element that it stands in.
+        json.dumps(one_frame(view, run.estimators), sort_keys=True).replace("<", "\\u003c")
+        for view in views
+        if (view.case, view.band) in chosen
+    ]
+    return {"frames": texts, "kept": len(views), "viewer_estimators": run.estimators}
 
 
 def one_frame(view: CaseView, estimators: tuple[str, ...]) -> dict[str, Any]:

@@ -12,7 +12,10 @@
       layers: svg ? [...svg.querySelectorAll(".layer")].map((g) => ({ points: curve(g, "points"), limb: curve(g, "limb") })) : [],
     };
   });
-  if (!frames.length && !served) return;
+  // Pages without cards of frames bring a few of their own, whole; a server's list of all is for the first page.
+  const own = [...document.querySelectorAll("script.v-data")].map((script) => ({ svg: null, ...JSON.parse(script.textContent) }));
+  frames.push(...own);
+  if (!frames.length && (!served || !find("v-frame"))) return;
   const colours = { false: "#b34700", crashed: "#b34700", broken: "#b34700", missed: "#8a6100", valid: "#0072b2", bonus: "#0072b2" };
   const canvas = find("v-frame"), plot = find("v-profile"), line = find("v-line"), scrub = find("v-scrub");
   const pick = { a: find("v-a"), b: find("v-b") };
@@ -336,7 +339,7 @@
     return show();
   };
   const start = async () => {
-    if (served) await fetchList();
+    if (served && !own.length) await fetchList();
     if (!frames.length) return;
     scrub.max = frames.length - 1;
     window.addEventListener("hashchange", restore);

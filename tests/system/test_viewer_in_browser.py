@@ -18,6 +18,7 @@ from horizonval.geometry.camera import unproject
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.geometry.horizon import signed_limb_angle
 from horizonval.report import build, build_report, view_server, viewer
+from horizonval.report.pages import campaign_page
 
 pytestmark = pytest.mark.skipif(
     chromium_path() is None, reason="no Chromium on this machine (Debian: apt install chromium)"
@@ -32,8 +33,21 @@ NAME = "document.getElementById('v-name').textContent"
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    return build_report(write_run(tmp_path_factory.mktemp("viewer") / "run")).as_uri()
+def pages(tmp_path_factory):
+    """The folder of a report with the page of a campaign."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(campaign_page, "is_due", lambda run: True)
+        return build_report(write_run(tmp_path_factory.mktemp("viewer") / "run")).parent
+
+
+@pytest.fixture(scope="module")
+def page(pages):
+    return (pages / "index.html").as_uri()
+
+
+@pytest.fixture(scope="module")
+def campaign(pages):
+    return pages / campaign_page.PAGE
 
 
 @pytest.fixture(scope="module")
@@ -245,6 +259,20 @@ def test_a_server_has_the_frames_that_the_page_leaves_out(browser, long_run):
             x, y, value = map(int, re.match(r"x (\d+), y (\d+): (\d+) DN of 1023", words).groups())
             assert value == dn[y, x]
     assert browser.evaluate("document.querySelectorAll('#v-line i').length") == 8
+
+
+def test_the_page_of_a_campaign_has_its_worst_frames(browser, campaign):
+    visit(browser, campaign.as_uri())
+    assert browser.complaints == []
+    assert browser.evaluate("document.documentElement.scrollWidth") <= browser.width
+    assert "° off" in browser.evaluate("document.querySelector('.sentence').textContent")
+    names = "[...document.querySelectorAll('script.v-data')].map(text => JSON.parse(text.textContent).name)"
+    assert browser.evaluate(names) == [case.truth.scene["scene"]["name"] for case in synthetic_cases()]
+    dn = toy_image(synthetic_cases()[0].truth).dn
+    point_at(browser, 0.5, 0.7)
+    words = browser.evaluate("document.getElementById('v-value').textContent")
+    x, y, value = map(int, re.match(r"x (\d+), y (\d+): (\d+) DN of 1023", words).groups())
+    assert value == dn[y, x]
 
 
 def test_a_thermal_frame_says_what_a_black_body_would_have_to_be(browser, tmp_path, monkeypatch):

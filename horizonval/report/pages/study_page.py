@@ -14,6 +14,10 @@ from horizonval.report import template
 from horizonval.report.figures import plots
 from horizonval.report.figures import study_plots as draw
 from horizonval.report.formatting import count, interval, number, percent
+from horizonval.report.frames_on_demand import MOST_BESIDE, striking_frames
+from horizonval.report.load import load_run
+from horizonval.report.sentence import sentences
+from horizonval.scoring.summary import summarise
 from horizonval.store.folder import read_json
 
 RESULT, COSTS, PAGE = "study.json", "study-costs.json", "study.html"
@@ -42,10 +46,15 @@ def write_page(run_dir: Path) -> Path:
         _read(run_dir / COSTS, {"designs", "query"}),
     )
     run = read_json(run_dir / "run.json") or {}
+    seen: dict[str, Any] = {"sentences": [], "frames": [], "kept": 0}
+    if run:
+        loaded = load_run(run_dir, MOST_BESIDE)
+        groups = summarise(loaded.rows, loaded.given_pose, loaded.orbit)["groups"]
+        seen = {"sentences": sentences(loaded, groups), **striking_frames(loaded)}
     text = (
         template.environment()
         .get_template(PAGE)
-        .render(**page_of(result, costs), again=shlex.join(run.get("command") or ()), **template.shared_parts())
+        .render(**page_of(result, costs), **seen, again=shlex.join(run.get("command") or ()), **template.shared_parts())
     )
     path = run_dir / "report" / PAGE
     path.parent.mkdir(exist_ok=True)

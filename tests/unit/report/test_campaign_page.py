@@ -137,7 +137,11 @@ def test_the_noise_is_shown_where_it_was_drawn_and_else_a_dash():
     assert (bold["mean"], bold["error"], bold["n"], bold["draws"], bold["glyph"]) == ("4.50", "0", 8, 40, "↑")
     assert shy["mean"] == "–"
     assert campaign_page.headline(drawn)["text"] == "3 of 13 claims are false."
-    html = template.environment().get_template("campaign.html").render(run=drawn, **page, **template.shared_parts())
+    html = (
+        template.environment()
+        .get_template("campaign.html")
+        .render(sentences=[], frames=[], kept=0, run=drawn, **page, **template.shared_parts())
+    )
     assert "4.50 ± 0" in html
     assert "n = 8, 40 draws; honest: 0.684 to 1.38" in html
     assert html.count("no two fits of a frame") == 1
