@@ -18,6 +18,8 @@ from horizonval.core.errors import UserError
 from horizonval.frame import RadianceFrame
 
 if TYPE_CHECKING:
+    import xarray
+
     from horizonval.core.progress import Progress
 
 
@@ -66,6 +68,12 @@ class Frame(RadianceFrame):
     def scene(self) -> Scene:
         """The scene that was rendered."""
         return Scene.from_dict(self.truth.scene, self.camera)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return radiance and truth maps with their coordinates; needs the extra ``xarray``."""
+        from horizonval.store.export.xarray_view import dataset_of
+
+        return dataset_of(self)
 
     def observe(
         self,

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from horizonval.api.camera import Camera, camera_of
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.spec.sensor.camera import CameraSpec
+
+if TYPE_CHECKING:
+    import xarray
 
 
 class Image(DetectorImage):
@@ -43,6 +46,12 @@ class Image(DetectorImage):
     def camera(self) -> Camera:
         """The camera that took it."""
         return Camera(CameraSpec.model_validate(self.observation.get("camera", self.truth.camera)))
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the digital numbers with their coordinates; needs the extra ``xarray``."""
+        from horizonval.store.export.xarray_view import dataset_of
+
+        return dataset_of(self)
 
     def save(self, path: str | Path) -> Path:
         """Write the image as an OpenEXR file with its truth in the header; :func:`horizonval.open_image` reads it.

@@ -13,8 +13,7 @@ import typer
 
 from horizonval.cli.archive import archive_app
 from horizonval.cli.bench.commands import bench_app
-from horizonval.cli.calibration import calibrate
-from horizonval.cli.camera import camera
+from horizonval.cli.calibration import calibrate, camera
 from horizonval.cli.campaign import report, run
 from horizonval.cli.check import check
 from horizonval.cli.dataset.commands import dataset

@@ -132,6 +132,14 @@ def archive_export(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the files; made if need be.")],
     fits: Annotated[bool, typer.Option("--fits", help="FITS, with units, camera and celestial coordinates.")] = False,
     png: Annotated[bool, typer.Option("--png", help="PNG of 16 bits; unit, scale and truth in a JSON file.")] = False,
+    tiff: Annotated[bool, typer.Option("--tiff", help="TIFF of 16 bits; radiances as floats.")] = False,
+    npz: Annotated[bool, typer.Option("--npz", help="Arrays of NumPy, camera and truth as text.")] = False,
+    coco: Annotated[
+        bool, typer.Option("--coco", help="PNG of the frames, and one COCO file of the masks of Earth and limb.")
+    ] = False,
+    aem: Annotated[
+        bool, typer.Option("--aem", help="Of a run: what each estimator claimed, as a CCSDS attitude message.")
+    ] = False,
     zipped: Annotated[
         bool, typer.Option("--exr", help="EXR compressed by ZIP, for programs with an OpenEXR before 3.4.")
     ] = False,
@@ -143,16 +151,21 @@ def archive_export(
     options: EntryOptions = ALL,
 ) -> None:
     """Frames and images as files of other programs."""
+    from horizonval.bridges.claimed_attitudes import write_attitudes
     from horizonval.bridges.mcap import write_mcap
-    from horizonval.store.export import export_file
+    from horizonval.store.export.export_files import Format, export_file, write_masks
     from horizonval.store.manifest import amend_index
+    from horizonval.store.named import run_folder_of
 
-    if not (fits or png or zipped or mcap):
-        raise UserError("which format?", where="archive export", expected="--fits, --png, --exr, --mcap or several")
+    wanted: dict[Format, bool] = {"fits": fits, "png": png or coco, "tiff": tiff, "npz": npz}
+    formats = [name for name, is_wanted in wanted.items() if is_wanted]
+    each = bool(formats) or zipped
+    if not (each or mcap or aem):
+        raise UserError("which format?", where="archive export", expected="--fits, --png, --mcap, --aem or another")
     entry_filter = options.filter(kind)
     if not source.is_dir():
         _refuse_filters(address, entry_filter)
-        paths = [source]
+        paths, store = [source], None
     else:
         store = _store(source)
         addresses = {store.find(start) for start in address or ()}
@@ -162,14 +175,21 @@ def archive_export(
         paths = [store.path(e.address) for e in in_time if e.kind != "missing"]
     if not paths:
         raise UserError("nothing to export", where=str(source), fix=f"see {command_line('archive', 'ls', source)}")
+    run_folder = None if store is None else run_folder_of(store.root)
+    if aem and (store is None or run_folder is None):
+        raise UserError("no run", where="--aem", expected="the folder of a run, which knows what was claimed")
     out.mkdir(parents=True, exist_ok=True)
     count = 0
     with watched("exporting") as progress:
-        each = fits or png or zipped
         progress.start(len(paths) * (each + mcap), 0)
         for path in paths if each else []:
-            count += len(export_file(path, out, fits=fits, png=png, zipped=zipped))
+            count += len(export_file(path, out, formats, zipped=zipped))
             progress.done(path.name)
+        if coco:
+            write_masks(out / "masks.json", paths)
+            count += 1
+        if aem and store is not None and run_folder is not None:
+            count += len(write_attitudes(run_folder.root, store, out))
         if mcap:
             write_mcap(out / f"{source.stem if source.is_file() else 'archive'}.mcap", paths, progress)
             count += 1

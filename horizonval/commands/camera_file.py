@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from horizonval.core.errors import UserError
-from horizonval.formats.cameras import read_camera
 from horizonval.formats.csv_table import read_csv
+from horizonval.formats.lens.cameras import read_camera
 from horizonval.geometry.camera import camera_from_spec, check_invertible, field_angles
 from horizonval.report.rerun import toml
 from horizonval.sensor.lens.optics import relative_illumination

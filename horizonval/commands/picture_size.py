@@ -37,7 +37,7 @@ def size_of(path: Path) -> tuple[int, int]:
     with path.open("rb") as file:
         magic = file.read(4)
     if magic == FITS_MAGIC:
-        from horizonval.store import fits
+        from horizonval.store.export import fits
 
         return fits.size_of(path)
     return _exr_size(path) if magic == EXR_MAGIC else _common_size(path, magic)

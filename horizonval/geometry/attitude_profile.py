@@ -118,10 +118,17 @@ def attitude_against_lvlh(
     rates_rad_s : ndarray, shape (n, 3)
         Angular velocity against ``lvlh``, in body axes.
     """
+    return angles_and_rates(lambda t: _matrices(profile, states, sun, t), seconds)
+
+
+def angles_and_rates(
+    body_from_lvlh: Callable[[FloatArray], FloatArray], seconds: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return what :func:`attitude_against_lvlh` does, of matrices (n, 3, 3) as a function of time."""
     t = np.asarray(seconds, dtype=np.float64)
-    matrices = _matrices(profile, states, sun, t)
-    before = _matrices(profile, states, sun, t - _RATE_STEP_S)
-    after = _matrices(profile, states, sun, t + _RATE_STEP_S)
+    matrices = body_from_lvlh(t)
+    before = body_from_lvlh(t - _RATE_STEP_S)
+    after = body_from_lvlh(t + _RATE_STEP_S)
     # A frame that turns by the rate w maps fixed vectors by exp(-w dt).
     step = Rotation.from_matrix(after @ np.swapaxes(before, -1, -2)).as_rotvec()
     m = matrices

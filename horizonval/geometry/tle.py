@@ -83,15 +83,20 @@ def teme_states(elements: ElementSet, epoch_utc: datetime, seconds: ArrayLike = 
     UserError
         If the elements cannot be carried to an instant (the satellite has decayed), or the epoch is out of range.
     """
+    return satellite_states(elements._satellite(), epoch_utc, seconds)
+
+
+def satellite_states(satellite: Satrec, epoch_utc: datetime, seconds: ArrayLike = 0.0) -> tuple[FloatArray, FloatArray]:
+    """Return what :func:`teme_states` does, of elements that SGP4 has read."""
     day, fraction = np.broadcast_arrays(*julian_utc(epoch_utc, seconds))
     shape = fraction.shape
-    codes, r_km, v_km_s = elements._satellite().sgp4_array(
+    codes, r_km, v_km_s = satellite.sgp4_array(
         np.ascontiguousarray(day, float).ravel(), np.ascontiguousarray(fraction, float).ravel()
     )
     if codes.any():
         first = int(np.flatnonzero(codes)[0])
         raise UserError(
-            f"satellite {elements.line1[2:7]} at {epoch_utc.isoformat()} + {np.ravel(seconds)[first]} s: "
+            f"satellite {satellite.satnum_str} at {epoch_utc.isoformat()} + {np.ravel(seconds)[first]} s: "
             f"{SGP4_ERRORS[int(codes[first])]}",
             expected="an instant nearer to the elements' epoch",
         )

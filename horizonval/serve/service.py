@@ -51,9 +51,10 @@ def serve(
     token = None if token_file is None else read_token(token_file)
     check_reach(address, token)
     source = ImageSource(scene)
-    with _ended_by_sigterm(), listening(address) as (listener, reached):
+    with _ended_by_signals() as check_signals, listening(address) as (listener, reached):
         # What the scene cannot do is said now, and the tables of its place are there for the first client.
         source.first_image()
+        check_signals()
         server = Server(source.answer, source.about(), token=token, time_limit_s=time_limit_s, most_images=most_images)
         with _stopped_by_signals(server.stop):
             ready(reached, source.about())
@@ -62,16 +63,32 @@ def serve(
 
 
 @contextlib.contextmanager
-def _ended_by_sigterm() -> Iterator[None]:
-    """Let SIGTERM end a start as SIGINT does, so that no socket stays behind."""
+def _ended_by_signals() -> Iterator[Callable[[], None]]:
+    """Let SIGTERM end a start as SIGINT does, so that no socket stays behind.
+
+    Yields what raises once more, later, what a signal has raised: an exception that comes while compiled code calls
+    back, or while Python tidies up, goes no further, and the start would go on.
+    """
+    asked = threading.Event()
+
+    def check_signals() -> None:
+        if asked.is_set():
+            raise KeyboardInterrupt
+
     if threading.current_thread() is not threading.main_thread():
-        yield
+        yield check_signals
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+    def handle(_kind: int, _frame: object) -> None:
+        asked.set()
+        raise KeyboardInterrupt
+
+    before = {kind: signal.signal(kind, handle) for kind in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        yield check_signals
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
 
 
 @contextlib.contextmanager

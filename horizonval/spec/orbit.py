@@ -56,11 +56,25 @@ class OrbitAttitude(Model):
     """A random pointing error."""
     sun_axis: Annotated[Vector, unit("1")] = (0.0, 0.0, -1.0)
     """Axis of the body that `pointing = "sun"` turns towards the Sun; of any length but 0."""
+    file: str | None = None
+    """File beside the suite that says how the body was turned, in place of all other keys: an attitude ephemeris
+    message of CCSDS, or a table with `time_utc` and `q_body_from_gcrs_x` to `_w`.
+    """
+    body_axes: str | None = None
+    """With the orbit's `kernels`: the frame of the body, whose attitude they say in place of all other keys."""
 
     @model_validator(mode="after")
     def _the_axis_has_a_direction(self) -> OrbitAttitude:
         if not any(self.sun_axis):
             raise ValueError("sun_axis must not be zero")
+        return self
+
+    @model_validator(mode="after")
+    def _a_file_says_all(self) -> OrbitAttitude:
+        given = self.model_fields_set
+        for key in ("file", "body_axes"):
+            if getattr(self, key) is not None and given != {key}:
+                raise ValueError(f"{key} says the whole attitude; leave out {', '.join(sorted(given - {key}))}")
         return self
 
 
@@ -69,11 +83,13 @@ class OrbitSpec(Model):
 
     Size: `altitude_km`, `perigee_km` with `apogee_km`, or `semi_major_axis_km` with `eccentricity`. Plane:
     `inclination_deg`, or `sun_synchronous = true`. Node: one of `raan_deg`, `node_longitude_deg`, `ltan_h`, `ltdn_h`.
-    Or `tle` in place of them all.
+    Or, in place of them all, `tle`, `ephemeris`, or `kernels` with `spacecraft`.
     """
 
     epoch_utc: datetime | None = None
-    """Time of the first sample, UTC. With `tle` it can be left out: the orbit then starts at the lines' own epoch."""
+    """Time of the first sample, UTC. With `tle`, `ephemeris` or `kernels` it can be left out: the orbit then starts at
+    the elements' own epoch, or with the first state.
+    """
     altitude_km: Positive | None = None
     """Altitude of a circle, above the equator's radius."""
     perigee_km: Positive | None = None
@@ -104,6 +120,14 @@ class OrbitSpec(Model):
     """Two-line elements: the two lines (a title before them is allowed), or the file beside the suite that holds them.
     SGP4 then says where the satellite is.
     """
+    ephemeris: str | None = None
+    """File beside the suite that says where the satellite is: an orbit ephemeris or mean-elements message of CCSDS, KVN
+    or XML, or a table with `time_utc` and `x_gcrs_km` to `z_gcrs_km`, or the same with `itrs`.
+    """
+    kernels: Annotated[list[str], Field(min_length=1)] | None = None
+    """SPICE kernels beside the suite: leap seconds, SPK, and what the attitude needs (CK, clock, frames)."""
+    spacecraft: str | None = None
+    """With `kernels`: name or number of the spacecraft."""
     revolutions: Annotated[Positive, unit("1")] | None = None
     """Span of the samples in revolutions."""
     duration_s: Positive | None = None
@@ -128,10 +152,15 @@ class OrbitSpec(Model):
 
     @model_validator(mode="after")
     def _lines_or_elements(self) -> OrbitSpec:
-        elements = self.model_fields_set - {"epoch_utc", "tle", "revolutions", "duration_s", "n", "attitude"}
-        if self.tle is not None:
-            if elements:
-                raise ValueError(f"tle says the whole orbit; leave out {', '.join(sorted(elements))}")
+        sources = [key for key in ("tle", "ephemeris", "kernels") if getattr(self, key) is not None]
+        if (self.kernels is None) != (self.spacecraft is None):
+            raise ValueError("kernels and spacecraft go together")
+        if self.attitude.body_axes is not None and self.kernels is None:
+            raise ValueError("attitude.body_axes goes with kernels")
+        if sources:
+            own = {"epoch_utc", sources[0], "spacecraft", "revolutions", "duration_s", "n", "attitude"}
+            if more := self.model_fields_set - own:
+                raise ValueError(f"{sources[0]} says the whole orbit; leave out {', '.join(sorted(more))}")
             return self
         if self.epoch_utc is None:
             raise ValueError("epoch_utc is missing")

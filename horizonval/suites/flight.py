@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +18,16 @@ from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError
 from horizonval.core.json_types import JsonObject
+from horizonval.formats.motion.aem import attitude_of_aem
+from horizonval.formats.motion.kvn import kind_of
+from horizonval.formats.motion.motion_csv import attitude_of_csv, orbit_of_csv
+from horizonval.formats.motion.oem_file import orbit_of_oem
+from horizonval.formats.motion.omm import satellite_of_omm
+from horizonval.formats.motion.spice import SpiceOrbit, span_of
 from horizonval.geometry import attitude_profile, orbit, tle
 from horizonval.geometry.ellipsoid import WGS84, Ellipsoid, geodetic_from_itrs
 from horizonval.geometry.ephemeris import sun_itrs
-from horizonval.geometry.rotation import itrs_from_teme
+from horizonval.geometry.rotation import itrs_from_gcrs, itrs_from_teme
 from horizonval.spec.expand import seed_of
 from horizonval.spec.orbit import OrbitAttitude, OrbitSpec
 
@@ -50,10 +58,10 @@ def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Pat
     UserError
         Elements that no satellite has, or that SGP4 refuses.
     """
-    epoch, states, itrs, period_s = _track(spec, beside)
-    duration = spec.duration_s if spec.duration_s is not None else (spec.revolutions or 1.0) * period_s
+    track = _track(spec, beside)
+    epoch, states, itrs = track.epoch_utc, track.states, track.itrs
     # Whole microseconds, which is what an epoch holds.
-    seconds: FloatArray = np.round(np.arange(spec.n) * (duration / spec.n), 6)
+    seconds: FloatArray = np.round(np.arange(spec.n) * (_duration_s(spec, track) / spec.n), 6)
     r, v = states(seconds)
     matrices = itrs(seconds)
     r_itrs, v_itrs = (np.einsum("nij,nj->ni", matrices, x) for x in (r, v))
@@ -62,7 +70,11 @@ def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Pat
         raise UserError("the orbit passes below the ground", expected="a perigee above it")
     course = orbit.heading(r_itrs, v_itrs)
     sun = itrs(np.zeros(1))[0].T @ sun_itrs(epoch)[0]
-    angles, rates = attitude_profile.attitude_against_lvlh(_profile(spec.attitude, seed, name), states, sun, seconds)
+    if track.body_from_axes is not None:
+        angles, rates = attitude_profile.angles_and_rates(partial(_body_from_lvlh, track), seconds)
+    else:
+        profile = _profile(spec.attitude, seed, name)
+        angles, rates = attitude_profile.attitude_against_lvlh(profile, states, sun, seconds)
     degrees = [np.round(np.degrees(x), _ANGLE_DIGITS) + 0.0 for x in (latitude, longitude, course)]
     km = np.round(height / 1e3, _KM_DIGITS)
     turned = np.round(np.degrees(angles), _ANGLE_DIGITS) + 0.0
@@ -90,12 +102,65 @@ def _attitude(angles_deg: FloatArray, rates_deg_s: FloatArray) -> JsonObject:
     return found
 
 
-def _track(
-    spec: OrbitSpec, beside: Path
-) -> tuple[datetime, attitude_profile.States, Callable[[FloatArray], FloatArray], float]:
-    """Return the start, states in axes among the stars, the matrices to Earth-fixed axes, and the period [s]."""
-    if spec.tle is not None:
-        return _track_of_lines(spec, beside)
+@dataclass(frozen=True)
+class _Track:
+    """Where a satellite is, and how it is turned where a file says so.
+
+    ``states`` in axes among the stars; ``itrs``: matrices from these to Earth-fixed axes, ``body_from_axes`` to the
+    body's, shape (n, 3, 3) each. ``period_s``: of a revolution, None where no elements say it; ``end_s``: of the file.
+    """
+
+    epoch_utc: datetime
+    states: attitude_profile.States
+    itrs: Callable[[FloatArray], FloatArray]
+    period_s: float | None = None
+    end_s: float | None = None
+    body_from_axes: Callable[[FloatArray], FloatArray] | None = None
+
+
+def _duration_s(spec: OrbitSpec, track: _Track) -> float:
+    """Return the time from the first sample to the end, which is left out."""
+    if spec.duration_s is not None:
+        return spec.duration_s
+    if track.period_s is not None:
+        return (spec.revolutions or 1.0) * track.period_s
+    if spec.revolutions is not None:
+        raise UserError("a file of states has no revolutions", where="revolutions", expected="duration_s, or neither")
+    assert track.end_s is not None
+    return track.end_s
+
+
+def _body_from_lvlh(track: _Track, seconds: FloatArray) -> FloatArray:
+    assert track.body_from_axes is not None
+    inside = np.clip(seconds, 0.0, None) if track.end_s is None else np.clip(seconds, 0.0, track.end_s)
+    lvlh = orbit.lvlh_matrices(*track.states(inside))
+    return np.asarray(track.body_from_axes(inside) @ np.swapaxes(lvlh, -1, -2))
+
+
+def _track(spec: OrbitSpec, beside: Path) -> _Track:
+    """Return the orbit, of elements, lines, or files that lie in a folder."""
+    if spec.kernels is not None:
+        found = _track_of_kernels(spec, beside)
+    elif spec.ephemeris is not None:
+        found = _track_of_file(spec, beside / Path(spec.ephemeris).expanduser())
+    elif spec.tle is not None:
+        found = _track_of_lines(spec, beside)
+    else:
+        found = _track_of_elements(spec)
+    if spec.attitude.file is None:
+        return found
+    path = beside / Path(spec.attitude.file).expanduser()
+    history = attitude_of_aem(path) if kind_of(path) == "aem" else attitude_of_csv(path)
+
+    def body_from_axes(seconds: FloatArray) -> FloatArray:
+        # The file says it against celestial axes, the states may be in others.
+        gcrs_from_axes = np.swapaxes(itrs_from_gcrs(found.epoch_utc, seconds), -1, -2) @ found.itrs(seconds)
+        return np.asarray(history.body_from_gcrs(found.epoch_utc, seconds) @ gcrs_from_axes)
+
+    return replace(found, body_from_axes=body_from_axes)
+
+
+def _track_of_elements(spec: OrbitSpec) -> _Track:
     assert spec.epoch_utc is not None
     epoch = spec.epoch_utc
     elements = _elements(spec, epoch)
@@ -110,27 +175,62 @@ def _track(
 
     # From node to node: what "one revolution" means to who looks down.
     _, perigee_rate, mean_rate = orbit.secular_rates(elements)
-    return epoch, states, itrs, 2.0 * math.pi / (mean_rate + perigee_rate)
+    return _Track(epoch, states, itrs, 2.0 * math.pi / (mean_rate + perigee_rate))
 
 
-def _track_of_lines(
-    spec: OrbitSpec, beside: Path
-) -> tuple[datetime, attitude_profile.States, Callable[[FloatArray], FloatArray], float]:
+def _track_of_lines(spec: OrbitSpec, beside: Path) -> _Track:
     try:
         found = tle.ElementSet(*_lines(spec.tle, beside))
-        satellite = Satrec.twoline2rv(found.line1, found.line2)
-        epoch = spec.epoch_utc or sat_epoch_datetime(satellite).astimezone(UTC)
+        return _track_of_satellite(spec, Satrec.twoline2rv(found.line1, found.line2))
     except UserError as e:
         raise e.at("tle") from e
 
+
+def _track_of_satellite(spec: OrbitSpec, satellite: Satrec) -> _Track:
+    epoch = spec.epoch_utc or sat_epoch_datetime(satellite).astimezone(UTC)
+
     def states(seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return tle.teme_states(found, epoch, seconds)
+        return tle.satellite_states(satellite, epoch, seconds)
 
     def itrs(seconds: FloatArray) -> FloatArray:
         return itrs_from_teme(epoch, seconds)
 
     # From node to node, as for elements; the satellite's own mean motion is counted from perigee to perigee.
-    return epoch, states, itrs, 60.0 * 2.0 * math.pi / (satellite.mdot + satellite.argpdot)
+    return _Track(epoch, states, itrs, 60.0 * 2.0 * math.pi / (satellite.mdot + satellite.argpdot))
+
+
+def _track_of_file(spec: OrbitSpec, path: Path) -> _Track:
+    kind = kind_of(path)
+    if kind == "omm":
+        return _track_of_satellite(spec, satellite_of_omm(path))
+    trajectory = orbit_of_oem(path) if kind == "oem" else orbit_of_csv(path)
+    first, last = trajectory.span_s
+    epoch = spec.epoch_utc or trajectory.epoch_utc + timedelta(seconds=first)
+    offset = (epoch - trajectory.epoch_utc).total_seconds()
+    return _Track(
+        epoch,
+        # Rates of the attitude are differences that reach beyond the first sample.
+        lambda seconds: trajectory.states(np.maximum(seconds + offset, first)),
+        partial(itrs_from_gcrs, epoch),
+        end_s=last - offset,
+    )
+
+
+def _track_of_kernels(spec: OrbitSpec, beside: Path) -> _Track:
+    assert spec.kernels is not None
+    assert spec.spacecraft is not None
+    paths = tuple(beside / Path(name).expanduser() for name in spec.kernels)
+    first, last = span_of(paths, spec.spacecraft)
+    epoch = spec.epoch_utc or first
+    found = SpiceOrbit(paths, spec.spacecraft, epoch, spec.attitude.body_axes)
+    end_s = (last - epoch).total_seconds()
+    return _Track(
+        epoch,
+        lambda seconds: found.states(np.maximum(seconds, (first - epoch).total_seconds())),
+        partial(itrs_from_gcrs, epoch),
+        end_s=end_s,
+        body_from_axes=None if spec.attitude.body_axes is None else partial(found.body_from_gcrs, epoch),
+    )
 
 
 def _lines(given: Sequence[str] | str | None, beside: Path) -> tuple[str, str]:

@@ -60,7 +60,11 @@ def alone() -> dict[str, str]:
     return digests
 
 
-@pytest.mark.parametrize("name", FRAMES)
+BY_NAME = ["day", *(pytest.param(name, marks=pytest.mark.slow) for name in FRAMES if name != "day")]
+"""The others' frames are compared in other orders below."""
+
+
+@pytest.mark.parametrize("name", BY_NAME)
 def test_threads_change_no_bit(name: str, alone: dict[str, str]) -> None:
     before = dr.thread_count()
     try:
@@ -72,7 +76,7 @@ def test_threads_change_no_bit(name: str, alone: dict[str, str]) -> None:
         dr.set_thread_count(before)
 
 
-@pytest.mark.parametrize("name", FRAMES)
+@pytest.mark.parametrize("name", BY_NAME)
 def test_other_views_from_the_same_place_change_no_bit(name: str, alone: dict[str, str]) -> None:
     """Frames before it that made some of its tiles, all, or others: turned about the vertical, down, up, narrow."""
     scene, camera = FRAMES[name]

@@ -12,7 +12,7 @@ import OpenEXR
 import pytest
 from mutated_files import COMMANDS, Judged, faults, judge, mutant, write_sound_files
 
-from horizonval.store.export import export_file
+from horizonval.store.export.export_files import export_file
 from horizonval.store.exr import write_frame, write_image
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits and memory of a process as Linux tells them")
@@ -34,7 +34,7 @@ def sound(tmp_path, make_frame, make_image) -> Path:
     OpenEXR.File({}, {"Y": grey.astype(np.float32)}).write(str(folder / "foreign.exr"))
     write_image(folder / "image.exr", make_image())
     write_frame(folder / "frame.exr", make_frame())
-    for path in export_file(folder / "image.exr", tmp_path, png=True, fits=True):
+    for path in export_file(folder / "image.exr", tmp_path, ["fits", "png"]):
         path.rename(folder / f"exported{path.suffix}")
     return folder
 

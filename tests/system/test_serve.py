@@ -278,7 +278,11 @@ def test_a_start_that_is_interrupted_leaves_no_socket(folder, tmp_path, kind):
         while not (tmp_path / "s.sock").exists() and time.monotonic() < end:
             time.sleep(0.01)
         process.send_signal(kind)
-        output, errors = process.communicate(timeout=60)
+        try:
+            output, errors = process.communicate(timeout=60)
+        finally:
+            # One that does not end would be waited for without an end.
+            process.kill()
     # Where the first image was there already, it is the orderly end.
     assert process.returncode == (0 if output else 130)
     assert "Traceback" not in errors

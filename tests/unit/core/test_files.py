@@ -131,7 +131,7 @@ def test_no_other_way_to_read_files_of_users_and_of_results():
         "store/folder.py": "the lock, which is made",
         "commands/doctor.py": "what the system says of its driver",
         "commands/picture_size.py": "checked before by read_picture",
-        "store/fits.py": "an open file",
+        "store/export/fits.py": "an open file",
         "store/exr.py": "the null device",
         "commands/picture.py": "the null device",
         "commands/rays.py": "the temporary file that is being written",

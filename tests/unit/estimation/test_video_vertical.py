@@ -140,7 +140,7 @@ def test_the_claimed_covariance_is_honest_on_noisy_images() -> None:
 def test_one_end_pixel_is_worse_than_the_mean_of_the_last_ones() -> None:
     rng = np.random.default_rng(7)
     squares: dict[ChordEnds, list[float]] = {ChordEnds.SIGHT: [], ChordEnds.PIXEL: []}
-    for _ in range(30):
+    for _ in range(14):
         pitch, roll = rng.uniform(-18.0, 18.0, 2)
         observation = two_heads(pitch, roll)
         for ends, kept in squares.items():

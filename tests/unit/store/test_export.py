@@ -24,8 +24,8 @@ from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.geometry import frames
 from horizonval.geometry.camera import unproject
 from horizonval.store import exr
-from horizonval.store.export import export_file
-from horizonval.store.fits import fits_bytes
+from horizonval.store.export.export_files import export_file
+from horizonval.store.export.fits import fits_bytes
 from horizonval.store.store import Store
 
 conf.auto_download = False
@@ -56,7 +56,10 @@ def test_an_image_as_fits(tmp_path):
     image = toy_image(truth_at(roll_deg=66.0))
     data = fits_bytes(image, "ab" * 32)
     assert fits_bytes(image, "ab" * 32) == data
-    first, text = opened(data)
+    first, saturated, text = opened(data)
+    assert saturated.name == "MASK.SATURATED"
+    np.testing.assert_array_equal(saturated.data, image.dn >= image.full_scale)
+    assert Time(first.header["MJD-OBS"], format="mjd", scale="utc").isot == first.header["DATE-OBS"]
     np.testing.assert_array_equal(first.data, image.dn)
     header = first.header
     assert (header["BUNIT"], header["SATURATE"], header["FILTER"]) == ("adu", 1023, "red")
@@ -74,7 +77,8 @@ def test_a_frame_as_fits(make_frame):
     units_of = opened(fits_bytes(frame))
     assert [u.name for u in units_of] == [
         *("PRIMARY", "RADIANCE.VIS", "RADIANCE.NIR"),
-        *("TRUTH.DISTANCE", "TRUTH.TANGENT_HEIGHT", "TRUTH.SOLAR_ZENITH", "TRUTH.HIT", "JSON"),
+        *("TRUTH.DISTANCE", "TRUTH.TANGENT_HEIGHT", "TRUTH.SOLAR_ZENITH", "TRUTH.HIT"),
+        *("MASK.EARTH", "MASK.SUNLIT", "JSON"),
     ]
     np.testing.assert_array_equal(units_of["RADIANCE.NIR"].data, frame.radiance["nir"])
     np.testing.assert_array_equal(units_of["TRUTH.DISTANCE"].data, frame.maps["distance"])
@@ -131,7 +135,7 @@ def test_an_image_as_png_keeps_every_number(tmp_path, out, make_image):
     image = make_image()
     store = Store(tmp_path / "archive")
     address = store.add_image(image)
-    picture, text = export_file(store.path(address), out, fits=False, png=True)
+    picture, text = export_file(store.path(address), out, ["png"])
     assert picture.name == f"hand-vis-{address[:12]}.png"
     pixels = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
     assert pixels.dtype == np.uint16
@@ -144,7 +148,7 @@ def test_an_image_as_png_keeps_every_number(tmp_path, out, make_image):
 def test_a_frame_as_png_has_its_scale(tmp_path, out, make_frame):
     frame = make_frame({"vis": np.linspace(0, 37.5, 1200).reshape(30, 40), "dark": 0.0})
     exr.write_frame(tmp_path / "a.exr", frame)
-    written = export_file(tmp_path / "a.exr", out, fits=True, png=True)
+    written = export_file(tmp_path / "a.exr", out, ["fits", "png"])
     names = ["a.fits", "a-vis.png", "a-vis.json", "a-dark.png", "a-dark.json"]
     assert [path.name for path in written] == names
     content = json.loads((out / "a-vis.json").read_text())
@@ -177,8 +181,8 @@ def test_what_cannot_be_exported_is_said_in_a_line(tmp_path, out, make_image):
 
     OpenEXR.File({}, {"Y": np.ones((4, 5), np.float32)}).write(str(tmp_path / "foreign.exr"))
     with pytest.raises(UserError, match="not written by horizonval"):
-        export_file(tmp_path / "foreign.exr", out, fits=False, png=True)
+        export_file(tmp_path / "foreign.exr", out, ["png"])
     exr.write_image(tmp_path / "a.exr", make_image())
     with pytest.raises(UserError, match="cannot be written"):
-        export_file(tmp_path / "a.exr", tmp_path / "none", fits=False, png=True)
+        export_file(tmp_path / "a.exr", tmp_path / "none", ["png"])
     assert list(out.iterdir()) == []

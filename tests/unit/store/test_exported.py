@@ -16,7 +16,7 @@ from horizonval.commands.estimate import estimate_file, estimator_of
 from horizonval.commands.picture import read_picture
 from horizonval.core.errors import UserError
 from horizonval.store import exr
-from horizonval.store.export import export_file
+from horizonval.store.export.export_files import export_file
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def image_path(tmp_path) -> Path:
 @pytest.fixture
 def exported(image_path, tmp_path) -> Path:
     (tmp_path / "out").mkdir()
-    export_file(image_path, tmp_path / "out", fits=True, png=True, zipped=True)
+    export_file(image_path, tmp_path / "out", ["fits", "png"], zipped=True)
     return tmp_path / "out"
 
 
@@ -59,7 +59,7 @@ def test_a_frame_is_read_back(tmp_path, make_frame):
     """From FITS every bit; from PNG one band to 16 bits."""
     frame = make_frame({"vis": np.linspace(0, 37.5, 1200).reshape(30, 40), "Red": 1.0})
     exr.write_frame(tmp_path / "a.exr", frame)
-    export_file(tmp_path / "a.exr", tmp_path, fits=True, png=True)
+    export_file(tmp_path / "a.exr", tmp_path, ["fits", "png"])
     source = read_picture(tmp_path / "a.fits").source
     assert list(source.radiance) == ["vis", "Red"]
     assert (source.truth, source.render) == (frame.truth, frame.render)

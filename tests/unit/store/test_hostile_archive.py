@@ -23,7 +23,7 @@ from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.jobs.kept import take_over
 from horizonval.report.load import load_run
 from horizonval.store import exr
-from horizonval.store.export import export_file
+from horizonval.store.export.export_files import export_file
 from horizonval.store.folder import RunFolder, write_json
 from horizonval.store.index import NAME
 from horizonval.store.manifest import verify_folder
@@ -290,7 +290,7 @@ def test_bands_that_are_no_names_make_no_files(tmp_path, make_frame, monkeypatch
     exr.write_frame(tmp_path / "a.exr", make_frame({"../b": 1.0}))
     monkeypatch.undo()
     with pytest.raises(DamagedFileError, match="bands' holds"):
-        export_file(tmp_path / "a.exr", tmp_path / "out", png=True)
+        export_file(tmp_path / "a.exr", tmp_path / "out", ["png"])
 
 
 def mutated(value: Any, rng: np.random.Generator) -> Any:
@@ -326,7 +326,7 @@ def test_headers_that_no_writer_of_ours_writes_are_read_without_a_defect(tmp_pat
     assert 0 < len(findings) < count
     for path in sorted(store.root.rglob("*.exr")):
         with contextlib.suppress(UserError):
-            export_file(path, tmp_path, png=True)
+            export_file(path, tmp_path, ["png"])
 
 
 @pytest.mark.parametrize("entries", [None, [], {"a": 5}, {"../secret.json": "0" * 64}, {"/etc/passwd": "0" * 64}])

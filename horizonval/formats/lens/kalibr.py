@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import UserError
-from horizonval.formats.intrinsics import FISHEYE, FileReader, Intrinsics
+from horizonval.formats.lens.intrinsics import FISHEYE, FileReader, Intrinsics
 
 EXPECTED = "a camchain file of Kalibr: cam0 with camera_model, intrinsics, distortion_model, resolution"
 

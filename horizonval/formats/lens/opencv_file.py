@@ -12,8 +12,8 @@ import cv2
 
 from horizonval.core import files
 from horizonval.core.errors import UserError
-from horizonval.formats.intrinsics import FISHEYE, FileReader, Intrinsics
-from horizonval.formats.yaml_file import MAX_FILE_BYTES
+from horizonval.formats.lens.intrinsics import FISHEYE, FileReader, Intrinsics
+from horizonval.formats.lens.yaml_file import MAX_FILE_BYTES
 
 EXPECTED = "a file of OpenCV's FileStorage: image_width, image_height, camera_matrix, distortion_coefficients"
 MATRICES = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "K", "M1")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import UserError
-from horizonval.formats.intrinsics import FileReader, Intrinsics
+from horizonval.formats.lens.intrinsics import FileReader, Intrinsics
 
 EXPECTED = "the struct of MATLAB's cameraParameters as JSON: ImageSize, K or FocalLength with PrincipalPoint"
 FIRST_PIXEL = 1.0

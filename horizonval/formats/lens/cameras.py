@@ -8,9 +8,9 @@ from typing import Any
 
 from horizonval.core import files
 from horizonval.core.errors import UserError
-from horizonval.formats import camera_info, kalibr, matlab, opencv_file
-from horizonval.formats.intrinsics import Intrinsics
-from horizonval.formats.yaml_file import MAX_FILE_BYTES, read_yaml
+from horizonval.formats.lens import camera_info, kalibr, matlab, opencv_file
+from horizonval.formats.lens.intrinsics import Intrinsics
+from horizonval.formats.lens.yaml_file import MAX_FILE_BYTES, read_yaml
 
 EXPECTED = "a camera of ROS (camera_info), Kalibr (camchain), OpenCV (FileStorage) or MATLAB (a struct as JSON)"
 

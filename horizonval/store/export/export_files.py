@@ -1,16 +1,21 @@
-"""Frames and detector images as files that other programs open: FITS, 16-bit PNG with a JSON file, EXR with ZIP."""
+"""Frames and detector images as files that other programs open.
+
+FITS; PNG of 16 bits with a JSON file; TIFF of 16 bits, of radiances of 32; NumPy's ``.npz``; EXR with ZIP.
+"""
 
 from __future__ import annotations
 
+import io
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from horizonval.core import atomic
 from horizonval.core.errors import DamagedFileError, UserError
@@ -18,18 +23,26 @@ from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.store import exr
 from horizonval.store.attributes import camera_of
 from horizonval.store.entry import is_address
-from horizonval.store.exported import sealed, text_of
-from horizonval.store.fits import fits_bytes
+from horizonval.store.export.coco import coco_text
+from horizonval.store.export.exported import sealed, text_of
+from horizonval.store.export.fits import fits_bytes
 
 PNG_MAX = 65535
+_DESCRIPTION, _SOFTWARE = 270, 305
+"""Tags of TIFF 6.0."""
 _UNFIT = re.compile(r"[^A-Za-z0-9._-]+")
 
 
-def export_file(path: Path, out: Path, *, fits: bool = False, png: bool = False, zipped: bool = False) -> list[Path]:
+Format = Literal["fits", "png", "tiff", "npz"]
+
+
+def export_file(path: Path, out: Path, formats: Collection[Format] = (), *, zipped: bool = False) -> list[Path]:
     """Write one of our EXR files in other formats into the folder ``out``, and return the paths.
 
     ``png``: digital numbers as they are, in 16 bits; of a frame each band's radiance, the largest value being 65535.
     The JSON file beside it has unit, scale, camera and truth, so that `estimate` takes both for the EXR file.
+    ``tiff``: digital numbers in 16 bits, of a frame each band's radiance as floats; camera and truth are its
+    description. ``npz``: the arrays by their names, and camera and truth as text (``about``).
     ``zipped``: EXR that programs with an OpenEXR before 3.4 read. What has the same name is replaced: it is the same
     content.
 
@@ -44,7 +57,7 @@ def export_file(path: Path, out: Path, *, fits: bool = False, png: bool = False,
         raise UserError("an EXR file, but not written by horizonval", where=str(path))
     source = exr.read_frame(path) if kind == "frame" else exr.read_image(path)
     address = path.stem if is_address(path.stem) else ""
-    name = _name(source, path, address)
+    name = name_of(source, path, address)
     written = []
     if zipped:
         target = out / f"{name}.exr"
@@ -56,7 +69,7 @@ def export_file(path: Path, out: Path, *, fits: bool = False, png: bool = False,
             exr.write_frame(target, source, codec="zip")
         written.append(target)
     try:
-        for file, data in _files(source, name, address, fits, png):
+        for file, data in _files(source, name, address, formats):
             _write(out / file, data)
             written.append(out / file)
     except (ValueError, TypeError, LookupError, AttributeError) as error:
@@ -65,13 +78,72 @@ def export_file(path: Path, out: Path, *, fits: bool = False, png: bool = False,
     return written
 
 
+def write_masks(path: Path, frames: Iterable[Path]) -> None:
+    """Write one COCO file of the masks of all frames among some files of ours; images have no truth maps.
+
+    Raises
+    ------
+    UserError
+        There is no frame among them.
+    """
+    read = []
+    for one in frames:
+        if exr.kind(one) == "frame":
+            frame = exr.read_frame(one)
+            read.append((name_of(frame, one, one.stem if is_address(one.stem) else ""), frame))
+    if not read:
+        raise UserError("no frame among the files", where="--coco", expected="frames, which have the truth's maps")
+    _write(path, coco_text(read).encode())
+
+
 def _files(
-    source: RadianceFrame | DetectorImage, name: str, address: str, fits: bool, png: bool
+    source: RadianceFrame | DetectorImage, name: str, address: str, formats: Collection[Format]
 ) -> Iterator[tuple[str, bytes]]:
-    if fits:
+    if "fits" in formats:
         yield f"{name}.fits", fits_bytes(source, address)
-    if not png:
-        return
+    if "npz" in formats:
+        yield f"{name}.npz", _npz(source, address)
+    if "tiff" in formats:
+        yield from _tiffs(source, name, address)
+    if "png" in formats:
+        yield from _pngs(source, name, address)
+
+
+def _npz(source: RadianceFrame | DetectorImage, address: str) -> bytes:
+    if isinstance(source, DetectorImage):
+        arrays: dict[str, NDArray[Any]] = {"dn": source.dn}
+    else:
+        arrays = {f"radiance.{band}": values for band, values in source.radiance.items()} | source.maps
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, about=np.array(_about(source, address)), **arrays)  # type: ignore[arg-type]
+    return buffer.getvalue()
+
+
+def _tiffs(source: RadianceFrame | DetectorImage, name: str, address: str) -> Iterator[tuple[str, bytes]]:
+    if isinstance(source, DetectorImage):
+        pictures = {f"{name}.tif": np.ascontiguousarray(source.dn, dtype=np.uint16)}
+    else:
+        pictures = {f"{name}-{band}.tif": np.asarray(v, dtype=np.float32) for band, v in source.radiance.items()}
+    for file, pixels in pictures.items():
+        buffer = io.BytesIO()
+        tags = {_DESCRIPTION: _about(source, address), _SOFTWARE: "horizonval"}
+        Image.fromarray(pixels).save(buffer, format="TIFF", compression="tiff_adobe_deflate", tiffinfo=tags)
+        yield file, buffer.getvalue()
+
+
+def _about(source: RadianceFrame | DetectorImage, address: str) -> str:
+    """Return camera and truth as a text of plain signs, which TIFF wants."""
+    about: dict[str, Any] = {"address": address, "truth": source.truth.to_dict()}
+    if isinstance(source, DetectorImage):
+        about |= {"band": source.band, "unit": exr.DN_UNIT, "full_scale": source.full_scale}
+        about["camera"] = camera_of(source.truth, source.observation).model_dump(mode="json")
+    else:
+        about |= {"bands": list(source.radiance), "unit": exr.RADIANCE_UNIT}
+        about["camera"] = camera_of(source.truth, {}).model_dump(mode="json")
+    return json.dumps(json.loads(text_of(about)), sort_keys=True)
+
+
+def _pngs(source: RadianceFrame | DetectorImage, name: str, address: str) -> Iterator[tuple[str, bytes]]:
     if isinstance(source, DetectorImage):
         about: dict[str, Any] = {"address": address, "band": source.band, "unit": exr.DN_UNIT, "scale": 1.0}
         pixels = np.ascontiguousarray(source.dn, dtype=np.uint16)
@@ -87,7 +159,7 @@ def _files(
         yield f"{name}-{band}.json", _json(source, counts, about)
 
 
-def _name(source: RadianceFrame | DetectorImage, path: Path, address: str) -> str:
+def name_of(source: RadianceFrame | DetectorImage, path: Path, address: str) -> str:
     """Return a name that says what it is; of an archived file with the beginning of its address, which is unique."""
     if not address:
         return path.stem
@@ -106,7 +178,7 @@ def _png(pixels: NDArray[np.uint16]) -> bytes:
 def _json(source: RadianceFrame | DetectorImage, pixels: NDArray[np.uint16], about: dict[str, Any]) -> bytes:
     """Return what a PNG cannot say: ``value = scale * count`` in ``unit``, camera, and the truth.
 
-    :func:`horizonval.store.exported.read_beside` reads it back.
+    :func:`horizonval.store.export.exported.read_beside` reads it back.
     """
     if isinstance(source, DetectorImage):
         observation = source.observation

@@ -1,8 +1,9 @@
 """FITS files of frames and detector images, for astronomers' programs.
 
 An image has its digital numbers in the first unit; a frame has one extension for each band (``RADIANCE.<band>``) and
-each truth map (``TRUTH.<map>``). Beside the standard keywords of time, place (``OBSGEO-*``), units and detector stands
-a celestial coordinate system, so that a pixel has a right ascension and a declination: ``TAN`` for pinholes and ``ARC``
+each truth map (``TRUTH.<map>``). Masks (``MASK.EARTH``, ``MASK.SUNLIT``, of an image ``MASK.SATURATED``) are 1 and 0.
+Beside the standard keywords of time, place (``OBSGEO-*``), units and detector stands a celestial coordinate system, so
+that a pixel has a right ascension and a declination: ``TAN`` for pinholes and ``ARC``
 for fisheyes, after Calabretta and Greisen 2002 (A&A 395, 1077), with the lens distortion as SIP polynomials (Shupe et
 al. 2005, ASP 347, 491) fitted to the exact model; ``WCSERR`` says how far they stay from it at most. Where that is more
 than 0.1 px, and for equal-angle grids, there is none. The last extension holds the full truth as JSON, and with it a
@@ -32,11 +33,12 @@ from horizonval.core.errors import DamagedFileError, UserError
 from horizonval.frame import MAP_UNITS, DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry import frames
 from horizonval.geometry.camera import CameraModel, camera_from_spec, unproject
-from horizonval.geometry.rotation import itrs_from_gcrs
+from horizonval.geometry.rotation import itrs_from_gcrs, julian_utc
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.spec.sensor.detector import Cmos
+from horizonval.store import masks
 from horizonval.store.attributes import camera_of
-from horizonval.store.exported import of_fits, sealed, text_of
+from horizonval.store.export.exported import of_fits, sealed, text_of
 
 Cards = dict[str, tuple[Any, str]]
 
@@ -61,6 +63,9 @@ def fits_bytes(source: RadianceFrame | DetectorImage, address: str = "") -> byte
     if isinstance(source, DetectorImage):
         cards = common | _image_keywords(source, spec) | coordinates
         units = [_with(fits.PrimaryHDU(source.dn), cards)]
+        saturated = masks.saturated(source.dn, source.full_scale).astype(np.uint8)
+        meaning = {"BUNIT": ("", "1 where the converter is at its end, else 0")}
+        units.append(_with(fits.ImageHDU(saturated, name="MASK.SATURATED"), meaning | coordinates))
     else:
         units = [_with(fits.PrimaryHDU(), common)]
         for band, values in source.radiance.items():
@@ -76,6 +81,9 @@ def fits_bytes(source: RadianceFrame | DetectorImage, address: str = "") -> byte
         for name, values in source.maps.items():
             unit = {"BUNIT": (MAP_UNITS[name], "")} if MAP_UNITS.get(name) in ("m", "deg") else {}
             units.append(_with(fits.ImageHDU(values, name=f"TRUTH.{name}"), unit | coordinates))
+        for name, mask in (("EARTH", masks.earth(source.maps)), ("SUNLIT", masks.sunlit(source.maps, source.truth))):
+            meaning = {"BUNIT": ("", "1 where the pixel's centre is in it, else 0")}
+            units.append(_with(fits.ImageHDU(mask.astype(np.uint8), name=f"MASK.{name}"), meaning | coordinates))
     arrays = {unit.name: np.asarray(unit.data) for unit in units if unit.data is not None}
     units.append(_json_table(fits, sealed(arrays, json.loads(text_of(_content(source))))))
     buffer = io.BytesIO()
@@ -211,6 +219,7 @@ def _keywords(truth: FrameTruth, spec: CameraSpec, address: str) -> Cards:
         "INSTRUME": (spec.camera.name, "camera"),
         "OBJECT": (truth.scene_name, "scene"),
         "DATE-OBS": (epoch.replace(tzinfo=None).isoformat(timespec="milliseconds"), ""),
+        "MJD-OBS": (_modified_julian_day(epoch), "[d] of DATE-OBS"),
         "TIMESYS": ("UTC", ""),
         "OBSGEO-X": (truth.r_itrs[0], "[m] camera, ITRS"),
         "OBSGEO-Y": (truth.r_itrs[1], "[m]"),
@@ -232,6 +241,12 @@ def _keywords(truth: FrameTruth, spec: CameraSpec, address: str) -> Cards:
     if address:
         cards["HVADDR"] = (address, "")
     return cards
+
+
+def _modified_julian_day(epoch: datetime) -> float:
+    """Return the days since 1858-11-17, 0 h; a day with a leap second is longer, as everywhere in this count."""
+    day, fraction = julian_utc(epoch)
+    return day - 2400000.5 + float(fraction)
 
 
 def _image_keywords(image: DetectorImage, spec: CameraSpec) -> Cards:

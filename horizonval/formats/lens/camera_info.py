@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from horizonval.core.errors import UserError
-from horizonval.formats.intrinsics import FISHEYE, FileReader, Intrinsics
+from horizonval.formats.lens.intrinsics import FISHEYE, FileReader, Intrinsics
 
 EXPECTED = "a camera_info file of ROS: image_width, image_height, camera_matrix, distortion_model"
 BROWN_MODELS = ("plumb_bob", "rational_polynomial", "")

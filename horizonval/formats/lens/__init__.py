@@ -1,0 +1,1 @@
+"""Cameras as calibration programs write them."""

@@ -1,0 +1,1 @@
+"""Orbits and attitudes as flight dynamics writes them."""

@@ -1,0 +1,1 @@
+"""Frames and images as files of other programs, and those that can be read back."""
