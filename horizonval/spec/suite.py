@@ -130,7 +130,7 @@ class DatasetSpec(Model):
     """Ranges of keys of `attitude` and `camera.mount_*`, as in `sobol.ranges`: each scene draws its own points of them.
     Without ranges the frames of a scene differ in their noise alone.
     """
-    split: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=3, max_length=3)] = [8, 1, 1]
+    split: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=3, max_length=3), unit("1")] = [8, 1, 1]
     """Parts of the scenes that go to training, validation and test. Scenes that share place, instant and air stay
     together.
     """
