@@ -6,7 +6,7 @@ The outcome is laid out like a run's folder, without an archive of its own, so t
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,11 +38,15 @@ RESCORE_SCHEMA = 1
 
 @dataclass(frozen=True)
 class Rescored:
-    """Content of ``summary.json``, images without a result and why, and the report's first page."""
+    """Content of ``summary.json``, images without a result and why, the report's first page.
+
+    ``seconds``: by the stages of the images that were scored by this call, as the asking process measured them.
+    """
 
     summary: dict[str, Any]
     failed: dict[str, str]
     report: Path
+    seconds: dict[str, Mapping[str, float]]
 
 
 class RescoreWork(Recorded[Item]):
@@ -131,7 +135,8 @@ def rescore(
         summary, pages = conclude(folder, head.get("suite"), rows, failed)
         records = [folder.case(item.name) for item in items]
         write_manifest(folder.root, [*files_of_run(folder), *records, *pages])
-    return Rescored(summary, failed, pages[0])
+    seconds = {name: one.seconds for name, one in done.items() if one.seconds}
+    return Rescored(summary, failed, pages[0], seconds)
 
 
 def _claim(

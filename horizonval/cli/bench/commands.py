@@ -45,7 +45,9 @@ def bench_make(
     if as_json:
         print_json(head)
     else:
-        print(f"{out}: {head['images']} images, digest {head['images_sha256']}, commitment {head['commitment']}")
+        for group in ("frames", "heads"):
+            print(f"{out / group}: {head[group]['images']} images, digest {head[group]['images_sha256']}")
+        print(f"commitment {head['commitment']}")
 
 
 @bench_app.command("run")
@@ -59,9 +61,14 @@ def bench_run(
     ] = None,
     time_limit: Annotated[float, typer.Option(min=0.1, metavar="S", help="Of one image.")] = 60.0,
     memory_limit: Annotated[int, typer.Option(min=64, metavar="MB", help="Of one submission.")] = 4096,
+    contain: Annotated[
+        bool,
+        typer.Option(help="Hide the folder from plug-ins and programs, and cut their network; Linux can."),
+    ] = True,
     workers: Workers = None,
 ) -> int:
     """Run submissions on the frames, each in a process of its own. The same command again finishes them."""
+    from horizonval.estimation.process.containment import can_hide
     from horizonval.estimation.process.limits import Limits
     from horizonval.jobs.execution import available_cpus
     from horizonval.spec.suite import ProgramSpec
@@ -76,9 +83,16 @@ def bench_run(
     names = [*(estimator or ()), *(spec.name for spec in programs)]
     if not names:
         raise UserError("which submission?", where="bench run", expected="--estimator, --program or several")
+    if contain and not can_hide():
+        raise UserError(
+            "this system hides no folder from a process",
+            where="bench run",
+            expected="Linux with namespaces of users and mounts",
+            fix="run it in a container, or trust the submissions with --no-contain",
+        )
     limits = Limits(time_limit, memory_limit, tuple(programs), Path.cwd())
     with resumable("bench", "images") as progress:
-        failed = run_submissions(folder, names, limits, workers or available_cpus(), progress)
+        failed = run_submissions(folder, names, limits, workers or available_cpus(), progress, contained=contain)
     for name, reasons in failed.items():
         for frame, why in reasons.items():
             print(printable(f"{name}: {frame}: {why}"))

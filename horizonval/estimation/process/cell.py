@@ -177,6 +177,7 @@ class Cell:
                 "memory_mb": self._limits.memory_mb,
                 "programs": programs,
                 "folder": str(self._limits.folder),
+                "hidden": [str(path) for path in self._limits.hidden],
             },
         )
         if self._name is not None:
@@ -184,7 +185,11 @@ class Cell:
         ready = self._receive(process, START_LIMIT_S)
         if ready[:1] != READY:
             raise EOFError
-        self._private = self._name is not None and json.loads(ready[1:])["private"] is True
+        if self._name is not None:
+            granted = json.loads(ready[1:])
+            self._private = granted["private"] is True
+            if self._limits.hidden and granted["hidden"] is not True:
+                raise EOFError("this system hides no folder from it")
         return process
 
     def _write(self, observation: Observation) -> int:

@@ -2,7 +2,8 @@
 
 On Linux a foreign estimator runs in a namespace of processes of its own where the kernel permits it, which needs no
 rights on most systems: it sees and signals none outside, and all of it ends with the namespace's first process,
-whatever session it moved to. Elsewhere its first process adopts orphans, and descendants are found by their parents.
+whatever session it moved to. Folders can be hidden from it there, and the network cut (:func:`hide`). Elsewhere its
+first process adopts orphans, and descendants are found by their parents.
 """
 
 from __future__ import annotations
@@ -11,10 +12,14 @@ import contextlib
 import ctypes
 import os
 import signal
+import subprocess
+import sys
+import tempfile
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
-_NEW_MOUNTS, _NEW_USER, _NEW_PIDS = 0x00020000, 0x10000000, 0x20000000
+_NEW_MOUNTS, _NEW_USER, _NEW_PIDS, _NEW_NETWORK = 0x00020000, 0x10000000, 0x20000000, 0x40000000
 _PRIVATE_TREE = 0x4000 | 0x40000
 _DEATH_SIGNAL, _CHILD_SUBREAPER = 1, 36
 
@@ -26,18 +31,63 @@ def own_namespace() -> bool:
     """
     try:
         libc = ctypes.CDLL(None, use_errno=True)
-        user, group = os.getuid(), os.getgid()
         if libc.unshare(_NEW_PIDS | _NEW_MOUNTS) == 0:
             return True
-        if libc.unshare(_NEW_USER | _NEW_PIDS | _NEW_MOUNTS) != 0:
-            return False
-        # The same names for user and group inside; without them files would seem nobody's.
-        for name, text in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
-            with contextlib.suppress(OSError), open(f"/proc/self/{name}", "w", encoding="ascii") as table:
-                table.write(text)
+        return _as_other_user(libc, _NEW_PIDS | _NEW_MOUNTS)
     except (OSError, AttributeError, TypeError):
         return False
+
+
+def _as_other_user(libc: ctypes.CDLL, more: int) -> bool:
+    """Move into new namespaces, one of users among them; whether that was granted."""
+    user, group = os.getuid(), os.getgid()
+    if libc.unshare(_NEW_USER | more) != 0:
+        return False
+    # The same names for user and group inside; without them files would seem nobody's.
+    for name, text in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
+        with contextlib.suppress(OSError), open(f"/proc/self/{name}", "w", encoding="ascii") as table:
+            table.write(text)
     return True
+
+
+def hide(folders: Iterable[Path]) -> bool:
+    """Hide folders from this process and all that it starts, and cut the network; whether that was granted.
+
+    To be called in a namespace of mounts of its own. An empty folder in memory is laid over each. The process then
+    moves to further namespaces of users and mounts, in which what was laid there before cannot be taken away: the
+    kernel locks the mounts that came from a namespace of other users (mount_namespaces(7)).
+    """
+    try:
+        libc = ctypes.CDLL(None, use_errno=True)
+        # What lies under it stays open to who works in such a folder; and no mount may reach the namespaces outside.
+        os.chdir("/")
+        if libc.mount(b"none", b"/", None, _PRIVATE_TREE, None) != 0:
+            return False
+        for folder in folders:
+            if libc.mount(b"none", os.fsencode(folder), b"tmpfs", 0, b"size=4k,mode=555") != 0:
+                return False
+        return _as_other_user(libc, _NEW_MOUNTS | _NEW_NETWORK)
+    except (OSError, AttributeError, TypeError):
+        return False
+
+
+def can_hide() -> bool:
+    """Whether this system hides folders from a process: tried out on an empty one, by a process that then ends."""
+    if not hasattr(os, "fork"):
+        return False
+    with tempfile.TemporaryDirectory() as folder:
+        tried = subprocess.run(
+            [sys.executable, "-c", _TRY, folder], stdin=subprocess.DEVNULL, capture_output=True, check=False
+        )
+    return tried.returncode == 0
+
+
+_TRY = """
+import sys
+from pathlib import Path
+from horizonval.estimation.process.containment import hide, own_namespace
+sys.exit(0 if own_namespace() and hide([Path(sys.argv[1])]) else 1)
+"""
 
 
 def show_own_processes() -> None:

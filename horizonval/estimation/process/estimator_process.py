@@ -22,7 +22,7 @@ from horizonval.estimation import registry
 from horizonval.estimation.last_words import crash
 from horizonval.estimation.observation import Estimator
 from horizonval.estimation.process import asked, keeper
-from horizonval.estimation.process.containment import end_with_parent, own_namespace, show_own_processes
+from horizonval.estimation.process.containment import end_with_parent, hide, own_namespace, show_own_processes
 from horizonval.estimation.process.frames import ANSWER, READY, receive, send
 from horizonval.estimation.process.limits import Limits, limit_memory
 from horizonval.spec.suite import ProgramSpec
@@ -80,7 +80,9 @@ def _keep(requests: IO[bytes], answers: IO[bytes], question: int) -> None:
         show_own_processes()
     # Ctrl-C is for the run, which ends this process in order.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    keeper.keep(requests, answers, question, _prepare(receive(requests)), private)
+    limits = _prepare(receive(requests))
+    hidden = private and hide(limits.hidden) if limits.hidden else False
+    keeper.keep(requests, answers, question, limits, private, hidden)
     os._exit(0)
 
 
@@ -90,7 +92,8 @@ def _prepare(message: bytes) -> Limits:
     cv2.setNumThreads(1)
     said = json.loads(message)
     programs = tuple(ProgramSpec(**spec) for spec in said["programs"])
-    return Limits(said["time_s"], said["memory_mb"], programs, Path(said["folder"]))
+    hidden = tuple(Path(path) for path in said["hidden"])
+    return Limits(said["time_s"], said["memory_mb"], programs, Path(said["folder"]), hidden)
 
 
 def _take_pipes() -> tuple[IO[bytes], IO[bytes]]:

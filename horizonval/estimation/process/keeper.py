@@ -34,7 +34,7 @@ from horizonval.estimation.process.wire import LENGTH, LONGEST_ANSWER
 _STATUS = struct.Struct("<i")
 
 
-def keep(requests: IO[bytes], answers: IO[bytes], question: int, limits: Limits, private: bool) -> None:
+def keep(requests: IO[bytes], answers: IO[bytes], question: int, limits: Limits, private: bool, hidden: bool) -> None:
     """Answer until the worker closes the pipe.
 
     Parameters
@@ -44,6 +44,8 @@ def keep(requests: IO[bytes], answers: IO[bytes], question: int, limits: Limits,
     question : int
         Descriptor of the file in which observations come.
     limits : Limits
+    hidden : bool
+        Whether the folders of the limits are hidden from this process.
     private : bool
         Whether this process is the first of a namespace.
     """
@@ -51,7 +53,7 @@ def keep(requests: IO[bytes], answers: IO[bytes], question: int, limits: Limits,
         adopt_orphans()
     name = json.loads(receive(requests))["name"]
     warm: _Warm | None = None
-    send(answers, READY + json.dumps({"private": private}).encode())
+    send(answers, READY + json.dumps({"private": private, "hidden": hidden}).encode())
     try:
         while True:
             order = receive(requests)

@@ -22,12 +22,16 @@ class Limits:
     programs : tuple of ProgramSpec
     folder : Path
         Relative paths of programs start here.
+    hidden : tuple of Path
+        Folders that estimators of other packages and programs must not read. With one they have no network either, and
+        where the system does not grant it they are not asked.
     """
 
     time_s: float = 60.0
     memory_mb: int = 4096
     programs: tuple[ProgramSpec, ...] = ()
     folder: Path = Path()
+    hidden: tuple[Path, ...] = ()
 
 
 def limit_memory(memory_mb: int) -> None:

@@ -10,13 +10,15 @@ from __future__ import annotations
 import hashlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from horizonval.core.errors import UserError
 from horizonval.spec.load import Suite
 from horizonval.suites.suite import load_suite
 
-DEFINITION = Path(__file__).with_name("frames.toml")
-CELLS = 40
+Group = Literal["frames", "heads"]
+CELLS: dict[Group, int] = {"frames": 40, "heads": 4}
+"""Of methods of one image, and of those of several heads at once; a file of each name beside this one defines them."""
 FRAMES_PER_CELL = 50
 SHORTEST_PASSPHRASE = 12
 """Characters; a shorter one could be found by trying."""
@@ -54,8 +56,8 @@ def commitment(seed: int) -> str:
     return hashlib.sha256(_COMMITMENT_LABEL + seed.to_bytes(8, "big")).hexdigest()
 
 
-def bench_suite(seed: int | None = None, frames_per_cell: int = FRAMES_PER_CELL) -> Suite:
-    """Return the suite of the benchmark.
+def bench_suite(seed: int | None = None, frames_per_cell: int = FRAMES_PER_CELL, group: Group = "frames") -> Suite:
+    """Return the suite of one group of the benchmark.
 
     Parameters
     ----------
@@ -73,7 +75,8 @@ def bench_suite(seed: int | None = None, frames_per_cell: int = FRAMES_PER_CELL)
         raise UserError(
             f"found {frames_per_cell}", where="--frames-per-cell", expected=f"a number from 1 to {FRAMES_PER_CELL}"
         )
-    suite = load_suite(DEFINITION, frames=CELLS * frames_per_cell, seed=seed)
+    definition = Path(__file__).with_name(f"{group}.toml")
+    suite = load_suite(definition, frames=CELLS[group] * frames_per_cell, seed=seed)
     return replace(suite, keep="all")
 
 

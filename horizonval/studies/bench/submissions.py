@@ -7,7 +7,9 @@ of its own, while truth and arithmetic stay with whoever asks.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +24,14 @@ from horizonval.scoring.row import Row
 from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Filter
 from horizonval.store.store import Store
-from horizonval.studies.bench.frames import bench_suite, cell_of, commitment
+from horizonval.studies.bench.frames import CELLS, Group, bench_suite, cell_of, commitment
 from horizonval.studies.bench.sheet import Answer, ranking, sheet_of
 from horizonval.suites.rescore import rescore
 from horizonval.suites.run import run_suite
+
+TITLES: dict[Group, str] = {"frames": "Methods of one image", "heads": "Methods of several heads at once"}
+TIMES = "timings.json"
+"""Seconds of the clock for every image and submission, measured by who asks; no two runs have the same."""
 
 
 def make_frames(
@@ -38,46 +44,70 @@ def make_frames(
     UserError
         As :func:`horizonval.suites.run.run_suite`; frames that failed.
     """
-    suite = bench_suite(seed, frames_per_cell)
-    done = run_suite(suite, out / "frames", progress=progress, execution=Execution(workers))
-    if done.failed:
-        name, why = next(iter(done.failed.items()))
-        raise UserError(f"{len(done.failed)} frames failed, the first {name}: {why}", where=str(out / "frames"))
-    images = Store(out / "frames" / "archive").index.select(Filter(kind="image"))
+    made: dict[str, dict[str, Any]] = {}
+    for group in CELLS:
+        suite = bench_suite(seed, frames_per_cell, group)
+        done = run_suite(suite, out / group, progress=progress, execution=Execution(workers))
+        if done.failed:
+            name, why = next(iter(done.failed.items()))
+            raise UserError(f"{len(done.failed)} frames failed, the first {name}: {why}", where=str(out / group))
+        images = Store(out / group / "archive").index.select(Filter(kind="image"))
+        made[group] = {
+            # Of one instant the bands of a camera are images of their own; the heads of a scene are looked at together.
+            "questions": len({image.scene for image in images}) if group == "heads" else len(images),
+            "images": len(images),
+            "images_sha256": content_digest(sorted(image.address for image in images)),
+        }
     # No seed of a sealed suite: whoever reads the folder of a competition must not draw its frames again.
     head = {
         "bench": 1,
         "sealed": seed is not None,
         "commitment": commitment(suite.seed),
         "frames_per_cell": frames_per_cell,
-        "images": len(images),
-        "images_sha256": content_digest(sorted(image.address for image in images)),
+        **made,
     }
     write_json(out / "bench.json", head)
     return head
 
 
 def run_submissions(
-    out: Path, names: Sequence[str], limits: Limits, workers: int, progress: Progress
+    out: Path, names: Sequence[str], limits: Limits, workers: int, progress: Progress, *, contained: bool = True
 ) -> dict[str, dict[str, str]]:
     """Ask submissions about every frame, or finish what is there; return the frames of each that failed, and why.
+
+    Parameters
+    ----------
+    out : Path
+    names : sequence of str
+    limits : Limits
+    workers : int
+    progress : Progress
+    contained : bool
+        Whether the folder of frames and answers is hidden from plug-ins and programs, and the network cut.
 
     Raises
     ------
     UserError
-        No frames, a name that is no estimator, or one that is given the pose or needs several heads.
+        No frames, a name that is no estimator, or one that is given the pose.
     """
     _head(out)
+    limits = replace(limits, hidden=(out.resolve(),) if contained else ())
     for name in names:
         # Every frame is due an answer of who is told it, so that such a method cannot be ranked.
-        if installed.get(name, limits).needs != "image":
+        if installed.get(name, limits).needs == "pose":
             raise UserError(
-                f"{name} is told the pose, or needs several heads", where="bench run", expected="a method of one image"
+                f"{name} is told the pose", where="bench run", expected="a method of one image, or of several heads"
             )
-    store = Store(out / "frames" / "archive")
-    return {
-        name: rescore(store, out / "entries" / name, (name,), None, workers, limits, progress).failed for name in names
-    }
+    failed = {}
+    for name in names:
+        group = "heads" if installed.get(name, limits).needs == "heads" else "frames"
+        store = Store(out / group / "archive")
+        done = rescore(store, out / "entries" / name, (name,), None, workers, limits, progress)
+        failed[name] = done.failed
+        seconds = read_json(out / TIMES) or {}
+        now = {image: stages[f"estimate {name}"] for image, stages in done.seconds.items()}
+        write_json(out / TIMES, {**seconds, name: {**seconds.get(name, {}), **now}})
+    return failed
 
 
 def score_submissions(out: Path) -> dict[str, Any]:
@@ -89,13 +119,20 @@ def score_submissions(out: Path) -> dict[str, Any]:
         No frames, no answers, or an entry that is not finished.
     """
     head = _head(out)
-    methods = {path.name: _answers(path, head["images"]) for path in sorted((out / "entries").glob("*"))}
+    methods = {path.name: _answers(path) for path in sorted((out / "entries").glob("*"))}
     if not methods:
         raise UserError("no answers to score", where=str(out), fix="run a submission first")
+    groups: dict[str, dict[str, list[Answer]]] = {group: {} for group in CELLS}
+    for name, (group, answers) in methods.items():
+        if len(answers) != head[group]["questions"]:
+            what = f"has {len(answers)} of {head[group]['questions']} answers"
+            raise UserError(what, where=str(out / "entries" / name), fix="run the submission again")
+        groups[group][name] = answers
     scores = {
         "frames": head,
-        "ranking": ranking(methods),
-        "sheets": {name: sheet_of(answers) for name, answers in methods.items()},
+        "rankings": {group: ranking(entered) for group, entered in groups.items() if entered},
+        "sheets": {name: sheet_of(answers) for name, (_, answers) in methods.items()},
+        "median_s": {name: statistics.median(times.values()) for name, times in _times(out).items() if times},
     }
     write_json(out / "scores.json", scores)
     atomic.write_text(out / "README.md", page(scores))
@@ -109,24 +146,45 @@ def page(scores: dict[str, Any]) -> str:
     lines = [
         "# Ranking of horizon sensing",
         "",
-        f"Frames: {kind}; {head['frames_per_cell']} of each cell, {head['images']} images,",
-        f"digest `{head['images_sha256']}`.",
+        f"Frames: {kind}; {head['frames_per_cell']} of each cell.",
         "",
         "Score: 100 is the bound on every frame that is due, 0 is silence, a false claim costs a frame.",
         "Methods of one rank cannot be told apart on these frames.",
         "",
-        "| rank | method | score | answered, of due | false, of claims | median / bound | 95 % [deg] | NEES |",
-        "|---|---|---|---|---|---|---|---|",
+        "Time is that of the clock for the median image, on the machine of this page; it is not scored.",
     ]
-    for row in scores["ranking"]:
+    for group, ranked in scores["rankings"].items():
+        lines += ["", *_table(TITLES[group], head[group], ranked, scores)]
+    return "\n".join(lines) + "\n"
+
+
+def _table(title: str, about: Mapping[str, Any], ranked: Sequence[dict[str, Any]], scores: dict[str, Any]) -> list[str]:
+    lines = [
+        f"## {title}",
+        "",
+        f"{about['images']} images, digest `{about['images_sha256']}`.",
+        "",
+        "| rank | method | score | answered, of due | false, of claims | median / bound | 95 % [deg] | NEES | ms |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in ranked:
         f = scores["sheets"][row["method"]]["all"]
         p95 = None if f["p95_error_arcsec"] is None else f["p95_error_arcsec"] / 3600.0
         lines.append(
             f"| {row['rank']}{' =' if row['tied'] else ''} | `{row['method']}` | {row['score']:.1f} "
             f"| {f['answered']} of {f['due']} | {f['false']} of {f['claims']} "
-            f"| {_number(f['median_over_bound'])} | {_number(p95)} | {_number(f['mean_nees'])} |"
+            f"| {_number(f['median_over_bound'])} | {_number(p95)} | {_number(f['mean_nees'])} "
+            f"| {_number(_milliseconds(scores['median_s'].get(row['method'])))} |"
         )
-    return "\n".join(lines) + "\n"
+    return lines
+
+
+def _times(out: Path) -> dict[str, dict[str, float]]:
+    return dict(read_json(out / TIMES) or {})
+
+
+def _milliseconds(seconds: float | None) -> float | None:
+    return None if seconds is None else 1e3 * seconds
 
 
 def _number(value: float | None) -> str:
@@ -140,15 +198,16 @@ def _head(out: Path) -> dict[str, Any]:
     return dict(head)
 
 
-def _answers(entry: Path, images: int) -> list[Answer]:
+def _answers(entry: Path) -> tuple[Group, list[Answer]]:
+    """Return what a submission answered, and to which group of frames."""
     folder = RunFolder(entry)
+    head = read_json(folder.suite) or {}
+    group: Group = "heads" if "heads/" in str(head.get("archive", "")) else "frames"
     rows = []
     for path in sorted(folder.cases.glob("*.json")):
         record = read_json(path) or {}
         rows += [Row.from_dict(row) for row in record.get("rows", ())]
-    if len(rows) != images:
-        raise UserError(f"has {len(rows)} of {images} answers", where=str(entry), fix="run the submission again")
-    return [
+    return group, [
         Answer(
             cell=cell_of(row.case),
             frame=f"{row.case}/{row.band}",

@@ -1,0 +1,120 @@
+"""Submissions that cheat on a small benchmark: what is hidden from them is worth full marks to who can read it."""
+
+from __future__ import annotations
+
+import socket
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from horizonval.core.errors import UserError
+from horizonval.core.progress import Silent
+from horizonval.estimation.process.containment import can_hide
+from horizonval.estimation.process.limits import Limits
+from horizonval.spec.load import Suite
+from horizonval.spec.suite import ProgramSpec
+from horizonval.studies.bench import submissions
+from horizonval.suites.suite import load_suite
+
+SUITE = """
+[suite]
+name = "small"
+estimators = ["altitude-free"]
+[defaults]
+camera.file = "ir-bolometer-160-57deg"
+camera.mount_roll_deg = 60.0
+camera.camera = { width = 112, height = 112, fov_deg = 110.0 }
+platform.altitude_km = 550.0
+render = { subsamples = 1, nodes = 32 }
+[[cases]]
+name = "cell"
+grid.attitude.roll_deg = [0.0, 5.0]
+"""
+
+READER = """
+import json, os, subprocess, sys
+from pathlib import Path
+import cv2
+from horizonval.store import exr
+bench, port, image = Path(sys.argv[1]), int(sys.argv[2]), cv2.imread(sys.argv[3], cv2.IMREAD_UNCHANGED)
+subprocess.run(["umount", str(bench)], capture_output=True)
+places = [bench, *(Path(f"/proc/{p}/root{bench}") for p in os.listdir("/proc") if p.isdigit())]
+for place in places:
+    try:
+        found = sorted(place.rglob("*.exr"))
+    except OSError:
+        continue
+    for path in found:
+        try:
+            seen = exr.read_image(path)
+        except Exception:
+            continue
+        if seen.dn.shape == image.shape and (seen.dn == image).all():
+            print(json.dumps({"status": "valid", "nadir_cam": list(seen.truth.nadir_geocentric_cam)}))
+            sys.exit()
+try:
+    __import__("socket").create_connection(("127.0.0.1", port), 2.0)
+    print(json.dumps({"status": "no_limb", "reason": "called home"}))
+except OSError:
+    print(json.dumps({"status": "no_limb", "reason": "nothing found"}))
+"""
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bench")
+    (folder / "small.toml").write_text(SUITE)
+
+    def small(_seed: int | None, _count: int, _group: str) -> Suite:
+        return replace(load_suite(folder / "small.toml"), keep="all")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(submissions, "bench_suite", small)
+        submissions.make_frames(folder / "made", None, 2, 1, Silent())
+    (folder / "reader.py").write_text(READER)
+    return folder
+
+
+def entered(bench: Path, name: str, *, contained: bool) -> dict:
+    """Return the sheet of the program that looks for the truth, which is told where it lies."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        command = f"{sys.executable} {bench / 'reader.py'} {bench / 'made'} {port} {{image}}"
+        limits = Limits(60.0, 4096, (ProgramSpec(name=name, command=command),), bench)
+        failed = submissions.run_submissions(bench / "made", [name], limits, 1, Silent(), contained=contained)
+    assert not failed[name]
+    return submissions.score_submissions(bench / "made")["sheets"][name]["all"]
+
+
+@pytest.mark.skipif(not can_hide(), reason="this system hides no folder from a process")
+def test_a_program_that_looks_for_the_truth_finds_nothing(bench: Path) -> None:
+    """The same program has every point where nothing is hidden, so that the search itself is a good one."""
+    open_ = entered(bench, "reads", contained=False)
+    assert open_["claims"] == 2
+    assert open_["score"] == pytest.approx(100.0)
+    hidden = entered(bench, "reads-hidden", contained=True)
+    assert hidden["claims"] == 0
+    text = "".join(path.read_text() for path in (bench / "made" / "entries" / "reads-hidden" / "cases").glob("*.json"))
+    assert "nothing found" in text
+    assert "called home" not in text
+    # What lies there is still there for everybody else.
+    assert list((bench / "made" / "frames" / "archive").rglob("*.exr"))
+
+
+def test_what_claims_no_uncertainty_or_too_little_gains_nothing() -> None:
+    """A claim of a tiny sigma that is 0.2 deg off is false; one of a huge sigma is false beyond half a degree."""
+    from horizonval.studies.bench.sheet import Answer, score_of
+
+    def score(error_deg: float, sigma_arcsec: float | None) -> float:
+        return score_of([Answer("a", "f", True, True, 3600.0 * error_deg, sigma_arcsec, 100.0, None)])
+
+    assert score(0.2, 1e-6) == score(0.2, None) == -100.0
+    assert score(0.6, 1e9) == -100.0
+    assert score(0.05, 1e9) == score(0.05, 1e-6)
+
+
+def test_methods_that_cannot_be_ranked_are_refused(bench: Path) -> None:
+    with pytest.raises(UserError, match="told the pose"):
+        submissions.run_submissions(bench / "made", ["ideal"], Limits(), 1, Silent())
