@@ -21,7 +21,7 @@ from horizonval.cli.info import doctor, list_names, schema, templates
 from horizonval.cli.regression import baseline_app, regress
 from horizonval.cli.rendering import gallery, mitsuba, radiance, render
 from horizonval.cli.reproduce import reproduce
-from horizonval.cli.serving import serve
+from horizonval.cli.serving import serve, view
 from horizonval.cli.study import study
 from horizonval.core.errors import UserError, printable
 from horizonval.core.machine.caches import settle_libraries
@@ -51,6 +51,7 @@ COMMANDS: tuple[Callable[..., int | None], ...] = (
     camera,
     radiance,
     report,
+    view,
     study,
     reproduce,
     regress,

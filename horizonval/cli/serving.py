@@ -1,4 +1,4 @@
-"""Images for a simulation in the loop."""
+"""What stays and answers: images for a simulation in the loop, and a report in a browser."""
 
 from __future__ import annotations
 
@@ -61,3 +61,37 @@ def serve(
 
     images = served(scene, address, token_file=token_file, most_images=once, time_limit_s=time_limit, ready=ready)
     print(f"{images} images served")
+
+
+def view(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder of a run, campaign, study or night.")],
+    port: Annotated[int, typer.Option(min=0, max=65535, help="On the loopback; 0 is any that is free.")] = 0,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
+) -> None:
+    """Report in a browser, served on this machine alone; until it is interrupted.
+
+    Every frame of a run is there with its exact numbers, read from the archive when it is shown: also those that a
+    long run's page leaves out.
+    """
+    from horizonval.jobs.life import hush
+    from horizonval.report.view_server import view as served
+    from horizonval.report.view_server import viewable
+
+    def ready(address: str) -> None:
+        hush()
+        print(f"{address} (Ctrl-C ends it)", flush=True)
+        if not no_browser:
+            _open_browser(address)
+
+    served(viewable(out), port, ready)
+    print("ended")
+
+
+def _open_browser(address: str) -> None:
+    """Open a graphical browser, where there is a screen: one of the terminal would take it over."""
+    import os
+    import sys
+    import webbrowser
+
+    if sys.platform in ("win32", "darwin") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(address)

@@ -23,9 +23,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from horizonval.core.arrays import FloatArray
+from horizonval.core.errors import UserError
 from horizonval.geometry.orbit import lvlh_matrices
 
 States = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+Spans = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Positions [m] and velocities [m/s], shape (n, 3) each, at times (n,), in axes that keep still among the stars."""
 
 _TONES = 64
@@ -99,7 +101,7 @@ class AttitudeProfile:
 
 
 def attitude_against_lvlh(
-    profile: AttitudeProfile, states: States, sun: FloatArray, seconds: FloatArray
+    profile: AttitudeProfile, states: States, sun: FloatArray, seconds: FloatArray, around: Spans | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Return attitude and rate of the body at some times.
 
@@ -110,6 +112,8 @@ def attitude_against_lvlh(
     sun : ndarray, shape (3,)
         Direction of the Sun in the axes of the states; it stands still.
     seconds : ndarray, shape (n,)
+    around : callable, optional
+        Begin and end, shape (n,) each, of the spans of states that times lie in; rates ask for none outside.
 
     Returns
     -------
@@ -118,24 +122,34 @@ def attitude_against_lvlh(
     rates_rad_s : ndarray, shape (n, 3)
         Angular velocity against ``lvlh``, in body axes.
     """
-    return angles_and_rates(lambda t: _matrices(profile, states, sun, t), seconds)
+    return angles_and_rates(lambda t: _matrices(profile, states, sun, t), seconds, around)
 
 
 def angles_and_rates(
-    body_from_lvlh: Callable[[FloatArray], FloatArray], seconds: FloatArray
+    body_from_lvlh: Callable[[FloatArray], FloatArray], seconds: FloatArray, around: Spans | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Return what :func:`attitude_against_lvlh` does, of matrices (n, 3, 3) as a function of time."""
     t = np.asarray(seconds, dtype=np.float64)
     matrices = body_from_lvlh(t)
-    before = body_from_lvlh(t - _RATE_STEP_S)
-    after = body_from_lvlh(t + _RATE_STEP_S)
+    earlier, later, span = t - _RATE_STEP_S, t + _RATE_STEP_S, np.full(len(t), 2.0 * _RATE_STEP_S)
+    if around is not None:
+        # At an end of what is known the difference is that of one side.
+        begin, end = around(t)
+        earlier, later = np.fmax(earlier, begin), np.fmin(later, end)
+        span = later - earlier
+        if (alone := span <= 0.0).any():
+            raise UserError(
+                f"a single state or attitude at {t[np.flatnonzero(alone)[0]]:g} s, of which no rate is told",
+                expected="neighbours near enough to be no gap",
+            )
+    before, after = body_from_lvlh(earlier), body_from_lvlh(later)
     # A frame that turns by the rate w maps fixed vectors by exp(-w dt).
     step = Rotation.from_matrix(after @ np.swapaxes(before, -1, -2)).as_rotvec()
     m = matrices
     cos_pitch = np.hypot(m[:, 0, 0], m[:, 0, 1])
     yaw = np.where(cos_pitch < 1e-12, np.arctan2(-m[:, 1, 0], m[:, 1, 1]), np.arctan2(m[:, 0, 1], m[:, 0, 0]))
     roll = np.where(cos_pitch < 1e-12, 0.0, np.arctan2(m[:, 1, 2], m[:, 2, 2]))
-    return np.stack([yaw, np.arctan2(-m[:, 0, 2], cos_pitch), roll], axis=-1), -step / (2.0 * _RATE_STEP_S)
+    return np.stack([yaw, np.arctan2(-m[:, 0, 2], cos_pitch), roll], axis=-1), -step / span[:, None]
 
 
 def _matrices(profile: AttitudeProfile, states: States, sun: FloatArray, t: FloatArray) -> FloatArray:

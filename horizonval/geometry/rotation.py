@@ -62,6 +62,14 @@ def itrs_from_gcrs(epoch_utc: datetime, seconds: ArrayLike = 0.0) -> FloatArray:
     return np.asarray(erfa.c2t06a(tt1, tt2, ut1, ut2, 0.0, 0.0), float)
 
 
+def tod_from_gcrs(epoch_utc: datetime, seconds: ArrayLike = 0.0) -> FloatArray:
+    """Return matrices, shape (..., 3, 3), that take celestial components to true equator and equinox of date."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erfa.ErfaWarning)
+        tt1, tt2 = erfa.taitt(*erfa.utctai(*julian_utc(epoch_utc, seconds)))
+    return np.asarray(erfa.pnm06a(tt1, tt2), float)
+
+
 def itrs_from_teme(epoch_utc: datetime, seconds: ArrayLike = 0.0) -> FloatArray:
     """Return matrices, shape (..., 3, 3), that take components in the frame of two-line elements to Earth-fixed."""
     sidereal = np.asarray(erfa.gmst82(*julian_utc(epoch_utc, seconds)), float)

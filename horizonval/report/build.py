@@ -24,6 +24,7 @@ from horizonval.report.figures import overlay, picture, plots
 from horizonval.report.headline import headline
 from horizonval.report.load import CaseView, ReportRun, load_run
 from horizonval.report.pages import campaign_page, confusion_section, infrared_section, stability
+from horizonval.report.sentence import sentences
 from horizonval.report.verdict import VERDICTS, verdict_of
 from horizonval.scoring import limits
 from horizonval.scoring.expected import Expected, expected_outcome
@@ -112,7 +113,7 @@ def page_of(run: ReportRun) -> dict[str, Any]:
         "unit": unit,
         "groups": [{**group, "finding": _finding(group, unit)} for group in _in_order(summary["groups"], run)],
         "headline": _verdict(summary, run, broken),
-        "sentence": viewer.sentence(run, summary["groups"]),
+        "sentences": sentences(run, summary["groups"]),
         "without_numbers": sum(tile["picture"] is not None and not tile["numbers"] for tile in tiles),
         "broken": broken,
         "cameras": cameras,
@@ -244,7 +245,7 @@ def _tile(
         "problem": view.problem,
         "picture": None,
         "numbers": viewer.packed(image.dn) if image is not None and numbered else "",
-        "viewer": viewer.frame_data(view, expected, made, run.estimators),
+        "viewer": json.dumps(viewer.frame_data(view, expected, made, run.estimators), sort_keys=True),
         "data": json.dumps({row["estimator"]: [row["verdict"].key, row["error"]] for row in rows}),
         "facts": [*_facts(expected, image.truth), *infrared_section.facts_of(image.truth, view.band)]
         if expected and image
@@ -266,7 +267,7 @@ def _tile(
             "full_scale": image.full_scale,
             "horizon": overlay.horizon_path(image.truth),
             "infrared": overlay.infrared_path(image.truth, view.band),
-            "layers": _layers(view, image.truth, run.estimators),
+            "layers": viewer.layers_of(view, image.truth, run.estimators),
             "rerun": _rerun(view, image.truth, run),
         }
     return tile
@@ -324,19 +325,6 @@ def _tile_row(view: CaseView, estimator: str, unit: AngleUnit) -> dict[str, Any]
         "error": row.nadir_error_arcsec,
         "output": (view.details.get(estimator) or {}).get("output", ""),
     }
-
-
-def _layers(view: CaseView, truth: FrameTruth, estimators: Sequence[str]) -> list[dict[str, str]]:
-    camera = truth.camera_model
-    layers = []
-    for name in estimators:
-        detail = view.details.get(name) or {}
-        fit = detail.get("fit") or {}
-        limb = ""
-        if fit.get("nadir_cam") is not None and fit.get("angular_radius_rad") is not None:
-            limb = overlay.limb_path(camera, fit["nadir_cam"], fit["angular_radius_rad"])
-        layers.append({"points": overlay.points_path(detail.get("points") or []), "limb": limb})
-    return layers
 
 
 def _angular_radius(truth: FrameTruth) -> str:

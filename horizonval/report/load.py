@@ -148,6 +148,29 @@ def load_run(run_dir: Path, most: int | None = None) -> ReportRun:
     )
 
 
+def load_case(run_dir: Path, case: str) -> list[CaseView]:
+    """Return the views of one case of a run with their images: what :func:`load_run` leaves out of long ones.
+
+    Raises
+    ------
+    UserError
+        There is no run, or no finished case of that name in it.
+    DamagedFileError
+        A file is not what a run writes.
+    """
+    folder = RunFolder(run_dir)
+    head = _read(folder.suite, ("suite", "estimators", "cases"))
+    path = folder.case(case)
+    if case not in head["cases"] or not path.is_file():
+        raise UserError(f"no finished case {case!r}", where=str(run_dir))
+    heads = _head_images(run_dir, (head.get("heads") or {}).get(case) or ())
+    try:
+        record = _read(path, ("case", "rows", "details"))
+        return _views(record, Store(archive_of(folder, head), read_only=True), run_dir, True, heads)
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise DamagedFileError(f"not a case's results ({error!r})", where=str(path)) from error
+
+
 def _read(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
     data = read_json(path, fix="run the suite again") or {}
     absent = [key for key in keys if key not in data]
@@ -160,6 +183,8 @@ def _read(path: Path, keys: tuple[str, ...]) -> dict[str, Any]:
 def _shown(run_dir: Path, names: list[str], most: int | None) -> set[str]:
     if most is None or len(names) <= most:
         return set(names)
+    if most == 0:
+        return set()
     striking = [name for name in names if _is_striking(RunFolder(run_dir).case(name))]
     first = _spread(striking, most // 2)
     return {*first, *_spread([name for name in names if name not in set(striking)], most - len(first))}

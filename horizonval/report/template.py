@@ -10,7 +10,13 @@ from horizonval.core import atomic
 from horizonval.report import formatting
 
 FOLDER = Path(__file__).parent
-_FILES = {"style": "page.css", "code": "page.js", "viewer_style": "viewer.css", "viewer_code": "viewer.js"}
+_FILES = {
+    "style": "page.css",
+    "code": "page.js",
+    "tables_code": "tables.js",
+    "viewer_style": "viewer.css",
+    "viewer_code": "viewer.js",
+}
 
 
 def environment(folder: Path = FOLDER) -> jinja2.Environment:

@@ -1,7 +1,8 @@
 "use strict";
 (() => {
   const find = (id) => document.getElementById(id);
-  const frames = [...document.querySelectorAll("#grid .tile")].map((tile) => {
+  const served = "served" in document.documentElement.dataset;
+  let frames = [...document.querySelectorAll("#grid .tile")].map((tile) => {
     const svg = tile.querySelector("svg.image"), numbers = tile.querySelector("script.dn");
     const curve = (root, kind) => root?.querySelector(`path.${kind}`)?.getAttribute("d") ?? "";
     const [, , width, height] = (svg?.getAttribute("viewBox") ?? "0 0 1 1").split(" ").map(Number);
@@ -11,7 +12,7 @@
       layers: svg ? [...svg.querySelectorAll(".layer")].map((g) => ({ points: curve(g, "points"), limb: curve(g, "limb") })) : [],
     };
   });
-  if (!frames.length) return;
+  if (!frames.length && !served) return;
   const colours = { false: "#b34700", crashed: "#b34700", broken: "#b34700", missed: "#8a6100", valid: "#0072b2", bonus: "#0072b2" };
   const canvas = find("v-frame"), plot = find("v-profile"), line = find("v-line"), scrub = find("v-scrub");
   const pick = { a: find("v-a"), b: find("v-b") };
@@ -21,8 +22,25 @@
   let image = null, dn = null, pointer = null, drag = null, turn = 0;
   const frame = () => frames[state.frame];
 
+  // What the page does not hold the server reads from the archive; of what it sent the last frames are kept.
+  const fetched = [];
+  const fetchFrame = async (f) => {
+    const answer = await fetch(`/.view/frame?${new URLSearchParams({ case: f.name, band: f.band })}`), found = await answer.json();
+    if (!answer.ok) { f.problem = found.problem; return; }
+    Object.assign(f, found);
+    fetched.push(f);
+    if (fetched.length > 30) fetched.shift().numbers = null;
+  };
+  const fetchList = async () => {
+    const answer = await fetch("/.view/frames");
+    if (!answer.ok) return;
+    const here = new Map(frames.map((f) => [`${f.name} ${f.band}`, f]));
+    const blank = { width: 1, height: 1, numbers: null, svg: null, truth: "", infrared: "", layers: [], heat: null, full: 0, black: 0, white: 1 };
+    frames = (await answer.json()).map((f) => here.get(`${f.name} ${f.band}`) ?? { ...blank, ...f });
+  };
+
   const unpack = async (f) => {
-    const bytes = Uint8Array.from(atob(f.numbers.textContent), (c) => c.charCodeAt(0));
+    const bytes = Uint8Array.from(atob(f.numbers.textContent ?? f.numbers), (c) => c.charCodeAt(0));
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
     const planes = new Uint8Array(await new Response(stream).arrayBuffer());
     const n = f.width * f.height, out = new Uint16Array(n);
@@ -50,12 +68,45 @@
   const warmth = (value) => {
     const heat = frame().heat;
     if (!heat) return "";
-    const radiance = heat.zero + heat.step * value, table = heat.temperature_k, last = table.length - 1;
+    const radiance = heat.zero + heat.step * value, table = heat.temperature_k, last = (table?.length ?? 0) - 1;
+    const spectral = `${(radiance / heat.width_um).toPrecision(4)} W m-2 sr-1 um-1`;
+    if (!table) return `\n${value < frame().full ? "" : "above "}${spectral}, as on the axis`;
     const text = `\n${radiance.toPrecision(5)} W m-2 sr-1`;
     if (value < 1) return text;
     const low = Math.log(heat.zero + heat.step), high = Math.log(heat.zero + heat.step * frame().full);
     const place = Math.min(last, (last * (Math.log(radiance) - low)) / (high - low)), i = Math.min(last - 1, Math.floor(place));
-    return `${text}, ${(1 / (1 / table[i] + (place - i) * (1 / table[i + 1] - 1 / table[i]))).toFixed(2)} K`;
+    return `${text}, ${(1 / (1 / table[i] + (place - i) * (1 / table[i + 1] - 1 / table[i]))).toFixed(2)} K (${spectral})`;
+  };
+  // Barycentric interpolation between the Chebyshev nodes; see sightline.py.
+  const direction = (u, v) => {
+    const { sight, width, height } = frame();
+    if (!sight) return null;
+    const parts = sight.flat ? 2 : 3, n = Math.round(Math.sqrt(sight.directions.length / parts));
+    const weights = (at, size) => {
+      const places = Array.from({ length: n }, (_, j) => (size - 1 + size * Math.cos((Math.PI * j) / (n - 1))) / 2);
+      const hit = places.findIndex((place) => Math.abs(place - at) < 1e-9);
+      if (hit >= 0) return places.map((_, j) => Number(j === hit));
+      const raw = places.map((place, j) => ((j % 2 ? -1 : 1) * (j === 0 || j === n - 1 ? 0.5 : 1)) / (at - place));
+      const sum = raw.reduce((a, b) => a + b);
+      return raw.map((one) => one / sum);
+    };
+    const across = weights(u, width), down = weights(v, height), d = [0, 0, sight.flat ? 1 : 0];
+    for (let i = 0; i < n; i++) for (let j = 0; j < n; j++) for (let k = 0; k < parts; k++) d[k] += down[i] * across[j] * sight.directions[(i * n + j) * parts + k];
+    const length = Math.hypot(...d);
+    return d.map((one) => one / length);
+  };
+  const above = (d) => {
+    const { nadir, cone: [a, b, c, e, f, g] } = frame().sight, dot = (x, y) => x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
+    const through = ([x, y, z]) => [a * x + b * y + c * z, b * x + e * y + f * z, c * x + f * y + g * z];
+    const side = d.map((one, i) => one - dot(d, nadir) * nadir[i]), length = Math.hypot(...side) || 1, level = side.map((one) => one / length);
+    const [A, B, C] = [dot(nadir, through(nadir)), dot(nadir, through(level)), dot(level, through(level))];
+    return Math.atan2(dot(d, level), dot(d, nadir)) - Math.atan((-B - Math.sqrt(B * B - A * C)) / C);
+  };
+  const bearing = (u, v) => {
+    const d = direction(u, v);
+    if (!d) return "";
+    const degrees = 180 / Math.PI, up = above(d) * degrees;
+    return `\n${(Math.atan2(Math.hypot(d[0], d[1]), d[2]) * degrees).toFixed(3)}° from the axis, ${Math.abs(up).toFixed(3)}° ${up < 0 ? "below" : "above"} the true horizon`;
   };
   const fit = (c) => {
     const ratio = window.devicePixelRatio || 1;
@@ -76,12 +127,27 @@
       g.strokeStyle = colour; g.lineWidth = width / s; g.setLineDash(dash.map((part) => part / s)); g.lineCap = dash.length ? "butt" : "round";
       g.stroke(new Path2D(d));
     };
+    // Rings and crosses: where both estimators have a point, both are seen.
+    const dots = (d, colour, cross) => {
+      // Points closer than their marks are thinned out, until the zoom has room for them.
+      const path = new Path2D(), r = 3.2 / s, gap = 9 / s, taken = new Set();
+      for (const [, u, v] of d.matchAll(/M(\S+) (\S+)h0/g)) {
+        const cell = [u, v].map((at) => Math.floor(Number(at) / gap + (cross ? 0.5 : 0))).join();
+        if (taken.has(cell)) continue;
+        taken.add(cell);
+        const [px, py] = [Number(u), Number(v)];
+        if (cross) { path.moveTo(px - r, py - r); path.lineTo(px + r, py + r); path.moveTo(px - r, py + r); path.lineTo(px + r, py - r); }
+        else { path.moveTo(px + r, py); path.arc(px, py, r, 0, 7); }
+      }
+      g.strokeStyle = colour; g.lineWidth = 1.3 / s; g.setLineDash([]);
+      g.stroke(path);
+    };
     const look = { a: ["#f0e442", "#ff7a1a"], b: ["#7fe8b8", "#00c896"] };
     for (const key of ["b", "a"]) {
       const layer = f.layers[names.indexOf(pick[key].value)];
       if (!layer) continue;
       if (marks.l.checked) stroke(layer.limb, look[key][1], 1.6);
-      if (marks.p.checked) stroke(layer.points, look[key][0], 3.2);
+      if (marks.p.checked) dots(layer.points, look[key][0], key === "b");
     }
     if (marks.t.checked) { stroke(f.truth, "#56b4e9", 2, [7, 4]); stroke(f.infrared, "#cc79a7", 2); }
   };
@@ -127,12 +193,12 @@
     g.fillText(`-${reach}`, 4, h - 5); g.fillText(`+${reach}`, w - 28, h - 5); g.fillText(words, Math.max(36, w / 2 - 80), h - 5);
   };
   const readOut = () => {
-    const value = pointer && valueAt(...pointer);
+    const value = pointer && valueAt(...pointer), f = frame();
     if (value === null || value === undefined) {
-      find("v-value").textContent = dn ? "Point at the frame for its value." : "This frame's exact numbers are not in the page; the archive has them.";
+      find("v-value").textContent = dn ? "Point at the frame for its value." : f.problem ?? (served ? "" : "This frame's exact numbers are not in the page: `horizonval view` reads them from the archive.");
     } else {
       const near = frame().truth ? nearest(frame().truth, pointer) : null;
-      find("v-value").textContent = `x ${Math.round(pointer[0])}, y ${Math.round(pointer[1])}: ${value} DN of ${frame().full}` + warmth(value) +
+      find("v-value").textContent = `x ${Math.round(pointer[0])}, y ${Math.round(pointer[1])}: ${value} DN of ${frame().full}` + warmth(value) + bearing(Math.round(pointer[0]), Math.round(pointer[1])) +
         (near ? `\n${near.far.toFixed(1)} px from the true horizon` : "");
     }
     profile();
@@ -157,11 +223,13 @@
       return tr;
     }));
   };
+  const sunAngle = (f) => (f.sun_deg === null ? "" : `, Sun ${f.sun_deg.toFixed(1)}° from the axis`);
   const timeline = () => {
     line.replaceChildren(...frames.map((f, i) => {
       const cell = document.createElement("i"), top = document.createElement("b"), row = f.rows[pick.a.value];
       cell.className = `${f.sun ? "sun" : f.light}${i === state.frame ? " here" : ""}`;
-      cell.title = `${f.name}: ${row ? row.label : "no result"}; ${f.light || "no truth"}${f.sun ? ", Sun in the frame" : ""}`;
+      cell.title = `${f.name}: ${row ? row.label : "no result"}; ${f.light || "no truth"}${f.sun ? ", Sun in the frame" : ""}${sunAngle(f)}`;
+      cell.style.setProperty("--sun", (f.sun_deg ?? 180) / 180);
       top.style.background = (row && colours[row.kind]) || "#6b7178";
       if (frames.length <= 80) top.textContent = row?.glyph ?? "–";
       cell.append(top, document.createElement("u"));
@@ -173,15 +241,20 @@
     scrub.value = state.frame;
     timeline(); score();
     find("v-name").textContent = `${state.frame + 1} of ${frames.length}: ${f.name}`;
-    find("v-facts").textContent = [f.camera, f.band && `band ${f.band}`, f.light, f.sun && "Sun in the frame"].filter(Boolean).join(" · ");
+    find("v-facts").textContent = [f.camera, f.band && `band ${f.band}`, f.light, f.sun && "Sun in the frame"].filter(Boolean).join(" · ") + sunAngle(f).replace(", ", " · ");
+    if (!f.numbers && served && !f.problem) {
+      await fetchFrame(f).catch((error) => { f.problem = `The server does not answer (${error.message}).`; });
+      if (mine !== turn) return;
+    }
     const got = f.numbers ? await unpack(f) : null;
     if (mine !== turn) return;
     dn = got; image = null;
     if (dn) {
-      const data = new ImageData(f.width, f.height);
+      const data = new ImageData(f.width, f.height), grey = new Uint8ClampedArray(65536);
+      for (let i = 0; i < 65536; i++) grey[i] = 255 * Math.max(0, Math.min(1, (i - f.black) / (f.white - f.black))) ** (1 / 1.6);
       for (let i = 0; i < dn.length; i++) {
-        const level = 255 * Math.max(0, Math.min(1, (dn[i] - f.black) / (f.white - f.black))) ** (1 / 1.6);
-        data.data.set([level, level, level, 255], 4 * i);
+        data.data[4 * i] = data.data[4 * i + 1] = data.data[4 * i + 2] = grey[dn[i]];
+        data.data[4 * i + 3] = 255;
       }
       image = Object.assign(document.createElement("canvas"), { width: f.width, height: f.height });
       image.getContext("2d").putImageData(data, 0, 0);
@@ -226,7 +299,6 @@
   });
   canvas.addEventListener("dblclick", (event) => zoom(2, pixelAt(event)));
   line.addEventListener("click", (event) => { const cell = event.target.closest("i"); if (cell) go([...line.children].indexOf(cell)); });
-  scrub.max = frames.length - 1;
   scrub.addEventListener("input", () => go(Number(scrub.value)));
   for (const select of Object.values(pick)) select.addEventListener("change", () => { remember(); timeline(); score(); draw(); });
   for (const box of Object.values(marks)) box.addEventListener("change", () => { remember(); draw(); });
@@ -263,24 +335,12 @@
     if (state.x === null || state.y === null) state.x = state.y = null;
     return show();
   };
-  window.addEventListener("hashchange", restore);
-  restore();
-
-  for (const table of document.querySelectorAll("table.outcomes")) {
-    // Several columns have two lines of heading; the first line's cells stand over the columns one by one.
-    [...table.tHead.rows[0].cells].forEach((head, column) => {
-      const button = document.createElement("button");
-      button.type = "button";
-      button.append(...head.childNodes);
-      head.append(button);
-      button.addEventListener("click", () => {
-        const down = head.getAttribute("aria-sort") === "ascending";
-        for (const other of table.tHead.rows[0].cells) other.removeAttribute("aria-sort");
-        head.setAttribute("aria-sort", down ? "descending" : "ascending");
-        const key = (row) => { const text = row.cells[column].textContent.trim(), n = parseFloat(text.replace(/^[^\d–-]+/, "")); return column && !Number.isNaN(n) ? n : column ? Infinity : text; };
-        const rows = [...table.tBodies[0].rows].sort((a, b) => { const [x, y] = [key(a), key(b)]; return (x < y ? -1 : x > y ? 1 : 0) * (down ? -1 : 1); });
-        table.tBodies[0].append(...rows);
-      });
-    });
-  }
+  const start = async () => {
+    if (served) await fetchList();
+    if (!frames.length) return;
+    scrub.max = frames.length - 1;
+    window.addEventListener("hashchange", restore);
+    await restore();
+  };
+  start();
 })();

@@ -8,21 +8,24 @@ stands under the pointer is the number that is stored.
 from __future__ import annotations
 
 import base64
-import json
+import math
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from horizonval.earth.spectral.bands import width_um
 from horizonval.earth.spectral.brightness import brightness_temperature_k
-from horizonval.frame import DetectorImage
+from horizonval.frame import DetectorImage, FrameTruth
 from horizonval.report.angle_unit import DEG
-from horizonval.report.formatting import count, percent
-from horizonval.report.load import CaseView, ReportRun
+from horizonval.report.figures import overlay
+from horizonval.report.load import CaseView
+from horizonval.report.sightline import sightline_of
 from horizonval.report.verdict import verdict_of
 from horizonval.scoring.expected import Expected
+from horizonval.sensor.calibrated import black_level_dn, radiance_per_dn
 
 BUDGET_PX = 12_000_000
 """Pixels whose numbers one page holds: about 20 MB of noisy 12-bit frames."""
@@ -49,25 +52,34 @@ def chosen(images: Sequence[DetectorImage | None], budget_px: int = BUDGET_PX) -
 
 
 def heat_of(image: DetectorImage) -> dict[str, Any] | None:
-    """Return how a thermal image's digital numbers become radiance and brightness temperature; ``None`` of others.
+    """Return how an image's digital numbers become radiance and brightness temperature; ``None`` without calibration.
 
-    ``zero`` and ``step`` [W m-2 sr-1] make radiances. ``temperature_k`` has the temperatures of radiances in equal
+    ``zero`` and ``step`` [W m-2 sr-1] make radiances, over ``width_um`` those per wavelength: of a photon counting
+    detector as its data sheet has it on the axis, above the black level, with noise and dark current in it.
+    ``temperature_k``, of thermal bands, has the temperatures of radiances in equal
     ratios, from the first step's to full scale's. Between them the inverse of the temperature is linear in the
     logarithm of the radiance to better than 0.01 K.
     """
-    step = image.observation.get("radiance_per_dn")
+    step = radiance_per_dn(image)
     band = next((one for one in image.truth.camera_spec.band if one.name == image.band), None)
-    if step is None or band is None or band.kind != "thermal":
+    if step is None or band is None:
         return None
+    width = width_um(band)
+    if band.kind != "thermal":
+        return {"zero": -step * black_level_dn(image), "step": step, "width_um": width, "temperature_k": None}
     zero = float(image.observation["radiance_at_zero"])
     ends = zero + step, zero + step * image.full_scale
     kelvin = brightness_temperature_k(band, np.geomspace(*ends, _NODES))
-    return {"zero": zero, "step": step, "temperature_k": [round(float(value), 4) for value in kelvin]}
+    return {
+        "zero": zero,
+        "step": step,
+        "width_um": width,
+        "temperature_k": [round(float(value), 4) for value in kelvin],
+    }
 
 
-def frame_data(view: CaseView, expected: Expected | None, picture: Any, estimators: Sequence[str]) -> str:
-    """Return what the viewer shows of a view beside its numbers and curves, as JSON."""
-    image = view.image
+def rows_of(view: CaseView, estimators: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Return what the viewer tells of each estimator on a view."""
     rows = {}
     for name in estimators:
         if (row := view.rows.get(name)) is None:
@@ -82,45 +94,49 @@ def frame_data(view: CaseView, expected: Expected | None, picture: Any, estimato
             "bound": "" if row.bound_arcsec is None else DEG.text(row.bound_arcsec),
             "over": over,
         }
-    light = ""
-    if image is not None:
-        light = "day" if image.truth.sun_visible_fraction > 0.0 else "eclipse"
-    return json.dumps(
-        {
-            "band": view.band,
-            "heat": heat_of(image) if image is not None else None,
-            "full": image.full_scale if image is not None else 0,
-            "black": picture.black_dn if picture is not None else 0,
-            "white": picture.white_dn if picture is not None else 1,
-            "light": light,
-            "sun": bool(expected is not None and expected.sun_in_frame),
-            "rows": rows,
-        },
-        sort_keys=True,
-    )
+    return rows
 
 
-def sentence(run: ReportRun, groups: Sequence[Mapping[str, Any]]) -> str:
-    """Return what works, how badly it is off and where it fails, over all judged estimators, in degrees."""
-    rows = run.judged_rows
-    due = [row for row in rows if row.is_due]
-    if not due:
-        return "No frame is due an answer."
-    answered = sum(row.is_claim and not row.false_valid for row in due)
-    errors = [row.nadir_error_arcsec for row in rows if row.is_claim and row.nadir_error_arcsec is not None]
-    who = f" from {count(len(run.judged_estimators), 'estimator')} together" if len(run.judged_estimators) > 1 else ""
-    text = f"Right in {percent(answered / len(due))} of {count(len(due), 'answer')} due{who}"
-    if errors:
-        median, most = np.percentile(errors, [50.0, 95.0])
-        text += f": half of all claims within {DEG.text(float(median))} of the true nadir, 95 % within "
-        text += f"{DEG.text(float(most))}, the worst {DEG.text(max(errors))}"
-    places: dict[str, int] = {}
-    for group in groups:
-        if not group["given_pose"]:
-            for key in ("crashed", "false", "silent"):
-                for place, n, _ in group["headline"][key]:
-                    places[place] = places.get(place, 0) + n
-    if places:
-        worst = sorted(places.items(), key=lambda item: (-item[1], item[0]))[:2]
-        text += "; fails mostly " + " and ".join(f"{place} ({n})" for place, n in worst)
-    return text + "."
+def light_of(view: CaseView) -> dict[str, Any]:
+    """Return day or eclipse, whether the Sun is in the frame and how far it is from the axis: the exact truth's."""
+    truth = view.image.truth if view.image is not None else None
+    row = next((one for one in view.rows.values() if one.sun_visible_fraction is not None), None)
+    fraction = truth.sun_visible_fraction if truth is not None else row.sun_visible_fraction if row else None
+    angle = math.degrees(truth.sun_boresight_rad) if truth is not None else row.sun_boresight_deg if row else None
+    return {
+        "light": "" if fraction is None else "day" if fraction > 0.0 else "eclipse",
+        "sun_deg": None if angle is None else round(angle, 2),
+        "sun": bool(row is not None and row.sun_in_frame),
+    }
+
+
+def frame_data(view: CaseView, expected: Expected | None, picture: Any, estimators: Sequence[str]) -> dict[str, Any]:
+    """Return what the viewer shows of a view beside its numbers and curves."""
+    image = view.image
+    light = light_of(view)
+    if expected is not None:
+        light["sun"] = expected.sun_in_frame
+    return {
+        "band": view.band,
+        "heat": heat_of(image) if image is not None else None,
+        "full": image.full_scale if image is not None else 0,
+        "black": picture.black_dn if picture is not None else 0,
+        "white": picture.white_dn if picture is not None else 1,
+        "rows": rows_of(view, estimators),
+        "sight": sightline_of(image.truth) if image is not None else None,
+        **light,
+    }
+
+
+def layers_of(view: CaseView, truth: FrameTruth, estimators: Sequence[str]) -> list[dict[str, str]]:
+    """Return limb points and fitted limb of each estimator as path data."""
+    camera = truth.camera_model
+    layers = []
+    for name in estimators:
+        detail = view.details.get(name) or {}
+        fit = detail.get("fit") or {}
+        limb = ""
+        if fit.get("nadir_cam") is not None and fit.get("angular_radius_rad") is not None:
+            limb = overlay.limb_path(camera, fit["nadir_cam"], fit["angular_radius_rad"])
+        layers.append({"points": overlay.points_path(detail.get("points") or []), "limb": limb})
+    return layers

@@ -71,10 +71,10 @@ def fly(spec: OrbitSpec, ellipsoid: Ellipsoid, seed: int, name: str, beside: Pat
     course = orbit.heading(r_itrs, v_itrs)
     sun = itrs(np.zeros(1))[0].T @ sun_itrs(epoch)[0]
     if track.body_from_axes is not None:
-        angles, rates = attitude_profile.angles_and_rates(partial(_body_from_lvlh, track), seconds)
+        angles, rates = attitude_profile.angles_and_rates(partial(_body_from_lvlh, track), seconds, track.around)
     else:
         profile = _profile(spec.attitude, seed, name)
-        angles, rates = attitude_profile.attitude_against_lvlh(profile, states, sun, seconds)
+        angles, rates = attitude_profile.attitude_against_lvlh(profile, states, sun, seconds, track.around)
     degrees = [np.round(np.degrees(x), _ANGLE_DIGITS) + 0.0 for x in (latitude, longitude, course)]
     km = np.round(height / 1e3, _KM_DIGITS)
     turned = np.round(np.degrees(angles), _ANGLE_DIGITS) + 0.0
@@ -108,6 +108,7 @@ class _Track:
 
     ``states`` in axes among the stars; ``itrs``: matrices from these to Earth-fixed axes, ``body_from_axes`` to the
     body's, shape (n, 3, 3) each. ``period_s``: of a revolution, None where no elements say it; ``end_s``: of the file.
+    ``around``: begin and end of what files know around times, None where they know all.
     """
 
     epoch_utc: datetime
@@ -116,6 +117,7 @@ class _Track:
     period_s: float | None = None
     end_s: float | None = None
     body_from_axes: Callable[[FloatArray], FloatArray] | None = None
+    around: attitude_profile.Spans | None = None
 
 
 def _duration_s(spec: OrbitSpec, track: _Track) -> float:
@@ -132,9 +134,8 @@ def _duration_s(spec: OrbitSpec, track: _Track) -> float:
 
 def _body_from_lvlh(track: _Track, seconds: FloatArray) -> FloatArray:
     assert track.body_from_axes is not None
-    inside = np.clip(seconds, 0.0, None) if track.end_s is None else np.clip(seconds, 0.0, track.end_s)
-    lvlh = orbit.lvlh_matrices(*track.states(inside))
-    return np.asarray(track.body_from_axes(inside) @ np.swapaxes(lvlh, -1, -2))
+    lvlh = orbit.lvlh_matrices(*track.states(seconds))
+    return np.asarray(track.body_from_axes(seconds) @ np.swapaxes(lvlh, -1, -2))
 
 
 def _track(spec: OrbitSpec, beside: Path) -> _Track:
@@ -157,7 +158,14 @@ def _track(spec: OrbitSpec, beside: Path) -> _Track:
         gcrs_from_axes = np.swapaxes(itrs_from_gcrs(found.epoch_utc, seconds), -1, -2) @ found.itrs(seconds)
         return np.asarray(history.body_from_gcrs(found.epoch_utc, seconds) @ gcrs_from_axes)
 
-    return replace(found, body_from_axes=body_from_axes)
+    def around(seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
+        begin, end = history.around(found.epoch_utc, seconds)
+        if found.around is None:
+            return begin, end
+        first, last = found.around(seconds)
+        return np.fmax(begin, first), np.fmin(end, last)
+
+    return replace(found, body_from_axes=body_from_axes, around=around)
 
 
 def _track_of_elements(spec: OrbitSpec) -> _Track:
@@ -207,12 +215,17 @@ def _track_of_file(spec: OrbitSpec, path: Path) -> _Track:
     first, last = trajectory.span_s
     epoch = spec.epoch_utc or trajectory.epoch_utc + timedelta(seconds=first)
     offset = (epoch - trajectory.epoch_utc).total_seconds()
+
+    def around(seconds: FloatArray) -> tuple[FloatArray, FloatArray]:
+        begin, end = trajectory.coverage.around(seconds + offset)
+        return begin - offset, end - offset
+
     return _Track(
         epoch,
-        # Rates of the attitude are differences that reach beyond the first sample.
-        lambda seconds: trajectory.states(np.maximum(seconds + offset, first)),
+        lambda seconds: trajectory.states(seconds + offset),
         partial(itrs_from_gcrs, epoch),
         end_s=last - offset,
+        around=around,
     )
 
 
@@ -223,13 +236,14 @@ def _track_of_kernels(spec: OrbitSpec, beside: Path) -> _Track:
     first, last = span_of(paths, spec.spacecraft)
     epoch = spec.epoch_utc or first
     found = SpiceOrbit(paths, spec.spacecraft, epoch, spec.attitude.body_axes)
-    end_s = (last - epoch).total_seconds()
+    begin_s, end_s = (first - epoch).total_seconds(), (last - epoch).total_seconds()
     return _Track(
         epoch,
-        lambda seconds: found.states(np.maximum(seconds, (first - epoch).total_seconds())),
+        found.states,
         partial(itrs_from_gcrs, epoch),
         end_s=end_s,
         body_from_axes=None if spec.attitude.body_axes is None else partial(found.body_from_gcrs, epoch),
+        around=lambda seconds: (np.full(len(seconds), begin_s), np.full(len(seconds), end_s)),
     )
 
 

@@ -16,10 +16,9 @@ from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.geometry.frames import inverse, rotate
 from horizonval.sensor import knowledge
-from horizonval.sensor.detector import cmos
+from horizonval.sensor.calibrated import radiance_per_dn
 from horizonval.sensor.miscalibration import believed_prior, calibration_of, errors_of, stated_sigmas
 from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.spec.sensor.detector import Cmos
 from horizonval.spec.sensor.prior import PriorSpec
 
 
@@ -71,22 +70,6 @@ def observation_of(
 def band_of(source: DetectorImage | RadianceFrame, band: str | None = None) -> str:
     """Return the band of an image, or of a frame the one that is asked for, else its first."""
     return source.band if isinstance(source, DetectorImage) else band or next(iter(source.radiance))
-
-
-def radiance_per_dn(image: DetectorImage) -> float | None:
-    """Return the band radiance on the axis that a digital number stands for [W m-2 sr-1]; None without a calibration.
-
-    A thermal detector states it. A photon counting one is taken as calibrated to its data sheet.
-    """
-    stated = image.observation.get("radiance_per_dn")
-    if stated is not None or "camera" not in image.observation:
-        return None if stated is None else float(stated)
-    camera = CameraSpec.model_validate(image.observation["camera"])
-    if not isinstance(camera.detector, Cmos):
-        return None
-    band = next(one for one in camera.band if one.name == image.band)
-    seconds = float(image.observation.get("exposure_s", camera.detector.exposure_s))
-    return cmos.radiance_per_dn(camera, camera.detector, band, seconds)
 
 
 def observation_of_heads(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
+import threading
 
 import numpy as np
 import pytest
@@ -12,7 +14,10 @@ from browser import Browser, chromium_path
 from scipy import constants, integrate
 from synthetic import synthetic_cases, toy_image, write_run
 
-from horizonval.report import build_report
+from horizonval.geometry.camera import unproject
+from horizonval.geometry.frames import inverse, rotate
+from horizonval.geometry.horizon import signed_limb_angle
+from horizonval.report import build, build_report, view_server, viewer
 
 pytestmark = pytest.mark.skipif(
     chromium_path() is None, reason="no Chromium on this machine (Debian: apt install chromium)"
@@ -29,6 +34,23 @@ NAME = "document.getElementById('v-name').textContent"
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     return build_report(write_run(tmp_path_factory.mktemp("viewer") / "run")).as_uri()
+
+
+@pytest.fixture(scope="module")
+def long_run(tmp_path_factory):
+    """A page of three of eight frames, one of them with numbers, and the address of a server of it."""
+    run = write_run(tmp_path_factory.mktemp("long") / "run")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "MOST_CASES_SHOWN", 3)
+        patch.setattr(viewer, "chosen", lambda images: {0})
+        page = build_report(run)
+    server = view_server._server(view_server.viewable(run), 0)
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
+    thread.start()
+    yield page, f"http://127.0.0.1:{server.server_address[1]}/report/index.html"
+    server.shutdown()
+    thread.join(10)
+    server.server_close()
 
 
 @pytest.fixture(scope="module", params=[1400, 700])
@@ -83,7 +105,34 @@ def test_the_value_under_the_pointer_is_the_stored_number(browser, page):
         )
         scale = min(width / dn.shape[1], height / dn.shape[0])
         expected = ((place[0] - 0.5) * width / scale + 319.5, (place[1] - 0.5) * height / scale + 239.5)
-        np.testing.assert_allclose((x, y), expected, atol=1.0)
+        np.testing.assert_allclose((x, y), expected, atol=0.51)
+
+
+def test_the_direction_under_the_pointer_is_that_of_the_camera(browser, page):
+    truth = synthetic_cases()[0].truth
+    visit(browser, page)
+    sides = set()
+    for place in ((0.5, 0.5), (0.45, 0.2), (0.52, 0.83)):
+        point_at(browser, *place)
+        words = browser.evaluate("document.getElementById('v-value').textContent")
+        x, y = (int(part.split()[1]) for part in words.split(":")[0].split(", "))
+        axis, height, side = re.search(r"([\d.]+)° from the axis, ([\d.]+)° (above|below) the true", words).groups()
+        d = unproject(truth.camera_model, (x, y))
+        assert float(axis) == pytest.approx(math.degrees(math.acos(d[2])), abs=2e-3)
+        # The nearest point of the horizon is not straight above or below, but a millionth of a turn aside.
+        inside = signed_limb_angle(rotate(inverse(truth.q_cam_from_itrs), d), truth.r_itrs)
+        signed = float(height) if side == "above" else -float(height)
+        assert signed == pytest.approx(-math.degrees(float(inside)), abs=5e-3)
+        sides.add(side)
+    assert sides == {"above", "below"}
+
+
+def test_the_timeline_says_how_near_the_sun_is(browser, page):
+    visit(browser, page)
+    truths = [case.truth for case in synthetic_cases()]
+    shown = "[...document.querySelectorAll('#v-line i')].map(cell => Number(cell.style.getPropertyValue('--sun')))"
+    expected = [math.acos(truth.sun_cam[2] / math.hypot(*truth.sun_cam)) / math.pi for truth in truths]
+    np.testing.assert_allclose(browser.evaluate(shown), expected, atol=1e-4)
 
 
 def test_keys_scrub_and_zoom(browser, page):
@@ -177,6 +226,25 @@ def test_dark_where_the_reader_wants_it(browser, page):
     browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
     assert max(browser.evaluate(back)) < 60
     browser.call("Emulation.setEmulatedMedia", features=[])
+
+
+def test_a_server_has_the_frames_that_the_page_leaves_out(browser, long_run):
+    page, address = long_run
+    visit(browser, page.as_uri() + "#frame=1")
+    assert " of 3: " in browser.evaluate(NAME)
+    assert "not in the page" in browser.evaluate("document.getElementById('v-value').textContent")
+    cases = synthetic_cases()
+    for index in (0, 2, 5):
+        name, dn = cases[index].truth.scene["scene"]["name"], toy_image(cases[index].truth).dn
+        visit(browser, f"{address}#case={name}")
+        assert browser.evaluate(NAME) == f"{index + 1} of 8: {name}"
+        assert browser.complaints == []
+        for place in ((0.5, 0.5), (0.52, 0.7)):
+            point_at(browser, *place)
+            words = browser.evaluate("document.getElementById('v-value').textContent")
+            x, y, value = map(int, re.match(r"x (\d+), y (\d+): (\d+) DN of 1023", words).groups())
+            assert value == dn[y, x]
+    assert browser.evaluate("document.querySelectorAll('#v-line i').length") == 8
 
 
 def test_a_thermal_frame_says_what_a_black_body_would_have_to_be(browser, tmp_path, monkeypatch):

@@ -12,6 +12,7 @@ other way round; the second version has A to B alone, and the scalar last.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -21,7 +22,7 @@ import numpy as np
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.errors import UserError, excerpt
-from horizonval.formats.motion.attitude_history import AttitudeHistory
+from horizonval.formats.motion.attitude_history import AttitudeHistory, AttitudePiece, attitudes_of
 from horizonval.formats.motion.axes import KNOWN, Axes, axes_of
 from horizonval.formats.motion.kvn import check_utc, is_xml, lines_of, needed, xml_of
 from horizonval.formats.motion.times import seconds_after, utc_of
@@ -42,6 +43,8 @@ class _Segment:
 def attitude_of_aem(path: Path) -> AttitudeHistory:
     """Return the attitudes in a message of one segment, or of several without a change of axes.
 
+    Nothing is known between segments, and outside what they call usable.
+
     Raises
     ------
     UserError
@@ -54,8 +57,8 @@ def attitude_of_aem(path: Path) -> AttitudeHistory:
         raise UserError(f"found {version!r}", where=f"{path}: CCSDS_AEM_VERS", expected=" or ".join(VERSIONS))
     if not segments:
         raise UserError("no segment", where=str(path), expected=EXPECTED)
-    times: list[datetime] = []
-    quaternions: list[FloatArray] = []
+    pieces: list[AttitudePiece] = []
+    epoch: datetime | None = None
     axes_of_first: Axes | None = None
     for number, segment in enumerate(segments, 1):
         where = f"{path}: segment {number}"
@@ -64,18 +67,32 @@ def attitude_of_aem(path: Path) -> AttitudeHistory:
             raise UserError(f"axes {axes}, and {axes_of_first} before", where=where, expected="one kind of axes")
         axes_of_first = axes
         first = segment.fields.get("QUATERNION_TYPE", "LAST").upper() == "FIRST"
-        for place, time, numbers in segment.rows:
-            moment, q = utc_of(time, place), _quaternion(numbers, place, first=first)
-            # Segments may begin with the time at which the one before ended.
-            if not times or moment > times[-1] or not quaternions:
-                times.append(moment)
-                quaternions.append(q if turned else q * [-1.0, -1.0, -1.0, 1.0])
-            elif moment != times[-1]:
-                raise UserError("is not after the one before", where=place, expected="rising times")
-    if not times:
-        raise UserError("no attitudes", where=str(path), expected=EXPECTED)
+        times = [utc_of(time, place) for place, time, _ in segment.rows]
+        late = next((k for k in range(1, len(times)) if times[k] <= times[k - 1]), None)
+        if late is not None:
+            raise UserError("is not after the one before", where=segment.rows[late][0], expected="rising times")
+        if not times:
+            raise UserError("no attitudes", where=where, expected=EXPECTED)
+        epoch = epoch or times[0]
+        q = np.array([_quaternion(numbers, place, first=first) for place, _, numbers in segment.rows])
+        if not turned:
+            q = q * [-1.0, -1.0, -1.0, 1.0]
+        piece = attitudes_of(seconds_after(epoch, times), q, where, _usable(segment.fields, epoch, where))
+        if pieces and piece.seconds[0] < pieces[-1].seconds[-1]:
+            raise UserError("begins before the one before it ends", where=where, expected="rising times")
+        pieces.append(piece)
+    assert epoch is not None
     assert axes_of_first is not None
-    return AttitudeHistory(times[0], seconds_after(times[0], times), np.array(quaternions), axes_of_first, str(path))
+    return AttitudeHistory(epoch, tuple(pieces), axes_of_first, str(path))
+
+
+def _usable(fields: dict[str, str], epoch: datetime, where: str) -> tuple[float, float]:
+    """Return from when to when a segment says that it may be used; infinite where it does not."""
+    ends = []
+    for key, otherwise in (("USEABLE_START_TIME", -math.inf), ("USEABLE_STOP_TIME", math.inf)):
+        text = fields.get(key, "").strip()
+        ends.append((utc_of(text, f"{where}: {key}") - epoch).total_seconds() if text else otherwise)
+    return ends[0], ends[1]
 
 
 def aem_text(

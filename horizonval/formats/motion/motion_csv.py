@@ -11,7 +11,7 @@ from datetime import datetime
 from pathlib import Path
 
 from horizonval.formats.csv_table import CsvTable, read_csv
-from horizonval.formats.motion.attitude_history import AttitudeHistory
+from horizonval.formats.motion.attitude_history import AttitudeHistory, attitudes_of
 from horizonval.formats.motion.axes import Axes, states_in_gcrs
 from horizonval.formats.motion.times import seconds_after, utc_of
 from horizonval.formats.motion.trajectory import Trajectory, piece_of
@@ -39,7 +39,8 @@ def attitude_of_csv(path: Path) -> AttitudeHistory:
     axes: Axes = "gcrs" if "q_body_from_gcrs_x" in table.numbers else "itrs"
     times = _times(table)
     q = table.together(*_quaternion(axes))
-    return AttitudeHistory(times[0], seconds_after(times[0], times), q, axes, str(path))
+    piece = attitudes_of(seconds_after(times[0], times), q, str(path))
+    return AttitudeHistory(times[0], (piece,), axes, str(path))
 
 
 def _place(axes: Axes) -> tuple[str, ...]:

@@ -65,4 +65,8 @@ def _piece(
     check_earth({"CENTER_NAME": str(metadata["CENTER_NAME"])}, where)
     axes = axes_of(str(metadata["REF_FRAME"]), f"{where}: REF_FRAME")
     seconds = seconds_after(epoch, times)
-    return piece_of(seconds, *states_in_gcrs(axes, epoch, seconds, r, v), where)
+    usable = [
+        (time.utc.to_datetime(timezone=UTC) - epoch).total_seconds()
+        for time in (metadata.useable_start_time, metadata.useable_stop_time)
+    ]
+    return piece_of(seconds, *states_in_gcrs(axes, epoch, seconds, r, v), where, (usable[0], usable[1]))

@@ -226,12 +226,13 @@ def roll_and_pitch(rows: Sequence[Row], estimators: Sequence[str], unit: AngleUn
 
 
 def _mark(index: int) -> dict[str, Any]:
+    # Hollow: what one estimator did must not hide what another did with the same frame.
     return {
         "marker": ESTIMATOR_MARKERS[index % len(ESTIMATOR_MARKERS)],
-        "color": ESTIMATOR_COLOURS[index % len(ESTIMATOR_COLOURS)],
-        "s": 28,
-        "edgecolors": "white",
-        "linewidths": 0.6,
+        "facecolors": "none",
+        "edgecolors": ESTIMATOR_COLOURS[index % len(ESTIMATOR_COLOURS)],
+        "s": 28 + 14 * (index % 3),
+        "linewidths": 1.2,
         "zorder": 3,
     }
 

@@ -25,6 +25,7 @@ from horizonval.store.folder import RunFolder, read_json, write_json
 from horizonval.store.index import Filter
 from horizonval.store.store import Store
 from horizonval.studies.bench.frames import CELLS, Group, bench_suite, cell_of, commitment
+from horizonval.studies.bench.picture import cells_png
 from horizonval.studies.bench.sheet import Answer, ranking, sheet_of
 from horizonval.suites.rescore import rescore
 from horizonval.suites.run import run_suite
@@ -136,6 +137,8 @@ def score_submissions(out: Path) -> dict[str, Any]:
     }
     write_json(out / "scores.json", scores)
     atomic.write_text(out / "README.md", page(scores))
+    for name, ranked in scores["rankings"].items():
+        atomic.write_bytes(out / f"{name}.png", cells_png(ranked, scores["sheets"]))
     return scores
 
 
@@ -154,7 +157,8 @@ def page(scores: dict[str, Any]) -> str:
         "Time is that of the clock for the median image, on the machine of this page; it is not scored.",
     ]
     for group, ranked in scores["rankings"].items():
-        lines += ["", *_table(TITLES[group], head[group], ranked, scores)]
+        lines += ["", *_table(TITLES[group], head[group], ranked, scores), ""]
+        lines += [f"![Scores of methods by cells]({group}.png)"]
     return "\n".join(lines) + "\n"
 
 

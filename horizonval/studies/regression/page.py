@@ -23,7 +23,7 @@ def write_page(path: Path, verdict: Mapping[str, Any], nights: Sequence[Mapping[
     environment.filters |= {"figure": figure, "scenes": scenes, "short": _short}
     text = environment.get_template("night.html").render(
         v=verdict,
-        style=template.shared_parts()["style"],
+        **template.shared_parts(),
         glyphs=GLYPHS,
         kinds=KINDS,
         headline=headline(verdict),

@@ -23,13 +23,14 @@ from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_outcome
 from horizonval.scoring.information.of_frame import information_of
 from horizonval.scoring.row import rounded
+from horizonval.sensor.calibrated import radiance_per_dn
 from horizonval.sensor.observe import observe as observe_frame
 from horizonval.spec.load import Case
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.studies.regression.baseline.pack import FrozenImage, digest, read_pack
 from horizonval.studies.regression.regions import noise_in_space, regions_of
 from horizonval.studies.regression.row import ReplicateRow
-from horizonval.suites.observation import method_radius_m, observation_of, radiance_per_dn
+from horizonval.suites.observation import method_radius_m, observation_of
 from horizonval.suites.plan import CasePlan
 from horizonval.suites.record import camera_name
 

@@ -10,7 +10,7 @@ import numpy as np
 import oem
 import pytest
 from astropy import units
-from astropy.coordinates import GCRS, ITRS, CartesianRepresentation
+from astropy.coordinates import GCRS, ITRS, TETE, CartesianRepresentation
 from astropy.time import Time
 from scipy.spatial.transform import Rotation
 from sgp4.api import Satrec
@@ -21,7 +21,7 @@ from horizonval.formats.motion.motion_csv import attitude_of_csv, orbit_of_csv
 from horizonval.formats.motion.oem_file import orbit_of_oem
 from horizonval.formats.motion.omm import satellite_of_omm
 from horizonval.formats.motion.times import utc_of
-from horizonval.formats.motion.trajectory import Trajectory
+from horizonval.formats.motion.trajectory import Trajectory, piece_of
 
 EPOCH = datetime(2026, 3, 20, 12, 0, 0, tzinfo=UTC)
 RADIUS_KM, RATE = 6928.0, math.sqrt(398600.4418 / 6928.0**3)
@@ -105,6 +105,26 @@ def test_earth_fixed_states_are_turned_as_astropy_turns_them(tmp_path: Path) -> 
     assert off_v < 0.6
 
 
+def test_states_of_date_are_turned_as_astropy_turns_them(tmp_path: Path) -> None:
+    """To 0.1 m, 3 mas: of date here is a third of a degree from the axes that keep still, 40 km."""
+
+    def of_date(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        when = Time([(EPOCH + timedelta(seconds=float(s))).replace(tzinfo=None) for s in t])
+        r, v = (
+            GCRS(CartesianRepresentation(x.T * units.km), obstime=when)
+            .transform_to(TETE(obstime=when))
+            .cartesian.xyz.to_value("km")
+            .T
+            for x in circle(t)
+        )
+        return r, v
+
+    found = orbit_of_oem(written(tmp_path, "sat.oem", oem_of(TIMES[:6], "TOD", states=of_date)))
+    off_r, off_v = off_m(found, np.linspace(0.0, 300.0, 11))
+    assert off_r < 0.1
+    assert off_v < 1e-3
+
+
 def test_mean_elements_are_those_of_the_lines(tmp_path: Path) -> None:
     lines = (
         "1 25544U 98067A   26079.50000000  .00012000  00000-0  22000-3 0  9999",
@@ -181,10 +201,15 @@ def test_an_attitude_is_the_matrix_of_the_standard_whichever_way_it_is_written(t
     ):
         found = attitude_of_aem(written(tmp_path, "sat.aem", text))
         assert np.abs(found.body_from_gcrs(EPOCH, np.array([0.0, 10.0])) - expected).max() < 1e-12
-    # Half way, half of the turn between the two.
-    half = attitude_of_aem(tmp_path / "sat.aem").body_from_gcrs(EPOCH + timedelta(seconds=5), np.zeros(1))[0]
-    whole = Rotation.from_matrix(expected[1] @ expected[0].T)
-    assert Rotation.from_matrix(half @ expected[0].T).magnitude() == pytest.approx(whole.magnitude() / 2.0)
+
+
+def test_half_way_a_body_has_made_half_of_its_turn(tmp_path: Path) -> None:
+    turn = Rotation.from_rotvec([0.3, -0.7, 0.4])
+    both = np.array([Q[0], (Rotation.from_quat(Q[0]) * turn).as_quat()])
+    found = attitude_of_aem(written(tmp_path, "sat.aem", aem_of(rows_of(both))))
+    begin, half = found.body_from_gcrs(EPOCH, np.array([0.0, 5.0]))
+    # The standard's matrices turn components, and the other way than the vectors that the turn is of.
+    assert np.allclose(half, Rotation.from_rotvec([-0.15, 0.35, -0.2]).as_matrix() @ begin, atol=1e-12)
 
 
 def test_an_attitude_in_xml_is_that_in_kvn(tmp_path: Path) -> None:
@@ -250,7 +275,7 @@ def test_tables_say_axes_units_and_direction_in_their_columns(tmp_path: Path) ->
     ("reader", "text", "line"),
     [
         (orbit_of_oem, oem_of(TIMES, centre="MARS"), "CENTER_NAME: found 'MARS'"),
-        (orbit_of_oem, oem_of(TIMES, "TOD"), "REF_FRAME: axes 'TOD'"),
+        (orbit_of_oem, oem_of(TIMES, "RTN"), "REF_FRAME: axes 'RTN'"),
         (orbit_of_oem, oem_of(TIMES)[:300], "cannot be read"),
         (orbit_of_oem, oem_of(TIMES, states=lambda t: tuple(x / 1e3 for x in circle(t))), "are these kilometres?"),
         (attitude_of_aem, aem_of(rows_of(Q), ATTITUDE_TYPE="EULER_ANGLE"), "ATTITUDE_TYPE: found 'EULER_ANGLE'"),
@@ -278,6 +303,64 @@ def test_a_time_outside_the_file_is_refused(tmp_path: Path) -> None:
     found = orbit_of_oem(written(tmp_path, "sat.oem", oem_of(TIMES)))
     with pytest.raises(UserError, match="no state for 2026-03-20T12:20:01"):
         found.states(np.array([1201.0]))
+
+
+def test_the_way_across_a_gap_is_refused_and_that_beside_it_is_not(tmp_path: Path) -> None:
+    times = np.array([*np.arange(0.0, 601.0, 60.0), *np.arange(2400.0, 3001.0, 60.0)])
+    found = orbit_of_oem(written(tmp_path, "sat.oem", oem_of(times)))
+    assert off_m(found, np.array([597.0, 600.0, 2400.0, 2403.0]))[0] < 0.01
+    with pytest.raises(UserError, match=r"no state for 2026-03-20T12:15:00.*12:00:00.* to .*12:10:00.*12:40:00"):
+        found.states(np.array([900.0]))
+
+
+@pytest.mark.parametrize(("velocities", "step"), [(True, 870.0), (True, 960.0), (False, 390.0), (False, 510.0)])
+def test_what_is_no_gap_is_right_to_what_is_said(velocities: bool, step: float) -> None:
+    """The remainder's estimate, against the circle itself: some intervals are given up, the others hold 100 m."""
+    times = step * np.arange(13.0)
+    r, v = (1e3 * x for x in circle(times))
+    piece = piece_of(times, r, v if velocities else None, "")
+    found = Trajectory(EPOCH, (piece,), "")
+    t = np.linspace(0.0, times[-1], 500)
+    known = np.isfinite(found.coverage.around(t)[0])
+    assert 0.3 < known.mean() < 1.0
+    off = np.linalg.norm(found.states(t[known])[0] - 1e3 * circle(t[known])[0], axis=1)
+    assert 10.0 < off.max() < 110.0
+
+
+def test_what_a_message_calls_unusable_is_not_flown(tmp_path: Path) -> None:
+    usable = f"USEABLE_START_TIME = {stamp(120)}\nUSEABLE_STOP_TIME = {stamp(600)}\n"
+    found = orbit_of_oem(
+        written(tmp_path, "sat.oem", oem_of(TIMES).replace("INTERPOLATION =", usable + "INTERPOLATION ="))
+    )
+    assert found.span_s == (120.0, 600.0)
+    assert off_m(found, np.linspace(120.0, 600.0, 9))[0] < 1e-3
+    attitude = attitude_of_aem(
+        written(tmp_path, "sat.aem", aem_of(rows_of(Q), USEABLE_START_TIME=stamp(0), USEABLE_STOP_TIME=stamp(4)))
+    )
+    for ask in (lambda t: found.states(np.array([t])), lambda t: attitude.body_from_gcrs(EPOCH, np.array([t]))):
+        with pytest.raises(UserError, match=r"no (state|attitude) for"):
+            ask(10.0)
+
+
+def slow_turn(times: np.ndarray, rate_deg_s: float = 0.06) -> list[str]:
+    q = Rotation.from_euler("y", rate_deg_s * times[:, None], degrees=True).as_quat()
+    return [f"{stamp(t)} " + " ".join(f"{x:.15f}" for x in one) for t, one in zip(times, q, strict=True)]
+
+
+def test_attitudes_are_not_known_across_gaps_and_segments(tmp_path: Path) -> None:
+    early, late = np.arange(0.0, 101.0, 10.0), np.arange(300.0, 401.0, 10.0)
+    one = aem_of(slow_turn(np.concatenate([early, late])))
+    second = aem_of(slow_turn(late, -0.06))
+    two = aem_of(slow_turn(early)) + second[second.index("META_START") :]
+    fast = aem_of(slow_turn(early, 10.0))
+    for text, known, unknown in ((one, 95.0, 200.0), (two, 305.0, 200.0), (fast, 10.0, 15.0)):
+        found = attitude_of_aem(written(tmp_path, "sat.aem", text))
+        assert np.isfinite(found.body_from_gcrs(EPOCH, np.array([known]))).all()
+        with pytest.raises(UserError, match="no attitude for"):
+            found.body_from_gcrs(EPOCH, np.array([unknown]))
+    # Held still, a long interval is none.
+    still = attitude_of_aem(written(tmp_path, "sat.aem", aem_of(slow_turn(np.array([0.0, 1.0, 2.0, 900.0]), 0.0))))
+    assert np.allclose(still.body_from_gcrs(EPOCH, np.array([450.0])), np.eye(3))
 
 
 @pytest.mark.parametrize("text", ["2026-03-20T12:00:00.25", "2026-079T12:00:00.250000Z", "2026-03-20 12:00:00.25"])

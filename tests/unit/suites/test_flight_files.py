@@ -99,7 +99,23 @@ def test_a_later_start_and_the_files_own_end(files: Path) -> None:
     assert later[0]["platform"] == whole[2]["platform"]
 
 
+def test_a_rate_is_whole_at_the_ends_of_the_files(files: Path) -> None:
+    """A body that keeps still among the stars turns against the local vertical alike at the first sample and later."""
+    held = files / "held.csv"
+    columns = "time_utc," + ",".join(f"q_body_from_gcrs_{c}" for c in "xyzw")
+    held.write_text("\n".join([columns, *(f"{text_of(t)},0,0,0,1" for t in (0.0, SPAN_S))]) + "\n")
+    rates = [
+        np.linalg.norm(one["attitude"]["rate_deg_s"])
+        for one in flown(files, ephemeris="orbit.csv", attitude={"file": "held.csv"})
+    ]
+    assert rates == pytest.approx([360.0 * 15.4956 / 86400.0] * N, rel=0.01)
+    tumbling = flown(files, ephemeris="orbit.csv", attitude={"tumble_deg_s": (0.1, 0.0, 0.0)})
+    assert tumbling[0]["attitude"]["rate_deg_s"] == pytest.approx([0.1, 0.0, 0.0], abs=1e-6)
+
+
 def test_what_does_not_go_together_is_refused(files: Path) -> None:
+    with pytest.raises(UserError, match="no state for 2026-03-20T11:59"):
+        flown(files, ephemeris="orbit.csv", epoch_utc=EPOCH - timedelta(seconds=60))
     with pytest.raises(UserError, match="no state for 2026-03-20T12:20"):
         flown(files, ephemeris="orbit.csv", duration_s=2 * SPAN_S)
     with pytest.raises(UserError, match="a file of states has no revolutions"):

@@ -7,17 +7,23 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Silent
+from horizonval.core.refusal import Refusal
+from horizonval.estimation.observation import Observation
 from horizonval.estimation.process.containment import can_hide
 from horizonval.estimation.process.limits import Limits
+from horizonval.estimation.process.sandbox import Sandbox
+from horizonval.geometry.camera import CameraModel
 from horizonval.spec.load import Suite
 from horizonval.spec.suite import ProgramSpec
 from horizonval.studies.bench import submissions
 from horizonval.suites.suite import load_suite
 
+NEEDS_NAMESPACES = pytest.mark.skipif(not can_hide(), reason="this system hides no folder from a process")
 SUITE = """
 [suite]
 name = "small"
@@ -88,7 +94,43 @@ def entered(bench: Path, name: str, *, contained: bool) -> dict:
     return submissions.score_submissions(bench / "made")["sheets"][name]["all"]
 
 
-@pytest.mark.skipif(not can_hide(), reason="this system hides no folder from a process")
+LISTER = """
+import json, os, socket, subprocess, sys
+subprocess.run(["umount", sys.argv[1]], capture_output=True)
+files = os.listdir(sys.argv[1])
+try:
+    socket.create_connection(("127.0.0.1", int(sys.argv[2])), 2.0)
+    files.append("network")
+except OSError:
+    pass
+print(json.dumps({"status": "no_limb", "reason": " ".join(files) or "nothing"}))
+"""
+
+
+@NEEDS_NAMESPACES
+def test_a_hidden_folder_is_empty_and_there_is_no_network(tmp_path: Path) -> None:
+    """A program sees both where nothing is hidden."""
+    (tmp_path / "lister.py").write_text(LISTER)
+    secret = tmp_path / "secret"
+    secret.mkdir()
+    (secret / "truth").touch()
+    observation = Observation(np.zeros((8, 8)), CameraModel(8, 8, 8.0, 8.0, 3.5, 3.5), full_scale=255.0)
+    said = {}
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        command = f"{sys.executable} -S {tmp_path / 'lister.py'} {secret} {server.getsockname()[1]}"
+        program = ProgramSpec(name="lists", command=command + " {image} {camera}")
+        for hidden in ((), (secret,)):
+            sandbox = Sandbox(Limits(20.0, 4096, (program,), tmp_path, hidden))
+            said[hidden] = sandbox.run("lists", observation)
+            sandbox.close()
+    assert isinstance(said[()], Refusal)
+    assert "truth network" in said[()].reason
+    assert said[(secret,)].reason == "nothing"
+    assert [path.name for path in secret.iterdir()] == ["truth"]
+
+
+@pytest.mark.slow
+@NEEDS_NAMESPACES
 def test_a_program_that_looks_for_the_truth_finds_nothing(bench: Path) -> None:
     """The same program has every point where nothing is hidden, so that the search itself is a good one."""
     open_ = entered(bench, "reads", contained=False)
@@ -115,6 +157,7 @@ def test_what_claims_no_uncertainty_or_too_little_gains_nothing() -> None:
     assert score(0.05, 1e9) == score(0.05, 1e-6)
 
 
+@pytest.mark.slow
 def test_methods_that_cannot_be_ranked_are_refused(bench: Path) -> None:
     with pytest.raises(UserError, match="told the pose"):
         submissions.run_submissions(bench / "made", ["ideal"], Limits(), 1, Silent())

@@ -1,0 +1,98 @@
+"""Frames of a run for a viewer that asks for one after the other: a list of all, and each with its exact numbers."""
+
+from __future__ import annotations
+
+import threading
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+from horizonval.core.errors import UserError
+from horizonval.report import viewer
+from horizonval.report.figures import overlay, picture
+from horizonval.report.load import CaseView, load_case, load_run
+from horizonval.scoring.expected import expected_outcome
+
+KEPT = 16
+"""Frames whose answers are kept for whoever steps back and forth."""
+
+
+class RunFrames:
+    """The frames of a run's folder, read when they are asked for, one at a time.
+
+    Parameters
+    ----------
+    run_dir : Path
+        Folder with a ``run.json``.
+    """
+
+    def __init__(self, run_dir: Path) -> None:
+        self._dir = run_dir
+        self._lock = threading.Lock()
+        self._kept = lru_cache(KEPT)(self._frame)
+
+    @cached_property
+    def estimators(self) -> tuple[str, ...]:
+        """The run's estimators, in the suite's order."""
+        return load_run(self._dir, 0).estimators
+
+    def listed(self) -> list[dict[str, Any]]:
+        """Return every frame of the run, in its order, with outcomes and light but without image.
+
+        Raises
+        ------
+        UserError
+            The run cannot be read.
+        """
+        with self._lock:
+            run = load_run(self._dir, 0)
+            return [
+                {
+                    "name": view.case,
+                    "band": view.band,
+                    "camera": next((row.camera for row in view.rows.values()), ""),
+                    "rows": viewer.rows_of(view, run.estimators),
+                    **viewer.light_of(view),
+                }
+                for view in run.views
+            ]
+
+    def frame(self, case: str, band: str) -> dict[str, Any]:
+        """Return one frame with everything that the viewer shows, its digital numbers packed without loss.
+
+        Raises
+        ------
+        UserError
+            No such frame, or its image was not kept or is damaged.
+        """
+        with self._lock:
+            return self._kept(case, band)
+
+    def _frame(self, case: str, band: str) -> dict[str, Any]:
+        views = [view for view in load_case(self._dir, case) if view.band == band or not band]
+        if not views:
+            raise UserError(f"no band {band!r}", where=case)
+        view = views[0]
+        if view.image is None:
+            raise UserError(view.problem)
+        return one_frame(view, self.estimators)
+
+
+def one_frame(view: CaseView, estimators: tuple[str, ...]) -> dict[str, Any]:
+    """Return a view that has an image as the viewer takes it: numbers, curves, outcomes and light in one."""
+    image = view.image
+    assert image is not None
+    height, width = image.dn.shape
+    _, black, white = picture.tone_mapped(image)
+    toned = picture.EmbeddedPicture("", black, white)
+    return {
+        "name": view.case,
+        "camera": image.truth.camera_spec.camera.name or "",
+        "width": width,
+        "height": height,
+        "numbers": viewer.packed(image.dn),
+        "truth": overlay.horizon_path(image.truth),
+        "infrared": overlay.infrared_path(image.truth, view.band),
+        "layers": viewer.layers_of(view, image.truth, estimators),
+        **viewer.frame_data(view, expected_outcome(image.truth, view.band), toned, estimators),
+    }
