@@ -23,9 +23,9 @@ from horizonval.studies.regression.baseline.baseline import (
 )
 from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage, Pack
 from horizonval.studies.regression.formatting import figure
-from horizonval.studies.regression.night import LANES, NIGHT_SCHEMA, PUBLISHED, WORK
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics.gates import GateInputs, pairs_of
+from horizonval.studies.regression.tonight.wanted import LANES, NIGHT_SCHEMA, PUBLISHED, WORK
 
 SHORTEST_REASON = 10
 MOST_REASONS = 50
