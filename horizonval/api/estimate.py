@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from horizonval.api.camera import Camera, camera_of
-from horizonval.commands.estimate import observation_from, observation_from_heads, prior_from
+from horizonval.commands.estimate import estimator_of, observation_from, observation_from_heads, prior_from
 from horizonval.commands.picture import GreyImage, picture_of_array, picture_of_source, read_picture
 from horizonval.core.errors import UserError
 from horizonval.core.refusal import Refusal
-from horizonval.estimation import installed, registry
+from horizonval.estimation import registry
 from horizonval.estimation.observation import Estimator, Fit, Observation
 from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, RadianceFrame
@@ -42,8 +42,8 @@ def estimate(
         One of ours; the file of one; a PNG, TIFF or JPEG; pixels of shape (H, W) or (H, W, channels). Of a method of
         several heads one of ours for each head.
     estimator : str, Estimator or callable
-        A name (:func:`horizonval.list_estimators`), or a method of your own: a function from an ``Observation`` to a
-        ``Fit`` or a ``Refusal``, wrapped in an ``Estimator`` or not.
+        A name (:func:`horizonval.list_estimators`), an ONNX file's path, or a method of your own: a function from an
+        ``Observation`` to a ``Fit`` or a ``Refusal``, wrapped in an ``Estimator`` or not.
     camera : Camera, str, Path or mapping, optional
         Of an image that does not carry its own.
     prior : Prior, str or Path, optional
@@ -116,7 +116,7 @@ def _estimator_of(estimator: AnyEstimator) -> Estimator:
     if isinstance(estimator, Estimator):
         return estimator
     if isinstance(estimator, str):
-        return installed.get(estimator)
+        return estimator_of(estimator)
     if callable(estimator):
         name = getattr(estimator, "__name__", type(estimator).__name__)
         return Estimator(name=name, title=name, run=estimator)

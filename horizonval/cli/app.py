@@ -16,6 +16,7 @@ from horizonval.cli.bench.commands import bench_app
 from horizonval.cli.calibration import calibrate, camera
 from horizonval.cli.campaign import report, run
 from horizonval.cli.check import check
+from horizonval.cli.dataset.commands import dataset
 from horizonval.cli.images import estimate, observe, oracle, sheet
 from horizonval.cli.info import doctor, list_names, schema, templates
 from horizonval.cli.regression import baseline_app, regress
@@ -53,6 +54,7 @@ COMMANDS: tuple[Callable[..., int | None], ...] = (
     report,
     view,
     study,
+    dataset,
     reproduce,
     regress,
     gallery,

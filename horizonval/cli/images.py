@@ -112,7 +112,8 @@ def estimate(
         ),
     ],
     estimator: Annotated[
-        str, typer.Option(help="Its name; see `horizonval list estimators`.", autocompletion=estimators)
+        str,
+        typer.Option(help="Its name; see `horizonval list estimators`. Or an ONNX file.", autocompletion=estimators),
     ],
     camera: Annotated[
         str | None,

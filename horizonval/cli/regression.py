@@ -52,7 +52,8 @@ def regress(
     from datetime import UTC, datetime
     from functools import partial
 
-    from horizonval.studies.regression.night import LANES, Wanted, run_night
+    from horizonval.studies.regression.night import run_night
+    from horizonval.studies.regression.tonight.wanted import LANES, Wanted
 
     lanes = tuple(name for name in LANES if lane is None or name in lane)
     for name in lane or ():

@@ -18,6 +18,7 @@ from horizonval.earth.spectral.bands import limits_um, width_um
 from horizonval.estimation import installed, registry
 from horizonval.estimation.likelihood.templates import templates_of
 from horizonval.estimation.observation import Estimator, Fit, Observation
+from horizonval.estimation.onnx_model import is_model, model_estimator
 from horizonval.estimation.prior import Prior
 from horizonval.frame import DetectorImage, RadianceFrame
 from horizonval.geometry.camera import camera_from_spec, check_invertible
@@ -38,7 +39,9 @@ BOUNDS = ("bound_noise_arcsec", "bound_arcsec")
 
 
 def estimator_of(name: str, suite: str | Path | None = None) -> Estimator:
-    """Return an installed estimator, or with ``suite`` a program of that file; ``UserError`` if there is none."""
+    """Return an installed estimator, an ONNX file's, or with ``suite`` a program of that; ``UserError`` if none is."""
+    if suite is None and is_model(name):
+        return model_estimator(name)
     program = None if suite is None else program_of(suite, name)
     return installed.get(name) if program is None else program
 

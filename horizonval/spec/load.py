@@ -34,7 +34,7 @@ from horizonval.spec.sensor.camera import ALL_HEADS, CameraSpec
 from horizonval.spec.sensor.prior import PriorFile, PriorSpec, is_climate_file
 from horizonval.spec.spacecraft.part import SpacecraftPart
 from horizonval.spec.stability import StabilitySpec
-from horizonval.spec.suite import FigureSpec, Keep, ProgramSpec, SuiteSpec
+from horizonval.spec.suite import DatasetSpec, FigureSpec, Keep, ProgramSpec, SuiteSpec
 
 M = TypeVar("M", bound=Model)
 
@@ -117,6 +117,7 @@ class Suite:
     draws: int = 1
     seed: int = 0
     options: tuple[str, ...] = ()
+    dataset: DatasetSpec | None = None
 
     @property
     def estimators_key(self) -> str:
@@ -276,6 +277,7 @@ def suite_of(spec: SuiteSpec, path: Path, fly: Fly | None = None, *, places: Seq
         spec.regression,
         draws=head.draws,
         seed=head.seed,
+        dataset=spec.dataset,
     )
 
 

@@ -119,6 +119,29 @@ class CasesSpec(Model):
         return self
 
 
+class DatasetSpec(Model):
+    """What `horizonval dataset` makes of the suite: every scene is a place, an instant and an air, seen many times."""
+
+    frames_per_scene: Annotated[int, Field(ge=1, le=100_000), unit("1")] = 100
+    """Number of frames of each scene. A suite with `suite.frames` draws as many scenes as that takes; another one has
+    its own scenes, among which all frames are divided.
+    """
+    attitudes: dict[str, Any] = {}
+    """Ranges of keys of `attitude` and `camera.mount_*`, as in `sobol.ranges`: each scene draws its own points of them.
+    Without ranges the frames of a scene differ in their noise alone.
+    """
+    split: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=3, max_length=3), unit("1")] = [8, 1, 1]
+    """Parts of the scenes that go to training, validation and test. Scenes that share place, instant and air stay
+    together.
+    """
+
+    @model_validator(mode="after")
+    def _something_to_learn_from(self) -> DatasetSpec:
+        if not 1 <= sum(self.split) <= 1000:
+            raise ValueError("the parts of split must add up to 1 to 1000")
+        return self
+
+
 class FigureSpec(Model):
     """A figure of the report over the frames of one `[[cases]]` table, or of all."""
 
@@ -166,6 +189,8 @@ class SuiteSpec(Model):
     """A study of the infrared horizon beside the frames."""
     regression: RegressionSpec | None = None
     """How `horizonval regress` compares nights."""
+    dataset: DatasetSpec | None = None
+    """How `horizonval dataset` makes frames to learn from of the scenes."""
 
     @model_validator(mode="after")
     def _unique_names(self) -> SuiteSpec:

@@ -45,10 +45,11 @@ def render_frame(scene: SceneSpec, camera: CameraSpec, progress: Progress | None
     return viewpoint_of(scene, camera, progress).frame(scene)
 
 
-def render_in_turn(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
+def render_in_turn(scene: SceneSpec, camera: CameraSpec, *, maps: bool = True) -> RadianceFrame:
     """Return the frame a scene's camera sees, and keep its place for the next one, which may be taken there too.
 
     The same bytes as :func:`render_frame`; for campaigns, whose files do not change under them. Errors as there.
+    Without ``maps`` the frame has no truth maps, which a detector does not need: quicker.
     """
     refuse_too_large(scene, camera)
     key, place = viewpoint_key(scene, camera), shared_view(scene, camera)
@@ -60,7 +61,7 @@ def render_in_turn(scene: SceneSpec, camera: CameraSpec) -> RadianceFrame:
             _flush_allocator()
         _place["tables"] = place
         _last[key] = viewpoint_of(scene, camera)
-    return _last[key].frame(scene)
+    return _last[key].frame(scene, maps=maps)
 
 
 def _flush_allocator() -> None:

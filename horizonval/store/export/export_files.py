@@ -132,8 +132,12 @@ def _tiffs(source: RadianceFrame | DetectorImage, name: str, address: str) -> It
 
 
 def _about(source: RadianceFrame | DetectorImage, address: str) -> str:
-    """Return camera and truth as a text of plain signs, which TIFF wants."""
-    about: dict[str, Any] = {"address": address, "truth": source.truth.to_dict()}
+    """Return camera and truth as a text of plain signs, which TIFF wants.
+
+    ``shape`` is there for tifffile, which takes any description with such a word in it for its own, and needs it then.
+    """
+    pixels = source.dn if isinstance(source, DetectorImage) else next(iter(source.radiance.values()))
+    about: dict[str, Any] = {"address": address, "shape": list(pixels.shape), "truth": source.truth.to_dict()}
     if isinstance(source, DetectorImage):
         about |= {"band": source.band, "unit": exr.DN_UNIT, "full_scale": source.full_scale}
         about["camera"] = camera_of(source.truth, source.observation).model_dump(mode="json")

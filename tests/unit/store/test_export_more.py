@@ -7,6 +7,7 @@ import json
 import numpy as np
 import OpenImageIO
 import pytest
+import tifffile
 from PIL import Image
 
 from horizonval.core.errors import UserError
@@ -36,6 +37,9 @@ def test_an_image_as_tiff_and_arrays(tmp_path, make_image):
     read = OpenImageIO.ImageInput.open(str(tmp_path / "a.tif"))
     assert str(read.spec().format) == "uint16"
     np.testing.assert_array_equal(np.asarray(read.read_image("uint16")).squeeze(), image.dn)
+    theirs = tifffile.imread(tmp_path / "a.tif")
+    assert theirs.dtype == np.uint16
+    np.testing.assert_array_equal(theirs, image.dn)
     about = json.loads(Image.open(tmp_path / "a.tif").tag_v2[270])
     assert (about["full_scale"], about["band"]) == (image.full_scale, image.band)
     with np.load(tmp_path / "a.npz") as arrays:
@@ -50,6 +54,7 @@ def test_a_frame_as_tiff_and_arrays(tmp_path, frame):
     export_file(tmp_path / "a.exr", tmp_path, ["tiff", "npz"])
     read = OpenImageIO.ImageInput.open(str(tmp_path / "a-vis.tif"))
     np.testing.assert_array_equal(np.asarray(read.read_image("float")).squeeze(), frame.radiance["vis"])
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "a-vis.tif"), frame.radiance["vis"])
     with np.load(tmp_path / "a.npz") as arrays:
         assert sorted(arrays.files) == ["about", "distance", "hit", "radiance.vis", "solar_zenith", "tangent_height"]
         np.testing.assert_array_equal(arrays["hit"], frame.maps["hit"])

@@ -18,7 +18,6 @@ from horizonval.studies.regression.baseline.baseline import Baseline
 from horizonval.studies.regression.formatting import anchor_sentence, figure, gate_sentence, scenes
 from horizonval.studies.regression.images import compare_images
 from horizonval.studies.regression.junit import write_junit
-from horizonval.studies.regression.night import _levels
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics.decide import Verdict, decide
 from horizonval.studies.regression.statistics.estimate import Estimate, exact
@@ -34,6 +33,7 @@ from horizonval.studies.regression.statistics.judge import MOST_NAMED, judge
 from horizonval.studies.regression.statistics.means import paired_difference
 from horizonval.studies.regression.statistics.proportions import independent_loss, paired_loss
 from horizonval.studies.regression.statistics.steps import pieces
+from horizonval.studies.regression.tonight.conclude import levels_of
 
 
 def gate(metric: str, lane: str = "replay", **keys: Any) -> GateSpec:
@@ -267,7 +267,7 @@ def test_junit_counts_what_failed_was_skipped_and_is_missing(tmp_path: Path) -> 
 
 def test_levels_are_shares_of_what_is_due_and_medians_of_what_claims() -> None:
     rows = [row(0, 4.0), row(1, 8.0), row(2, None), row(3, 100.0, due=False, false_valid=True)]
-    levels = _levels(rows, [row(0, None, due=False)])
+    levels = levels_of(rows, [row(0, None, due=False)])
     assert levels["fixed est: availability"] == {"value": pytest.approx(200 / 3), "unit": "%", "n": 3}
     assert levels["fixed est: false claims"] == {"value": 25.0, "unit": "%", "n": 4}
     assert levels["fixed est: median nadir error"] == {"value": 8.0, "unit": "arcsec", "n": 3}

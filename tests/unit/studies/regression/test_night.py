@@ -19,7 +19,6 @@ from horizonval.jobs import engine
 from horizonval.store.folder import read_json, write_json
 from horizonval.store.manifest import verify_folder
 from horizonval.studies.regression import bench
-from horizonval.studies.regression import night as nights
 from horizonval.studies.regression.accept import accept
 from horizonval.studies.regression.baseline import history
 from horizonval.studies.regression.baseline.baseline import (
@@ -30,7 +29,9 @@ from horizonval.studies.regression.baseline.baseline import (
     to_columns,
 )
 from horizonval.studies.regression.baseline.pack import read_pack
-from horizonval.studies.regression.night import Wanted, run_night
+from horizonval.studies.regression.night import run_night
+from horizonval.studies.regression.tonight import wanted as nights
+from horizonval.studies.regression.tonight.wanted import Wanted
 from horizonval.studies.regression.units import estimate_frozen, render_scene
 
 ANCHOR = {"name": "stub", "verdict": "PASS", "found": 0.0, "limit": 1.0, "unit": "m", "n": 1, "what": "nothing"}

@@ -13,14 +13,17 @@ import pytest
 from horizonval.core.errors import UserError
 from horizonval.core.progress import Silent
 from horizonval.jobs.engine import Done
-from horizonval.studies.regression import night as module
 from horizonval.studies.regression.baseline.baseline import Baseline, read_baseline, write_baseline
 from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage, Pack
 from horizonval.studies.regression.bench import Task
-from horizonval.studies.regression.night import Wanted, _check_folder, _checked, _content, _Gathered, seed_of_night
 from horizonval.studies.regression.page import headline
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics.gates import GateInputs
+from horizonval.studies.regression.tonight import conclude
+from horizonval.studies.regression.tonight import gathered as module
+from horizonval.studies.regression.tonight.conclude import verdict_of
+from horizonval.studies.regression.tonight.gathered import Gathered, content_of
+from horizonval.studies.regression.tonight.wanted import Wanted, check_folder, checked, seed_of_night
 from horizonval.suites.suite import load_suite
 
 SUITE = """
@@ -74,12 +77,12 @@ def row(scene: str, replicate: int, error: float | None, image: str, **columns: 
 
 
 def rendered(task: Task, rows: list[ReplicateRow], images: list[str], radiance: str = "same") -> dict[str, Any]:
-    assert task.case is not None
+    (case,) = task.cases
     about = {"radiance_sha256": radiance, "expected": "valid", "borderline": False, "full_scale": 1023}
     band = about | {"images": images, "radiance_per_dn": [None] * len(images), "noise_dn": 1.0}
     return {
-        "scene": task.case.name,
-        "table": task.case.table,
+        "scene": case.name,
+        "table": case.table,
         "camera": "c",
         "truth": {},
         "bands": {"vis": band},
@@ -94,7 +97,7 @@ class Bench:
         self.file = folder / "tiny.toml"
         self.file.write_text(SUITE)
         self.suite = load_suite(self.file)
-        self.spec, self.plan = _checked(self.suite)
+        self.spec, self.plan = checked(self.suite)
         self.scenes = [case.name for case in self.suite.cases]
         self.wanted = Wanted(str(self.file), folder / "out", folder / "base.json", "2026-11-01")
         self.asked: list[list[str]] = []
@@ -104,7 +107,8 @@ class Bench:
         self.anchor = dict(ANCHOR)
         self.changed_images: set[str] = set()
         patch.setattr(module, "do", self.do)
-        patch.setattr(module, "environment", lambda: {"version": "1", "commit": "c"})
+        for place in (module, conclude):
+            patch.setattr(place, "environment", lambda: {"version": "1", "commit": "c"})
 
     def error(self, scene: str, replicate: int) -> float:
         return 50.0 + 3.0 * self.scenes.index(scene) + replicate
@@ -152,8 +156,8 @@ class Bench:
             s = task.scene
             found = [row(s, k, self.error(s, k) + self.shift["replay"], self.image(s, k)) for k in (0, 1)]
             return {"rows": [r.to_dict() for r in found]}
-        assert task.case is not None
-        name = task.case.name
+        (case,) = task.cases
+        name = case.name
         if task.batch is not None:
             side = 1.0 if self.scenes.index(name) % 2 else -1.0
             return rendered(task, [row(name, 0, 53.5 + self.shift["fresh"] + side * self.noise, "y")], ["y"])
@@ -164,9 +168,9 @@ class Bench:
             rows = [row(name, 1, self.error(name, 1) + self.shift["render"], "new", table="day", due=True)]
         return rendered(task, rows, images)
 
-    def night(self, accepted: Baseline | None = None, **changes: Any) -> _Gathered:
+    def night(self, accepted: Baseline | None = None, **changes: Any) -> Gathered:
         wanted = replace(self.wanted, **changes)
-        gathered = _Gathered(self.suite, self.spec, self.plan, wanted, accepted, Silent())
+        gathered = Gathered(self.suite, self.spec, self.plan, wanted, accepted, Silent())
         gathered.work_first()
         return gathered
 
@@ -185,7 +189,7 @@ def test_a_night_without_changes_passes_on_the_rows_of_its_replay(bench: Bench) 
     rows = gathered.all_rows()
     assert [(r.scene, r.replicate) for r in rows] == sorted((s, k) for s in bench.scenes for k in (0, 1))
     assert all(r.nadir_error_arcsec == bench.error(r.scene, r.replicate) and r.due for r in rows)
-    found = gathered.verdict(None, None)
+    found = verdict_of(gathered, None, None)
     assert (found["verdict"], found["exit_status"], found["complete"], found["problems"]) == ("PASS", 0, True, [])
     (about,) = found["comparisons"]
     assert (about["replayed"], about["n_changed"], about["rendered"], about["n_images_changed"]) == (18, 0, 9, 0)
@@ -200,18 +204,18 @@ def test_a_night_without_changes_passes_on_the_rows_of_its_replay(bench: Bench) 
 def test_each_lane_fails_for_its_own_reason(bench: Bench) -> None:
     accepted = bench.accepted()
     bench.shift["replay"] = 400.0
-    found = bench.night(accepted).verdict(None, None)
+    found = verdict_of(bench.night(accepted), None, None)
     assert verdicts(found)["accuracy"] == "FAIL"
     assert (found["verdict"], found["exit_status"]) == ("FAIL", 1)
     assert found["comparisons"][0]["n_changed"] == 18
     bench.shift["replay"] = 0.0
     bench.changed_images, bench.shift["render"] = set(bench.scenes), 900.0
-    found = bench.night(accepted).verdict(None, None)
+    found = verdict_of(bench.night(accepted), None, None)
     assert (verdicts(found)["accuracy"], verdicts(found)["chain"]) == ("PASS", "FAIL")
     assert found["comparisons"][0]["n_images_changed"] == 9
     assert found["comparisons"][0]["images_changed"][0]["same_images"] == 1
     bench.changed_images, bench.shift["fresh"] = set(), 500.0
-    assert verdicts(bench.night(accepted).verdict(None, None))["fresh"] == "FAIL"
+    assert verdicts(verdict_of(bench.night(accepted), None, None))["fresh"] == "FAIL"
 
 
 def test_undecided_fresh_gates_get_more_scenes_and_no_end_of_them(bench: Bench) -> None:
@@ -219,32 +223,32 @@ def test_undecided_fresh_gates_get_more_scenes_and_no_end_of_them(bench: Bench) 
     bench.noise = 150.0
     gathered = bench.night(accepted)
     assert gathered.batches == 1
-    found = gathered.verdict(None, None)
+    found = verdict_of(gathered, None, None)
     assert 1 < found["fresh"]["batches"] <= 3
     assert found["fresh"]["scenes"] == 8 * found["fresh"]["batches"]
     assert gathered.batches == found["fresh"]["batches"]
     assert verdicts(found)["fresh"] == "INCONCLUSIVE"
     with_reference = bench.night(accepted)
     reference = GateInputs(fresh=with_reference.fresh, fresh_night="2026-11-01")
-    again = with_reference.verdict(None, reference)
+    again = verdict_of(with_reference, None, reference)
     assert again["fresh"]["batches"] == 1, "pairs of another version's night are of its first batch"
     assert verdicts(again)["fresh"] == "PASS"
     assert next(g for g in again["gates"] if g["name"] == "fresh")["paired"]
 
 
 def test_what_was_not_looked_at_has_not_passed(bench: Bench) -> None:
-    found = bench.night().verdict(None, None)
+    found = verdict_of(bench.night(), None, None)
     assert (found["verdict"], found["complete"]) == ("FAIL", False)
     assert "no accepted baseline" in found["problems"][0]
     accepted = bench.accepted()
     bench.broken = {f"rerender/{bench.scenes[0]}"}
-    found = bench.night(accepted).verdict(None, None)
+    found = verdict_of(bench.night(accepted), None, None)
     assert (found["verdict"], found["exit_status"]) == ("INCONCLUSIVE", 2)
     assert found["problems"][0] == f"rerender/{bench.scenes[0]}: broke"
     assert found["problems"][1].startswith("1 scenes of the baseline (accepted)")
     assert found["comparisons"][0]["missing_scenes"] == [bench.scenes[0]]
     bench.anchor["verdict"] = "FAIL"
-    failed = bench.night(accepted).verdict(None, None)
+    failed = verdict_of(bench.night(accepted), None, None)
     assert (failed["verdict"], failed["exit_status"]) == ("FAIL", 1), "a proven failure outweighs what is missing"
 
 
@@ -257,11 +261,11 @@ def test_a_published_figure_that_changed_fails_the_night_by_name(bench: Bench) -
     accepted = bench.accepted()
     bench.spec = bench.spec.model_copy(update={"published": True})
 
-    def night(*figures: dict[str, Any], **changes: Any) -> tuple[_Gathered, dict[str, Any]]:
+    def night(*figures: dict[str, Any], **changes: Any) -> tuple[Gathered, dict[str, Any]]:
         gathered = bench.night(accepted, **changes)
         (gathered.wanted.out / module.WORK).mkdir(parents=True, exist_ok=True)
         gathered.compute_published(lambda folder, _: list(figures) if folder.is_dir() else [])
-        return gathered, gathered.verdict(None, None)
+        return gathered, verdict_of(gathered, None, None)
 
     gathered, quiet = night(figure_of("A"), figure_of("G"))
     assert (quiet["verdict"], len(quiet["published"])) == ("PASS", 2)
@@ -283,30 +287,30 @@ def test_published_figures_that_cannot_be_computed_leave_the_night_incomplete(be
         raise UserError("no such page", where="A.json")
 
     gathered.compute_published(missing)
-    found = gathered.verdict(None, None)
+    found = verdict_of(gathered, None, None)
     assert (found["verdict"], found["exit_status"]) == ("INCONCLUSIVE", 2)
     assert found["problems"][0].startswith("published: ")
 
 
 def test_lanes_that_are_left_out_are_not_asked_for(bench: Bench) -> None:
     accepted = bench.accepted()
-    found = bench.night(accepted, lanes=("replay",)).verdict(None, None)
+    found = verdict_of(bench.night(accepted, lanes=("replay",)), None, None)
     assert set(verdicts(found)) == {"accuracy"}
     assert {name.partition("/")[0] for asked in bench.asked for name in asked} == {"anchors", "replay"}
     assert found["comparisons"][0]["missing_scenes"] == []
     bench.asked.clear()
-    assert set(verdicts(bench.night(accepted, lanes=("rerender",)).verdict(None, None))) == {"chain"}
+    assert set(verdicts(verdict_of(bench.night(accepted, lanes=("rerender",)), None, None))) == {"chain"}
     assert {name.partition("/")[0] for asked in bench.asked for name in asked} == {"anchors", "rerender"}
 
 
 def test_a_release_is_compared_by_the_whole_chain_and_not_twice(bench: Bench) -> None:
     accepted = bench.accepted()
-    same = bench.night(accepted).verdict(accepted, None)
+    same = verdict_of(bench.night(accepted), accepted, None)
     assert [about["name"] for about in same["comparisons"]] == ["accepted", "release"]
     assert same["comparisons"][1]["same_as_accepted"] is True
     older = replace(accepted, head={**accepted.head, "night": "n-1"})
     bench.changed_images, bench.shift["render"] = set(bench.scenes), 900.0
-    found = bench.night(accepted).verdict(older, None)
+    found = verdict_of(bench.night(accepted), older, None)
     of_release = {g["name"]: g["verdict"] for g in found["gates"] if g["against"] == "release"}
     of_accepted = {g["name"]: g["verdict"] for g in found["gates"] if g["against"] == "accepted"}
     assert (of_accepted["accuracy"], of_release["accuracy"]) == ("PASS", "FAIL")
@@ -332,7 +336,7 @@ def test_seeds_differ_by_night_suite_and_batch_and_fit_a_file() -> None:
 
 def test_frames_are_the_same_whatever_their_seed(bench: Bench) -> None:
     other = load_suite(bench.file, seed=99)
-    mine, theirs = ({case.name: _content(case) for case in suite.cases} for suite in (bench.suite, other))
+    mine, theirs = ({case.name: content_of(case) for case in suite.cases} for suite in (bench.suite, other))
     fixed = next(name for name in mine if name.startswith("fixed"))
     assert mine[fixed] == theirs[fixed]
     assert sum(mine[name] != theirs.get(name) for name in mine) == 8
@@ -357,11 +361,11 @@ def test_a_night_goes_into_a_new_folder_or_its_own(tmp_path: Path, there: list[s
             (out / name).touch()
     if refused:
         with pytest.raises(UserError, match="something else"):
-            _check_folder(out)
+            check_folder(out)
     else:
-        _check_folder(out)
+        check_folder(out)
     (tmp_path / "file").touch()
     with pytest.raises(UserError, match="is a file"):
-        _check_folder(tmp_path / "file")
+        check_folder(tmp_path / "file")
     with pytest.raises(UserError, match="no such folder"):
-        _check_folder(tmp_path / "none" / "out")
+        check_folder(tmp_path / "none" / "out")

@@ -1,0 +1,1 @@
+"""Images to learn from, with exact truth, made again from a list of seeds alone."""
