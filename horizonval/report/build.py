@@ -79,9 +79,9 @@ def write_report(run_dir: Path) -> list[Path]:
         )
     if campaign is not None:
         page = campaign_page.page_of(run)
-        told = sentences(run, summarise(run.rows, run.given_pose, run.orbit)["groups"])
+        opening = sentences(run, summarise(run.rows, run.given_pose, run.orbit)["groups"])
         texts[campaign_page.PAGE] = environment.get_template("campaign.html").render(
-            run=run, sentences=told, **striking_frames(run), **page, **parts
+            run=run, sentences=opening, **striking_frames(run), **page, **parts
         )
         texts |= {figure["file"]: figure["svg"] for section in page["sections"] for figure in section["figures"]}
     pages = run_dir / "report"
