@@ -76,7 +76,7 @@ def camera(
     ] = None,
     vignetting: Annotated[
         Path | None,
-        typer.Option(metavar="CSV", help="Table of field_deg and relative_illumination, or vignetting."),
+        typer.Option(metavar="CSV", help="Table of field_deg or radius_px, and relative_illumination or vignetting."),
     ] = None,
     name: Annotated[
         str | None, typer.Option("--camera", help="Of several cameras in one file of Kalibr, as cam0.")

@@ -45,7 +45,7 @@ def refuse_mistakes(suite: Suite, plan: CasePlan, parts: Sequence[Part] = ()) ->
             plan.estimator(name)
         except UserError as e:
             raise e.inside(suite.estimators_key) from e
-    _check_heads(suite, plan)
+    check_heads(suite, plan)
     cameras: set[int] = set()
     matters: set[tuple[str, int, float]] = set()
     collector = MistakeCollector()
@@ -66,7 +66,7 @@ def refuse_mistakes(suite: Suite, plan: CasePlan, parts: Sequence[Part] = ()) ->
         part.check(suite)
 
 
-def _check_heads(suite: Suite, plan: CasePlan) -> None:
+def check_heads(suite: Suite, plan: CasePlan) -> None:
     """Every estimator has a frame to run on, and those that see all heads are not asked for on a camera of one."""
     run: set[str] = set()
     for case in suite.cases:

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+import tifffile
 from conftest import MINI_CAMERA
 from scipy.spatial.transform import Rotation
 
@@ -68,5 +69,8 @@ def test_messages_are_truth_and_errors(exported):
 
 def test_pictures_and_masks_lie_beside_them(exported):
     files = exported[1]
-    assert len(list(files.glob("*.tif"))) == 6
+    pictures = sorted(files.glob("*.tif"))
+    assert len(pictures) == 6
+    # Their descriptions are whole ones, which tifffile may take for its own.
+    assert {tifffile.imread(path).shape for path in pictures} == {(80, 96)}
     assert (files / "masks.json").is_file()

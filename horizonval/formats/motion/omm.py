@@ -13,6 +13,14 @@ from horizonval.formats.motion.times import utc_of
 
 EXPECTED = "an orbit mean-elements message of SGP4, KVN or XML"
 NEEDED = ("EPOCH", "MEAN_MOTION", "ECCENTRICITY", "INCLINATION", "RA_OF_ASC_NODE", "ARG_OF_PERICENTER", "MEAN_ANOMALY")
+UNITS = {
+    "MEAN_MOTION": "rev/day",
+    "INCLINATION": "deg",
+    "RA_OF_ASC_NODE": "deg",
+    "ARG_OF_PERICENTER": "deg",
+    "MEAN_ANOMALY": "deg",
+}
+"""Those of the standard, which a message may leave out."""
 DEFAULTS = {
     "CLASSIFICATION_TYPE": "U",
     "OBJECT_ID": "0000-000A",
@@ -60,10 +68,18 @@ def _fields(path: Path) -> dict[str, str]:
         for element in xml_of(path, EXPECTED).iter():
             if len(element) == 0 and element.text and element.tag not in found:
                 found[element.tag] = element.text.strip()
+                _check_unit(path, element.tag, element.get("units", ""))
         return found
     for _, line in lines_of(path, EXPECTED):
         key, equals, value = line.partition("=")
         if equals:
             # Units stand behind the value, in brackets.
-            found.setdefault(key.strip(), value.split("[")[0].strip())
+            number, _, unit = value.partition("[")
+            found.setdefault(key.strip(), number.strip())
+            _check_unit(path, key.strip(), unit.rstrip(" ]"))
     return found
+
+
+def _check_unit(path: Path, key: str, unit: str) -> None:
+    if unit and key in UNITS and unit.strip().lower() != UNITS[key]:
+        raise UserError(f"in {unit.strip()!r}", where=f"{path}: {key}", expected=UNITS[key])

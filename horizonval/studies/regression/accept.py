@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from horizonval.core import atomic, files
-from horizonval.core.cache import read_arrays
 from horizonval.core.errors import DamagedFileError, UserError, excerpt
 from horizonval.core.json_types import JsonObject
 from horizonval.store.folder import read_json
@@ -22,6 +21,7 @@ from horizonval.studies.regression.baseline.baseline import (
     write_baseline,
 )
 from horizonval.studies.regression.baseline.pack import FrozenFrame, FrozenImage, Pack
+from horizonval.studies.regression.bench import arrays_of
 from horizonval.studies.regression.formatting import figure
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics.gates import GateInputs, pairs_of
@@ -91,7 +91,7 @@ def accept(run: Path, baseline: Path, reason: str, *, release: bool = False) -> 
     }
     pack = _pack(run, night)
     table = difference_table(before, results, scenes, head)
-    write_baseline(baseline, head, results, scenes, pack)
+    write_baseline(baseline, head, results, scenes, pack, night.get("together", {}))
     page = baseline.with_suffix(".md")
     atomic.write_text(page, table)
     written = [baseline, pack_path(baseline), page]
@@ -135,7 +135,8 @@ def difference_table(
         for table in sorted({row.table for row in now.rows}):
             mine = _those(now.rows, estimator, table)
             theirs = _those(old_rows, estimator, table)
-            lines.append(_table_row(estimator, table, mine, theirs))
+            if mine or theirs:
+                lines.append(_table_row(estimator, table, mine, theirs))
     if before is not None:
         lines += ["", *_removed(before, scenes)]
     if head["past"]:
@@ -224,7 +225,7 @@ def _pack(run: Path, night: Mapping[str, Any]) -> Pack:
         path = run / WORK / name
         if not path.is_file():
             raise UserError("no such file", where=str(path), fix="run the night again; its working files are gone")
-        arrays = read_arrays(path)
+        arrays = arrays_of(path, scene)
         truths[scene] = record["truth"]
         for band, about in record["bands"].items():
             radiance = arrays[f"radiance.{band}"].astype(np.float64)

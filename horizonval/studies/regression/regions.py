@@ -33,7 +33,7 @@ def regions_of(hit: NDArray[np.floating], tangent_height_m: NDArray[np.floating]
     height = np.asarray(tangent_height_m, dtype=np.float64)
     finite = np.isfinite(height)
     filled = np.where(finite, height, 0.0)
-    rows, columns = np.gradient(filled)
+    rows, columns = slopes(filled)
     near = finite & (np.abs(filled) < 500e3)
     per_px = float(np.median(np.hypot(rows, columns)[near])) if near.any() else 0.0
     width = max(LEAST_LIMB_M, LIMB_PX * per_px)
@@ -42,6 +42,14 @@ def regions_of(hit: NDArray[np.floating], tangent_height_m: NDArray[np.floating]
     found[finite & (np.abs(height) <= width) & np.isin(hit, (0, 1, 2))] = LIMB
     found[finite & (height < -width) & np.isin(hit, (1, 5))] = DISC
     return found
+
+
+def slopes(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the slope per pixel down and across, shape (H, W); none across what is one pixel wide: a linear array."""
+    down, across = (
+        np.gradient(values, axis=axis) if values.shape[axis] > 1 else np.zeros_like(values) for axis in (0, 1)
+    )
+    return down, across
 
 
 def bias(base: FloatArray, now: FloatArray, region: NDArray[np.bool_]) -> float | None:
@@ -56,7 +64,7 @@ def bias(base: FloatArray, now: FloatArray, region: NDArray[np.bool_]) -> float 
 
 def displacement_px(base: FloatArray, now: FloatArray, limb: NDArray[np.bool_]) -> float | None:
     """Return the root mean square displacement of the limb over blocks along it; None where it cannot be seen."""
-    rows, columns = np.gradient(base)
+    rows, columns = slopes(base)
     slope = np.hypot(rows, columns)
     steep = limb & (slope > 0.02 * float(slope[limb].max(initial=0.0)))
     found, weights = [], []

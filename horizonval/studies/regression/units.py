@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +21,14 @@ from horizonval.frame import DetectorImage, FrameTruth, RadianceFrame
 from horizonval.scoring.bound import bound_of
 from horizonval.scoring.errors import score
 from horizonval.scoring.expected import expected_outcome
+from horizonval.scoring.information.information import LimbInformation
 from horizonval.scoring.information.of_frame import information_of
 from horizonval.scoring.row import rounded
 from horizonval.sensor.calibrated import radiance_per_dn
 from horizonval.sensor.observe import observe as observe_frame
 from horizonval.spec.load import Case
 from horizonval.spec.sensor.camera import CameraSpec
-from horizonval.studies.regression.baseline.pack import FrozenImage, digest, read_pack
+from horizonval.studies.regression.baseline.pack import FrozenImage, Pack, digest, read_pack
 from horizonval.studies.regression.regions import noise_in_space, regions_of
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.suites.observation import method_radius_m, observation_of
@@ -38,8 +39,23 @@ Record = dict[str, Any]
 Run = Callable[[str, Observation], Fit | Refusal]
 Render = Callable[[Any, CameraSpec], RadianceFrame]
 Observe = Callable[..., DetectorImage]
-Seen = tuple[str, float | None]
-"""What an estimator is shown of an image: its digest, and the band radiance of a digital number, None if not known."""
+Seen = tuple[str, float | str | None]
+"""What an estimator is shown of an image: its digest, and the band radiance of a digital number, None if not known; of
+the images of all heads at once, those of each as a text."""
+
+
+@dataclass(frozen=True)
+class Made:
+    """A scene rendered and observed: what the night keeps of it, and what methods that see all heads need beside.
+
+    ``images`` are by band, one for every replicate; ``information`` is that of the limb, by band.
+    """
+
+    record: Record
+    arrays: dict[str, np.ndarray]
+    frame: RadianceFrame
+    images: dict[str, list[DetectorImage]]
+    information: dict[str, LimbInformation | None]
 
 
 def render_scene(
@@ -60,7 +76,7 @@ def render_scene(
     case : Case
         The suite's table that it comes from is its stratum.
     plan : CasePlan
-        Estimators and what they may use.
+        Estimators and what they may use; those that see all heads are left out here.
     replicates : int
     known : iterable of (str, float or None)
         Images, each with its calibration, on which the estimators are run anyway; they are left out here.
@@ -77,30 +93,52 @@ def render_scene(
     arrays : dict of ndarray
         ``radiance.<band>`` (float32), ``regions``, ``dn.<band>.<seed>``.
     """
+    made = make_scene(
+        case, plan, replicates, frozenset(known), estimate=estimate, render=render, observe=observe, run=run
+    )
+    return made.record, made.arrays
+
+
+def make_scene(
+    case: Case,
+    plan: CasePlan,
+    replicates: int,
+    known: frozenset[Seen],
+    *,
+    estimate: bool,
+    render: Render | None,
+    observe: Observe,
+    run: Run | None,
+) -> Made:
+    """Render and observe a scene, and estimate on it: see :func:`render_scene`."""
     frame = (render or _renderer())(case.scene, case.camera)
     regions = regions_of(frame.maps["hit"], frame.maps["tangent_height"])
     arrays: dict[str, np.ndarray] = {"regions": regions}
     bands: dict[str, Any] = {}
     rows: list[ReplicateRow] = []
-    skipped = frozenset(known)
+    observed: dict[str, list[DetectorImage]] = {}
+    information: dict[str, LimbInformation | None] = {}
     for band in (one.name for one in case.camera.band):
         expected = expected_outcome(frame.truth, band)
         due = expected.outcome == Outcome.VALID and not expected.borderline
-        bound = bound_of(information_of(frame, case.camera, band), frame.truth, band).known_arcsec
+        information[band] = information_of(frame, case.camera, band)
+        bound = bound_of(information[band], frame.truth, band).known_arcsec
         about: dict[str, Any] = {"table": case.table or "", "due": due}
         about["bound_arcsec"] = None if bound is None else rounded("bound_arcsec", bound)
         clean = observe(frame, case.camera, band=band, seed=0, noise=False).dn
         arrays[f"radiance.{band}"] = frame.radiance[band]
         images, calibrations, noise, full_scale = [], [], [], 0
+        observed[band] = []
         for seed in range(replicates):
             image = observe(frame, case.camera, band=band, seed=seed)
+            observed[band].append(image)
             sha, full_scale = digest(image.dn), image.full_scale
             calibration = radiance_per_dn(image)
             images.append(sha)
             calibrations.append(calibration)
             arrays[f"dn.{band}.{seed}"] = image.dn
             noise.append(noise_in_space(image.dn, clean, regions))
-            if estimate and (sha, calibration) not in skipped:
+            if estimate and (sha, calibration) not in known:
                 found = estimate_image(case.name, seed, image, plan, run)
                 rows += [replace(row, **about) for row in found]
         known_noise = [value for value in noise if value is not None]
@@ -122,7 +160,7 @@ def render_scene(
         "bands": bands,
         "rows": [row.to_dict() for row in rows],
     }
-    return record, arrays
+    return Made(record, arrays, frame, observed, information)
 
 
 def _renderer() -> Render:
@@ -138,10 +176,13 @@ def plain_truth(truth: FrameTruth) -> dict[str, Any]:
 
 def replay_scene(pack: Path, scene: str, plan: CasePlan) -> list[Record]:
     """Return the rows of all frozen images of a scene, as plain data and without its stratum."""
-    content = read_pack(pack)
-    truth = FrameTruth.from_dict(dict(content.truths[scene]))
-    images = (image for image in content.images if image.scene == scene)
-    return [row.to_dict() for row in estimate_frozen(truth, scene, images, plan)]
+    return [row.to_dict() for row in rows_of_scene(read_pack(pack), scene, plan)]
+
+
+def rows_of_scene(pack: Pack, scene: str, plan: CasePlan) -> list[ReplicateRow]:
+    """Return the rows of all frozen images of a scene, without its stratum."""
+    truth = FrameTruth.from_dict(dict(pack.truths[scene]))
+    return estimate_frozen(truth, scene, (image for image in pack.images if image.scene == scene), plan)
 
 
 def estimate_frozen(
@@ -150,21 +191,27 @@ def estimate_frozen(
     """Return the rows of some frozen images; ``run`` in place of the estimators, for experiments with faults."""
     rows: list[ReplicateRow] = []
     for frozen in images:
-        known = {} if frozen.radiance_per_dn is None else {"radiance_per_dn": frozen.radiance_per_dn}
-        image = DetectorImage(frozen.dn, frozen.band, truth, frozen.full_scale, known)
-        rows += estimate_image(scene, frozen.replicate, image, plan, run)
+        rows += estimate_image(scene, frozen.replicate, frozen_image(truth, frozen), plan, run)
     return rows
+
+
+def frozen_image(truth: FrameTruth, frozen: FrozenImage) -> DetectorImage:
+    """Return a frozen image as a detector's, with the calibration that it was frozen with."""
+    known = {} if frozen.radiance_per_dn is None else {"radiance_per_dn": frozen.radiance_per_dn}
+    return DetectorImage(frozen.dn, frozen.band, truth, frozen.full_scale, known)
 
 
 def estimate_image(
     scene: str, replicate: int, image: DetectorImage, plan: CasePlan, run: Run | None = None
 ) -> list[ReplicateRow]:
-    """Return one row for each estimator, without the stratum of its scene."""
+    """Return one row for each estimator that sees one image, without the stratum of its scene."""
     ask = sandbox_of(plan.limits).run if run is None else run
     sha = digest(image.dn)
     rows = []
     for name in plan.estimators:
         estimator = plan.estimator(name)
+        if estimator.needs == "heads":
+            continue
         result = ask(name, observation_of(image, estimator))
         scored = score(image.truth, estimator, result, earth_radius_m=method_radius_m(image.truth))
         about = {"scene": scene, "band": image.band, "replicate": replicate, "estimator": name, "image": sha}

@@ -192,6 +192,22 @@ def test_the_rest_is_of_another_camera_and_the_measured_lens_falls_off_as_measur
     assert seen == pytest.approx(np.cos(np.radians(15.0)) ** 4 * 0.625, rel=5e-3)
 
 
+def test_a_fall_off_against_the_radius_is_that_against_the_angle(tmp_path: Path) -> None:
+    """OpenCV says at which radius a distorting lens shows an angle."""
+    opencv(tmp_path / "lens.yaml", [*RADTAN[:2], 0.0, 0.0])
+    angle = np.array([0.0, 6.0, 12.0, 18.0])
+    rays = np.stack([np.tan(np.radians(angle)), 0.0 * angle, 1.0 + 0.0 * angle], axis=1)
+    radius = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), MATRIX, np.array([*RADTAN[:2], 0, 0]))[0][:, 0, 0]
+    rows = [f"{r:.9f},{v}" for r, v in zip(radius - MATRIX[0, 2], (1.0, 0.97, 0.9, 0.7), strict=True)]
+    table = written(tmp_path, "lens.csv", "radius_px,vignetting\n" + "\n".join(rows) + "\n")
+    text = camera_text(tmp_path / "lens.yaml", base="vis-cmos-512-60deg", vignetting=table)
+    spec = load_camera(written(tmp_path, "ours.toml", text))
+    assert spec.optics.vignetting_deg == pytest.approx(angle, abs=1e-6)
+    assert spec.optics.vignetting == [1.0, 0.97, 0.9, 0.7]
+    with pytest.raises(UserError, match="line 2, column radius_px: found -1"):
+        camera_text(tmp_path / "lens.yaml", vignetting=written(tmp_path, "b.csv", "radius_px,vignetting\n-1,1\n5,1\n"))
+
+
 def test_an_illumination_that_no_pupil_has_is_refused(tmp_path: Path) -> None:
     opencv(tmp_path / "lens.yaml", [0.0] * 5)
     for rows, line in (

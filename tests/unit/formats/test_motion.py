@@ -149,6 +149,11 @@ def test_mean_elements_are_those_of_the_lines(tmp_path: Path) -> None:
             _, r2, v2 = found.sgp4(satellite.jdsatepoch + day, satellite.jdsatepochF)
             assert np.abs(np.subtract(r, r2)).max() < 1e-6
             assert np.abs(np.subtract(v, v2)).max() < 1e-9
+    stated = kvn.replace("15.49560000", "15.49560000 [rev/day]").replace("51.6400", "51.6400 [deg]")
+    assert satellite_of_omm(written(tmp_path, "c.omm", stated)).inclo == satellite.inclo
+    for wrong in (stated.replace("[deg]", "[rad]"), xml.replace("<INCLINATION>", "<INCLINATION units='rad'>")):
+        with pytest.raises(UserError, match="INCLINATION: in 'rad'; expected deg"):
+            satellite_of_omm(written(tmp_path, "d.omm", wrong + ("</segment></body></omm>" if wrong[0] == "<" else "")))
     with pytest.raises(UserError, match="ECCENTRICITY: is missing"):
         satellite_of_omm(written(tmp_path, "b.omm", kvn.replace("ECCENTRICITY", "ECC")))
 

@@ -11,7 +11,7 @@ A baseline is never changed but by ``horizonval baseline accept``, with a reason
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,13 +27,18 @@ BASELINE_SCHEMA = 1
 
 @dataclass(frozen=True)
 class Baseline:
-    """A baseline in memory; ``pack`` is the file of its images."""
+    """A baseline in memory; ``pack`` is the file of its images.
+
+    ``together`` tells of scenes with rows of methods that see all heads, by the scene's name: ``heads`` (name and
+    scene of every head, in their order), ``table``, ``bands``. Baselines from before such methods have none.
+    """
 
     path: Path
     head: Mapping[str, Any]
     results: GateInputs
     scenes: Mapping[str, Any]
     pack: Path
+    together: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def label(self) -> str:
@@ -84,12 +89,17 @@ def read_baseline(path: Path, suite: str) -> Baseline:
         )
     except (KeyError, TypeError, ValueError) as error:
         raise DamagedFileError(f"its rows cannot be read ({error!r})", where=str(path)) from error
-    head = {key: value for key, value in data.items() if key not in ("rows", "fresh", "scenes")}
-    return Baseline(path, head, results, data["scenes"], pack)
+    head = {key: value for key, value in data.items() if key not in ("rows", "fresh", "scenes", "together")}
+    return Baseline(path, head, results, data["scenes"], pack, data.get("together", {}))
 
 
 def write_baseline(
-    path: Path, head: Mapping[str, Any], results: GateInputs, scenes: Mapping[str, Any], pack: Pack
+    path: Path,
+    head: Mapping[str, Any],
+    results: GateInputs,
+    scenes: Mapping[str, Any],
+    pack: Pack,
+    together: Mapping[str, Any] | None = None,
 ) -> None:
     """Write a baseline's two files, the one that names the other last."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -99,6 +109,7 @@ def write_baseline(
         **head,
         "schema": BASELINE_SCHEMA,
         "scenes": scenes,
+        "together": together or {},
         "rows": to_columns(results.rows),
         "fresh": to_columns(results.fresh),
         "fresh_night": results.fresh_night,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from horizonval.core.cache import read_arrays
 from horizonval.core.json_types import JsonObject
 from horizonval.studies.regression.baseline.baseline import Baseline, frames_of
+from horizonval.studies.regression.bench import arrays_of
 from horizonval.studies.regression.images import compare_images
 from horizonval.studies.regression.statistics.gates import GateInputs, Measured, changed, measure, pairs_of
 from horizonval.studies.regression.statistics.judge import judge
@@ -90,7 +90,7 @@ def _images(night: Gathered, base: Baseline) -> dict[tuple[str, str], JsonObject
             old = before["bands"][band]
             radiance = None
             if now["radiance_sha256"] != old["radiance_sha256"]:
-                radiance = read_arrays(Path(night.arrays[scene]))[f"radiance.{band}"]
+                radiance = arrays_of(Path(night.arrays[scene]), scene)[f"radiance.{band}"]
             found[scene, band] = compare_images(record["table"], now, old, radiance, frames.get((scene, band)))
     return found
 

@@ -20,10 +20,11 @@ from horizonval.spec.regression import RegressionSpec
 from horizonval.studies.regression.baseline.baseline import Baseline
 from horizonval.studies.regression.bench import NightWork, Task
 from horizonval.studies.regression.environment import environment
+from horizonval.studies.regression.heads import seen_together
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.tonight.wanted import NIGHT_SCHEMA, PUBLISHED, WORK, Published, Wanted, seed_of_night
 from horizonval.studies.regression.units import Seen, is_due
-from horizonval.suites.plan import CasePlan
+from horizonval.suites.plan import CasePlan, Unit, units_of
 from horizonval.suites.suite import load_suite
 
 
@@ -46,6 +47,7 @@ class Gathered:
         self.replayed: list[ReplicateRow] = []
         self.scenes: dict[str, JsonObject] = {}
         self.rows: list[ReplicateRow] = []
+        self.together: dict[str, JsonObject] = {}
         self.arrays: dict[str, str] = {}
         self.fresh: list[ReplicateRow] = []
         self.batches = 0
@@ -74,18 +76,18 @@ class Gathered:
     def first_tasks(self) -> dict[str, Task]:
         """Return what every night does, by name."""
         tasks = {"anchors": Task("anchors", "anchors")}
-        known: frozenset[Seen] = frozenset()
+        known: set[Seen] = set()
         if self.accepted is not None and "replay" in self.wanted.lanes:
             pack = self.accepted.images
-            known = frozenset((image.sha256, image.radiance_per_dn) for image in pack.images)
-            digest = str(self.accepted.head["pack_sha256"])
-            for scene in dict.fromkeys(image.scene for image in pack.images):
-                name = f"replay/{scene}"
-                tasks[name] = Task(name, "replay", pack=self.accepted.pack, scene=scene, depends_on=digest)
+            known |= {(image.sha256, image.radiance_per_dn) for image in pack.images}
+            known |= _known_together(self.accepted)
+            tasks |= self._replay_tasks(self.accepted)
         if "rerender" in self.wanted.lanes:
-            for case in self.suite.cases:
-                name = f"rerender/{case.name}"
-                tasks[name] = Task(name, "render", case=case, replicates=self.spec.replicates, known=known)
+            for unit in units_of(self.suite.cases, self.plan):
+                name = f"rerender/{unit.name}"
+                tasks[name] = replace(
+                    self._render_task(name, unit), replicates=self.spec.replicates, known=frozenset(known)
+                )
         if "fresh" in self.wanted.lanes:
             tasks |= self._fresh_tasks()
         return tasks
@@ -98,13 +100,56 @@ class Gathered:
         """Return another batch of fresh scenes: the Sobol tables under a seed of the night."""
         other = load_suite(self.wanted.suite, seed=seed_of_night(self.suite.name, self.wanted.night, self.batches))
         fixed = {content_of(case) for case in self.suite.cases}
+        drawn = [case for case in other.cases if content_of(case) not in fixed]
         tasks = {}
-        for case in other.cases:
-            if content_of(case) not in fixed:
-                name = f"fresh/{self.batches}/{case.name}"
-                tasks[name] = Task(name, "render", case=case, batch=self.batches)
+        for unit in units_of(drawn, self.plan):
+            name = f"fresh/{self.batches}/{unit.name}"
+            tasks[name] = replace(self._render_task(name, unit), batch=self.batches)
         self.batches += 1
         return tasks
+
+    def _render_task(self, name: str, unit: Unit) -> Task:
+        heads = tuple((str(case.head), case.name) for case in unit.cases) if unit.heads else ()
+        return Task(name, "render", cases=unit.cases, heads=heads, estimators=self._estimators_of(unit))
+
+    def _replay_tasks(self, accepted: Baseline) -> dict[str, Task]:
+        """Return the frozen images of every scene, those of one scene's heads together as they were rendered.
+
+        The estimators are those that run on the scene tonight. One that the suite has no more is replayed by those of
+        its rows, so that it does not count as a changed one beside being missed.
+        """
+        asked = {unit.name: self._estimators_of(unit) for unit in units_of(self.suite.cases, self.plan)}
+        asked |= {case.name: self.plan.alone(case) for case in self.suite.cases if case.name not in asked}
+        before: dict[str, set[str]] = {}
+        for row in accepted.results.rows:
+            before.setdefault(row.scene, set()).add(row.estimator)
+        heads = {
+            scene: tuple((head, case) for head, case in about["heads"]) for scene, about in accepted.together.items()
+        }
+        scene_of = {case: scene for scene, of_heads in heads.items() for _, case in of_heads}
+        scenes = dict.fromkeys(scene_of.get(image.scene, image.scene) for image in accepted.images.images)
+        tasks = {}
+        for scene in scenes:
+            names, members = asked.get(scene), heads.get(scene, ())
+            if names is None:
+                known = set().union(*(before.get(one, set()) for one in (scene, *(case for _, case in members))))
+                names = tuple(name for name in self.plan.estimators if name in known)
+            name = f"replay/{scene}"
+            tasks[name] = Task(
+                name,
+                "replay",
+                pack=accepted.pack,
+                scene=scene,
+                heads=members,
+                estimators=names,
+                depends_on=str(accepted.head["pack_sha256"]),
+            )
+        return tasks
+
+    def _estimators_of(self, unit: Unit) -> tuple[str, ...]:
+        """Return the estimators that run on a unit, in the suite's order."""
+        case = unit.cases[0]
+        return self.plan.of(case) if unit.heads else self.plan.alone(case)
 
     def _do(self, tasks: Mapping[str, Task]) -> None:
         work = NightWork(self.plan, self.wanted.out / WORK)
@@ -125,29 +170,37 @@ class Gathered:
             assert self.accepted is not None
             about = {(r.scene, r.band): r for r in self.accepted.results.rows}
             for row in _rows(record):
-                before = about[row.scene, row.band]
+                # A scene that no method saw before has no partner to be compared with.
+                before = about.get((row.scene, row.band), row)
                 self.replayed.append(replace(row, table=before.table, due=before.due, bound_arcsec=before.bound_arcsec))
-        elif task.batch is not None:
-            scene = f"{task.batch}/{record['scene']}"
-            self.fresh += [replace(row, scene=scene) for row in _rows(record)]
         else:
-            self.scenes[record["scene"]] = {key: record[key] for key in ("table", "camera", "truth", "bands")}
-            self.arrays[record["scene"]] = str(arrays)
-            self.rows += _rows(record)
+            parts = record.get("heads", [record])
+            rows = [row for one in ([record, *parts] if "heads" in record else parts) for row in _rows(one)]
+            if task.batch is not None:
+                self.fresh += [replace(row, scene=f"{task.batch}/{row.scene}") for row in rows]
+                return
+            self.rows += rows
+            for part in parts:
+                self.scenes[part["scene"]] = {key: part[key] for key in ("table", "camera", "truth", "bands")}
+                self.arrays[part["scene"]] = str(arrays)
+            if "together" in record:
+                whole = record["together"]
+                self.together[whole["scene"]] = {key: whole[key] for key in ("table", "heads", "bands")}
 
     def all_rows(self) -> list[ReplicateRow]:
         """Return the rows on tonight's images: those estimated again, and of unchanged images those of the replay."""
         by_image = {(r.image, r.scene, r.estimator): r for r in self.replayed}
         found = {r.key: r for r in self.rows}
-        for scene, record in self.scenes.items():
+        for scene, record in [*self.scenes.items(), *self.together.items()]:
             for band, about in record["bands"].items():
                 for replicate, image in enumerate(about["images"]):
                     for estimator in self.plan.estimators:
                         key = (scene, band, replicate, estimator)
                         row = by_image.get((image, scene, estimator))
                         if key not in found and row is not None:
+                            own = {"table": record["table"], "due": is_due(about)}
                             bound = about.get("bound_arcsec")
-                            found[key] = replace(row, replicate=replicate, due=is_due(about), bound_arcsec=bound)
+                            found[key] = replace(row, replicate=replicate, bound_arcsec=bound, **own)
         return [found[key] for key in sorted(found)]
 
     def content(self) -> JsonObject:
@@ -159,6 +212,7 @@ class Gathered:
             "lanes": list(self.wanted.lanes),
             "failed": self.failed,
             "scenes": self.scenes,
+            "together": self.together,
             "arrays": {scene: Path(path).name for scene, path in self.arrays.items()},
             "rows": [row.to_dict() for row in self.all_rows()],
             "fresh": [row.to_dict() for row in self.fresh],
@@ -170,6 +224,19 @@ class Gathered:
 
 def _rows(record: Mapping[str, Any]) -> list[ReplicateRow]:
     return [ReplicateRow.from_dict(row) for row in record["rows"]]
+
+
+def _known_together(accepted: Baseline) -> set[Seen]:
+    """Return what the replay shows of all heads of a scene at once."""
+    pack, found = accepted.images, set()
+    images = {(image.scene, image.band, image.replicate): image for image in pack.images}
+    for about in accepted.together.values():
+        cases = [case for _, case in about["heads"]]
+        for scene, band, replicate in images:
+            keys = [(case, band, replicate) for case in cases]
+            if scene == cases[0] and all(key in images for key in keys):
+                found.add(seen_together([(images[key].sha256, images[key].radiance_per_dn) for key in keys]))
+    return found
 
 
 def content_of(case: Case) -> str:

@@ -18,6 +18,7 @@ from horizonval.store.folder import read_json
 from horizonval.studies.regression.baseline import history
 from horizonval.studies.regression.row import ReplicateRow
 from horizonval.studies.regression.statistics.gates import GateInputs
+from horizonval.suites.mistakes import check_heads
 from horizonval.suites.plan import CasePlan, plan_of
 
 NIGHT_SCHEMA = 2
@@ -74,19 +75,7 @@ def checked(suite: Suite) -> tuple[RegressionSpec, CasePlan]:
             fix="scenes/suites/nightly.toml is one",
         )
     plan = plan_of(suite)
-    together = [name for name in plan.estimators if plan.estimator(name).needs == "heads"]
-    if together:
-        raise UserError(
-            f"estimator {together[0]!r} needs several heads at once",
-            where=suite.estimators_key,
-            expected="estimators that take one image",
-        )
-    if any(case.estimators is not None for case in suite.cases):
-        raise UserError(
-            "a table or frame has estimators of its own",
-            where=suite.source,
-            expected="one list for all frames, so that they can be compared",
-        )
+    check_heads(suite, plan)
     return suite.regression, plan
 
 

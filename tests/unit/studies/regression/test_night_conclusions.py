@@ -77,12 +77,12 @@ def row(scene: str, replicate: int, error: float | None, image: str, **columns: 
 
 
 def rendered(task: Task, rows: list[ReplicateRow], images: list[str], radiance: str = "same") -> dict[str, Any]:
-    assert task.case is not None
+    (case,) = task.cases
     about = {"radiance_sha256": radiance, "expected": "valid", "borderline": False, "full_scale": 1023}
     band = about | {"images": images, "radiance_per_dn": [None] * len(images), "noise_dn": 1.0}
     return {
-        "scene": task.case.name,
-        "table": task.case.table,
+        "scene": case.name,
+        "table": case.table,
         "camera": "c",
         "truth": {},
         "bands": {"vis": band},
@@ -156,8 +156,8 @@ class Bench:
             s = task.scene
             found = [row(s, k, self.error(s, k) + self.shift["replay"], self.image(s, k)) for k in (0, 1)]
             return {"rows": [r.to_dict() for r in found]}
-        assert task.case is not None
-        name = task.case.name
+        (case,) = task.cases
+        name = case.name
         if task.batch is not None:
             side = 1.0 if self.scenes.index(name) % 2 else -1.0
             return rendered(task, [row(name, 0, 53.5 + self.shift["fresh"] + side * self.noise, "y")], ["y"])
