@@ -123,6 +123,8 @@ def _stopped_halfway(suite: Path, out: Path) -> subprocess.Popen[str] | None:
     process = subprocess.Popen(
         [str(PROGRAM), "run", str(suite), "--out", str(out), "--workers", "1"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        # Tests that a shell started in the background were told to ignore it, and hand that on.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     deadline = time.monotonic() + 60
     while not list((out / "cases").glob("*.json")):

@@ -132,6 +132,8 @@ def test_no_other_way_to_read_files_of_users_and_of_results():
         "commands/doctor.py": "what the system says of its driver",
         "commands/picture_size.py": "checked before by read_picture",
         "store/export/fits.py": "an open file",
+        "studies/dataset/shard_files.py": "the shard that is being written",
+        "cli/serving.py": "a page in a browser",
         "store/exr.py": "the null device",
         "commands/picture.py": "the null device",
         "commands/rays.py": "the temporary file that is being written",

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import horizonval as hv
 from horizonval import cli
 from horizonval.core.errors import UserError
+from horizonval.spec.files import shipped_path
 from horizonval.studies.dataset.columns import COLUMNS, ShardContent
 from horizonval.studies.dataset.scenes import scenes_of, shards_of, turned_scenes
 from horizonval.studies.dataset.seeds import list_of, read_list
@@ -52,7 +52,7 @@ def run(*words: object) -> int:
 @pytest.fixture(scope="module")
 def suite(tmp_path_factory):
     folder = tmp_path_factory.mktemp("suite")
-    camera = Path(hv.__file__).parents[1] / "scenes" / "cameras" / "ir-bolometer-160-57deg.toml"
+    camera = shipped_path("camera", "ir-bolometer-160-57deg")
     (folder / "own.toml").write_text(camera.read_text(encoding="utf-8"))
     (folder / "tiny.toml").write_text(TINY)
     return folder / "tiny.toml"
