@@ -150,7 +150,7 @@ def by_c(observation: Observation, program: Path) -> dict[str, Any]:
         *(*prior.r_itrs, prior.position_sigma_m),
         *(*prior.q_cam_from_itrs, prior.attitude_sigma_rad[0]),
         *(month_of(prior.epoch_utc), *sun, *of_time),
-        *(BLUR_PX, BLUR_LOG_SIGMA, LIFT_SIGMA_M, gain, gain_log_sigma),
+        *(BLUR_PX, BLUR_LOG_SIGMA, LIFT_SIGMA_M, gain, gain_log_sigma, observation.full_scale or 0.0),
     ]
     return answer(program, known, observation.image)
 

@@ -16,6 +16,8 @@ from horizonval.geometry.ephemeris import sun_itrs
 BLUR_PX, BLUR_LOG_SIGMA, LIFT_SIGMA_M = 0.7, 0.3, 300.0
 # The camera's file does not say what a digital number stands for.
 GAIN, NOT_CALIBRATED = 1.0, 0.0
+# Nor at what it is saturated: none below the largest number of 16 bits.
+FULL_SCALE = 65535.0
 
 image = cv2.imread(sys.argv[1], cv2.IMREAD_UNCHANGED)
 camera = tomllib.loads(Path(sys.argv[2]).read_text())["camera"]
@@ -32,7 +34,7 @@ numbers = [
     month_of(epoch if epoch.tzinfo else epoch.replace(tzinfo=UTC)),
     *Rotation.from_quat(attitude).apply(towards_sun),
     *towards_sun,
-    *(BLUR_PX, BLUR_LOG_SIGMA, LIFT_SIGMA_M, GAIN, NOT_CALIBRATED),
+    *(BLUR_PX, BLUR_LOG_SIGMA, LIFT_SIGMA_M, GAIN, NOT_CALIBRATED, FULL_SCALE),
 ]
 line = " ".join(f"{x:.17g}" for x in numbers) + "\n"
 program = Path(__file__).with_name("limb_fit")

@@ -26,7 +26,7 @@
    Left out: lenses with distortion. Not as in `limb-profile`: MOST_NODES, half of what it has at most, which is less
    only where more than 1.1 rad of limb at the Earth's centre are in view.
 
-   Standard input: one line of 27 numbers, and then width * height values of 16 bits in the machine's order, row by row:
+   Standard input: one line of 28 numbers, and then width * height values of 16 bits in the machine's order, row by row:
      width height fx fy cx cy                  pixels
      rx ry rz  sigma_position                  m, Earth-fixed axes
      qx qy qz qw  sigma_attitude               from Earth-fixed to camera axes; rad, about any axis
@@ -35,6 +35,7 @@
      tx ty tz                                  towards the Sun as the time says it, Earth-fixed axes; 0 0 0: it is not said
      blur  blur_log_sigma  lift_sigma          px of the lens, m
      gain  gain_log_sigma                      values per radiance of the table on the axis; sigma 0 without calibration
+     full_scale                                value of a saturated pixel; 0: none is
    Standard output: one JSON object, as docs/howto/estimator-program.md says; beside its keys q_cam_from_itrs,
    position_itrs_km and lift_m. */
 #include <stdint.h>
@@ -97,6 +98,7 @@ typedef struct {
 
 static uint16_t image[MOST_PIXELS];
 static int width, height;
+static double full_scale;
 static double fx, fy, cx, cy, sigma_r, sigma_q, month, sun_read[3], sun_known[3], blur_sigma, lift_sigma, gain_sigma;
 static State prior;
 
@@ -380,6 +382,16 @@ static double noise_at_floor(int dark, double share, double mean) {
   return sigma > 0.5 && sigma < 1e6 ? sigma : 0.0;
 }
 
+/* Whether a pixel or one beside it is saturated: below full scale by its noise alone, or with charge of others in it. */
+static int clipped(int column, int row) {
+  for (int i = -2; full_scale > 0.0 && i <= 2; i++)
+    for (int j = -2; j <= 2; j++)
+      if (row + i >= 0 && row + i < height && column + j >= 0 && column + j < width &&
+          image[(row + i) * width + column + j] >= full_scale)
+        return 1;
+  return 0;
+}
+
 /* Chooses the pixels near the limb; 0 if there is too little limb. Nodes are as many pixels apart, from the end of the
    widest gap in azimuth on. */
 static int choose(State *s) {
@@ -407,7 +419,7 @@ static int choose(State *s) {
       double u[3], n[3], n_cam[3], arm[3], distance, by_height;
       sight(column, row, u);
       p->h = lowest(s, u, &distance, n);
-      if (distance <= 0.0 || p->h <= bottom || p->h >= top) continue;
+      if (distance <= 0.0 || p->h <= bottom || p->h >= top || clipped(column, row)) continue;
       p->y = across(p->h - s->lift, &by_height);
       times(s->R[0], n, n_cam);
       cross(n_cam, u, arm);
@@ -1167,7 +1179,8 @@ int main(void) {
       scanf("%lf %lf %lf %lf %lf", &q[0], &q[1], &q[2], &q[3], &sigma_q) != 5 ||
       scanf("%lf %lf %lf %lf", &month, &sun_read[0], &sun_read[1], &sun_read[2]) != 4 ||
       scanf("%lf %lf %lf", &sun_known[0], &sun_known[1], &sun_known[2]) != 3 ||
-      scanf("%lf %lf %lf %lf %lf", &s.blur, &blur_sigma, &lift_sigma, &s.gain, &gain_sigma) != 5 || getchar() != '\n' ||
+      scanf("%lf %lf %lf %lf %lf", &s.blur, &blur_sigma, &lift_sigma, &s.gain, &gain_sigma) != 5 ||
+      scanf("%lf", &full_scale) != 1 || getchar() != '\n' ||
       width < 8 || height < 8 || width > 32767 || height > 32767 || (long)width * height > MOST_PIXELS ||
       fread(image, sizeof *image, (size_t)width * height, stdin) != (size_t)width * height)
     return refuse("bad_input", "the image or what is known beside it cannot be read");

@@ -77,6 +77,18 @@ class Picture:
         return levels if np.array_equal(levels, self.grey) else None
 
     @cached_property
+    def unclipped(self) -> FloatArray:
+        """The image with NaN where it is saturated, and beside that, shape (H, W).
+
+        A pixel beside saturated ones is below full scale by its noise, or holds charge of theirs: 5 x 5 pixels round each
+        saturated one are left out.
+        """
+        if not self.saturated.any():
+            return self.grey
+        near = cv2.dilate(self.saturated.astype(np.uint8), np.ones((5, 5), np.uint8))
+        return np.where(near > 0, np.nan, self.grey)
+
+    @cached_property
     def eight_bit(self) -> NDArray[np.uint8]:
         """The image stretched to 0..255 between its darkest and its brightest unsaturated pixels, shape (H, W).
 

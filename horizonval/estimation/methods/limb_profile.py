@@ -108,7 +108,7 @@ def run(observation: Observation) -> Fit | Refusal:
             air.heights_m,
             lambda normal, los, height: air.means(normal, los, mean, height),
         )
-        found = fit_profile(picture.grey, observation.camera, start, knowledge)
+        found = fit_profile(picture.unclipped, observation.camera, start, knowledge)
     except np.linalg.LinAlgError as e:
         return Refusal(Outcome.NO_LIMB, f"the profile of the limb: {e}")
     doubt = _doubt(found, prior, cam_from_body)

@@ -47,7 +47,7 @@ def fit_profile(
     Parameters
     ----------
     image : ndarray, shape (H, W)
-        Grey levels, linear in radiance.
+        Grey levels, linear in radiance; NaN where a pixel tells nothing.
     camera : CameraModel
     start : LimbPose
     knowledge : ProfileKnowledge

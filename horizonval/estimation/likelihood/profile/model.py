@@ -121,6 +121,7 @@ class ProfileModel:
     Parameters
     ----------
     image : ndarray, shape (H, W)
+        NaN where a pixel tells nothing.
     camera : CameraModel
     pose : LimbPose
     blur_px : float
@@ -162,7 +163,7 @@ class ProfileModel:
         last = first + coarse * next_fast_len(int(np.ceil((ends[1] + GRID_RIMS * rim - first) / coarse)), real=True)
         self.air = knowledge.air(near.normal_cam, near.los_cam, pose, (first, last - 0.5 * step, step), curve)
         self.tables = BlurredProfiles(self.air.functions, self.air.step_m, near.boxes_m)
-        self.floor = floor_of(near.values[near.ray.height_m > high + rim + pose.height_m], float(image.min()))
+        self.floor = floor_of(near.values[near.ray.height_m > high + rim + pose.height_m], float(np.nanmin(image)))
         across, by_height = level_distance(near.ray.height_m - pose.height_m, curve)
         self._across = across
         lowering = -np.ones((1, len(across)))

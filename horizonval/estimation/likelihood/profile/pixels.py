@@ -84,7 +84,7 @@ def profile_pixels(
     curve: float,
     most: int | None = None,
 ) -> ProfilePixels:
-    """Return the pixels that a pose sees between two heights; with ``most`` about so many of them, evenly spread.
+    """Return the pixels that a pose sees between two heights, and that are no NaN; with ``most`` about so many of them, evenly spread.
 
     Raises
     ------
@@ -98,6 +98,7 @@ def profile_pixels(
     near = near_pixels(camera, pose.cam_from_itrs, pose.r_itrs, axes, top_m * per_m, -bottom_m * per_m, most)
     ray = ray_height(near.los_cam, pose.cam_from_itrs, pose.r_itrs, axes)
     inside = (ray.height_m > bottom_m) & (ray.height_m < top_m) & (ray.distance_m > 0.0)
+    inside &= np.isfinite(image[near.rows, near.columns])
     for place, size in ((near.columns, camera.width), (near.rows, camera.height)):
         inside &= (place >= BORDER_PX) & (place < size - BORDER_PX)
     near, ray = near.take(inside), ray.take(inside)

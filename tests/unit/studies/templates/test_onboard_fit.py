@@ -94,7 +94,7 @@ def told(program, numbers, r_itrs, cam_from_itrs):
         0.3,
         300.0,
     ]
-    return answer(program, [*known, 1.0, 0.0], numbers)
+    return answer(program, [*known, 1.0, 0.0, 0.0], numbers)
 
 
 def test_errors_are_what_is_claimed(program):
