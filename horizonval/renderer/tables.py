@@ -14,8 +14,9 @@ squares put nodes where the optical depth bends most: near the ground and near t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import drjit as dr
@@ -34,8 +35,10 @@ _ALIGNMENT = 128
 def gather_row(table: Real, index: mi.UInt32, width: int) -> list[Real]:
     """Return the ``width`` neighbouring entries of a flat table at row ``index``."""
     if width % 4 == 0:
-        packets = [dr.gather(packet_type(type(table)), table, index * (width // 4) + k) for k in range(width // 4)]
-        return [packet[k] for packet in packets for k in range(4)]
+        scalar: Any = type(table)
+        packet = packet_type(scalar)
+        packets = [dr.gather(packet, table, index * (width // 4) + k) for k in range(width // 4)]
+        return [values[k] for values in packets for k in range(4)]
     return [dr.gather(type(table), table, index * width + k) for k in range(width)]
 
 
@@ -45,11 +48,20 @@ def table_of(scalar: type[Real], values: NDArray[np.floating]) -> Real:
     Dr.Jit reads NumPy's memory in place, and gathers packets and loads vectors with one instruction only where they are
     aligned. NumPy's arrays are by chance, and every combination of chances would be a kernel of its own to compile.
     """
+    return table_of_parts(scalar, [values])
+
+
+def table_of_parts(scalar: type[Real], parts: Sequence[NDArray[np.floating]]) -> Real:
+    """Return the values of arrays, one behind the other, as :func:`table_of`: large ones are copied once."""
     dtype = np.dtype(np.float32 if dr.type_v(scalar) == dr.VarType.Float32 else np.float64)
-    room = np.empty(values.size * dtype.itemsize + _ALIGNMENT, dtype=np.uint8)
+    size = sum(part.size for part in parts)
+    room = np.empty(size * dtype.itemsize + _ALIGNMENT, dtype=np.uint8)
     first = -room.ctypes.data % _ALIGNMENT
-    aligned = room[first : first + values.size * dtype.itemsize].view(dtype)
-    aligned[:] = values.ravel()
+    aligned = room[first : first + size * dtype.itemsize].view(dtype)
+    filled = 0
+    for part in parts:
+        aligned[filled : filled + part.size] = part.ravel()
+        filled += part.size
     return scalar(aligned)
 
 
@@ -59,6 +71,7 @@ def vectors(v: FloatArray) -> Vec:
     return x, y, z
 
 
+@cache
 def packet_type(scalar: type[Real]) -> Any:
     """Return the type of four neighbouring Float32 or Float64 values."""
     module = dr.cuda if dr.backend_v(scalar) == dr.JitBackend.CUDA else dr.llvm

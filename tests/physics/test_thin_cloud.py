@@ -16,7 +16,7 @@ from horizonval.earth.column import OpticalModel
 from horizonval.earth.optical import optical_model
 from horizonval.geometry.ellipsoid import Ellipsoid
 from horizonval.renderer.plugin.backend import activate
-from horizonval.truth.infrared_horizon.radiance import BandMedium, limb_radiance
+from horizonval.truth.infrared_horizon.radiance import BandMedium, layer_edges_m, limb_radiance
 from horizonval.truth.infrared_horizon.rays import ray_paths
 
 activate()
@@ -136,6 +136,14 @@ def test_models_with_layers_travel_as_text() -> None:
     model = optical_model(scene, camera_of(GREEN, WINDOW))
     assert dump_model(load_model(dump_model(model))) == dump_model(model)
     assert load_model(dump_model(model)).layers == model.layers
+
+
+def test_truth_cuts_its_rays_at_the_edges_of_layers_up_to_the_top_of_the_air() -> None:
+    model = optical_model(scene_of(50.0, layer=[cirrus(0.2, 9.03, 11.01)]), camera_of(WINDOW))
+    band = model.thermal[0]
+    np.testing.assert_allclose(layer_edges_m(band, band.altitude_m), 1e3 * np.arange(8.9, 11.25, 0.1))
+    everywhere = replace(band, layer_per_m=np.ones_like(band.layer_per_m))
+    np.testing.assert_array_equal(layer_edges_m(everywhere, band.altitude_m), band.altitude_m)
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,10 @@ class ThinLayer:
             return np.asarray(0.5 * above)
 
         slope = np.diff(twice_integrated(z)) / step
-        return np.maximum(np.diff(slope), 0.0) * self.extinction_550_per_m / (0.5 * (step[1:] + step[:-1]))
+        # Beyond the layer the second difference is rounding, and whoever asks where the layer is would find it there.
+        met = (z[2:] > self.base_m) & (z[:-2] < self.top_m)
+        changes = np.where(met, np.maximum(np.diff(slope), 0.0), 0.0)
+        return changes * self.extinction_550_per_m / (0.5 * (step[1:] + step[:-1]))
 
     def infrared_per_m(self, altitude_m: FloatArray, wavelength_um: FloatArray, raised_m: float = 0.0) -> FloatArray:
         """Return the absorption [1/m] at infrared wavelengths (g,) on a grid, shape (g, n)."""

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from horizonval.core.arrays import FloatArray
 from horizonval.core.once import made_once
-from horizonval.renderer.tables import gather_row, table_of
+from horizonval.renderer.tables import gather_row, table_of_parts
 from horizonval.renderer.types import Values
 from horizonval.renderer.view_table.spline_patch import (
     COEFFICIENTS,
@@ -117,10 +117,9 @@ class PatchTable:
             while wave:
                 wave = self._halved(self._divide(wave), missing)
             self._known = self._nothing_known()
-        before = [] if self._pool is None else [np.array(self._pool)]
+        coefficients = [*([] if self._pool is None else [np.asarray(self._pool)]), *self._new]
         single = self.tabulated.single
-        coefficients = np.concatenate([*before, *(c.ravel() for c in self._new)])
-        self._pool = table_of(mi.Float32, coefficients) if single else table_of(mi.Float64, coefficients)
+        self._pool = table_of_parts(mi.Float32, coefficients) if single else table_of_parts(mi.Float64, coefficients)
         self._new.clear()
         self._index = mi.UInt32(self._leaves.ravel())
 

@@ -261,10 +261,16 @@ def air_table(
         floors.append(np.tile(floor[scale], stations))
         return found[: len(place)]
 
-    scales = (np.arange(stations)[:, None] * len(packet) + scale).ravel()
-
     def allowed(known: FloatArray) -> FloatArray:
         size = np.abs(known)
-        return tolerance * np.maximum(np.maximum(size, size[..., scales]) if ground.any() else size, floors[0])
+        largest = np.maximum(size, floors[0])
+        if ground.any():
+            by_packet = (*known.shape[:-1], stations, packets, PACKET)
+            theirs, ours = largest.reshape(by_packet), size.reshape(by_packet)
+            for k in range(count):
+                of_ground = theirs[..., bounce_packet(count, bends, k), :]
+                np.maximum(of_ground, ours[..., radiance_packet(k), :], out=of_ground)
+        largest *= tolerance
+        return largest
 
     return PatchTable(Tabulated(values_first, allowed, packets * PACKET * stations, single=stations > 1))

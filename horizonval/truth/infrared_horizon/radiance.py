@@ -52,7 +52,8 @@ def layer_edges_m(band: EmittingBand, altitude_m: FloatArray) -> FloatArray:
     inside = np.nonzero(band.layer_per_m.any(axis=0))[0] if len(band.layer_per_m) else np.zeros(0, dtype=np.intp)
     if not len(inside):
         return np.zeros(0)
-    return np.asarray(altitude_m[np.unique(np.concatenate([inside - 1, inside, inside + 1]))])
+    beside = np.concatenate([inside - 1, inside, inside + 1])
+    return np.asarray(altitude_m[np.unique(np.clip(beside, 0, len(altitude_m) - 1))])
 
 
 class BandMedium:

@@ -39,6 +39,15 @@ def test_columns_keep_optical_depth_and_mean_height(base_m, top_m, raised_m):
     assert not column[outside].any()
 
 
+def test_columns_are_nothing_beyond_their_layer():
+    """To the last bit, under any tropopause: what looks for a layer's edges looks for the first node that has none."""
+    for latitude_deg in np.linspace(-90.0, 90.0, 181):
+        base_m, top_m = layer_kinds.heights_m(scene({"kind": "cirrus"}).layer[0], float(latitude_deg))
+        inside = GRID_M[ThinLayer(base_m, top_m, 1e-4, "ice 30").column(GRID_M) != 0.0]
+        assert base_m - 100.0 < inside[0] <= base_m + 100.0
+        assert top_m - 100.0 <= inside[-1] < top_m + 100.0
+
+
 def test_air_scatters_by_its_layers():
     clear, cloudy = (air_of(scene(*layers)) for layers in ((), ({"kind": "cirrus", "base_km": 9, "top_km": 11},)))
     added = cloudy.aerosol.at(0.55)[0] - (clear.aerosol.at(0.55)[0] if clear.aerosol.kinds else 0.0)
