@@ -80,8 +80,8 @@ class Picture:
     def unclipped(self) -> FloatArray:
         """The image with NaN where it is saturated, and beside that, shape (H, W).
 
-        A pixel beside saturated ones is below full scale by its noise, or holds charge of theirs: 5 x 5 pixels round each
-        saturated one are left out.
+        A pixel beside saturated ones is below full scale by its noise, or holds charge of theirs: 5 x 5 pixels round
+        each saturated one are left out.
         """
         if not self.saturated.any():
             return self.grey

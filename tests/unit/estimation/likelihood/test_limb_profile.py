@@ -532,6 +532,18 @@ def test_the_estimator_claims_what_the_fit_found(monkeypatch: pytest.MonkeyPatch
     assert abs(fit.altitude_m - 600e3) < 3e3
 
 
+@pytest.mark.parametrize("seed", [3, 6])
+def test_saturated_pixels_tell_nothing(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the converter cuts off is no light of the air: taken for it, the nadir is off by twice the claim."""
+    observation, nadir = seen(seed, monkeypatch)
+    full = BLACK + 1500.0
+    image = np.minimum(observation.image, full)
+    assert 0.1 < np.mean(image == full) < 0.4
+    fit = limb_profile.ESTIMATOR.run(replace(observation, image=image, full_scale=full))
+    assert isinstance(fit, Fit), fit
+    assert np.linalg.norm(fit.nadir_cam - nadir) < 1.5 * np.sqrt(np.trace(fit.total_covariance_nadir_cam))
+
+
 @pytest.mark.parametrize(
     ("missing", "word"),
     [
