@@ -84,7 +84,7 @@ def profile_pixels(
     curve: float,
     most: int | None = None,
 ) -> ProfilePixels:
-    """Return the pixels that a pose sees between two heights and that are not NaN; ``most``: about so many, evenly spread.
+    """Return pixels that a pose sees between two heights and that are no NaN; ``most``: about so many, evenly spread.
 
     Raises
     ------
