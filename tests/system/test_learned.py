@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import itertools
+import json
 import sys
 from pathlib import Path
 
@@ -236,3 +238,13 @@ def test_weights_come_back_as_they_were_written(tmp_path):
         assert np.array_equal(mine, other)
     assert (again.placed, again.free, again.made) == (loaded.placed, loaded.free, loaded.made)
     assert network.WEIGHTS.stat().st_size < 1_000_000
+
+
+def test_the_page_is_that_of_its_numbers():
+    page = importlib.import_module("horizonval_learned.page")
+    folder = ROOT / "results" / "learned"
+    digest = json.loads((folder / "learned.json").read_text(encoding="utf-8"))
+    assert (folder / "README.md").read_text(encoding="utf-8") == page.page(digest)
+    made = network.load().made
+    assert digest["made"] == made
+    assert digest["dataset"]["sha256"] == made["digest"]

@@ -39,7 +39,7 @@ def main() -> None:
 
 def score(frames: Path, folder: Path, work: Path) -> None:
     """Write the page, its numbers and its picture into a folder."""
-    from horizonval_peers.threshold_circle import OTSU
+    from horizonval_peers.threshold_circle import OTSU, TRIANGLE
 
     from horizonval.estimation import registry
     from horizonval_learned.page import page
@@ -47,7 +47,7 @@ def score(frames: Path, folder: Path, work: Path) -> None:
     from horizonval_learned.plugin import ESTIMATOR
     from horizonval_learned.score import ON_SAMPLE, digest_of
 
-    methods = [ESTIMATOR, OTSU, *(registry.get(name) for name in ON_SAMPLE)]
+    methods = [ESTIMATOR, TRIANGLE, OTSU, *(registry.get(name) for name in ON_SAMPLE)]
     digest = digest_of(frames, methods, work, report=print)
     folder.mkdir(parents=True, exist_ok=True)
     plot(digest, folder / PICTURE)

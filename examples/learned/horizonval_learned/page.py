@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from horizonval_learned.score import ALONE, BESIDE, FLOOR, OURS
+from horizonval_learned.score import ALONE, BESIDE, FLOOR, OURS, SAMPLE
 
 HEAD = """# A learned estimator beside the others
 
@@ -26,7 +26,7 @@ python -m horizonval_learned score frames results/learned
 | learned from | {profiles} profiles; seed {seed}; kept as of epoch {epoch} |
 | training | {seconds} s on two cores shared with other work, reading the frames included |
 | weights | {kilobytes:.0f} kB, numpy alone |
-| time of an image | {ms:g} ms of processor time, median; `otsu-circle` {floor_ms:g} ms |
+| time of an image | {ms:g} ms of processor time, median; `{floor}` {floor_ms:g} ms |
 | versions | {versions}; torch {torch} for the training |
 
 ![Errors and claims](errors.png)
@@ -37,13 +37,15 @@ TEST = """## Frames for test
 {test} frames of {scenes} scenes that were neither learned from nor stopped by. `learned-limb` knows the place as in the
 benchmark: position to 1 km, attitude to 2 deg, of which it uses the direction to the north. *Image alone* is the same
 estimator without any of it: the Earth's flattening, which no image tells from a tilt, is then in its error and in its
-claim. Errors in degrees; *normalised* is the mean normalised error squared over 2, which is 1 of an honest claim.
+claim. The floor are two robust circles of [examples/peers](../../examples/peers/README.md). One takes Otsu's threshold,
+which on this lens finds the border of the darkened corners and not the limb; the other sees the limb. Errors in deg;
+*normalised* is the mean normalised error squared over 2, which is 1 of an honest claim.
 
 | method | answered | rms | median | 95 % | largest | normalised | ms |
 |---|---|---|---|---|---|---|---|
 {all}
 
-Methods of ours that take longer, on every tenth of these frames, with the same priors, and the others on the same:
+Methods of ours that take longer, on one frame in {step}, with the same priors, and the others on the same:
 
 | method | answered | rms | median | 95 % | largest | normalised | ms |
 |---|---|---|---|---|---|---|---|
@@ -98,6 +100,7 @@ def page(digest: dict[str, Any]) -> str:
         sha256=digest["dataset"]["sha256"],
         kilobytes=digest["bytes"] / 1e3,
         ms=test["all"][OURS]["ms"],
+        floor=FLOOR,
         floor_ms=test["all"][FLOOR]["ms"],
         versions=", ".join(f"{name} {number}" for name, number in digest["versions"].items()),
         **made["frames"],
@@ -106,6 +109,7 @@ def page(digest: dict[str, Any]) -> str:
     tables = TEST.format(
         test=digest["dataset"]["test"],
         scenes=scenes,
+        step=SAMPLE,
         floor=FLOOR,
         all="\n".join(_method(*one) for one in test["all"].items()),
         sample="\n".join(_method(*one) for one in test["sample"].items()),

@@ -215,9 +215,9 @@ def _kept(logarithms: np.ndarray) -> np.ndarray:
 
 
 def looks(folder: Path, network: Network, placed: bool) -> Looks:
-    """Look at every fourth frame of the training and all of the validation, with and without the place."""
+    """Look at every eighth frame of the training and all of the validation, with and without the place."""
     seen, tilts = [], []
-    for split, step in (("train", 4), ("validation", 1)):
+    for split, step in (("train", 8), ("validation", 1)):
         for frame in islice(frames(folder, split), 0, None, step):
             observation = frame.observation if placed else image_alone(frame.observation)
             start = first_cone(observation)
