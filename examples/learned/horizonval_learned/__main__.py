@@ -1,9 +1,10 @@
 """Train and score the network.
 
     python -m horizonval_learned train FRAMES
-    python -m horizonval_learned score FRAMES results/learned
+    python -m horizonval_learned score FRAMES BENCH results/learned
 
-FRAMES is a folder of ``horizonval dataset learning --frames 10000 --out FRAMES --format hdf5``. ``train`` writes the
+FRAMES is a folder of ``horizonval dataset learning --frames 10000 --out FRAMES --format hdf5``, BENCH one of
+``horizonval bench make --out BENCH``. ``train`` writes the
 weights into the package, ``score`` the page, its numbers and its picture.
 """
 
@@ -26,6 +27,7 @@ def main() -> None:
     learn.add_argument("--seed", type=int, default=1)
     judge = commands.add_parser("score", help="write the page; needs h5py and the package of examples/peers")
     judge.add_argument("frames", type=Path)
+    judge.add_argument("bench", type=Path)
     judge.add_argument("folder", type=Path)
     judge.add_argument("--work", type=Path, default=Path("out-learned"), help="for the suites' runs")
     arguments = parser.parse_args()
@@ -34,10 +36,10 @@ def main() -> None:
 
         train(arguments.frames, arguments.seed, report=print)
         return
-    score(arguments.frames, arguments.folder, arguments.work)
+    score(arguments.frames, arguments.bench, arguments.folder, arguments.work)
 
 
-def score(frames: Path, folder: Path, work: Path) -> None:
+def score(frames: Path, bench: Path, folder: Path, work: Path) -> None:
     """Write the page, its numbers and its picture into a folder."""
     from horizonval_peers.threshold_circle import OTSU, TRIANGLE
 
@@ -48,7 +50,7 @@ def score(frames: Path, folder: Path, work: Path) -> None:
     from horizonval_learned.score import ON_SAMPLE, digest_of
 
     methods = [ESTIMATOR, TRIANGLE, OTSU, *(registry.get(name) for name in ON_SAMPLE)]
-    digest = digest_of(frames, methods, work, report=print)
+    digest = digest_of(frames, bench, methods, work, report=print)
     folder.mkdir(parents=True, exist_ok=True)
     plot(digest, folder / PICTURE)
     # Single errors are for the picture; the page and the file of numbers have what they come to.

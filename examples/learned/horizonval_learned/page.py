@@ -16,12 +16,14 @@ known, a small network says where the horizon lies in a profile across the limb.
 pip install . ./examples/peers "./examples/learned[train]"
 horizonval dataset learning --frames 10000 --out frames --format hdf5 --workers 2
 python -m horizonval_learned train frames
-python -m horizonval_learned score frames results/learned
+horizonval bench make --out bench --frames-per-cell 5
+python -m horizonval_learned score frames bench results/learned
 ```
 
 | what | |
 |---|---|
-| frames | {frames}: {train} to learn from, {validation} to stop by and {test} to be tested by, split by scene |
+| frames | {frames}, split by scene: of 80 scenes {train} frames were learned from, of 10 {validation} stopped by |
+| frames for test | all {test} of the other 10 scenes |
 | digest of the frames | `{sha256}` |
 | learned from | {profiles} profiles; seed {seed}; kept as of epoch {epoch} |
 | training | {seconds} s on two cores shared with other work, reading the frames included |
@@ -38,8 +40,8 @@ TEST = """## Frames for test
 benchmark: position to 1 km, attitude to 2 deg, of which it uses the direction to the north. *Image alone* is the same
 estimator without any of it: the Earth's flattening, which no image tells from a tilt, is then in its error and in its
 claim. The floor are two robust circles of [examples/peers](../../examples/peers/README.md). One takes Otsu's threshold,
-which on this lens finds the border of the darkened corners and not the limb; the other sees the limb. Errors in deg;
-*normalised* is the mean normalised error squared over 2, which is 1 of an honest claim.
+which on this lens finds the border of the darkened corners and not the limb; the other sees the limb. Errors in deg.
+*Normalised* is the mean normalised error squared over 2, which is 1 of an honest claim.
 
 | method | answered | rms | median | 95 % | largest | normalised | ms |
 |---|---|---|---|---|---|---|---|
@@ -60,10 +62,10 @@ By the kind of air:
 
 SUITES = """## As a plug-in beside the others
 
-Rows of the product's own scorer, from suites that name `learned-limb` among their `estimators`. `learning-again` is
-`learning` with another seed: {again} scenes of the same kinds elsewhere. The cells of the benchmark have its public
-seed, the first {cell} frames of each; the network was trained for none of them but `ir-leo-clear`, `ir-leo-tropical`,
-`ir-leo-subarctic-winter` and `ir-leo-night`, whose frames are of the kind that it knows.
+Rows of the product's own scorer. `learning-again` is the suite `learning` with another seed, that names `learned-limb`
+among its `estimators`: {again} scenes of the same kinds elsewhere. The others are the infrared cells of the benchmark,
+the first {cell} frames of each by its public seed; the network was trained for none of them but `ir-leo-clear`,
+`ir-leo-tropical`, `ir-leo-subarctic-winter` and `ir-leo-night`, whose frames are of the kind that it knows.
 
 Each cell of the table: answers of those due, *false claims* if any, rms error in degrees (normalised error squared
 over 2).
@@ -80,12 +82,20 @@ CAVEATS = """## Honest remarks
 - **One camera, cloudless standard air.** All frames are of one lens, from 450 to 650 km, of six standard airs without
   clouds. The table above says what becomes of others. A profile unlike those of the training is left out, and with
   fewer than 60 % of the profiles left the answer is a refusal.
+- **It claims too much where it has not been**: {strange}. There the claims are right to a tenth of a degree,
+  but not as sure as they say. Its guard sees shapes of the limb that it does not know, not every camera.
+- **Home ground.** It has learned how high the limb of six airs stands, and the frames are of these six. The others know
+  nothing of the air, and neither does the bound of a frame, which is why its errors can lie below that.
 - **The noise is small and the same in training and test**, and both are rendered by the same program: nothing here says
   how it does on a real image.
 - **Scenes for test are few**: {scenes}. What frames of a scene have in common (the air's height, the flattening of a
   latitude) is drawn that often only, so that *normalised* by the kind of air is coarse.
-- What errors of profiles have in common is measured on the frames of training and validation, as four numbers (spread,
-  then kilometres at the limb of tilt, shape and height): {placed} with the place known, {free} without.
+- What errors of profiles have in common is measured on the scenes for validation, as four numbers (spread, then
+  kilometres at the limb of tilt, shape and height): {placed} with the place known,
+  {free} without.
+- **Seen before it was fixed.** After a look at one frame for test in ten (normalised 1.45, 3.8 in the worst scene) the
+  common errors were no longer measured on frames of the training too, which flatter it, and twice as many frames were
+  learned from. The threshold that sees the limb was added when Otsu's was seen not to. Nothing else was chosen so.
 - **Visible bands are refused**: it has seen none.
 """
 
@@ -124,7 +134,9 @@ def page(digest: dict[str, Any]) -> str:
         rows="\n".join(f"| `{name}` | {' | '.join(_cell(by[method]) for method in BESIDE)} |" for name, by in cells),
         bounds=", ".join(f"`{method}` {_number(again[method]['over_bound'])}" for method in BESIDE),
     )
+    unsure = [(name, by[OURS]) for name, by in cells if (by[OURS]["normalised"] or 0.0) > 2.0]
     remarks = CAVEATS.format(
+        strange=", ".join(f"normalised {_number(row['normalised'])} in `{name}`" for name, row in unsure),
         scenes=scenes,
         placed=", ".join(_number(x) for x in models["placed"]),
         free=", ".join(_number(x) for x in models["free"][:3]),

@@ -16,7 +16,7 @@ COLOURS = dict(zip((*ON_ALL, *ON_SAMPLE), SHADES, strict=True))
 
 def plot(digest: dict[str, Any], path: Path) -> None:
     """Write the picture: shares of frames by error, and of claims by normalised error squared."""
-    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
+    figure = Figure(figsize=(11.0, 5.0), layout="constrained")
     left, right = figure.subplots(1, 2)
     for method, errors in digest["test"]["errors_deg"].items():
         found = np.sort([e for e in errors if np.isfinite(e)])
@@ -28,7 +28,7 @@ def plot(digest: dict[str, Any], path: Path) -> None:
         left.plot(np.maximum(found, 1e-4), share, color=COLOURS[method], label=label, **thin)
     left.set(xscale="log", xlim=(1e-3, 100.0), ylim=(0.0, 1.02), xlabel="nadir error [deg]", ylabel="share of frames")
     left.set_title("frames for test, of scenes that were not learned from", fontsize=10)
-    left.legend(fontsize=8, frameon=False, loc="upper left")
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     steps = np.linspace(0.0, 8.0, 400)
     right.plot(steps, np.exp(-steps), color="#333333", linewidth=1.0, linestyle=":", label="an honest claim")
     for method in (OURS, ALONE):

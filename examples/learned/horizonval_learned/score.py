@@ -1,8 +1,8 @@
 """How good the weights are: the frames for test, and the scorer's own rows beside other methods.
 
-The frames for test are of scenes that the training never saw. The suites are run as any user's are, with the plug-in
-named among their ``estimators``: ``learning`` again with another seed, and the first frames of each infrared cell of
-the benchmark, most of which are not what the network was trained on.
+The frames for test are of scenes that the training never saw. The scorer's rows are those of ``learning`` again with
+another seed, a suite that names the plug-in among its ``estimators``, and of the infrared frames of the benchmark, most
+of which are not what the network was trained on.
 """
 
 from __future__ import annotations
@@ -22,19 +22,22 @@ import numpy as np
 import horizonval as hv
 from horizonval.geometry.directions import angle_between, tangent_basis
 from horizonval.spec.files import shipped_path
-from horizonval.studies import bench
+from horizonval.store.index import Filter
+from horizonval.store.store import Store
+from horizonval.studies.bench.frames import cell_of
+from horizonval.suites.rescore import rescore
 from horizonval_learned.frames import Frame, frames, image_alone, index_of
-from horizonval_learned.network import load
+from horizonval_learned.network import WEIGHTS, load
 
 OURS, ALONE = "learned-limb", "learned-limb, image alone"
 FLOOR, OTSU = "triangle-circle", "otsu-circle"
 """Two of the floor's thresholds. Otsu's follows the lens, which darkens its corners to a tenth, and not the limb."""
 ON_ALL = (OURS, ALONE, FLOOR, OTSU)
-SAMPLE = 25
+SAMPLE = 100
 ON_SAMPLE = ("altitude-free", "guarded-altitude-free", "limb-ellipsoid")
 """Methods that are asked about some of the frames, for the time that they take."""
 BESIDE = (OURS, FLOOR, OTSU, "altitude-free", "limb-ellipsoid")
-OTHER_SEED, SCENES, OF_A_CELL = 7, 20, 3
+OTHER_SEED, SCENES = 7, 8
 PRIOR = """
 [defaults.prior]
 altitude_sigma_km = 1.0
@@ -105,49 +108,42 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def in_suites(work: Path, report: Callable[[str], None]) -> dict[str, Any]:
-    """Run the two suites with all methods, and return the scorer's rows by suite or cell and by method."""
+def in_suites(bench: Path, work: Path, report: Callable[[str], None]) -> dict[str, Any]:
+    """Ask the methods in a suite and on the benchmark's frames, and return the scorer's rows by cell and by method."""
     work.mkdir(parents=True, exist_ok=True)
-    found: dict[str, Any] = {}
-    for name, text in (("learning-again", learning_again()), ("bench-infrared", bench_infrared())):
-        report(f"suite {name}")
-        suite = work / f"{name}.toml"
-        suite.write_text(text, encoding="utf-8")
-        relation = hv.run(suite, work / name, progress=False).rows()
-        rows = [dict(zip(relation.columns, row, strict=True)) for row in relation.fetchall()]
-        cells: dict[str, list[dict[str, Any]]] = {}
-        for row in rows:
-            cells.setdefault(name if name == "learning-again" else row["case"].partition("_")[0], []).append(row)
-        found[name] = {
-            cell: {method: _scored([row for row in cell_rows if row["estimator"] == method]) for method in BESIDE}
-            for cell, cell_rows in cells.items()
-        }
-    return found
+    suite, again, infrared = work / "learning-again.toml", work / "learning-again", work / "bench-infrared"
+    report("suite learning-again")
+    suite.write_text(learning_again(), encoding="utf-8")
+    hv.run(suite, again, progress=False)
+    report("infrared frames of the benchmark")
+    rescore(Store(bench / "frames" / "archive"), infrared, BESIDE, Filter(kind="image", scene="ir-*"), workers=2)
+    return {"learning-again": {"learning-again": _by_method(_rows(again))}, "bench-infrared": _by_cell(_rows(infrared))}
+
+
+def _rows(folder: Path) -> list[dict[str, Any]]:
+    relation = hv.open_run(folder).rows()
+    return [dict(zip(relation.columns, row, strict=True)) for row in relation.fetchall()]
+
+
+def _by_cell(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    cells = dict.fromkeys(cell_of(row["case"]) for row in rows)
+    return {cell: _by_method([row for row in rows if cell_of(row["case"]) == cell]) for cell in cells}
+
+
+def _by_method(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    return {method: _scored([row for row in rows if row["estimator"] == method]) for method in BESIDE}
 
 
 def learning_again() -> str:
     """Return the suite ``learning`` with other scenes, what is known of the place, and all methods."""
     text = shipped_path("suite", "learning").read_text(encoding="utf-8")
     text = re.sub(r"(?ms)^\[dataset\].*?(?=^\[)", "", text)
-    text = _asked(text, 'name = "learning-again"')
+    methods = ", ".join(f'"{method}"' for method in BESIDE)
+    text = re.sub(r"(?m)^name = .*$", 'name = "learning-again"', text, count=1)
+    text = re.sub(r"(?m)^estimators = .*$", f"estimators = [{methods}]", text)
     text = re.sub(r"(?m)^seed = .*$", f"seed = {OTHER_SEED}", text)
     text = re.sub(r"(?m)^frames = .*$", f"frames = {SCENES}", text)
     return text.replace("\n[[cases]]", f"{PRIOR}\n[[cases]]", 1)
-
-
-def bench_infrared() -> str:
-    """Return the infrared cells of the benchmark, the first frames of each, with all methods."""
-    text = Path(bench.__file__).with_name("frames.toml").read_text(encoding="utf-8")
-    head, *cases = text.split("[[cases]]")
-    head = re.sub(r"(?m)^frames = .*\n", "", _asked(head, 'name = "bench-infrared"'))
-    cases = [case.replace("share = 0.025", f"n = {OF_A_CELL}") for case in cases if '"ir-' in case]
-    return "[[cases]]".join([head, *cases])
-
-
-def _asked(text: str, name: str) -> str:
-    methods = ", ".join(f'"{method}"' for method in BESIDE)
-    text = re.sub(r"(?m)^name = .*$", name, text, count=1)
-    return re.sub(r"(?m)^estimators = .*$", f"estimators = [{methods}]", text)
 
 
 def _scored(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -170,7 +166,7 @@ def _scored(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def digest_of(
-    folder: Path, estimators: Iterable[hv.Estimator], work: Path, report: Callable[[str], None]
+    folder: Path, bench: Path, estimators: Iterable[hv.Estimator], work: Path, report: Callable[[str], None]
 ) -> dict[str, Any]:
     """Return the numbers of the page."""
     network, index = load(), index_of(folder)
@@ -180,14 +176,14 @@ def digest_of(
         "dataset": {"sha256": index["sha256"], "frames": index["frames"], "test": index["splits"]["test"]["frames"]},
         "test_scenes": index["splits"]["test"]["scenes"],
         "made": network.made,
-        "bytes": sum(path.stat().st_size for path in [Path(__file__).with_name("weights.npz")]),
+        "bytes": WEIGHTS.stat().st_size,
         "unlike": _digits(network.unlike),
         "models": {
             name: [_digits(x) for x in model.numbers()]
             for name, model in (("placed", network.placed), ("free", network.free))
         },
         "test": on_test(folder, {one.name: one for one in estimators}),
-        "suites": in_suites(work, report),
+        "suites": in_suites(bench, work, report),
     }
 
 
