@@ -230,9 +230,10 @@
   const key = () => {
     const seen = new Map(frames.map((f) => f.rows[pick.a.value]).filter(Boolean).map((row) => [row.kind, row]));
     find("v-key").replaceChildren(...[...seen.values()].flatMap((row) => {
-      const swatch = Object.assign(document.createElement("i"), { textContent: row.glyph });
+      const one = document.createElement("span"), swatch = Object.assign(document.createElement("i"), { textContent: row.glyph });
       swatch.style.background = colours[row.kind] || "#6b7178";
-      return [swatch, ` ${row.label} `];
+      one.append(swatch, ` ${row.label}`);
+      return [one, " "];
     }));
   };
   const timeline = () => {
