@@ -30,7 +30,9 @@ def base():
 @pytest.fixture(scope="module")
 def three(base):
     """Rows of three scenes: with valid claims, with false ones, and in the infrared."""
-    return [row for row in base.results.rows if row.scene in ("day_000", "hard_000", "infrared_000") and row.replicate < 2]
+    return [
+        row for row in base.results.rows if row.scene in ("day_000", "hard_000", "infrared_000") and row.replicate < 2
+    ]
 
 
 def shown(base, rows):
