@@ -48,12 +48,6 @@ def _fault(address: Address, kind: str, rng: random.Random) -> None:
             stream.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
 
 
-FAULTS = [
-    "gone at once", "gone before its answer", "half a message", "garbage", "a garbled message", "too long",
-    "many at once, never read", "reset",
-]  # fmt: skip
-
-
 def after_faults(address: Address, faults: int, seed: int) -> None:
     """Do faults of all kinds in turn; a steady client must get each of its own images, and the others be let go."""
     rng = random.Random(seed)

@@ -23,12 +23,12 @@
           return column === 0 ? text : Number.isNaN(number) ? text : number;
         };
         const order = (x, y) => {
-          // Numbers before words, words by the alphabet, design numbers by their size.
-          if (typeof x === "string" && typeof y === "string") return x.localeCompare(y, "en", { numeric: true });
+          // Numbers before words, either way up; words by the alphabet, design numbers by their size.
           if (typeof x !== typeof y) return typeof x === "number" ? -1 : 1;
-          return x - y;
+          const up = typeof x === "string" ? x.localeCompare(y, "en", { numeric: true }) : x - y;
+          return down ? -up : up;
         };
-        const sorted = groups(table.tBodies[0]).sort((a, b) => order(key(a), key(b)) * (down ? -1 : 1));
+        const sorted = groups(table.tBodies[0]).sort((a, b) => order(key(a), key(b)));
         table.tBodies[0].append(...sorted.flat());
       });
     });

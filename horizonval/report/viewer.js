@@ -227,7 +227,17 @@
     }));
   };
   const sunAngle = (f) => (f.sun_deg === null ? "" : `, Sun ${f.sun_deg.toFixed(1)}° from the axis`);
+  const key = () => {
+    const seen = new Map(frames.map((f) => f.rows[pick.a.value]).filter(Boolean).map((row) => [row.kind, row]));
+    find("v-key").replaceChildren(...[...seen.values()].flatMap((row) => {
+      const swatch = Object.assign(document.createElement("i"), { textContent: row.glyph });
+      swatch.style.background = colours[row.kind] || "#6b7178";
+      return [swatch, ` ${row.label} `];
+    }));
+  };
   const timeline = () => {
+    // Many cells leave no room for gaps between them.
+    line.classList.toggle("many", frames.length > 150);
     line.replaceChildren(...frames.map((f, i) => {
       const cell = document.createElement("i"), top = document.createElement("b"), row = f.rows[pick.a.value];
       cell.className = `${f.sun ? "sun" : f.light}${i === state.frame ? " here" : ""}`;
@@ -290,6 +300,8 @@
     state.y = Math.max(0, Math.min(f.height - 1, y - dy / scale()));
     remember(); draw();
   };
+  // By the keyboard the middle of what is shown stands for the pointer.
+  const step = (x, y) => { pan(x * canvas.clientWidth / 8, y * canvas.clientHeight / 8); pointer = centre(); readOut(); };
   const whole = () => { state.zoom = 1; state.x = state.y = null; remember(); draw(); };
 
   canvas.addEventListener("wheel", (event) => { if (!event.ctrlKey && document.activeElement !== canvas) return; event.preventDefault(); zoom(event.deltaY < 0 ? 1.25 : 0.8, pixelAt(event)); }, { passive: false });
@@ -303,7 +315,7 @@
   canvas.addEventListener("dblclick", (event) => zoom(2, pixelAt(event)));
   line.addEventListener("click", (event) => { const cell = event.target.closest("i"); if (cell) go([...line.children].indexOf(cell)); });
   scrub.addEventListener("input", () => go(Number(scrub.value)));
-  for (const select of Object.values(pick)) select.addEventListener("change", () => { remember(); timeline(); score(); draw(); });
+  for (const select of Object.values(pick)) select.addEventListener("change", () => { remember(); timeline(); key(); score(); draw(); });
   for (const box of Object.values(marks)) box.addEventListener("change", () => { remember(); draw(); });
   find("v-in").addEventListener("click", () => zoom(1.5));
   find("v-out").addEventListener("click", () => zoom(1 / 1.5));
@@ -312,7 +324,8 @@
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
     if (event.target.closest?.("select, input[type=range]") && event.key.startsWith("Arrow")) return;
-    const does = {
+    const moves = { ArrowRight: [-1, 0], ArrowLeft: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1] };
+    const does = event.shiftKey && moves[event.key] ? () => step(...moves[event.key]) : {
       ArrowRight: () => go(state.frame + 1), ArrowLeft: () => go(state.frame - 1), "+": () => zoom(1.5), "=": () => zoom(1.5),
       "-": () => zoom(1 / 1.5), 0: whole, t: () => marks.t.click(), p: () => marks.p.click(), l: () => marks.l.click(), "?": help,
     }[event.key];
@@ -323,25 +336,31 @@
   const restore = () => {
     const text = location.hash.slice(1);
     if (!text.includes("=")) {
-      const named = frames.findIndex((f) => f.name === decodeURIComponent(text));
+      let name = text;
+      try { name = decodeURIComponent(text); } catch { /* not ours: taken as it stands */ }
+      const named = frames.findIndex((f) => f.name === name);
       if (named >= 0) state.frame = named;
       return show();
     }
     const words = new URLSearchParams(text), number = (key) => (words.has(key) && Number.isFinite(Number(words.get(key))) ? Number(words.get(key)) : null);
-    const named = frames.findIndex((f) => f.name === words.get("case"));
-    // The number decides where both are given and agree; the name where frames were added since.
-    state.frame = named >= 0 ? named : Math.max(0, Math.min(frames.length - 1, Math.trunc(number("frame") ?? 0)));
-    for (const key of ["a", "b"]) if (words.has(key) && [...pick[key].options].some((o) => o.value === words.get(key))) pick[key].value = words.get(key);
+    const numbered = Math.max(0, Math.min(frames.length - 1, Math.trunc(number("frame") ?? 0)));
+    // The number decides where both agree, as bands of one case share its name; the name where frames were added since.
+    const named = frames[numbered].name === words.get("case") ? numbered : frames.findIndex((f) => f.name === words.get("case"));
+    state.frame = named >= 0 ? named : numbered;
+    for (const one of ["a", "b"]) if (words.has(one) && [...pick[one].options].some((o) => o.value === words.get(one))) pick[one].value = words.get(one);
+    key();
     for (const key of Object.keys(marks)) marks[key].checked = !(words.get("off") ?? "").includes(key);
     state.zoom = Math.max(1, Math.min(64, number("zoom") ?? 1));
     [state.x, state.y] = [number("x"), number("y")];
     if (state.x === null || state.y === null) state.x = state.y = null;
+    else if (frame().width > 1) [state.x, state.y] = [Math.max(0, Math.min(frame().width - 1, state.x)), Math.max(0, Math.min(frame().height - 1, state.y))];
     return show();
   };
   const start = async () => {
     if (served && !own.length) await fetchList();
     if (!frames.length) return;
     scrub.max = frames.length - 1;
+    key();
     window.addEventListener("hashchange", restore);
     await restore();
   };

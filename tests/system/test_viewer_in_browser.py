@@ -94,6 +94,16 @@ def point_at(browser: Browser, x: float, y: float) -> tuple[float, float]:
     return at
 
 
+def click_at(browser: Browser, element: str) -> None:
+    """Click with the mouse where an element is seen."""
+    x, y = browser.evaluate(
+        f"(() => {{ const e = {element}; e.scrollIntoView({{block: 'center'}}); const b = e.getBoundingClientRect();"
+        "return [b.left + b.width / 2, b.top + b.height / 2]; })()"
+    )
+    for kind in ("mousePressed", "mouseReleased"):
+        browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+
 def test_it_asks_for_nothing_and_fits(browser, page):
     visit(browser, page)
     assert [url[:80] for url in browser.requests if url != page and not url.startswith("data:")] == []
@@ -225,12 +235,52 @@ def test_the_profile_follows_the_pointer(browser, page):
 def test_tables_sort(browser, page):
     visit(browser, page)
     names = "[...document.querySelectorAll('.outcomes tbody tr')].map(row => row.cells[0].textContent)"
-    click = "document.querySelector('.outcomes thead th button').click()"
-    browser.evaluate(click)
+    click_at(browser, "document.querySelector('.outcomes thead th button')")
     up = browser.evaluate(names)
-    browser.evaluate(click)
+    click_at(browser, "document.querySelector('.outcomes thead th button')")
     assert up == sorted(up)
     assert browser.evaluate(names) == up[::-1] != up
+
+
+def test_what_has_no_number_is_sorted_to_the_end_either_way_up(browser, page):
+    visit(browser, page)
+    column = "[...document.querySelectorAll('.outcomes tbody tr')].map(row => row.cells[9].textContent[0] === '–')"
+    for _ in range(2):
+        click_at(browser, "document.querySelectorAll('.outcomes thead th button')[9]")
+        assert browser.evaluate(column) == [False, False, True, True]
+
+
+def test_outcomes_are_explained_beside_the_line(browser, page):
+    visit(browser, page)
+    words = browser.evaluate("document.getElementById('v-key').textContent")
+    for label in ("● valid", "✖ false claim", "○ refused, as expected", "▼ refused, though the limb is usable"):
+        assert label in words
+    browser.evaluate(
+        "{const s = document.getElementById('v-a'); s.value = 'ideal'; s.dispatchEvent(new Event('change'))}"
+    )
+    assert browser.evaluate("document.getElementById('v-key').textContent").strip() == "● valid"
+
+
+def test_the_keyboard_alone_moves_and_reads(browser, page):
+    dn = toy_image(synthetic_cases()[0].truth).dn
+    visit(browser, page + "#frame=0&zoom=4&x=300&y=240")
+    before = browser.evaluate(PICTURE)
+    browser.press("ArrowDown", shift=True)
+    assert browser.evaluate(PICTURE) != before
+    words = browser.evaluate("document.getElementById('v-value').textContent")
+    x, y, value = map(int, re.match(r"x (\d+), y (\d+): (\d+) DN of 1023", words).groups())
+    assert x == 300
+    assert y > 240
+    assert value == dn[y, x]
+    assert "1 of 8" in browser.evaluate(NAME)
+
+
+def test_an_address_that_is_none_of_ours_shows_the_first_frame(browser, page):
+    for tail in ("#50%", "#no-such-frame", "#frame=-3&zoom=x&x=&y=1", "#frame=1e9&x=1e9&y=-1e9"):
+        visit(browser, page + tail)
+        assert browser.complaints == []
+        last = "1e9" in tail
+        assert browser.evaluate(NAME).startswith("8 of 8" if last else "1 of 8")
 
 
 def test_dark_where_the_reader_wants_it(browser, page):
