@@ -400,7 +400,7 @@ static int choose(State *s) {
   rest(s);
   double r2 = dot(s->r, s->r), to_limb = sqrt(fmax(r2 - A_M * A_M, 1.0)), pixel_m = to_limb / fmax(fx, fy), spare;
   double rim = EDGE_BLURS * sqrt(s->blur * s->blur + PIXEL_VARIANCE) * pixel_m;
-  double bottom = fmax(limb_height_m[0] + rim, s->lift - DEPTH_PX * pixel_m);
+  double bottom = s->lift - DEPTH_PX * pixel_m;
   double top = limb_height_m[LIMB_H - 1] + fmax(rim, SPACE_PX * pixel_m) + s->lift, nadir[3], a[3], b[3];
   curve = 0.5 * A_M / fmax(r2 - A_M * A_M, 1.0);
   grid_low = across(bottom, &spare) - GRID_RIMS * rim;

@@ -13,7 +13,7 @@ from horizonval.report import viewer
 from horizonval.report.figures import overlay, picture
 from horizonval.report.load import CaseView, ReportRun, load_case, load_run
 from horizonval.report.verdict import VERDICTS, verdict_of
-from horizonval.scoring.expected import expected_outcome
+from horizonval.scoring.expected import Expected, expected_outcome
 
 KEPT = 16
 """Frames whose answers are kept for whoever steps back and forth."""
@@ -111,8 +111,11 @@ def striking_frames(run: ReportRun) -> dict[str, Any]:
     return {"frames": texts, "kept": len(views), "viewer_estimators": run.estimators}
 
 
-def one_frame(view: CaseView, estimators: tuple[str, ...]) -> dict[str, Any]:
-    """Return a view that has an image as the viewer takes it: numbers, curves, outcomes and light in one."""
+def one_frame(view: CaseView, estimators: tuple[str, ...], expected: Expected | None = None) -> dict[str, Any]:
+    """Return a view that has an image as the viewer takes it: numbers, curves, outcomes and light in one.
+
+    ``expected``: the outcome that the truth lets expect, where that is known already.
+    """
     image = view.image
     assert image is not None
     height, width = image.dn.shape
@@ -127,5 +130,5 @@ def one_frame(view: CaseView, estimators: tuple[str, ...]) -> dict[str, Any]:
         "truth": overlay.horizon_path(image.truth),
         "infrared": overlay.infrared_path(image.truth, view.band),
         "layers": viewer.layers_of(view, image.truth, estimators),
-        **viewer.frame_data(view, expected_outcome(image.truth, view.band), toned, estimators),
+        **viewer.frame_data(view, expected or expected_outcome(image.truth, view.band), toned, estimators),
     }

@@ -19,7 +19,7 @@ MOST_NAMED = 2
 
 
 @dataclass(frozen=True)
-class _Record:
+class Record:
     """What one estimator did with all cameras; errors in arc seconds."""
 
     name: str
@@ -64,16 +64,21 @@ def sentences(run: ReportRun, groups: Sequence[Mapping[str, Any]]) -> list[str]:
     rows = run.judged_rows
     if not any(row.is_due or row.is_claim for row in rows):
         return ["No frame is due an answer."]
-    records = sorted((_record(name, rows, groups) for name in run.judged_estimators), key=lambda one: one.rank)
-    if len(records) <= MOST_NAMED:
-        return [record.text for record in records]
-    return [f"Of {len(records)} estimators the best: {records[0].text}", f"The worst: {records[-1].text}"]
+    return opening([_record(name, rows, groups) for name in run.judged_estimators])
 
 
-def _record(name: str, rows: Sequence[Row], groups: Sequence[Mapping[str, Any]]) -> _Record:
+def opening(records: Sequence[Record]) -> list[str]:
+    """Return the records' sentences, the best first; of many those of the best and the worst."""
+    ranked = sorted(records, key=lambda one: one.rank)
+    if len(ranked) <= MOST_NAMED:
+        return [record.text for record in ranked]
+    return [f"Of {len(ranked)} estimators the best: {ranked[0].text}", f"The worst: {ranked[-1].text}"]
+
+
+def _record(name: str, rows: Sequence[Row], groups: Sequence[Mapping[str, Any]]) -> Record:
     own = [row for row in rows if row.estimator == name]
     due = [row for row in own if row.is_due]
-    return _Record(
+    return Record(
         name=name,
         due=len(due),
         right=sum(row.is_claim and not row.false_valid for row in due),

@@ -22,7 +22,7 @@ _FILES = {
 def environment(folder: Path = FOLDER) -> jinja2.Environment:
     """Return the environment of a folder's templates; by default of those beside this file."""
     made = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(folder),
+        loader=jinja2.FileSystemLoader([folder, FOLDER]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -34,8 +34,14 @@ def environment(folder: Path = FOLDER) -> jinja2.Environment:
         "interval": formatting.interval,
         "outcome": formatting.outcome,
         "count": formatting.count,
+        "unbroken": _unbroken,
     }
     return made
+
+
+def _unbroken(text: str) -> str:
+    """Keep every number on the line of its per cent sign."""
+    return text.replace(" %", "\u00a0%")
 
 
 def shared_parts() -> dict[str, str]:

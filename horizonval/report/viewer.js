@@ -198,7 +198,7 @@
   const readOut = () => {
     const value = pointer && valueAt(...pointer), f = frame();
     if (value === null || value === undefined) {
-      find("v-value").textContent = dn ? "Point at the frame for its value." : f.problem ?? (served ? "" : "This frame's exact numbers are not in the page: `horizonval view` reads them from the archive.");
+      find("v-value").textContent = dn ? "Point at the frame for its value." : f.problem ?? (served || f.numbers ? "" : "This frame's exact numbers are not in the page: `horizonval view` reads them from the archive.");
     } else {
       const near = frame().truth ? nearest(frame().truth, pointer) : null;
       find("v-value").textContent = `x ${Math.round(pointer[0])}, y ${Math.round(pointer[1])}: ${value} DN of ${frame().full}` + warmth(value) + bearing(Math.round(pointer[0]), Math.round(pointer[1])) +
@@ -230,17 +230,22 @@
   const key = () => {
     const seen = new Map(frames.map((f) => f.rows[pick.a.value]).filter(Boolean).map((row) => [row.kind, row]));
     find("v-key").replaceChildren(...[...seen.values()].flatMap((row) => {
-      const swatch = Object.assign(document.createElement("i"), { textContent: row.glyph });
+      const one = document.createElement("span"), swatch = Object.assign(document.createElement("i"), { textContent: row.glyph });
       swatch.style.background = colours[row.kind] || "#6b7178";
-      return [swatch, ` ${row.label} `];
+      one.append(swatch, ` ${row.label}`);
+      return [one, " "];
     }));
+  };
+  const mark = () => {
+    line.querySelector(".here")?.classList.remove("here");
+    line.children[state.frame].classList.add("here");
   };
   const timeline = () => {
     // Many cells leave no room for gaps between them.
     line.classList.toggle("many", frames.length > 150);
-    line.replaceChildren(...frames.map((f, i) => {
+    line.replaceChildren(...frames.map((f) => {
       const cell = document.createElement("i"), top = document.createElement("b"), row = f.rows[pick.a.value];
-      cell.className = `${f.sun ? "sun" : f.light}${i === state.frame ? " here" : ""}`;
+      cell.className = f.sun ? "sun" : f.light;
       cell.title = `${f.name}: ${row ? row.label : "no result"}; ${f.light || "no truth"}${f.sun ? ", Sun in the frame" : ""}${sunAngle(f)}`;
       cell.style.setProperty("--sun", (f.sun_deg ?? 180) / 180);
       top.style.background = (row && colours[row.kind]) || "#6b7178";
@@ -248,11 +253,15 @@
       cell.append(top, document.createElement("u"));
       return cell;
     }));
+    mark();
   };
   const show = async () => {
     const mine = ++turn, f = frame();
     scrub.value = state.frame;
-    timeline(); score();
+    mark(); score();
+    // Until this frame's numbers are there, none must be read as its own.
+    dn = image = null;
+    find("v-value").textContent = "";
     find("v-name").textContent = `${state.frame + 1} of ${frames.length}: ${f.name}`;
     find("v-facts").textContent = [f.camera, f.band && `band ${f.band}`, f.light, f.sun && "Sun in the frame"].filter(Boolean).join(" · ") + sunAngle(f).replace(", ", " · ");
     if (!f.numbers && served && !f.problem) {
@@ -261,7 +270,7 @@
     }
     const got = f.numbers ? await unpack(f) : null;
     if (mine !== turn) return;
-    dn = got; image = null;
+    dn = got;
     if (dn) {
       const data = new ImageData(f.width, f.height), grey = new Uint8ClampedArray(65536);
       for (let i = 0; i < 65536; i++) grey[i] = 255 * Math.max(0, Math.min(1, (i - f.black) / (f.white - f.black))) ** (1 / 1.6);
@@ -348,7 +357,7 @@
     const named = frames[numbered].name === words.get("case") ? numbered : frames.findIndex((f) => f.name === words.get("case"));
     state.frame = named >= 0 ? named : numbered;
     for (const one of ["a", "b"]) if (words.has(one) && [...pick[one].options].some((o) => o.value === words.get(one))) pick[one].value = words.get(one);
-    key();
+    timeline(); key();
     for (const key of Object.keys(marks)) marks[key].checked = !(words.get("off") ?? "").includes(key);
     state.zoom = Math.max(1, Math.min(64, number("zoom") ?? 1));
     [state.x, state.y] = [number("x"), number("y")];
@@ -360,7 +369,7 @@
     if (served && !own.length) await fetchList();
     if (!frames.length) return;
     scrub.max = frames.length - 1;
-    key();
+    timeline(); key();
     window.addEventListener("hashchange", restore);
     await restore();
   };

@@ -67,7 +67,10 @@ def heat_of(image: DetectorImage) -> dict[str, Any] | None:
     width = width_um(band)
     if band.kind != "thermal":
         return {"zero": -step * black_level_dn(image), "step": step, "width_um": width, "temperature_k": None}
-    zero = float(image.observation["radiance_at_zero"])
+    zero = image.observation.get("radiance_at_zero")
+    if zero is None:
+        # A frozen image carries the step of its detector alone.
+        return None
     ends = zero + step, zero + step * image.full_scale
     kelvin = brightness_temperature_k(band, np.geomspace(*ends, _NODES))
     return {

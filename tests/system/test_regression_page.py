@@ -9,6 +9,7 @@ import pytest
 from browser import Browser, chromium_path
 
 from horizonval.studies.regression.baseline.baseline import read_baseline
+from horizonval.studies.regression.frames import of_baseline
 from horizonval.studies.regression.page import write_page
 from horizonval.studies.regression.statistics.gates import GateInputs, changed, measure, pairs_of
 from horizonval.studies.regression.statistics.judge import judge
@@ -93,9 +94,10 @@ def pages(tmp_path_factory):
     }
     folder = tmp_path_factory.mktemp("page")
     written = {}
+    shown = of_baseline(base, [row for row in now if row.scene in ("day_000", "day_005", "hard_000")])
     for count, last in (("40", nights), ("1", nights[:1]), ("3", nights[:3]), ("60", sixty(nights))):
         written[count] = folder / f"{count}.html"
-        write_page(written[count], verdict, last)
+        write_page(written[count], verdict, last, shown)
     return {count: path.as_uri() for count, path in written.items()}
 
 
@@ -118,6 +120,20 @@ def test_the_page_of_a_night(tmp_path, pages, width):
         assert "FAIL" in text
         assert "day_005" in text
         assert "System D" in text
+
+
+@pytest.mark.parametrize("width", [700, 1400])
+def test_it_opens_with_degrees_and_the_frames(tmp_path, pages, width):
+    with Browser(tmp_path, width=width) as browser:
+        browser.open(pages["40"])
+        assert "°" in browser.evaluate("document.querySelector('.sentence').textContent")
+        assert browser.evaluate("document.querySelectorAll('#v-line i').length") == 3
+        name = "document.getElementById('v-name').textContent"
+        assert "1 of 3: day_000, seed" in browser.evaluate(name)
+        browser.press("ArrowRight")
+        assert "2 of 3: day_005, seed" in browser.evaluate(name)
+        assert browser.evaluate("document.getElementById('v-scores').tBodies[0].rows.length") == 1
+        assert browser.complaints == []
 
 
 @pytest.mark.parametrize("count", ["1", "3", "60"])

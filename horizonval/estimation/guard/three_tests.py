@@ -40,6 +40,7 @@ from horizonval.estimation.likelihood.air import SCALE_HEIGHT_M, SCALE_SIGMA_M, 
 from horizonval.estimation.likelihood.claim import limb_scale
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
 from horizonval.estimation.likelihood.knowledge import LimbPose, sphere_knowledge
+from horizonval.estimation.likelihood.limb_pixels import MISPLACED_PX
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.cone import Cone
@@ -211,6 +212,9 @@ def _by_altitude(
         rho = seen.rho_rad
         variance += seen.variance
     low, high = (h * np.tan(expected) / radius for h in limb_height_m(observation.band_kind))
+    # In coarse pixels points lie in the limb's light, not at its edge; a fit has that among its unknowns.
+    if seen is not None:
+        variance += (MISPLACED_PX / max(observation.camera.fx, observation.camera.fy)) ** 2
     slack = SIGMAS * float(np.sqrt(variance))
     if low - slack <= rho - expected <= high + slack:
         return None

@@ -39,7 +39,7 @@ def limb_path(camera: CameraModel, nadir_cam: ArrayLike, angular_radius_rad: flo
     first = perpendicular(n)
     t = np.linspace(0, math.tau, _CONE_SAMPLES + 1)[:, None]
     ring = np.cos(t) * first + np.sin(t) * np.cross(n, first)
-    return _visible_path(camera, math.cos(angular_radius_rad) * n + math.sin(angular_radius_rad) * ring)
+    return visible_path(camera, math.cos(angular_radius_rad) * n + math.sin(angular_radius_rad) * ring)
 
 
 def infrared_path(truth: FrameTruth, band: str) -> str:
@@ -47,10 +47,10 @@ def infrared_path(truth: FrameTruth, band: str) -> str:
     if band not in truth.infrared_horizon:
         return ""
     d_cam, _ = curve_cam(truth, band, _CONE_SAMPLES)
-    return _visible_path(truth.camera_model, np.concatenate([d_cam, d_cam[:1]]))
+    return visible_path(truth.camera_model, np.concatenate([d_cam, d_cam[:1]]))
 
 
-def _visible_path(camera: CameraModel, d_cam: FloatArray) -> str:
+def visible_path(camera: CameraModel, d_cam: FloatArray) -> str:
     """Return the parts inside the image of a curve given by close directions."""
     uv, _ = project(camera, d_cam)
     inside = (

@@ -218,7 +218,8 @@ def roll_and_pitch(rows: Sequence[Row], estimators: Sequence[str], unit: AngleUn
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
         axes.set(xlabel=f"roll error [{unit.name}]", ylabel=f"pitch error [{unit.name}]")
         if size:
-            axes.legend(loc="best", fontsize=8.5)
+            # The axes' own lines run through it otherwise.
+            axes.legend(loc="best", fontsize=8.5, frameon=True, facecolor="white", edgecolor="none", framealpha=0.9)
         if beyond:
             axes.set_title(f"{count(beyond, 'claim')} beyond the axes", fontsize=8.5, loc="left")
 

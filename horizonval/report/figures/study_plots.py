@@ -19,6 +19,8 @@ from horizonval.report.figures.plots import ESTIMATOR_COLOURS, ESTIMATOR_MARKERS
 
 MOST_WORDY = 20
 """Among more designs only those on the front have their numbers and bars."""
+_SHORT = 2.0
+"""Ratio of the ends of a log axis below which all its ticks are labelled."""
 _GREY = "#8d949c"
 _LIMIT = "#b34700"
 ERRORS = (
@@ -57,11 +59,9 @@ def pareto(
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        axes.set_yscale("log")
         if log_x:
             axes.set_xscale("log")
             _plain_ticks(axes.xaxis)
-        _plain_ticks(axes.yaxis)
         words = list(dict.fromkeys(groups.values()))
         shown = [d for d in designs if d["p95_deg"]["value"] is not None and x_of[d["name"]]["value"] is not None]
         places = [v for d in shown for v in (x_of[d["name"]]["value"], *(x_of[d["name"]]["interval"] or ())) if v]
@@ -99,6 +99,9 @@ def pareto(
         if len(steps) > 1:
             axes.step(*zip(*steps, strict=True), where="post", color="#333333", lw=1.0, ls="-", zorder=2)
         axes.axhline(limit_deg, color=_LIMIT, lw=1.1, ls="--")
+        # Not before there is data: a log axis complains of an empty one.
+        axes.set_yscale("log")
+        _plain_ticks(axes.yaxis)
         axes.set(xlabel=label, ylabel="p95 of the nadir error [deg]")
         handles = [
             Line2D([], [], ls="", marker=ESTIMATOR_MARKERS[i % len(ESTIMATOR_MARKERS)], mfc="white",
@@ -203,9 +206,14 @@ def level_words(level: Any) -> str:
 
 
 def _plain_ticks(axis: Axis) -> None:
-    """Label a log axis with plain numbers, between the powers of ten at 2 and 5."""
+    """Label a log axis with plain numbers, between the powers of ten at 2 and 5; a short axis at all its ticks."""
+
+    def label(x: float, _: object) -> str:
+        low, high = sorted(axis.get_view_interval())
+        return f"{x:.3g}" if high < _SHORT * low or f"{x:.3e}"[:5] in ("2.000", "5.000") else ""
+
     axis.set_major_formatter(lambda x, _: f"{x:g}")
-    axis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" else "")
+    axis.set_minor_formatter(label)
 
 
 def _error_bars(found: JsonObject) -> list[list[float]] | None:

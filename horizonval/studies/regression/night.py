@@ -46,6 +46,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
         or no back-end to render with.
     """
     from horizonval.renderer.plugin.backend import probe
+    from horizonval.studies.regression.frames import of_night
     from horizonval.studies.regression.page import write_page
 
     suite = load_suite(wanted.suite)
@@ -75,7 +76,7 @@ def run_night(wanted: Wanted, progress: Progress | None = None, published: Publi
         verdict["trend"] = history.steps_of(history.read(wanted.out / history.FILE))
         write_json(wanted.out / "verdict.json", verdict)
         write_junit(wanted.out / "junit.xml", verdict)
-        write_page(wanted.out / "index.html", verdict, history.read(wanted.out / history.FILE))
+        write_page(wanted.out / "index.html", verdict, history.read(wanted.out / history.FILE), of_night(gathered))
         pages = [wanted.out / name for name in ("night.json", "verdict.json", "junit.xml", "index.html", history.FILE)]
         units = [wanted.out / WORK / f"{name}{end}" for name in gathered.identities for end in (".json", ".npz")]
         write_manifest(wanted.out, [*pages, *units])

@@ -17,8 +17,16 @@ KINDS = {"PASS": "valid", "FAIL": "false", "IMPROVED": "valid", "INCONCLUSIVE": 
 MOST_LISTED = 40
 
 
-def write_page(path: Path, verdict: Mapping[str, Any], nights: Sequence[Mapping[str, Any]]) -> None:
-    """Write ``index.html``, whole or not at all."""
+def write_page(
+    path: Path,
+    verdict: Mapping[str, Any],
+    nights: Sequence[Mapping[str, Any]],
+    shown: Mapping[str, Any] | None = None,
+) -> None:
+    """Write ``index.html``, whole or not at all.
+
+    ``shown``: sentences and images that it opens with (:mod:`horizonval.studies.regression.frames`).
+    """
     environment = template.environment(Path(__file__).parent)
     environment.filters |= {"figure": figure, "scenes": scenes, "short": _short}
     text = environment.get_template("night.html").render(
@@ -32,6 +40,7 @@ def write_page(path: Path, verdict: Mapping[str, Any], nights: Sequence[Mapping[
         trends=_trends(nights),
         nights=nights,
         most=MOST_LISTED,
+        **(shown or {"sentences": (), "frames": (), "kept": 0, "viewer_estimators": ()}),
     )
     template.write(path, text)
 

@@ -92,7 +92,7 @@ def trend(name: str, one: Mapping[str, Any], verdicts: Mapping[str, str]) -> Dra
             # The date of a step stands at the top, where the marks of the higher level would cross it.
             low, high = axes.get_ylim()
             axes.set_ylim(low, high + 0.12 * (high - low))
-        axes.set_ylabel(one["unit"])
+        axes.set_ylabel("" if one["unit"] == "1" else one["unit"])
         figure.legend(loc="outside upper right", ncols=4, fontsize=8)
 
     return draw

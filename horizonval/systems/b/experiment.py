@@ -18,7 +18,7 @@ from horizonval.systems.b.pair.orbit import lap
 from horizonval.systems.b.pair.orbit_report import orbit_rows, orbit_table, verdict
 from horizonval.systems.b.pair.region_report import earth_table, ends_table, region_rows, region_summary
 from horizonval.systems.b.pair.sun import sun_in_frame
-from horizonval.systems.b.pair.sun_report import sun_rows, sun_table
+from horizonval.systems.b.pair.sun_report import height_table, sun_claim, sun_rows, sun_table
 from horizonval.systems.b.rig import figures as rig_pictures
 from horizonval.systems.b.rig.experiment import (
     film_rows,
@@ -36,7 +36,6 @@ from horizonval.systems.task_cache import TaskCache
 from horizonval.systems.text import page_text
 
 TEXT = page_text("B")
-SHOWN_SUN_DEG = (60.0, 80.0, 98.0, 106.0, 110.0)
 
 
 def reproduce(cache: TaskCache) -> Reproduction:
@@ -48,22 +47,24 @@ def reproduce(cache: TaskCache) -> Reproduction:
     view = rig_view(cache, picture)
     shown = film(cache, picture)
     summary = rig_summary(rig, cache.rng("plausible benches"))
+    of_sun = sun_rows(suns)
     rows = (
         *region_rows(region),
         *orbit_rows(orbit),
-        *sun_rows(suns, cache.rng("twins")),
+        *of_sun,
         *rig_rows(rig, cache.rng("plausible benches")),
         *film_rows(shown),
     )
     maps: dict[str, Any] = {f"{FIELD_DEG:g} deg": region.model, "60 deg": region.shipped}
     return TEXT.reproduction(
         rows=rows,
-        claims=claims(rows, summary, verdict(orbit)),
+        claims=claims(rows, summary, verdict(orbit), sun_claim(of_sun, suns)),
         tables=(
             ends_table(region.model),
             earth_table(region),
             orbit_table(orbit),
-            sun_table(suns),
+            sun_table(suns, cache.rng("twins")),
+            height_table(suns),
             ablation_table(rig),
             sensitivity_table(rig.whole),
         ),
@@ -71,7 +72,7 @@ def reproduce(cache: TaskCache) -> Reproduction:
             TEXT.figure("map", partial(figures.maps, maps), altitude_km=ALTITUDE_KM, field_deg=FIELD_DEG),
             TEXT.figure("map-earth", partial(figures.maps, dict(region.coarse))),
             TEXT.figure("orbit", partial(figures.orbit, orbit)),
-            TEXT.figure("sun", partial(figures.sun, suns, SHOWN_SUN_DEG)),
+            TEXT.figure("sun", partial(figures.sun, suns)),
             *rig_figures(rig, view),
             TEXT.figure("film", partial(rig_pictures.film, shown)),
         ),

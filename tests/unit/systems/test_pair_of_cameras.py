@@ -3,18 +3,36 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from horizonval.geometry.camera import project
+from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.systems.b import experiment as video_vertical
 from horizonval.systems.b.pair import figures
 from horizonval.systems.b.pair.applicability import Map, grid, rms
-from horizonval.systems.b.pair.frames import pair
+from horizonval.systems.b.pair.frames import pair, scene
 from horizonval.systems.b.pair.orbit import COASTS, INCLINATION_DEG, INFRARED, LINEAR, VISIBLE, Lap, place
-from horizonval.systems.b.pair.sun import GlareOutcome, is_right
+from horizonval.systems.b.pair.sun import (
+    AUTOMATIC,
+    EXPOSURES,
+    HEADING_DEG,
+    LENSES,
+    ORDINARY,
+    TURNED_DEG,
+    ZENITH_DEG,
+    DrawnView,
+    Paired,
+    SunOutcome,
+    difference,
+    drawn_skies,
+)
+from horizonval.systems.b.pair.sun_report import height_table, sun_claim, sun_rows, sun_table
+from horizonval.systems.result import Status
 
 
 def found(error_deg: float | None, searched_deg: float | None = None) -> dict[str, Any]:
@@ -104,16 +122,83 @@ def test_the_figures_draw() -> None:
     assert figures.orbit(made_lap()).axes[0].get_yscale() == "log"
 
 
-def test_twins_belong_together_and_the_interval_is_of_their_difference() -> None:
-    """Half of the views fail inside and none outside; where both fail alike nothing is left for the glare."""
-    rng = np.random.default_rng(3)
-    glare = GlareOutcome(np.tile([1.0, 0.0], 20), np.ones(40), {})
-    low, high = glare.interval(rng)
-    assert glare.difference == pytest.approx(0.5)
-    assert 0.3 < low < 0.5 < high < 0.7
-    dark = GlareOutcome(np.tile([1.0, 0.0], 20), np.tile([1.0, 0.0], 20), {})
-    assert dark.difference == 0.0
-    assert dark.interval(rng) == (0.0, 0.0)
-    assert is_right(found(0.9))
-    assert not is_right(found(1.1))
-    assert not is_right(found(None))
+def made_pairs(lost: int, gained: int, alike: int) -> Paired:
+    right, wrong = found(0.9, 0.9), found(None, 1.1)
+    lit = (*[wrong] * lost, *[right] * gained, *[right] * alike)
+    return Paired(lit, (*[right] * lost, *[wrong] * gained, *[right] * alike))
+
+
+def made_suns(lost: int, gained: int = 0) -> SunOutcome:
+    skies = tuple(DrawnView(zenith, 90.0, 0.0, 0.0) for zenith in np.linspace(*ZENITH_DEG, 20))
+    quiet, loud = made_pairs(0, 0, 20), made_pairs(lost, gained, 20 - lost - gained)
+    keys = [(lens, exposure, place) for lens in LENSES for exposure in EXPOSURES for place in TURNED_DEG]
+    return SunOutcome(skies, {key: loud if key[0] == ORDINARY and key[2] == "inside" else quiet for key in keys}, {})
+
+
+def test_the_interval_is_that_of_a_difference_of_pairs() -> None:
+    """Five of five differ to one side: the score interval excludes 0, as its test does (5^2 / 5 > 3.84)."""
+    assert difference(5, 0, 20)[1] > 0.0
+    assert difference(3, 0, 20)[1] < 0.0
+    assert difference(0, 5, 20)[2] < 0.0
+    change, low, high = difference(9, 3, 20)
+    assert change == pytest.approx(0.3)
+    assert low < change < high
+    # where nothing differs, what may is below chi^2 / (n + chi^2)
+    assert difference(0, 0, 20) == pytest.approx((0.0, -3.8415 / 23.8415, 3.8415 / 23.8415), abs=1e-3)
+
+
+def test_views_with_and_without_the_light_belong_together() -> None:
+    one = made_pairs(6, 1, 3)
+    assert one.lost_and_gained() == (6, 1)
+    assert one.lost_and_gained(searched=True) == (6, 1)
+    assert list(one.refused(True)) == [True] * 6 + [False] * 4
+    assert not one.refused(True, searched=True).any()
+    # of the three that are answered both times nothing changes
+    assert one.change_deg(np.random.default_rng(1)) == (0.0, 0.0, 0.0)
+    assert made_pairs(2, 0, 0).change_deg(np.random.default_rng(1)) is None
+
+
+@pytest.mark.parametrize(
+    ("lost", "gained", "status"),
+    [(6, 0, Status.REPRODUCED), (0, 0, Status.CONTRADICTED), (0, 8, Status.CONTRADICTED), (10, 9, Status.CONTRADICTED)],
+)
+def test_the_sun_washes_out_where_both_intervals_exclude_zero(lost: int, gained: int, status: Status) -> None:
+    suns = made_suns(lost, gained)
+    rows = sun_rows(suns)
+    assert [row.holds for row in rows].count(None) == 6
+    assert sun_claim(rows, suns).status is status
+    assert len(sun_table(suns, np.random.default_rng(2)).rows) == 16
+    assert len(height_table(suns).rows) == 8
+
+
+def test_one_exposure_alone_bounds_the_claim_and_wide_intervals_decide_nothing() -> None:
+    suns = made_suns(6)
+    key = (ORDINARY, AUTOMATIC, "inside")
+    one = replace(suns, pairs={**suns.pairs, key: made_pairs(0, 0, 20)})
+    assert sun_claim(sun_rows(one), one).status is Status.BOUNDED
+    few = replace(suns, pairs={k: made_pairs(2, 0, 3) for k in suns.pairs})
+    assert sun_claim(sun_rows(few), few).status is Status.NOT_DETERMINABLE
+
+
+def test_the_drawn_views_have_the_sun_in_one_frame_and_its_twin_in_none() -> None:
+    camera = CameraSpec.model_validate(pair())
+    for sky in drawn_skies(np.random.default_rng(4)):
+        for side, turned in TURNED_DEG.items():
+            seen = [
+                in_frame(camera, head.name, replace(sky, azimuth_deg=sky.azimuth_deg + turned)) for head in camera.head
+            ]
+            assert seen == [False, side == "inside"]
+
+
+def in_frame(camera: CameraSpec, head: str, sky: DrawnView) -> bool:
+    from horizonval.truth.frame_truth import truth_of
+
+    tables = {
+        "platform": {"altitude_km": 500.0, "heading_deg": HEADING_DEG},
+        "sun": {"zenith_deg": sky.zenith_deg, "azimuth_deg": sky.azimuth_deg},
+        "attitude": {"pitch_deg": sky.pitch_deg, "roll_deg": sky.roll_deg},
+        "camera": {"file": "pair", "head": head},
+    }
+    truth = truth_of(SceneSpec.model_validate(scene("sun", air=True, **tables)), camera, infrared=False)
+    uv, ahead = project(truth.camera_model, np.array(truth.sun_cam))
+    return bool(ahead and (uv >= 0.0).all() and (uv < 1023.0).all())

@@ -146,12 +146,12 @@ class ProfileModel:
         most: int | None = None,
     ) -> None:
         self.pose = pose
-        low, high = knowledge.heights_m
+        _, high = knowledge.heights_m
         axes = knowledge.ellipsoid.axes_m
         to_limb_2 = max(float(pose.r_itrs @ pose.r_itrs - axes[0] ** 2), 1.0)
         pixel_m = np.sqrt(to_limb_2) / max(camera.fx, camera.fy)
         rim = EDGE_BLURS * float(np.sqrt(blur_px**2 + PIXEL_VARIANCE)) * pixel_m
-        bottom = max(low + rim, pose.height_m - max(DEPTH_M, DEPTH_PX * pixel_m))
+        bottom = pose.height_m - max(DEPTH_M, DEPTH_PX * pixel_m)
         top = high + max(rim, SPACE_PX * pixel_m) + pose.height_m
         curve = 0.5 * axes[0] / to_limb_2
         self.near = near = profile_pixels(image, camera, pose, knowledge.ellipsoid, (bottom, top), curve, most)

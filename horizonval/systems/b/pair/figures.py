@@ -14,8 +14,10 @@ from matplotlib.patheffects import withStroke
 
 from horizonval.systems.b.pair.applicability import LIMIT_DEG, REGION_DEG, Map
 from horizonval.systems.b.pair.orbit import COASTS, INFRARED, LINEAR, VISIBLE, Lap, errors_deg
-from horizonval.systems.b.pair.sun import LIMB_ZENITH_DEG, GlareOutcome
+from horizonval.systems.b.pair.sun import LIMB_ZENITH_DEG, ORDINARY, SHOWN_ZENITH_DEG, SunOutcome
+from horizonval.systems.text import page_text
 
+TEXT = page_text("B")
 _NORM = LogNorm(0.003, 10.0, clip=True)
 _COLOURS = "viridis_r"
 _SENSORS = {VISIBLE: ("#d55e00", "o"), COASTS: ("#e6a117", "^"), INFRARED: ("#0072b2", "s"), LINEAR: ("#111111", "x")}
@@ -111,17 +113,25 @@ def orbit(lap: Lap) -> MplFigure:
     return figure
 
 
-def sun(found: Mapping[tuple[str, str], GlareOutcome], shown: tuple[float, ...]) -> MplFigure:
-    """What the forward camera sees of the Sun at some heights, by lens and exposure, and what the method says."""
-    figure = MplFigure(figsize=(2.35 * len(shown), 2.75 * len(found)), layout="constrained")
-    axes = figure.subplots(len(found), len(shown), squeeze=False)
-    for row, ((lens, exposure), outcome) in zip(axes, found.items(), strict=True):
-        for panel, zenith in zip(row, shown, strict=True):
-            one = outcome.views["inside", zenith, 0]
+def sun(found: SunOutcome) -> MplFigure:
+    """What the forward camera sees of the Sun at some heights, by lens and exposure, and what the method says.
+
+    The last rows are the ordinary lens without the Sun's own light.
+    """
+    rows = [(lens, exposure, one.lit) for (lens, exposure), one in found.shown.items()]
+    rows += [
+        (lens, TEXT.phrase("without_light", exposure=exposure), one.dark)
+        for (lens, exposure), one in found.shown.items()
+        if lens == ORDINARY
+    ]
+    figure = MplFigure(figsize=(2.35 * len(SHOWN_ZENITH_DEG), 2.75 * len(rows)), layout="constrained")
+    axes = figure.subplots(len(rows), len(SHOWN_ZENITH_DEG), squeeze=False)
+    for row, (lens, light, views) in zip(axes, rows, strict=True):
+        for panel, zenith, one in zip(row, SHOWN_ZENITH_DEG, views, strict=True):
             panel.imshow(np.sqrt(np.array(one["pictures"]["forward"]) / 255.0), cmap="gray", vmin=0, vmax=1)
             error = one["error_deg"].get("SIGHT")
             error_text = f"{error:.2f} deg" if error is not None else f"no answer: {one['status'].replace('_', ' ')}"
             panel.set_title(f"Sun {round(LIMB_ZENITH_DEG - zenith)} deg over the limb\n{error_text}", fontsize=8)
             panel.set(xticks=[], yticks=[])
-        row[0].set_ylabel(f"{lens},\n{exposure}")
+        row[0].set_ylabel(f"{lens},\n{light}")
     return figure

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from horizonval.spec.load import load_camera
 from horizonval.spec.scene import SceneSpec
 from horizonval.spec.sensor.camera import CameraSpec
 from horizonval.suites.observation import observation_of_heads
+from horizonval.systems.b.pair.sun_light import without_sunlight
 
 SHIPPED = "vis-pair-1024-60deg"
 WITH_GLARE = "vis-cmos-1024-60deg-full"
@@ -126,7 +128,8 @@ def view(item: JsonObject) -> JsonObject:
 def views(item: JsonObject) -> JsonObject:
     """Return what the method makes of one view through several cameras of the same geometry, by the cameras' names.
 
-    ``item``: ``cameras``, and the rest as for :func:`view`, whose frames are rendered once.
+    ``item``: ``cameras``, and the rest as for :func:`view`, whose frames are rendered once. Under every name ``with``
+    has the view with the Sun's own light in the lens, ``without`` the same frames, seed and camera without it.
     """
     cameras = {name: CameraSpec.model_validate(camera) for name, camera in item["cameras"].items()}
     first = next(iter(cameras.values()))
@@ -134,12 +137,17 @@ def views(item: JsonObject) -> JsonObject:
     for head in first.head:
         chosen = SceneSpec.model_validate({**item["scene"], "camera": {"file": "pair", "head": head.name}})
         frames[head.name] = render_frame(chosen, first)
-    found = {}
+    dark = {head: without_sunlight(frame) for head, frame in frames.items()}
+    found: JsonObject = {name: {} for name in cameras}
     for name, camera in cameras.items():
-        images = {head: observe(frame, camera, seed=item["seed"]) for head, frame in frames.items()}
-        found[name] = measured(images) | {"searched": searched(images)}
-        if item.get("picture"):
-            found[name]["pictures"] = {head: small(image) for head, image in images.items()}
+        for light, lit in (("with", frames), ("without", dark)):
+            images = {
+                head: replace(observe(frame, camera, seed=item["seed"]), truth=frames[head].truth)
+                for head, frame in lit.items()
+            }
+            found[name][light] = measured(images) | {"searched": searched(images)}
+            if item.get("picture"):
+                found[name][light]["pictures"] = {head: small(image) for head, image in images.items()}
     return found
 
 

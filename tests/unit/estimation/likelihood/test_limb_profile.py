@@ -143,10 +143,10 @@ def view(seed: int, altitude_m: float = 600e3) -> tuple[np.ndarray, np.ndarray, 
 
 
 def fitted(
-    seed: int, *, modes: bool, lift_sigma_m: float, left: bool = False
+    seed: int, *, modes: bool, lift_sigma_m: float, left: bool = False, altitude_m: float = 600e3
 ) -> tuple[ProfileFit, np.ndarray, np.ndarray]:
     """One picture's fit from a coarse prior, the error of its nadir in the plane across, and that plane."""
-    r, cam, rng = view(seed)
+    r, cam, rng = view(seed, altitude_m)
     image = picture(cam, r, rng, modes=modes, left=left)
     coarse = Rotation.from_rotvec(rng.normal(size=3) * TILT_SIGMA_RAD).as_matrix() @ cam
     mean = LimbPose(coarse, r + rng.normal(0.0, POSITION_SIGMA_M, 3))
@@ -205,6 +205,16 @@ def test_what_no_mode_holds_is_in_the_claim() -> None:
     _, claim, squares = scores(10, modes=False, left=True, lift_sigma_m=50.0)
     assert 0.37 < np.mean(squares) < 2.0
     assert claim > 1.2 * scores(2, modes=False, lift_sigma_m=50.0)[1]
+
+
+def test_pixels_wider_than_the_table_is_deep() -> None:
+    """From the geostationary ring a pixel of 0.64 deg is 465 km of height: below the table its last level goes on.
+
+    30 arcsec are 0.013 px: the picture's finest steps are 78 km wide, over an edge of 12 km.
+    """
+    for seed in range(3):
+        _, error, _ = fitted(seed, modes=False, lift_sigma_m=300.0, altitude_m=35786e3)
+        assert np.linalg.norm(error) < 30.0 * ARCSEC
 
 
 def test_lines_below_the_limb_see_the_air_where_they_end() -> None:
