@@ -41,6 +41,7 @@ from horizonval.estimation.likelihood.claim import limb_scale
 from horizonval.estimation.likelihood.fit import LimbLikelihoodFit, fit_limb
 from horizonval.estimation.likelihood.knowledge import LimbPose, sphere_knowledge
 from horizonval.estimation.likelihood.limb_pixels import MISPLACED_PX
+from horizonval.estimation.likelihood.pixels import pixel_at_limb_m
 from horizonval.estimation.observation import Fit, Observation
 from horizonval.geometry.camera import unproject
 from horizonval.geometry.cone import Cone
@@ -58,6 +59,9 @@ picture without a limb fails the search for one, and the other tests. Four piece
 search takes."""
 SIGMAS = 5.0
 """Of all consistency: two Gaussian degrees of freedom go beyond it in four of a million."""
+TAIL_PX = 1.0
+"""Of a limb's softness that need not be air: the wings of a lens and a bolometer's lag reach as far. In pixels of 40 km
+they are more than any air."""
 PLACED_PX = 3.0
 """By which a method of whole pixels, or the fit where a sector shows little, may place a piece of limb otherwise."""
 
@@ -160,8 +164,8 @@ def _by_place(found: LimbLikelihoodFit, predicted: Cone, observation: Observatio
     Along a short arc tilt and altitude can hardly be told apart: what can be compared is the limb in view. A claim may
     be of any height in the air, of an ellipsoid, and of whole pixels.
     """
-    scale = (found.scale_height_m - SCALE_HEIGHT_M) / SCALE_SIGMA_M
-    if scale > SIGMAS:
+    pixel_m = pixel_at_limb_m(observation.camera, found.pose.r_itrs, observation.prior.sphere_radius_m)
+    if found.scale_height_m > max(SCALE_HEIGHT_M + SIGMAS * SCALE_SIGMA_M, TAIL_PX * pixel_m):
         reason = f"the edge is soft as air of a scale height of {found.scale_height_m / 1e3:.0f} km"
         return Refusal(Outcome.NO_LIMB, reason, claim.points)
     los = unproject(observation.camera, found.uv)
