@@ -1034,7 +1034,8 @@ static int fit(State *s, const char **reason) {
     for (int i = 0; i < count; i++) near_[i].weight /= factor;
   }
   *reason = "no convergence";
-  return size > 1.0 ? 0 : MOST_STEPS;
+  /* A fit whose noise never settled does not know how alike its residuals are, and would claim too much of itself. */
+  return size > 1.0 || settled < SETTLING_STEPS ? 0 : MOST_STEPS;
 }
 
 /* The start */

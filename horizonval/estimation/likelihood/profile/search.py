@@ -121,7 +121,8 @@ class ProfileSearch:
                 beyond = alike(self.model.near.pixels, self.look.residuals, self.inverse_variance)
                 counts = np.clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0)
                 self.inverse_variance /= 1.0 + counts * (beyond - 1.0)
-        if size > 1.0:
+        # A fit whose noise never settled does not know how alike its residuals are, and would claim too much of itself.
+        if size > 1.0 or settled < SETTLING_STEPS:
             raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
         return self
 

@@ -18,6 +18,7 @@ from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
 from horizonval.estimation.likelihood.fit import nadir_derivative
 from horizonval.estimation.likelihood.knowledge import LimbPose
+from horizonval.estimation.likelihood.profile import search
 from horizonval.estimation.likelihood.profile.blurred import BlurredProfiles
 from horizonval.estimation.likelihood.profile.fit import fit_profile
 from horizonval.estimation.likelihood.profile.knowledge import ProfileFit, ProfileKnowledge
@@ -215,6 +216,13 @@ def test_pixels_wider_than_the_table_is_deep() -> None:
     for seed in range(3):
         _, error, _ = fitted(seed, modes=False, lift_sigma_m=300.0, altitude_m=35786e3)
         assert np.linalg.norm(error) < 30.0 * ARCSEC
+
+
+def test_a_fit_whose_noise_never_settled_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is near by then, but does not know yet how alike its residuals are: it would claim too much of itself."""
+    monkeypatch.setattr(search, "MOST_STEPS", 6)
+    with pytest.raises(np.linalg.LinAlgError, match="no convergence"):
+        fitted(0, modes=False, left=True, lift_sigma_m=50.0)
 
 
 def test_lines_below_the_limb_see_the_air_where_they_end() -> None:
