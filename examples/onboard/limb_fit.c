@@ -988,6 +988,14 @@ static int search_along(State *s, const double *step, double promised) {
   return best < INFINITY;
 }
 
+/* Widens the noise by how much more the residuals scatter over squares of pixels than independent ones would. That is
+   known of residuals that nothing but noise and shapes without a mode is left in. */
+static void widen(void) {
+  double beyond = alike();
+  double factor = 1.0 + (beyond - 1.0) * clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0);
+  for (int i = 0; i < count; i++) near_[i].weight /= factor;
+}
+
 /* The most probable state near a start; returns the steps it took, 0 without an answer, and says why. */
 static int fit(State *s, const char **reason) {
   static double step[MOST_UNKNOWNS];
@@ -1028,14 +1036,14 @@ static int fit(State *s, const char **reason) {
     }
     double changed = weigh(s);
     settled = close && changed < STEADY ? settled + 1 : 0;
-    /* what is alike is known of residuals that nothing but noise and shapes without a mode is left in */
-    double beyond = settled >= SETTLING_STEPS ? alike() : 1.0;
-    double factor = 1.0 + (beyond - 1.0) * clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0);
-    for (int i = 0; i < count; i++) near_[i].weight /= factor;
+    if (settled >= SETTLING_STEPS) widen();
   }
   *reason = "no convergence";
-  /* A fit whose noise never settled does not know how alike its residuals are, and would claim too much of itself. */
-  return size > 1.0 || settled < SETTLING_STEPS ? 0 : MOST_STEPS;
+  if (size > 1.0) return 0;
+  /* its noise went to and fro to the end; without this it would claim too much of itself */
+  if (settled < SETTLING_STEPS) widen();
+  /* the claim is that of the noise as it is now */
+  return equations(s) ? MOST_STEPS : 0;
 }
 
 /* The start */

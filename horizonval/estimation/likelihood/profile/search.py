@@ -117,13 +117,14 @@ class ProfileSearch:
             changed = self._weigh()
             settled = settled + 1 if near and changed < STEADY else 0
             if settled >= SETTLING_STEPS:
-                # What is alike is known of residuals that nothing but noise and shapes without a mode is left in.
-                beyond = alike(self.model.near.pixels, self.look.residuals, self.inverse_variance)
-                counts = np.clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0)
-                self.inverse_variance /= 1.0 + counts * (beyond - 1.0)
-        # A fit whose noise never settled does not know how alike its residuals are, and would claim too much of itself.
-        if size > 1.0 or settled < SETTLING_STEPS:
+                self._widen()
+        if size > 1.0:
             raise np.linalg.LinAlgError(f"no convergence in {MOST_STEPS} steps")
+        if settled < SETTLING_STEPS:
+            # Its noise went to and fro to the end; without this it would claim too much of itself.
+            self._widen()
+        # The claim is that of the noise as it is now.
+        self._step()
         return self
 
     def _choose(self, pose: LimbPose, blur: float, most: int | None) -> None:
@@ -223,6 +224,15 @@ class ProfileSearch:
         )
         both = (before > 0.0) & (self.inverse_variance > 0.0)
         return float(np.sqrt(np.mean(np.log(self.inverse_variance[both] / before[both]) ** 2)))
+
+    def _widen(self) -> None:
+        """Widen the noise by how much more the residuals scatter over squares of pixels than independent ones would.
+
+        That is known of residuals that nothing but noise and shapes without a mode is left in.
+        """
+        beyond = alike(self.model.near.pixels, self.look.residuals, self.inverse_variance)
+        counts = np.clip((beyond - LEAST_ALIKE) / (SURELY_ALIKE - LEAST_ALIKE), 0.0, 1.0)
+        self.inverse_variance /= 1.0 + counts * (beyond - 1.0)
 
     def _merit(self, now: Guess, look: Seen) -> float:
         wanted = self._wanted(now)

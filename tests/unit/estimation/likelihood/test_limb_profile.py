@@ -218,11 +218,22 @@ def test_pixels_wider_than_the_table_is_deep() -> None:
         assert np.linalg.norm(error) < 30.0 * ARCSEC
 
 
-def test_a_fit_whose_noise_never_settled_claims_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is near by then, but does not know yet how alike its residuals are: it would claim too much of itself."""
-    monkeypatch.setattr(search, "MOST_STEPS", 6)
-    with pytest.raises(np.linalg.LinAlgError, match="no convergence"):
-        fitted(0, modes=False, left=True, lift_sigma_m=50.0)
+@pytest.mark.parametrize("steps", [6, 7, 8])
+def test_a_fit_that_ran_out_of_steps_claims_as_much_as_one_that_settled(
+    steps: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is near by then; what its residuals have in common is in its claim all the same, to a hundredth.
+
+    Without, its claim is smaller by 4.5 %: there is little in common in this picture. In rendered ones it is three times.
+    """
+    settled, _, across = fitted(0, modes=False, left=True, lift_sigma_m=50.0)
+    monkeypatch.setattr(search, "MOST_STEPS", steps)
+    stopped, _, _ = fitted(0, modes=False, left=True, lift_sigma_m=50.0)
+    claims = []
+    for fit in (settled, stopped):
+        by = across @ nadir_derivative(fit.pose)
+        claims.append(float(np.sqrt(np.trace(by @ fit.covariance @ by.T))))
+    assert claims[1] == pytest.approx(claims[0], rel=0.01)
 
 
 def test_lines_below_the_limb_see_the_air_where_they_end() -> None:
