@@ -224,7 +224,7 @@ def test_a_fit_that_ran_out_of_steps_claims_as_much_as_one_that_settled(
 ) -> None:
     """It is near by then; what its residuals have in common is in its claim all the same, to a hundredth.
 
-    Without, its claim is smaller by 4.5 %: there is little in common in this picture. In rendered ones it is three times.
+    Without, its claim is smaller by 4.5 %: there is little in common in this picture, and more in rendered ones.
     """
     settled, _, across = fitted(0, modes=False, left=True, lift_sigma_m=50.0)
     monkeypatch.setattr(search, "MOST_STEPS", steps)
