@@ -109,11 +109,11 @@ def shown_of(
             error_over_bound=row.error_over_bound,
         )
 
-    told = {key: {row.estimator: plain(row) for row in own} for key, own in by_image.items()}
-    rank = {key: min(VERDICTS.index(verdict_of(row)) for row in own.values()) for key, own in told.items()}
+    by_method = {key: {row.estimator: plain(row) for row in own} for key, own in by_image.items()}
+    rank = {key: min(VERDICTS.index(verdict_of(row)) for row in own.values()) for key, own in by_method.items()}
     # Of the replicates of a scene the worst, and of those alike the first.
     worst: dict[tuple[str, str], Key] = {}
-    for key in sorted(told, key=lambda key: (rank[key], key[2])):
+    for key in sorted(by_method, key=lambda key: (rank[key], key[2])):
         worst.setdefault(key[:2], key)
     chosen: dict[Key, FrozenImage] = {}
     pixels = 0
@@ -127,7 +127,7 @@ def shown_of(
     texts = []
     for key in (key for key in worst_in_order(by_image, worst) if key in chosen):
         truth = known[key[0]]
-        view = CaseView(key[0], key[1], told[key], {}, frozen_image(truth, chosen[key]), "", False, "")
+        view = CaseView(key[0], key[1], by_method[key], {}, frozen_image(truth, chosen[key]), "", False, "")
         found = one_frame(view, estimators, expected[key[:2]]) | {"name": f"{key[0]}, seed {key[2]}"}
         horizon = horizon_cam(truth.r_itrs, truth.q_cam_from_itrs, truth.apparent_ellipsoid, _SAMPLES)
         found["layers"] = [_layer(truth, horizon, by_image[key], name) for name in estimators]
