@@ -9,11 +9,11 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from horizonval.core import files
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.frame import FrameTruth
@@ -48,7 +48,7 @@ def of_night(night: Gathered) -> dict[str, Any]:
     def load(key: Key) -> FrozenImage:
         scene, band, replicate = key
         about = night.scenes[scene]["bands"][band]
-        with np.load(Path(night.arrays[scene])) as arrays:
+        with files.open_file(night.arrays[scene]) as stream, np.load(stream, allow_pickle=False) as arrays:
             name = f"dn.{band}.{replicate}"
             dn = arrays[name] if name in arrays else arrays[f"{scene}:{name}"]
         return FrozenImage(scene, band, replicate, about["full_scale"], dn, about["radiance_per_dn"][replicate])
