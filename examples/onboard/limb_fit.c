@@ -708,7 +708,8 @@ static double weigh(const State *s) {
     part[i][2] = per_px * per_px;
     steepest = fmax(steepest, part[i][2]);
   }
-  double dark = variance_between(-1.0, DARK, brightest), bright = variance_between(BRIGHT, 2.0, brightest);
+  /* pixels are whole numbers: what rounding leaves, at least */
+  double dark = fmax(variance_between(-1.0, DARK, brightest), 1.0 / 12.0), bright = variance_between(BRIGHT, 2.0, brightest);
   for (int i = 0; i < count; i++) {
     const Pixel *p = &near_[i];
     double level = clip(p->light * p->level / brightest, 0.0, 1.0);
@@ -743,6 +744,21 @@ static double weigh(const State *s) {
     near_[i].weight = weight;
   }
   return sqrt(changed / fmax(both, 1.0));
+}
+
+/* The weights of pixels that are chosen again; those that are new are as good as the median one. With noise that began
+   anew the pose left its place, for which the pixels were chosen again, and so on until the steps were used up. */
+static float kept_weight[MOST_PIXELS];
+static void keep_weights(void) {
+  int n = 0;
+  for (int i = 0; i < count; i++)
+    if (near_[i].weight > 0.0) scratch[n++] = near_[i].weight;
+  double usual = n > 0 ? median(scratch, n) : 1.0;
+  for (int i = 0; i < width * height; i++) kept_weight[i] = (float)usual;
+  for (int i = 0; i < count; i++) kept_weight[near_[i].row * width + near_[i].column] = (float)near_[i].weight;
+}
+static void take_weights_over(void) {
+  for (int i = 0; i < count; i++) near_[i].weight = kept_weight[near_[i].row * width + near_[i].column];
 }
 
 /* How much larger the variance of the residuals' sums over squares is than of independent ones. */
@@ -949,11 +965,12 @@ static void move(State *s, const double *step, double scale) {
 }
 
 /* By how many pixels a step moves the limb at most. */
-static double motion_px(const double *step) {
+static double motion_px_of(const double *away) {
   double most = 0.0;
-  for (int i = 0; i < count; i++) most = fmax(most, fabs(product(step + air + TURN, near_[i].by_pose, POSE)));
+  for (int i = 0; i < count; i++) most = fmax(most, fabs(product(away, near_[i].by_pose, POSE)));
   return most / median_width;
 }
+static double motion_px(const double *step) { return motion_px_of(step + air + TURN); }
 
 /* The square of a step of the pose over its own covariance: Cholesky's last rows. */
 static double size_of(const double *step) {
@@ -1000,7 +1017,7 @@ static void widen(void) {
 static int fit(State *s, const char **reason) {
   static double step[MOST_UNKNOWNS];
   int settled = 0, few = width * height > FEW_PX, round = 0;
-  double away_px = 0.0, size = INFINITY;
+  double size = INFINITY;
   *reason = "too little limb in view";
   if (!select_pixels(s)) return 0;
   *reason = "the image is not brighter where the limb should be";
@@ -1022,17 +1039,17 @@ static int fit(State *s, const char **reason) {
       look(s);
       return round;
     }
-    double moved_px = motion_px(step);
     int improved = search_along(s, step, promised);
     if (held && !improved) return round;
     if (held) continue;
-    away_px += moved_px;
     int close = size < SETTLED || !improved;
+    double away_px = motion_px_of(s->away);
     if ((close && few) || away_px > (close ? CLOSE_PX : RESELECT_PX)) {
+      keep_weights();
       if (!select_pixels(s)) return 0;
+      take_weights_over();
       look(s);
       few = few && !close;
-      away_px = 0.0;
     }
     double changed = weigh(s);
     settled = close && changed < STEADY ? settled + 1 : 0;

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from horizonval.core.arrays import FloatArray
 from horizonval.estimation.likelihood.sectors import Levels, solve_levels
 from horizonval.estimation.limb.ranks import median
+from horizonval.estimation.rounding import rounding_variance
 
 OUTLIER = 5.0
 EVEN = 0.05
@@ -115,10 +116,10 @@ def weighed(
     neighbours : ndarray of int, shape (2, k), optional
         Numbers of pixels side by side; without, what is seen of the Earth is taken for independent from pixel to pixel.
     """
-    edge = basis[1]
+    edge, rounding = basis[1], rounding_variance(values)
     light = solved(basis, values, starts, np.ones_like(edge), (1.0, 1.0, 0.0))
     for _ in range(ROUNDS):
-        variance = _noise(light.residuals, edge, len(starts) - 1)
+        variance = _noise(light.residuals, edge, len(starts) - 1, rounding)
         expected = _expected(edge, variance)
         alike = _expected(edge, (1.0, _alike(light, basis, neighbours), 0.0))
         weights = np.where(light.residuals**2 < OUTLIER**2 * expected, 1.0 / (alike * expected), 0.0)
@@ -146,9 +147,9 @@ def _expected(edge: FloatArray, variance: tuple[float, float, float]) -> FloatAr
     return np.asarray(variance[0] + (variance[1] - variance[0]) * level + variance[2] * 4.0 * level * (1.0 - level))
 
 
-def _noise(residuals: FloatArray, edge: FloatArray, sectors: int) -> tuple[float, float, float]:
-    """Return the variance of a pixel in space, on the Earth, and what the edge has beyond."""
-    floor = 1e-12 * float(np.mean(residuals**2)) + 1e-300
+def _noise(residuals: FloatArray, edge: FloatArray, sectors: int, rounding: float) -> tuple[float, float, float]:
+    """Return the variance of a pixel in space, on the Earth, and what the edge has beyond; none below the rounding's."""
+    floor = max(rounding, 1e-12 * float(np.mean(residuals**2)) + 1e-300)
     space, earth = (_spread_of(residuals[there], residuals) for there in (edge < SPACE_LEVEL, edge > EARTH_LEVEL))
     # Every sector has spent one of its pixels' freedom on the level to either side.
     counts = (float((edge < SPACE_LEVEL).sum()), float((edge > EARTH_LEVEL).sum()))

@@ -31,6 +31,7 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 from horizonval.core.arrays import FloatArray
 from horizonval.core.outcome import Outcome
 from horizonval.core.refusal import Refusal
+from horizonval.estimation.rounding import rounding_variance
 
 FINE_STEP = 0.1
 """[px], as published."""
@@ -163,8 +164,7 @@ def row_noise(row: FloatArray, edge: int) -> float:
     third = np.abs(np.diff(row, n=3))
     sides = [third[: max(edge - SPACE[0], 0)], third[edge + SPACE[0] :]]
     estimates = [1.4826 * float(np.median(side)) / np.sqrt(20.0) for side in sides if len(side) >= LEVEL_PIXELS]
-    rounding = 1.0 / np.sqrt(12.0) if np.array_equal(row, np.rint(row)) else 0.0
-    return float(max(*estimates, rounding, 0.0))
+    return float(max(*estimates, np.sqrt(rounding_variance(row)), 0.0))
 
 
 def _levels(row: FloatArray, left: range, right: range, noise: float) -> tuple[float, float, int, int] | Refusal:

@@ -1,6 +1,6 @@
 """The noise of the pixels that see a profile, as their residuals show it.
 
-The variance is that of dark pixels and three parts that least squares find in the residuals: one as bright as the pixel
+The variance is that of dark pixels, not below that of the converter's rounding, and three parts that least squares find in the residuals: one as bright as the pixel
 (photons), one as its square where clouds can be, one as the slope's square (what a lens does that the model has not).
 Pixels further off than five standard deviations are left out (stars, hot pixels).
 
@@ -27,7 +27,12 @@ ALIKE_PX = (4, 8, 16, 32)
 
 
 def weighed(
-    residuals: FloatArray, level: FloatArray, below: FloatArray, per_px: FloatArray, used: np.ndarray
+    residuals: FloatArray,
+    level: FloatArray,
+    below: FloatArray,
+    per_px: FloatArray,
+    used: np.ndarray,
+    rounding: float = 0.0,
 ) -> FloatArray:
     """Return the inverse variances of pixels, 0 of outliers, shape (n,).
 
@@ -42,10 +47,13 @@ def weighed(
         Change of the level over a pixel across the limb, in any unit.
     used : ndarray of bool, shape (n,)
         Pixels of which the first guess is made.
+    rounding : float
+        Variance that the converter's steps leave at least.
     """
     level = np.clip(level / max(float(level.max()), 1e-300), 0.0, 1.0)
     squares = residuals**2
     dark, bright = (_variance(squares, there & used) for there in (level < DARK_LEVEL, level > BRIGHT_LEVEL))
+    dark = max(dark, rounding)
     steep = per_px**2
     parts = np.array([level, (below * level) ** 2, steep / max(float(steep.max()), 1e-300)])
     expected = dark + max(bright - dark, 0.0) * level

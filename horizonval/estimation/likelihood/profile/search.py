@@ -28,6 +28,7 @@ from horizonval.estimation.likelihood.profile.model import (
     Seen,
 )
 from horizonval.estimation.likelihood.profile.noise import alike, weighed
+from horizonval.estimation.rounding import rounding_variance
 from horizonval.geometry.camera import CameraModel
 
 MOST_STEPS = 40
@@ -95,7 +96,7 @@ class ProfileSearch:
         numpy.linalg.LinAlgError
             No convergence, or unknowns that nothing determines.
         """
-        settled, away_px, size = 0, 0.0, np.inf
+        settled, size = 0, np.inf
         for _ in range(MOST_STEPS):
             step, gained = self._step()
             size = float(step[:POSE] @ np.linalg.solve(self.covariance[:POSE, :POSE], step[:POSE]))
@@ -103,17 +104,15 @@ class ProfileSearch:
             if held and size < CONVERGED and gained < 1.0:
                 self._take(step, self.now.moved(step))
                 return self
-            moved_px = self.model.motion_px(step)
             improved = self._search_along(step, gained)
             if held:
                 if not improved:
                     return self
                 continue
-            away_px += moved_px
             near = size < SETTLED or not improved
+            away_px = self.model.motion_px(self.now.away)
             if (near and self._few) or away_px > (NEAR_PX if near else RESELECT_PX):
                 self._choose_again(thinned=self._few and not near)
-                away_px = 0.0
             changed = self._weigh()
             settled = settled + 1 if near and changed < STEADY else 0
             if settled >= SETTLING_STEPS:
@@ -132,13 +131,25 @@ class ProfileSearch:
         self.model = ProfileModel(self.image, self.camera, pose, blur, self.knowledge, most)
         self.inverse_variance = np.ones_like(self.model.near.values)
         self._wanted_pose = pose.step_to(self.knowledge.mean)
+        self._rounding = rounding_variance(self.model.near.values)
 
     def _choose_again(self, *, thinned: bool) -> None:
-        """Choose the pixels anew at the present pose; everything else stays as it is."""
-        before = self.model.air
+        """Choose the pixels anew at the present pose; everything else stays as it is.
+
+        So do the weights. With noise that began anew the pose left its place by half a standard deviation, for which
+        the pixels were chosen again, and so on until the steps were used up.
+        """
+        before, weights = self.model, self.inverse_variance
         self._choose(self.pose, self.now.blur, FEW_PX if thinned else None)
-        self.now = replace(self.now, away=np.zeros(POSE), air=self.model.air.taken_over(before, self.now.air))
+        self.inverse_variance = self._taken_over(before, weights)
+        self.now = replace(self.now, away=np.zeros(POSE), air=self.model.air.taken_over(before.air, self.now.air))
         self.look = self.model.look(self.now)
+
+    def _taken_over(self, before: ProfileModel, weights: FloatArray) -> FloatArray:
+        """Return the weights that pixels had among others; those that are new are as good as the median one."""
+        by_pixel = np.full(self.image.shape, float(np.median(weights[weights > 0.0])))
+        by_pixel[before.near.pixels.rows, before.near.pixels.columns] = weights
+        return by_pixel[self.model.near.pixels.rows, self.model.near.pixels.columns]
 
     def _with_levels(self, now: Guess) -> Guess:
         """Return the unknowns with the gain and background that fit best."""
@@ -220,7 +231,7 @@ class ProfileSearch:
         light, before = self.model.near.light, self.inverse_variance
         per_px = light * self.look.changes[0] * self.model.width_m
         self.inverse_variance = weighed(
-            self.look.residuals, light * self.look.level, self.model.below_clouds, per_px, before > 0.0
+            self.look.residuals, light * self.look.level, self.model.below_clouds, per_px, before > 0.0, self._rounding
         )
         both = (before > 0.0) & (self.inverse_variance > 0.0)
         return float(np.sqrt(np.mean(np.log(self.inverse_variance[both] / before[both]) ** 2)))
