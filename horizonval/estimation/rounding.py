@@ -1,7 +1,7 @@
 """The least noise of digital numbers: a converter that rounds to whole steps leaves ``1 / sqrt(12)`` of one.
 
-Where the noise before it is small beside a step, nearly all pixels of an even field get one number. What they scatter by
-is then next to nothing, and the few that got another number seem to be far outliers.
+Where the noise before it is small beside a step, nearly all pixels of an even field get one number. What they scatter
+by is then next to nothing, and the few that got another number seem to be far outliers.
 """
 
 from __future__ import annotations

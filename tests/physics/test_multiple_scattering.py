@@ -153,7 +153,8 @@ def test_haze_in_twilight_equals_monte_carlo() -> None:
     assert (np.abs(table.ours["550nm"] - truth) < share * truth + 3 * error).all()
 
 
-@pytest.mark.parametrize("aerosol", ["background", pytest.param("volcanic_high", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("aerosol", ["background", "volcanic_high"])
 def test_particles_with_the_sun_set_equal_monte_carlo(aerosol: str) -> None:
     """The Sun 5 to 12 deg below the horizon, 450 and 850 nm, 10 to 40 km, from all sides, columns of scenes: 5 %.
 
@@ -228,6 +229,7 @@ def test_white_furnace_loses_no_light() -> None:
     assert _outgoing(white) == pytest.approx(incoming, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_any_albedo_from_two_fields() -> None:
     """0.4 % until the Sun is 6 deg below the horizon, 0.1 % by day, against reflections added one by one.
 

@@ -159,6 +159,7 @@ def test_the_earth_hides_what_geometry_says(mi: Any, altitude_km: float, fov_deg
     assert found == pytest.approx(float(expected), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_the_rising_sun_is_red(mi: Any) -> None:
     """Behind 10 km of air the near infrared is left, the blue is gone; radiance is never above that of the disc."""
     blue = {"name": "blue", "kind": "solar", "lo_um": 0.43, "hi_um": 0.48, "nodes": 2}
@@ -381,7 +382,7 @@ def test_leaving_out_the_set_sun_changes_nothing(
     assert render_frame(scene, camera).radiance["vis"] == pytest.approx(without, rel=share)
 
 
-@pytest.mark.parametrize("moon_zenith_deg", [170.0, 136.0])
+@pytest.mark.parametrize("moon_zenith_deg", [170.0, pytest.param(136.0, marks=pytest.mark.slow)])
 def test_a_moon_below_every_horizon_lights_nothing(mi: Any, moon_zenith_deg: float) -> None:
     scenes = [_night(moon={"zenith_deg": moon_zenith_deg, "azimuth_deg": 90.0}), _night()]
     camera = _camera({"width": 48, "height": 36, "fov_deg": 60.0})

@@ -126,8 +126,15 @@ def _backend() -> None:
     activate()
 
 
-SLOW = {"haze, all orders"}
-"""Whose table of multiple scattering takes a minute to solve."""
+SLOW = {
+    "haze, all orders",
+    "300 km",
+    "sun at 85 deg, behind",
+    "one pixel, and a wide band",
+    "sun in the zenith",
+    "glint under clouds",
+}
+"""Whose table of multiple scattering takes a minute to solve, and others that take half of one."""
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in DAY])

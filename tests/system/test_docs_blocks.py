@@ -40,7 +40,10 @@ DONE_ELSEWHERE = frozenset(
 
 SLOW = {
     "docs/howto/archive.md",
+    "docs/howto/camera-and-orbit.md",
     "docs/howto/dataset.md",
+    "docs/howto/estimator-program.md",
+    "docs/howto/formats.md",
     "docs/howto/nightly.md",
     "docs/howto/prior.md",
     "docs/howto/calibration.md",

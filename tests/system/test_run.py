@@ -201,6 +201,7 @@ def test_mistakes_in_a_suite_are_told_before_anything_is_rendered(program, mini_
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_broken_frame_costs_only_itself(program, mini_suite, tmp_path):
     shutil.copy(mini_suite.with_name("mini-camera.toml"), tmp_path)
     # Python loads a file of this name at start, in workers too; the defect it plants is met by one frame only.

@@ -148,7 +148,7 @@ def _expected(edge: FloatArray, variance: tuple[float, float, float]) -> FloatAr
 
 
 def _noise(residuals: FloatArray, edge: FloatArray, sectors: int, rounding: float) -> tuple[float, float, float]:
-    """Return the variance of a pixel in space, on the Earth, and what the edge has beyond; none below the rounding's."""
+    """Return the variance of a pixel in space, on the Earth, none below rounding's, and what the edge has beyond."""
     floor = max(rounding, 1e-12 * float(np.mean(residuals**2)) + 1e-300)
     space, earth = (_spread_of(residuals[there], residuals) for there in (edge < SPACE_LEVEL, edge > EARTH_LEVEL))
     # Every sector has spent one of its pixels' freedom on the level to either side.

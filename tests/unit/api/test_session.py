@@ -58,7 +58,11 @@ def _assert_same(frame: hv.Frame, other: hv.Frame) -> None:
     ("camera", "keywords"),
     [
         (VISIBLE, {"epoch": "2026-06-20T09:00Z", "surface": {"kind": "earth"}, "clouds": {"cover": 0.4}}),
-        (VISIBLE, {"sun_zenith_deg": 100.0, "moon": {"zenith_deg": 100.0}, "night": {"airglow": True}}),
+        pytest.param(
+            VISIBLE,
+            {"sun_zenith_deg": 100.0, "moon": {"zenith_deg": 100.0}, "night": {"airglow": True}},
+            marks=pytest.mark.slow,
+        ),
         (INFRARED, {"attitude": {"rate_deg_s": [0.0, 0.5, 0.0]}}),
     ],
     ids=["day", "night", "infrared"],

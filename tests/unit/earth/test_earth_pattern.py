@@ -67,6 +67,7 @@ def test_climatology_knows_belts_deserts_decks_and_seasons() -> None:
     assert at(-15.0, 5.0, 10) > 0.75
 
 
+@pytest.mark.slow
 def test_the_global_share_is_exact(places: FloatArray) -> None:
     """1e-3 rms over seeds and covers, and 2e-3 each: what two sets of points, 50 km and more apart, can differ by."""
     errors = []

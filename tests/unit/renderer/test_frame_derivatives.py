@@ -103,6 +103,7 @@ def test_pose_of_an_infrared_frame(parameters: tuple[str, ...]) -> None:
     assert max(_worst(_infrared(), parameters).values()) < 1e-5
 
 
+@pytest.mark.slow
 def test_pose_of_an_infrared_frame_with_weather() -> None:
     """The air bends at every column of the map: a step of millimetres has the slopes of the tables' cubics there, which
     are off by 1.2e-3 of the largest derivative; over a kilometre differences and derivative agree to 4e-4."""

@@ -12,6 +12,9 @@ from horizonval.suites.mistakes import refuse_mistakes
 from horizonval.suites.plan import of_heads, plan_of, units_of
 from horizonval.suites.suite import load_suite
 
+SLOW = {"unseen-air"}
+"""Whose hundreds of scenes take half a minute to check."""
+
 SUITES = sorted((Path(__file__).parents[3] / "scenes" / "suites").glob("*.toml"))
 OF_FAILURES = (
     "shadow",
@@ -30,7 +33,11 @@ def test_the_suites_of_failures_are_there():
     assert set(OF_FAILURES) <= {path.stem for path in SUITES}
 
 
-@pytest.mark.parametrize("path", SUITES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=pytest.mark.slow if path.stem in SLOW else ()) for path in SUITES],
+    ids=lambda path: path.stem,
+)
 def test_it_loads_and_checks(path):
     suite = load_suite(path)
     refuse_mistakes(suite, plan_of(suite))

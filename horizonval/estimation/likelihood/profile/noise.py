@@ -1,7 +1,8 @@
 """The noise of the pixels that see a profile, as their residuals show it.
 
-The variance is that of dark pixels, not below that of the converter's rounding, and three parts that least squares find in the residuals: one as bright as the pixel
-(photons), one as its square where clouds can be, one as the slope's square (what a lens does that the model has not).
+The variance is that of dark pixels, not below that of the converter's rounding, and three parts that least squares find
+in the residuals: one as bright as the pixel (photons), one as its square where clouds can be, one as the slope's square
+(what a lens does that the model has not).
 Pixels further off than five standard deviations are left out (stars, hot pixels).
 
 Where neighbouring residuals are alike (clouds, and what else no mode has), their sums over squares scatter more than
