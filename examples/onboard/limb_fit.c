@@ -709,7 +709,8 @@ static double weigh(const State *s) {
     steepest = fmax(steepest, part[i][2]);
   }
   /* pixels are whole numbers: what rounding leaves, at least */
-  double dark = fmax(variance_between(-1.0, DARK, brightest), 1.0 / 12.0), bright = variance_between(BRIGHT, 2.0, brightest);
+  double dark = fmax(variance_between(-1.0, DARK, brightest), 1.0 / 12.0);
+  double bright = variance_between(BRIGHT, 2.0, brightest);
   for (int i = 0; i < count; i++) {
     const Pixel *p = &near_[i];
     double level = clip(p->light * p->level / brightest, 0.0, 1.0);
@@ -964,7 +965,7 @@ static void move(State *s, const double *step, double scale) {
   for (int i = 0; i < air; i++) s->z[i] += scale * step[i] / brighter;
 }
 
-/* By how many pixels a step moves the limb at most. */
+/* By how many pixels a way, or a step, moves the limb at most. */
 static double motion_px_of(const double *away) {
   double most = 0.0;
   for (int i = 0; i < count; i++) most = fmax(most, fabs(product(away, near_[i].by_pose, POSE)));
