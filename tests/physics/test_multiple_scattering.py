@@ -113,6 +113,7 @@ def test_twilight_of_other_colours_equals_monte_carlo(wavelength: str) -> None:
     assert (np.abs(table.ours[f"{wavelength}nm"] - truth) < 0.01 * truth + 3 * error)[used].all()
 
 
+@pytest.mark.slow
 def test_ozone_equals_successive_orders_of_another_code() -> None:
     """1.5 % at 450, 550 and 600 nm; the other code's 110 directions are themselves within 1 %, worst above 50 km."""
     table = Table("limb_ozone_sasktran2.csv", model_of("atm_ozone.json"))
@@ -122,6 +123,7 @@ def test_ozone_equals_successive_orders_of_another_code() -> None:
         assert np.abs(error).max() < 1.5e-2
 
 
+@pytest.mark.slow
 def test_oblate_earth_equals_monte_carlo_over_the_ellipsoid() -> None:
     """0.5 % and three standard errors (0.2 % each), and 0.15 % on average, at 45 deg of latitude in three directions.
 

@@ -112,6 +112,7 @@ def test_the_sun_carries_the_solar_constant(mi: Any, geometry: str, zenith_deg: 
     assert _irradiance(frame, camera) == pytest.approx(_solar_constant(scene, camera), rel=3e-5)
 
 
+@pytest.mark.slow
 def test_the_air_is_clear_above_it(mi: Any) -> None:
     """A Sun whose rays stay above 60 km arrives whole: 1e-3."""
     sun = {"zenith_deg": 105.0, "azimuth_deg": 90.0}

@@ -168,6 +168,7 @@ def test_another_suite_is_refused(program, mini_suite, mini_run, tmp_path):
     assert outcome_of(tmp_path / "out") == outcome_of(mini_run)
 
 
+@pytest.mark.slow
 def test_two_runs_in_one_folder_are_refused(program, mini_suite, tmp_path):
     first = subprocess.Popen(
         [str(PROGRAM), "run", str(mini_suite), "--out", "out"],

@@ -97,6 +97,7 @@ class _Killer(Silent):
             os.kill(self.killed, signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_a_cluster_that_loses_a_worker_makes_the_same(suite_file, whole, tmp_path):
     killer = _Killer()
     done = run_suite(load_suite(suite_file), tmp_path / "out", progress=killer, execution=Execution(dask="local:2"))

@@ -79,6 +79,7 @@ def test_the_global_share_is_exact(places: FloatArray) -> None:
     assert np.all(relief.top_m(_field(cover=1.0), places[::10]) > BASE_M)
 
 
+@pytest.mark.slow
 def test_zonal_means_are_those_of_the_climatology(places: FloatArray) -> None:
     """In belts of ten degrees, over eight seeds: within four standard errors, by the scatter among seeds, and 0.01.
 

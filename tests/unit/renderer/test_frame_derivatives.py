@@ -89,6 +89,7 @@ def test_attitude_of_a_frame_with_all_orders() -> None:
     assert max(_worst(scene, ("rotation_x", "rotation_z"), pixels=1e-3, least_steady=0.8).values()) < 2e-5
 
 
+@pytest.mark.slow
 def test_pose_of_a_frame_through_climates() -> None:
     """Rows of latitude are tables in single precision, and the air bends at each: steps are a 1e-3th of a pixel."""
     keys: dict[str, Any] = {"latitude_deg": 40, "atmosphere": {"profile": "by_latitude_month"}}
